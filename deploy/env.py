@@ -1,0 +1,330 @@
+#!/usr/bin/env python3
+"""Run a command in this checkout's pinned environment; make the environment first if it is missing or out of date.
+
+    python3 deploy/env.py COMMAND [ARGUMENT ...]    e.g. formation run, pytest, ruff check
+    python3 deploy/env.py                           only make the environment
+    python3 deploy/env.py --lock [--upgrade]        refresh deploy/lock/*.txt from pyproject.toml
+
+It needs nothing but Python 3.11 or newer on Linux or macOS. The environment holds the exact versions in deploy/lock/dev.txt, each
+checked against its hash, and this checkout itself, editable. It lives in .venvs/<key>, where the key names everything that
+it was made from, and .venv is a link to the one in use: an interrupted installation is never used, and a process that runs
+while a newer environment is made keeps the old one. pip fetches as your own pip configuration says (PIP_* variables, pip.conf).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn, TextIO
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+ROOT = Path(__file__).resolve().parent.parent
+LOCK = ROOT / "deploy" / "lock"
+LINK = ROOT / ".venv"
+STORE = ROOT / ".venvs"
+DONE = "complete"  # the file that says that an environment's installation has ended well
+OLDEST = (3, 11)
+UV = "uv==0.13.8"  # makes the lock files; never needed to install from them
+KEPT = 2  # the environment in use, and the one before it for processes that still run in it
+
+
+class SetupError(Exception):
+    """The environment cannot be made; the message is for the user."""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Prepare the environment, then become the command; returns only when there is no command to become."""
+    if arguments and arguments[0] in {"-h", "--help"}:
+        print(__doc__.strip() if __doc__ else "")
+        return 0
+    try:
+        refuse_unfit_system(sys.version_info[:2], os.name)
+        if arguments and arguments[0] == "--lock":
+            refresh_lock(arguments[1:])
+            return 0
+        environment = ready_environment()
+        if not arguments:
+            print(f"{LINK} is ready")
+            return 0
+        become(environment, arguments)
+    except SetupError as error:
+        print(f"deploy/env.py: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("\ndeploy/env.py: interrupted; the next start begins the installation anew", file=sys.stderr)
+        return 130
+
+
+def refuse_unfit_system(version: tuple[int, ...], system: str) -> None:
+    """Raise SetupError where Python is too old or the system is not POSIX."""
+    if version < OLDEST:
+        found, needed = ".".join(map(str, version)), ".".join(map(str, OLDEST))
+        raise SetupError(
+            f"Python {found} is too old: start this with Python {needed} or newer, "
+            f"e.g. python3.12 deploy/env.py ({sys.executable} was used)"
+        )
+    if system != "posix":
+        raise SetupError("only Linux and macOS are supported: on Windows, use WSL")
+
+
+def ready_environment() -> Path:
+    """Path of the complete environment that belongs to this checkout as it is now, made if need be."""
+    environment = STORE / key_of(ROOT)
+    if not in_use(environment):
+        with installing():
+            if not in_use(environment):  # another process may have made it while this one waited
+                if not complete(environment):
+                    make(environment)
+                point(LINK, environment)
+                forget_old(environment)
+    return environment
+
+
+def key_of(root: Path) -> str:
+    """Short name of everything that an environment is made from: place, lock, metadata, and this recipe."""
+    import tomllib  # here, because a Python too old for it must get as far as the sentence that says so
+
+    pyproject = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
+    metadata = [pyproject.get("project"), pyproject.get("build-system"), pyproject.get("tool", {}).get("hatch")]
+    digest = hashlib.sha256()
+    for part in (
+        str(root).encode(),  # the scripts in an environment name its absolute path
+        json.dumps(metadata, sort_keys=True).encode(),
+        (root / "deploy" / "lock" / "dev.txt").read_bytes(),
+        b"1",  # to be raised when the way an environment is made changes
+    ):
+        digest.update(hashlib.sha256(part).digest())
+    return digest.hexdigest()[:12]
+
+
+def complete(environment: Path) -> bool:
+    """Whether the installation ended well and its Python still exists (a system upgrade may take it away)."""
+    return (environment / DONE).exists() and os.access(environment / "bin" / "python", os.X_OK)
+
+
+def in_use(environment: Path) -> bool:
+    """Whether the link names this environment, and it is complete."""
+    return LINK.is_symlink() and LINK.resolve() == environment and complete(environment)
+
+
+def point(link: Path, environment: Path) -> None:
+    """Make the link name the environment, in one step that no other process can see half done."""
+    if link.exists() and not link.is_symlink():
+        raise SetupError(f"{link} is in the way: move or remove it, this script keeps a link of that name")
+    new = link.with_name(f"{link.name}.{os.getpid()}")
+    new.symlink_to(environment.relative_to(link.parent), target_is_directory=True)
+    new.replace(link)
+
+
+def forget_old(current: Path) -> None:
+    """Remove environments that nothing is likely to use any more."""
+    others = [path for path in STORE.iterdir() if path.is_dir() and path != current]
+    others.sort(key=lambda path: path.stat().st_mtime, reverse=True)
+    for path in others[KEPT - 1 :]:
+        shutil.rmtree(path, ignore_errors=True)
+
+
+class installing:  # noqa: N801  (reads as `with installing():`)
+    """One installation at a time in this checkout; a second process waits, and says so."""
+
+    def __enter__(self) -> None:
+        """Take the lock."""
+        import fcntl  # POSIX only, like the rest; refused above with a sentence of its own
+
+        STORE.mkdir(exist_ok=True)
+        self._file = (STORE / "lock").open("w")
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            print("waiting for another process that is installing the environment ...", file=sys.stderr)
+            fcntl.flock(self._file, fcntl.LOCK_EX)
+
+    def __exit__(self, *_: object) -> None:
+        """Give the lock back."""
+        self._file.close()
+
+
+def make(environment: Path) -> None:
+    """Install the lock and this checkout into a new environment; raise SetupError when that cannot be done."""
+    shutil.rmtree(environment, ignore_errors=True)  # what an interrupted installation left
+    requirements = LOCK / "dev.txt"
+    progress = Progress(len(pins(requirements.read_text(encoding="utf-8"))), sys.stderr)
+    progress.start(f"installing the pinned environment into {LINK} (once; the next start is immediate)")
+    try:
+        pip = new_environment(environment)
+        # Wheels only: building from source would fetch build tools that no lock pins. No resolving: the lock is whole.
+        fetch = ["install", "--require-hashes", "--only-binary=:all:", "--no-deps", "-r", str(requirements)]
+        run_pip([*pip, *fetch], progress)
+        run_pip([*pip, "install", "--no-deps", "--no-build-isolation", "--editable", str(ROOT)], progress)
+    except BaseException:
+        progress.end("installation not finished")
+        raise
+    (environment / DONE).touch()
+    progress.end("installed")
+
+
+def new_environment(environment: Path) -> list[str]:
+    """Make an empty virtual environment; the command that starts a pip for it, taken from wherever there is one."""
+    python = str(environment / "bin" / "python")
+    if has_module(sys.executable, "ensurepip"):
+        run_checked([sys.executable, "-m", "venv", str(environment)])
+        return [python, "-m", "pip"]
+    if not has_module(sys.executable, "venv"):
+        raise SetupError(missing_parts("venv"))
+    other = some_pip()
+    if other is None:
+        raise SetupError(missing_parts("ensurepip, and there is no pip"))
+    run_checked([sys.executable, "-m", "venv", "--without-pip", str(environment)])
+    return [*other, "--python", python]
+
+
+def has_module(python: str, name: str) -> bool:
+    """Whether that Python can import the module."""
+    return subprocess.run([python, "-c", f"import {name}"], capture_output=True, check=False).returncode == 0
+
+
+def some_pip() -> list[str] | None:
+    """A pip that can install into another environment (22.3 or newer), or None."""
+    for command in ([sys.executable, "-m", "pip"], ["pip3"], ["pip"]):
+        if shutil.which(command[0]) is None:
+            continue
+        answer = subprocess.run([*command, "--version"], capture_output=True, text=True, check=False)
+        words = answer.stdout.split()
+        if answer.returncode == 0 and len(words) > 1 and release(words[1]) >= (22, 3):
+            return command
+    return None
+
+
+def release(version: str) -> tuple[int, ...]:
+    """The leading numbers of a version: "23.0.1rc1" -> (23, 0)."""
+    numbers = []
+    for part in version.split("."):
+        if not part.isdigit():
+            break
+        numbers.append(int(part))
+    return tuple(numbers)
+
+
+def missing_parts(what: str) -> str:
+    """One sentence that names what is to be installed."""
+    package = "python{}.{}-venv".format(*sys.version_info[:2])
+    return f"{sys.executable} comes without {what}: install it, on Debian and Ubuntu with: sudo apt install {package}"
+
+
+def pins(requirements: str) -> list[str]:
+    """Names of the packages that a lock file pins, each once."""
+    names = [line.split("==")[0] for line in requirements.splitlines() if "==" in line and line[:1].isalnum()]
+    return sorted(set(names))
+
+
+def clean(environ: Mapping[str, str]) -> dict[str, str]:
+    """The caller's variables without those that would let other installations leak in, e.g. a sourced ROS set-up."""
+    leaking = {"PYTHONPATH", "PYTHONHOME", "PIP_USER", "PIP_TARGET", "PIP_PREFIX", "PIP_REQUIRE_HASHES"}
+    return {name: value for name, value in environ.items() if name not in leaking}
+
+
+def run_checked(command: Sequence[str]) -> None:
+    """Run a step of the installation; raise SetupError with the end of its output if it fails."""
+    done = subprocess.run(
+        command, env=clean(os.environ), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
+    )
+    if done.returncode != 0:
+        raise SetupError(failure(command, done.stdout.splitlines()))
+
+
+def run_pip(command: Sequence[str], progress: Progress) -> None:
+    """Run pip, turning what it prints into progress; raise SetupError with the end of its output if it fails."""
+    variables = clean(os.environ) | {"PYTHONUNBUFFERED": "1", "PIP_USER": "0", "PIP_NO_INPUT": "1"}
+    printed = []
+    with subprocess.Popen(
+        [*command, "--disable-pip-version-check", "--progress-bar=off"],
+        env=variables,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    ) as process:
+        assert process.stdout is not None  # noqa: S101  (for the type checker: it was asked for above)
+        for line in process.stdout:
+            printed.append(line.rstrip())
+            progress.see(line)
+    if process.returncode != 0:
+        raise SetupError(failure(command, printed))
+
+
+def failure(command: Sequence[str], printed: Sequence[str]) -> str:
+    """What failed, with the last lines that it printed."""
+    return "\n  ".join([f"this failed: {' '.join(command)}", *printed[-12:]])
+
+
+class Progress:
+    """One line that changes in a terminal; a first and a last line in a log."""
+
+    def __init__(self, packages: int, stream: TextIO) -> None:
+        self._packages, self._stream, self._tty = packages, stream, stream.isatty()
+        self._collected, self._begin = 0, time.monotonic()
+
+    def start(self, text: str) -> None:
+        """Say what begins."""
+        print(text, file=self._stream, flush=True)
+
+    def see(self, line: str) -> None:
+        """Take one line of pip's output."""
+        words = line.split()
+        if words[:1] == ["Collecting"] and len(words) > 1:
+            self._collected += 1
+            self._show(f"{min(self._collected, self._packages)}/{self._packages} {words[1].split(';')[0]}")
+        elif words[:1] == ["Installing"]:
+            self._show(f"unpacking {self._packages} packages")
+
+    def end(self, text: str) -> None:
+        """Say how it ended, and how long it took."""
+        if self._tty:
+            print("\r\033[K", end="", file=self._stream)
+        print(f"{text} in {time.monotonic() - self._begin:.0f} s", file=self._stream, flush=True)
+
+    def _show(self, text: str) -> None:
+        if self._tty:
+            elapsed = time.monotonic() - self._begin
+            print(f"\r\033[K  {elapsed:3.0f} s  {text[:60]}", end="", file=self._stream, flush=True)
+
+
+def become(environment: Path, arguments: Sequence[str]) -> NoReturn:
+    """Replace this process by the environment's command; raise SetupError if it has none of that name."""
+    program = environment / "bin" / arguments[0]
+    if "/" in arguments[0] or not os.access(program, os.X_OK):
+        raise SetupError(
+            f"there is no command {arguments[0]!r} in the environment; there are, among others, "
+            "formation, pytest, ruff, mypy, lint-imports and python"
+        )
+    variables = clean(os.environ)
+    variables["VIRTUAL_ENV"] = str(environment)
+    variables["PATH"] = os.pathsep.join([str(environment / "bin"), variables.get("PATH", os.defpath)])
+    os.execve(program, [str(program), *arguments[1:]], variables)  # noqa: S606  (no shell is wanted)
+
+
+def refresh_lock(options: Sequence[str]) -> None:
+    """Resolve pyproject.toml again into both lock files; options (e.g. --upgrade) go to `uv pip compile`."""
+    environment = STORE / "uv"
+    with installing():
+        if not (environment / "bin" / "uv").exists():
+            run_checked([*new_environment(environment), "install", "--quiet", UV])
+    compile_ = [str(environment / "bin" / "uv"), "pip", "compile", "pyproject.toml", "--quiet", "--no-header"]
+    compile_ += ["--universal", "--python-version", ".".join(map(str, OLDEST)), "--generate-hashes"]
+    whole = [*compile_, "--all-extras", "--group=dev", "--output-file=deploy/lock/dev.txt", *options]
+    robot = [*compile_, "--constraint=deploy/lock/dev.txt", "--output-file=deploy/lock/agent.txt", *options]
+    for command in (whole, robot):
+        subprocess.run(command, cwd=ROOT, env=clean(os.environ), check=True)
+    print("refreshed deploy/lock/dev.txt and deploy/lock/agent.txt", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,1 @@
+"""The process that watches and never drives: metrics, recording, figures."""
