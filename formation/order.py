@@ -1,0 +1,77 @@
+"""The order that travels with the positions, and the operator's request.
+
+The leader writes an order on its own position; every agent relays the newest it has seen, unchanged, on its
+own position, so along the spanning tree it reaches everyone. Its `beat` counts the leader's periods: as long
+as it rises, the leader lives.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+
+from formation.wire import BadMessage
+
+MAX_BYTES = 1024
+"""Longest order, request or reply that is read at all."""
+
+Mode = Literal["hold", "run", "stop"]
+Count = Annotated[int, Field(ge=0, lt=2**63)]
+Name = Annotated[str, StringConstraints(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
+
+
+class _Json(BaseModel):
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
+
+
+class Order(_Json):
+    """What the leader wants of the team."""
+
+    term: Count
+    """When this leader took over [ns, its system clock]: a new leader outranks the old one."""
+    beat: Count
+    """Counts the leader's periods within its term."""
+    mode: Mode
+    shape: Name
+    """Name of the mission's shape to hold."""
+
+
+class OperatorRequest(_Json):
+    """What an operator asks of one robot. ``release`` ends a stop or hold that the operator asked for."""
+
+    do: Literal["hold", "run", "stop", "release"]
+
+
+class OperatorReply(_Json):
+    """One robot's answer: whether it obeys, the mode it is now in, and why."""
+
+    robot: Name
+    ok: bool
+    mode: Mode
+    reason: Annotated[str, StringConstraints(max_length=120)] = ""
+
+
+J = TypeVar("J", Order, OperatorRequest, OperatorReply)
+
+
+def newer(a: Order, b: Order | None) -> bool:
+    """Whether `a` supersedes `b`: a later term, or a later beat of the same term. Any supersedes None."""
+    return b is None or (a.term, a.beat) > (b.term, b.beat)
+
+
+def encode(value: Order | OperatorRequest | OperatorReply) -> bytes:
+    """JSON, UTF-8."""
+    return value.model_dump_json().encode()
+
+
+def decode(cls: type[J], data: bytes) -> J:
+    """Read `data` strictly. Raises BadMessage, and nothing else, for anything that is not exactly a `cls`."""
+    if len(data) > MAX_BYTES:
+        raise BadMessage(f"{cls.__name__}: {len(data)} bytes, at most {MAX_BYTES} are read")
+    try:
+        return cls.model_validate_json(data)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False, include_context=False)[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise BadMessage(f"{cls.__name__}: {where + ': ' if where else ''}{first['msg']}") from None
