@@ -1,14 +1,16 @@
 #!/usr/bin/env python3
-"""Run a command in this checkout's pinned environment; make the environment first if it is missing or out of date.
+"""Run a command in this checkout's pinned environment, making that environment first if it is missing or old.
 
     python3 deploy/env.py COMMAND [ARGUMENT ...]    e.g. formation run, pytest, ruff check
     python3 deploy/env.py                           only make the environment
-    python3 deploy/env.py --lock [--upgrade]        refresh deploy/lock/*.txt from pyproject.toml
 
-It needs nothing but Python 3.11 or newer on Linux or macOS. The environment holds the exact versions in deploy/lock/dev.txt, each
-checked against its hash, and this checkout itself, editable. It lives in .venvs/<key>, where the key names everything that
-it was made from, and .venv is a link to the one in use: an interrupted installation is never used, and a process that runs
-while a newer environment is made keeps the old one. pip fetches as your own pip configuration says (PIP_* variables, pip.conf).
+It needs nothing but Python 3.11 or newer on Linux or macOS. The environment holds the versions that
+deploy/lock/dev.txt pins, each file checked against its hash, and this checkout itself, editable. pip fetches
+them as your own pip configuration says (PIP_* variables, pip.conf).
+
+An environment lives in .venvs/<key>, where the key names everything that it was made from; .venv is a link to
+the one in use. So an interrupted installation is never used, and a process that runs while a newer
+environment is made keeps its own.
 """
 
 from __future__ import annotations
@@ -16,15 +18,17 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, TextIO
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
 ROOT = Path(__file__).resolve().parent.parent
 LOCK = ROOT / "deploy" / "lock"
@@ -32,8 +36,9 @@ LINK = ROOT / ".venv"
 STORE = ROOT / ".venvs"
 DONE = "complete"  # the file that says that an environment's installation has ended well
 OLDEST = (3, 11)
-UV = "uv==0.13.8"  # makes the lock files; never needed to install from them
-KEPT = 2  # the environment in use, and the one before it for processes that still run in it
+KEPT = (
+    3  # the environment in use, and those before it: processes may run in them, another Python may want them
+)
 
 
 class SetupError(Exception):
@@ -47,15 +52,12 @@ def main(arguments: Sequence[str]) -> int:
         return 0
     try:
         refuse_unfit_system(sys.version_info[:2], os.name)
-        if arguments and arguments[0] == "--lock":
-            refresh_lock(arguments[1:])
-            return 0
         environment = ready_environment()
         if not arguments:
             print(f"{LINK} is ready")
             return 0
         become(environment, arguments)
-    except SetupError as error:
+    except (SetupError, OSError) as error:  # an OSError says which file: a full disk, a read-only checkout
         print(f"deploy/env.py: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
@@ -77,9 +79,9 @@ def refuse_unfit_system(version: tuple[int, ...], system: str) -> None:
 
 def ready_environment() -> Path:
     """Path of the complete environment that belongs to this checkout as it is now, made if need be."""
-    environment = STORE / key_of(ROOT)
+    environment = STORE / key_of(ROOT, sys.version_info[:2], os.uname().machine)
     if not in_use(environment):
-        with installing():
+        with only_one():
             if not in_use(environment):  # another process may have made it while this one waited
                 if not complete(environment):
                     make(environment)
@@ -88,15 +90,16 @@ def ready_environment() -> Path:
     return environment
 
 
-def key_of(root: Path) -> str:
-    """Short name of everything that an environment is made from: place, lock, metadata, and this recipe."""
-    import tomllib  # here, because a Python too old for it must get as far as the sentence that says so
+def key_of(root: Path, version: tuple[int, ...], machine: str) -> str:
+    """Short name of all that an environment is made from: place, Python, machine, metadata, lock, recipe."""
+    import tomllib  # noqa: PLC0415  (a Python without it must get as far as the sentence that says so)
 
     pyproject = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
-    metadata = [pyproject.get("project"), pyproject.get("build-system"), pyproject.get("tool", {}).get("hatch")]
+    metadata = [pyproject["project"], pyproject["build-system"], pyproject["tool"]["hatch"]]
     digest = hashlib.sha256()
     for part in (
         str(root).encode(),  # the scripts in an environment name its absolute path
+        f"{machine} {version}".encode(),
         json.dumps(metadata, sort_keys=True).encode(),
         (root / "deploy" / "lock" / "dev.txt").read_bytes(),
         b"1",  # to be raised when the way an environment is made changes
@@ -132,35 +135,30 @@ def forget_old(current: Path) -> None:
         shutil.rmtree(path, ignore_errors=True)
 
 
-class installing:  # noqa: N801  (reads as `with installing():`)
-    """One installation at a time in this checkout; a second process waits, and says so."""
+@contextmanager
+def only_one() -> Iterator[None]:
+    """Let one process at a time install in this checkout; a second one waits, and says so."""
+    import fcntl  # noqa: PLC0415  (the same for a system without it)
 
-    def __enter__(self) -> None:
-        """Take the lock."""
-        import fcntl  # POSIX only, like the rest; refused above with a sentence of its own
-
-        STORE.mkdir(exist_ok=True)
-        self._file = (STORE / "lock").open("w")
+    STORE.mkdir(exist_ok=True)
+    with (STORE / "lock").open("w") as file:
         try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            print("waiting for another process that is installing the environment ...", file=sys.stderr)
-            fcntl.flock(self._file, fcntl.LOCK_EX)
-
-    def __exit__(self, *_: object) -> None:
-        """Give the lock back."""
-        self._file.close()
+            print("waiting for another process that is installing the environment", file=sys.stderr)
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 def make(environment: Path) -> None:
-    """Install the lock and this checkout into a new environment; raise SetupError when that cannot be done."""
+    """Install the lock and this checkout into a new environment; raise SetupError if that cannot be done."""
     shutil.rmtree(environment, ignore_errors=True)  # what an interrupted installation left
     requirements = LOCK / "dev.txt"
     progress = Progress(len(pins(requirements.read_text(encoding="utf-8"))), sys.stderr)
     progress.start(f"installing the pinned environment into {LINK} (once; the next start is immediate)")
     try:
         pip = new_environment(environment)
-        # Wheels only: building from source would fetch build tools that no lock pins. No resolving: the lock is whole.
+        # Wheels only: building from source would fetch tools that no lock pins. The lock needs no resolving.
         fetch = ["install", "--require-hashes", "--only-binary=:all:", "--no-deps", "-r", str(requirements)]
         run_pip([*pip, *fetch], progress)
         run_pip([*pip, "install", "--no-deps", "--no-build-isolation", "--editable", str(ROOT)], progress)
@@ -172,16 +170,18 @@ def make(environment: Path) -> None:
 
 
 def new_environment(environment: Path) -> list[str]:
-    """Make an empty virtual environment; the command that starts a pip for it, taken from wherever there is one."""
+    """Make an empty virtual environment; return the command that starts a pip for it."""
     python = str(environment / "bin" / "python")
     if has_module(sys.executable, "ensurepip"):
         run_checked([sys.executable, "-m", "venv", str(environment)])
         return [python, "-m", "pip"]
-    if not has_module(sys.executable, "venv"):
-        raise SetupError(missing_parts("venv"))
     other = some_pip()
-    if other is None:
-        raise SetupError(missing_parts("ensurepip, and there is no pip"))
+    if other is None or not has_module(sys.executable, "venv"):
+        package = "python{}.{}-venv".format(*sys.version_info)
+        raise SetupError(
+            f"{sys.executable} cannot make a virtual environment (it has neither ensurepip nor a pip): "
+            f"install what is missing, on Debian and Ubuntu with: sudo apt install {package}"
+        )
     run_checked([sys.executable, "-m", "venv", "--without-pip", str(environment)])
     return [*other, "--python", python]
 
@@ -194,58 +194,43 @@ def has_module(python: str, name: str) -> bool:
 def some_pip() -> list[str] | None:
     """A pip that can install into another environment (22.3 or newer), or None."""
     for command in ([sys.executable, "-m", "pip"], ["pip3"], ["pip"]):
-        if shutil.which(command[0]) is None:
-            continue
-        answer = subprocess.run([*command, "--version"], capture_output=True, text=True, check=False)
-        words = answer.stdout.split()
-        if answer.returncode == 0 and len(words) > 1 and release(words[1]) >= (22, 3):
-            return command
+        if shutil.which(command[0]) is not None:
+            answer = subprocess.run([*command, "--version"], capture_output=True, text=True, check=False)
+            if release(answer.stdout.removeprefix("pip ")) >= (22, 3):
+                return command
     return None
 
 
-def release(version: str) -> tuple[int, ...]:
-    """The leading numbers of a version: "23.0.1rc1" -> (23, 0)."""
-    numbers = []
-    for part in version.split("."):
-        if not part.isdigit():
-            break
-        numbers.append(int(part))
-    return tuple(numbers)
+def release(text: str) -> tuple[int, ...]:
+    """The version number that a text begins with: "23.0.1 from /usr" -> (23, 0, 1), other text -> ()."""
+    found = re.match(r"\d+(\.\d+)*", text)
+    return tuple(map(int, found[0].split("."))) if found else ()
 
 
-def missing_parts(what: str) -> str:
-    """One sentence that names what is to be installed."""
-    package = "python{}.{}-venv".format(*sys.version_info[:2])
-    return f"{sys.executable} comes without {what}: install it, on Debian and Ubuntu with: sudo apt install {package}"
-
-
-def pins(requirements: str) -> list[str]:
-    """Names of the packages that a lock file pins, each once."""
-    names = [line.split("==")[0] for line in requirements.splitlines() if "==" in line and line[:1].isalnum()]
-    return sorted(set(names))
+def pins(requirements: str) -> set[str]:
+    """Names of the packages that a lock file pins."""
+    return set(re.findall(r"^([\w.-]+)==", requirements, flags=re.MULTILINE))
 
 
 def clean(environ: Mapping[str, str]) -> dict[str, str]:
-    """The caller's variables without those that would let other installations leak in, e.g. a sourced ROS set-up."""
-    leaking = {"PYTHONPATH", "PYTHONHOME", "PIP_USER", "PIP_TARGET", "PIP_PREFIX", "PIP_REQUIRE_HASHES"}
-    return {name: value for name, value in environ.items() if name not in leaking}
+    """The caller's variables without those that let other installations leak in, as a sourced ROS does."""
+    return {name: value for name, value in environ.items() if name not in {"PYTHONPATH", "PYTHONHOME"}}
 
 
 def run_checked(command: Sequence[str]) -> None:
     """Run a step of the installation; raise SetupError with the end of its output if it fails."""
-    done = subprocess.run(
-        command, env=clean(os.environ), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
-    )
+    done = subprocess.run(command, env=clean(os.environ), capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        raise SetupError(failure(command, done.stdout.splitlines()))
+        raise SetupError(failure(command, [*done.stdout.splitlines(), *done.stderr.splitlines()]))
 
 
 def run_pip(command: Sequence[str], progress: Progress) -> None:
-    """Run pip, turning what it prints into progress; raise SetupError with the end of its output if it fails."""
-    variables = clean(os.environ) | {"PYTHONUNBUFFERED": "1", "PIP_USER": "0", "PIP_NO_INPUT": "1"}
+    """Run pip, turning what it prints into progress; raise SetupError with the end of that if it fails."""
+    # The user's configuration decides where pip fetches from, but not that it installs elsewhere than here.
+    variables = clean(os.environ) | {"PYTHONUNBUFFERED": "1", "PIP_USER": "0", "PIP_REQUIRE_HASHES": "0"}
     printed = []
     with subprocess.Popen(
-        [*command, "--disable-pip-version-check", "--progress-bar=off"],
+        [*command, "--no-input", "--disable-pip-version-check", "--progress-bar=off"],
         env=variables,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
@@ -309,21 +294,6 @@ def become(environment: Path, arguments: Sequence[str]) -> NoReturn:
     variables["VIRTUAL_ENV"] = str(environment)
     variables["PATH"] = os.pathsep.join([str(environment / "bin"), variables.get("PATH", os.defpath)])
     os.execve(program, [str(program), *arguments[1:]], variables)  # noqa: S606  (no shell is wanted)
-
-
-def refresh_lock(options: Sequence[str]) -> None:
-    """Resolve pyproject.toml again into both lock files; options (e.g. --upgrade) go to `uv pip compile`."""
-    environment = STORE / "uv"
-    with installing():
-        if not (environment / "bin" / "uv").exists():
-            run_checked([*new_environment(environment), "install", "--quiet", UV])
-    compile_ = [str(environment / "bin" / "uv"), "pip", "compile", "pyproject.toml", "--quiet", "--no-header"]
-    compile_ += ["--universal", "--python-version", ".".join(map(str, OLDEST)), "--generate-hashes"]
-    whole = [*compile_, "--all-extras", "--group=dev", "--output-file=deploy/lock/dev.txt", *options]
-    robot = [*compile_, "--constraint=deploy/lock/dev.txt", "--output-file=deploy/lock/agent.txt", *options]
-    for command in (whole, robot):
-        subprocess.run(command, cwd=ROOT, env=clean(os.environ), check=True)
-    print("refreshed deploy/lock/dev.txt and deploy/lock/agent.txt", file=sys.stderr)
 
 
 if __name__ == "__main__":
