@@ -1,0 +1,135 @@
+"""What makes a mission legal beyond its types; each rule yields what breaks it, most basic rule first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from pydantic_core import PydanticCustomError
+
+if TYPE_CHECKING:
+    from formation.mission import Mission
+
+
+class Violation(NamedTuple):
+    """One thing that is not legal: where, what stands there, and what may stand there."""
+
+    key: str
+    value: Any
+    legal: str
+
+
+def enforce(mission: Mission) -> None:
+    """Raise for the first violation, as an error pydantic carries to whoever builds the mission."""
+    for rule in RULES:
+        for broken in rule(mission):
+            raise PydanticCustomError("mission", "{legal}", broken._asdict())
+
+
+def leader_is_a_robot(mission: Mission) -> Iterator[Violation]:
+    """The leader has a table under [robots] and measures nobody."""
+    if mission.leader not in mission.robots:
+        yield Violation("leader", mission.leader, f"must be one of the robots: {_list(mission.robots)}")
+    elif mission.robots[mission.leader].neighbours:
+        yield Violation(
+            f"robots.{mission.leader}.neighbours",
+            list(mission.robots[mission.leader].neighbours),
+            "must be empty: the leader follows its route, not a neighbour",
+        )
+
+
+def neighbours_exist(mission: Mission) -> Iterator[Violation]:
+    """Neighbours are known, different from the robot itself, and listed once."""
+    for name, robot in mission.robots.items():
+        key = f"robots.{name}.neighbours"
+        others = [other for other in mission.robots if other != name]
+        for position, other in enumerate(robot.neighbours):
+            if other == name:
+                yield Violation(
+                    key, other, f"a robot cannot be its own neighbour; choose from {_list(others)}"
+                )
+            if other not in mission.robots:
+                yield Violation(key, other, f"unknown robot; choose from {_list(others)}")
+            if other in robot.neighbours[:position]:
+                yield Violation(key, other, "listed twice; each neighbour counts once")
+
+
+def tree_from_the_leader(mission: Mission) -> Iterator[Violation]:
+    """Assumption 1: every follower has a path of neighbours to the leader."""
+    lost = [mission.names[i] for i in mission.graph.unreachable]
+    if lost:
+        yield Violation(
+            f"robots.{lost[0]}.neighbours",
+            list(mission.robots[lost[0]].neighbours),
+            f"no path of neighbours leads from {_list(lost)} to the leader {mission.leader!r}; every robot needs one",
+        )
+
+
+def shapes_are_complete(mission: Mission) -> Iterator[Violation]:
+    """Every shape has a slot for each follower and for nobody else."""
+    for shape, slots in mission.shapes.items():
+        for name in slots:
+            if name not in mission.followers:
+                yield Violation(
+                    f"shapes.{shape}.{name}",
+                    list(slots[name]),
+                    f"must be a follower: {_list(mission.followers)}",
+                )
+        missing = [name for name in mission.followers if name not in slots]
+        if missing:
+            yield Violation(
+                f"shapes.{shape}", _list(slots), f"has no slot for {_list(missing)}; every follower needs one"
+            )
+    if mission.shape is not None and mission.shape not in mission.shapes:
+        yield Violation("shape", mission.shape, f"must be one of the shapes: {_list(mission.shapes)}")
+
+
+def leader_slower_than_followers(mission: Mission) -> Iterator[Violation]:
+    """No follower can keep up with a leader as fast as its own limit."""
+    slowest = min(mission.followers, key=lambda name: mission.robots[name].max_speed)
+    limit = mission.robots[slowest].max_speed
+    for number, leg in enumerate(mission.route):
+        if leg.speed >= limit:
+            yield Violation(
+                f"route.{number}.speed", leg.speed, f"must be below {slowest}'s max_speed of {limit:g} m/s"
+            )
+
+
+def only_the_last_leg_is_endless(mission: Mission) -> Iterator[Violation]:
+    """A leg without a duration never gives way to the next."""
+    for number, leg in enumerate(mission.route[:-1]):
+        if getattr(leg, "duration", 0.0) is None:
+            yield Violation(
+                f"route.{number}.duration", None, "only the last leg may go without a duration [s]"
+            )
+
+
+def starts_do_not_touch(mission: Mission) -> Iterator[Violation]:
+    """Robots start further apart than the sum of their radii."""
+    for first, second in combinations(mission.robots, 2):
+        one, other = mission.robots[first], mission.robots[second]
+        if mission.leader in (first, second):
+            continue  # the virtual leader has no body
+        distance, reach = abs(one.start.position - other.start.position), one.radius + other.radius
+        if distance <= reach:
+            yield Violation(
+                f"robots.{second}.start",
+                f"{{x = {other.start.x:g}, y = {other.start.y:g}}}",
+                f"must be more than {reach:g} m (both radii) from {first}'s start; it is {distance:.3g} m away",
+            )
+
+
+RULES = (
+    leader_is_a_robot,
+    neighbours_exist,
+    shapes_are_complete,
+    tree_from_the_leader,
+    leader_slower_than_followers,
+    only_the_last_leg_is_endless,
+    starts_do_not_touch,
+)
+
+
+def _list(names: Any) -> str:
+    return ", ".join(names) or "none"

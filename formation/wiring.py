@@ -1,0 +1,78 @@
+"""Who links to whom: endpoints that each process listens on and dials.
+
+Links follow the measurement graph and nothing else: no router, no multicast, no gossip, and peers do not relay.
+Of two robots that need a link the one listed later in the mission dials, so a mutual pair has one link. An
+agent dials its own robot; the monitor dials everybody; nobody dials the monitor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+from formation.mission import Mission
+
+AGENT_PORT = 7460
+"""First port of agents that have no endpoint in the mission: robot number i listens on this plus i."""
+ROBOT_PORT = 7660
+"""The same for robots."""
+
+
+class Endpoints(NamedTuple):
+    """Where processes listen, by robot name."""
+
+    agents: Mapping[str, str]
+    """Each follower's agent, and the leader."""
+    robots: Mapping[str, str]
+    """Each follower's robot: its ROS 2 bridge, or the simulated one."""
+
+
+class Links(NamedTuple):
+    """One process's Zenoh endpoints."""
+
+    listen: tuple[str, ...]
+    connect: tuple[str, ...]
+
+
+def endpoints(mission: Mission) -> Endpoints:
+    """The mission's endpoints; where it names none, ports of this machine."""
+    agents, robots = {}, {}
+    for number, name in enumerate(mission.names):
+        robot = mission.robots[name]
+        agents[name] = robot.endpoint or f"tcp/127.0.0.1:{AGENT_PORT + number}"
+        if name != mission.leader:
+            robots[name] = robot.robot_endpoint or f"tcp/127.0.0.1:{ROBOT_PORT + number}"
+    return Endpoints(agents, robots)
+
+
+def partners(mission: Mission, name: str) -> tuple[str, ...]:
+    """Robots that `name` needs a link with: those it measures and those that measure it, in mission order."""
+    measured = set(mission.robots[name].neighbours)
+    return tuple(
+        other for other in mission.names if other in measured or name in mission.robots[other].neighbours
+    )
+
+
+def of_agent(mission: Mission, name: str, where: Endpoints) -> Links:
+    """Links of a follower's agent."""
+    return Links((where.agents[name],), (*_dialled(mission, name, where), where.robots[name]))
+
+
+def of_leader(mission: Mission, where: Endpoints) -> Links:
+    """Links of the leader: it is listed first, so it dials nobody."""
+    return Links((where.agents[mission.leader],), ())
+
+
+def of_robots(names: Iterable[str], where: Endpoints) -> Links:
+    """Links of a process that simulates `names`."""
+    return Links(tuple(where.robots[name] for name in names), ())
+
+
+def of_monitor(where: Endpoints) -> Links:
+    """Links of the monitor: to every agent, the leader and every robot; of an agent it would see only that."""
+    return Links((), (*where.agents.values(), *where.robots.values()))
+
+
+def _dialled(mission: Mission, name: str, where: Endpoints) -> tuple[str, ...]:
+    before = mission.names[: mission.names.index(name)]
+    return tuple(where.agents[other] for other in partners(mission, name) if other in before)
