@@ -53,7 +53,8 @@ class Graph:
 
     def sum_per_follower(self, per_edge: NDArray[Any]) -> NDArray[Any]:
         """Σ_j over each follower's edges: shape (..., edges) -> (..., n-1). Each needs a neighbour."""
-        return np.add.reduceat(per_edge, self._first_edges, axis=-1)
+        sums: NDArray[Any] = np.add.reduceat(per_edge, self._first_edges, axis=-1)
+        return sums
 
     def along_edges(self, per_robot: NDArray[Any]) -> NDArray[Any]:
         """Value at j less value at i, for each edge: shape (..., n) -> (..., edges)."""
@@ -95,15 +96,13 @@ class Graph:
     def desired_positions(self, leader: complex, slots: Sequence[complex] | ComplexArray) -> ComplexArray:
         """Followers' control points in formation [m; world frame], shape (n-1,): Eq. (6).
 
-        `leader` is the leader's control point, `slots` the shape with the leader's own slot first, shape (n,).
+        `leader` is the leader's control point, `slots` the shape, the leader's own slot first; shape (n,).
         Raises numpy.linalg.LinAlgError where a follower has no path to the leader.
         """
         laplacian = self.laplacian()
         to_leader, among = laplacian[1:, :1], laplacian[1:, 1:]
         wanted = laplacian[1:, :] @ np.asarray(slots, dtype=np.complex128)
-        positions: ComplexArray = np.linalg.solve(
-            among.astype(np.complex128), wanted - to_leader[:, 0] * leader
-        )
+        positions: ComplexArray = np.linalg.solve(among + 0j, wanted - to_leader[:, 0] * leader)
         return positions
 
 

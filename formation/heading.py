@@ -59,4 +59,5 @@ def innovation(estimate: Vectors, travel: Travel, gain: Reals) -> Vectors:
     # share/Δs, whose limit at Δs = 0 is ±k; a robot at rest has no sign and learns nothing
     slope = np.sign(travel.distance) * np.where(path > 1e-9, share / np.maximum(path, 1e-9), gain)
     corrected = (1.0 - share) * half * half * estimate + slope[()] * half * travel.displacement
-    return unit(corrected, 1.0 + 0.0j)
+    turned: Vectors = unit(corrected)
+    return turned

@@ -1,7 +1,7 @@
 """A mission: who is in the formation, who measures whom, the shape, the law and the leader's route.
 
 Frozen pydantic models, shaped like the mission file (see `mission_file`). A Mission that exists is legal:
-what the types cannot say is checked on construction, and a violation names the key, the value and what is legal.
+what the types cannot say is checked on construction, and a violation names key, value and what is legal.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import math
 from functools import cached_property
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import (
     BaseModel,
     BeforeValidator,
@@ -275,8 +276,6 @@ class Mission(Table):
 
     def slots(self, shape: str | None = None) -> ComplexArray:
         """The shape over `names`, the leader's slot (0) first [m; world frame]; shape (n,)."""
-        import numpy as np
-
         return np.array([self.slot(name, shape) for name in self.names], dtype=np.complex128)
 
     @cached_property

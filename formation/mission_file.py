@@ -11,7 +11,18 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from formation.mission import Circle, Mission, RobotSpec, Straight, Waypoints
+from formation.mission import (
+    Circle,
+    LawSpec,
+    Mission,
+    RobotDefaults,
+    RobotSpec,
+    SimulatedRobot,
+    SimulationSpec,
+    Start,
+    Straight,
+    Waypoints,
+)
 
 
 class MissionError(ValueError):
@@ -67,30 +78,25 @@ def _sentence(error: ValidationError) -> str:
 
 def _explain(detail: ErrorDetails) -> str:
     context: Mapping[str, Any] = detail.get("ctx", {})
-    if detail["type"] == "mission":
-        return f"{context['key']} = {_value(context['value'])}: {context['legal']}"
-    # the tag of a leg's kind is pydantic's, not the file's
-    loc = tuple(part for i, part in enumerate(detail["loc"]) if not (detail["loc"][0] == "route" and i == 2))
-    loc = tuple(part for part in loc if part != "[key]")
-    key = ".".join(str(part) for part in loc)
-    value = _value(detail["input"])
+    # the tag of a leg's kind, and the mark of a bad key, are pydantic's and not the file's
+    place = [part for part in detail["loc"] if part not in {"straight", "circle", "waypoints", "[key]"}]
+    key, value = ".".join(map(str, place)), _value(detail["input"])
     match detail["type"]:
+        case "mission":
+            return f"{context['key']} = {_value(context['value'])}: {context['legal']}"
         case "extra_forbidden":
-            return f"unknown key {key}; legal here: {', '.join(_keys_at(detail['loc']))}"
-        case "missing" if isinstance(detail["loc"][-1], int):
-            return f"{key.rpartition('.')[0]} = {value}: should be [x, y], two numbers in metres"
+            legal = f"unknown key {key}; legal here: {_keys_beside(detail['loc'])}"
+        case "missing" if isinstance(place[-1], int):
+            legal = f"{key.rpartition('.')[0]} = {value}: should be [x, y], two numbers in metres"
         case "missing":
-            return f"{key} is missing; legal here: {', '.join(_keys_at(detail['loc']))}"
-        case "finite_number":
-            return f"{key} = {value}: must be a finite number"
+            legal = f"{key} is missing; legal here: {_keys_beside(detail['loc'])}"
         case "string_pattern_mismatch":
-            return f"{key} = {value}: must match {context['pattern']}"
+            legal = f"{key} = {value}: should match {context['pattern']}"
         case _:
-            message = (
-                detail["msg"].replace("a valid tuple", "a list").replace("a valid dictionary", "a table")
-            )
-            message = message.removeprefix("Input should be ").removeprefix("Input ")
-            return f"{key} = {value}: should be {message}"
+            wanted = detail["msg"].removeprefix("Input should be ").removeprefix("Input ")
+            wanted = wanted.replace("a valid tuple", "a list").replace("a valid dictionary", "a table")
+            legal = f"{key} = {value}: should be {wanted}"
+    return legal
 
 
 def _value(value: Any) -> str:
@@ -98,18 +104,18 @@ def _value(value: Any) -> str:
     return text if len(text) <= 80 else text[:77] + "..."
 
 
-def _keys_at(loc: tuple[int | str, ...]) -> list[str]:
-    """Keys that the table holding the last part of `loc` may have."""
-    model: type[BaseModel] = Mission
-    match loc[:-1]:
-        case ("robots", _):
-            model = RobotSpec
-        case ("robots", _, "start"):
-            model = RobotSpec.model_fields["start"].annotation or model
-        case ("route", _, kind):
-            model = {"straight": Straight, "circle": Circle, "waypoints": Waypoints}[str(kind)]
-        case (str(table),) if table in Mission.model_fields:
-            annotation = Mission.model_fields[table].annotation
-            if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-                model = annotation
-    return list(model.model_fields)
+def _keys_beside(loc: tuple[int | str, ...]) -> str:
+    """The keys that the table which holds the last part of `loc` may have."""
+    tables: dict[str, type[BaseModel]] = {
+        "law": LawSpec,
+        "robot": RobotDefaults,
+        "simulated_robot": SimulatedRobot,
+        "simulation": SimulationSpec,
+        "robots": RobotSpec,
+        "start": Start,
+        "straight": Straight,
+        "circle": Circle,
+        "waypoints": Waypoints,
+    }
+    named = [tables[str(part)] for part in loc[:-1] if part in tables]
+    return ", ".join((named[-1] if named else Mission).model_fields)

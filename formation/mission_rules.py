@@ -62,7 +62,7 @@ def tree_from_the_leader(mission: Mission) -> Iterator[Violation]:
         yield Violation(
             f"robots.{lost[0]}.neighbours",
             list(mission.robots[lost[0]].neighbours),
-            f"no path of neighbours leads from {_list(lost)} to the leader {mission.leader!r}; every robot needs one",
+            f"no path of neighbours leads from {_list(lost)} to the leader {mission.leader!r}; all need one",
         )
 
 
@@ -116,7 +116,7 @@ def starts_do_not_touch(mission: Mission) -> Iterator[Violation]:
             yield Violation(
                 f"robots.{second}.start",
                 f"{{x = {other.start.x:g}, y = {other.start.y:g}}}",
-                f"must be more than {reach:g} m (both radii) from {first}'s start; it is {distance:.3g} m away",
+                f"must be over {reach:g} m (both radii) from {first}'s start; it is {distance:.3g} m away",
             )
 
 

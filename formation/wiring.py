@@ -1,6 +1,6 @@
 """Who links to whom: endpoints that each process listens on and dials.
 
-Links follow the measurement graph and nothing else: no router, no multicast, no gossip, and peers do not relay.
+Links follow the measurement graph and nothing else: no router, no multicast, no gossip; peers do not relay.
 Of two robots that need a link the one listed later in the mission dials, so a mutual pair has one link. An
 agent dials its own robot; the monitor dials everybody; nobody dials the monitor.
 """
@@ -69,7 +69,7 @@ def of_robots(names: Iterable[str], where: Endpoints) -> Links:
 
 
 def of_monitor(where: Endpoints) -> Links:
-    """Links of the monitor: to every agent, the leader and every robot; of an agent it would see only that."""
+    """Links of the monitor: to everybody, because an agent shows it nothing but itself."""
     return Links((), (*where.agents.values(), *where.robots.values()))
 
 
