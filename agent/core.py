@@ -1,0 +1,243 @@
+"""The agent: one follower's controller, without a clock, a socket or a log.
+
+`Agent.step(now, inbox) -> outbox` takes what its few subscriptions brought and gives what it has to say.
+It is driven by odometry: newest neighbours, law, command, at once. A step without odometry only watches
+for silence.
+"""
+
+from __future__ import annotations
+
+import cmath
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+from agent import failsafe
+from agent.failsafe import Decision, Facts, State
+from agent.localisation import Localisation
+from agent.neighbourhood import Neighbour, measured
+from agent.status import Report, status
+from formation import order
+from formation.law import LAWS
+from formation.messages import Displacement, Odometry, Pose, Twist, TwistStamped, decode, encode
+from formation.mission import Mission
+from formation.order import Mode, OperatorReply, OperatorRequest, Order
+from formation.topics import CMD_VEL, ODOM, POSITION, RELATIVE, STATUS, Topic, command_topic
+from formation.unicycle import Command
+from formation.wire import BadMessage, Now, Outgoing, Sample
+
+STATUS_PERIOD = 0.5
+"""[s]"""
+AT_REST = Command(0.0, 0.0)
+Handler = Callable[[Sample, Now], float | None]
+
+
+class Agent:
+    """One follower's controller."""
+
+    def __init__(self, mission: Mission, robot: str, law: str | None = None) -> None:
+        """`law` overrules the mission's. Raises ValueError for a robot that is no follower of the mission."""
+        if robot not in mission.followers:
+            followers = ", ".join(mission.followers)
+            raise ValueError(f"robot {robot!r}: must be a follower of {mission.name}: {followers}")
+        if law is not None and law not in LAWS:
+            raise ValueError(f"law {law!r}: must be one of {', '.join(LAWS)}")
+        spec = mission.robots[robot]
+        self.robot = robot
+        self.law_name = law or mission.law.kind
+        self.dropped: Counter[str] = Counter()
+        """Messages that were not used, by key."""
+        self.last_dropped: dict[str, str] = {}
+        """Why the newest of them was not used, by key."""
+        self.decision = Decision(State.WAITING, "no odometry yet")
+        self.command = AT_REST
+        """The newest command."""
+        self._mission, self._spec = mission, spec
+        self._law = LAWS[self.law_name]
+        self._here = Localisation(mission, robot, self.law_name)
+        self._neighbours = {name: Neighbour(mission, name) for name in spec.neighbours}
+        self._integral = 0j
+        self._finite = True
+        self._order: Order | None = None
+        self._beat_rose = float("-inf")
+        self._latched: Mode | None = None
+        self._status_due = float("-inf")
+        self._rest_due = float("-inf")
+        self._handlers = self._by_key()
+
+    @property
+    def subscriptions(self) -> tuple[str, ...]:
+        """Every key this agent listens to: its own odometry and its neighbours, nothing else."""
+        return tuple(self._handlers)
+
+    @property
+    def publications(self) -> tuple[tuple[Topic, str], ...]:
+        """Every topic and key this agent publishes."""
+        command = command_topic(self._spec.cmd_vel)
+        return tuple((topic, topic.key(self.robot)) for topic in (command, POSITION, STATUS))
+
+    def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
+        """Learn from `inbox`, decide, and say what follows from it."""
+        interval, moved = None, False
+        for sample in inbox:
+            try:
+                handle = self._handlers.get(sample.key)
+                if handle is None:
+                    raise BadMessage("unknown key")
+                taken = handle(sample, now)
+            except BadMessage as bad:
+                self._drop(sample.key, bad)
+                continue
+            if sample.key == ODOM.key(self.robot):
+                moved = True
+                interval = taken if interval is None else interval + (taken or 0.0)
+        before, self.decision = self.decision.state, self._decide(now)
+        outbox = self._drive(now, interval) if moved else self._rest(now)
+        if moved:
+            outbox.append(self._position())
+        if now.mono >= self._status_due or self.decision.state is not before:
+            self._status_due = now.mono + STATUS_PERIOD
+            outbox.append(self._status(now))
+        return outbox
+
+    def halt(self, now: Now, reason: str) -> list[Outgoing]:
+        """The last words of an agent that ends: zero velocity, and why."""
+        self._latched, self.decision = "stop", Decision(State.STOP, reason)
+        return [self._commanded(now, AT_REST), self._status(now)]
+
+    def request(self, data: bytes) -> bytes:
+        """Answer an operator's request; it takes effect with the next step."""
+        try:
+            wanted = order.decode(OperatorRequest, data).do
+        except BadMessage as bad:
+            self._drop("order", bad)
+            return self._reply(ok=False, reason=str(bad)[:120])
+        if self._latched == "stop" and wanted in {"run", "hold"}:
+            return self._reply(ok=False, reason="stopped: release it first")
+        self._latched = wanted if wanted in {"stop", "hold"} else None
+        return self._reply(ok=True, reason="")
+
+    def _reply(self, *, ok: bool, reason: str) -> bytes:
+        mode = self._latched or (self._order.mode if self._order else "hold")
+        return order.encode(OperatorReply(robot=self.robot, ok=ok, mode=mode, reason=reason))
+
+    def _by_key(self) -> dict[str, Handler]:
+        handlers: dict[str, Handler] = {ODOM.key(self.robot): self._take_odometry}
+        for name, neighbour in self._neighbours.items():
+            handlers[POSITION.key(name)] = _bound(self._take_position, neighbour)
+            if self._spec.measurement == "local":
+                handlers[RELATIVE.key(self.robot, name)] = _bound(self._take_displacement, neighbour)
+        return handlers
+
+    def _take_odometry(self, sample: Sample, now: Now) -> float | None:
+        return self._here.take(decode(Odometry, sample.payload), sample.arrived, now)
+
+    def _take_position(self, neighbour: Neighbour, sample: Sample, now: Now) -> None:
+        pose = decode(Pose, sample.payload)
+        if sample.attachment is not None:
+            try:
+                self._take_order(order.decode(Order, sample.attachment), sample.arrived)
+            except BadMessage as bad:
+                self._drop(sample.key, bad)
+        if self._spec.measurement == "network":
+            neighbour.take_position(pose, sample.arrived, now)
+
+    def _take_displacement(self, neighbour: Neighbour, sample: Sample, now: Now) -> None:
+        displacement = decode(Displacement, sample.payload)
+        neighbour.take_displacement(displacement, self._here.point, self._here.heading, sample.arrived, now)
+
+    def _take_order(self, heard: Order, arrived: float) -> None:
+        if heard.shape not in self._mission.shapes:
+            raise BadMessage(f"unknown shape {heard.shape!r}; known: {', '.join(self._mission.shapes)}")
+        if order.newer(heard, self._order):
+            self._order, self._beat_rose = heard, arrived
+
+    def _decide(self, now: Now) -> Decision:
+        return failsafe.decide(
+            Facts(
+                latched=self._latched,
+                odometry_silence=self._here.stream.silence(now),
+                odometry_limit=self._here.stream.limit,
+                jumped=self._here.jumped,
+                order=self._order,
+                beat_silence=now.mono - self._beat_rose,
+                neighbours={name: one.stream.silence(now) for name, one in self._neighbours.items()},
+                fresh=len(self._fresh(now)),
+                finite=self._finite,
+            )
+        )
+
+    def _fresh(self, now: Now) -> list[Neighbour]:
+        return [one for one in self._neighbours.values() if one.fresh(now)]
+
+    def _drive(self, now: Now, interval: float | None) -> list[Outgoing]:
+        """A command for the newest odometry; zero velocity unless the failsafe table says run."""
+        if self.decision.state is not State.RUN:
+            self._integral, self._finite = 0j, True
+            return [self._commanded(now, AT_REST)]
+        fresh = self._fresh(now)
+        shape = self._order.shape if self._order else None
+        mine = self._mission.slot(self.robot, shape)
+        what = measured(
+            fresh,
+            sum((self._mission.slot(one.name, shape) - mine for one in fresh), 0j),
+            self._here.point,
+            self._here.heading,
+            self._mission.law,
+            now=now,
+            my_age=self._here.stream.age(now),
+            as_measured=self._law is LAWS["paper"] and self._spec.measurement == "local",
+        )
+        dt = min(interval or 0.0, self._here.stream.limit)
+        command, integral = self._law(
+            self._integral, self._here.heading, what, self._mission.law.gains, self._spec.limits, dt
+        )
+        self._finite = cmath.isfinite(complex(command.speed, command.turn_rate)) and cmath.isfinite(integral)
+        if not self._finite:
+            self.decision, self._integral = self._decide(now), 0j
+            return [self._commanded(now, AT_REST)]
+        self._integral = complex(integral)
+        return [self._commanded(now, Command(float(command.speed), float(command.turn_rate)))]
+
+    def _rest(self, now: Now) -> list[Outgoing]:
+        """Without odometry: a robot that must not move is told so every period, for commands may get lost."""
+        if self.decision.state is State.RUN or now.mono < self._rest_due:
+            return []
+        self._rest_due = now.mono + 1.0 / self._spec.rate
+        self._integral = 0j
+        return [self._commanded(now, AT_REST)]
+
+    def _commanded(self, now: Now, command: Command) -> Outgoing:
+        self.command = command
+        if self._spec.cmd_vel == "twist":
+            return Outgoing(CMD_VEL.key(self.robot), encode(Twist(*command)))
+        return Outgoing(CMD_VEL.key(self.robot), encode(TwistStamped(now.wall, *command)))
+
+    def _position(self) -> Outgoing:
+        pose = Pose(self._here.stream.stamp, self._here.position, self._here.heading)
+        attachment = None if self._order is None else order.encode(self._order)
+        return Outgoing(POSITION.key(self.robot), encode(pose), attachment)
+
+    def _status(self, now: Now) -> Outgoing:
+        report = Report(
+            self.robot,
+            self.law_name,
+            self.decision,
+            self.command,
+            {name: one.stream for name, one in self._neighbours.items()},
+            self._here.stream,
+            self._here.late,
+            {where: (count, self.last_dropped[where]) for where, count in self.dropped.items()},
+        )
+        return Outgoing(STATUS.key(self.robot), encode(status(report, now)))
+
+    def _drop(self, key: str, bad: BadMessage) -> None:
+        where = key if key in self._handlers or key == "order" else "elsewhere"
+        self.dropped[where] += 1
+        self.last_dropped[where] = str(bad)
+
+
+def _bound(handle: Callable[[Neighbour, Sample, Now], None], neighbour: Neighbour) -> Handler:
+    def handler(sample: Sample, now: Now) -> None:
+        handle(neighbour, sample, now)
+
+    return handler

@@ -1,0 +1,110 @@
+"""May this robot move? One table, read from the top: the first row that applies decides.
+
+Whatever is not the last row ends in zero velocity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import NamedTuple
+
+from formation.order import Mode, Order
+
+LEADER_LOST = 1.0
+"""Silence of the leader's beat after which it counts as gone [s]."""
+
+
+class State(StrEnum):
+    """What an agent is doing."""
+
+    WAITING = "waiting"
+    """Has not yet heard all it needs to begin."""
+    RUN = "run"
+    """Follows the law."""
+    HOLD = "hold"
+    """Stands still, by order or by doubt, and goes on by itself when the reason is gone."""
+    STOP = "stop"
+    """Stands still until somebody releases it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """All that the table looks at."""
+
+    latched: Mode | None
+    """What the operator asked of this very robot."""
+    odometry_silence: float
+    """[s]; infinite before the first message."""
+    odometry_limit: float
+    """[s]"""
+    jumped: float | None
+    """A recent jump of the odometry's position [m]."""
+    order: Order | None
+    """The newest order that a neighbour relayed."""
+    beat_silence: float
+    """Since the leader's beat last rose [s]."""
+    neighbours: Mapping[str, float]
+    """Silence of each neighbour [s]; infinite before the first message."""
+    fresh: int
+    """How many of them can be followed."""
+    finite: bool = True
+    """Whether the law's result is a number."""
+
+
+class Row(NamedTuple):
+    """One row: when it applies, what the robot then does, and what it says."""
+
+    applies: Callable[[Facts], bool]
+    state: State
+    reason: Callable[[Facts], str]
+
+
+class Decision(NamedTuple):
+    """What the table decided, and why in a few words."""
+
+    state: State
+    reason: str
+
+
+def _never(silence: float) -> bool:
+    return silence == float("inf")
+
+
+def _ages(facts: Facts) -> str:
+    return ", ".join(f"{name} {age:.2f} s" for name, age in facts.neighbours.items())
+
+
+TABLE: tuple[Row, ...] = (
+    Row(lambda f: f.latched == "stop", State.STOP, lambda _: "stopped by the operator"),
+    Row(lambda f: not f.finite, State.HOLD, lambda _: "the law gave no finite command"),
+    Row(lambda f: _never(f.odometry_silence), State.WAITING, lambda _: "no odometry yet"),
+    Row(
+        lambda f: f.odometry_silence > f.odometry_limit,
+        State.HOLD,
+        lambda f: f"odometry silent for {f.odometry_silence:.2f} s",
+    ),
+    Row(lambda f: f.jumped is not None, State.HOLD, lambda f: f"odometry jumped {f.jumped:.2f} m"),
+    Row(lambda f: f.order is None, State.WAITING, lambda _: "no order from the leader yet"),
+    Row(
+        lambda f: f.beat_silence > LEADER_LOST,
+        State.HOLD,
+        lambda f: f"the leader's beat stopped {f.beat_silence:.1f} s ago",
+    ),
+    Row(
+        lambda f: f.order is not None and f.order.mode == "stop",
+        State.STOP,
+        lambda _: "stopped by the leader",
+    ),
+    Row(lambda f: f.latched == "hold", State.HOLD, lambda _: "held by the operator"),
+    Row(lambda f: f.order is not None and f.order.mode == "hold", State.HOLD, lambda _: "held by the leader"),
+    Row(lambda f: not f.fresh, State.HOLD, lambda f: f"no neighbour is fresh: {_ages(f)}"),
+    Row(lambda _: True, State.RUN, lambda _: "in formation control"),
+)
+
+
+def decide(facts: Facts) -> Decision:
+    """The first row that applies."""
+    row = next(row for row in TABLE if row.applies(facts))
+    return Decision(row.state, row.reason(facts))

@@ -1,0 +1,80 @@
+"""Where am I, and which way do I face: from the robot's own odometry, without measuring the heading."""
+
+from __future__ import annotations
+
+from agent.stream import Stream
+from formation import heading as observers
+from formation.heading import Travel
+from formation.messages import Odometry
+from formation.mission import Mission
+from formation.plane import unit
+from formation.unicycle import control_point
+from formation.wire import Now
+
+JUMP_MARGIN = 0.1
+"""How far a position may be off what the robot's speed explains before it counts as a jump [m]."""
+
+
+class Localisation:
+    """Position by odometry, heading by the observer of Eq. (3); the odometry's own heading is not read."""
+
+    def __init__(self, mission: Mission, robot: str, law: str) -> None:
+        spec = mission.robots[robot]
+        self.stream = Stream(spec.rate)
+        self.jumped: float | None = None
+        """Length of the newest jump of position [m], for as long as it is minded; else None."""
+        self.late = 0
+        """Odometry messages that came more than half a period late."""
+        self.position = 0j
+        """Centre [m; world frame]."""
+        self._printed = law == "paper"
+        self._gain = mission.law.observer_gain
+        self._offset = spec.control_point_offset
+        self._max_speed = spec.max_speed
+        self._period = 1.0 / spec.rate
+        self._estimate = mission.first_heading(robot)
+        self._last: Odometry | None = None
+        self._calm = 0.0
+
+    @property
+    def heading(self) -> complex:
+        """Estimated heading ζ̂, of unit length [world frame]."""
+        return unit(self._estimate)
+
+    @property
+    def point(self) -> complex:
+        """Estimated control point [m; world frame]."""
+        return control_point(self.position, self.heading, self._offset)
+
+    def take(self, odometry: Odometry, arrived: float, now: Now) -> float | None:
+        """Learn from a message: the interval it closes [s], None where it opens one. Raises BadMessage."""
+        elapsed = self.stream.admit(odometry.stamp, arrived, now)
+        last, self._last, self.position = self._last, odometry, odometry.position
+        if last is None and self._printed:
+            self._estimate = observers.printed_start(odometry.position, self._gain)
+        if last is None or elapsed is None:
+            return None
+        self.late += elapsed > 1.5 * self._period
+        travel = Travel(
+            distance=0.5 * (last.speed + odometry.speed) * elapsed,
+            turn=0.5 * (last.turn_rate + odometry.turn_rate) * elapsed,
+            displacement=odometry.position - last.position,
+        )
+        if self._is_jump(travel, elapsed):
+            return None
+        if self._printed:
+            self._estimate = observers.printed(self._estimate, travel, self._gain)
+        else:
+            self._estimate = observers.innovation(self._estimate, travel, self._gain)
+        return elapsed
+
+    def _is_jump(self, travel: Travel, elapsed: float) -> bool:
+        """Whether the robot cannot have driven that far; a jump is minded for as long as silence would be."""
+        distance = abs(travel.displacement)
+        if distance > self._max_speed * elapsed * 1.5 + JUMP_MARGIN:
+            self.jumped, self._calm = distance, 0.0
+            return True
+        self._calm += elapsed
+        if self._calm > self.stream.limit:
+            self.jumped = None
+        return False

@@ -1,0 +1,92 @@
+"""What an agent knows of each neighbour: where it is by now, how fast it goes, whether that is still true."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from agent.stream import Stream
+from formation import neighbour
+from formation.law import Measured
+from formation.messages import Displacement, Pose
+from formation.mission import LawSpec, Mission
+from formation.unicycle import control_point
+from formation.wire import Now
+
+
+class Neighbour:
+    """One neighbour, by its positions over the network or by displacements that a sensor measures."""
+
+    def __init__(self, mission: Mission, name: str) -> None:
+        spec = mission.robots[name]
+        self.name = name
+        self.stream = Stream(spec.rate)
+        self.displacement = 0j
+        """Newest measured z_ij^(i) [m; body frame]; only where a sensor measures it."""
+        # The virtual leader has no body: its position is its control point.
+        self._offset = 0.0 if name == mission.leader else spec.control_point_offset
+        self._top_speed = spec.top_speed
+        self._filter = mission.law.velocity_filter
+        self._track: neighbour.Track | None = None
+
+    def take_position(self, pose: Pose, arrived: float, now: Now) -> None:
+        """Learn from its published pose. Raises BadMessage."""
+        self._see(control_point(pose.position, pose.heading, self._offset), pose.stamp, arrived, now)
+
+    def take_displacement(
+        self, measured: Displacement, me: complex, heading: complex, arrived: float, now: Now
+    ) -> None:
+        """Learn from a displacement measured on my own body, at my control point `me`. Raises BadMessage."""
+        self._see(me + heading * measured.displacement, measured.stamp, arrived, now)
+        self.displacement = measured.displacement
+
+    def _see(self, point: complex, stamp: float, arrived: float, now: Now) -> None:
+        elapsed = self.stream.admit(stamp, arrived, now)
+        if elapsed is None or self._track is None:
+            self._track = neighbour.first_seen(stamp, point)
+        else:
+            self._track = neighbour.seen(self._track, stamp, point, self._filter, self._top_speed)
+
+    def fresh(self, now: Now) -> bool:
+        """Whether it can be followed."""
+        return self._track is not None and self.stream.fresh(now)
+
+    @property
+    def velocity(self) -> complex:
+        """Estimated velocity of its control point [m/s; world frame]."""
+        return self._track.velocity if self._track else 0j
+
+    def point(self, now: Now, my_age: float, *, carry: bool) -> complex:
+        """Its control point when my own measurement, `my_age` [s] old, was made [m; world frame]."""
+        if self._track is None:
+            raise ValueError(f"{self.name} has not been seen yet")
+        if not carry:
+            return complex(self._track.point)
+        older = self.stream.age(now) - my_age
+        return complex(neighbour.carried_to(self._track, self._track.stamp + older, self.stream.limit))
+
+
+def measured(
+    fresh: Iterable[Neighbour],
+    desired: complex,
+    me: complex,
+    heading: complex,
+    law: LawSpec,
+    *,
+    now: Now,
+    my_age: float,
+    as_measured: bool,
+) -> Measured:
+    """The law's input over the `fresh` neighbours (at least one).
+
+    `desired` is Σ_j z*_ij over them [m; world frame], `me` my control point. `as_measured` takes a sensor's
+    displacements as they stand, for the paper's law.
+    """
+    relative, velocity, count = 0j, 0j, 0
+    for one in fresh:
+        if as_measured:
+            relative += one.displacement
+        else:
+            relative += heading.conjugate() * (one.point(now, my_age, carry=law.delay_compensation) - me)
+        velocity += one.velocity
+        count += 1
+    return Measured(relative, desired, count, velocity / count if law.feed_forward else 0j)

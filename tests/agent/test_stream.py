@@ -1,0 +1,105 @@
+"""Freshness and time of a stream of stamped messages."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agent.stream import Stream
+from formation.wire import BadMessage, Now
+
+EPOCH = 1.7e9
+RATE = 20.0
+PERIOD = 1.0 / RATE
+
+
+def at(mono: float, clock_error: float = 0.0) -> Now:
+    return Now(mono, EPOCH + mono + clock_error)
+
+
+def stream_after(*moments: float, sender_error: float = 0.0) -> Stream:
+    stream = Stream(RATE)
+    for moment in moments:
+        stream.admit(EPOCH + moment + sender_error, moment, at(moment))
+    return stream
+
+
+def test_nothing_is_fresh_before_the_first_message():
+    stream = Stream(RATE)
+    assert not stream.fresh(at(0.0))
+    assert stream.silence(at(0.0)) == float("inf")
+
+
+def test_a_stream_is_fresh_for_three_periods_and_no_longer():
+    stream = stream_after(0.0)
+    assert stream.fresh(at(3 * PERIOD - 1e-9))
+    assert not stream.fresh(at(3 * PERIOD + 1e-6))
+
+
+def test_the_interval_between_two_messages_is_the_senders_not_the_arrivals():
+    stream = stream_after(0.0)
+    assert stream.admit(EPOCH + 0.050, 0.057, at(0.057)) == pytest.approx(0.050, abs=1e-6)
+
+
+def test_the_first_message_and_the_first_after_silence_are_fresh_starts():
+    stream = Stream(RATE)
+    assert stream.admit(EPOCH, 0.0, at(0.0)) is None
+    assert stream.admit(EPOCH + 1.0, 1.0, at(1.0)) is None
+
+
+def test_a_replayed_message_is_refused_and_changes_nothing():
+    stream = stream_after(0.0, 0.05)
+    with pytest.raises(BadMessage, match="out of step"):
+        stream.admit(EPOCH + 0.05, 0.06, at(0.06))
+    assert stream.stamp == pytest.approx(EPOCH + 0.05)
+    assert stream.arrived == 0.05
+
+
+def test_a_message_that_overtook_another_wins():
+    stream = stream_after(0.0, 0.10)
+    with pytest.raises(BadMessage):
+        stream.admit(EPOCH + 0.05, 0.101, at(0.101))
+
+
+@pytest.mark.parametrize("step", [-3600.0, -10.0, 10.0, 3600.0])
+def test_a_sender_whose_clock_is_set_costs_one_message_and_is_then_followed(step):
+    stream = stream_after(0.0, 0.05)
+    with pytest.raises(BadMessage):
+        stream.admit(EPOCH + 0.10 + step, 0.10, at(0.10))
+    assert stream.admit(EPOCH + 0.15 + step, 0.15, at(0.15)) is None
+    assert stream.admit(EPOCH + 0.20 + step, 0.20, at(0.20)) == pytest.approx(0.05, abs=1e-6)
+    assert stream.fresh(at(0.20))
+    assert not stream.clock_agrees(at(0.20))
+
+
+@pytest.mark.parametrize("days", [-20_000.0, -2.0, 2.0, 20_000.0])
+def test_a_stamp_days_away_is_no_time_at_all(days):
+    with pytest.raises(BadMessage, match="absurd stamp"):
+        Stream(RATE).admit(EPOCH + days * 86_400.0, 0.0, at(0.0))
+
+
+def test_age_is_by_the_stamp_while_that_is_believable():
+    stream = stream_after(0.0)
+    stream.admit(EPOCH + 0.05, 0.08, at(0.08))  # 30 ms on the way
+    assert stream.age(at(0.10)) == pytest.approx(0.05, abs=1e-6)
+
+
+@pytest.mark.parametrize("error", [-10.0, -0.5, 0.5, 10.0])
+def test_age_is_by_arrival_where_the_senders_clock_is_off(error):
+    stream = stream_after(0.0, sender_error=error)
+    assert not stream.clock_agrees(at(0.02))
+    assert stream.age(at(0.02)) == pytest.approx(0.02)
+
+
+@given(st.lists(st.tuples(st.floats(-1e7, 1e7), st.floats(0.0, 0.5)), max_size=30))
+def test_whatever_the_stamps_an_admitted_interval_is_positive_and_no_longer_than_the_wait(messages):
+    stream, mono = Stream(RATE), 0.0
+    for offset, wait in messages:
+        mono += wait
+        try:
+            elapsed = stream.admit(EPOCH + mono + offset, mono, at(mono))
+        except BadMessage:
+            continue
+        assert elapsed is None or 0.0 < elapsed <= 2 * stream.limit
+        assert 0.0 <= stream.age(at(mono)) <= stream.limit
