@@ -1,1 +1,1 @@
-"""Everything that puts the processes in place: the `formation` command, the local launcher, missions, the environment."""
+"""What puts the processes in place: the `formation` command, the launcher, missions, the environment."""

@@ -188,14 +188,16 @@ def new_environment(environment: Path) -> list[str]:
 
 def has_module(python: str, name: str) -> bool:
     """Whether that Python can import the module."""
-    return subprocess.run([python, "-c", f"import {name}"], capture_output=True, check=False).returncode == 0
+    command = [python, "-c", f"import {name}"]
+    return subprocess.run(command, env=clean(os.environ), capture_output=True, check=False).returncode == 0
 
 
 def some_pip() -> list[str] | None:
     """A pip that can install into another environment (22.3 or newer), or None."""
     for command in ([sys.executable, "-m", "pip"], ["pip3"], ["pip"]):
         if shutil.which(command[0]) is not None:
-            answer = subprocess.run([*command, "--version"], capture_output=True, text=True, check=False)
+            asked = [*command, "--version"]
+            answer = subprocess.run(asked, env=clean(os.environ), capture_output=True, text=True, check=False)
             if release(answer.stdout.removeprefix("pip ")) >= (22, 3):
                 return command
     return None
