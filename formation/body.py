@@ -1,0 +1,90 @@
+"""The body that stands in for hardware: what becomes of a command, and what the odometry makes of it.
+
+Not in the paper, whose robots do at once and exactly what they are told: that is the `ideal` profile.
+Pure, for one robot or an array of robots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from formation.mission import SimulatedRobot
+from formation.plane import Reals, clip
+from formation.unicycle import Command
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """A robot's drive and odometry."""
+
+    lag: float = 0.0
+    """Time constant of the wheels, first order [s]."""
+    max_speed: float = float("inf")
+    """Clamp of the firmware [m/s]."""
+    max_turn_rate: float = float("inf")
+    """Clamp of the firmware [rad/s]."""
+    speed_step: float = 0.0
+    """Commands are cut to multiples of this, towards zero [m/s]; 0 for none."""
+    turn_rate_step: float = 0.0
+    """The same for turn rates [rad/s]."""
+    position_noise: float = 0.0
+    """Standard deviation of each odometry position, per axis [m]."""
+    heading_noise: float = 0.0
+    """Standard deviation of each odometry heading [rad]; the law does not read it."""
+    drift: float = 0.0
+    """Odometry error that grows with the path, as a share of it."""
+
+    @staticmethod
+    def of(spec: SimulatedRobot) -> Body:
+        """The body that a mission's [simulated_robot] describes: its profile, and departures from it."""
+        return replace(PROFILES[spec.profile], **spec.model_dump(exclude={"profile"}, exclude_none=True))
+
+    def without_errors(self) -> Body:
+        """The same drive with a perfect odometry."""
+        return replace(self, position_noise=0.0, heading_noise=0.0, drift=0.0)
+
+    def obeyed(self, command: Command) -> Command:
+        """The command as the firmware takes it: cut to steps, then clamped."""
+        return Command(
+            clip(_cut(command.speed, self.speed_step), self.max_speed),
+            clip(_cut(command.turn_rate, self.turn_rate_step), self.max_turn_rate),
+        )
+
+    def drive(self, moving: Command, obeyed: Command, dt: float) -> tuple[Command, Command]:
+        """`dt` [s] of wheels that lag: mean speed and turn rate over it, and those at its end.
+
+        `moving` is what the robot did before, `obeyed` what it is told now. Exact for a constant command.
+        """
+        if self.lag <= 0.0:
+            return obeyed, obeyed
+        share = -float(np.expm1(-dt / self.lag))
+        mean = share * self.lag / dt
+        return (
+            Command(*(told + mean * (did - told) for did, told in zip(moving, obeyed, strict=True))),
+            Command(*(did + share * (told - did) for did, told in zip(moving, obeyed, strict=True))),
+        )
+
+
+def _cut(value: Reals, step: float) -> Any:
+    """`value` cut towards zero to a multiple of `step`; a multiple but for rounding stays what it is."""
+    if step <= 0.0:
+        return value
+    return np.trunc(value / step + np.sign(value) * 1e-6) * step
+
+
+PROFILES: Mapping[str, Body] = MappingProxyType(
+    {
+        "ideal": Body(),
+        # Steps and clamps as TurtleBot3's firmware has them, under its data sheet's 0.22 and 2.84; the lag
+        # stands for the motors' velocity loop and is an estimate.
+        "turtlebot3_burger": Body(
+            lag=0.05, max_speed=0.2108, max_turn_rate=2.635, speed_step=0.01, turn_rate_step=0.01
+        ),
+    }
+)
+"""Bodies that a mission may name."""
