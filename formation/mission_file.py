@@ -71,7 +71,7 @@ def _sentence(error: ValidationError) -> str:
     # an unknown key explains the missing one beside it, so it comes first
     first = min(details, key=lambda detail: detail["type"] != "extra_forbidden")
     # a wrong default is wrong again in every robot that inherits it: that is one mistake
-    distinct = {(detail["loc"][-1], repr(detail["input"])) for detail in details}
+    distinct = {(detail["loc"][-1:], repr(detail["input"])) for detail in details}
     others = f" (and {len(distinct) - 1} more)" if len(distinct) > 1 else ""
     return f"{_explain(first)}{others}"
 
@@ -100,7 +100,7 @@ def _explain(detail: ErrorDetails) -> str:
 
 
 def _value(value: Any) -> str:
-    text = "nothing" if value is None else repr(value)
+    text = "nothing" if value is None else repr(list(value) if isinstance(value, tuple) else value)
     return text if len(text) <= 80 else text[:77] + "..."
 
 

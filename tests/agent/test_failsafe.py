@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -22,41 +23,45 @@ FINE = Facts(
     fresh=1,
 )
 
-DOUBTS = [
-    (dict(latched="stop"), State.STOP, "stopped by the operator"),
-    (dict(latched="hold"), State.HOLD, "held by the operator"),
-    (dict(finite=False), State.HOLD, "no finite command"),
-    (dict(odometry_silence=NEVER), State.WAITING, "no odometry yet"),
-    (dict(odometry_silence=0.16), State.HOLD, "odometry silent for 0.16 s"),
-    (dict(jumped=0.8), State.HOLD, "odometry jumped 0.80 m"),
-    (dict(order=None), State.WAITING, "no order from the leader yet"),
-    (dict(beat_silence=LEADER_LOST + 0.2), State.HOLD, "beat stopped 1.2 s ago"),
-    (dict(order=RUN.model_copy(update={"mode": "stop"})), State.STOP, "stopped by the leader"),
-    (dict(order=RUN.model_copy(update={"mode": "hold"})), State.HOLD, "held by the leader"),
-    (dict(fresh=0, neighbours={"robot1": 0.4}), State.HOLD, "no neighbour is fresh: robot1 0.40 s"),
+DOUBTS: list[tuple[dict[str, Any], State, str]] = [
+    ({"latched": "stop"}, State.STOP, "stopped by the operator"),
+    ({"latched": "hold"}, State.HOLD, "held by the operator"),
+    ({"finite": False}, State.HOLD, "no finite command"),
+    ({"odometry_silence": NEVER}, State.WAITING, "no odometry yet"),
+    ({"odometry_silence": 0.16}, State.HOLD, "odometry silent for 0.16 s"),
+    ({"jumped": 0.8}, State.HOLD, "odometry jumped 0.80 m"),
+    ({"order": None}, State.WAITING, "no order from the leader yet"),
+    ({"beat_silence": LEADER_LOST + 0.2}, State.HOLD, "beat stopped 1.2 s ago"),
+    ({"order": RUN.model_copy(update={"mode": "stop"})}, State.STOP, "stopped by the leader"),
+    ({"order": RUN.model_copy(update={"mode": "hold"})}, State.HOLD, "held by the leader"),
+    ({"fresh": 0, "neighbours": {"robot1": 0.4}}, State.HOLD, "no neighbour is fresh: robot1 0.40 s"),
 ]
 
 
-def test_a_robot_runs_when_there_is_no_doubt():
+def test_a_robot_runs_when_there_is_no_doubt() -> None:
     assert decide(FINE).state is State.RUN
 
 
 @pytest.mark.parametrize(("doubt", "state", "reason"), DOUBTS)
-def test_every_single_doubt_keeps_the_robot_from_running_and_is_named(doubt, state, reason):
+def test_every_single_doubt_keeps_the_robot_from_running_and_is_named(
+    doubt: dict[str, Any], state: State, reason: str
+) -> None:
     decision = decide(replace(FINE, **doubt))
     assert decision.state is state
     assert reason in decision.reason
 
 
-def test_every_row_of_the_table_is_reached_by_some_doubt():
-    reached = {next(i for i, row in enumerate(TABLE) if row.applies(replace(FINE, **d))) for d, _, _ in DOUBTS}
+def test_every_row_of_the_table_is_reached_by_some_doubt() -> None:
+    reached = {
+        next(i for i, row in enumerate(TABLE) if row.applies(replace(FINE, **d))) for d, _, _ in DOUBTS
+    }
     assert reached | {len(TABLE) - 1} == set(range(len(TABLE)))
 
 
-def test_only_the_last_row_lets_a_robot_run():
+def test_only_the_last_row_lets_a_robot_run() -> None:
     assert [row.state for row in TABLE].index(State.RUN) == len(TABLE) - 1
 
 
 @pytest.mark.parametrize(("doubt", "_state", "_reason"), DOUBTS)
-def test_an_operators_stop_outranks_everything(doubt, _state, _reason):
+def test_an_operators_stop_outranks_everything(doubt: dict[str, Any], _state: State, _reason: str) -> None:
     assert decide(replace(FINE, **{**doubt, "latched": "stop"})).reason == "stopped by the operator"

@@ -25,30 +25,30 @@ def stream_after(*moments: float, sender_error: float = 0.0) -> Stream:
     return stream
 
 
-def test_nothing_is_fresh_before_the_first_message():
+def test_nothing_is_fresh_before_the_first_message() -> None:
     stream = Stream(RATE)
     assert not stream.fresh(at(0.0))
     assert stream.silence(at(0.0)) == float("inf")
 
 
-def test_a_stream_is_fresh_for_three_periods_and_no_longer():
+def test_a_stream_is_fresh_for_three_periods_and_no_longer() -> None:
     stream = stream_after(0.0)
     assert stream.fresh(at(3 * PERIOD - 1e-9))
     assert not stream.fresh(at(3 * PERIOD + 1e-6))
 
 
-def test_the_interval_between_two_messages_is_the_senders_not_the_arrivals():
+def test_the_interval_between_two_messages_is_the_senders_not_the_arrivals() -> None:
     stream = stream_after(0.0)
     assert stream.admit(EPOCH + 0.050, 0.057, at(0.057)) == pytest.approx(0.050, abs=1e-6)
 
 
-def test_the_first_message_and_the_first_after_silence_are_fresh_starts():
+def test_the_first_message_and_the_first_after_silence_are_fresh_starts() -> None:
     stream = Stream(RATE)
     assert stream.admit(EPOCH, 0.0, at(0.0)) is None
     assert stream.admit(EPOCH + 1.0, 1.0, at(1.0)) is None
 
 
-def test_a_replayed_message_is_refused_and_changes_nothing():
+def test_a_replayed_message_is_refused_and_changes_nothing() -> None:
     stream = stream_after(0.0, 0.05)
     with pytest.raises(BadMessage, match="out of step"):
         stream.admit(EPOCH + 0.05, 0.06, at(0.06))
@@ -56,14 +56,14 @@ def test_a_replayed_message_is_refused_and_changes_nothing():
     assert stream.arrived == 0.05
 
 
-def test_a_message_that_overtook_another_wins():
+def test_a_message_that_overtook_another_wins() -> None:
     stream = stream_after(0.0, 0.10)
     with pytest.raises(BadMessage):
         stream.admit(EPOCH + 0.05, 0.101, at(0.101))
 
 
 @pytest.mark.parametrize("step", [-3600.0, -10.0, 10.0, 3600.0])
-def test_a_sender_whose_clock_is_set_costs_one_message_and_is_then_followed(step):
+def test_a_sender_whose_clock_is_set_costs_one_message_and_is_then_followed(step: float) -> None:
     stream = stream_after(0.0, 0.05)
     with pytest.raises(BadMessage):
         stream.admit(EPOCH + 0.10 + step, 0.10, at(0.10))
@@ -74,26 +74,28 @@ def test_a_sender_whose_clock_is_set_costs_one_message_and_is_then_followed(step
 
 
 @pytest.mark.parametrize("days", [-20_000.0, -2.0, 2.0, 20_000.0])
-def test_a_stamp_days_away_is_no_time_at_all(days):
+def test_a_stamp_days_away_is_no_time_at_all(days: float) -> None:
     with pytest.raises(BadMessage, match="absurd stamp"):
         Stream(RATE).admit(EPOCH + days * 86_400.0, 0.0, at(0.0))
 
 
-def test_age_is_by_the_stamp_while_that_is_believable():
+def test_age_is_by_the_stamp_while_that_is_believable() -> None:
     stream = stream_after(0.0)
     stream.admit(EPOCH + 0.05, 0.08, at(0.08))  # 30 ms on the way
     assert stream.age(at(0.10)) == pytest.approx(0.05, abs=1e-6)
 
 
 @pytest.mark.parametrize("error", [-10.0, -0.5, 0.5, 10.0])
-def test_age_is_by_arrival_where_the_senders_clock_is_off(error):
+def test_age_is_by_arrival_where_the_senders_clock_is_off(error: float) -> None:
     stream = stream_after(0.0, sender_error=error)
     assert not stream.clock_agrees(at(0.02))
     assert stream.age(at(0.02)) == pytest.approx(0.02)
 
 
 @given(st.lists(st.tuples(st.floats(-1e7, 1e7), st.floats(0.0, 0.5)), max_size=30))
-def test_whatever_the_stamps_an_admitted_interval_is_positive_and_no_longer_than_the_wait(messages):
+def test_whatever_the_stamps_an_admitted_interval_is_positive_and_no_longer_than_the_wait(
+    messages: list[tuple[float, float]],
+) -> None:
     stream, mono = Stream(RATE), 0.0
     for offset, wait in messages:
         mono += wait

@@ -1,0 +1,115 @@
+"""A mission file is legal, or it gets one clear error: file, key, value, and what is legal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from formation.mission import Straight
+from formation.mission_file import MissionError, load, parse, read, shipped
+
+SIX = read("six_robots")[0]
+
+
+def error_of(old: str, new: str) -> str:
+    assert old in SIX
+    with pytest.raises(MissionError) as caught:
+        parse(SIX.replace(old, new, 1), "six.toml")
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_every_shipped_mission_is_legal(name: str) -> None:
+    assert load(name).name == name.replace("_", "-")
+
+
+def test_the_default_mission_is_the_papers_section_4() -> None:
+    mission = load("six_robots")
+    assert (mission.law.kind, mission.law.k_p, mission.law.k_i) == ("field", 2.0, 1.0)
+    assert len(mission.followers) == 5
+    assert {mission.robots[name].control_point_offset for name in mission.followers} == {0.2}
+    assert {mission.robots[name].max_speed for name in mission.followers} == {1.5}
+    headings = [mission.robots[f"robot{i}"].start.heading_deg for i in range(2, 7)]
+    assert headings == [90.0, 60.0, 120.0, -30.0, 60.0]
+    (leg,) = mission.route
+    assert isinstance(leg, Straight)
+    assert (leg.speed, leg.heading_deg) == (0.2, 30.0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("k_p = 2.0", "kp = 2.0", ["unknown key law.kp", "legal here", "k_p"]),
+        ("k_p = 2.0", "k_p = nan", ["law.k_p = nan", "finite"]),
+        ("k_p = 2.0", "k_p = inf", ["law.k_p = inf", "finite"]),
+        ("k_p = 2.0", "k_p = -1", ["law.k_p = -1", "greater than 0"]),
+        ("k_p = 2.0", 'k_p = "2"', ["law.k_p = '2'", "number"]),
+        ("[law] ", "[law]\nkind = 'fild'", ["law.kind = 'fild'", "'field' or 'paper'"]),
+        ("max_speed = 1.5", "max_spede = 1.5", ["unknown key robot.max_spede", "max_speed"]),
+        ("rate = 20", "rate = 0", ["robot.rate = 0", "greater than or equal to 1"]),
+        ('["robot1"]', '["robot9"]', ["robots.robot2.neighbours", "'robot9'", "unknown robot", "robot1"]),
+        ('["robot1"]', '["robot2"]', ["robots.robot2.neighbours", "'robot2'", "own neighbour"]),
+        ('["robot1", "robot2"]', '["robot1", "robot1"]', ["robots.robot3.neighbours", "'robot1'", "twice"]),
+        ('["robot1"]', '"robot1"', ["robots.robot2.neighbours = 'robot1'", "list"]),
+        ("speed = 0.2 ", "speed = 1.5 ", ["route.0.speed = 1.5", "below", "max_speed of 1.5"]),
+        ("speed = 0.2 ", "sped = 0.2 ", ["unknown key route.0.sped", "speed, heading_deg, duration"]),
+        ("x = -3.0, y = 1.5", "x = -1.5, y = 2.1", ["robots.robot3.start", "both radii", "robot2", "0.1 m"]),
+        ('leader = "robot1"', 'leader = "robo"', ["leader = 'robo'", "must be one of the robots", "robot1"]),
+        ('leader = "robot1"', 'leader = "robot1"\nleader = "robot2"', ["not valid TOML", "line 5"]),
+        ("robot2 = [-0.5, 0.866025]", "", ["shapes.hexagon", "no slot for robot2"]),
+        ("robot2 = [-0.5, 0.866025]", "robot2 = [-0.5]", ["shapes.hexagon.robot2 = [-0.5]", "two numbers"]),
+        (
+            "x = -1.5, y = 2.0",
+            "x = -1.5, z = 2.0",
+            ["unknown key robots.robot2.start.z", "x, y, heading_deg"],
+        ),
+        ("[simulation]", '[simulation]\nstep = "fast"', ["simulation.step = 'fast'", "number"]),
+    ],
+)
+def test_a_mistake_is_named_with_file_key_value_and_what_is_legal(
+    old: str, new: str, says: list[str]
+) -> None:
+    error = error_of(old, new)
+    assert error.startswith("six.toml: ")
+    assert "\n" not in error
+    for words in says:
+        assert words in error
+
+
+def test_robots_without_a_path_to_the_leader_are_named() -> None:
+    text = SIX.replace('["robot2", "robot3"]', '["robot5"]').replace('["robot3", "robot4"]', '["robot4"]')
+    with pytest.raises(MissionError, match="from robot4, robot5, robot6 to the leader 'robot1'") as caught:
+        parse(text.replace('["robot4", "robot5"]', '["robot5"]'), "six.toml")
+    assert "robots.robot4.neighbours = ['robot5']" in str(caught.value)
+
+
+def test_a_leg_without_a_duration_must_be_the_last() -> None:
+    text = SIX.replace("[simulation]", "[[route]]\nspeed = 0.1\nheading_deg = 0\n\n[simulation]")
+    with pytest.raises(MissionError, match=r"route\.0\.duration = nothing: only the last leg"):
+        parse(text, "six.toml")
+
+
+def test_a_mistake_in_the_defaults_is_one_mistake() -> None:
+    assert "more" not in error_of("rate = 20", "rate = 0")
+
+
+def test_an_unknown_mission_names_the_shipped_ones() -> None:
+    with pytest.raises(MissionError, match=r"nowhere: no such file.*six_robots"):
+        load("nowhere")
+
+
+def test_a_folder_or_a_binary_file_is_no_mission(tmp_path: Path) -> None:
+    with pytest.raises(MissionError, match="cannot be read"):
+        load(tmp_path)
+    binary = tmp_path / "mission.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(MissionError, match="UTF-8"):
+        load(binary)
+
+
+def test_a_robots_own_table_outranks_the_defaults() -> None:
+    text = SIX.replace("[robots.robot2]", "[robots.robot2]\nmax_speed = 0.5")
+    mission = parse(text)
+    assert mission.robots["robot2"].max_speed == 0.5
+    assert mission.robots["robot3"].max_speed == 1.5

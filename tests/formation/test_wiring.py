@@ -1,0 +1,48 @@
+"""Links follow the measurement graph and nothing else."""
+
+from __future__ import annotations
+
+import pytest
+
+from formation import wiring
+from formation.mission_file import load, shipped
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_a_link_exists_exactly_where_one_of_two_robots_measures_the_other(name: str) -> None:
+    mission = load(name)
+    where = wiring.endpoints(mission)
+    owner = {endpoint: robot for robot, endpoint in where.agents.items()}
+    links = [
+        frozenset((robot, owner[dialled]))
+        for robot in mission.followers
+        for dialled in wiring.of_agent(mission, robot, where).connect
+        if dialled in owner
+    ]
+    measured = {frozenset((i, j)) for i in mission.names for j in mission.robots[i].neighbours}
+    assert len(links) == len(set(links))
+    assert set(links) == measured
+
+
+def test_an_agent_listens_once_and_dials_its_own_robot() -> None:
+    mission = load("six_robots")
+    where = wiring.endpoints(mission)
+    links = wiring.of_agent(mission, "robot3", where)
+    assert links.listen == (where.agents["robot3"],)
+    assert where.robots["robot3"] in links.connect
+    assert where.robots["robot2"] not in links.connect
+
+
+def test_nobody_dials_the_monitor_and_the_monitor_dials_everybody() -> None:
+    mission = load("six_robots")
+    where = wiring.endpoints(mission)
+    monitor = wiring.of_monitor(where)
+    assert monitor.listen == ()
+    assert set(monitor.connect) == {*where.agents.values(), *where.robots.values()}
+
+
+def test_no_two_processes_listen_on_one_endpoint() -> None:
+    for name in shipped():
+        where = wiring.endpoints(load(name))
+        listened = [*where.agents.values(), *where.robots.values()]
+        assert len(listened) == len(set(listened))
