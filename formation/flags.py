@@ -1,0 +1,80 @@
+"""The flags that every process has: the mission, the links as Zenoh users know them, and who watches it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from formation.bus_config import MODES, BusConfig, parse_override
+from formation.mission import Mission
+from formation.wiring import Links
+
+LEVELS = ("debug", "info", "warning", "error")
+
+
+def parser(command: str, what: str, examples: str) -> argparse.ArgumentParser:
+    """A parser for `formation COMMAND` with the shared flags; `examples` stand, as they are, at its end."""
+    flags = argparse.ArgumentParser(
+        prog=f"formation {command}",
+        description=what,
+        epilog=f"examples:\n{examples}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    flags.add_argument("mission", metavar="MISSION", help="mission file, or the name of a shipped mission")
+    links = flags.add_argument_group("links (without -l and -e those that the mission implies)")
+    links.add_argument("-m", "--mode", choices=MODES, help="Zenoh session mode (default: peer)")
+    links.add_argument(
+        "-e", "--connect", metavar="ENDPOINT", action="append", default=[],
+        help="endpoint to dial, such as tcp/192.168.1.12:7447; repeatable",
+    )  # fmt: skip
+    links.add_argument(
+        "-l", "--listen", metavar="ENDPOINT", action="append", default=[],
+        help="endpoint to accept links on; repeatable",
+    )  # fmt: skip
+    links.add_argument("-c", "--config", metavar="FILE", type=Path, help="Zenoh configuration file (JSON5)")
+    links.add_argument(
+        "--cfg", metavar="KEY:VALUE", action="append", default=[],
+        help="one Zenoh setting, which outranks all others, such as transport/link/tx/lease:2000; repeatable",
+    )  # fmt: skip
+    links.add_argument(
+        "--no-multicast-scouting", action="store_true", help="accepted; multicast is always off"
+    )
+    under = flags.add_argument_group("under a supervisor")
+    under.add_argument(
+        "--await-monitor", metavar="SECONDS", type=_seconds, default=0.0,
+        help="publish nothing until a monitor records this process, at most so long (default: 0)",
+    )  # fmt: skip
+    under.add_argument(
+        "--parent", metavar="PID", type=int, help="stop cleanly once this is no longer the parent process"
+    )
+    under.add_argument("--log-level", choices=LEVELS, default="info", help="(default: info)")
+    return flags
+
+
+def bus_config(args: argparse.Namespace, mission: Mission, default: Links, name: str) -> BusConfig:
+    """How a process called `name` wants to be on the bus. Raises BusError for flags that cannot work.
+
+    `default` are the links that the mission implies; one -l or -e replaces them all.
+    """
+    given = Links(tuple(args.listen), tuple(args.connect))
+    listen, connect = given if any(given) else default
+    return BusConfig(
+        listen=listen,
+        connect=connect,
+        mode=args.mode,
+        namespace=mission.team or "",
+        config_file=args.config,
+        overrides=tuple(parse_override(text) for text in args.cfg),
+        name=name,
+    )
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = -1.0
+    if not 0.0 <= seconds <= 3600.0:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be seconds from 0 to 3600")
+    return seconds

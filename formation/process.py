@@ -1,0 +1,227 @@
+"""What the main functions of all processes share: signals, the loop, exit codes, and what goes to stdout.
+
+A process is ``update → step → publish → wait`` around a pure core (`Process.run`). For programs it says on
+stdout, one JSON object a line, that it is ready and, at its end, what it published and received; for people
+it logs to stderr. Exit codes: 0 well, 1 failed, 2 bad input, 128 + signal if forced.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import math
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from types import FrameType, TracebackType
+from typing import Any, Protocol, Self
+
+from formation.bus import Bus
+from formation.bus_config import BusConfig, BusError
+from formation.mission_file import MissionError
+from formation.topics import Topic
+from formation.wire import Now, Outgoing, Sample
+
+WELL, FAILED, BAD_INPUT = 0, 1, 2
+GRACE = 1.0
+"""A signal this long after the first one forces [s]. A sooner one says the same thing twice: a terminal's
+Ctrl-C reaches the whole process group, and the supervisor passes it on."""
+WATCH = 0.2
+"""How often a process with nothing to do looks for its parent [s]."""
+_log = logging.getLogger(__name__)
+
+
+class BadInput(ValueError):  # noqa: N818 - it is the input that is bad
+    """What the user asked for cannot be; the text names it and says what is legal."""
+
+
+class Core(Protocol):
+    """A process without its transport: bytes in, bytes out, no clock of its own."""
+
+    @property
+    def publications(self) -> Iterable[tuple[Topic, str]]:
+        """Every topic and key that it publishes."""
+
+    @property
+    def subscriptions(self) -> Iterable[str]:
+        """Every key that it listens to."""
+
+    @property
+    def due(self) -> float:
+        """When it wants a step though nothing arrives [s, monotonic]."""
+
+    @property
+    def dropped(self) -> Mapping[str, int]:
+        """How many messages it did not use, by key."""
+
+    def step(self, now: Now, inbox: Sequence[Sample]) -> Iterable[Outgoing]:
+        """Take what arrived, give what is to be published. May be called at any time."""
+
+    def halt(self, now: Now, reason: str) -> Iterable[Outgoing]:
+        """The last words: what leaves the team safe when this process is gone."""
+
+
+class Stop:
+    """Turns SIGINT and SIGTERM, and the parent's death, into the wish to stop.
+
+    The first signal is polite. One that comes later than `GRACE` after it ends the process on the spot.
+    """
+
+    def __init__(self, parent: int | None = None) -> None:
+        self.reason = ""
+        """Why to stop; empty as long as there is no reason."""
+        self._parent = parent
+        self._since = math.inf  # when the first signal came [s, monotonic]
+        self._wake: Callable[[], None] | None = None
+        self._before: dict[signal.Signals, Any] = {}
+
+    def __enter__(self) -> Self:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self._before[number] = signal.signal(number, self._on_signal)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def __bool__(self) -> bool:
+        """Whether to stop."""
+        if not self.reason and self._parent is not None and os.getppid() != self._parent:
+            self.reason = f"the parent process {self._parent} is gone"
+        return bool(self.reason)
+
+    def wakes(self, wake: Callable[[], None]) -> None:
+        """Have `wake` called by a signal, so that nobody sleeps through it."""
+        self._wake = wake
+
+    def _on_signal(self, number: int, _frame: FrameType | None) -> None:
+        now = time.monotonic()
+        if now - self._since > GRACE:
+            os._exit(128 + number)
+        self._since = min(self._since, now)
+        self.reason = self.reason or signal.Signals(number).name
+        if self._wake is not None:
+            self._wake()
+
+
+class Process:
+    """A process on the bus. As a context manager it opens the bus, and closes it whatever happens."""
+
+    def __init__(self, name: str, args: argparse.Namespace, config: BusConfig, stop: Stop) -> None:
+        """`name` is what stdout calls the process, such as ``agent robot2``. Raises BusError."""
+        self.name = name
+        self.stop = stop
+        self.bus = Bus(config)
+        self._await_monitor: float = args.await_monitor
+        self._dropped: Mapping[str, int] = {}
+        stop.wakes(self.bus.wake)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.bus.close()
+        say(
+            "summary",
+            process=self.name,
+            published=dict(self.bus.published),
+            received=dict(self.bus.received),
+            dropped={**self._dropped, "overflowed": self.bus.overflowed},
+        )
+
+    def declare(self, core: Core) -> None:
+        """Declare all that `core` publishes and listens to. Raises BusError."""
+        for topic, key in core.publications:
+            self.bus.advertise(topic, key)
+        for key in core.subscriptions:
+            self.bus.subscribe(key)
+
+    def ready(self, background_key: str) -> None:
+        """Say that all is declared; then, if asked to, wait until a monitor listens to `background_key`.
+
+        The monitor subscribes to background topics last, so once it hears this one it hears all.
+        """
+        say("ready", process=self.name)
+        deadline = time.monotonic() + self._await_monitor
+        while not (self.stop or self.bus.watched(background_key)):
+            left = deadline - time.monotonic()
+            if left <= 0.0:
+                if self._await_monitor > 0.0:
+                    _log.warning("no monitor after %g s; starting without", self._await_monitor)
+                return
+            self.bus.serve()
+            time.sleep(min(0.01, left))
+
+    def run(self, core: Core) -> None:
+        """Step `core` on every arrival and whenever it is due, until told to stop.
+
+        Its last words are sent after a failure, too.
+        """
+        self._dropped = core.dropped
+        try:
+            while not self.stop:
+                self.bus.serve()
+                self.bus.send(core.step(clocks(), self.bus.drain()))
+                self.bus.wait(min(max(core.due - time.monotonic(), 0.0), WATCH))
+        finally:
+            self.bus.send(core.halt(clocks(), self.stop.reason or "failed"))
+        _log.info("stopped: %s", self.stop.reason)
+
+
+def clocks() -> Now:
+    """Both clocks, read together."""
+    return Now(time.monotonic(), time.time())
+
+
+def run_process(name: str, args: argparse.Namespace, main: Callable[[Stop], None]) -> int:
+    """Call ``main(stop)``; the exit code. `name` is what the log calls this process, such as ``robot2``.
+
+    Bad input is one line on stderr, any other failure is logged with its traceback.
+    """
+    log_to_stderr(name, args.log_level)
+    try:
+        with Stop(args.parent) as stop:
+            main(stop)
+    except (MissionError, BusError, BadInput) as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except Exception:  # noqa: BLE001 - the outermost frame: a failure becomes a log entry and an exit code
+        _log.exception("failed")
+        return FAILED
+    return WELL
+
+
+def one_of(flag: str, value: str, legal: Iterable[str]) -> str:
+    """`value`, if it is legal. Raises BadInput."""
+    legal = tuple(legal)
+    if value not in legal:
+        raise BadInput(f"{flag} {value!r}: must be one of {', '.join(legal)}")
+    return value
+
+
+def say(event: str, **fields: Any) -> None:
+    """Write one line of JSON to stdout. A reader that has gone away is no reason to fail."""
+    try:
+        print(json.dumps({"event": event, **fields}), flush=True)
+    except BrokenPipeError:
+        # what the interpreter flushes at its end must have somewhere to go
+        with suppress(OSError), open(os.devnull, "wb") as nowhere:  # noqa: PTH123 - a device, not a path
+            os.dup2(nowhere.fileno(), sys.stdout.fileno())
+
+
+def log_to_stderr(name: str, level: str) -> None:
+    """Log as ``12:34:56 robot2: message``."""
+    logging.basicConfig(
+        stream=sys.stderr,
+        level=level.upper(),
+        format=f"%(asctime)s {name}: %(message)s",
+        datefmt="%H:%M:%S",
+    )
