@@ -75,6 +75,13 @@ class Agent:
         command = command_topic(self._spec.cmd_vel)
         return tuple((topic, topic.key(self.robot)) for topic in (command, POSITION, STATUS))
 
+    @property
+    def due(self) -> float:
+        """When a step is wanted though nothing arrives [s, monotonic]."""
+        if self.decision.state is State.RUN:
+            return min(self._status_due, self._here.stream.stale_at)
+        return min(self._status_due, self._rest_due)
+
     def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
         """Learn from `inbox`, decide, and say what follows from it."""
         interval, moved = None, False

@@ -55,6 +55,11 @@ class Stream:
         """Time since the newest message arrived [s]; infinite before the first."""
         return float("inf") if self.arrived is None else now.mono - self.arrived
 
+    @property
+    def stale_at(self) -> float:
+        """When the stream will have been silent for too long [s, monotonic]; long ago before the first."""
+        return float("-inf") if self.arrived is None else self.arrived + self.limit
+
     def clock_agrees(self, now: Now) -> bool:
         """Whether the stamp gives a believable age, so that it may be used."""
         return 0.0 <= now.wall - self.stamp <= self.limit
