@@ -1,0 +1,135 @@
+"""How a run ended: from what its processes said to one JSON object and a few lines for people."""
+
+from __future__ import annotations
+
+import signal
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from deploy.launch import Child
+from deploy.table import metres
+from formation.mission import Mission
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """The end of a run."""
+
+    mission: Mission
+    children: Sequence[Child]
+    duration: float
+    """[s] from when all were ready."""
+    logs: Path
+    interrupted: bool = False
+
+    @property
+    def monitor(self) -> Mapping[str, Any]:
+        """What the monitor found; empty if it did not live to say it."""
+        found = (child.summary for child in self.children if child.part == "watch")
+        return next(found, None) or {}
+
+    @property
+    def converged(self) -> bool:
+        """Whether the formation error was, and stayed, under the mission's bound."""
+        return self.monitor.get("converged") is True
+
+    @property
+    def faults(self) -> list[str]:
+        """What went wrong with the processes."""
+        return [
+            f"{child.name} {how_it_ended(child)}" for child in self.children if child.exit != 0 or child.died
+        ]
+
+    @property
+    def lost(self) -> int | None:
+        """Messages that were published and not recorded; None if the monitor did not live to say."""
+        recorded = self.monitor.get("recorded")
+        if not isinstance(recorded, Mapping):
+            return None
+        published: Counter[str] = Counter()
+        for child in self.children:
+            published.update((child.summary or {}).get("published", {}))
+        return sum(count - int(recorded.get(key, 0)) for key, count in published.items())
+
+    @property
+    def exit_code(self) -> int:
+        """0 if the formation converged and every process ended well, else 1."""
+        return 0 if self.converged and not self.faults else 1
+
+    def as_json(self) -> dict[str, Any]:
+        """Everything a script may want to know."""
+        return {
+            "mission": self.mission.name,
+            "law": self.mission.law.kind,
+            "robots": len(self.mission.names),
+            "converged": self.converged,
+            "formation_error": self.monitor.get("formation_error"),
+            "settling_time": self.monitor.get("settling_time"),
+            "duration": round(self.duration, 3),
+            "interrupted": self.interrupted,
+            "recording": self.monitor.get("recording"),
+            "recorded": _total(self.monitor, "recorded"),
+            "lost": self.lost,
+            "processes": {child.name: _account(child) for child in self.children},
+        }
+
+    def words(self) -> str:
+        """The summary for people."""
+        error, settling = self.monitor.get("formation_error"), self.monitor.get("settling_time")
+        verdict = "converged" if self.converged else "not converged"
+        rows = [
+            f"{self.mission.name}, {self.mission.law.kind} law: {verdict}"
+            + (f" when it was interrupted after {self.duration:.1f} s" if self.interrupted else "")
+        ]
+        if self.monitor:
+            edges = sum(len(robot.neighbours) for robot in self.mission.robots.values())
+            under = metres(self.mission.settled)
+            when = (
+                f"under {under} since {settling:.1f} s"
+                if settling is not None
+                else f"never under {under} for good"
+            )
+            rows.append(f"  formation error  {metres(error)}, sum over {edges} edges; {when}")
+            rows.append(f"  recording        {self.monitor.get('recording')}")
+            rows.append(
+                f"  messages         {_total(self.monitor, 'recorded')} recorded, {self.lost or 'none'} lost"
+            )
+        rows.append(
+            f"  processes        {len(self.children)}" + ("" if self.faults else ", all ended as they should")
+        )
+        rows += [f"                   {fault}" for fault in self.faults]
+        if self.faults:
+            rows.append(f"  logs             {self.logs}")
+        return "\n".join(rows)
+
+
+def how_it_ended(child: Child) -> str:
+    """A sentence's end about a child that has ended, or has not."""
+    code = child.exit
+    if code is None:
+        return "is still alive"
+    if code < 0:
+        name = signal.strsignal(-code) or f"signal {-code}"
+        how = f"was killed ({name})" if child.died else f"had to be killed ({name})"
+    else:
+        how = f"ended with exit code {code}"
+    return how + (" during the run" if child.died else "")
+
+
+def _total(summary: Mapping[str, Any] | None, key: str) -> int | None:
+    counts = (summary or {}).get(key)
+    return sum(counts.values()) if isinstance(counts, Mapping) else None
+
+
+def _account(child: Child) -> dict[str, Any]:
+    return {
+        "pid": child.pid,
+        "exit": child.exit,
+        "died": child.died,
+        "published": _total(child.summary, "published"),
+        "received": _total(child.summary, "received"),
+        "dropped": _total(child.summary, "dropped"),
+    }

@@ -1,0 +1,93 @@
+"""Ports of this machine for a mission's processes, held so that nobody else takes them before they listen.
+
+A port is held by a socket that is bound and does not listen. With SO_REUSEADDR on both sides Linux lets the
+process that the port is meant for listen on it all the same; what asks for any free port never gets it.
+"""
+
+from __future__ import annotations
+
+import re
+import socket
+import sys
+from collections.abc import Iterable
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Self
+
+from formation import wiring
+from formation.mission import Mission
+from formation.wiring import Endpoints
+
+HOST = "127.0.0.1"
+
+
+class Ports:
+    """Endpoints of every process of a mission on this machine, held while the context lasts.
+
+    They are the mission's own where those are of this machine and all free, so that `formation order` finds
+    the robots without being told; else others.
+    """
+
+    def __init__(self, mission: Mission) -> None:
+        self._held = ExitStack()
+        wanted = wiring.endpoints(mission)
+        self.as_in_mission = self._hold_all((*wanted.agents.values(), *wanted.robots.values()))
+        """Whether the endpoints are those that the mission names."""
+        try:
+            self.endpoints = (
+                wanted
+                if self.as_in_mission
+                else Endpoints(
+                    {name: self._any() for name in wanted.agents},
+                    {name: self._any() for name in wanted.robots},
+                )
+            )
+        except OSError:
+            self._held.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._held.close()
+
+    def _hold_all(self, endpoints: Iterable[str]) -> bool:
+        """Hold every endpoint, or none if one is not to be had."""
+        with ExitStack() as held:
+            for endpoint in endpoints:
+                local = re.fullmatch(rf"tcp/({re.escape(HOST)}|localhost):(\d+)", endpoint)
+                try:
+                    if local is None or not _hold(int(local[2]), held):
+                        return False
+                except (OSError, OverflowError):  # it is taken, or no port at all
+                    return False
+            self._held = held.pop_all()
+        return True
+
+    def _any(self) -> str:
+        """An endpoint with a port that the system says is free."""
+        holder = self._held.enter_context(socket.socket())
+        holder.bind((HOST, 0))
+        port = holder.getsockname()[1]
+        holder.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if sys.platform != "linux":  # elsewhere a bound port is taken, reusable or not
+            holder.close()
+        return f"tcp/{HOST}:{port}"
+
+
+def _hold(port: int, held: ExitStack) -> bool:
+    """Hold a certain port, even where connections of the last run linger. OSError if it is taken."""
+    if sys.platform != "linux":
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((HOST, port))
+        return True
+    # Two launchers that start at once could both bind, since neither listens. An abstract name has one owner.
+    held.enter_context(socket.socket(socket.AF_UNIX)).bind(f"\0formation-run/{port}")
+    holder = held.enter_context(socket.socket())
+    holder.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    holder.bind((HOST, port))
+    return True

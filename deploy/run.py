@@ -1,0 +1,176 @@
+"""`formation run`: every process of a mission on this machine, watched and recorded."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from importlib.util import find_spec
+from pathlib import Path
+
+from deploy.arguments import Refusal, add_mission, as_json, number, parser, read_mission
+from deploy.launch import Child, Launcher
+from deploy.outcome import Outcome, how_it_ended
+from deploy.plan import Program, programs
+from deploy.ports import Ports
+from deploy.snapshot import Snapshot
+from deploy.table import LiveTable, PlainLines, Progress, View
+from formation.mission import Mission
+
+START_WITHIN = 30.0
+"""How long the processes have to get ready [s]."""
+REFRESH = 0.25
+"""[s] between two pictures if no snapshot comes."""
+EXAMPLES = """\
+  formation run                            the paper's six robots
+  formation run turtlebot3_pair --law paper
+  formation run my_mission.toml --duration 60 --record today.mcap --json
+
+The first Ctrl-C stops the robots and then everything else; a second one does not wait for that.
+Exit code 0: the formation converged; 1: it did not, or a process failed; 2: nothing was started.
+"""
+
+
+class StartFailed(Exception):  # noqa: N818 - not everybody got ready
+    """A process did not get ready."""
+
+    def __init__(self, child: Child) -> None:
+        super().__init__(child.name)
+        self.child = child
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run a mission; the exit code."""
+    options = _options().parse_args(arguments)
+    mission = read_mission(options.mission, options.law)
+    for package in ("rich", "mcap"):
+        if find_spec(package) is None:
+            raise ModuleNotFoundError(f"No module named {package!r}", name=package)
+    record = _recording(mission, options.record)
+    duration: float = options.duration or mission.duration
+    with ExitStack() as stack:
+        ports = stack.enter_context(Ports(mission))
+        folder = Path(tempfile.mkdtemp(prefix="formation-"))
+        launcher = stack.enter_context(Launcher(folder))
+        plan = programs(
+            mission, options.mission, ports.endpoints, parent=os.getpid(), record=record, law=options.law
+        )
+        say = sys.stderr if options.json else sys.stdout
+        print(_how_to_order(options.mission, mission, ports), file=say, flush=True)
+        progress = Progress(mission, duration, len(plan))
+        try:
+            with _view(options) as view:
+                conduct(launcher, plan, progress, view)
+        except StartFailed as failure:
+            return _tell_failed_start(failure.child)
+        outcome = Outcome(mission, launcher.children, progress.elapsed, folder, launcher.interrupted > 0)
+        return _tell(outcome, as_object=options.json)
+
+
+def conduct(launcher: Launcher, plan: Sequence[Program], progress: Progress, view: View) -> None:
+    """Start, watch for as long as it is to last or until a signal, and stop. Raises StartFailed."""
+    view.show(progress)
+    for program in plan:
+        launcher.start(program)
+    deadline = time.monotonic() + START_WITHIN
+    while not launcher.interrupted and progress.ready < len(plan):
+        failed = [child for child in launcher.children if child.died]
+        late = [child for child in launcher.children if not child.ready]
+        if failed or (late and time.monotonic() > deadline):
+            launcher.stop()
+            raise StartFailed((failed or late)[0])
+        _watch(launcher, progress, view, REFRESH)
+    begin = time.monotonic()
+    progress.phase = "running"
+    while not launcher.interrupted and progress.elapsed < progress.duration:
+        _watch(launcher, progress, view, min(REFRESH, progress.duration - progress.elapsed))
+        progress.elapsed = time.monotonic() - begin
+    progress.phase = "stopping"
+    view.show(progress)
+    launcher.stop()
+
+
+def _watch(launcher: Launcher, progress: Progress, view: View, timeout: float) -> None:
+    event = launcher.next(timeout)
+    if event is not None and event.data["event"] == "snapshot":
+        progress.see(Snapshot.of(event.data))
+    progress.ready = sum(child.ready for child in launcher.children)
+    for child in launcher.children:
+        if child.died and child.name not in progress.dead:
+            progress.dead[child.name] = how_it_ended(child)
+            progress.dead_robots.update(child.robots)
+    view.show(progress)
+
+
+def _options() -> argparse.ArgumentParser:
+    options = parser(
+        "run",
+        "Start every process of a mission on this machine, watch the formation and record it.",
+        EXAMPLES,
+    )
+    add_mission(options, default="six_robots")
+    options.add_argument(
+        "--duration", type=number(0.0, open_below=True), metavar="S", help="instead of the mission's [s]"
+    )
+    options.add_argument(
+        "--record", type=Path, metavar="FILE", help="the recording, MCAP (default: a new one in recordings/)"
+    )
+    options.add_argument("--no-table", action="store_true", help="plain lines instead of the live table")
+    options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
+    return options
+
+
+def _recording(mission: Mission, asked: Path | None) -> Path:
+    """Where the recording goes: a new file, in a folder that can be written to. Raises Refusal."""
+    path = asked or Path("recordings", f"{mission.name}-{time.strftime('%Y%m%d-%H%M%S')}.mcap")
+    if path.exists():
+        raise Refusal(f"--record {path}: exists already; name a new file")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise Refusal(f"--record {path}: {error.strerror}: {error.filename}") from None
+    if not os.access(path.parent, os.W_OK):
+        raise Refusal(f"--record {path}: the folder cannot be written to")
+    return path
+
+
+def _how_to_order(source: str, mission: Mission, ports: Ports) -> str:
+    command = f"formation order {source} stop"
+    if not ports.as_in_mission:
+        command += "".join(f" -e {end}" for end in ports.endpoints.agents.values())
+    return f"{mission.name}: Ctrl-C ends it; to halt the robots from another terminal: {command}"
+
+
+def _view(options: argparse.Namespace) -> View:
+    if options.json:
+        return PlainLines(sys.stderr)
+    if options.no_table or not sys.stdout.isatty() or os.environ.get("TERM", "dumb") == "dumb":
+        return PlainLines(sys.stdout)
+    return LiveTable(sys.stdout)
+
+
+def _tell_failed_start(child: Child) -> int:
+    how = how_it_ended(child) if not child.asked_to_end else f"was not ready within {START_WITHIN:g} s"
+    print(f"formation: {child.name} {how}; nothing runs", file=sys.stderr)
+    for line in child.last_words():
+        print(f"  | {line}", file=sys.stderr)
+    print(f"  its log: {child.log}", file=sys.stderr)
+    return 2 if child.exit == 2 else 1
+
+
+def _tell(outcome: Outcome, *, as_object: bool) -> int:
+    print(outcome.words(), file=sys.stderr if as_object else sys.stdout)
+    for child in outcome.children:
+        if child.died or child.exit:
+            for line in child.last_words():
+                print(f"  {child.name} | {line}", file=sys.stderr)
+    if not outcome.faults:
+        shutil.rmtree(outcome.logs, ignore_errors=True)
+    if as_object:
+        print(as_json(outcome.as_json()), flush=True)
+    return outcome.exit_code

@@ -1,0 +1,269 @@
+"""What `formation run` shows while it runs: a live table in a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from types import TracebackType
+from typing import Protocol, Self, TextIO
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from deploy.snapshot import RobotNow, Snapshot
+from formation.mission import Mission
+
+BLOCKS = "▁▂▃▄▅▆▇█"
+ASCII_BLOCKS = "_.-:=+*#"
+SATURATED = 0.995
+"""Share of a limit from which a command counts as at its limit."""
+LATE = 0.5
+"""Age of a position that deserves a look [s]."""
+COLOURS = {"run": "green", "hold": "yellow", "stop": "red", "waiting": "cyan", "dead": "bold red"}
+NUMBERS = ("error", "heading", "age")
+"""Columns that stand right."""
+LINE_EVERY = 2.0
+"""[s]"""
+
+
+@dataclass(slots=True)
+class Progress:
+    """The run so far."""
+
+    mission: Mission
+    duration: float
+    """[s]"""
+    processes: int
+    phase: str = "starting"
+    ready: int = 0
+    elapsed: float = 0.0
+    """[s] since all were ready."""
+    snapshot: Snapshot | None = None
+    errors: list[float] = field(default_factory=list)
+    """Formation error of every snapshot so far [m]."""
+    dead: dict[str, str] = field(default_factory=dict)
+    """Processes that ended unasked, and how."""
+    dead_robots: set[str] = field(default_factory=set)
+    """Robots whose agent is one of them."""
+
+    @property
+    def settled(self) -> bool:
+        """Whether the formation error is under the mission's bound just now."""
+        return self.snapshot is not None and self.snapshot.error < self.mission.settled
+
+    def see(self, snapshot: Snapshot) -> None:
+        """Take a snapshot of the monitor's."""
+        self.snapshot = snapshot
+        if math.isfinite(snapshot.error):
+            self.errors.append(snapshot.error)
+
+
+class View(Protocol):
+    """Something that shows the progress; a context manager."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def show(self, progress: Progress) -> None:
+        """Show it as it is now."""
+
+
+class LiveTable:
+    """A table that changes in place, on a terminal."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._console = Console(file=stream, highlight=False)
+        self._live = Live(console=self._console, auto_refresh=False, transient=False)
+
+    def __enter__(self) -> Self:
+        self._live.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._live.stop()
+
+    def show(self, progress: Progress) -> None:
+        """Draw it anew."""
+        size = self._console.size
+        ascii_only = not (self._console.encoding or "").lower().startswith("utf")
+        self._live.update(draw(progress, size.width, size.height, ascii_only=ascii_only), refresh=True)
+
+
+class PlainLines:
+    """A line every two seconds, and one for each thing that happens."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._last = -math.inf
+        self._told: set[str] = set()
+        self._phase = ""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def show(self, progress: Progress) -> None:
+        """Write what is new."""
+        for name, how in progress.dead.items():
+            if name not in self._told:
+                self._told.add(name)
+                self._say(f"{name} {how}")
+        changed, self._phase = progress.phase != self._phase, progress.phase
+        if changed and progress.phase != "running":
+            self._say(
+                f"{progress.mission.name}: {progress.phase} {progress.processes} processes"
+                if progress.phase == "starting"
+                else f"{progress.phase} after {progress.elapsed:.1f} s"
+            )
+        if progress.phase == "running" and time.monotonic() - self._last >= LINE_EVERY:
+            self._last = time.monotonic()
+            self._say(line(progress))
+
+    def _say(self, text: str) -> None:
+        print(text, file=self._stream, flush=True)
+
+
+def line(progress: Progress) -> str:
+    """The run so far in one line."""
+    head = f"{progress.elapsed:5.1f} of {progress.duration:g} s"
+    if progress.snapshot is None:
+        return f"{head}  no word from the monitor yet"
+    states = [robot.state for robot in progress.snapshot.robots.values() if robot.state]
+    counts = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
+    return (
+        f"{head}  error {metres(progress.snapshot.error)}{'  settled' if progress.settled else ''}  {counts}"
+    )
+
+
+def draw(progress: Progress, width: int, height: int, *, ascii_only: bool = False) -> RenderableType:
+    """The table, at most `height` lines of `width` columns."""
+    if progress.snapshot is None:
+        text = "waiting for the monitor's first figures" if progress.phase == "running" else progress.phase
+        return Text(
+            f"{progress.mission.name}: {text}, {progress.ready} of {progress.processes} processes ready"
+        )
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim", pad_edge=False)
+    for title in ("robot", "state", "error", "u [m/s]", "ω [rad/s]", "heading", "age"):
+        table.add_column(title, justify="right" if title in NUMBERS else "left", no_wrap=True)
+    footer = _footer(progress, width, ascii_only=ascii_only)
+    names, left_out = _chosen(progress, max(1, height - 3 - len(footer)))
+    for name in names:
+        table.add_row(*_row(progress, name, ascii_only=ascii_only))
+    heading = Text(f"{progress.mission.name}, {progress.mission.law.kind} law", style="bold")
+    return Group(heading, table, *([Text(left_out, style="dim")] if left_out else []), *footer)
+
+
+def _chosen(progress: Progress, room: int) -> tuple[Sequence[str], str]:
+    """Robots to show: all, or those with the largest errors, and what to say of the others."""
+    names = progress.mission.names
+    if len(names) <= room:
+        return names, ""
+    robots = progress.snapshot.robots if progress.snapshot else {}
+
+    def trouble(name: str) -> float:
+        error = robots[name].error if name in robots else math.inf
+        return math.inf if name in progress.dead_robots or error is None else error
+
+    worst = set(sorted(names[1:], key=trouble, reverse=True)[: room - 1])
+    return [n for n in names if n in worst], f"and {len(names) - len(worst)} more, with smaller errors"
+
+
+def _row(progress: Progress, name: str, *, ascii_only: bool) -> list[Text]:
+    robot = progress.snapshot.robots.get(name) if progress.snapshot else None
+    robot = robot or RobotNow()
+    state = "dead" if name in progress.dead_robots else robot.state
+    late = robot.age is not None and robot.age > LATE
+    limits = progress.mission.robots[name]
+    leads = name == progress.mission.leader
+    return [
+        Text(name + (" (leader)" if leads else "")),
+        Text(state or "-", style=COLOURS.get(state, "")),
+        Text(metres(robot.error)),
+        _against(robot.speed, None if leads else limits.max_speed, ascii_only=ascii_only),
+        _against(robot.turn_rate, None if leads else limits.max_turn_rate, ascii_only=ascii_only),
+        Text("-" if robot.heading_error is None else f"{math.degrees(robot.heading_error):.1f}°"),
+        Text(seconds(robot.age), style="yellow" if late else ""),
+    ]
+
+
+def _against(value: float | None, limit: float | None, *, ascii_only: bool) -> Text:
+    """A command, a bar for its share of the limit, and a mark where it is at the limit."""
+    if value is None:
+        return Text("-")
+    text = Text(f"{value:6.2f} ")
+    if limit is not None:
+        share = abs(value) / limit
+        full = min(4, round(share * 4))
+        bar, rest = ("#", ".") if ascii_only else ("━", "╌")
+        at_limit = share >= SATURATED
+        text.append(bar * full, style="red" if at_limit else "green")
+        text.append(rest * (4 - full), style="dim")
+        text.append("!" if at_limit else " ", style="bold red")
+    return text
+
+
+def _footer(progress: Progress, width: int, *, ascii_only: bool) -> list[Text]:
+    snapshot = progress.snapshot
+    error = snapshot.error if snapshot else math.nan
+    head = f"error {metres(error):>8} "
+    mark = f" settled (< {metres(progress.mission.settled)})" if progress.settled else ""
+    room = max(8, width - len(head) - len(mark) - 1)
+    first = Text(head)
+    first.append(sparkline(progress.errors, room, ASCII_BLOCKS if ascii_only else BLOCKS), style="cyan")
+    first.append(mark, style="bold green")
+
+    clock = f"{progress.elapsed:.0f} of {progress.duration:g} s "
+    if progress.phase != "running":
+        clock += f"({progress.phase}) "
+    room = max(8, width - len(clock) - 1)
+    done = min(room, round(room * progress.elapsed / progress.duration))
+    second = Text(clock)
+    second.append(("#" if ascii_only else "━") * done, style="green")
+    second.append(("." if ascii_only else "╌") * (room - done), style="dim")
+    lines = [first, second]
+    lines += [Text(f"{name} {how}", style="bold red") for name, how in progress.dead.items()]
+    return lines
+
+
+def sparkline(values: Sequence[float], width: int, blocks: str = BLOCKS) -> str:
+    """All of `values` in at most `width` characters, each the mean of its span, on a log scale."""
+    positive = [max(value, 1e-6) for value in values]
+    if not positive:
+        return ""
+    count = min(width, len(positive))
+    cuts = [round(i * len(positive) / count) for i in range(count + 1)]
+    logs = [math.log(math.fsum(positive[a:b]) / (b - a)) for a, b in pairwise(cuts)]
+    low, high = min(logs), max(logs)
+    span = max(high - low, math.log(10.0))  # noise around one value is not a mountain range
+    return "".join(blocks[min(len(blocks) - 1, int((value - low) / span * len(blocks)))] for value in logs)
+
+
+def seconds(value: float | None) -> str:
+    """An age for people: 35 ms, 12 s."""
+    if value is None:
+        return "-"
+    return f"{value * 1e3:.0f} ms" if value < 1.0 else f"{value:.0f} s"
+
+
+def metres(value: float | None) -> str:
+    """A length for people: 1.23 m, 45 mm, 0.8 mm."""
+    if value is None or not math.isfinite(value):
+        return "-"
+    if abs(value) >= 1.0:
+        return f"{value:.2f} m"
+    if abs(value) >= 0.1:
+        return f"{value * 100:.0f} cm"
+    return f"{value * 1e3:.{0 if abs(value) >= 0.01 else 1}f} mm"
