@@ -12,6 +12,9 @@ import numpy as np
 
 from formation.plane import Reals, Vectors, clip, shorten
 
+FRESH_PERIODS = 3.0
+"""A neighbour that has been silent for more than this many of its periods is stale."""
+
 
 class Track(NamedTuple):
     """What is known of a neighbour's control point; scalars or arrays of one shape."""

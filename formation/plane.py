@@ -23,7 +23,7 @@ Reals: TypeAlias = Any
 
 def rotation(angle: Reals) -> Any:
     """The rotation by `angle` [rad] as unit complex numbers."""
-    return np.exp(1j * angle)
+    return np.cos(angle) + 1j * np.sin(angle)  # several times faster than a complex exponential
 
 
 def unit(vector: Vectors, otherwise: complex = 1.0 + 0.0j) -> Vectors:

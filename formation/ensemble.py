@@ -1,0 +1,212 @@
+"""Many runs of one mission at once: the closed loop of N robots, as arrays, without a network.
+
+The law, observer, tracks and kinematics are the ones that agents use; only the links and the bodies are
+simulated. Shapes: R runs, N robots (leader first), F = N-1 followers, E edges of the graph. Robots do not
+collide, and all act at the same instants.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from formation import heading as observers
+from formation.body import Body
+from formation.heading import Travel
+from formation.law import LAWS, Limits, Measured
+from formation.links import Heard, Links, Mask, Terms
+from formation.mission import Mission
+from formation.neighbour import FRESH_PERIODS
+from formation.plane import ComplexArray, rotation, unit
+from formation.route import Route
+from formation.starts import Starts
+from formation.unicycle import Command, advance, control_point
+
+Observer = Literal["innovation", "mended", "printed"]
+"""Field law's; Eq. (3) with erratum 1 mended; Eq. (3) as printed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What a simulation may do differently from the mission, and from a perfect network."""
+
+    delay: float = 0.0
+    """Age of every neighbour's sample when it is used [s]; rounded up to whole steps."""
+    loss: float = 0.0
+    """Share of neighbours' samples that never arrive, each edge for itself, in [0, 1]."""
+    body: Body | None = None
+    """Drive and odometry of every robot; by default the mission's [simulated_robot]."""
+    measurement: Literal["network", "local"] | None = None
+    """Of every robot; by default what the mission says of each."""
+    observer: Observer | None = None
+    """By default the law's own: `innovation` for the field law, `mended` for the paper's."""
+    normalised: bool = True
+    """Whether ζ̂/|ζ̂| is used; False takes ζ̂ as it is, as Eq. (7) is printed."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.delay <= 60.0:
+            raise ValueError(f"delay = {self.delay}: must be from 0 to 60 s")
+        if not 0.0 <= self.loss <= 1.0:
+            raise ValueError(f"loss = {self.loss}: must be a share from 0 to 1")
+
+
+class Ensemble:
+    """R runs of a mission; `step` takes all of them one step further."""
+
+    def __init__(
+        self,
+        mission: Mission,
+        law: str,
+        options: Options,
+        starts: Starts,
+        step: float,
+        rng: np.random.Generator,
+    ) -> None:
+        """`law` is a key of LAWS, `step` the control period [s]."""
+        robots = [mission.robots[name] for name in mission.followers]
+        self.steps = 0
+        """Taken so far."""
+        self.position, self.heading = starts
+        """True pose of every follower; shapes (R, F)."""
+        self.limits = Limits(
+            np.array([robot.control_point_offset for robot in robots]),
+            np.array([robot.max_speed for robot in robots]),
+            np.array([robot.max_turn_rate for robot in robots]),
+        )
+        """Of every follower; shapes (F,)."""
+        at_rest = np.zeros(self.position.shape)
+        self.moving = Command(at_rest, at_rest)
+        """What the bodies did, on average over the last step."""
+        self._wheels = self.moving
+        self._mission, self._graph, self.route = mission, mission.graph, Route.of(mission)
+        self._law, self._gains, self._dt, self._rng = LAWS[law], mission.law.gains, step, rng
+        self._body = options.body or Body.of(mission.simulated_robot)
+        self._observer: Observer = options.observer or ("mended" if law == "paper" else "innovation")
+        self._normalised = options.normalised
+        self._feed_forward = law == "field" and mission.law.feed_forward
+        self._desired = self._graph.along_edges(mission.slots())
+        self._local = np.array([(options.measurement or r.measurement) == "local" for r in robots])
+        self._follower = self._graph.tails - 1
+        self._links = Links(self._graph, _terms(mission, law, options, self._local, step), rng)
+        self._integral = np.zeros_like(self.position)
+        self._travel: Travel | None = None
+        self._drift = self._body.drift * rotation(rng.uniform(-np.pi, np.pi, self.position.shape))
+        self._path = at_rest
+        self._odometry = self._localise()
+        self.estimate: ComplexArray = self._first_estimate()
+        """Estimated headings, not always of unit length; shape (R, F)."""
+
+    @property
+    def time(self) -> float:
+        """Since the start [s]."""
+        return self.steps * self._dt
+
+    @property
+    def points(self) -> ComplexArray:
+        """True control points of all robots, the leader's first [m; world frame]; shape (R, N)."""
+        return self._with_leader(control_point(self.position, self.heading, self.limits.offset))
+
+    def step(self) -> None:
+        """Measure, estimate, hear the neighbours, apply the law, and move for one step."""
+        if self._travel is not None:
+            last, self._odometry = self._odometry, self._localise()
+            self._observe(self._travel._replace(displacement=self._odometry - last))
+        heading = unit(self.estimate) if self._normalised else self.estimate
+        point = control_point(self._odometry, heading, self.limits.offset)
+        sensed = self._sense() if self._local.any() else None
+        seen_at = None
+        if sensed is not None:
+            seen_at = point[:, self._follower] + heading[:, self._follower] * sensed
+        heard = self._links.hear(self.time, self._with_leader(point), seen_at)
+        measured, blind = self._measured(heard, heading, point, sensed)
+        command, self._integral = self._law(
+            self._integral, heading, measured, self._gains, self.limits, self._dt
+        )
+        if blind is not None:  # nobody to follow: stand still, and forget
+            command = Command(*(np.where(blind, 0.0, wanted) for wanted in command))
+            self._integral = np.where(blind, 0.0, self._integral)
+        self._move(command)
+
+    def _measured(
+        self, heard: Heard, heading: ComplexArray, point: ComplexArray, sensed: ComplexArray | None
+    ) -> tuple[Measured, Mask | None]:
+        """The law's input, and which followers have nobody to follow (None where all have)."""
+        total = self._graph.sum_per_follower
+        edges = [heard.point - point[:, self._follower], np.broadcast_to(self._desired, heard.point.shape)]
+        count, blind = self._graph.degrees, None
+        velocity = heard.velocity
+        if heard.fresh is not None:
+            edges = [np.where(heard.fresh, edge, 0.0) for edge in edges]
+            velocity = np.where(heard.fresh, velocity, 0.0)
+            count = total(heard.fresh.astype(np.float64))
+            blind = count == 0.0
+            count = np.maximum(count, 1.0)
+        relative = heading.conjugate() * total(edges[0])
+        if sensed is not None:
+            relative = np.where(self._local, total(sensed), relative)
+        desired = total(edges[1]) if blind is not None else total(self._desired)
+        feed_forward = total(velocity) / count if self._feed_forward else 0.0
+        return Measured(relative, desired, count, feed_forward), blind
+
+    def _sense(self) -> ComplexArray:
+        """z_ij^(i) as a perfect sensor on robot i has it [m; body frame]; shape (R, E)."""
+        seen_by = self.heading[:, self._follower]
+        sensed: ComplexArray = seen_by.conjugate() * self._graph.along_edges(self.points)
+        return sensed
+
+    def _first_estimate(self) -> ComplexArray:
+        if self._observer == "innovation":
+            guesses = [self._mission.first_heading(name) for name in self._mission.followers]
+            return np.tile(np.array(guesses, dtype=np.complex128), (self.position.shape[0], 1))
+        return observers.printed_start(self._odometry, self._mission.law.observer_gain)
+
+    def _observe(self, travel: Travel) -> None:
+        gain = self._mission.law.observer_gain
+        if self._observer == "innovation":
+            self.estimate = observers.innovation(self.estimate, travel, gain)
+        else:
+            decay: Literal["speed", "turn rate"] = "speed" if self._observer == "mended" else "turn rate"
+            self.estimate = observers.printed(self.estimate, travel, gain, decay)
+
+    def _localise(self) -> ComplexArray:
+        """Centres as the odometry has them [m; world frame]."""
+        position = self.position
+        if self._body.drift > 0.0:
+            position = position + self._drift * self._path
+        if self._body.position_noise > 0.0:
+            noise = self._rng.normal(0.0, self._body.position_noise, (2, *position.shape))
+            position = position + noise[0] + 1j * noise[1]
+        return position
+
+    def _move(self, command: Command) -> None:
+        self.moving, self._wheels = self._body.drive(self._wheels, self._body.obeyed(command), self._dt)
+        self.position, self.heading = advance(self.position, self.heading, *self.moving, self._dt)
+        self._travel = Travel(self.moving.speed * self._dt, self.moving.turn_rate * self._dt, None)
+        if self._body.drift > 0.0:
+            self._path = self._path + np.abs(self._travel.distance)
+        self.steps += 1
+
+    def _with_leader(self, followers: ComplexArray) -> ComplexArray:
+        """Points of all robots from those of the followers; the leader's is its position."""
+        points = np.empty((followers.shape[0], followers.shape[1] + 1), dtype=np.complex128)
+        points[:, 0] = self.route.position(self.time)
+        points[:, 1:] = followers
+        return points
+
+
+def _terms(mission: Mission, law: str, options: Options, local: Mask, step: float) -> Terms:
+    graph = mission.graph
+    robots = [mission.robots[name] for name in mission.names]
+    field = law == "field"
+    return Terms(
+        step=step,
+        delay=int(np.ceil(options.delay / step - 1e-9)),
+        loss=options.loss,
+        limit=np.array([FRESH_PERIODS / robot.rate for robot in robots])[graph.heads],
+        top_speed=np.array([robot.top_speed for robot in robots])[graph.heads],
+        time_constant=mission.law.velocity_filter if field else None,
+        carry=field and mission.law.delay_compensation,
+        local=local[graph.tails - 1],
+    )
