@@ -66,9 +66,10 @@ class Core(Protocol):
 
 
 class Stop:
-    """Turns SIGINT and SIGTERM, and the parent's death, into the wish to stop.
+    """Turns SIGINT, SIGTERM and SIGHUP, and the parent's death, into the wish to stop.
 
-    The first signal is polite. One that comes later than `GRACE` after it ends the process on the spot.
+    The first signal is polite. One that comes later than `GRACE` after it ends the process on the spot. A
+    process that was started to ignore SIGHUP (nohup) goes on ignoring it.
     """
 
     def __init__(self, parent: int | None = None) -> None:
@@ -80,8 +81,9 @@ class Stop:
         self._before: dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> Self:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            self._before[number] = signal.signal(number, self._on_signal)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+                self._before[number] = signal.signal(number, self._on_signal)
         return self
 
     def __exit__(

@@ -1,0 +1,1 @@
+"""Robots that exist only here: they speak as a real one does, so an agent cannot tell the difference."""

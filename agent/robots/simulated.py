@@ -1,0 +1,191 @@
+"""Simulated robots on the wire: commands in, odometry, ground truth and local measurements out.
+
+`World.step(now, inbox) -> outbox` hosts one robot or many, without a clock, a socket or a log. A robot moves
+by the time that really went by, and a command takes hold when it arrived, so neither depends on when the
+world is stepped. As on a TurtleBot3 nothing times out: the last command holds for ever.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from agent.robots.plant import Plant
+from agent.robots.profiles import body
+from formation.messages import Displacement, Odometry, Pose, Twist, TwistStamped, decode, encode
+from formation.mission import Mission
+from formation.neighbour import Track, carried_to, first_seen, seen
+from formation.rate import Rate
+from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSITION, RELATIVE, Topic
+from formation.unicycle import Command, control_point
+from formation.wire import BadMessage, Now, Outgoing, Sample
+
+SIGHT = 0.5
+"""A leader that has not said where it is for so long is out of every sensor's sight [s]."""
+FILTER = 0.01
+"""Time constant of the leader's velocity between its positions [s]; they come without noise."""
+
+
+class World:
+    """Every robot that one process hosts."""
+
+    def __init__(self, mission: Mission, robots: Iterable[str] | None = None, seed: int = 0) -> None:
+        """`robots` are followers, by default all. Raises ValueError for what cannot be simulated here.
+
+        A robot's noise depends on `seed` and its place in the mission, not on who else is hosted.
+        """
+        names = mission.followers if robots is None else tuple(dict.fromkeys(robots))
+        _check(mission, names)
+        self.robots = names
+        self.dropped: Counter[str] = Counter()
+        """Messages that were not used, by key."""
+        self._leader = mission.leader
+        self._leader_track: Track | None = None
+        self._top_speed = max(1e-3, *(leg.speed for leg in mission.route))
+        self._hosted = {
+            name: _Robot(mission, name, seed, phase=number / len(names)) for number, name in enumerate(names)
+        }
+        self._by_key = {CMD_VEL.key(name): robot for name, robot in self._hosted.items()}
+        self._sees_leader = any(mission.leader in robot.sees for robot in self._hosted.values())
+
+    @property
+    def publications(self) -> tuple[tuple[Topic, str], ...]:
+        """Every topic and key that these robots publish."""
+        own = [(topic, topic.key(name)) for name in self.robots for topic in (ODOM, GROUND_TRUTH)]
+        sensors = [
+            (RELATIVE, RELATIVE.key(name, other))
+            for name, robot in self._hosted.items()
+            for other in robot.sees
+        ]
+        return (*own, *sensors)
+
+    @property
+    def subscriptions(self) -> tuple[str, ...]:
+        """Every key that these robots listen to."""
+        return (*self._by_key, *([POSITION.key(self._leader)] if self._sees_leader else []))
+
+    @property
+    def due(self) -> float:
+        """When the next robot has something to say [s, monotonic]."""
+        return min(robot.rate.due for robot in self._hosted.values())
+
+    def plant(self, robot: str) -> Plant:
+        """The body of a hosted robot, as of the last step."""
+        return self._hosted[robot].plant
+
+    def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
+        """Take commands; odometry and the rest of every robot that is due."""
+        for sample in inbox:
+            try:
+                self._take(sample, now)
+            except BadMessage:
+                self.dropped[sample.key] += 1
+        outbox: list[Outgoing] = []
+        for robot in self._hosted.values():
+            if robot.rate.tick(now.mono):
+                outbox += self._spoken(robot, now)
+        return outbox
+
+    def halt(self, now: Now, reason: str) -> list[Outgoing]:  # noqa: ARG002 - a core's signature
+        """No last words: a robot that is switched off says nothing."""
+        return []
+
+    def _take(self, sample: Sample, now: Now) -> None:
+        if self._sees_leader and sample.key == POSITION.key(self._leader):
+            self._leader_track = self._followed(decode(Pose, sample.payload), now)
+            return
+        robot = self._by_key.get(sample.key)
+        if robot is None:
+            raise BadMessage("unknown key")
+        speed, turn_rate = robot.read(sample.payload)
+        robot.go_to(min(sample.arrived, now.mono))
+        robot.plant.obey(speed, turn_rate)
+
+    def _followed(self, leader: Pose, now: Now) -> Track:
+        track = self._leader_track
+        if abs(now.wall - leader.stamp) > SIGHT:
+            raise BadMessage("not from now")
+        if track is None or now.wall - track.stamp > SIGHT:
+            return first_seen(leader.stamp, leader.position)
+        if leader.stamp <= track.stamp:
+            raise BadMessage("older than what came before")
+        return seen(track, leader.stamp, leader.position, FILTER, self._top_speed)
+
+    def _spoken(self, robot: _Robot, now: Now) -> list[Outgoing]:
+        """A robot's messages of one period. What its sensor sees comes first: odometry sets the agent off."""
+        robot.go_to(now.mono)
+        outbox = [
+            Outgoing(RELATIVE.key(robot.name, other), encode(Displacement(now.wall, seen_at)))
+            for other in robot.sees
+            if (seen_at := self._displacement(robot, other, now)) is not None
+        ]
+        plant = robot.plant
+        position, heading = plant.odometry()
+        odometry = Odometry(now.wall, position, heading, plant.speed, plant.turn_rate)
+        truth = Pose(now.wall, plant.position, plant.heading)
+        outbox.append(Outgoing(ODOM.key(robot.name), encode(odometry)))
+        outbox.append(Outgoing(GROUND_TRUTH.key(robot.name), encode(truth)))
+        return outbox
+
+    def _displacement(self, robot: _Robot, other: str, now: Now) -> complex | None:
+        """From `robot`'s control point to the other's [m; robot's frame]; None if it is out of sight."""
+        if other == self._leader:
+            track = self._leader_track
+            if track is None or abs(now.wall - track.stamp) > SIGHT:
+                return None
+            there = complex(carried_to(track, now.wall, SIGHT))
+        else:
+            self._hosted[other].go_to(now.mono)
+            there = self._hosted[other].control_point
+        return (there - robot.control_point) * robot.plant.heading.conjugate()
+
+
+class _Robot:
+    """A plant with its clock, its rate and its sensor."""
+
+    def __init__(self, mission: Mission, name: str, seed: int, phase: float) -> None:
+        spec = mission.robots[name]
+        noise = np.random.default_rng([seed, mission.names.index(name)])
+        self.name = name
+        self.plant = Plant(body(mission, name), spec.start.position, spec.start.heading, noise)
+        self.rate = Rate(spec.rate, phase)
+        self.sees = spec.neighbours if spec.measurement == "local" else ()
+        self._stamped = spec.cmd_vel == "twist_stamped"
+        self._offset = spec.control_point_offset
+        self._time: float | None = None  # of the plant [s, monotonic]
+
+    @property
+    def control_point(self) -> complex:
+        """True control point [m; world frame]."""
+        return control_point(self.plant.position, self.plant.heading, self._offset)
+
+    def read(self, payload: bytes) -> Command:
+        """The command in `payload`, of the one type that this robot takes. Raises BadMessage."""
+        twist = decode(TwistStamped, payload) if self._stamped else decode(Twist, payload)
+        return Command(twist.speed, twist.turn_rate)
+
+    def go_to(self, time: float) -> None:
+        """Let the plant live up to `time` [s, monotonic]; time never runs backwards."""
+        if self._time is None:
+            self._time = time
+        if time > self._time:
+            self.plant.advance(time - self._time)
+            self._time = time
+
+
+def _check(mission: Mission, names: Sequence[str]) -> None:
+    """Raise ValueError unless these robots can be simulated together."""
+    for name in names:
+        if name not in mission.followers:
+            followers = ", ".join(mission.followers)
+            raise ValueError(f"robot {name!r}: must be a follower of {mission.name}: {followers}")
+    for name in names:
+        spec = mission.robots[name]
+        unseen = [other for other in spec.neighbours if other not in (*names, mission.leader)]
+        if spec.measurement == "local" and unseen:
+            raise ValueError(
+                f"robot {name!r} measures {unseen[0]!r} with a sensor: a simulated sensor sees the leader and"
+                f" robots of its own process, which hosts {', '.join(names)}"
+            )

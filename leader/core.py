@@ -1,0 +1,141 @@
+"""The virtual leader: a point that goes along the mission's route and says what the team is to do.
+
+`Leader.step(now, inbox) -> outbox`, without a clock, a socket or a log. Where it is depends on how long it
+has been running by the monotonic clock, and on nothing else: neither a late step nor a corrected system clock
+moves it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+from formation import order
+from formation.messages import Diagnostics, Pose, Status, encode
+from formation.mission import Mission
+from formation.order import Mode, OperatorReply, OperatorRequest, Order
+from formation.rate import Rate
+from formation.route import Route
+from formation.topics import POSITION, STATUS, Topic
+from formation.wire import BadMessage, Now, Outgoing, Sample
+
+STATUS_RATE = 2.0
+"""[Hz]"""
+OK, WARNING = 0, 1
+
+
+class Leader:
+    """The leader of a mission. Its term begins with its first step."""
+
+    def __init__(self, mission: Mission, *, hold: bool = False) -> None:
+        """With `hold` it waits at its start until it is told to run."""
+        self.robot = mission.leader
+        self.route_time = 0.0
+        """How long it has been running, and so where on its route it is [s]."""
+        self.dropped: Counter[str] = Counter()
+        """Messages that were not used, by key."""
+        self._route = Route.of(mission)
+        self._shape = mission.first_shape
+        self._rate = Rate(mission.robots[mission.leader].rate)
+        self._status_rate = Rate(STATUS_RATE)
+        self._told: Mode = "hold" if hold else "run"
+        self._holding = False  # an operator asked for it
+        self._stopped = False  # latched until released
+        self._in_force: Mode = "hold"  # the mode since the last step
+        self._stepped: float | None = None  # when that was [s, monotonic]
+        self._term = 0
+        self._beat = 0
+
+    @property
+    def publications(self) -> tuple[tuple[Topic, str], ...]:
+        """Every topic and key that it publishes."""
+        return tuple((topic, topic.key(self.robot)) for topic in (POSITION, STATUS))
+
+    @property
+    def subscriptions(self) -> tuple[str, ...]:
+        """None: nobody tells the leader where to be."""
+        return ()
+
+    @property
+    def due(self) -> float:
+        """When the next position is due [s, monotonic]."""
+        return min(self._rate.due, self._status_rate.due)
+
+    @property
+    def mode(self) -> Mode:
+        """What the team is to do: a stop outranks a hold, and a hold what it was told before."""
+        if self._stopped:
+            return "stop"
+        return "hold" if self._holding else self._told
+
+    def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
+        """Go on along the route; a position when one is due, and at once when the mode has changed."""
+        self.dropped.update(sample.key for sample in inbox)
+        if self._stepped is None:
+            self._term = int(now.wall * 1e9)
+        elif self._in_force == "run":
+            self.route_time += now.mono - self._stepped
+        changed = self._stepped is not None and self.mode != self._in_force
+        self._stepped, self._in_force = now.mono, self.mode
+        outbox = []
+        if self._rate.tick(now.mono) or changed:
+            outbox.append(self._position(now))
+        if self._status_rate.tick(now.mono) or changed:
+            outbox.append(self._status(now, ""))
+        return outbox
+
+    def halt(self, now: Now, reason: str) -> list[Outgoing]:
+        """The last words: the team holds at once instead of waiting for a beat that does not come."""
+        self._told = "hold"
+        self.step(now, ())
+        return [self._position(now), self._status(now, reason)]
+
+    def request(self, data: bytes) -> bytes:
+        """Answer an operator's request; it takes effect with the next step."""
+        try:
+            wanted = order.decode(OperatorRequest, data).do
+        except BadMessage as bad:
+            self.dropped["order"] += 1
+            return self._reply(ok=False, reason=str(bad)[:120])
+        if self._stopped and wanted == "run":
+            return self._reply(ok=False, reason="stopped: release it first")
+        reason = ""
+        if wanted == "run":
+            self._told, self._holding = "run", False
+        elif wanted == "hold":
+            self._holding = True
+        elif wanted == "stop":
+            self._stopped = True
+        elif self._stopped:
+            self._stopped = False
+        elif self._holding:
+            self._holding = False
+        else:
+            reason = "there was nothing to release"
+        return self._reply(ok=True, reason=reason)
+
+    def _reply(self, *, ok: bool, reason: str) -> bytes:
+        return order.encode(OperatorReply(robot=self.robot, ok=ok, mode=self.mode, reason=reason))
+
+    def _position(self, now: Now) -> Outgoing:
+        where, heading = self._route.position(self.route_time), self._route.heading(self.route_time)
+        self._beat += 1
+        what = Order(term=self._term, beat=self._beat, mode=self.mode, shape=self._shape)
+        return Outgoing(POSITION.key(self.robot), encode(Pose(now.wall, where, heading)), order.encode(what))
+
+    def _status(self, now: Now, reason: str) -> Outgoing:
+        if not reason and self.route_time >= self._route.total:
+            reason = "at the end of the route"
+        values = {
+            "state": self.mode,
+            "reason": reason,
+            "shape": self._shape,
+            "beat": str(self._beat),
+            "route_time": f"{self.route_time:.3f}",
+            "late": str(self._rate.missed),
+            **{f"dropped {key}": str(count) for key, count in self.dropped.items()},
+        }
+        message = f"{self.mode}: {reason}" if reason else self.mode
+        level = OK if self.mode == "run" else WARNING
+        status = Status(f"{self.robot}: leader", level, message, self.robot, values)
+        return Outgoing(STATUS.key(self.robot), encode(Diagnostics(now.wall, (status,))))
