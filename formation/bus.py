@@ -33,6 +33,8 @@ _PRIORITY = {
 }
 MAX_QUERIES = 64
 """Queries that may wait to be served; more are turned away."""
+CLOSE_LIMIT = 1.5
+"""How long `Bus.close` may take [s]: a little longer than the lease of a peer that hangs."""
 _log = logging.getLogger(__name__)
 
 
@@ -65,8 +67,8 @@ class Bus:
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._woken = False
         self._counting = threading.Lock()
-        # A lock used as a bell: held while there is nothing to do, released to wake the main thread. Releasing
-        # never blocks and takes no second lock: unlike an Event's `set`, it is safe in a signal handler.
+        # A lock used as a bell: held while there is nothing to do, released to wake the main thread. That
+        # neither blocks nor takes a second lock, so unlike an Event's `set` it is safe in a signal handler.
         self._bell = threading.Lock()
         self._bell.acquire()
         os.environ.setdefault("ZENOH_RUNTIME", ONE_THREAD)
@@ -203,16 +205,20 @@ class Bus:
         return list(replies)
 
     def close(self) -> None:
-        """Close the session; what was published before is sent first. Doing so twice does no harm."""
+        """Send what was published and close the session, within `CLOSE_LIMIT`. Doing so twice does no harm."""
         session, self._session = self._session, None
         if session is None:
             return
         while self._queries:
             self._queries.popleft()[0].drop()  # type: ignore[no-untyped-call]
-        try:
-            session.close()  # type: ignore[no-untyped-call]
-        except zenoh.ZError as error:
-            _log.warning("the bus did not close cleanly: %s", plain(error))
+        # Zenoh waits up to 10 s for a peer that has stopped reading; a daemon thread does not hold up our exit.
+        closing = threading.Thread(target=_close, args=(session,), name="bus-close", daemon=True)
+        closing.start()
+        closing.join(CLOSE_LIMIT)
+        if closing.is_alive():
+            _log.warning(
+                "the bus did not close within %g s: somebody linked has stopped reading", CLOSE_LIMIT
+            )
 
     @property
     def _live(self) -> zenoh.Session:
@@ -251,6 +257,13 @@ def _open(config: BusConfig) -> zenoh.Session:
             settings.insert_json5(path, value)
     with _named(f"the bus cannot be opened, listening on {', '.join(config.listen) or 'nothing'}"):
         return zenoh.open(settings)
+
+
+def _close(session: zenoh.Session) -> None:
+    try:
+        session.close()  # type: ignore[no-untyped-call]
+    except zenoh.ZError as error:
+        _log.warning("the bus did not close cleanly: %s", plain(error))
 
 
 @contextmanager

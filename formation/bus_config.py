@@ -29,10 +29,12 @@ DEFAULTS: tuple[tuple[str, str], ...] = (
     # Who hangs or is unplugged is given up after the lease that it announced itself [ms].
     ("transport/link/tx/lease", "1000"),
     ("transport/link/tx/keep_alive", "4"),
-    # Messages that may wait for the sending thread, per priority. With Zenoh's own 2, a busy machine drops some.
+    # How many messages may wait to be sent, per priority, and how long one waits for a place before it is
+    # dropped [us]. Zenoh's own 2 and 1000 lose some on a busy machine; a link that jams costs one such wait.
     ("transport/link/tx/queue/size/real_time", "16"),
     ("transport/link/tx/queue/size/data", "16"),
     ("transport/link/tx/queue/size/background", "16"),
+    ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", "5000"),
     ("transport/link/rx/max_message_size", "1048576"),  # [bytes]; Zenoh's own default would allocate 1 GiB
     ("transport/shared_memory/enabled", "false"),
     ("timestamping/enabled", "{router: false, peer: false, client: false}"),
