@@ -39,10 +39,10 @@ class Plant:
         """What the wheels strive for."""
         self._body = body
         self._noise = noise
-        # Where odometry errs to as the robot drives, in its own frame: ahead is a wheel taken for larger than
-        # it is, aside is slip.
-        self._bias = body.drift * cmath.rect(1.0, noise.uniform(-math.pi, math.pi))
-        self._drifted = 0j  # odometry's error so far [m; world frame]
+        self.path = 0.0
+        """Length of the way so far [m]."""
+        # Odometry errs by a share of the path, to a side of the world that is this robot's own.
+        self._drift = body.drift * cmath.rect(1.0, noise.uniform(-math.pi, math.pi))
 
     def obey(self, speed: float, turn_rate: float) -> None:
         """Take a command: cut to steps, as it is on its way to the firmware, then clamped there."""
@@ -68,7 +68,7 @@ class Plant:
     def odometry(self) -> tuple[complex, complex]:
         """Centre [m] and heading as this robot measures them [world frame]; each call is a new sample."""
         x, y, angle = self._noise.normal(size=3)
-        position = self.position + self._drifted + self._body.position_noise * complex(x, y)
+        position = self.position + self._drift * self.path + self._body.position_noise * complex(x, y)
         return position, self.heading * cmath.rect(1.0, self._body.heading_noise * angle)
 
     def _wheels(self, elapsed: float) -> tuple[FloatArray, FloatArray, float]:
@@ -92,7 +92,7 @@ class Plant:
         before = self.heading * np.exp(1j * (turned - turn_rates * step))
         moves, after = advance(np.zeros_like(before), before, speeds, turn_rates, step)
         self.position += complex(moves.sum())
-        self._drifted += self._bias * complex((np.abs(speeds) * step * before).sum())
+        self.path += float(np.abs(speeds).sum()) * step
         self.heading = complex(after[-1]) / abs(after[-1])
 
 

@@ -1,0 +1,223 @@
+from __future__ import annotations
+
+import random
+from itertools import pairwise
+from typing import NamedTuple
+
+import pytest
+
+from formation import order
+from formation.messages import Diagnostics, Pose, decode
+from formation.mission import Mission
+from formation.mission_file import load, parse
+from formation.order import OperatorReply, Order
+from formation.route import Route
+from formation.wire import Now, Outgoing
+from leader.core import Leader
+
+EPOCH = 1.7e9
+CURVED = """
+name = "curved"
+leader = "ann"
+[shapes.line]
+bob = [-1.0, 0.0]
+[robots.ann]
+start = { x = 2.0, y = -1.0, heading_deg = 10 }
+rate = 25
+[robots.bob]
+neighbours = ["ann"]
+start = { x = 0.0, y = 0.0 }
+[[route]]
+speed = 0.3
+heading_deg = 20
+duration = 3.0
+[[route]]
+radius = 1.5
+speed = 0.2
+duration = 6.0
+[[route]]
+waypoints = [[4.0, 4.0], [4.5, 4.0]]
+speed = 0.5
+"""
+
+
+class Said(NamedTuple):
+    mono: float
+    pose: Pose
+    order: Order
+
+
+@pytest.fixture
+def mission() -> Mission:
+    return parse(CURVED)
+
+
+def positions(mono: float, outbox: list[Outgoing]) -> list[Said]:
+    return [
+        Said(mono, decode(Pose, out.payload), order.decode(Order, out.attachment or b""))
+        for out in outbox
+        if out.key.endswith("/position")
+    ]
+
+
+def drive(leader: Leader, start: float, seconds: float, step: float = 0.04) -> list[Said]:
+    said = []
+    for i in range(round(seconds / step)):
+        mono = start + i * step
+        said += positions(mono, leader.step(Now(mono, EPOCH + mono), []))
+    return said
+
+
+def ask(leader: Leader, request: bytes) -> OperatorReply:
+    return order.decode(OperatorReply, leader.request(request))
+
+
+def test_it_is_on_its_route_at_every_instant_however_irregularly_it_is_stepped(mission: Mission) -> None:
+    leader, route, chance = Leader(mission), Route.of(mission), random.Random(3)
+    mono, said = 500.0, []
+    while mono < 520.0:
+        said += positions(mono, leader.step(Now(mono, EPOCH + mono), []))
+        mono += chance.choice((0.001, 0.013, 0.04, 0.21))
+    assert len(said) > 60
+    for at, pose, _ in said:
+        assert pose.position == pytest.approx(route.position(at - 500.0), abs=1e-9)
+        assert pose.heading == pytest.approx(route.heading(at - 500.0), abs=1e-9)
+
+
+def test_jitter_of_its_timer_does_not_show_in_the_velocity_that_followers_see() -> None:
+    leader, chance = Leader(load("six_robots")), random.Random(5)
+    mono, said = 9.0, []
+    for i in range(400):
+        mono = 9.0 + i * 0.05 + chance.uniform(0.0, 0.03)
+        said += positions(mono, leader.step(Now(mono, EPOCH + mono), []))
+    for before, after in pairwise(said):
+        seen = (after.pose.position - before.pose.position) / (after.pose.stamp - before.pose.stamp)
+        assert abs(seen) == pytest.approx(0.2, abs=1e-4)  # stamps are floats of 1.7e9 s
+
+
+def test_it_says_where_it_is_at_the_missions_rate_and_how_it_is_twice_a_second(mission: Mission) -> None:
+    leader = Leader(mission)
+    outbox = [out for i in range(10_000) for out in leader.step(Now(7.0 + i * 1e-3, EPOCH + i * 1e-3), [])]
+    keys = [out.key for out in outbox]
+    assert (keys.count("ann/position"), keys.count("ann/status")) == (250, 20)
+    assert set(keys) == {key for _, key in leader.publications}
+
+
+def test_its_beat_rises_with_every_position_in_every_mode(mission: Mission) -> None:
+    leader, said = Leader(mission), []
+    for number, request in enumerate(
+        [b'{"do":"run"}', b'{"do":"hold"}', b'{"do":"stop"}', b'{"do":"release"}']
+    ):
+        ask(leader, request)
+        said += drive(leader, 100.0 + number, 1.0)
+    assert {one.order.mode for one in said} == {"run", "hold", "stop"}
+    assert [one.order.beat for one in said] == list(range(1, len(said) + 1))
+    assert len({one.order.term for one in said}) == 1
+    assert len(said) >= 100
+
+
+def test_a_leader_that_starts_again_begins_a_later_term(mission: Mission) -> None:
+    first = drive(Leader(mission), 0.0, 1.0)[-1].order
+    second = drive(Leader(mission), 2.0, 1.0)[0].order
+    assert order.newer(second, first)
+
+
+def test_a_hold_stops_the_time_of_the_route_and_release_goes_on_where_it_stood(mission: Mission) -> None:
+    leader, route = Leader(mission), Route.of(mission)
+    drive(leader, 0.0, 2.0)
+    ask(leader, b'{"do":"hold"}')
+    held = drive(leader, 2.0, 5.0)
+    assert {one.order.mode for one in held} == {"hold"}
+    assert {one.pose.position for one in held} == {held[0].pose.position}
+    assert held[0].pose.position == pytest.approx(route.position(2.0), abs=1e-9)
+    ask(leader, b'{"do":"release"}')
+    going = drive(leader, 7.0, 3.0)
+    assert going[0].pose.position == held[0].pose.position
+    for one in going:
+        assert one.pose.position == pytest.approx(route.position(one.mono - 5.0), abs=1e-9)
+
+
+def test_a_stop_is_latched_until_it_is_released(mission: Mission) -> None:
+    leader = Leader(mission)
+    drive(leader, 0.0, 1.0)
+    assert ask(leader, b'{"do":"stop"}') == OperatorReply(robot="ann", ok=True, mode="stop")
+    refused = ask(leader, b'{"do":"run"}')
+    assert (refused.ok, refused.mode) == (False, "stop")
+    assert "release" in refused.reason
+    assert ask(leader, b'{"do":"hold"}').mode == "stop"
+    assert {one.order.mode for one in drive(leader, 1.0, 1.0)} == {"stop"}
+    assert leader.route_time == pytest.approx(1.0)
+    assert ask(leader, b'{"do":"release"}').mode == "hold"
+    assert ask(leader, b'{"do":"release"}').mode == "run"
+    assert ask(leader, b'{"do":"release"}').reason == "there was nothing to release"
+
+
+def test_release_of_a_stop_goes_back_to_what_it_was_told_before(mission: Mission) -> None:
+    running, waiting = Leader(mission), Leader(mission, hold=True)
+    for leader, mode in ((running, "run"), (waiting, "hold")):
+        ask(leader, b'{"do":"stop"}')
+        assert ask(leader, b'{"do":"release"}').mode == mode
+
+
+def test_with_hold_it_waits_at_its_start_until_it_is_told_to_run(mission: Mission) -> None:
+    leader = Leader(mission, hold=True)
+    waiting = drive(leader, 0.0, 3.0)
+    assert {(one.order.mode, one.pose.position) for one in waiting} == {("hold", 2.0 - 1.0j)}
+    assert ask(leader, b'{"do":"run"}').mode == "run"
+    assert abs(drive(leader, 3.0, 1.0)[-1].pose.position - (2.0 - 1.0j)) > 0.2
+
+
+def test_a_changed_mode_is_on_its_way_with_the_next_step_and_not_with_the_next_period(
+    mission: Mission,
+) -> None:
+    leader = Leader(mission)
+    leader.step(Now(0.0, EPOCH), [])
+    assert leader.step(Now(0.001, EPOCH), []) == []
+    ask(leader, b'{"do":"stop"}')
+    assert [out.key for out in leader.step(Now(0.002, EPOCH), [])] == ["ann/position", "ann/status"]
+
+
+def test_a_corrected_system_clock_moves_the_stamps_and_not_the_leader(mission: Mission) -> None:
+    leader, route = Leader(mission), Route.of(mission)
+    drive(leader, 0.0, 1.0)
+    (said,) = positions(1.0, leader.step(Now(1.0, EPOCH - 86400.0), []))
+    assert said.pose.stamp == EPOCH - 86400.0
+    assert said.pose.position == pytest.approx(route.position(1.0), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [b"", b"stop", b'{"do":"fly"}', b"{}", b'{"do":"run","now":1}', b"\xff\x00", b"[" * 900, b"x" * 5000],
+)
+def test_a_malformed_request_changes_nothing_and_is_answered_with_the_reason(
+    mission: Mission, request_: bytes
+) -> None:
+    leader = Leader(mission)
+    drive(leader, 0.0, 0.2)
+    reply = ask(leader, request_)
+    assert (reply.robot, reply.ok, reply.mode) == ("ann", False, "run")
+    assert reply.reason
+    assert leader.dropped == {"order": 1}
+
+
+def test_its_last_words_are_a_hold(mission: Mission) -> None:
+    leader = Leader(mission)
+    before = drive(leader, 0.0, 1.0)[-1]
+    (last,) = positions(1.1, leader.halt(Now(1.1, EPOCH + 1.1), "SIGTERM"))
+    assert last.order.mode == "hold"
+    assert order.newer(last.order, before.order)
+
+
+def test_its_status_says_what_it_does_and_when_the_route_has_ended(mission: Mission) -> None:
+    leader = Leader(mission)
+
+    def status(mono: float) -> Diagnostics:
+        out = next(out for out in leader.step(Now(mono, EPOCH + mono), []) if out.key == "ann/status")
+        return decode(Diagnostics, out.payload)
+
+    (first,) = status(0.0).statuses
+    assert (first.name, first.hardware_id, first.level, first.message) == ("ann: leader", "ann", 0, "run")
+    (last,) = status(60.0).statuses
+    assert last.values["state"] == "run"
+    assert last.values["reason"] == "at the end of the route"
+    assert int(last.values["late"]) > 1000
