@@ -205,20 +205,18 @@ class Bus:
         return list(replies)
 
     def close(self) -> None:
-        """Send what was published and close the session, within `CLOSE_LIMIT`. Doing so twice does no harm."""
+        """Send what was published and close the session, within `CLOSE_LIMIT`; twice does no harm."""
         session, self._session = self._session, None
         if session is None:
             return
         while self._queries:
             self._queries.popleft()[0].drop()  # type: ignore[no-untyped-call]
-        # Zenoh waits up to 10 s for a peer that has stopped reading; a daemon thread does not hold up our exit.
+        # Zenoh waits up to 10 s for a peer that has stopped reading; a daemon thread does not keep us.
         closing = threading.Thread(target=_close, args=(session,), name="bus-close", daemon=True)
         closing.start()
         closing.join(CLOSE_LIMIT)
         if closing.is_alive():
-            _log.warning(
-                "the bus did not close within %g s: somebody linked has stopped reading", CLOSE_LIMIT
-            )
+            _log.warning("the bus did not close within %g s: a peer has stopped reading", CLOSE_LIMIT)
 
     @property
     def _live(self) -> zenoh.Session:
