@@ -1,0 +1,168 @@
+"""What has been heard of one robot: positions, truth, command, status, and how each key arrives."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+from formation.messages import Diagnostics, Displacement, Odometry, Pose, Status, Twist, TwistStamped, decode
+from formation.mission import Mission
+from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSITION, RELATIVE, STATUS
+from formation.wire import BadMessage, Now, Sample
+from monitor.feed import CLOCK_AGREES, Feed
+from monitor.figures import KeyFigures, RobotFigures
+from monitor.keys import Watched
+from monitor.trajectory import Placed, Trajectory
+
+UNSEEN, SILENT = "unseen", "silent"
+FUTURE = 0.1
+"""A sample placed further than this ahead of its arrival is refused: it would outrank all that follow [s]."""
+Handler = Callable[[Sample, float], None]
+
+
+class Tracked(NamedTuple):
+    """Where a robot is, as one key tells it."""
+
+    feed: Feed
+    trajectory: Trajectory
+
+    def fresh(self, mono: float) -> bool:
+        """Whether the newest position is news."""
+        return self.feed.fresh(mono)
+
+
+class Heard:
+    """One robot of the mission."""
+
+    def __init__(self, mission: Mission, name: str, keys: Sequence[Watched]) -> None:
+        """`keys` are the robot's own."""
+        self.name = name
+        self._spec = mission.robots[name]
+        self._offset = 0.0 if name == mission.leader else self._spec.control_point_offset
+        self._keys = keys
+        self._feeds = {one.key: Feed(one.rate) for one in keys}
+        self._command: tuple[Feed, float, float] | None = None
+        self._status: tuple[Feed, Status] | None = None
+        by_topic = {one.topic.name: self._feeds[one.key] for one in keys}
+        self.place = self._tracked(mission, by_topic[POSITION.name])
+        truth = by_topic.get(GROUND_TRUTH.name)
+        self.truth = self.place if truth is None else self._tracked(mission, truth)
+        """From ground truth; a virtual leader is where it says it is."""
+
+    def routes(self) -> Iterator[tuple[str, Feed, Handler | None]]:
+        """Key, feed and handler of everything that is heard of this robot."""
+        for one in self._keys:
+            feed = self._feeds[one.key]
+            yield one.key, feed, self._handler(one, feed)
+
+    def missed(self) -> int:
+        """Sum over all keys."""
+        return sum(feed.missed for feed in self._feeds.values())
+
+    def figures(self, now: Now, error: float | None) -> RobotFigures:
+        """Everything there is to know now; `error` [m] is the sum over the robot's edges."""
+        state, reason = self._state(now)
+        speed, turn_rate = self._commanded(now)
+        return RobotFigures(
+            state=state,
+            reason=reason,
+            error=error,
+            speed=speed,
+            turn_rate=turn_rate,
+            speed_share=None if speed is None else abs(speed) / self._spec.max_speed,
+            turn_share=None if turn_rate is None else abs(turn_rate) / self._spec.max_turn_rate,
+            age=_finite(self.place.feed.silence(now.mono)),
+            heading_error=self._heading_error(now),
+            rate=self.place.feed.rate(now.mono),
+            keys={one.key: _figures(self._feeds[one.key], now) for one in self._keys},
+        )
+
+    def _state(self, now: Now) -> tuple[str, str]:
+        if self._status is None:
+            return UNSEEN, "no status yet"
+        feed, status = self._status
+        if not feed.fresh(now.mono):
+            return SILENT, f"no status for {feed.silence(now.mono):.1f} s"
+        return status.values.get("state", status.message)[:40], status.values.get("reason", "")[:200]
+
+    def _commanded(self, now: Now) -> tuple[float | None, float | None]:
+        if self._command is None or not self._command[0].fresh(now.mono):
+            return None, None
+        return self._command[1:]
+
+    def _heading_error(self, now: Now) -> float | None:
+        if self.truth is self.place or not (self.place.fresh(now.mono) and self.truth.fresh(now.mono)):
+            return None
+        moment = min(self.place.trajectory.latest, self.truth.trajectory.latest)
+        estimated, true = self.place.trajectory.at(moment), self.truth.trajectory.at(moment)
+        if estimated is None or true is None:
+            return None
+        return cmath.phase(estimated.heading * true.heading.conjugate())
+
+    def _handler(self, one: Watched, feed: Feed) -> Handler | None:
+        """What takes in the messages of a key; None for a key that is only counted and recorded."""
+        handlers: dict[str, Handler] = {
+            POSITION.name: _placing(self.place, self._offset),
+            GROUND_TRUTH.name: _placing(self.truth, self._offset),
+            CMD_VEL.name: self._take_command(feed),
+            STATUS.name: self._take_status(feed),
+            ODOM.name: lambda s, wall: _note(feed, decode(Odometry, s.payload).stamp, wall),
+            RELATIVE.name: lambda s, wall: _note(feed, decode(Displacement, s.payload).stamp, wall),
+        }
+        return handlers.get(one.topic.name)
+
+    def _take_command(self, feed: Feed) -> Handler:
+        def twist(sample: Sample, _wall: float) -> None:
+            command = decode(Twist, sample.payload)
+            self._command = feed, command.speed, command.turn_rate
+
+        def stamped(sample: Sample, wall: float) -> None:
+            command = decode(TwistStamped, sample.payload)
+            feed.stamped(command.stamp, wall)
+            self._command = feed, command.speed, command.turn_rate
+
+        return twist if self._spec.cmd_vel == "twist" else stamped
+
+    def _take_status(self, feed: Feed) -> Handler:
+        def status(sample: Sample, wall: float) -> None:
+            message = decode(Diagnostics, sample.payload)
+            feed.stamped(message.stamp, wall)
+            if message.statuses:
+                self._status = feed, message.statuses[0]
+
+        return status
+
+    def _tracked(self, mission: Mission, feed: Feed) -> Tracked:
+        # Everybody is compared at the moment that the slowest fresh robot has reached.
+        slowest = max(Feed(robot.rate).limit for robot in mission.robots.values())
+        samples = math.ceil(1.5 * self._spec.rate * (slowest + CLOCK_AGREES[1])) + 8
+        return Tracked(feed, Trajectory(samples, feed.limit))
+
+
+def _placing(tracked: Tracked, offset: float) -> Handler:
+    feed, trajectory = tracked
+
+    def take(sample: Sample, wall: float) -> None:
+        pose = decode(Pose, sample.payload)
+        moment = feed.stamped(pose.stamp, wall)
+        if moment > wall + FUTURE:
+            raise BadMessage("stamp is in the future")
+        trajectory.add(Placed(moment, pose.position + offset * pose.heading, pose.heading))
+
+    return take
+
+
+def _note(feed: Feed, stamp: float, wall: float) -> None:
+    feed.stamped(stamp, wall)
+
+
+def _figures(feed: Feed, now: Now) -> KeyFigures:
+    return KeyFigures(
+        feed.count, feed.rate(now.mono), _finite(feed.silence(now.mono)), feed.missed, feed.clock
+    )
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,136 @@
+"""How well the formation stands, from what the fleet says: bytes in, figures out, without a clock.
+
+Robots are sampled at different times, so all are brought to one moment before they are compared: the newest
+that every robot still heard has reached. A robot that has fallen silent makes what depends on it unknown.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+
+from formation import order
+from formation.mission import Mission
+from formation.order import Order
+from formation.topics import POSITION
+from formation.wire import BadMessage, Now, Sample
+from monitor.figures import Edge, Snapshot
+from monitor.heard import Heard, Tracked
+from monitor.keys import watched
+from monitor.rejections import Rejections
+from monitor.settling import Settling
+
+Errors = Mapping[Edge, float | None]
+
+
+class Metrics:
+    """Figures of one mission's fleet."""
+
+    def __init__(self, mission: Mission) -> None:
+        self.rejections = Rejections()
+        self.order: Order | None = None
+        """The leader's newest order."""
+        self._mission = mission
+        self._edges = tuple(
+            Edge(name, other) for name in mission.names for other in mission.robots[name].neighbours
+        )
+        keys = watched(mission)
+        self._robots = {
+            name: Heard(mission, name, [one for one in keys if one.robot == name]) for name in mission.names
+        }
+        self._routes = {
+            key: (feed, handle) for robot in self._robots.values() for key, feed, handle in robot.routes()
+        }
+        self._leads = POSITION.key(mission.leader)
+        self._settling = Settling(mission.settled)
+
+    def take(self, sample: Sample, wall: float) -> None:
+        """Learn from one message that arrived at `wall` [s, our system clock]; a bad one is counted."""
+        feed, handle = self._routes.get(sample.key, (None, None))
+        if feed is None:
+            self.rejections.count("elsewhere", "unknown key")
+            return
+        feed.heard(sample.arrived)
+        try:
+            if handle is not None:
+                handle(sample, wall)
+            if sample.key == self._leads and sample.attachment is not None:
+                self._take_order(order.decode(Order, sample.attachment))
+        except BadMessage as bad:
+            self.rejections.count(sample.key, str(bad))
+            return
+        feed.accepted = sample.arrived
+
+    def observe(self, now: Now) -> float | None:
+        """Bring all robots to one moment and compare them: the formation error [m], None if not known.
+
+        Call it steadily: settling is judged by what it sees.
+        """
+        return self._observe(now)[0]
+
+    def snapshot(self, now: Now) -> Snapshot:
+        """Everything there is to know now."""
+        error, errors = self._observe(now)
+        start, until = self._settling.start, self._heard_until()
+        own: dict[str, list[float | None]] = {}
+        for edge, value in errors.items():
+            own.setdefault(edge.robot, []).append(value)
+        return Snapshot(
+            elapsed=0.0 if start is None else now.mono - start,
+            formation_error=error,
+            formation_error_true=_sum(self._compare(now, lambda robot: robot.truth)[1].values()),
+            settled_at=self._settling.settled_at(until),
+            converged=self._settling.converged(until),
+            final_error=self._settling.final(until),
+            mode=self.order.mode if self.order else None,
+            shape=self._shape,
+            robots={
+                name: robot.figures(now, _sum(own.get(name, [None]))) for name, robot in self._robots.items()
+            },
+            edges=errors,
+            missed=sum(robot.missed() for robot in self._robots.values()),
+            rejected=self.rejections.by_reason,
+        )
+
+    @property
+    def _shape(self) -> str:
+        return self.order.shape if self.order else self._mission.first_shape
+
+    def _take_order(self, heard: Order) -> None:
+        if heard.shape not in self._mission.shapes:
+            raise BadMessage("unknown shape")
+        if order.newer(heard, self.order):
+            self.order = heard
+
+    def _observe(self, now: Now) -> tuple[float | None, Errors]:
+        moment, errors = self._compare(now, lambda robot: robot.place)
+        error = _sum(errors.values())
+        at = moment + now.mono - now.wall  # settling runs on the monotonic clock
+        if error is not None and at > (-math.inf if self._settling.last is None else self._settling.last):
+            self._settling.observe(at, error)
+        return error, errors
+
+    def _compare(self, now: Now, which: Callable[[Heard], Tracked]) -> tuple[float, Errors]:
+        """The moment of comparison [s, our system clock], and |z_ij - z*_ij| of each edge at it [m]."""
+        tracked = {name: which(robot) for name, robot in self._robots.items()}
+        fresh = [name for name, one in tracked.items() if one.fresh(now.mono)]
+        moment = min((tracked[name].trajectory.latest for name in fresh), default=-math.inf)
+        placed = {name: tracked[name].trajectory.at(moment) for name in fresh}
+        slots = {name: self._mission.slot(name, self._shape) for name in fresh}
+
+        def error(edge: Edge) -> float | None:
+            here, there = placed.get(edge.robot), placed.get(edge.neighbour)
+            if here is None or there is None:
+                return None
+            return abs(there.point - here.point - (slots[edge.neighbour] - slots[edge.robot]))
+
+        return moment, {edge: error(edge) for edge in self._edges}
+
+    def _heard_until(self) -> float:
+        """When a position last arrived from anybody [s, monotonic]."""
+        return max(robot.place.feed.accepted for robot in self._robots.values())
+
+
+def _sum(values: Iterable[float | None]) -> float | None:
+    known = list(values)
+    return math.fsum(v for v in known if v is not None) if None not in known else None

@@ -1,0 +1,111 @@
+"""A fleet that says whatever a test wants, in the bytes of the wire."""
+
+from __future__ import annotations
+
+import cmath
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+from formation import order
+from formation.messages import (
+    Diagnostics,
+    Message,
+    Odometry,
+    Pose,
+    Status,
+    Twist,
+    TwistStamped,
+    encode,
+)
+from formation.mission import Mission
+from formation.mission_file import load
+from formation.order import Mode, Order
+from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSITION, STATUS
+from formation.wire import Now, Sample
+from monitor.metrics import Metrics
+
+EPOCH = 1000.0
+"""System clock less monotonic clock [s]: small, so that stamps are exact to far less than a nanometre."""
+HEADING = cmath.rect(1.0, 0.5)
+VELOCITY = 0.2 * HEADING
+"""Of everybody [m/s]."""
+
+
+def now(mono: float) -> Now:
+    return Now(mono, mono + EPOCH)
+
+
+@dataclass
+class Fleet:
+    """Robots of the six-robot mission; each is sampled at times of its own."""
+
+    mission: Mission = field(default_factory=lambda: load("six_robots"))
+    shape: str = "hexagon"
+    mode: Mode = "run"
+    away: Callable[[str, float], complex] = lambda _robot, _time: 0j
+    """How far off its slot a robot is [m]."""
+    beat: int = 0
+
+    def phase(self, robot: str) -> float:
+        """Share of a period by which this robot is sampled later than the first."""
+        return 0.137 * self.mission.names.index(robot)
+
+    def times(self, robot: str, start: float, end: float) -> Iterator[float]:
+        period = 1.0 / self.mission.robots[robot].rate
+        sample = 0
+        while (time := start + (sample + self.phase(robot)) * period) <= end:
+            yield time
+            sample += 1
+
+    def point(self, robot: str, time: float) -> complex:
+        """Control point [m; world frame]."""
+        return VELOCITY * time + self.mission.slot(robot, self.shape) + self.away(robot, time)
+
+    def pose(self, robot: str, time: float, heading: complex = HEADING, clock: float = 0.0) -> bytes:
+        leads = robot == self.mission.leader
+        offset = 0.0 if leads else self.mission.robots[robot].control_point_offset
+        return encode(Pose(time + EPOCH + clock, self.point(robot, time) - offset * heading, heading))
+
+    def position(self, robot: str, time: float, clock: float = 0.0) -> Sample:
+        attachment = None
+        if robot == self.mission.leader:
+            self.beat += 1
+            attachment = order.encode(Order(term=1, beat=self.beat, mode=self.mode, shape=self.shape))
+        return Sample(POSITION.key(robot), self.pose(robot, time, clock=clock), attachment, time)
+
+    def truth(self, robot: str, time: float, turned: float = 0.0) -> Sample:
+        heading = HEADING * cmath.rect(1.0, turned)
+        return Sample(GROUND_TRUTH.key(robot), self.pose(robot, time, heading), None, time)
+
+    def positions(self, start: float, end: float, *, without: str = "") -> list[Sample]:
+        """Everybody's, in order of arrival."""
+        samples = [
+            self.position(robot, time)
+            for robot in self.mission.names
+            if robot != without
+            for time in self.times(robot, start, end)
+        ]
+        return sorted(samples, key=lambda sample: sample.arrived)
+
+
+def said(topic_key: str, message: Message, at: float) -> Sample:
+    return Sample(topic_key, encode(message), None, at)
+
+
+def odometry(robot: str, at: float) -> Sample:
+    return said(ODOM.key(robot), Odometry(at + EPOCH, 0j, HEADING, 0.0, 0.0), at)
+
+
+def command(robot: str, at: float, speed: float, turn_rate: float, *, stamped: bool = False) -> Sample:
+    message = TwistStamped(at + EPOCH, speed, turn_rate) if stamped else Twist(speed, turn_rate)
+    return said(CMD_VEL.key(robot), message, at)
+
+
+def status(robot: str, at: float, state: str, reason: str) -> Sample:
+    what = Status(f"{robot}: agent", 0, state, robot, {"state": state, "reason": reason})
+    return said(STATUS.key(robot), Diagnostics(at + EPOCH, (what,)), at)
+
+
+def hear(metrics: Metrics, samples: list[Sample]) -> None:
+    for sample in samples:
+        metrics.take(sample, sample.arrived + EPOCH)
