@@ -8,14 +8,11 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from deploy.refusal import Refusal
 from formation.mission import Mission
 from formation.mission_file import MissionError, load
 
 LAWS = ("field", "paper")
-
-
-class Refusal(Exception):  # noqa: N818 - it is no failure of ours
-    """What was asked for cannot be done; the text is one sentence for the user. Exit code 2."""
 
 
 def parser(command: str, summary: str, examples: str = "") -> argparse.ArgumentParser:

@@ -15,7 +15,7 @@ from importlib import import_module
 from importlib.metadata import version
 from typing import NamedTuple
 
-from deploy.arguments import Refusal
+from deploy.refusal import Refusal
 
 
 class Command(NamedTuple):

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from deploy.launch import Child
-from deploy.table import metres
+from deploy.units import metres
 from formation.mission import Mission
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -22,7 +21,7 @@ class Program(NamedTuple):
     part: Part
     argv: tuple[str, ...]
     robots: tuple[str, ...] = ()
-    """The robots it controls or simulates."""
+    """The robots that stand still without it."""
 
 
 def programs(
@@ -33,7 +32,7 @@ def programs(
     parent: int,
     record: Path,
     law: str | None = None,
-    patience: float = 15.0,
+    patience: float = 30.0,
 ) -> tuple[Program, ...]:
     """Every process of `mission`, read from `source` by each of them, in the order of starting.
 
@@ -41,35 +40,32 @@ def programs(
     before they publish anything, so that the recording misses nothing.
     """
 
-    def program(
-        name: str, part: Part, module: str, links: Links, *flags: str, robots: Iterable[str]
-    ) -> Program:
-        ends = [
-            *(part for end in links.listen for part in ("-l", end)),
-            *(part for end in links.connect for part in ("-e", end)),
-        ]
+    def program(name: str, part: Part, module: str, links: Links, *flags: str) -> Program:
+        listen = [word for end in links.listen for word in ("-l", end)]
+        connect = [word for end in links.connect for word in ("-e", end)]
         # -P: what lies in the folder where the user happens to be is not imported
-        argv = (sys.executable, "-P", "-m", module, source, *flags, *ends, "--parent", str(parent))
-        return Program(name, part, argv, tuple(robots))
+        command = (sys.executable, "-P", "-m", module, source, *flags, *listen, *connect)
+        return Program(name, part, (*command, "--parent", str(parent)))
+
+    def agent(name: str) -> Program:
+        links, law_flag = wiring.of_agent(mission, name, where), ("--law", law) if law else ()
+        return program(f"agent {name}", "control", "agent", links, "--robot", name, *law_flag, *wait)
 
     wait = ("--await-monitor", f"{patience:g}")
-    override = ("--law", law) if law else ()
-    monitor = ("--record", str(record), "--snapshots")
-    agents = [
-        program(
-            f"agent {name}", "control", "agent", wiring.of_agent(mission, name, where),
-            "--robot", name, *wait, *override, robots=[name],
-        )
-        for name in mission.followers
-    ]  # fmt: skip
+    watch = ("--record", str(record), "--snapshots")
     return (
-        program("monitor", "watch", "monitor", wiring.of_monitor(where), *monitor, robots=()),
-        program(
-            "robots", "body", "agent.robots", wiring.of_robots(mission.followers, where), *wait,
-            robots=mission.followers,
-        ),
-        program(
-            "leader", "control", "leader", wiring.of_leader(mission, where), *wait, robots=[mission.leader]
-        ),
-        *agents,
-    )  # fmt: skip
+        program("monitor", "watch", "monitor", wiring.of_monitor(where), *watch),
+        program("robots", "body", "agent.robots", _of_robots(mission, where), *wait),
+        program("leader", "control", "leader", wiring.of_leader(mission, where), *wait),
+        *(agent(name)._replace(robots=(name,)) for name in mission.followers),
+    )
+
+
+def _of_robots(mission: Mission, where: Endpoints) -> Links:
+    """All followers in one process; a simulated sensor that looks at the leader needs its position."""
+    looks = any(
+        robot.measurement == "local" and mission.leader in robot.neighbours
+        for robot in mission.robots.values()
+    )
+    listen, _ = wiring.of_robots(mission.followers, where)
+    return Links(listen, (where.agents[mission.leader],) if looks else ())

@@ -13,11 +13,12 @@ from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
 
-from deploy.arguments import Refusal, add_mission, as_json, number, parser, read_mission
+from deploy.arguments import add_mission, as_json, number, parser, read_mission
 from deploy.launch import Child, Launcher
 from deploy.outcome import Outcome, how_it_ended
 from deploy.plan import Program, programs
 from deploy.ports import Ports
+from deploy.refusal import Refusal
 from deploy.snapshot import Snapshot
 from deploy.table import LiveTable, PlainLines, Progress, View
 from formation.mission import Mission

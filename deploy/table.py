@@ -16,6 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from deploy.snapshot import RobotNow, Snapshot
+from deploy.units import metres, seconds
 from formation.mission import Mission
 
 BLOCKS = "▁▂▃▄▅▆▇█"
@@ -249,21 +250,3 @@ def sparkline(values: Sequence[float], width: int, blocks: str = BLOCKS) -> str:
     low, high = min(logs), max(logs)
     span = max(high - low, math.log(10.0))  # noise around one value is not a mountain range
     return "".join(blocks[min(len(blocks) - 1, int((value - low) / span * len(blocks)))] for value in logs)
-
-
-def seconds(value: float | None) -> str:
-    """An age for people: 35 ms, 12 s."""
-    if value is None:
-        return "-"
-    return f"{value * 1e3:.0f} ms" if value < 1.0 else f"{value:.0f} s"
-
-
-def metres(value: float | None) -> str:
-    """A length for people: 1.23 m, 45 mm, 0.8 mm."""
-    if value is None or not math.isfinite(value):
-        return "-"
-    if abs(value) >= 1.0:
-        return f"{value:.2f} m"
-    if abs(value) >= 0.1:
-        return f"{value * 100:.0f} cm"
-    return f"{value * 1e3:.{0 if abs(value) >= 0.01 else 1}f} mm"

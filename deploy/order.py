@@ -1,0 +1,176 @@
+"""`formation order`: an operator's word to the robots of a running mission, acknowledged one by one."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from deploy.arguments import as_json, number, parser, read_mission
+from deploy.refusal import Refusal
+from formation import order, wiring
+from formation.bus import Bus, Reply
+from formation.bus_config import MODES, BusConfig, BusError, parse_override
+from formation.mission import Mission
+from formation.order import OperatorReply, OperatorRequest
+from formation.topics import ORDER
+from formation.wire import BadMessage
+
+EVERYONE = ("stop", "release")
+"""Told to each robot directly; hold and run are the leader's, whose order travels with the positions."""
+ROUND = 0.5
+"""How long one question waits for all its answers before it is put again [s]."""
+EXAMPLES = """\
+  formation order six_robots stop            every robot, at once; it stays stopped until released
+  formation order six_robots release
+  formation order six_robots hold            the leader, whose order travels with the positions
+  formation order my_mission.toml stop -e tcp/192.168.1.11:7460 -e tcp/192.168.1.12:7460
+
+Exit code 0: everyone asked has obeyed; 1: somebody did not answer, or refused.
+"""
+Ask = Callable[[str, bytes, float], Sequence[Reply]]
+"""`formation.bus.Bus.ask`."""
+
+
+class Answer(NamedTuple):
+    """One robot's answer."""
+
+    reply: OperatorReply
+    ms: float
+    """Round trip [ms]."""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Give an order; the exit code."""
+    options = _options().parse_args(arguments)
+    mission = read_mission(options.mission)
+    asked = mission.names if options.do in EVERYONE else (mission.leader,)
+    try:
+        with Bus(_config(options, mission, asked)) as bus:
+            answers = ask(bus.ask, asked, OperatorRequest(do=options.do), options.timeout)
+    except BusError as error:
+        raise Refusal(str(error)) from None
+    obeyed = all(name in answers and answers[name].reply.ok for name in asked)
+    print(words(options.do, asked, answers, options.timeout))
+    if options.json:
+        print(as_json(report(options.do, asked, answers)))
+    return 0 if obeyed else 1
+
+
+def ask(
+    put: Ask, robots: Sequence[str], request: OperatorRequest, seconds: float, pause: float = 0.02
+) -> dict[str, Answer]:
+    """Ask `robots` until each has answered, for at most `seconds`; the answers there are, by robot.
+
+    A question reaches who is linked at that moment, and links take a moment, so it is put again and again:
+    obeying twice does no harm.
+    """
+    key = ORDER.key(robots[0]) if len(robots) == 1 else ORDER.pattern.format(robot="*")
+    payload = order.encode(request)
+    answers: dict[str, Answer] = {}
+    deadline = time.monotonic() + seconds
+    while (left := deadline - time.monotonic()) > 0.0:
+        for name, answer in _read(put(key, payload, min(left, ROUND))):
+            if name in robots:
+                answers.setdefault(name, answer)
+        if len(answers) == len(robots):
+            break
+        time.sleep(pause)
+    return answers
+
+
+def report(do: str, asked: Iterable[str], answers: Mapping[str, Answer]) -> dict[str, Any]:
+    """The answers for a script."""
+    robots = {
+        name: {
+            "ok": answer.reply.ok,
+            "mode": answer.reply.mode,
+            "reason": answer.reply.reason,
+            "ms": round(answer.ms, 3),
+        }
+        for name, answer in answers.items()
+    }
+    missing = [name for name in asked if name not in answers]
+    return {"do": do, "robots": robots, "missing": missing}
+
+
+def words(do: str, asked: Sequence[str], answers: Mapping[str, Answer], seconds: float) -> str:
+    """The answers for people."""
+    lines = []
+    for name in asked:
+        answer = answers.get(name)
+        if answer is None:
+            text = f"NO ANSWER within {seconds:g} s"
+        else:
+            verdict = answer.reply.mode if answer.reply.ok else "REFUSED"
+            text = f"{verdict:<8}{answer.ms:7.1f} ms  {answer.reply.reason}"
+        lines.append(f"  {name:<12}{text}".rstrip())
+    obeyed = sum(answer.reply.ok for answer in answers.values())
+    missing = [name for name in asked if name not in answers]
+    last = f"{do}: {obeyed} of {len(asked)} obey"
+    if missing:
+        last += f"; no answer from {', '.join(missing)}"
+    return "\n".join([*lines, last])
+
+
+def _read(replies: Iterable[Reply]) -> Iterable[tuple[str, Answer]]:
+    for reply in replies:
+        try:
+            said = order.decode(OperatorReply, reply.payload)
+        except BadMessage:
+            continue  # whoever says that is no robot of ours
+        if reply.key == ORDER.key(said.robot):
+            yield said.robot, Answer(said, reply.ms)
+
+
+def _options() -> argparse.ArgumentParser:
+    options = parser(
+        "order", "Hold, run, stop or release the robots of a running mission; see who obeys.", EXAMPLES
+    )
+    options.add_argument("mission", metavar="MISSION", help="a TOML file, or the name of a shipped mission")
+    options.add_argument(
+        "do",
+        choices=("hold", "run", "stop", "release"),
+        help="hold, run: by way of the leader; stop: each robot at once, until released",
+    )
+    options.add_argument(
+        "--timeout",
+        type=number(0.0, 600.0, open_below=True),
+        default=3.0,
+        metavar="S",
+        help="wait so long for answers (default 3)",
+    )
+    options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
+    links = options.add_argument_group("links (without -e those that the mission implies)")
+    links.add_argument("-m", "--mode", choices=MODES, help="Zenoh session mode (default: peer)")
+    links.add_argument(
+        "-e",
+        "--connect",
+        metavar="ENDPOINT",
+        action="append",
+        default=[],
+        help="endpoint of an agent or the leader to dial; repeatable",
+    )
+    links.add_argument("-c", "--config", metavar="FILE", type=Path, help="Zenoh configuration file (JSON5)")
+    links.add_argument(
+        "--cfg",
+        metavar="KEY:VALUE",
+        action="append",
+        default=[],
+        help="one Zenoh setting, which outranks all others; repeatable",
+    )
+    return options
+
+
+def _config(options: argparse.Namespace, mission: Mission, asked: Iterable[str]) -> BusConfig:
+    where = wiring.endpoints(mission).agents
+    return BusConfig(
+        connect=tuple(options.connect or (where[name] for name in asked)),
+        mode=options.mode,
+        namespace=mission.team or "",
+        config_file=options.config,
+        overrides=tuple(parse_override(text) for text in options.cfg),
+        name="operator",
+    )

@@ -1,0 +1,171 @@
+"""`formation simulate`: the closed loop of a mission, without a network and faster than real time."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Self
+
+from deploy.arguments import add_mission, as_json, number, parser, read_mission, whole
+from deploy.refusal import Refusal
+from deploy.units import metres
+from formation.body import PROFILES, Body
+from formation.ensemble import Options
+from formation.mission import Mission
+from formation.simulate import Result, simulate
+
+PATIENCE = 2.0
+"""From this on a simulation shows how far it is [s]."""
+EXAMPLES = """\
+  formation simulate six_robots                          one run, from the mission's own starts
+  formation simulate six_robots --runs 400 --law paper   many, from random starts; compare the laws
+  formation simulate two_chains --runs 100 --delay 0.1 --loss 0.2
+  formation simulate six_robots --plot fig2.png          the panels of the paper's Fig. 2
+"""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Simulate a mission; the exit code."""
+    options = _options().parse_args(arguments)
+    mission = read_mission(options.mission, options.law)
+    if options.plot is not None:
+        _check_plot(options.plot)
+    with ExitStack() as stack:
+        bar = stack.enter_context(Bar(f"{mission.name}, {options.runs} runs"))
+        try:
+            result = simulate(
+                mission,
+                runs=options.runs,
+                seed=options.seed,
+                options=Options(delay=options.delay, loss=options.loss, body=_body(mission, options)),
+                horizon=options.horizon,
+                spread=options.spread,
+                starts=None if options.spread is None else "random",
+                progress=bar.at,
+                keep=options.plot is not None,
+            )
+        except ValueError as error:
+            raise Refusal(f"simulate: {error}") from None
+    if options.plot is not None and result.history is not None:
+        import_module("monitor.figure").draw(result.history, options.plot)
+    print(words(mission, options.seed, result))
+    if options.plot is not None:
+        print(f"  figure           {options.plot}")
+    if options.json:
+        print(as_json(report(mission, options, result)))
+    return 0
+
+
+def words(mission: Mission, seed: int, result: Result) -> str:
+    """The result for people."""
+    found = result.summary()
+    runs, settling, final = found["runs"], found["settling_time"], found["final_error"]
+    converged = round(found["converged_fraction"] * runs)
+    where = "the mission's own starts" if runs == 1 else f"{runs} random starts, seed {seed}"
+    lines = [
+        f"{mission.name}, {result.law} law, {where}",
+        f"  converged        {converged} of {runs}: error under {metres(result.settled)} until the end",
+    ]
+    if settling["median"] is not None:
+        more = "" if runs == 1 else f" median, {settling['p95']:.2f} s for 95 %"
+        lines.append(f"  settling time    {settling['median']:.2f} s{more}")
+    if runs == 1:
+        lines.append(f"  final error      {metres(final['max'])}")
+    else:
+        lines.append(f"  final error      {metres(final['median'])} median, {metres(final['max'])} worst")
+    lines.append(
+        f"  took             {found['wall_time']:.2f} s, "
+        f"{found['robot_steps_per_second']:,.0f} robot steps a second"
+    )
+    return "\n".join(lines)
+
+
+def report(mission: Mission, options: argparse.Namespace, result: Result) -> dict[str, Any]:
+    """The result for a script."""
+    plot = {} if options.plot is None else {"plot": str(options.plot)}
+    return {"mission": mission.name, "law": result.law, "seed": options.seed, **result.summary(), **plot}
+
+
+class Bar:
+    """A progress bar on a terminal's stderr, for what takes longer than `PATIENCE`. A context manager."""
+
+    def __init__(self, title: str) -> None:
+        self._title = title
+        self._begin = time.monotonic()
+        self._wanted = sys.stderr.isatty() and find_spec("rich") is not None
+        self._stack = ExitStack()
+        self._progress: Any = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def at(self, share: float) -> None:
+        """Show that `share` of the work is done."""
+        if not self._wanted:
+            return
+        if self._progress is None:
+            if time.monotonic() - self._begin < PATIENCE:
+                return
+            console = import_module("rich.console").Console(stderr=True)
+            kind = import_module("rich.progress").Progress
+            self._progress = self._stack.enter_context(kind(console=console, transient=True))
+            self._progress.add_task(self._title, total=1.0)
+        self._progress.update(self._progress.task_ids[0], completed=share)
+
+
+def _body(mission: Mission, options: argparse.Namespace) -> Body:
+    """The mission's robot, with what the command line adds."""
+    body = Body.of(mission.simulated_robot)
+    if options.noise is not None:
+        body = replace(body, position_noise=options.noise)
+    if options.quantised:
+        steps = PROFILES["turtlebot3_burger"]
+        body = replace(body, speed_step=steps.speed_step, turn_rate_step=steps.turn_rate_step)
+    return body
+
+
+def _check_plot(path: Path) -> None:
+    """Raise before the work is done for a figure that could not be kept."""
+    if find_spec("matplotlib") is None:
+        raise ModuleNotFoundError("No module named 'matplotlib'", name="matplotlib")
+    if path.suffix.lower() not in {".png", ".svg", ".pdf"}:
+        raise Refusal(f"--plot {path}: must end in .png, .svg or .pdf")
+    if not path.parent.is_dir():
+        raise Refusal(f"--plot {path}: there is no folder {path.parent}")
+
+
+def _options() -> argparse.ArgumentParser:
+    options = parser("simulate", "Simulate a mission: the agents' own law, without a network.", EXAMPLES)
+    add_mission(options)
+    options.add_argument("--runs", type=whole(1), default=1, metavar="N", help="how many (default 1)")
+    options.add_argument("--seed", type=whole(0), default=0, metavar="S", help="of all chance (default 0)")
+    options.add_argument("--horizon", type=number(0.0, open_below=True), metavar="S", help="its length [s]")
+    options.add_argument(
+        "--spread", type=number(0.0), metavar="M", help="random starts within ± this of the slots [m]"
+    )
+    worse = options.add_argument_group("a worse world")
+    worse.add_argument(
+        "--delay", type=number(0.0, 60.0), default=0.0, metavar="S", help="age of neighbours' positions [s]"
+    )
+    worse.add_argument(
+        "--loss", type=number(0.0, 1.0), default=0.0, metavar="P", help="share of them that is lost, 0 to 1"
+    )
+    worse.add_argument(
+        "--noise", type=number(0.0), metavar="M", help="standard deviation of odometry positions [m]"
+    )
+    worse.add_argument(
+        "--quantised", action="store_true", help="cut commands to hundredths, as TurtleBot3 does"
+    )
+    options.add_argument("--plot", type=Path, metavar="FILE", help="draw the first run: .png, .svg or .pdf")
+    options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
+    return options

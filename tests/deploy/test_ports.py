@@ -1,0 +1,118 @@
+"""Ports for a run: the mission's own if they are free, held until their process listens."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+
+import pytest
+
+from deploy.ports import Ports
+from formation import wiring
+from formation.mission import Mission
+from formation.mission_file import load
+
+
+@pytest.fixture
+def mission() -> Mission:
+    """A pair on ports that no other test uses."""
+    pair = load("turtlebot3_pair")
+    ends = {}
+    for number, name in enumerate(pair.names):
+        fields = {"endpoint": f"tcp/127.0.0.1:{17460 + number}"}
+        if name != pair.leader:
+            fields["robot_endpoint"] = f"tcp/127.0.0.1:{17560 + number}"
+        ends[name] = pair.robots[name].model_copy(update=fields)
+    return pair.model_copy(update={"robots": ends})
+
+
+def port(endpoint: str) -> int:
+    return int(endpoint.rpartition(":")[2])
+
+
+def listen(number: int) -> socket.socket:
+    """Listen as zenoh does."""
+    listener = socket.socket()
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    listener.bind(("127.0.0.1", number))
+    listener.listen()
+    return listener
+
+
+def test_the_missions_own_ports_are_taken_when_they_are_free(mission: Mission) -> None:
+    with Ports(mission) as ports:
+        assert ports.as_in_mission
+        assert ports.endpoints == wiring.endpoints(mission)
+
+
+def test_who_is_meant_to_listen_on_a_held_port_can(mission: Mission) -> None:
+    with Ports(mission) as ports, listen(port(ports.endpoints.agents["robot1"])):
+        pass
+
+
+def test_who_asks_for_a_held_port_without_being_meant_is_refused(mission: Mission) -> None:
+    with Ports(mission) as ports, socket.socket() as stranger, pytest.raises(OSError, match="in use"):
+        stranger.bind(("127.0.0.1", port(ports.endpoints.robots["robot1"])))
+
+
+def test_if_one_port_is_taken_all_are_others_and_different(mission: Mission) -> None:
+    wanted = wiring.endpoints(mission)
+    with listen(port(wanted.robots["robot2"])), Ports(mission) as ports:
+        assert not ports.as_in_mission
+        ends = [*ports.endpoints.agents.values(), *ports.endpoints.robots.values()]
+        assert not set(ends) & {*wanted.agents.values(), *wanted.robots.values()}
+        assert len(set(ends)) == len(ends) == 5
+        with listen(port(ends[0])):
+            pass
+
+
+def test_two_runs_at_the_same_moment_do_not_share_a_port(mission: Mission) -> None:
+    with Ports(mission) as first, Ports(mission) as second:
+        assert first.as_in_mission
+        assert not second.as_in_mission
+        ends = {*first.endpoints.agents.values(), *second.endpoints.agents.values()}
+        assert len(ends) == 6
+
+
+def test_ports_of_a_run_that_has_ended_are_free_again(mission: Mission) -> None:
+    with Ports(mission), Ports(mission):
+        pass
+    with Ports(mission) as ports:
+        assert ports.as_in_mission
+
+
+def test_connections_that_linger_from_the_last_run_do_not_make_a_port_taken(mission: Mission) -> None:
+    number = port(wiring.endpoints(mission).agents["robot1"])
+    with listen(number) as listener, socket.create_connection(("127.0.0.1", number)) as dialler:
+        accepted, _ = listener.accept()
+        accepted.close()  # the side that closes first keeps the port in TIME_WAIT
+        dialler.recv(1)
+    with Ports(mission) as ports:
+        assert ports.as_in_mission
+
+
+def test_endpoints_of_other_machines_are_replaced_by_ones_of_this(mission: Mission) -> None:
+    far = mission.robots["robot1"].model_copy(update={"endpoint": "tcp/192.168.1.11:7447"})
+    field = mission.model_copy(update={"robots": {**mission.robots, "robot1": far}})
+    with Ports(field) as ports:
+        assert not ports.as_in_mission
+        assert all("127.0.0.1" in end for end in ports.endpoints.agents.values())
+
+
+def test_a_launcher_that_is_killed_holds_nothing() -> None:
+    code = """
+import time
+from deploy.ports import Ports
+from formation.mission_file import load
+ports = Ports(load("turtlebot3_pair"))
+print(ports.endpoints.agents["robot1"], ports.as_in_mission, flush=True)
+time.sleep(600)
+"""
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        held = port(process.stdout.readline().split()[0])
+        process.kill()
+        process.wait(10.0)
+    with listen(held):
+        pass
