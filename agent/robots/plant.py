@@ -1,8 +1,8 @@
 """The body of a simulated robot: Eq. (1) behind wheels that lag, and odometry that is a little wrong.
 
-Wheels follow the command to first order: u(t) = u_c + (u_0 - u_c) e^{-t/T}, the turn rate likewise. On short
-steps both are replaced by their exact means, and the pose moves along the arc that these make. With wheels
-that do not lag, or that have caught up, one arc is exact for any time.
+While the wheels change speed, time is cut into short steps on which speed and turn rate are replaced by their
+exact means, and the pose moves along the arc that these make. Wheels that do not lag, or that have caught
+up, go along one arc for as long as it takes, which is exact.
 """
 
 from __future__ import annotations
@@ -12,11 +12,10 @@ import math
 
 import numpy as np
 
-from agent.robots.profiles import Body
-from formation.plane import FloatArray
+from formation.body import Body
 from formation.unicycle import Command, advance
 
-STEP = 0.005
+STEP = 0.01
 """Longest step while the wheels change speed [s]; the pose's error falls with its square."""
 CAUGHT_UP = 40.0
 """After so many time constants what is left of the lag is below the resolution of a float."""
@@ -31,39 +30,34 @@ class Plant:
         """True centre [m; world frame]."""
         self.heading = heading
         """True heading, unit complex [world frame]."""
-        self.speed = 0.0
-        """True forward speed [m/s]."""
-        self.turn_rate = 0.0
-        """True turn rate [rad/s]."""
+        self.moving = Command(0.0, 0.0)
+        """True forward speed and turn rate."""
         self.command = Command(0.0, 0.0)
         """What the wheels strive for."""
-        self._body = body
-        self._noise = noise
         self.path = 0.0
         """Length of the way so far [m]."""
+        self._body = body
+        self._noise = noise
         # Odometry errs by a share of the path, to a side of the world that is this robot's own.
         self._drift = body.drift * cmath.rect(1.0, noise.uniform(-math.pi, math.pi))
 
-    def obey(self, speed: float, turn_rate: float) -> None:
-        """Take a command: cut to steps, as it is on its way to the firmware, then clamped there."""
-        body = self._body
-        self.command = Command(
-            _clamp(_cut(speed, body.speed_step), body.max_speed),
-            _clamp(_cut(turn_rate, body.turn_rate_step), body.max_turn_rate),
-        )
+    def obey(self, command: Command) -> None:
+        """Strive for what the firmware makes of `command`."""
+        self.command = _floats(self._body.obeyed(command))
 
     def advance(self, elapsed: float) -> None:
         """Let `elapsed` [s] go by."""
         if elapsed <= 0.0:
             return
-        changing = 0.0
-        if (self.speed, self.turn_rate) != self.command:
-            changing = min(elapsed, CAUGHT_UP * self._body.lag)
-        if changing > 0.0:
-            self._drive(*self._wheels(changing))
+        changing = min(elapsed, CAUGHT_UP * self._body.lag) if self.moving != self.command else 0.0
+        steps = math.ceil(changing / STEP)
+        for _ in range(steps):
+            mean, end = self._body.drive(self.moving, self.command, changing / steps)
+            self._go(mean, changing / steps)
+            self.moving = _floats(end)
         if elapsed > changing:
-            self.speed, self.turn_rate = self.command
-            self._drive(np.array([self.speed]), np.array([self.turn_rate]), elapsed - changing)
+            self.moving = self.command
+            self._go(self.command, elapsed - changing)
 
     def odometry(self) -> tuple[complex, complex]:
         """Centre [m] and heading as this robot measures them [world frame]; each call is a new sample."""
@@ -71,34 +65,11 @@ class Plant:
         position = self.position + self._drift * self.path + self._body.position_noise * complex(x, y)
         return position, self.heading * cmath.rect(1.0, self._body.heading_noise * angle)
 
-    def _wheels(self, elapsed: float) -> tuple[FloatArray, FloatArray, float]:
-        """Mean speeds and turn rates on equal steps, shapes (steps,), and their length; the wheels go on."""
-        steps = math.ceil(elapsed / STEP)
-        step = elapsed / steps
-        left = np.exp(
-            np.arange(steps + 1) * (-step / self._body.lag)
-        )  # of the way to the command, (steps + 1,)
-        mean = -np.diff(left) * (self._body.lag / step)  # (steps,)
-        target = self.command
-        speeds = target.speed + (self.speed - target.speed) * mean
-        turn_rates = target.turn_rate + (self.turn_rate - target.turn_rate) * mean
-        self.speed = float(target.speed + (self.speed - target.speed) * left[-1])
-        self.turn_rate = float(target.turn_rate + (self.turn_rate - target.turn_rate) * left[-1])
-        return speeds, turn_rates, step
-
-    def _drive(self, speeds: FloatArray, turn_rates: FloatArray, step: float) -> None:
-        """Go along one arc after the other; arrays of shape (steps,)."""
-        turned = np.cumsum(turn_rates) * step
-        before = self.heading * np.exp(1j * (turned - turn_rates * step))
-        moves, after = advance(np.zeros_like(before), before, speeds, turn_rates, step)
-        self.position += complex(moves.sum())
-        self.path += float(np.abs(speeds).sum()) * step
-        self.heading = complex(after[-1]) / abs(after[-1])
+    def _go(self, command: Command, elapsed: float) -> None:
+        position, heading = advance(self.position, self.heading, *command, elapsed)
+        self.position, self.heading = complex(position), complex(heading) / abs(heading)
+        self.path += abs(command.speed) * elapsed
 
 
-def _cut(value: float, step: float) -> float:
-    return math.trunc(value / step) * step if step > 0.0 else value
-
-
-def _clamp(value: float, limit: float) -> float:
-    return min(max(value, -limit), limit)
+def _floats(command: Command) -> Command:
+    return Command(float(command.speed), float(command.turn_rate))

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from agent.robots.plant import Plant
-from agent.robots.profiles import body
+from formation.body import Body
 from formation.messages import Displacement, Odometry, Pose, Twist, TwistStamped, decode, encode
 from formation.mission import Mission
 from formation.neighbour import Track, carried_to, first_seen, seen
@@ -99,9 +99,9 @@ class World:
         robot = self._by_key.get(sample.key)
         if robot is None:
             raise BadMessage("unknown key")
-        speed, turn_rate = robot.read(sample.payload)
+        command = robot.read(sample.payload)
         robot.go_to(min(sample.arrived, now.mono))
-        robot.plant.obey(speed, turn_rate)
+        robot.plant.obey(command)
 
     def _followed(self, leader: Pose, now: Now) -> Track:
         track = self._leader_track
@@ -123,7 +123,7 @@ class World:
         ]
         plant = robot.plant
         position, heading = plant.odometry()
-        odometry = Odometry(now.wall, position, heading, plant.speed, plant.turn_rate)
+        odometry = Odometry(now.wall, position, heading, *plant.moving)
         truth = Pose(now.wall, plant.position, plant.heading)
         outbox.append(Outgoing(ODOM.key(robot.name), encode(odometry)))
         outbox.append(Outgoing(GROUND_TRUTH.key(robot.name), encode(truth)))
@@ -149,7 +149,8 @@ class _Robot:
         spec = mission.robots[name]
         noise = np.random.default_rng([seed, mission.names.index(name)])
         self.name = name
-        self.plant = Plant(body(mission, name), spec.start.position, spec.start.heading, noise)
+        body = Body.of(mission.simulated_robot)
+        self.plant = Plant(body, spec.start.position, spec.start.heading, noise)
         self.rate = Rate(spec.rate, phase)
         self.sees = spec.neighbours if spec.measurement == "local" else ()
         self._stamped = spec.cmd_vel == "twist_stamped"

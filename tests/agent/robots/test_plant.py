@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.robots.plant import Plant
-from agent.robots.profiles import PROFILES, Body, body
-from formation.mission_file import load, parse, read
+from formation.body import PROFILES, Body
+from formation.unicycle import Command
 
 BURGER = PROFILES["turtlebot3_burger"]
 SPEEDS = st.floats(-1.5, 1.5)
@@ -27,7 +27,7 @@ def pose(one: Plant) -> tuple[complex, complex]:
 @given(SPEEDS, SPEEDS.filter(lambda w: abs(w) > 1e-3), st.floats(0.0, 20.0), st.floats(-math.pi, math.pi))
 def test_without_lag_it_goes_along_the_exact_arc(u: float, w: float, t: float, angle: float) -> None:
     one = plant(Body(), 2.0 - 1.0j, cmath.rect(1.0, angle))
-    one.obey(u, w)
+    one.obey(Command(u, w))
     one.advance(t)
     turned = cmath.rect(1.0, angle + w * t)
     centre = 2.0 - 1.0j + 1j * (u / w) * cmath.rect(1.0, angle)
@@ -37,27 +37,27 @@ def test_without_lag_it_goes_along_the_exact_arc(u: float, w: float, t: float, a
 
 def test_wheels_follow_a_command_exponentially() -> None:
     one = plant(Body(lag=0.2))
-    one.obey(1.0, -0.5)
+    one.obey(Command(1.0, -0.5))
     one.advance(0.2)
-    assert one.speed == pytest.approx(1.0 - math.exp(-1.0))
-    assert one.turn_rate == pytest.approx(-0.5 * (1.0 - math.exp(-1.0)))
+    assert one.moving.speed == pytest.approx(1.0 - math.exp(-1.0))
+    assert one.moving.turn_rate == pytest.approx(-0.5 * (1.0 - math.exp(-1.0)))
     one.advance(20.0)
-    assert (one.speed, one.turn_rate) == (1.0, -0.5)
+    assert one.moving == (1.0, -0.5)
 
 
 def test_on_a_straight_line_the_lag_costs_its_time_constant_times_the_speed() -> None:
     one = plant(Body(lag=0.2))
-    one.obey(1.0, 0.0)
+    one.obey(Command(1.0, 0.0))
     one.advance(10.0)
     assert one.position == pytest.approx(10.0 - 0.2)
-    one.obey(0.0, 0.0)
+    one.obey(Command(0.0, 0.0))
     one.advance(10.0)
     assert one.position == pytest.approx(10.0)
 
 
 def test_while_wheels_change_speed_the_pose_is_the_integral_of_the_unicycle() -> None:
     one, lag, end, steps = plant(Body(lag=0.15), heading=1j), 0.15, 0.7, 200_000
-    one.obey(1.2, -1.5)
+    one.obey(Command(1.2, -1.5))
     one.advance(end)
     # the same written out: midpoint rule of Eq. (1) on steps a thousand times finer
     t = (np.arange(steps) + 0.5) * (end / steps)
@@ -72,7 +72,7 @@ def test_while_wheels_change_speed_the_pose_is_the_integral_of_the_unicycle() ->
 def test_it_does_not_matter_how_time_is_cut_into_pieces(pieces: list[float]) -> None:
     in_pieces, at_once = plant(Body(lag=0.1, drift=0.02)), plant(Body(lag=0.1, drift=0.02))
     for one in (in_pieces, at_once):
-        one.obey(1.5, 1.5)
+        one.obey(Command(1.5, 1.5))
     for piece in pieces:
         in_pieces.advance(piece)
     at_once.advance(sum(pieces))
@@ -83,18 +83,18 @@ def test_it_does_not_matter_how_time_is_cut_into_pieces(pieces: list[float]) -> 
 
 def test_the_last_command_holds_for_ever() -> None:
     one = plant(Body())
-    one.obey(0.2, 0.0)
+    one.obey(Command(0.2, 0.0))
     one.advance(86400.0)
     assert one.position == pytest.approx(0.2 * 86400.0)
 
 
 def test_no_time_and_time_running_backwards_move_nothing() -> None:
     one = plant(BURGER)
-    one.obey(0.2, 1.0)
+    one.obey(Command(0.2, 1.0))
     one.advance(0.0)
     one.advance(-5.0)
     assert pose(one) == (0j, 1 + 0j)
-    assert (one.speed, one.turn_rate) == (0.0, 0.0)
+    assert one.moving == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -103,29 +103,29 @@ def test_no_time_and_time_running_backwards_move_nothing() -> None:
 )
 def test_commands_are_cut_to_steps_towards_zero(asked: float, done: float) -> None:
     one = plant(BURGER)
-    one.obey(asked, asked)
+    one.obey(Command(asked, asked))
     assert one.command == pytest.approx((done, done))
 
 
 @given(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0))
 def test_a_command_is_never_exceeded_nor_are_the_clamps(speed: float, turn_rate: float) -> None:
     one = plant(BURGER)
-    one.obey(speed, turn_rate)
+    one.obey(Command(speed, turn_rate))
     for done, asked, limit in ((one.command.speed, speed, 0.2108), (one.command.turn_rate, turn_rate, 2.635)):
-        assert abs(done) <= min(abs(asked) + 1e-12, limit)
+        assert abs(done) <= min(abs(asked) + 1e-7, limit)
         assert done * asked >= 0.0
-        assert abs(done) == limit or abs(asked - done) <= 0.01 + 1e-12
+        assert abs(done) == limit or abs(asked - done) <= 0.01 + 1e-7
 
 
 def test_a_turtlebot_told_to_go_too_fast_goes_as_fast_as_its_firmware_lets_it() -> None:
     one = plant(BURGER)
-    one.obey(5.0, -9.0)
+    one.obey(Command(5.0, -9.0))
     assert one.command == (0.2108, -2.635)
 
 
 def test_the_odometry_of_an_ideal_robot_is_the_truth() -> None:
     one = plant(PROFILES["ideal"], 3.0 + 4.0j, 1j)
-    one.obey(0.3, 0.4)
+    one.obey(Command(0.3, 0.4))
     one.advance(7.0)
     assert one.odometry() == pose(one)
 
@@ -133,16 +133,16 @@ def test_the_odometry_of_an_ideal_robot_is_the_truth() -> None:
 def test_drift_grows_with_the_path_and_neither_with_time_nor_with_turning_on_the_spot() -> None:
     one = plant(Body(drift=0.01))
     for metres in (1.0, 2.0, 3.0):
-        one.obey(1.0, 0.0)
+        one.obey(Command(1.0, 0.0))
         one.advance(1.0)
         assert one.path == pytest.approx(metres)
         assert abs(one.odometry()[0] - one.position) == pytest.approx(0.01 * metres)
-    one.obey(0.0, 0.0)
+    one.obey(Command(0.0, 0.0))
     one.advance(3600.0)
-    one.obey(0.0, 1.0)
+    one.obey(Command(0.0, 1.0))
     one.advance(math.pi)
     assert abs(one.odometry()[0] - one.position) == pytest.approx(0.03)
-    one.obey(-1.0, 0.0)
+    one.obey(Command(-1.0, 0.0))
     one.advance(1.0)
     assert abs(one.odometry()[0] - one.position) == pytest.approx(0.04)
 
@@ -162,7 +162,7 @@ def test_noise_has_the_size_it_is_said_to_have_and_does_not_add_up() -> None:
 def test_the_same_seed_gives_the_same_odometry_and_another_seed_another() -> None:
     def odometry(seed: int) -> list[tuple[complex, complex]]:
         one = plant(BURGER, seed=seed)
-        one.obey(0.1, 0.3)
+        one.obey(Command(0.1, 0.3))
         samples = []
         for _ in range(50):
             one.advance(0.05)
@@ -175,20 +175,7 @@ def test_the_same_seed_gives_the_same_odometry_and_another_seed_another() -> Non
 
 def test_the_heading_stays_a_unit_number_over_a_million_arcs() -> None:
     one = plant(Body())
-    one.obey(1.0, 1.5)
+    one.obey(Command(1.0, 1.5))
     for _ in range(20_000):
         one.advance(0.05)
     assert abs(one.heading) == pytest.approx(1.0, abs=1e-12)
-
-
-def test_an_ideal_robot_is_as_fast_as_the_mission_allows() -> None:
-    assert body(load("six_robots"), "robot3") == Body(max_speed=1.5, max_turn_rate=1.5)
-
-
-def test_a_mission_may_depart_from_the_profile() -> None:
-    text, name = read("turtlebot3_pair")
-    mission = parse(
-        text.replace('"turtlebot3_burger"', '"turtlebot3_burger"\nlag = 0.0\nmax_speed = 0.5'), name
-    )
-    kind = body(mission, "robot1")
-    assert (kind.lag, kind.max_speed, kind.max_turn_rate, kind.speed_step) == (0.0, 0.5, 2.635, 0.01)
