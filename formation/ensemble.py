@@ -2,7 +2,8 @@
 
 The law, observer, tracks and kinematics are the ones that agents use; only the links and the bodies are
 simulated. Shapes: R runs, N robots (leader first), F = N-1 followers, E edges of the graph. Robots do not
-collide, and all act at the same instants.
+collide, and all act at the same instants. Positions are in the frame of each robot's odometry, as are those
+that robots publish: drift moves the robot in it, for neither the law nor the formation error can see more.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ class Ensemble:
         self.steps = 0
         """Taken so far."""
         self.position, self.heading = starts
-        """True pose of every follower; shapes (R, F)."""
+        """Pose of every follower without noise; shapes (R, F)."""
         self.limits = Limits(
             np.array([robot.control_point_offset for robot in robots]),
             np.array([robot.max_speed for robot in robots]),
@@ -92,8 +93,7 @@ class Ensemble:
         self._links = Links(self._graph, _terms(mission, law, options, self._local, step), rng)
         self._integral = np.zeros_like(self.position)
         self._travel: Travel | None = None
-        self._drift = self._body.drift * rotation(rng.uniform(-np.pi, np.pi, self.position.shape))
-        self._path = at_rest
+        self._bias = self._body.drift * rotation(rng.uniform(-np.pi, np.pi, self.position.shape))
         self._odometry = self._localise()
         self.estimate: ComplexArray = self._first_estimate()
         """Estimated headings, not always of unit length; shape (R, F)."""
@@ -105,7 +105,7 @@ class Ensemble:
 
     @property
     def points(self) -> ComplexArray:
-        """True control points of all robots, the leader's first [m; world frame]; shape (R, N)."""
+        """Control points of all robots without noise, the leader's first [m; world frame]; shape (R, N)."""
         return self._with_leader(control_point(self.position, self.heading, self.limits.offset))
 
     def step(self) -> None:
@@ -172,20 +172,18 @@ class Ensemble:
 
     def _localise(self) -> ComplexArray:
         """Centres as the odometry has them [m; world frame]."""
-        position = self.position
-        if self._body.drift > 0.0:
-            position = position + self._drift * self._path
-        if self._body.position_noise > 0.0:
-            noise = self._rng.normal(0.0, self._body.position_noise, (2, *position.shape))
-            position = position + noise[0] + 1j * noise[1]
-        return position
+        if self._body.position_noise <= 0.0:
+            return self.position
+        noise = self._rng.normal(0.0, self._body.position_noise, (2, *self.position.shape))
+        noisy: ComplexArray = self.position + noise[0] + 1j * noise[1]
+        return noisy
 
     def _move(self, command: Command) -> None:
         self.moving, self._wheels = self._body.drive(self._wheels, self._body.obeyed(command), self._dt)
-        self.position, self.heading = advance(self.position, self.heading, *self.moving, self._dt)
         self._travel = Travel(self.moving.speed * self._dt, self.moving.turn_rate * self._dt, None)
-        if self._body.drift > 0.0:
-            self._path = self._path + np.abs(self._travel.distance)
+        drifted = self._bias * np.abs(self._travel.distance) * self.heading if self._body.drift > 0.0 else 0.0
+        self.position, self.heading = advance(self.position, self.heading, *self.moving, self._dt)
+        self.position = self.position + drifted
         self.steps += 1
 
     def _with_leader(self, followers: ComplexArray) -> ComplexArray:

@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from formation.plane import Reals, Vectors, rotation, unit
+from formation.plane import Reals, Vectors, rotation
 
 
 class Travel(NamedTuple):
@@ -50,14 +50,15 @@ def innovation(estimate: Vectors, travel: Travel, gain: Reals) -> Vectors:
     """The same observer in innovation form, exact in discrete time and safe in reverse; not in the paper.
 
     Predict by the turn, then move towards the heading that the displacement shows at the interval's end,
-    m = e^{iΔθ/2} Δp/Δs, by the share 1 - e^{-k|Δs|}. Written so that Δs = 0 needs no division: then
-    nothing is learned. `estimate` has unit length, and so has the result.
+    m = e^{iΔθ/2} Δp/Δs, by the share 1 - e^{-k|Δs|}: ζ̂ - ζ turns with the robot and shrinks by e^{-k|Δs|},
+    however the way is cut into intervals. Written so that Δs = 0 needs no division: then nothing is learned.
+    The law takes ζ̂/|ζ̂|, but the estimate itself must keep its length: a guess that points backwards has to
+    come through zero, and normalised at every step it would be repelled from there and turn the long way.
     """
     path = np.abs(travel.distance)
     share = -np.expm1(-gain * path)
     half = rotation(0.5 * travel.turn)
     # share/Δs, whose limit at Δs = 0 is ±k; a robot at rest has no sign and learns nothing
     slope = np.sign(travel.distance) * np.where(path > 1e-9, share / np.maximum(path, 1e-9), gain)
-    corrected = (1.0 - share) * half * half * estimate + slope[()] * half * travel.displacement
-    turned: Vectors = unit(corrected)
-    return turned
+    corrected: Vectors = (1.0 - share) * half * half * estimate + slope[()] * half * travel.displacement
+    return corrected
