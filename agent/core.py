@@ -62,6 +62,8 @@ class Agent:
         self._latched: Mode | None = None
         self._status_due = float("-inf")
         self._rest_due = float("-inf")
+        self._odom, self._status_key = ODOM.key(robot), STATUS.key(robot)
+        self._cmd_vel, self._position_key = CMD_VEL.key(robot), POSITION.key(robot)
         self._handlers = self._by_key()
 
     @property
@@ -94,7 +96,7 @@ class Agent:
             except BadMessage as bad:
                 self._drop(sample.key, bad)
                 continue
-            if sample.key == ODOM.key(self.robot):
+            if sample.key == self._odom:
                 moved = True
                 interval = taken if interval is None else interval + (taken or 0.0)
         before, self.decision = self.decision.state, self._decide(now)
@@ -128,7 +130,7 @@ class Agent:
         return order.encode(OperatorReply(robot=self.robot, ok=ok, mode=mode, reason=reason))
 
     def _by_key(self) -> dict[str, Handler]:
-        handlers: dict[str, Handler] = {ODOM.key(self.robot): self._take_odometry}
+        handlers: dict[str, Handler] = {self._odom: self._take_odometry}
         for name, neighbour in self._neighbours.items():
             handlers[POSITION.key(name)] = _bound(self._take_position, neighbour)
             if self._spec.measurement == "local":
@@ -150,7 +152,7 @@ class Agent:
 
     def _take_displacement(self, neighbour: Neighbour, sample: Sample, now: Now) -> None:
         displacement = decode(Displacement, sample.payload)
-        neighbour.take_displacement(displacement, self._here.point, self._here.heading, sample.arrived, now)
+        neighbour.take_displacement(displacement, sample.arrived, now)
 
     def _take_order(self, heard: Order, arrived: float) -> None:
         if heard.shape not in self._mission.shapes:
@@ -179,8 +181,10 @@ class Agent:
     def _drive(self, now: Now, interval: float | None) -> list[Outgoing]:
         """A command for the newest odometry; zero velocity unless the failsafe table says run."""
         if self.decision.state is not State.RUN:
-            self._integral, self._finite = 0j, True
+            self._finite = True
             return [self._commanded(now, AT_REST)]
+        for one in self._neighbours.values():
+            one.place(self._here.point, self._here.heading)
         fresh = self._fresh(now)
         shape = self._order.shape if self._order else None
         mine = self._mission.slot(self.robot, shape)
@@ -210,19 +214,18 @@ class Agent:
         if self.decision.state is State.RUN or now.mono < self._rest_due:
             return []
         self._rest_due = now.mono + 1.0 / self._spec.rate
-        self._integral = 0j
         return [self._commanded(now, AT_REST)]
 
     def _commanded(self, now: Now, command: Command) -> Outgoing:
         self.command = command
         if self._spec.cmd_vel == "twist":
-            return Outgoing(CMD_VEL.key(self.robot), encode(Twist(*command)))
-        return Outgoing(CMD_VEL.key(self.robot), encode(TwistStamped(now.wall, *command)))
+            return Outgoing(self._cmd_vel, encode(Twist(*command)))
+        return Outgoing(self._cmd_vel, encode(TwistStamped(now.wall, *command)))
 
     def _position(self) -> Outgoing:
         pose = Pose(self._here.stream.stamp, self._here.position, self._here.heading)
         attachment = None if self._order is None else order.encode(self._order)
-        return Outgoing(POSITION.key(self.robot), encode(pose), attachment)
+        return Outgoing(self._position_key, encode(pose), attachment)
 
     def _status(self, now: Now) -> Outgoing:
         report = Report(
@@ -235,7 +238,7 @@ class Agent:
             self._here.late,
             {where: (count, self.last_dropped[where]) for where, count in self.dropped.items()},
         )
-        return Outgoing(STATUS.key(self.robot), encode(status(report, now)))
+        return Outgoing(self._status_key, encode(status(report, now)))
 
     def _drop(self, key: str, bad: BadMessage) -> None:
         where = key if key in self._handlers or key == "order" else "elsewhere"

@@ -7,7 +7,7 @@ from formation import heading as observers
 from formation.heading import Travel
 from formation.messages import Odometry
 from formation.mission import Mission
-from formation.plane import unit
+from formation.plane import angle_between, unit
 from formation.unicycle import control_point
 from formation.wire import Now
 
@@ -16,7 +16,7 @@ JUMP_MARGIN = 0.1
 
 
 class Localisation:
-    """Position by odometry, heading by the observer of Eq. (3); the odometry's own heading is not read."""
+    """Position by odometry, heading by the observer of Eq. (3): of the odometry's only the change is used."""
 
     def __init__(self, mission: Mission, robot: str, law: str) -> None:
         spec = mission.robots[robot]
@@ -52,12 +52,13 @@ class Localisation:
         last, self._last, self.position = self._last, odometry, odometry.position
         if last is None and self._printed:
             self._estimate = observers.printed_start(odometry.position, self._gain)
-        if last is None or elapsed is None:
+        if last is None or elapsed is None or elapsed > self.stream.limit:
             return None
         self.late += elapsed > 1.5 * self._period
         travel = Travel(
             distance=0.5 * (last.speed + odometry.speed) * elapsed,
-            turn=0.5 * (last.turn_rate + odometry.turn_rate) * elapsed,
+            # ∫ω dt exactly, however ω changed in between; the heading itself is never read
+            turn=float(angle_between(last.heading, odometry.heading)),
             displacement=odometry.position - last.position,
         )
         if self._is_jump(travel, elapsed):

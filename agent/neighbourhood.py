@@ -27,28 +27,40 @@ class Neighbour:
         self._top_speed = spec.top_speed
         self._filter = mission.law.velocity_filter
         self._track: neighbour.Track | None = None
+        self._unplaced: tuple[float | None] | None = None
 
     def take_position(self, pose: Pose, arrived: float, now: Now) -> None:
         """Learn from its published pose. Raises BadMessage."""
-        self._see(control_point(pose.position, pose.heading, self._offset), pose.stamp, arrived, now)
+        elapsed = self.stream.admit(pose.stamp, arrived, now)
+        self._see(control_point(pose.position, pose.heading, self._offset), elapsed)
 
-    def take_displacement(
-        self, measured: Displacement, me: complex, heading: complex, arrived: float, now: Now
-    ) -> None:
-        """Learn from a displacement measured on my own body, at my control point `me`. Raises BadMessage."""
-        self._see(me + heading * measured.displacement, measured.stamp, arrived, now)
+    def take_displacement(self, measured: Displacement, arrived: float, now: Now) -> None:
+        """Learn from a displacement measured on my own body. Raises BadMessage."""
+        elapsed = self.stream.admit(measured.stamp, arrived, now)
         self.displacement = measured.displacement
+        self._unplaced = (elapsed,)
 
-    def _see(self, point: complex, stamp: float, arrived: float, now: Now) -> None:
-        elapsed = self.stream.admit(stamp, arrived, now)
+    def place(self, me: complex, heading: complex) -> None:
+        """Put a displacement that has just been measured into the world, where my control point is `me`.
+
+        Odometry comes right after what the sensor saw at the same moment, so this waits for it: with the pose
+        before, a robot at full speed would be a whole period off.
+        """
+        if self._unplaced is not None:
+            (elapsed,), self._unplaced = self._unplaced, None
+            self._see(me + heading * self.displacement, elapsed)
+
+    def _see(self, point: complex, elapsed: float | None) -> None:
+        stamp = self.stream.stamp
         if elapsed is None or self._track is None:
             self._track = neighbour.first_seen(stamp, point)
         else:
-            self._track = neighbour.seen(self._track, stamp, point, self._filter, self._top_speed)
+            before = self._track._replace(stamp=stamp - elapsed)
+            self._track = neighbour.seen(before, stamp, point, self._filter, self._top_speed)
 
     def fresh(self, now: Now) -> bool:
         """Whether it can be followed."""
-        return self._track is not None and self.stream.fresh(now)
+        return self.stream.fresh(now)
 
     @property
     def velocity(self) -> complex:
@@ -62,7 +74,8 @@ class Neighbour:
         if not carry:
             return complex(self._track.point)
         older = self.stream.age(now) - my_age
-        return complex(neighbour.carried_to(self._track, self._track.stamp + older, self.stream.limit))
+        # the oldest sample that counts was a limit on the way and a limit here
+        return complex(neighbour.carried_to(self._track, self._track.stamp + older, 2.0 * self.stream.limit))
 
 
 def measured(

@@ -11,6 +11,8 @@ from formation.wire import BadMessage, Now
 
 FRESH_PERIODS = 3.0
 """A stream that has been silent for more than this many of its periods is stale."""
+FORGOTTEN = 1.0
+"""After so long a silence what came before says nothing about what comes now [s]."""
 ABSURD = 86_400.0
 """A stamp further than this from our own clock is no time at all [s]."""
 
@@ -26,25 +28,29 @@ class Stream:
         """Of the newest message [s, sender's clock]."""
         self.arrived: float | None = None
         """Of the newest message [s, monotonic]; None before the first."""
+        self.underway = 0.0
+        """How long the newest message was on the way, if both clocks are right [s]."""
         self._suspect: tuple[float, float] | None = None
 
     def admit(self, stamp: float, arrived: float, now: Now) -> float | None:
         """Let a message in: seconds since the one before, by the sender's clock; None for a fresh start.
 
-        A fresh start is the first message, the first after silence, or the first by a clock set anew.
+        A fresh start is the first message, the first after a long silence, or the first by a clock set anew.
         Raises BadMessage for an absurd stamp, and for one that does not follow from the last: replayed,
         reordered, or the first after the sender's clock was set (the second then confirms the new time).
         """
         if abs(now.wall - stamp) > ABSURD:
             raise BadMessage(f"absurd stamp: {stamp - now.wall:+.0f} s from this robot's clock")
-        if self.arrived is None or arrived - self.arrived > self.limit:
-            return self._newest(stamp, arrived, None)
-        elapsed = stamp - self.stamp
-        if self._agree(elapsed, arrived - self.arrived):
-            return self._newest(stamp, arrived, elapsed)
+        if self.arrived is None:
+            return self._newest(stamp, arrived, now, None)
+        elapsed, wait = stamp - self.stamp, arrived - self.arrived
+        if self._agree(elapsed, wait) and wait <= FORGOTTEN:
+            return self._newest(stamp, arrived, now, elapsed)
+        if wait > self.limit:
+            return self._newest(stamp, arrived, now, None)
         suspect, self._suspect = self._suspect, (stamp, arrived)
         if suspect is not None and self._agree(stamp - suspect[0], arrived - suspect[1]):
-            return self._newest(stamp, arrived, None)
+            return self._newest(stamp, arrived, now, None)
         raise BadMessage(f"stamp out of step: {elapsed:+.3f} s after the one before")
 
     def fresh(self, now: Now) -> bool:
@@ -60,17 +66,19 @@ class Stream:
         """When the stream will have been silent for too long [s, monotonic]; long ago before the first."""
         return float("-inf") if self.arrived is None else self.arrived + self.limit
 
-    def clock_agrees(self, now: Now) -> bool:
-        """Whether the stamp gives a believable age, so that it may be used."""
-        return 0.0 <= now.wall - self.stamp <= self.limit
+    @property
+    def clock_agrees(self) -> bool:
+        """Whether the newest message was, by its stamp, on the way for a believable time."""
+        return 0.0 <= self.underway <= self.limit
 
     def age(self, now: Now) -> float:
-        """Age of the newest message [s]: by its stamp while that is believable, else since it arrived."""
-        return now.wall - self.stamp if self.clock_agrees(now) else self.silence(now)
+        """Age of the newest message [s]: by its stamp if that is believable, else since it arrived."""
+        return self.silence(now) + (self.underway if self.clock_agrees else 0.0)
 
     def _agree(self, by_stamp: float, by_arrival: float) -> bool:
         return by_stamp > 0.0 and abs(by_stamp - by_arrival) <= self.limit
 
-    def _newest(self, stamp: float, arrived: float, elapsed: float | None) -> float | None:
+    def _newest(self, stamp: float, arrived: float, now: Now, elapsed: float | None) -> float | None:
         self.stamp, self.arrived, self._suspect = stamp, arrived, None
+        self.underway = now.wall - (now.mono - arrived) - stamp
         return elapsed

@@ -10,39 +10,35 @@ import heapq
 import itertools
 import random
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
-from agent.robots.simulated import World
-from leader.core import Leader
 
 from agent.core import Agent
+from agent.robots.simulated import World
 from formation.graph import formation_error
 from formation.messages import Diagnostics, Twist, TwistStamped, decode
 from formation.mission import Mission
 from formation.order import OperatorReply, OperatorRequest, encode
 from formation.order import decode as decode_order
+from formation.process import Core
 from formation.topics import CMD_VEL, ODOM, POSITION, STATUS
 from formation.wire import Now, Outgoing, Sample
+from leader.core import Leader
 
 EPOCH = 1.7e9
 
 
-class Core(Protocol):
-    def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]: ...
-
-
 @dataclass
 class Node:
-    """One process: its core, what it subscribes to, how often it wakes by itself."""
+    """One process: its core, and how wrong its system clock is [s]."""
 
     core: Core
-    keys: frozenset[str]
-    period: float
     clock_error: float = 0.0
     alive: bool = True
+    wake: int = 0
+    """Which of its wake-ups counts: the newest."""
 
 
 @dataclass
@@ -60,34 +56,27 @@ class Fleet:
 
     def __post_init__(self) -> None:
         self.random = random.Random(self.seed)
-        self.world = World(self.mission, self.mission.followers, seed=self.seed)
-        self.leader = Leader(self.mission, started_ns=1)
+        self.world = World(self.mission, seed=self.seed)
+        self.leader = Leader(self.mission)
         self.agents = {name: Agent(self.mission, name, self.law) for name in self.mission.followers}
-        odometry = 1.0 / max(self.mission.robots[name].rate for name in self.mission.followers)
-        commands = frozenset(CMD_VEL.key(name) for name in self.mission.followers)
-        self.nodes = {
-            "world": Node(self.world, commands, odometry),
-            "leader": Node(self.leader, frozenset(), 1.0 / self.mission.robots[self.mission.leader].rate),
-        }
-        for name, agent in self.agents.items():
-            self.nodes[name] = Node(
-                agent, frozenset(agent.subscriptions), 1.0 / self.mission.robots[name].rate
-            )
-        self._order = itertools.count()
+        cores: dict[str, Core] = {"world": self.world, "leader": self.leader, **self.agents}
+        self.nodes = {name: Node(core) for name, core in cores.items()}
+        self._number = itertools.count()
         self._events: list[tuple[float, int, str, Sample | None]] = []
-        for name, node in self.nodes.items():
-            self._at(self.random.uniform(0.0, node.period), name, None)
+        self._said: dict[str, Diagnostics] = {}
+        for name in self.nodes:
+            self._wake(name, self.random.uniform(0.0, 0.05))
 
     def run(self, seconds: float) -> None:
         end = self.now + seconds
         while self._events and self._events[0][0] <= end:
-            self.now, _, name, sample = heapq.heappop(self._events)
+            self.now, number, name, sample = heapq.heappop(self._events)
             node = self.nodes[name]
-            if sample is None:
-                self._at(self.now + node.period, name, None)
-            if node.alive:
-                moment = Now(self.now, EPOCH + self.now + node.clock_error)
-                self._send(name, node.core.step(moment, [] if sample is None else [sample]))
+            if not node.alive or (sample is None and number != node.wake):
+                continue
+            moment = Now(self.now, EPOCH + self.now + node.clock_error)
+            self._send(name, node.core.step(moment, [] if sample is None else [sample]))
+            self._wake(name, node.core.due)
         self.now = end
 
     def kill(self, name: str) -> None:
@@ -95,39 +84,53 @@ class Fleet:
 
     def revive(self, name: str) -> None:
         self.nodes[name].alive = True
+        self._wake(name, self.now)
 
     def ask(self, name: str, do: str) -> OperatorReply:
         core = self.leader if name == self.mission.leader else self.agents[name]
         return decode_order(OperatorReply, core.request(encode(OperatorRequest.model_validate({"do": do}))))
 
     def error(self) -> float:
-        """Formation error of the robots as they really are [m]."""
-        points = [self.leader.position, *(self.world.control_point(name) for name in self.mission.followers)]
+        """Formation error of the robots as they really are, now [m]."""
+        points = [self._leader_position()]
+        for name in self.mission.followers:
+            robot = self.world._hosted[name]
+            robot.go_to(self.now)
+            points.append(robot.control_point)
         return float(formation_error(self.mission.graph, np.array(points), self.mission.slots()))
+
+    def _leader_position(self) -> complex:
+        moving = self.leader.mode == "run" and self.leader._stepped is not None
+        since = self.now - self.leader._stepped if moving and self.leader._stepped is not None else 0.0
+        return complex(self.leader._route.position(self.leader.route_time + since))
 
     def last_command(self, name: str) -> tuple[float, float]:
         return self.commands[name][-1][1:]
 
     def status(self, name: str) -> dict[str, str]:
-        return dict(self._status[name].statuses[0].values)
+        return dict(self._said[name].statuses[0].values)
 
-    _status: dict[str, Diagnostics] = field(default_factory=dict)
+    def _wake(self, name: str, moment: float) -> None:
+        """Have a node step by itself, a little after it asked for it, as a real loop would."""
+        self.nodes[name].wake = next(self._number)
+        moment = max(moment, self.now) + 1e-4
+        heapq.heappush(self._events, (moment, self.nodes[name].wake, name, None))
 
-    def _at(self, moment: float, name: str, sample: Sample | None) -> None:
-        heapq.heappush(self._events, (moment, next(self._order), name, sample))
+    def _deliver(self, name: str, sample: Sample) -> None:
+        heapq.heappush(self._events, (sample.arrived, next(self._number), name, sample))
 
-    def _send(self, sender: str, outbox: list[Outgoing]) -> None:
+    def _send(self, sender: str, outbox: Iterable[Outgoing]) -> None:
         for out in outbox:
             self._note(sender, out)
             for name, node in self.nodes.items():
-                if name == sender or out.key not in node.keys:
+                if out.key not in node.core.subscriptions:
                     continue
                 between_robots = out.key.endswith("/position")
                 if between_robots and self.random.random() < self.loss:
                     continue
                 wait = self.random.uniform(*self.delay) if between_robots else 0.0005
                 for sample in self.meddle(Sample(out.key, out.payload, out.attachment, self.now + wait)):
-                    self._at(self.now + wait, name, sample)
+                    self._deliver(name, sample)
 
     def _note(self, sender: str, out: Outgoing) -> None:
         if sender in self.agents and out.key == CMD_VEL.key(sender):
@@ -135,7 +138,7 @@ class Fleet:
             twist = decode(Twist, out.payload) if kind == "twist" else decode(TwistStamped, out.payload)
             self.commands[sender].append((self.now, twist.speed, twist.turn_rate))
         elif sender in self.agents and out.key == STATUS.key(sender):
-            self._status[sender] = decode(Diagnostics, out.payload)
+            self._said[sender] = decode(Diagnostics, out.payload)
 
 
 def keys_of_neighbours(mission: Mission, name: str) -> set[str]:

@@ -1,0 +1,170 @@
+"""Whatever comes over the wire, an agent neither falls over nor moves because of it."""
+
+from __future__ import annotations
+
+import math
+import random
+import struct
+from collections.abc import Iterator
+
+import pytest
+
+from agent.core import Agent
+from agent.failsafe import State
+from formation import order
+from formation.messages import Odometry, Pose, Twist, decode, encode
+from formation.mission_file import load
+from formation.order import OperatorReply, Order
+from formation.topics import CMD_VEL, ODOM, POSITION, STATUS
+from formation.wire import Now, Outgoing, Sample
+
+SIX = load("six_robots")
+EPOCH = 1.7e9
+PERIOD = 0.05
+ME, NEIGHBOURS = "robot3", ("robot1", "robot2")
+
+
+def moment(step: int) -> Now:
+    return Now(step * PERIOD, EPOCH + step * PERIOD)
+
+
+def inbox(step: int) -> list[Sample]:
+    """What a healthy team would send in one period."""
+    mono, wall = moment(step)
+    relayed = order.encode(Order(term=1, beat=step, mode="run", shape="hexagon"))
+    way = 0.2 * mono
+    samples = [
+        Sample(POSITION.key(name), encode(Pose(wall, way + index * 1j, 1 + 0j)), relayed, mono)
+        for index, name in enumerate(NEIGHBOURS)
+    ]
+    return [*samples, Sample(ODOM.key(ME), encode(Odometry(wall, way - 2, 1 + 0j, 0.2, 0.0)), None, mono)]
+
+
+def commands(outbox: list[Outgoing]) -> list[Twist]:
+    return [decode(Twist, out.payload) for out in outbox if out.key == CMD_VEL.key(ME)]
+
+
+def mutated(payload: bytes, dice: random.Random) -> bytes:
+    data = bytearray(payload)
+    if len(data) < 12:
+        return dice.randbytes(dice.randrange(20))
+    match dice.randrange(7):
+        case 0:
+            return bytes(data[: dice.randrange(len(data))])
+        case 1:
+            return bytes(data) + dice.randbytes(dice.randrange(4, 64))
+        case 2:
+            return dice.randbytes(dice.randrange(0, 2000))
+        case 3:  # a number that is none, or is absurd
+            at = 4 + 8 * dice.randrange((len(data) - 4) // 8)
+            number = dice.choice([math.nan, math.inf, -math.inf, 1e300, -1e30])
+            struct.pack_into("<d", data, at, number)
+        case 4:  # an absurd length or time
+            at = 4 + 4 * dice.randrange((len(data) - 4) // 4)
+            struct.pack_into("<I", data, at, dice.choice([0xFFFFFFFF, 0x7FFFFFFF, 1 << 20, 4_000_000_000]))
+        case 5:
+            data[dice.randrange(4)] ^= 1 << dice.randrange(8)
+        case 6:
+            for _ in range(dice.randrange(1, 20)):
+                data[dice.randrange(len(data))] ^= 1 << dice.randrange(8)
+    return bytes(data)
+
+
+def hostile(step: int, count: int, dice: random.Random) -> Iterator[Sample]:
+    """Mutations of the real messages, on every key the agent listens to and some that it does not."""
+    honest = inbox(step)
+    for _ in range(count):
+        like = dice.choice(honest)
+        key = dice.choice([like.key, like.key, dice.choice(honest).key, "robot9/position", "", "a/b/c"])
+        attachment = like.attachment if dice.random() < 0.5 else mutated(like.attachment or b"{}", dice)
+        yield Sample(key, mutated(like.payload, dice), attachment, like.arrived)
+
+
+def is_harmless(sample: Sample) -> bool:
+    """Whether the mutation made something that is not a legal message for its key (most, but not all, do)."""
+    try:
+        if sample.key == ODOM.key(ME):
+            decode(Odometry, sample.payload)
+        else:
+            decode(Pose, sample.payload)
+    except ValueError:
+        return True
+    return sample.key not in {ODOM.key(ME), *(POSITION.key(name) for name in NEIGHBOURS)}
+
+
+def test_twenty_thousand_mutated_messages_crash_nothing_and_change_no_command() -> None:
+    dice = random.Random(20)
+    spared, attacked = Agent(SIX, ME), Agent(SIX, ME)
+    sent = 0
+    for step in range(500):
+        clean = inbox(step)
+        dirty = [bad for bad in hostile(step, 60, dice) if is_harmless(bad)]
+        sent += len(dirty)
+        expected = commands(spared.step(moment(step), clean))
+        among_the_honest = [*dirty[:20], *clean[:2], *dirty[20:], clean[2]]
+        assert commands(attacked.step(moment(step), among_the_honest)) == expected
+    assert sent >= 20_000
+    assert spared.decision.state is State.RUN
+    assert sum(attacked.dropped.values()) >= sent
+
+
+def test_messages_that_are_still_legal_after_a_mutation_crash_nothing_and_keep_the_limits() -> None:
+    dice = random.Random(21)
+    agent, limits = Agent(SIX, ME), SIX.robots[ME]
+    for step in range(500):
+        out = agent.step(moment(step), [*hostile(step, 40, dice), *inbox(step)])
+        for command in commands(out):
+            assert abs(command.speed) <= limits.max_speed
+            assert abs(command.turn_rate) <= limits.max_turn_rate
+
+
+def test_every_dropped_message_is_counted_and_named_in_the_status() -> None:
+    agent = Agent(SIX, ME)
+    agent.step(moment(0), [Sample(POSITION.key("robot1"), b"\0\1\0\0cut", None, 0.0)])
+    agent.step(moment(1), [Sample("robot9/position", b"", None, 0.05)])
+    out = agent.step(moment(20), inbox(20))
+    (status,) = [o for o in out if o.key == STATUS.key(ME)]
+    assert agent.dropped == {POSITION.key("robot1"): 1, "elsewhere": 1}
+    assert b"dropped robot1/position" in status.payload
+    assert b"geometry_msgs/msg/PoseStamped" in status.payload
+
+
+@pytest.mark.parametrize(
+    "attachment",
+    [
+        b"",
+        b"{}",
+        b"\xff\xfe",
+        b"[" * 900,
+        b'{"term": 1, "beat": 99, "mode": "fly", "shape": "hexagon"}',
+        b'{"term": 1, "beat": -1, "mode": "run", "shape": "hexagon"}',
+        b'{"term": 1, "beat": 99, "mode": "run", "shape": "banana"}',
+        b'{"term": 1, "beat": 99, "mode": "stop", "shape": "hexagon", "more": 1}',
+        b'{"term": 1, "beat": 1e400, "mode": "stop", "shape": "hexagon"}',
+    ],
+)
+def test_an_order_that_is_none_is_dropped_but_the_position_it_came_with_is_used(attachment: bytes) -> None:
+    agent = Agent(SIX, ME)
+    for step in range(4):
+        agent.step(moment(step), inbox(step))
+    samples = [sample._replace(attachment=sample.attachment and attachment) for sample in inbox(4)]
+    agent.step(moment(4), samples)
+    assert agent.dropped == {POSITION.key(name): 1 for name in NEIGHBOURS}
+    assert agent.decision.state is State.RUN
+    assert agent._neighbours["robot1"].stream.arrived == moment(4).mono
+
+
+@pytest.mark.parametrize("request_bytes", [b"", b"stop", b"{}", b'{"do": "explode"}', b"\xff" * 4000])
+def test_an_operators_request_that_makes_no_sense_is_answered_with_a_reason(request_bytes: bytes) -> None:
+    agent = Agent(SIX, ME)
+    reply = order.decode(OperatorReply, agent.request(request_bytes))
+    assert not reply.ok
+    assert reply.reason
+    assert agent.step(moment(1), []) is not None
+
+
+def test_an_agent_needs_a_follower_and_a_law_that_exist() -> None:
+    with pytest.raises(ValueError, match="robot 'robot1': must be a follower"):
+        Agent(SIX, "robot1")
+    with pytest.raises(ValueError, match="law 'magic': must be one of field, paper"):
+        Agent(SIX, ME, "magic")
