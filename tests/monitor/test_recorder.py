@@ -1,0 +1,279 @@
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from mcap.exceptions import EndOfFile
+from mcap.reader import make_reader
+from mcap.records import Channel, Message, Schema
+from mcap.stream_reader import StreamReader
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from formation import messages
+from formation.messages import Displacement, Number, encode, type_hash
+from formation.mission import Mission
+from formation.mission_file import load, parse, read
+from formation.topics import CMD_VEL, ERROR, ODOM, POSITION, TABLE
+from formation.wire import Sample
+from monitor.keys import OWN, watched
+from monitor.recorder import Recorder, RecordingError, stamp_of
+from tests.monitor.fleet import EPOCH, Fleet, command, odometry, said, status
+
+TEXT, _ = read("six_robots")
+STORE = get_typestore(Stores.EMPTY)
+
+
+def recorder(path: Path, mission: Mission | None = None, text: str = TEXT) -> Recorder:
+    mission = mission or load("six_robots")
+    return Recorder(path, mission.name, text, (*watched(mission), *OWN))
+
+
+def a_bit_of_everything() -> list[Sample]:
+    fleet = Fleet()
+    return [
+        *fleet.positions(10.0, 11.0),
+        *[odometry("robot2", 10.0 + i / 20) for i in range(20)],
+        *[command("robot2", 10.0 + i / 20, 0.1, 0.2) for i in range(20)],
+        status("robot3", 10.5, "run", "in formation control"),
+        fleet.truth("robot4", 10.5),
+        said(ERROR.key(), Number(0.25), 10.6),
+    ]
+
+
+def test_what_was_received_is_in_the_file_byte_for_byte_in_order(tmp_path: Path) -> None:
+    samples = sorted(a_bit_of_everything(), key=lambda sample: sample.arrived)
+    with recorder(tmp_path / "run.mcap") as recording:
+        for sample in samples:
+            recording.write(sample, sample.arrived + EPOCH)
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        read_back = [(channel.topic, message) for _, channel, message in make_reader(stream).iter_messages()]
+    assert [(topic, message.data) for topic, message in read_back] == [
+        (f"/{s.key}", s.payload) for s in samples
+    ]
+    assert [message.log_time for _, message in read_back] == [
+        round((s.arrived + EPOCH) * 1e9) for s in samples
+    ]
+    assert sum(recording.recorded.values()) == len(samples)
+    assert recording.recorded[ODOM.key("robot2")] == 20
+
+
+def test_publish_time_is_the_messages_stamp_where_it_has_one(tmp_path: Path) -> None:
+    late = odometry("robot2", 10.0)._replace(arrived=10.25)
+    unstamped = command("robot2", 10.5, 0.1, 0.2)
+    with recorder(tmp_path / "run.mcap") as recording:
+        for sample in (late, unstamped):
+            recording.write(sample, sample.arrived + EPOCH)
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        first, second = (message for _, _, message in make_reader(stream).iter_messages())
+    assert (first.publish_time, first.log_time) == (1_010_000_000_000, 1_010_250_000_000)
+    assert second.publish_time == second.log_time == 1_010_500_000_000
+
+
+def test_every_topic_of_the_table_has_a_channel_with_the_schema_of_ros_2(tmp_path: Path) -> None:
+    text = TEXT.replace("rate = 20 ", 'measurement = "local"\nrate = 20 ')
+    with recorder(tmp_path / "run.mcap", parse(text), text):
+        pass
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+        assert make_reader(stream).get_header().profile == "ros2"
+    assert summary is not None
+    kinds = {channel.topic.split("/", 2)[2].split("/")[0] for channel in summary.channels.values()}
+    assert kinds == {topic.name for topic in TABLE if topic.type}
+    for channel in summary.channels.values():
+        schema = summary.schemas[channel.schema_id]
+        assert (channel.message_encoding, schema.encoding) == ("cdr", "ros2msg")
+        # the text alone, without what this program knows of ROS, makes the type with ROS's own hash
+        typestore = get_typestore(Stores.EMPTY)
+        typestore.register(get_types_from_msg(schema.data.decode(), schema.name))
+        assert typestore.hash_rihs01(schema.name) == type_hash(schema.name)
+        assert channel.metadata["topic_type_hash"] == type_hash(schema.name)
+
+
+@pytest.mark.parametrize("kind", ["twist", "twist_stamped"])
+def test_commands_have_the_type_that_the_robot_takes(tmp_path: Path, kind: str) -> None:
+    text = TEXT.replace("rate = 20 ", f'cmd_vel = "{kind}"\nrate = 20 ')
+    with recorder(tmp_path / "run.mcap", parse(text), text) as recording:
+        sample = command("robot2", 10.0, 0.1, 0.2, stamped=kind == "twist_stamped")
+        recording.write(sample, sample.arrived)
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        ((schema, channel, _),) = make_reader(stream).iter_messages()
+    assert channel.topic == f"/{CMD_VEL.key('robot2')}"
+    assert schema is not None
+    assert (
+        schema.name
+        == {
+            "twist": "geometry_msgs/msg/Twist",
+            "twist_stamped": "geometry_msgs/msg/TwistStamped",
+        }[kind]
+    )
+
+
+def test_another_reader_of_ros_2_bags_decodes_the_recording(tmp_path: Path) -> None:
+    fleet = Fleet()
+    samples = fleet.positions(10.0, 10.2)
+    with recorder(tmp_path / "run.mcap") as recording:
+        for sample in samples:
+            recording.write(sample, sample.arrived + EPOCH)
+    with Reader(tmp_path / "run.mcap") as bag:
+        typestore = get_typestore(Stores.EMPTY)
+        for connection in bag.connections:
+            typestore.register(get_types_from_msg(connection.msgdef.data, connection.msgtype))
+        qos = [connection.ext.offered_qos_profiles for connection in bag.connections]  # type: ignore[union-attr]
+        decoded = [
+            (connection.topic, typestore.deserialize_cdr(data, connection.msgtype))
+            for connection, _, data in bag.messages()
+        ]
+    assert len(decoded) == len(samples)
+    topic, pose = decoded[0]
+    expected = messages.decode(messages.Pose, samples[0].payload)
+    assert topic == f"/{POSITION.key('robot1')}"
+    assert complex(pose.pose.position.x, pose.pose.position.y) == expected.position  # type: ignore[attr-defined]
+    assert {(profile.reliability.name, profile.durability.name) for (profile,) in qos} == {
+        ("BEST_EFFORT", "VOLATILE")
+    }
+
+
+def test_the_mission_and_the_versions_are_in_the_recording(tmp_path: Path) -> None:
+    with recorder(tmp_path / "run.mcap"):
+        pass
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        (about,) = make_reader(stream).iter_metadata()
+    assert about.metadata["mission"] == "six-robots"
+    assert parse(about.metadata["mission_file"]) == load("six_robots")
+    assert about.metadata["eclipse-zenoh"]
+
+
+def test_malformed_messages_are_recorded_as_they_came(tmp_path: Path) -> None:
+    rubbish = [b"", b"\xff" * 50, b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 8]
+    with recorder(tmp_path / "run.mcap") as recording:
+        for payload in rubbish:
+            recording.write(Sample(ODOM.key("robot2"), payload, None, 10.0), 10.0)
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        assert [message.data for _, _, message in make_reader(stream).iter_messages()] == rubbish
+
+
+def test_stamps_are_read_in_either_byte_order_and_only_where_they_can_be_stamps() -> None:
+    assert stamp_of(encode(Displacement(12.5, 1 + 1j))) == 12_500_000_000
+    assert stamp_of(bytes.fromhex("00000000 00000003 00000005")) == 3_000_000_005
+    assert stamp_of(bytes.fromhex("00010000 ffffffff 00000000")) is None
+    assert stamp_of(bytes.fromhex("00010000 00000000 ffffffff")) is None
+    assert stamp_of(b"\0\1\0\0") is None
+
+
+def test_a_recording_is_never_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_text("dear")
+    with pytest.raises(RecordingError, match=r"run\.mcap: exists already"):
+        recorder(path)
+    assert path.read_text() == "dear"
+
+
+def test_a_path_that_cannot_be_written_is_one_clear_error(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(RecordingError, match=r"--record .*/file/run\.mcap: .*/file is no folder"):
+        recorder(tmp_path / "file" / "run.mcap")
+
+
+LIMITED = """
+import resource, sys
+from pathlib import Path
+from formation.mission_file import load, read
+from formation.wire import Sample
+from monitor.keys import OWN, watched
+from monitor.recorder import Recorder, RecordingError
+from tests.monitor.fleet import odometry
+
+path, limit = Path(sys.argv[1]), int(sys.argv[2])
+resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))  # what a full disk looks like
+try:
+    recording = Recorder(path, "six-robots", read("six_robots")[0], (*watched(load("six_robots")), *OWN))
+except RecordingError as error:
+    print(error)
+    sys.exit(2)
+with recording:
+    for i in range(2000):
+        sample = odometry("robot2", 10.0 + i / 20)
+        recording.write(sample, sample.arrived)
+        recording.flush(sample.arrived)
+print(recording.failure)
+print(sum(recording.recorded.values()))
+"""
+
+
+def limited(path: Path, limit: int) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", LIMITED, str(path), str(limit)],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=Path(__file__).parents[2],
+        timeout=60,
+    )
+
+
+def test_a_disk_that_is_full_at_the_start_is_one_clear_error_and_leaves_no_file(tmp_path: Path) -> None:
+    done = limited(tmp_path / "run.mcap", 0)
+    assert done.returncode == 2, done.stderr
+    assert "run.mcap: cannot be written: File too large" in done.stdout
+    assert not (tmp_path / "run.mcap").exists()
+
+
+def test_a_disk_that_fills_up_later_ends_the_recording_and_nothing_else(tmp_path: Path) -> None:
+    done = limited(tmp_path / "run.mcap", 50_000)
+    assert done.returncode == 0, done.stderr
+    failure, recorded = done.stdout.splitlines()
+    assert failure == "File too large"
+    assert done.stderr.count("nothing is recorded any more") == 1
+    # what is said to be recorded can be read, and only that
+    assert 0 < int(recorded) < 2000
+    assert len(readable(tmp_path / "run.mcap")) == int(recorded)
+
+
+KILLED = """
+import sys
+from pathlib import Path
+from tests.monitor.fleet import odometry
+from tests.monitor.test_recorder import recorder
+
+recording = recorder(Path(sys.argv[1]))
+for i in range(205):
+    sample = odometry("robot2", 10.0 + i / 20)
+    recording.write(sample, sample.arrived)
+    recording.flush(sample.arrived)
+print("written", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_a_killed_recorder_loses_no_more_than_the_last_second(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    child = subprocess.Popen(
+        [sys.executable, "-c", KILLED, str(path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        cwd=Path(__file__).parents[2],
+    )
+    assert child.stdin is not None
+    assert child.stdout is not None
+    with child.stdin, child.stdout:
+        assert child.stdout.readline() == b"written\n"
+        os.kill(child.pid, signal.SIGKILL)
+        assert child.wait(10) == -signal.SIGKILL
+    # 205 messages at 20 Hz: the last flush came after the 201st
+    kept = readable(path)
+    assert len(kept) == 201
+    assert [message.sequence for message in kept] == list(range(1, 202))
+
+
+def readable(path: Path) -> list[Message]:
+    """Messages of a file that was never ended."""
+    records: list[object] = []
+    with path.open("rb") as stream, pytest.raises(EndOfFile):
+        records.extend(StreamReader(stream, emit_chunks=False).records)
+    assert {Schema, Channel} <= {type(record) for record in records}
+    return [record for record in records if isinstance(record, Message)]
