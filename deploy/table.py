@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from types import TracebackType
-from typing import Protocol, Self, TextIO
+from typing import Literal, Protocol, Self, TextIO
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -26,7 +26,13 @@ SATURATED = 0.995
 LATE = 0.5
 """Age of a position that deserves a look [s]."""
 COLOURS = {"run": "green", "hold": "yellow", "stop": "red", "waiting": "cyan", "dead": "bold red"}
-NUMBERS = ("error", "heading", "age")
+COLUMNS = {
+    "robot": 8, "state": 7, "error": 7, "u [m/s]": 12, "ω [rad/s]": 12, "θ error": 7, "age": 6,
+}  # fmt: skip
+"""And how wide they are at least, so that nothing jumps while figures change."""
+NAME_APART = sum(COLUMNS.values()) - COLUMNS["robot"] + 2 * (len(COLUMNS) - 1)
+"""Width of all columns but the first, with the spaces between them."""
+NUMBERS = ("error", "θ error", "age")
 """Columns that stand right."""
 LINE_EVERY = 2.0
 """[s]"""
@@ -157,12 +163,13 @@ def draw(progress: Progress, width: int, height: int, *, ascii_only: bool = Fals
             f"{progress.mission.name}: {text}, {progress.ready} of {progress.processes} processes ready"
         )
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim", pad_edge=False)
-    for title in ("robot", "state", "error", "u [m/s]", "ω [rad/s]", "heading", "age"):
-        table.add_column(title, justify="right" if title in NUMBERS else "left", no_wrap=True)
+    for title, least in COLUMNS.items():
+        side: Literal["left", "right"] = "right" if title in NUMBERS else "left"
+        table.add_column(Text(title), justify=side, no_wrap=True, min_width=least)
     footer = _footer(progress, width, ascii_only=ascii_only)
     names, left_out = _chosen(progress, max(1, height - 3 - len(footer)))
     for name in names:
-        table.add_row(*_row(progress, name, ascii_only=ascii_only))
+        table.add_row(*_row(progress, name, width - NAME_APART, ascii_only=ascii_only))
     heading = Text(f"{progress.mission.name}, {progress.mission.law.kind} law", style="bold")
     return Group(heading, table, *([Text(left_out, style="dim")] if left_out else []), *footer)
 
@@ -182,15 +189,16 @@ def _chosen(progress: Progress, room: int) -> tuple[Sequence[str], str]:
     return [n for n in names if n in worst], f"and {len(names) - len(worst)} more, with smaller errors"
 
 
-def _row(progress: Progress, name: str, *, ascii_only: bool) -> list[Text]:
+def _row(progress: Progress, name: str, room: int, *, ascii_only: bool) -> list[Text]:
     robot = progress.snapshot.robots.get(name) if progress.snapshot else None
     robot = robot or RobotNow()
     state = "dead" if name in progress.dead_robots else robot.state
     late = robot.age is not None and robot.age > LATE
     limits = progress.mission.robots[name]
     leads = name == progress.mission.leader
+    title = f"{name} (leader)" if leads and name != "leader" else name
     return [
-        Text(name + (" (leader)" if leads else "")),
+        Text(title if len(title) <= room else title[: max(room - 1, 1)] + ("." if ascii_only else "…")),
         Text(state or "-", style=COLOURS.get(state, "")),
         Text(metres(robot.error)),
         _against(robot.speed, None if leads else limits.max_speed, ascii_only=ascii_only),

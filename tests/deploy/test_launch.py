@@ -10,29 +10,11 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import psutil
 import pytest
 
 from deploy.launch import COAST, Child, Event, Launcher
 from deploy.plan import Part, Program
-
-READY = "say('ready')"
-PRELUDE = """
-import json, os, signal, sys, time
-def say(event, **more): print(json.dumps({"event": event, **more}), flush=True)
-def on_term(act): signal.signal(signal.SIGTERM, lambda *_: act())
-def until_told():
-    told = []
-    on_term(lambda: told.append(1))
-    say("ready")
-    while not told: time.sleep(0.01)
-"""
-GOOD = "until_told(); say('summary', published={'a/odom': 3}); sys.exit(0)"
-DEAF = f"signal.signal(signal.SIGTERM, signal.SIG_IGN); {READY}; time.sleep(600)"
-
-
-def program(code: str, name: str = "child", part: Part = "control") -> Program:
-    return Program(name, part, (sys.executable, "-c", PRELUDE + code))
+from tests.deploy.stubs import DEAF, GOOD, READY, is_gone, program
 
 
 @pytest.fixture
@@ -51,13 +33,6 @@ def wait_until(launcher: Launcher, what: Callable[[], bool], seconds: float = 20
         if event is not None:
             heard.append(event)
     return heard
-
-
-def is_gone(pid: int) -> bool:
-    try:
-        return psutil.Process(pid).status() == psutil.STATUS_ZOMBIE
-    except psutil.NoSuchProcess:
-        return True
 
 
 def test_a_child_gets_ready_ends_when_asked_and_its_summary_is_heard(launcher: Launcher) -> None:
@@ -118,10 +93,7 @@ def test_what_a_killed_child_started_is_killed_with_it(
     events += [event for event in [launcher.next(0.0)] if event]
     grandchild = next(event.data["pid"] for event in events if event.data["event"] == "started")
     launcher.stop()
-    deadline = time.monotonic() + 5.0
-    while not is_gone(grandchild) and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert is_gone(grandchild)
+    assert is_gone(grandchild, within=10.0)
 
 
 def test_agents_end_before_the_robots_and_those_before_the_monitor(launcher: Launcher) -> None:
@@ -217,7 +189,4 @@ with Launcher(Path({str(tmp_path)!r})) as launcher:
         child = int(process.stdout.readline())
         process.kill()
         process.wait(10.0)
-    deadline = time.monotonic() + 10.0
-    while not is_gone(child) and time.monotonic() < deadline:
-        time.sleep(0.02)
-    assert is_gone(child)
+    assert is_gone(child, within=10.0)

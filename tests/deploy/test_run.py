@@ -1,0 +1,225 @@
+"""`formation run` with small scripts in place of its processes: what it says, returns and leaves behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from deploy import cli, run
+from deploy.plan import Program, programs
+from deploy.ports import Ports
+from formation.mission_file import load
+from tests.deploy.stubs import GOOD, READY, is_gone, program
+
+SNAPSHOT = "say('snapshot', formation_error=0.002, robots={'robot1': {'state': 'run', 'error': 0.001}});"
+AGENT = "until_told(); say('summary', published={'robot1/cmd_vel': 10}); sys.exit(0)"
+ROBOTS = "until_told(); say('summary', published={'robot1/odom': 10}); sys.exit(0)"
+FOUND = {
+    "published": {"formation/error": 5},
+    "recorded": {"formation/error": 5, "robot1/cmd_vel": 10, "robot1/odom": 10},
+    "formation_error": 0.002,
+    "settling_time": 1.5,
+    "converged": True,
+    "recording": "a.mcap",
+}
+
+
+def monitor(**found: Any) -> str:
+    return f"until_told({SNAPSHOT!r}); say('summary', **{ {**FOUND, **found}!r}); sys.exit(0)"
+
+
+class Ran(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+    @property
+    def result(self) -> dict[str, Any]:
+        found = json.loads(self.out.splitlines()[-1])
+        assert isinstance(found, dict)
+        return found
+
+
+class Runner:
+    """Runs `formation run turtlebot3_pair` with the given scripts."""
+
+    def __init__(
+        self, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        self._folder, self._monkeypatch, self._capsys = folder, monkeypatch, capsys
+        monkeypatch.setattr("deploy.launch.COAST", 0.01)
+        monkeypatch.setattr("tempfile.tempdir", str(folder))
+
+    def __call__(self, *stubs: Program, flags: Sequence[str] = ("--json",), duration: float = 0.3) -> Ran:
+        self._monkeypatch.setattr(run, "programs", lambda *_, **__: stubs)
+        record = self._folder / "recordings" / "a.mcap"
+        line = ["run", "turtlebot3_pair", "--duration", str(duration), "--record", str(record), *flags]
+        return Ran(cli.main(line), *self._capsys.readouterr())
+
+
+@pytest.fixture
+def ran(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Runner:
+    return Runner(tmp_path, monkeypatch, capsys)
+
+
+def good(found: str = monitor()) -> tuple[Program, ...]:
+    return (
+        program(found, "monitor", "watch"),
+        program(ROBOTS, "robots", "body"),
+        program(AGENT, "agent robot1", "control")._replace(robots=("robot1",)),
+    )
+
+
+def test_a_run_that_converged_is_exit_code_0_and_one_json_object(ran: Runner, tmp_path: Path) -> None:
+    done = ran(*good())
+    assert done.code == 0
+    result = done.result
+    processes = result.pop("processes")
+    assert result == {
+        "mission": "turtlebot3-pair",
+        "law": "field",
+        "robots": 3,
+        "converged": True,
+        "formation_error": 0.002,
+        "settling_time": 1.5,
+        "duration": pytest.approx(0.3, abs=0.2),
+        "interrupted": False,
+        "recording": "a.mcap",
+        "recorded": 25,
+        "lost": 0,
+    }
+    assert [process["exit"] for process in processes.values()] == [0, 0, 0]
+    assert all(is_gone(process["pid"]) for process in processes.values())
+    assert processes["agent robot1"]["published"] == 10
+    assert list(tmp_path.glob("formation-*")) == []  # logs are kept for failures
+
+
+def test_without_json_the_summary_is_for_people(ran: Runner) -> None:
+    done = ran(*good(), flags=())
+    assert done.code == 0
+    assert "turtlebot3-pair, field law: converged" in done.out
+    assert "2.0 mm" in done.out
+    assert "a.mcap" in done.out
+    assert "{" not in done.out
+    assert done.err == ""
+
+
+def test_a_run_that_did_not_converge_is_exit_code_1(ran: Runner) -> None:
+    done = ran(*good(monitor(converged=False, settling_time=None)), flags=())
+    assert done.code == 1
+    assert "not converged" in done.out
+
+
+def test_what_was_published_and_not_recorded_is_lost(ran: Runner) -> None:
+    recorded = {"formation/error": 5, "robot1/cmd_vel": 8}
+    assert ran(*good(monitor(recorded=recorded))).result["lost"] == 12
+
+
+def test_a_process_that_dies_does_not_end_the_run_but_is_named(ran: Runner) -> None:
+    code = f"{READY}; time.sleep(0.2); print('battery empty', file=sys.stderr); sys.exit(7)"
+    done = ran(*good(), program(code, "agent robot2", "control"), duration=0.8)
+    assert done.code == 1
+    assert done.result["converged"] is True
+    assert done.result["duration"] >= 0.8
+    assert done.result["processes"]["agent robot2"] == {
+        "pid": done.result["processes"]["agent robot2"]["pid"],
+        "exit": 7,
+        "died": True,
+        "published": None,
+        "received": None,
+        "dropped": None,
+    }
+    assert "agent robot2 ended with exit code 7 during the run" in done.err
+    assert "battery empty" in done.err
+
+
+def test_without_the_monitors_last_word_nothing_is_claimed(ran: Runner) -> None:
+    dies = program("say('ready'); time.sleep(0.1); os.kill(os.getpid(), signal.SIGKILL)", "monitor", "watch")
+    done = ran(dies, *good()[1:])
+    assert done.code == 1
+    result = done.result
+    assert (result["converged"], result["formation_error"], result["lost"]) == (False, None, None)
+    assert "monitor was killed" in done.err
+
+
+def test_a_process_that_cannot_start_ends_the_run_before_it_begins(ran: Runner, tmp_path: Path) -> None:
+    fails = program("print('agent: port taken', file=sys.stderr); sys.exit(1)", "agent robot2", "control")
+    done = ran(*good(), fails)
+    assert (done.code, done.out) == (1, "")
+    assert "agent robot2 ended with exit code 1" in done.err
+    assert "agent: port taken" in done.err
+    assert list(tmp_path.glob("formation-*/agent-robot2.log"))
+
+
+def test_bad_input_that_only_a_process_finds_is_exit_code_2_too(ran: Runner) -> None:
+    fails = program("print('no such law', file=sys.stderr); sys.exit(2)", "agent robot2", "control")
+    assert ran(*good(), fails).code == 2
+
+
+def test_a_process_that_never_gets_ready_ends_the_run(ran: Runner, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run, "START_WITHIN", 0.5)
+    monkeypatch.setattr("deploy.launch.GRACE", {"control": 0.2, "body": 5.0, "watch": 5.0})
+    done = ran(*good(), program("time.sleep(600)", "agent robot2", "control"))
+    assert done.code == 1
+    assert "agent robot2 was not ready within 0.5 s" in done.err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_first_signal_ends_the_run_with_its_summary(ran: Runner, number: signal.Signals) -> None:
+    kick = f"{READY}; time.sleep(0.3); os.kill({os.getpid()}, {number.value}); {GOOD}"
+    kicks = program(kick, "somebody", "body")
+    done = ran(*good(), kicks, duration=60.0)
+    assert done.code == 0
+    assert done.result["interrupted"] is True
+    assert done.result["duration"] < 30.0
+    assert all(process["exit"] == 0 for process in done.result["processes"].values())
+
+
+def test_a_recording_that_exists_is_not_overwritten_and_nothing_starts(ran: Runner, tmp_path: Path) -> None:
+    (tmp_path / "recordings").mkdir()
+    (tmp_path / "recordings" / "a.mcap").write_bytes(b"precious")
+    done = ran(*good())
+    assert (done.code, done.out) == (2, "")
+    assert "exists already" in done.err
+    assert (tmp_path / "recordings" / "a.mcap").read_bytes() == b"precious"
+
+
+def test_a_folder_that_cannot_be_made_is_refused(ran: Runner, tmp_path: Path) -> None:
+    (tmp_path / "recordings").write_text("a file, not a folder")
+    done = ran(*good())
+    assert done.code == 2
+    assert done.err.count("\n") == 1
+
+
+def test_the_process_table_has_one_process_per_agent_and_links_along_the_graph_only() -> None:
+    mission = load("six_robots")
+    with Ports(mission) as ports:
+        where = ports.endpoints
+        plan = programs(mission, "six_robots", where, parent=4711, record=Path("a.mcap"), law="paper")
+    names = [one.name for one in plan]
+    assert names == ["monitor", "robots", "leader", *(f"agent {robot}" for robot in mission.followers)]
+    agent = plan[names.index("agent robot4")].argv
+    dialled = {agent[i + 1] for i, word in enumerate(agent) if word == "-e"}
+    assert dialled == {where.agents["robot2"], where.agents["robot3"], where.robots["robot4"]}
+    assert agent[agent.index("-l") + 1] == where.agents["robot4"]
+    assert agent[agent.index("--law") + 1] == "paper"
+    assert all(one.argv[one.argv.index("--parent") + 1] == "4711" for one in plan)
+    assert all("--await-monitor" in one.argv for one in plan if one.name != "monitor")
+
+
+def test_a_simulated_sensor_that_looks_at_the_leader_is_linked_with_it() -> None:
+    mission = load("turtlebot3_pair")
+    robots = {
+        name: robot.model_copy(update={"measurement": "local"}) for name, robot in mission.robots.items()
+    }
+    local = mission.model_copy(update={"robots": robots})
+    with Ports(local) as ports:
+        plan = programs(local, "pair", ports.endpoints, parent=1, record=Path("a.mcap"))
+        argv = next(one.argv for one in plan if one.name == "robots")
+        assert argv[argv.index("-e") + 1] == ports.endpoints.agents["leader"]

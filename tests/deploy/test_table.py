@@ -1,0 +1,185 @@
+"""What is seen of a run: in a terminal of 80 by 24, without colour, and without a terminal."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import pytest
+from rich.console import Console
+
+from deploy.snapshot import RobotNow, Snapshot
+from deploy.table import ASCII_BLOCKS, BLOCKS, PlainLines, Progress, draw, line, sparkline
+from deploy.units import metres, seconds
+from formation.mission import Mission
+from formation.mission_file import load
+
+RUNNING = RobotNow("run", 0.12, 0.75, -0.4, math.radians(-3.0), 0.031)
+
+
+def progress(mission: str = "six_robots", robots: Mapping[str, RobotNow] | None = None) -> Progress:
+    """A run of `mission` after 12 s, with every robot running, or as `robots` has it."""
+    loaded: Mission = load(mission)
+    now = Progress(loaded, 30.0, 8, phase="running", ready=8, elapsed=12.0)
+    now.see(Snapshot(1.25, {**dict.fromkeys(loaded.names, RUNNING), **(robots or {})}))
+    return now
+
+
+def picture(now: Progress, width: int = 80, height: int = 24, *, ascii_only: bool = False) -> list[str]:
+    console = Console(width=width, height=height, file=io.StringIO(), color_system=None, force_terminal=True)
+    console.print(draw(now, width, height, ascii_only=ascii_only))
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue().splitlines()
+
+
+def row(lines: list[str], robot: str) -> str:
+    return next(text for text in lines if text.startswith(robot))
+
+
+@pytest.mark.parametrize("mission", ["six_robots", "turtlebot3_pair", "two_chains"])
+def test_every_shipped_mission_fits_a_terminal_of_80_by_24(mission: str) -> None:
+    now = progress(mission)
+    lines = picture(now)
+    assert len(lines) <= 23  # the cursor stands in the last one
+    assert all(len(text) <= 80 for text in lines)
+    assert all("…" not in text for text in lines)
+    assert all(row(lines, name) for name in now.mission.names)
+
+
+def test_a_robots_row_says_state_error_commands_heading_and_age() -> None:
+    words = row(picture(progress()), "robot3").split()
+    assert words == ["robot3", "run", "12", "cm", "0.75", "━━╌╌", "-0.40", "━╌╌╌", "-3.0°", "31", "ms"]
+
+
+def test_a_long_name_is_cut_and_takes_nothing_from_the_figures() -> None:
+    now = progress("turtlebot3_pair")
+    mission = now.mission
+    name = "robot" * 10
+    robots = {name: mission.robots["robot1"], "leader": mission.robots["leader"]}
+    now.mission = mission.model_construct(**{**dict(mission), "robots": robots})
+    now.see(Snapshot(1.0, dict.fromkeys(robots, RUNNING)))
+    text = row(picture(now), "robotro")
+    assert len(text) <= 80
+    assert text.endswith("31 ms")
+    assert "robotrobotrobotr…" in text
+
+
+def test_the_columns_have_their_units() -> None:
+    header = next(text for text in picture(progress()) if text.startswith("robot "))
+    assert " ".join(header.split()) == "robot state error u [m/s] ω [rad/s] θ error age"
+
+
+def test_a_command_at_its_limit_is_marked_also_without_colour() -> None:
+    lines = picture(progress(robots={"robot2": RUNNING._replace(speed=-1.5)}))
+    assert "-1.50 ━━━━!" in row(lines, "robot2")
+    assert "!" not in row(lines, "robot3")
+
+
+def test_what_is_not_known_is_a_dash() -> None:
+    assert row(picture(progress(robots={"robot2": RobotNow()})), "robot2").split() == ["robot2", *"------"]
+
+
+def test_a_robot_whose_agent_is_dead_says_so_whatever_it_last_said() -> None:
+    now = progress()
+    now.dead["agent robot4"] = "was killed (Killed) during the run"
+    now.dead_robots.add("robot4")
+    lines = picture(now)
+    assert row(lines, "robot4").split()[1] == "dead"
+    assert "agent robot4 was killed (Killed) during the run" in lines
+
+
+def test_the_footer_has_total_error_and_time() -> None:
+    now = progress()
+    lines = picture(now)
+    assert row(lines, "error").startswith("error   1.25 m")
+    assert row(lines, "12 of 30 s").count("━") == pytest.approx(row(lines, "12 of").count("╌") / 1.5, abs=1)
+    assert "settled" not in "".join(lines)
+    now.see(Snapshot(0.0004, dict.fromkeys(now.mission.names, RUNNING)))
+    assert "settled" in row(picture(now), "error")
+
+
+def test_with_more_robots_than_lines_those_in_trouble_are_shown_and_the_rest_counted() -> None:
+    now = progress("two_chains", {"right3": RUNNING._replace(error=0.9), "left6": RobotNow("unseen")})
+    lines = picture(now, height=10)
+    assert len(lines) <= 9
+    assert row(lines, "right3")
+    assert row(lines, "left6")
+    assert any(text.startswith("and ") and "more" in text for text in lines)
+
+
+def test_before_the_first_snapshot_it_says_what_it_waits_for() -> None:
+    now = Progress(load("six_robots"), 30.0, 8, ready=3)
+    assert picture(now) == ["six-robots: starting, 3 of 8 processes ready"]
+
+
+def test_a_terminal_without_unicode_gets_plain_signs() -> None:
+    text = "\n".join(picture(progress(), ascii_only=True))
+    assert not set(text) & set(BLOCKS + "━╌")
+
+
+def test_lines_for_a_log_come_every_two_seconds_and_when_something_happens(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("deploy.table.time.monotonic", lambda: clock[0])
+    stream = io.StringIO()
+    view = PlainLines(stream)
+    now = progress()
+    for tick in range(50):
+        clock[0] = 100.0 + 0.1 * tick
+        view.show(now)
+    assert len(stream.getvalue().splitlines()) == 3
+    now.dead["monitor"] = "ended with exit code 1 during the run"
+    view.show(now)
+    view.show(now)
+    assert stream.getvalue().splitlines()[3:] == ["monitor ended with exit code 1 during the run"]
+
+
+def test_a_line_counts_the_states() -> None:
+    assert line(progress(robots={"robot2": RUNNING._replace(state="hold")})) == (
+        " 12.0 of 30 s  error 1.25 m  5 run, 1 hold"
+    )
+    assert "no word from the monitor" in line(replace(progress(), snapshot=None))
+
+
+def test_a_sparkline_is_logarithmic_and_never_wider_than_its_room() -> None:
+    assert sparkline([10.0 ** -(k / 7) for k in range(8)], 80) == BLOCKS[::-1]
+    assert len(sparkline([1.0] * 1000, 20)) == 20
+    assert sparkline([], 20) == ""
+    assert set(sparkline([0.0, 1e-9, 5.0], 3, ASCII_BLOCKS)) <= set(ASCII_BLOCKS)
+
+
+def test_noise_around_one_value_is_drawn_flat() -> None:
+    assert len(set(sparkline([1.0, 1.01, 0.99, 1.02], 4))) == 1
+
+
+@pytest.mark.parametrize(
+    ("length", "text"),
+    [
+        (None, "-"), (math.nan, "-"), (0.0, "0 mm"), (2e-5, "<0.1 mm"), (0.0008, "0.8 mm"),
+        (0.00994, "9.9 mm"), (0.00996, "10 mm"), (0.0994, "99 mm"), (0.0996, "10 cm"), (0.994, "99 cm"),
+        (0.996, "1.00 m"), (12.345, "12.35 m"),
+    ],
+)  # fmt: skip
+def test_lengths_are_short_and_never_change_unit_by_rounding(length: float | None, text: str) -> None:
+    assert metres(length) == text
+
+
+@pytest.mark.parametrize(
+    ("time", "text"), [(None, "-"), (math.inf, "-"), (0.031, "31 ms"), (0.9996, "1 s"), (12.3, "12 s")]
+)
+def test_times_are_short(time: float | None, text: str) -> None:
+    assert seconds(time) == text
+
+
+def test_a_snapshot_with_missing_or_strange_fields_is_read_as_far_as_it_goes() -> None:
+    event = {
+        "formation_error": "lots",
+        "robots": {"a": {"state": 3, "error": 0.5, "speed": True, "age": math.inf}, "b": None},
+    }
+    snapshot = Snapshot.of(event)
+    assert math.isnan(snapshot.error)
+    assert snapshot.robots == {"a": RobotNow("", 0.5)}
+    assert Snapshot.of({"robots": []}).robots == {}
