@@ -59,7 +59,7 @@ def from_text(text: str) -> str:
 
 def to_header(stamp: float, frame: str) -> RosHeader:
     """std_msgs/Header; `stamp` [s since the epoch]."""
-    if not 0.0 <= stamp < 2**31 - 1:
+    if not 0.0 <= stamp < 2**31:
         raise BadMessage(f"stamp is {stamp:g} s, must be from 0 to 2^31 s")
     seconds = int(stamp)
     nanoseconds = round((stamp - seconds) * 1e9)
@@ -71,8 +71,8 @@ def to_header(stamp: float, frame: str) -> RosHeader:
 def from_header(header: RosHeader) -> tuple[float, str]:
     """Stamp [s] and frame."""
     seconds, nanoseconds = header.stamp.sec, header.stamp.nanosec
-    if seconds < 0 or nanoseconds >= 1_000_000_000:
-        raise BadMessage(f"stamp is {seconds} s and {nanoseconds} ns, must be positive and under a second")
+    if not 0 <= seconds < 2**31 - 1 or nanoseconds >= 1_000_000_000:
+        raise BadMessage(f"stamp is {seconds} s and {nanoseconds} ns, must be from 0 to 2^31 s and under 1 s")
     return seconds + nanoseconds * 1e-9, from_text(header.frame_id)
 
 

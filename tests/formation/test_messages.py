@@ -1,0 +1,159 @@
+from __future__ import annotations
+
+import cmath
+import math
+import struct
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from formation import ros
+from formation.messages import (
+    Diagnostics,
+    Displacement,
+    Message,
+    Number,
+    Odometry,
+    Pose,
+    Status,
+    Twist,
+    TwistStamped,
+    decode,
+    definition,
+    encode,
+    type_hash,
+)
+from formation.topics import SCAN, TABLE
+from tests.formation.examples import CLASSES, NOW, ODOMETRY, read, same
+
+stamps = st.floats(1e7, 2**31 - 2)  # where a double resolves no less than a nanosecond
+metres = st.floats(-1e6, 1e6)
+positions = st.builds(complex, metres, metres)
+rates = st.floats(-1e3, 1e3)
+headings = st.floats(-math.pi, math.pi).map(lambda angle: cmath.rect(1.0, angle))
+texts = st.text(st.characters(exclude_categories=("C", "Z")), max_size=20)
+statuses = st.builds(
+    Status, texts, st.integers(0, 3), texts, texts, st.dictionaries(texts, texts, max_size=5)
+)
+messages: st.SearchStrategy[Message] = st.one_of(
+    st.builds(Odometry, stamps, positions, headings, rates, rates, texts, texts),
+    st.builds(Twist, rates, rates),
+    st.builds(TwistStamped, stamps, rates, rates, texts),
+    st.builds(Pose, stamps, positions, headings, texts),
+    st.builds(Displacement, stamps, positions, texts),
+    st.builds(Number, st.floats(allow_nan=False, allow_infinity=False)),
+    st.builds(Diagnostics, stamps, st.lists(statuses, max_size=3).map(tuple)),
+)
+
+
+@given(messages)
+def test_every_message_comes_back_as_it_was_sent(message: Message) -> None:
+    payload = encode(message)
+    assert payload[:4] == bytes((0, 1, 0, 0))
+    assert same(read(message, payload), message)
+
+
+@given(messages)
+def test_every_message_survives_the_other_byte_order(message: Message) -> None:
+    payload = bytes(ros.STORE.serialize_cdr(message._to_ros(), message.ROS_TYPE, little_endian=False))
+    assert same(read(message, payload), message)
+
+
+@pytest.mark.parametrize(
+    ("message", "size"),
+    [
+        (replace(ODOMETRY, frame="odom"), 724),
+        (Twist(0.1, 0.2), 52),
+        (Number(0.5), 12),
+    ],
+)
+def test_payloads_have_the_sizes_that_a_ros_2_bridge_sends(message: Message, size: int) -> None:
+    assert len(encode(message)) == size
+
+
+def test_a_twist_has_the_bytes_that_cdr_says() -> None:
+    assert encode(Twist(0.25, -1.5)) == bytes((0, 1, 0, 0)) + struct.pack("<6d", 0.25, 0, 0, 0, 0, -1.5)
+
+
+def test_a_pose_has_the_bytes_that_cdr_says() -> None:
+    header = struct.pack("<iII4s", 7, 500_000_000, 4, b"map\0")
+    assert encode(Pose(7.5, 3 + 4j, -1 + 0j)) == bytes((0, 1, 0, 0)) + header + struct.pack(
+        "<7d", 3, 4, 0, 0, 0, 1, 0
+    )
+
+
+@given(st.floats(-math.pi, math.pi))
+def test_a_heading_is_the_turn_about_z(angle: float) -> None:
+    quaternion = ros.to_pose(0j, cmath.rect(1.0, angle)).orientation
+    assert quaternion.x == quaternion.y == 0.0
+    assert quaternion.z == pytest.approx(math.sin(angle / 2), abs=1e-15)
+    assert quaternion.w == pytest.approx(math.cos(angle / 2), abs=1e-15)
+
+
+@given(st.floats(-math.pi, math.pi), st.floats(-0.13, 0.13), st.floats(-0.13, 0.13))
+def test_the_heading_of_a_slightly_tilted_robot_is_its_yaw(yaw: float, pitch: float, roll: float) -> None:
+    turns = [(yaw, "z"), (pitch, "y"), (roll, "x")]
+    w, x, y, z = 1.0, 0.0, 0.0, 0.0
+    for angle, axis in turns:
+        c, s = math.cos(angle / 2), math.sin(angle / 2)
+        if axis == "z":
+            w, x, y, z = w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
+        elif axis == "y":
+            w, x, y, z = w * c - y * s, x * c - z * s, y * c + w * s, z * c + x * s
+        else:
+            w, x, y, z = w * c - x * s, x * c + w * s, y * c + z * s, z * c - y * s
+    pose = ros.to_pose(0j, 1 + 0j)
+    q = pose.orientation
+    q.w, q.x, q.y, q.z = w, x, y, z
+    assert abs(ros.from_pose(pose)[1] - cmath.rect(1.0, yaw)) < 1e-12
+
+
+def test_a_stamp_keeps_its_nanoseconds() -> None:
+    assert decode(TwistStamped, encode(TwistStamped(12.345678901, 0, 0))).stamp == pytest.approx(
+        12.345678901, abs=1e-9
+    )
+    assert decode(TwistStamped, encode(TwistStamped(0.9999999999, 0, 0))).stamp == 1.0
+
+
+def test_a_heading_that_has_drifted_off_unit_length_is_sent_as_unit() -> None:
+    assert decode(Pose, encode(Pose(NOW, 0j, 1.005j))).heading == pytest.approx(1j, abs=1e-15)
+
+
+def test_the_hashes_are_those_of_ros_2_jazzy() -> None:
+    known = {
+        "nav_msgs/msg/Odometry": "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
+        "geometry_msgs/msg/Twist": "9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a",
+        "geometry_msgs/msg/TwistStamped": "5f0fcd4f81d5d06ad9b4c4c63e3ea51b82d6ae4d0558f1d475229b1121db6f64",
+        "geometry_msgs/msg/PoseStamped": "10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8",
+        "sensor_msgs/msg/LaserScan": "64c191398013af96509d518dac71d5164f9382553fce5c1f8cca5be7924bd828",
+    }
+    assert {name: type_hash(name) for name in known} == {name: f"RIHS01_{h}" for name, h in known.items()}
+
+
+def test_definitions_hold_all_that_a_type_contains() -> None:
+    text = definition("geometry_msgs/msg/PoseStamped")
+    assert text.startswith("std_msgs/Header header\ngeometry_msgs/Pose pose\n")
+    parts = [line.removeprefix("MSG: ") for line in text.splitlines() if line.startswith("MSG: ")]
+    assert sorted(parts) == [
+        "builtin_interfaces/Time",
+        "geometry_msgs/Point",
+        "geometry_msgs/Pose",
+        "geometry_msgs/Quaternion",
+        "std_msgs/Header",
+    ]
+
+
+def test_every_type_of_the_topic_table_has_a_message_and_a_definition() -> None:
+    readable = {cls.ROS_TYPE for cls in CLASSES} | {SCAN.type}  # nobody here reads scans
+    named = {name for topic in TABLE for name in topic.types}
+    assert named <= readable
+    assert all(definition(name) for name in named)
+
+
+@pytest.mark.parametrize("describe", [definition, type_hash])
+def test_an_unknown_type_is_named(describe: Any) -> None:
+    with pytest.raises(KeyError, match="nav_msgs/Odometry"):
+        describe("nav_msgs/Odometry")
