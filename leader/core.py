@@ -71,12 +71,7 @@ class Leader:
     def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
         """Go on along the route; a position when one is due, and at once when the mode has changed."""
         self.dropped.update(sample.key for sample in inbox)
-        if self._stepped is None:
-            self._term = int(now.wall * 1e9)
-        elif self._in_force == "run":
-            self.route_time += now.mono - self._stepped
-        changed = self._stepped is not None and self.mode != self._in_force
-        self._stepped, self._in_force = now.mono, self.mode
+        changed = self._go_on(now)
         outbox = []
         if self._rate.tick(now.mono) or changed:
             outbox.append(self._position(now))
@@ -87,7 +82,7 @@ class Leader:
     def halt(self, now: Now, reason: str) -> list[Outgoing]:
         """The last words: the team holds at once instead of waiting for a beat that does not come."""
         self._told = "hold"
-        self.step(now, ())
+        self._go_on(now)
         return [self._position(now), self._status(now, reason)]
 
     def request(self, data: bytes) -> bytes:
@@ -113,6 +108,17 @@ class Leader:
         else:
             reason = "there was nothing to release"
         return self._reply(ok=True, reason=reason)
+
+    def _go_on(self, now: Now) -> bool:
+        """Spend the time since the last step in the mode that was in force; whether the mode now changes."""
+        first = self._stepped is None
+        if self._stepped is None:
+            self._term = int(now.wall * 1e9)
+        elif self._in_force == "run":
+            self.route_time += now.mono - self._stepped
+        changed = self.mode != self._in_force and not first
+        self._stepped, self._in_force = now.mono, self.mode
+        return changed
 
     def _reply(self, *, ok: bool, reason: str) -> bytes:
         return order.encode(OperatorReply(robot=self.robot, ok=ok, mode=self.mode, reason=reason))

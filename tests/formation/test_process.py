@@ -1,0 +1,180 @@
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from formation import process
+from formation.bus import BusError
+from formation.flags import bus_config, parser
+from formation.mission_file import MissionError, load
+from formation.process import BadInput, Stop, one_of, run_process, say
+from formation.wiring import Links
+
+IMPLIED = Links(("tcp/127.0.0.1:7460",), ("tcp/127.0.0.1:7461",))
+
+
+def flags(*arguments: str) -> argparse.Namespace:
+    return parser("thing", "Do the thing.", "  formation thing six_robots").parse_args(
+        ["six_robots", *arguments]
+    )
+
+
+def test_a_signal_is_the_wish_to_stop_and_wakes_whoever_sleeps() -> None:
+    woken = []
+    with Stop() as stop:
+        stop.wakes(lambda: woken.append(1))
+        assert not stop
+        signal.raise_signal(signal.SIGTERM)
+        assert stop
+    assert stop.reason == "SIGTERM"
+    assert woken == [1]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_every_signal_that_ends_a_process_is_polite_and_as_before_afterwards(number: signal.Signals) -> None:
+    before = signal.getsignal(number)
+    with Stop() as stop:
+        signal.raise_signal(number)
+        signal.raise_signal(number)  # at once: the terminal and the supervisor say the same
+        assert stop.reason == number.name
+    assert signal.getsignal(number) is before
+
+
+def test_a_process_started_by_nohup_outlives_its_terminal() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with Stop() as stop:
+            signal.raise_signal(signal.SIGHUP)
+            assert not stop
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_a_signal_after_the_grace_ends_even_a_process_that_hangs() -> None:
+    hangs = (
+        "import signal, time; from formation import process\n"
+        "process.GRACE = 0.0\n"
+        "with process.Stop() as stop:\n"
+        "    signal.raise_signal(signal.SIGTERM); time.sleep(0.01); print('polite', flush=True)\n"
+        "    signal.raise_signal(signal.SIGTERM); print('never')\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", hangs], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout) == (128 + signal.SIGTERM, "polite\n")
+
+
+def test_a_process_whose_parent_is_another_stops() -> None:
+    assert not Stop(parent=os.getppid())
+    orphan = Stop(parent=os.getpid())
+    assert orphan
+    assert str(os.getpid()) in orphan.reason
+
+
+@pytest.mark.parametrize("error", [MissionError, BusError, BadInput])
+def test_bad_input_is_one_line_on_stderr_and_exit_code_2(
+    error: type[Exception], capsys: pytest.CaptureFixture[str]
+) -> None:
+    def main(_stop: Stop) -> None:
+        raise error("the wheel is square; it must be round")
+
+    assert run_process("robot2", flags(), main) == 2
+    said = capsys.readouterr()
+    assert (said.out, said.err) == ("", "robot2: the wheel is square; it must be round\n")
+
+
+def test_any_other_failure_is_logged_and_exit_code_1(caplog: pytest.LogCaptureFixture) -> None:
+    def main(_stop: Stop) -> None:
+        raise ZeroDivisionError("somewhere deep")
+
+    assert run_process("robot2", flags(), main) == 1
+    assert "somewhere deep" in caplog.text
+
+
+def test_a_process_that_ends_well_has_exit_code_0() -> None:
+    assert run_process("robot2", flags(), lambda _stop: None) == 0
+
+
+def test_what_it_says_is_one_json_object_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+    say("ready", process="agent robot2")
+    say("summary", published={"a/b": 1})
+    first, second = map(json.loads, capsys.readouterr().out.splitlines())
+    assert first == {"event": "ready", "process": "agent robot2"}
+    assert second == {"event": "summary", "published": {"a/b": 1}}
+
+
+def test_a_reader_that_has_gone_away_does_not_make_it_fail() -> None:
+    talks = "from formation.process import say\nfor i in range(20000): say('ready', process='x' * 50)\n"
+    with subprocess.Popen(
+        [sys.executable, "-c", talks], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as child:
+        assert child.stdout is not None
+        assert child.stderr is not None
+        child.stdout.close()
+        errors = child.stderr.read()
+    assert (child.returncode, errors) == (0, b"")
+
+
+def test_an_illegal_choice_names_the_legal_ones() -> None:
+    assert one_of("--robot", "robot2", ("robot2", "robot3")) == "robot2"
+    with pytest.raises(BadInput, match=r"--robot 'robot9': must be one of robot2, robot3"):
+        one_of("--robot", "robot9", ("robot2", "robot3"))
+
+
+def test_without_flags_the_links_are_those_that_the_mission_implies() -> None:
+    config = bus_config(flags(), load("six_robots"), IMPLIED, "thing")
+    assert (config.listen, config.connect) == IMPLIED
+    assert (config.mode, config.namespace, config.name) == (None, "", "thing")
+
+
+def test_one_link_flag_replaces_all_that_the_mission_implies() -> None:
+    config = bus_config(
+        flags("-e", "tcp/10.0.0.1:7447", "-e", "tls/b:1"), load("six_robots"), IMPLIED, "thing"
+    )
+    assert (config.listen, config.connect) == ((), ("tcp/10.0.0.1:7447", "tls/b:1"))
+
+
+def test_zenoh_settings_pass_through_and_the_team_is_the_namespace() -> None:
+    mission = load("six_robots").model_copy(update={"team": "red"})
+    args = flags("-m", "client", "--cfg", "transport/link/tx/lease:2000", "--no-multicast-scouting")
+    config = bus_config(args, mission, IMPLIED, "thing")
+    assert (config.mode, config.namespace) == ("client", "red")
+    assert config.overrides == (("transport/link/tx/lease", "2000"),)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [["--await-monitor", "-1"], ["--await-monitor", "nan"], ["--await-monitor", "soon"], ["-m", "boss"]],
+)
+def test_a_flag_that_makes_no_sense_is_refused(wrong: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as refused:
+        flags(*wrong)
+    assert refused.value.code == 2
+    assert wrong[0] in capsys.readouterr().err
+
+
+def test_help_shows_the_examples(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        flags("--help")
+    assert "examples:\n  formation thing six_robots" in capsys.readouterr().out
+
+
+def test_both_clocks_are_read_together() -> None:
+    before = time.monotonic(), time.time()
+    now = process.clocks()
+    assert before[0] <= now.mono <= time.monotonic()
+    assert before[1] <= now.wall <= time.time()
+
+
+def test_what_all_processes_share_needs_nothing_that_only_a_desk_has() -> None:
+    code = "import sys, formation.process, formation.flags; print(*sys.modules)"
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.split()
+    assert "zenoh" in loaded
+    assert not {"rich", "mcap", "matplotlib", "pytest"} & set(loaded)

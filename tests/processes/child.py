@@ -1,0 +1,103 @@
+"""A process under test: started, listened to, ended, and never left behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import random
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+PATIENCE = 30.0
+"""How long a test waits for what takes a fraction of a second on an idle machine [s]."""
+
+
+class Child:
+    """``python -m MODULE ARGUMENTS``, and every line that it says."""
+
+    def __init__(self, module: str, *arguments: str) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", module, *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._errors: list[str] = []
+        self._readers = [
+            threading.Thread(target=read, daemon=True) for read in (self._read, self._read_errors)
+        ]
+        for reader in self._readers:
+            reader.start()
+
+    def event(self, name: str) -> dict[str, Any]:
+        """The next line it says, which must be this event."""
+        line = self._lines.get(timeout=PATIENCE)
+        assert line is not None, f"ended without saying {name!r}: {self.errors}"
+        said: dict[str, Any] = json.loads(line)
+        assert said["event"] == name
+        return said
+
+    def signal(self, number: int) -> float:
+        """Send a signal; how long the process then took to end [s]."""
+        sent = time.monotonic()
+        os.kill(self.process.pid, number)
+        self.process.wait(PATIENCE)
+        return time.monotonic() - sent
+
+    def wait(self) -> int:
+        """Its exit code."""
+        return self.process.wait(PATIENCE)
+
+    @property
+    def errors(self) -> str:
+        """All that it wrote to stderr; it has ended."""
+        self._readers[1].join(PATIENCE)
+        return "".join(self._errors)
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self._lines.put(line)
+        self._lines.put(None)
+
+    def _read_errors(self) -> None:
+        assert self.process.stderr is not None
+        self._errors.extend(self.process.stderr)
+
+
+@contextmanager
+def started(module: str, *arguments: str) -> Iterator[Child]:
+    """A child that is killed at the end, if it still lives."""
+    child = Child(module, *arguments)
+    try:
+        yield child
+    finally:
+        if child.process.poll() is None:
+            child.process.kill()
+        child.process.wait()
+        for reader in child._readers:
+            reader.join(PATIENCE)
+        for stream in (child.process.stdout, child.process.stderr):
+            if stream is not None:
+                stream.close()
+
+
+def free_endpoint() -> str:
+    """An endpoint of this machine that nobody listens on.
+
+    It is below the ports that systems give to whoever asks for any, so none is given away before it is used.
+    """
+    while True:
+        port = random.SystemRandom().randrange(20_000, 32_000)
+        with socket.socket() as probe, suppress(OSError):
+            probe.bind(("127.0.0.1", port))
+            return f"tcp/127.0.0.1:{port}"
