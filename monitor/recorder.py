@@ -22,6 +22,7 @@ from typing import Self
 from mcap.writer import CompressionType, Writer
 
 from formation.messages import definition, type_hash
+from formation.process import BadInput
 from formation.wire import Sample
 from monitor.keys import Watched
 
@@ -47,7 +48,7 @@ _LITTLE, _BIG = struct.Struct("<iI"), struct.Struct(">iI")
 _log = logging.getLogger(__name__)
 
 
-class RecordingError(RuntimeError):
+class RecordingError(BadInput):
     """The recording cannot be begun; the text names the file and says why."""
 
 

@@ -1,0 +1,112 @@
+"""The monitor on the bus: record first, understand later.
+
+Everything that has arrived is taken in one go, fifty times a second. That is often enough for people and
+for 10 Hz figures, and at thousands of messages a second far cheaper than waking for each.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from formation.bus import Bus
+from formation.process import Stop, clocks, say
+from formation.rate import Rate
+from formation.wire import Now, Sample
+from monitor.core import Monitor
+from monitor.recorder import Recorder
+from monitor.report import as_json, line
+
+NAME = "monitor"
+CAPACITY = 65_536
+"""Messages that may wait: ten seconds of 6000 a second, while the disk is busy."""
+PERIOD = 0.02
+"""[s]"""
+QUIET = 0.2
+"""At the end: nothing for so long means that nothing more is coming [s] …"""
+LAST_CALL = 1.0
+"""… and so long after the wish to stop it ends even if a fleet goes on talking [s]."""
+_log = logging.getLogger(__name__)
+
+
+class Watch:
+    """Pumps messages from the bus into the recording and the figures."""
+
+    def __init__(self, monitor: Monitor, bus: Bus, recorder: Recorder | None) -> None:
+        self._monitor, self._bus, self._recorder = monitor, bus, recorder
+
+    def declare(self) -> None:
+        """Declare all that is published and listened to. Raises BusError."""
+        for topic, key in self._monitor.publications:
+            self._bus.advertise(topic, key)
+        for key in self._monitor.subscriptions:
+            self._bus.subscribe(key)
+
+    def run(self, stop: Stop, *, snapshots: bool) -> None:
+        """Watch until told to stop, and then until what was sent before has arrived.
+
+        With `snapshots` tell programs five times a second, without tell people every two.
+        """
+        tell = Rate(5.0 if snapshots else 0.5)
+        while not stop:
+            now = clocks()
+            self._pump(now)
+            if tell.tick(now.mono):
+                self._tell(now, snapshots=snapshots)
+            time.sleep(PERIOD)
+        _log.info("stopping: %s", stop.reason)
+        self._drain()
+
+    def summary(self) -> dict[str, Any]:
+        """What is said on stdout at the end. Ask once the recording is closed."""
+        snapshot = self._monitor.metrics.snapshot(clocks())
+        rejected = self._monitor.metrics.rejections.by_key
+        return {
+            "process": NAME,
+            "published": dict(self._bus.published),
+            "received": dict(self._bus.received),
+            "dropped": {**rejected, "overflowed": self._bus.overflowed},
+            "rejected": dict(snapshot.rejected),
+            "missed": snapshot.missed,
+            "recorded": dict(self._recorder.recorded) if self._recorder else {},
+            "recording": str(self._recorder.path) if self._recorder else None,
+            "recording_failure": self._recorder.failure if self._recorder else None,
+            "formation_error": snapshot.final_error,
+            "settling_time": snapshot.settled_at,
+            "converged": snapshot.converged,
+        }
+
+    def _pump(self, now: Now) -> int:
+        inbox = self._bus.drain()
+        self._record(inbox, now)
+        for out in self._monitor.step(now, inbox):
+            self._bus.publish(out.key, out.payload, out.attachment)
+            self._record([Sample(out.key, out.payload, out.attachment, now.mono)], now)
+        if self._recorder is not None:
+            self._recorder.flush(now.mono)
+        return len(inbox)
+
+    def _record(self, samples: Sequence[Sample], now: Now) -> None:
+        if self._recorder is None:
+            return
+        ahead = now.wall - now.mono
+        for sample in samples:
+            self._recorder.write(sample, sample.arrived + ahead)
+
+    def _drain(self) -> None:
+        end = heard = time.monotonic()
+        end += LAST_CALL
+        while (now := clocks()).mono < min(end, heard + QUIET):
+            if self._pump(now):
+                heard = now.mono
+            time.sleep(PERIOD)
+
+    def _tell(self, now: Now, *, snapshots: bool) -> None:
+        snapshot = self._monitor.metrics.snapshot(now)
+        failure = self._recorder.failure if self._recorder else None
+        if snapshots:
+            say("snapshot", **as_json(snapshot), overflowed=self._bus.overflowed, recording_failure=failure)
+        else:
+            _log.info("%s%s", line(snapshot), f"  NOT RECORDING: {failure}" if failure else "")

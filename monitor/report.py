@@ -1,0 +1,132 @@
+"""A snapshot put into words: JSON for programs, a line for people, diagnostics for ROS tools."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from formation.messages import Diagnostics, Status
+from monitor.figures import KeyFigures, RobotFigures, Snapshot
+
+OK, WARNING, STALE = 0, 1, 3
+ROBOTS_PER_MESSAGE = 25
+"""Keeps a diagnostics message of a large fleet well under the longest that is read."""
+
+
+def as_json(snapshot: Snapshot) -> dict[str, Any]:
+    """What a live table needs; lengths [m], speeds [m/s], angles [rad], times [s]. None is not known now."""
+    return {
+        "elapsed": _round(snapshot.elapsed, 3),
+        "formation_error": _round(snapshot.formation_error, 6),
+        "formation_error_true": _round(snapshot.formation_error_true, 6),
+        "settled_at": _round(snapshot.settled_at, 3),
+        "converged": snapshot.converged,
+        "mode": snapshot.mode,
+        "shape": snapshot.shape,
+        "robots": {name: _robot(robot) for name, robot in snapshot.robots.items()},
+        "edges": [[*edge, _round(error, 6)] for edge, error in snapshot.edges.items()],
+        "missed": snapshot.missed,
+        "rejected": dict(snapshot.rejected),
+    }
+
+
+def line(snapshot: Snapshot) -> str:
+    """The formation in one line."""
+    error = "unknown" if snapshot.formation_error is None else f"{snapshot.formation_error * 100:.2f} cm"
+    if snapshot.formation_error_true is not None:
+        error += f" (true {snapshot.formation_error_true * 100:.2f} cm)"
+    states = Counter(robot.state for robot in snapshot.robots.values())
+    parts = [
+        f"{snapshot.elapsed:6.1f} s",
+        f"error {error}",
+        "" if snapshot.settled_at is None else f"settled at {snapshot.settled_at:.1f} s",
+        ", ".join(f"{count} {state}" for state, count in states.items()),
+        *(
+            f"{name} silent for {robot.age:.1f} s"
+            for name, robot in snapshot.robots.items()
+            if robot.age is not None and robot.age > 1.0
+        ),
+        f"{snapshot.missed} missed" if snapshot.missed else "",
+        f"{sum(snapshot.rejected.values())} rejected" if snapshot.rejected else "",
+    ]
+    return "  ".join(part for part in parts if part)
+
+
+def diagnostics(snapshot: Snapshot, stamp: float) -> Iterator[Diagnostics]:
+    """The snapshot of `stamp` [s, our system clock] in as many messages as it takes."""
+    statuses = [_formation_status(snapshot)]
+    for name, robot in snapshot.robots.items():
+        errors = {edge.neighbour: error for edge, error in snapshot.edges.items() if edge.robot == name}
+        statuses.append(_robot_status(name, robot, errors))
+    for first in range(0, len(statuses), ROBOTS_PER_MESSAGE):
+        yield Diagnostics(stamp, tuple(statuses[first : first + ROBOTS_PER_MESSAGE]))
+
+
+def _formation_status(snapshot: Snapshot) -> Status:
+    known = snapshot.formation_error is not None
+    values = {
+        "error": _text(snapshot.formation_error),
+        "error true": _text(snapshot.formation_error_true),
+        "elapsed": _text(snapshot.elapsed),
+        "settled at": _text(snapshot.settled_at),
+        "converged": str(snapshot.converged).lower(),
+        "mode": snapshot.mode or "",
+        "shape": snapshot.shape,
+        "missed": str(snapshot.missed),
+        **{f"rejected {reason}": str(count) for reason, count in snapshot.rejected.items()},
+    }
+    message = f"error {snapshot.formation_error:.4f} m" if known else "error unknown"
+    level = (WARNING if snapshot.rejected else OK) if known else STALE
+    return Status("formation: monitor", level, message, "", values)
+
+
+def _robot_status(name: str, robot: RobotFigures, errors: Mapping[str, float | None]) -> Status:
+    values = {
+        **{f"error {neighbour}": _text(error) for neighbour, error in errors.items()},
+        "heading error": _text(robot.heading_error),
+        "speed": _text(robot.speed),
+        "turn rate": _text(robot.turn_rate),
+        **{
+            f"{what} {key.partition('/')[2]}": text
+            for key, figures in robot.keys.items()
+            for what, text in _key(figures)
+        },
+    }
+    fresh = robot.age is not None and robot.age <= 1.0
+    level = (OK if robot.state == "run" else WARNING) if fresh else STALE
+    return Status(f"{name}: monitor", level, f"{robot.state}: {robot.reason}", name, values)
+
+
+def _key(figures: KeyFigures) -> Iterator[tuple[str, str]]:
+    """Rate, age and losses of a key that was heard at all."""
+    if figures.count:
+        yield "count", str(figures.count)
+        yield "rate", _text(figures.rate, 1)
+        yield "age", _text(figures.age, 3)
+        yield "missed", str(figures.missed)
+        if figures.clock is not None:
+            yield "clock", _text(figures.clock)
+
+
+def _robot(robot: RobotFigures) -> dict[str, Any]:
+    return {
+        "state": robot.state,
+        "reason": robot.reason,
+        "error": _round(robot.error, 6),
+        "speed": _round(robot.speed, 4),
+        "turn_rate": _round(robot.turn_rate, 4),
+        "speed_share": _round(robot.speed_share, 4),
+        "turn_share": _round(robot.turn_share, 4),
+        "age": _round(robot.age, 3),
+        "heading_error": _round(robot.heading_error, 5),
+        "rate": _round(robot.rate, 2),
+    }
+
+
+def _round(value: float | None, digits: int) -> float | None:
+    return None if value is None else round(value, digits)
+
+
+def _text(value: float | None, digits: int = 4) -> str:
+    return "unknown" if value is None else f"{value:.{digits}f}"
