@@ -55,17 +55,7 @@ def programs(
     watch = ("--record", str(record), "--snapshots")
     return (
         program("monitor", "watch", "monitor", wiring.of_monitor(where), *watch),
-        program("robots", "body", "agent.robots", _of_robots(mission, where), *wait),
+        program("robots", "body", "agent.robots", wiring.of_robots(mission, mission.followers, where), *wait),
         program("leader", "control", "leader", wiring.of_leader(mission, where), *wait),
         *(agent(name)._replace(robots=(name,)) for name in mission.followers),
     )
-
-
-def _of_robots(mission: Mission, where: Endpoints) -> Links:
-    """All followers in one process; a simulated sensor that looks at the leader needs its position."""
-    looks = any(
-        robot.measurement == "local" and mission.leader in robot.neighbours
-        for robot in mission.robots.values()
-    )
-    listen, _ = wiring.of_robots(mission.followers, where)
-    return Links(listen, (where.agents[mission.leader],) if looks else ())

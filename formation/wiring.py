@@ -63,9 +63,16 @@ def of_leader(mission: Mission, where: Endpoints) -> Links:
     return Links((where.agents[mission.leader],), ())
 
 
-def of_robots(names: Iterable[str], where: Endpoints) -> Links:
-    """Links of a process that simulates `names`."""
-    return Links(tuple(where.robots[name] for name in names), ())
+def of_robots(mission: Mission, names: Iterable[str], where: Endpoints) -> Links:
+    """Links of a process that simulates `names`: its agents dial it, and it dials nobody.
+
+    Unless a simulated sensor looks at the virtual leader, which is nowhere but in its own position.
+    """
+    names = tuple(names)
+    robots = [mission.robots[name] for name in names]
+    looks = any(robot.measurement == "local" and mission.leader in robot.neighbours for robot in robots)
+    leader = (where.agents[mission.leader],) if looks else ()
+    return Links(tuple(where.robots[name] for name in names), leader)
 
 
 def of_monitor(where: Endpoints) -> Links:

@@ -9,11 +9,8 @@ from collections.abc import Sequence
 from agent.robots.loop import host
 from agent.robots.simulated import World
 from formation import flags, wiring
-from formation.mission import Mission
 from formation.mission_file import load
 from formation.process import BadInput, Process, Stop, run_process
-from formation.topics import POSITION
-from formation.wiring import Links
 
 EXAMPLES = """\
   formation robot six_robots                              all followers in one process
@@ -43,17 +40,10 @@ def _run(args: argparse.Namespace, stop: Stop) -> None:
     except ValueError as error:
         raise BadInput(str(error)) from None
     name = " ".join(["robot", *args.robot]) if args.robot else "robots"
-    config = flags.bus_config(args, mission, links(mission, world), name)
+    links = wiring.of_robots(mission, world.robots, wiring.endpoints(mission))
+    config = flags.bus_config(args, mission, links, name)
     with Process(name, args, config, stop) as process:
         host(world, process)
-
-
-def links(mission: Mission, world: World) -> Links:
-    """Robots dial nobody, unless a simulated sensor looks at the leader: then they need its position."""
-    where = wiring.endpoints(mission)
-    listen, _ = wiring.of_robots(world.robots, where)
-    looks = POSITION.key(mission.leader) in world.subscriptions
-    return Links(listen, (where.agents[mission.leader],) if looks else ())
 
 
 def _seed(text: str) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from formation import wiring
-from formation.mission_file import load, shipped
+from formation.mission_file import load, parse, read, shipped
 
 
 @pytest.mark.parametrize("name", shipped())
@@ -31,6 +31,21 @@ def test_an_agent_listens_once_and_dials_its_own_robot() -> None:
     assert links.listen == (where.agents["robot3"],)
     assert where.robots["robot3"] in links.connect
     assert where.robots["robot2"] not in links.connect
+
+
+def test_a_process_of_simulated_robots_listens_for_each_and_dials_nobody() -> None:
+    mission = load("six_robots")
+    where = wiring.endpoints(mission)
+    robots = wiring.of_robots(mission, ["robot2", "robot3"], where)
+    assert robots == ((where.robots["robot2"], where.robots["robot3"]), ())
+
+
+def test_a_simulated_sensor_that_looks_at_the_virtual_leader_is_linked_with_it() -> None:
+    text, name = read("six_robots")
+    local = parse(text.replace("rate = 20 ", 'rate = 20\nmeasurement = "local" '), name)
+    where = wiring.endpoints(local)
+    assert wiring.of_robots(local, local.followers, where).connect == (where.agents["robot1"],)
+    assert wiring.of_robots(local, ["robot4"], where).connect == ()  # it looks at robot2 and robot3
 
 
 def test_nobody_dials_the_monitor_and_the_monitor_dials_everybody() -> None:

@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 
-from agent.robots.__main__ import links
 from agent.robots.simulated import World
 from formation.messages import Displacement, Odometry, Pose, Twist, TwistStamped, decode, encode
 from formation.mission import Mission
@@ -221,8 +220,6 @@ def test_a_leaders_position_from_another_time_is_not_believed(local: Mission) ->
 def test_a_world_that_needs_no_leader_does_not_listen_to_one(local: Mission) -> None:
     assert "robot1/position" not in World(load("six_robots")).subscriptions
     assert "robot1/position" in World(local).subscriptions
-    assert links(load("six_robots"), World(load("six_robots"))).connect == ()
-    assert links(local, World(local)).connect == ("tcp/127.0.0.1:7460",)
 
 
 def test_a_sensor_cannot_see_a_robot_of_another_process(local: Mission) -> None:
