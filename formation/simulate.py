@@ -24,7 +24,7 @@ from formation.mission import Mission
 from formation.plane import ComplexArray, FloatArray, angle_between
 from formation.starts import own_starts, random_starts
 
-DWELL = 5.0
+DWELL = 10.0
 """How long a run has to stay under the bound before it counts as converged [s]."""
 MOMENTS = 2_000_000
 """Robot poses that a history holds at most; a longer run is thinned evenly."""

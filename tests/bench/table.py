@@ -1,0 +1,163 @@
+"""The figures of docs/simulation.md: both laws from the same starts, in every scenario of the table.
+
+python -m tests.bench.table [--runs N] [--seed S] [--only WORD]
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from formation.ensemble import Options
+from formation.mission import Mission
+from formation.plane import FloatArray
+from formation.simulate import Result, simulate
+from formation.starts import random_starts
+from formation.unicycle import control_point
+from tests.formation import scenarios
+
+WITHOUT_FEED_FORWARD = {"feed_forward": False, "delay_compensation": False, "integral_band": 1e9}
+"""The field law's observer and anti-windup, and nothing else of it."""
+COLUMNS: dict[str, dict[str, Any]] = {
+    "paper law": {"kind": "paper"},
+    "observer and anti-windup": {"kind": "field", **WITHOUT_FEED_FORWARD},
+    "field law": {"kind": "field"},
+}
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One line of the table."""
+
+    name: str
+    build: Callable[..., Mission]
+    prototype: tuple[str, str, str]
+    """Of each column."""
+    options: Options = field(default_factory=Options)
+    runs: int | None = None
+    """Where it is not the command line's."""
+    hops: tuple[int, ...] = ()
+    """Robots whose distance from their slot is shown (RMS over the last third), not settling times."""
+
+
+SCENARIOS = (
+    Scenario("six robots", scenarios.six, ("26.6 / 41.5 s", "9.9 / 11.0 s", "4.4 / 5.8 s")),
+    Scenario("TurtleBot3 pair", scenarios.pair, ("33.6 / 53.0 s", "13.8 / 21.3 s", "5.0 / 7.4 s")),
+    Scenario("six robots near the limit", scenarios.near_limit, ("34 %", "100 %, 48 s", "100 %, 48.7 s")),
+    Scenario(
+        "ten in a chain",
+        lambda **law: scenarios.long_chain(10, **law),
+        ("28 %", "100 %, 21.8 s", "100 %, 17.0 s"),
+    ),
+    Scenario(
+        "fifty in a chain",
+        lambda **law: scenarios.long_chain(50, **law),
+        ("–", "100 %, 83 s", "100 %, 42 s"),
+        runs=60,
+    ),
+    Scenario(
+        "chain on a circle, hop 1 / 5 / 11",
+        scenarios.circling_chain,
+        ("3.6 / 19 / 45 cm", "3.6 / 19 / 45 cm", "0.08 / 0.38 / 0.84 cm"),
+        runs=1,
+        hops=(1, 5, 11),
+    ),
+    Scenario(
+        "the same, samples 100 ms old",
+        scenarios.circling_chain,
+        ("4.4 / 23 / 55 cm", "4.4 / 23 / 55 cm", "0.13 / – / 1.5 cm"),
+        Options(delay=0.1),
+        runs=1,
+        hops=(1, 5, 11),
+    ),
+    Scenario(
+        "straight chain, samples 100 ms old, hop 1 / 11",
+        scenarios.straight_chain,
+        ("1.0 / 11 cm", "1.0 / 11 cm", "0.00 / 0.00 cm"),
+        Options(delay=0.1),
+        runs=1,
+        hops=(1, 11),
+    ),
+)
+
+
+def slot_errors(mission: Mission, result: Result) -> FloatArray:
+    """Each robot's distance from its slot, RMS over the last third of the first run [m]; shape (n,)."""
+    assert result.history is not None
+    points = result.history.points
+    away = np.abs(points - points[:, :1] - mission.slots())
+    errors: FloatArray = np.sqrt(np.square(away[len(away) * 2 // 3 :]).mean(axis=0))
+    return errors
+
+
+def lower_bound(mission: Mission, runs: int, seed: int) -> FloatArray:
+    """When each start could be in formation at best: the last robot straight to its moving slot [s]."""
+    drawn = np.random.default_rng(np.random.SeedSequence(seed).spawn(2)[0])
+    starts = random_starts(mission, runs, mission.simulation.spread, drawn)
+    robots = [mission.robots[name] for name in mission.followers]
+    offset = np.array([robot.control_point_offset for robot in robots])
+    top = np.array([robot.top_speed for robot in robots])
+    leader = mission.route[0].speed * mission.leader_heading
+    away = mission.robots[mission.leader].start.position + mission.slots()[1:]
+    away = away - control_point(starts.position, starts.heading, offset)
+    # |away + leader t| = top t
+    a, b = top**2 - abs(leader) ** 2, (away * np.conj(leader)).real
+    best: FloatArray = ((b + np.sqrt(b**2 + a * np.abs(away) ** 2)) / a).max(axis=1)
+    return best
+
+
+def figure(scenario: Scenario, law: dict[str, Any], runs: int, seed: int) -> str:
+    """What one law makes of a scenario, as the table says it."""
+    mission = scenario.build(**law)
+    result = simulate(
+        mission,
+        runs=scenario.runs or runs,
+        seed=seed,
+        options=scenario.options,
+        starts="random",
+        keep=bool(scenario.hops),
+    )
+    if scenario.hops:
+        errors = slot_errors(mission, result)
+        return (
+            " / ".join(f"{100.0 * errors[hop]:.{0 if errors[hop] >= 0.095 else 2}f}" for hop in scenario.hops)
+            + " cm"
+        )
+    found = result.summary()
+    share, settling = found["converged_fraction"], found["settling_time"]
+    if share < 0.5:
+        return f"{100.0 * share:.0f} %"
+    whole = "" if share == 1.0 else f"{100.0 * share:.0f} %, "
+    return f"{whole}{settling['median']:.1f} / {settling['p95']:.1f} s"
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=400)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", default="", help="scenarios with this in their name")
+    arguments = parser.parse_args()
+    print("| scenario |", " | ".join(f"{name} | prototype" for name in COLUMNS), "|")
+    print("|---" * (1 + 2 * len(COLUMNS)) + "|")
+    for scenario in SCENARIOS:
+        if arguments.only not in scenario.name:
+            continue
+        cells = []
+        for law, prototype in zip(COLUMNS.values(), scenario.prototype, strict=True):
+            cells += [figure(scenario, law, arguments.runs, arguments.seed), prototype]
+        print(f"| {scenario.name} |", " | ".join(cells), "|", flush=True)
+        if not scenario.hops and scenario.runs is None:
+            best = lower_bound(scenario.build(), arguments.runs, arguments.seed)
+            print(
+                f"| – at best | | | | | {np.median(best):.1f} / {np.percentile(best, 95):.1f} s | |",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
