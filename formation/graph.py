@@ -58,7 +58,8 @@ class Graph:
 
     def along_edges(self, per_robot: NDArray[Any]) -> NDArray[Any]:
         """Value at j less value at i, for each edge: shape (..., n) -> (..., edges)."""
-        return per_robot[..., self.heads] - per_robot[..., self.tails]
+        differences: NDArray[Any] = per_robot[..., self.heads] - per_robot[..., self.tails]
+        return differences
 
     @cached_property
     def depths(self) -> tuple[int | None, ...]:
@@ -102,8 +103,8 @@ class Graph:
         laplacian = self.laplacian()
         to_leader, among = laplacian[1:, :1], laplacian[1:, 1:]
         wanted = laplacian[1:, :] @ np.asarray(slots, dtype=np.complex128)
-        positions: ComplexArray = np.linalg.solve(among + 0j, wanted - to_leader[:, 0] * leader)
-        return positions
+        held = wanted - to_leader[:, 0] * leader
+        return np.linalg.solve(among.astype(np.complex128), held).astype(np.complex128)
 
 
 def edge_errors(graph: Graph, points: ComplexArray, slots: ComplexArray) -> FloatArray:
