@@ -80,7 +80,7 @@ SCAN = Topic(
 )  # fmt: skip
 RELATIVE = Topic(
     "relative", "{robot}/relative/{other}", "geometry_msgs/msg/PointStamped", "sensor on the robot",
-    "its agent (optional)", "sensor", Qos(),
+    "its agent (optional)", "sensor", REAL_TIME,  # as odometry, which would else overtake it
     "locally measured displacement to the other's control point, body frame",
 )  # fmt: skip
 STATUS = Topic(

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -150,11 +151,18 @@ def test_a_sensor_sees_the_virtual_leader_of_another_process(tmp_path: Path) -> 
     with (
         leader(lead, "--hold"),
         started("agent.robots", str(mission), "--robot", "robot2", "-l", end, "-e", lead) as robot,
-        listening(end, "robot2/relative/robot1") as bus,
+        listening(end, "robot2/relative/robot1", "robot2/odom") as bus,
     ):
         robot.event("ready")
-        seen = decode(Displacement, heard(bus, len)[-1].payload).displacement
+        samples = heard(bus, lambda samples: sum(map(is_odometry, samples)) >= 12)
+    sights = [sample for sample in samples if not is_odometry(sample)]
+    seen = decode(Displacement, sights[-1].payload).displacement
     assert seen * 1j + (-1.5 + 2.2j) == pytest.approx(0.0, abs=1e-6)
+    # odometry sets the agent off, so it must not overtake what the sensor saw at the same moment
+    moments = [stamp(sample) for sample in samples if stamp(sample) >= stamp(sights[0])]
+    assert moments == sorted(moments)
+    assert all(is_odometry(later) for earlier, later in pairwise(samples) if stamp(earlier) == stamp(later))
+    assert len(sights) >= 5
 
 
 def test_nothing_is_published_before_the_monitor_listens() -> None:
@@ -239,12 +247,21 @@ def test_it_ends_when_its_parent_dies(module: str) -> None:
     assert time.monotonic() - killed < 5.0
 
 
+def is_odometry(sample: Sample) -> bool:
+    return sample.key == "robot2/odom"
+
+
 def odometry(samples: Sequence[Sample]) -> bool:
-    return any(sample.key == "robot2/odom" for sample in samples)
+    return any(map(is_odometry, samples))
 
 
 def odometry_of(sample: Sample) -> Odometry | None:
-    return decode(Odometry, sample.payload) if sample.key == "robot2/odom" else None
+    return decode(Odometry, sample.payload) if is_odometry(sample) else None
+
+
+def stamp(sample: Sample) -> float:
+    said = odometry_of(sample) or decode(Displacement, sample.payload)
+    return said.stamp
 
 
 def turn_rate(sample: Sample) -> float:
