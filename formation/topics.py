@@ -84,8 +84,8 @@ RELATIVE = Topic(
     "locally measured displacement to the other's control point, body frame",
 )  # fmt: skip
 STATUS = Topic(
-    "status", "{robot}/status", "diagnostic_msgs/msg/DiagnosticArray", "agent", "monitor", "2 Hz", BACKGROUND,
-    "state, reason and counters",
+    "status", "{robot}/status", "diagnostic_msgs/msg/DiagnosticArray", "agent or leader", "monitor", "2 Hz",
+    BACKGROUND, "state, reason and counters",
 )  # fmt: skip
 GROUND_TRUTH = Topic(
     "ground_truth", "{robot}/ground_truth", "geometry_msgs/msg/PoseStamped", "simulated robot", "monitor",
