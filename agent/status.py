@@ -28,7 +28,7 @@ class Report(NamedTuple):
 
 
 def status(report: Report, now: Now) -> Diagnostics:
-    """The report as a message; a warning whenever the robot does not run or a clock is not believed."""
+    """The report as a message; a warning whenever the robot does not run or stamps are not believed."""
     streams = {"odometry": report.odometry, **report.neighbours}
     heard = {name: stream for name, stream in streams.items() if stream.arrived is not None}
     doubted = [name for name, stream in heard.items() if stream.fresh(now) and not stream.clock_agrees]
@@ -40,11 +40,11 @@ def status(report: Report, now: Now) -> Diagnostics:
         "turn_rate": f"{report.command.turn_rate:.4f}",
         "late": str(report.late),
         **{f"age {name}": f"{stream.silence(now):.3f}" for name, stream in heard.items()},
-        **{f"clock {name}": f"off by {-streams[name].underway:+.3f} s" for name in doubted},
+        **{f"clock {name}": f"stamped {streams[name].underway:.3f} s before it came" for name in doubted},
         **{f"dropped {key}": f"{count}, last: {why}" for key, (count, why) in report.dropped.items()},
     }
     level = OK if report.decision.state is State.RUN and not doubted else WARNING
     message = f"{report.decision.state}: {report.decision.reason}"
     if doubted:
-        message += f"; clock of {', '.join(doubted)} not believed"
+        message += f"; stamps of {', '.join(doubted)} not believed"
     return Diagnostics(now.wall, (Status(f"{report.robot}: agent", level, message, report.robot, values),))
