@@ -106,7 +106,7 @@ class Recorder:
             self._writer.add_message(
                 number, arrived, sample.payload, arrived if stamp is None else stamp, count & 0xFFFFFFFF
             )
-        except (OSError, struct.error) as error:
+        except OSError as error:
             self._fail(error)
             return
         self._written[sample.key] = count
@@ -156,9 +156,9 @@ class Recorder:
         else:
             self.recorded = self._written.copy()
 
-    def _fail(self, error: Exception) -> None:
+    def _fail(self, error: OSError) -> None:
         """Keep what has reached the file whole, and say once that there will be no more."""
-        self.failure = f"{error.strerror if isinstance(error, OSError) else error}"
+        self.failure = error.strerror or str(error)
         _log.error("nothing is recorded any more in %s: %s", self.path, self.failure)
         self._abandon()
         with suppress(OSError):

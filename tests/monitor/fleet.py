@@ -44,6 +44,8 @@ class Fleet:
     mode: Mode = "run"
     away: Callable[[str, float], complex] = lambda _robot, _time: 0j
     """How far off its slot a robot is [m]."""
+    epoch: float = EPOCH
+    """System clock when the fleet's time is 0 [s]."""
     beat: int = 0
 
     def phase(self, robot: str) -> float:
@@ -64,7 +66,7 @@ class Fleet:
     def pose(self, robot: str, time: float, heading: complex = HEADING, clock: float = 0.0) -> bytes:
         leads = robot == self.mission.leader
         offset = 0.0 if leads else self.mission.robots[robot].control_point_offset
-        return encode(Pose(time + EPOCH + clock, self.point(robot, time) - offset * heading, heading))
+        return encode(Pose(time + self.epoch + clock, self.point(robot, time) - offset * heading, heading))
 
     def position(self, robot: str, time: float, clock: float = 0.0) -> Sample:
         attachment = None
@@ -92,8 +94,8 @@ def said(topic_key: str, message: Message, at: float) -> Sample:
     return Sample(topic_key, encode(message), None, at)
 
 
-def odometry(robot: str, at: float) -> Sample:
-    return said(ODOM.key(robot), Odometry(at + EPOCH, 0j, HEADING, 0.0, 0.0), at)
+def odometry(robot: str, at: float, epoch: float = EPOCH) -> Sample:
+    return said(ODOM.key(robot), Odometry(at + epoch, 0j, HEADING, 0.0, 0.0), at)
 
 
 def command(robot: str, at: float, speed: float, turn_rate: float, *, stamped: bool = False) -> Sample:
@@ -101,9 +103,9 @@ def command(robot: str, at: float, speed: float, turn_rate: float, *, stamped: b
     return said(CMD_VEL.key(robot), message, at)
 
 
-def status(robot: str, at: float, state: str, reason: str) -> Sample:
+def status(robot: str, at: float, state: str, reason: str, epoch: float = EPOCH) -> Sample:
     what = Status(f"{robot}: agent", 0, state, robot, {"state": state, "reason": reason})
-    return said(STATUS.key(robot), Diagnostics(at + EPOCH, (what,)), at)
+    return said(STATUS.key(robot), Diagnostics(at + epoch, (what,)), at)
 
 
 def hear(metrics: Metrics, samples: list[Sample]) -> None:

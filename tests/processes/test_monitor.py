@@ -1,0 +1,256 @@
+"""The monitor as a real process, watching a fleet that this test plays over real Zenoh."""
+
+from __future__ import annotations
+
+import json
+import signal
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+from mcap.exceptions import EndOfFile
+from mcap.reader import make_reader
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
+
+from formation.bus import Bus, BusConfig
+from formation.messages import Diagnostics, Number, decode
+from formation.mission_file import load
+from formation.topics import DIAGNOSTICS, ERROR, GROUND_TRUTH, ODOM, STATUS
+from formation.wire import Sample
+from monitor.keys import OWN, watched
+from tests.monitor.fleet import Fleet, command, odometry, status
+from tests.processes.child import PATIENCE, Child, free_endpoint, started
+
+pytestmark = pytest.mark.processes
+KEYS = watched(load("six_robots"))
+
+
+class Actor:
+    """A fleet in formation that says everything a real one says, in real time, and counts it."""
+
+    def __init__(self, bus: Bus) -> None:
+        self.bus, self.fleet, self.said = bus, Fleet(epoch=time.time()), list[Sample]()
+        for one in KEYS:
+            bus.advertise(one.topic, one.key)
+
+    def wait_for_the_monitor(self) -> None:
+        last = [one.key for one in KEYS if one.topic in {STATUS, GROUND_TRUTH}]
+        deadline = time.monotonic() + PATIENCE
+        while not all(map(self.bus.watched, last)):
+            assert time.monotonic() < deadline, "no monitor listens"
+            time.sleep(0.01)
+
+    def play(self, seconds: float) -> None:
+        """Twenty periods a second, everybody at another phase of each."""
+        epoch = self.fleet.epoch
+        start = time.time() - epoch
+        period = 0.05
+        for tick in range(round(seconds / period)):
+            for robot in self.fleet.mission.names:
+                at = start + tick * period + self.fleet.phase(robot) * period
+                time.sleep(max(0.0, at + epoch - time.time()))
+                for sample in self._period(robot, at, with_status=tick % 10 == 0):
+                    self.bus.publish(sample.key, sample.payload, sample.attachment)
+                    self.said.append(sample)
+
+    def _period(self, robot: str, at: float, *, with_status: bool) -> Iterator[Sample]:
+        yield self.fleet.position(robot, at)
+        if with_status:
+            yield status(robot, at, "run", "in formation control", self.fleet.epoch)
+        if robot != self.fleet.mission.leader:
+            yield odometry(robot, at, self.fleet.epoch)
+            yield command(robot, at, 0.2, 0.1)
+            yield self.fleet.truth(robot, at, turned=0.05)
+
+
+@contextmanager
+def watching(record: Path, *flags: str) -> Iterator[tuple[Child, Actor]]:
+    """A monitor that is ready, and the fleet that it watches."""
+    end = free_endpoint()
+    with (
+        Bus(BusConfig(listen=(end,))) as bus,
+        started("monitor", "six_robots", "-e", end, "--record", str(record), *flags) as child,
+    ):
+        assert child.event("ready") == {"event": "ready", "process": "monitor"}
+        actor = Actor(bus)
+        actor.wait_for_the_monitor()
+        yield child, actor
+
+
+def recorded(path: Path) -> dict[str, list[bytes]]:
+    found: dict[str, list[bytes]] = {}
+    with path.open("rb") as stream:
+        for _, channel, message in make_reader(stream).iter_messages():
+            found.setdefault(channel.topic.removeprefix("/"), []).append(message.data)
+    return found
+
+
+def events(child: Child) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Every snapshot, and the summary."""
+    lines = iter(lambda: child._lines.get(timeout=PATIENCE), None)
+    *snapshots, summary = map(json.loads, filter(None, lines))
+    assert {one["event"] for one in snapshots} <= {"snapshot"}
+    assert summary["event"] == "summary"
+    return snapshots, summary
+
+
+class Run(NamedTuple):
+    """Three seconds of a fleet in formation, and what became of them."""
+
+    actor: Actor
+    heard: list[Sample]
+    """What the fleet could hear of the monitor."""
+    snapshots: list[dict[str, Any]]
+    summary: dict[str, Any]
+    path: Path
+    in_file: dict[str, list[bytes]]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    path = tmp_path_factory.mktemp("run") / "new" / "run.mcap"
+    with watching(path, "--snapshots") as (child, actor):
+        for one in OWN:
+            actor.bus.subscribe(one.key)
+        actor.play(3.0)
+        child.signal(signal.SIGTERM)  # at once: what is on its way must still get in
+        snapshots, summary = events(child)
+        assert child.wait() == 0
+        return Run(actor, actor.bus.drain(), snapshots, summary, path, recorded(path))
+
+
+def test_everything_that_was_published_is_recorded_byte_for_byte_and_the_counts_agree(run: Run) -> None:
+    published = Counter(run.actor.bus.published)
+    assert sum(published.values()) == 60 * (6 + 3 * 5) + 6 * 6
+    assert run.summary["received"] == published
+    assert run.summary["recorded"] == published + Counter(run.summary["published"])
+    assert run.summary["recorded"] == {key: len(payloads) for key, payloads in run.in_file.items()}
+    for key in published:
+        assert run.in_file[key] == [sample.payload for sample in run.actor.said if sample.key == key]
+    assert run.summary["dropped"] == {"overflowed": 0}
+    assert run.summary["recording"] == str(run.path)
+
+
+def test_its_own_figures_are_published_and_recorded(run: Run) -> None:
+    errors = [decode(Number, payload).value for payload in run.in_file[ERROR.key()]]
+    assert 15 <= len(errors) <= 35
+    assert max(errors) < 1e-6
+    assert run.summary["published"] == {one.key: len(run.in_file[one.key]) for one in OWN}
+    for one in OWN:
+        heard = Counter(sample.payload for sample in run.heard if sample.key == one.key)
+        assert heard
+        assert not heard - Counter(run.in_file[one.key])
+    said = decode(Diagnostics, run.in_file[DIAGNOSTICS.key()][2]).statuses
+    assert [one.hardware_id for one in said] == ["", *run.actor.fleet.mission.names]
+    assert said[2].values["error robot1"] == "0.0000"
+    assert float(said[2].values["rate odom"]) == pytest.approx(20.0, rel=0.1)
+
+
+def test_snapshots_tell_programs_what_a_live_table_shows(run: Run) -> None:
+    live = [one for one in run.snapshots if one["formation_error"] is not None]
+    assert len(live) >= 10
+    last = live[-1]
+    assert last["formation_error"] < 1e-6
+    assert last["formation_error_true"] is not None
+    assert (last["mode"], last["shape"]) == ("run", "hexagon")
+    assert len(last["edges"]) == 9
+    assert list(last["robots"]) == list(run.actor.fleet.mission.names)
+    robot = last["robots"]["robot3"]
+    assert (robot["state"], robot["reason"]) == ("run", "in formation control")
+    assert (robot["speed"], robot["turn_rate"]) == (0.2, 0.1)
+    assert (robot["speed_share"], robot["turn_share"]) == pytest.approx((0.2 / 1.5, 0.1 / 1.5), abs=1e-4)
+    assert robot["heading_error"] == pytest.approx(-0.05, abs=1e-4)
+    assert robot["error"] < 1e-6
+    assert 0.0 <= robot["age"] < 0.25
+
+
+def test_the_summary_holds_the_verdict_though_the_fleet_has_gone(run: Run) -> None:
+    assert run.summary["converged"] is True
+    assert run.summary["settling_time"] < 0.5
+    assert run.summary["formation_error"] < 1e-6
+
+
+def test_people_get_a_line_every_two_seconds_instead(tmp_path: Path) -> None:
+    with watching(tmp_path / "run.mcap") as (child, actor):
+        actor.play(2.5)
+        child.signal(signal.SIGTERM)
+        child.event("summary")
+        lines = [line for line in child.errors.splitlines() if "error" in line]
+    assert 2 <= len(lines) <= 3
+    assert "error 0.00 cm" in lines[-1]
+    assert "6 run" in lines[-1]
+
+
+def test_a_killed_monitor_leaves_a_recording_that_reads_to_within_about_a_second(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with watching(path) as (child, actor):
+        actor.play(3.5)
+        child.signal(signal.SIGKILL)
+        killed = time.time()
+    messages: list[Message] = []
+    with path.open("rb") as stream, pytest.raises(EndOfFile):
+        messages.extend(record for record in StreamReader(stream).records if isinstance(record, Message))
+    assert killed - max(message.log_time for message in messages) * 1e-9 < 1.5
+    payloads = Counter(message.data for message in messages)
+    whole = [sample for sample in actor.said if sample.arrived + actor.fleet.epoch < killed - 1.5]
+    assert len(whole) > 500
+    assert not Counter(sample.payload for sample in whole) - payloads
+
+
+def test_malformed_messages_are_counted_recorded_and_survived(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    rubbish = [b"", b"\0", b"\xff" * 100, b"\0\1\0\0" + b"\xff" * 72]
+    with watching(path, "--snapshots") as (child, actor):
+        actor.play(0.5)
+        for payload in rubbish:
+            for one in KEYS:
+                actor.bus.publish(one.key, payload, b"\xff" * 10)
+        actor.play(1.0)
+        child.signal(signal.SIGTERM)
+        snapshots, summary = events(child)
+    read_as_bytes = sum(one.topic.name == "scan" for one in KEYS)
+    assert sum(summary["dropped"].values()) == len(rubbish) * (len(KEYS) - read_as_bytes)
+    assert summary["recorded"][ODOM.key("robot2")] == 30 + len(rubbish)
+    assert sum(snapshots[-1]["rejected"].values()) == sum(summary["rejected"].values())
+    assert summary["formation_error"] < 1e-6
+
+
+def test_it_publishes_nothing_that_a_robot_listens_to(tmp_path: Path) -> None:
+    end = free_endpoint()
+    with (
+        Bus(BusConfig(listen=(end,))) as bus,
+        started("monitor", "six_robots", "-e", end, "--no-record", "--snapshots") as child,
+    ):
+        bus.subscribe("robot2/**")
+        bus.subscribe("robot1/**")
+        actor = Actor(bus)
+        actor.wait_for_the_monitor()
+        actor.play(1.0)
+        child.signal(signal.SIGTERM)
+    # what the test itself said, and nobody else
+    assert bus.received == {
+        key: count for key, count in bus.published.items() if key[:6] in {"robot1", "robot2"}
+    }
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_recording_that_exists_or_a_folder_that_is_none_is_bad_input(tmp_path: Path) -> None:
+    (tmp_path / "dear.mcap").write_text("dear")
+    for record in (tmp_path / "dear.mcap", tmp_path / "dear.mcap" / "run.mcap"):
+        with started("monitor", "six_robots", "--record", str(record)) as child:
+            assert child.wait() == 2
+            assert child.errors.startswith(f"monitor: --record {record}: ")
+            assert child.errors.count("\n") == 1
+    assert (tmp_path / "dear.mcap").read_text() == "dear"
+
+
+def test_a_mission_that_does_not_exist_is_bad_input_and_leaves_no_recording(tmp_path: Path) -> None:
+    with started("monitor", "seven_robots", "--record", str(tmp_path / "run.mcap")) as child:
+        assert child.wait() == 2
+        assert "seven_robots" in child.errors
+    assert not list(tmp_path.iterdir())
