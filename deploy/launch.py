@@ -8,6 +8,7 @@ file. Should the launcher be killed outright, its children notice that their par
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -29,6 +30,9 @@ GRACE: Mapping[Part, float] = {"control": 3.0, "body": 3.0, "watch": 10.0}
 COAST = 0.5
 """How long the robots go on after the agents have ended, so that they come to rest [s]."""
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+TWICE = 1.0
+"""A signal this soon after the first one says the same thing twice: a terminal sends it to a wrapper of this
+process as well, and the wrapper passes it on [s]."""
 LONGEST_LINE = 1 << 20
 """[bytes]"""
 
@@ -122,15 +126,17 @@ class Child:
 class Launcher:
     """Children, the events they send, and the signals that are to end it all. A context manager.
 
-    Inside the context, the first SIGINT, SIGTERM or SIGHUP only counts in `interrupted`; a second one makes
-    `stop` kill what has not ended. However the context is left, no child outlives it.
+    Inside the context, the first SIGINT, SIGTERM or SIGHUP only sets `interrupted`; a second one makes `stop`
+    kill what has not ended. However the context is left, no child outlives it.
     """
 
     def __init__(self, folder: Path) -> None:
         """`folder` takes one log file per child."""
         self.children: list[Child] = []
-        self.interrupted = 0
-        """How many signals have asked for the end."""
+        self.interrupted = False
+        """Whether a signal has asked for the end."""
+        self._forced = False
+        self._first_signal = math.inf  # when it came [s, monotonic]
         self._folder = folder
         self._events: SimpleQueue[Event | None] = SimpleQueue()
         self._handlers: dict[signal.Signals, Any] = {}
@@ -185,7 +191,7 @@ class Launcher:
 
     def _wait_for(self, children: Iterable[Child], seconds: float) -> None:
         deadline = time.monotonic() + seconds
-        while any(child.exit is None for child in children) and self.interrupted < 2:
+        while any(child.exit is None for child in children) and not self._forced:
             left = deadline - time.monotonic()
             if left <= 0.0:
                 return
@@ -193,11 +199,14 @@ class Launcher:
 
     def _pause(self, seconds: float) -> None:
         deadline = time.monotonic() + seconds
-        while (left := deadline - time.monotonic()) > 0.0 and self.interrupted < 2:
+        while (left := deadline - time.monotonic()) > 0.0 and not self._forced:
             self.next(min(left, 0.05))
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - as signal calls it
-        self.interrupted += 1
+        now = time.monotonic()
+        self._forced = self._forced or now - self._first_signal > TWICE
+        self._first_signal = min(self._first_signal, now)
+        self.interrupted = True
         self._events.put(None)  # a SimpleQueue may be put to in a signal handler
 
 

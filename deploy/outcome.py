@@ -39,20 +39,21 @@ class Outcome:
     @property
     def faults(self) -> list[str]:
         """What went wrong with the processes."""
-        return [
-            f"{child.name} {how_it_ended(child)}" for child in self.children if child.exit != 0 or child.died
-        ]
+        bad = [child for child in self.children if child.exit != 0 or child.died]
+        failure = self.monitor.get("recording_failure")
+        unrecorded = [f"monitor stopped recording: {failure}"] if failure else []
+        return [f"{child.name} {how_it_ended(child)}" for child in bad] + unrecorded
 
     @property
     def lost(self) -> int | None:
         """Messages that were published and not recorded; None if the monitor did not live to say."""
-        recorded = self.monitor.get("recorded")
-        if not isinstance(recorded, Mapping):
+        recorded = _counts(self.monitor, "recorded")
+        if recorded is None:
             return None
         published: Counter[str] = Counter()
         for child in self.children:
-            published.update((child.summary or {}).get("published", {}))
-        return sum(count - int(recorded.get(key, 0)) for key, count in published.items())
+            published.update(_counts(child.summary, "published") or {})
+        return sum(count - recorded.get(key, 0) for key, count in published.items())
 
     @property
     def exit_code(self) -> int:
@@ -119,9 +120,17 @@ def how_it_ended(child: Child) -> str:
     return how + (" during the run" if child.died else "")
 
 
-def _total(summary: Mapping[str, Any] | None, key: str) -> int | None:
+def _counts(summary: Mapping[str, Any] | None, key: str) -> dict[str, int] | None:
+    """Counts that a process gave in its summary; None if it gave none."""
     counts = (summary or {}).get(key)
-    return sum(counts.values()) if isinstance(counts, Mapping) else None
+    if not isinstance(counts, Mapping):
+        return None
+    return {str(name): count for name, count in counts.items() if isinstance(count, int)}
+
+
+def _total(summary: Mapping[str, Any] | None, key: str) -> int | None:
+    counts = _counts(summary, key)
+    return None if counts is None else sum(counts.values())
 
 
 def _account(child: Child) -> dict[str, Any]:

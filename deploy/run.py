@@ -62,14 +62,14 @@ def main(arguments: Sequence[str]) -> int:
             mission, options.mission, ports.endpoints, parent=os.getpid(), record=record, law=options.law
         )
         say = sys.stderr if options.json else sys.stdout
-        print(_how_to_order(options.mission, mission, ports), file=say, flush=True)
+        print(_how_to_order(options.mission, ports), file=say, flush=True)
         progress = Progress(mission, duration, len(plan))
         try:
             with _view(options) as view:
                 conduct(launcher, plan, progress, view)
         except StartFailed as failure:
             return _tell_failed_start(failure.child)
-        outcome = Outcome(mission, launcher.children, progress.elapsed, folder, launcher.interrupted > 0)
+        outcome = Outcome(mission, launcher.children, progress.elapsed, folder, launcher.interrupted)
         return _tell(outcome, as_object=options.json)
 
 
@@ -140,11 +140,11 @@ def _recording(mission: Mission, asked: Path | None) -> Path:
     return path
 
 
-def _how_to_order(source: str, mission: Mission, ports: Ports) -> str:
+def _how_to_order(source: str, ports: Ports) -> str:
     command = f"formation order {source} stop"
     if not ports.as_in_mission:
         command += "".join(f" -e {end}" for end in ports.endpoints.agents.values())
-    return f"{mission.name}: Ctrl-C ends it; to halt the robots from another terminal: {command}"
+    return f"Ctrl-C ends it. From another terminal: {command}"
 
 
 def _view(options: argparse.Namespace) -> View:

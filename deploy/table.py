@@ -203,7 +203,7 @@ def _row(progress: Progress, name: str, room: int, *, ascii_only: bool) -> list[
         Text(metres(robot.error)),
         _against(robot.speed, None if leads else limits.max_speed, ascii_only=ascii_only),
         _against(robot.turn_rate, None if leads else limits.max_turn_rate, ascii_only=ascii_only),
-        Text("-" if robot.heading_error is None else f"{math.degrees(robot.heading_error):.1f}°"),
+        Text("-" if robot.heading_error is None else f"{_signed(math.degrees(robot.heading_error), 1)}°"),
         Text(seconds(robot.age), style="yellow" if late else ""),
     ]
 
@@ -212,7 +212,7 @@ def _against(value: float | None, limit: float | None, *, ascii_only: bool) -> T
     """A command, a bar for its share of the limit, and a mark where it is at the limit."""
     if value is None:
         return Text("-")
-    text = Text(f"{value:6.2f} ")
+    text = Text(f"{_signed(value, 2):>6} ")
     if limit is not None:
         share = abs(value) / limit
         full = min(4, round(share * 4))
@@ -222,6 +222,11 @@ def _against(value: float | None, limit: float | None, *, ascii_only: bool) -> T
         text.append(rest * (4 - full), style="dim")
         text.append("!" if at_limit else " ", style="bold red")
     return text
+
+
+def _signed(value: float, digits: int) -> str:
+    """The number, without a minus before what is rounded to nothing."""
+    return f"{round(value, digits) + 0.0:.{digits}f}"
 
 
 def _footer(progress: Progress, width: int, *, ascii_only: bool) -> list[Text]:

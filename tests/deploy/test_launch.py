@@ -139,11 +139,12 @@ def test_the_first_signal_only_counts_and_wakes_whoever_waits(launcher: Launcher
     begin = time.monotonic()
     launcher.next(30.0)
     assert time.monotonic() - begin < 5.0
-    assert launcher.interrupted == 1
+    assert launcher.interrupted
     assert child.exit is None
 
 
-def test_a_second_signal_kills_what_does_not_end(launcher: Launcher) -> None:
+def test_a_second_signal_kills_what_does_not_end(launcher: Launcher, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deploy.launch.TWICE", 0.0)
     child = launcher.start(program(DEAF))
     wait_until(launcher, lambda: child.ready)
     os.kill(os.getpid(), signal.SIGINT)
@@ -152,6 +153,15 @@ def test_a_second_signal_kills_what_does_not_end(launcher: Launcher) -> None:
     launcher.stop()
     assert child.exit == -signal.SIGKILL
     assert time.monotonic() - begin < 2.0
+
+
+def test_the_same_signal_passed_on_by_a_wrapper_is_one_signal(launcher: Launcher) -> None:
+    child = launcher.start(program("until_told(); time.sleep(0.3); sys.exit(0)"))
+    wait_until(launcher, lambda: child.ready)
+    os.kill(os.getpid(), signal.SIGINT)
+    os.kill(os.getpid(), signal.SIGINT)
+    launcher.stop()
+    assert child.exit == 0
 
 
 def test_signals_mean_again_what_they_meant_before(tmp_path: Path) -> None:

@@ -121,6 +121,17 @@ def test_what_was_published_and_not_recorded_is_lost(ran: Runner) -> None:
     assert ran(*good(monitor(recorded=recorded))).result["lost"] == 12
 
 
+def test_a_recording_that_failed_on_the_way_is_exit_code_1(ran: Runner) -> None:
+    done = ran(*good(monitor(recording_failure="No space left on device")))
+    assert done.code == 1
+    assert "No space left on device" in done.err
+
+
+def test_a_summary_that_makes_no_sense_counts_for_nothing(ran: Runner) -> None:
+    strange = program("until_told(); say('summary', published='lots'); sys.exit(0)", "agent robot2")
+    assert ran(*good(), strange).result["lost"] == 0
+
+
 def test_a_process_that_dies_does_not_end_the_run_but_is_named(ran: Runner) -> None:
     code = f"{READY}; time.sleep(0.2); print('battery empty', file=sys.stderr); sys.exit(7)"
     done = ran(*good(), program(code, "agent robot2", "control"), duration=0.8)

@@ -77,6 +77,15 @@ def test_a_command_at_its_limit_is_marked_also_without_colour() -> None:
     assert "!" not in row(lines, "robot3")
 
 
+def test_nothing_has_no_minus() -> None:
+    still = RUNNING._replace(speed=-0.001, turn_rate=-0.0, heading_error=-1e-5)
+    assert row(picture(progress(robots={"robot2": still})), "robot2").split()[4:9:2] == [
+        "0.00",
+        "0.00",
+        "0.0°",
+    ]
+
+
 def test_what_is_not_known_is_a_dash() -> None:
     assert row(picture(progress(robots={"robot2": RobotNow()})), "robot2").split() == ["robot2", *"------"]
 

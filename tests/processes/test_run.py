@@ -1,0 +1,195 @@
+"""`formation run` for real: every process, real Zenoh, a real recording, and nothing left behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+from mcap.reader import make_reader
+
+from formation.messages import Odometry, TwistStamped, decode
+from formation.mission import Mission
+from formation.mission_file import load
+from formation.topics import CMD_VEL, DIAGNOSTICS, ERROR, GROUND_TRUTH, ODOM, POSITION, STATUS, command_topic
+
+pytestmark = pytest.mark.processes
+AT_REST = 1e-3
+"""[m/s] and [rad/s]"""
+
+
+@contextmanager
+def started(*arguments: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """`formation run ARGUMENTS --json` in a session of its own."""
+    command = [sys.executable, "-m", "deploy", "run", *arguments, "--json"]
+    with subprocess.Popen(
+        command,
+        cwd=folder,
+        env={**os.environ, "TMPDIR": str(folder)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def wait_until_running(process: subprocess.Popen[str], seconds: float) -> list[psutil.Process]:
+    """Read what it says until it has run for so long; its children then."""
+    assert process.stderr is not None
+    for text in process.stderr:
+        words = text.split()
+        if "error" in words and float(words[0]) >= seconds:
+            return psutil.Process(process.pid).children(recursive=True)
+    raise AssertionError(f"it ended with exit code {process.wait()} before {seconds} s")
+
+
+def result_of(process: subprocess.Popen[str]) -> dict[str, Any]:
+    out, _ = process.communicate(timeout=90.0)
+    result = json.loads(out.splitlines()[-1])
+    assert isinstance(result, dict)
+    return result
+
+
+def topics_of(mission: Mission) -> dict[str, str]:
+    """ROS 2 type of every topic that a run of `mission` must have, by the name that ROS 2 gives it."""
+    keys = {ERROR.key(): ERROR, DIAGNOSTICS.key(): DIAGNOSTICS}
+    for name in mission.names:
+        keys |= {topic.key(name): topic for topic in (POSITION, STATUS)}
+    for name in mission.followers:
+        keys |= {topic.key(name): topic for topic in (ODOM, GROUND_TRUTH)}
+        keys[CMD_VEL.key(name)] = command_topic(mission.robots[name].cmd_vel)
+    return {f"/{key}": topic.type for key, topic in keys.items()}
+
+
+def last_of(recording: Path) -> dict[str, bytes]:
+    """The newest message of each topic."""
+    with recording.open("rb") as file:
+        return {channel.topic: message.data for _, channel, message in make_reader(file).iter_messages()}
+
+
+@pytest.mark.parametrize(("name", "duration"), [("six_robots", 12), ("turtlebot3_pair", 12)])
+def test_a_shipped_mission_converges_and_its_recording_is_whole(
+    name: str, duration: int, tmp_path: Path
+) -> None:
+    mission = load(name)
+    with started(name, "--duration", str(duration), "--record", "run.mcap", folder=tmp_path) as process:
+        result = result_of(process)
+    assert process.returncode == 0
+    assert result["converged"]
+    assert result["formation_error"] < 0.01
+    assert 0.0 < result["settling_time"] < duration
+    assert result["duration"] == pytest.approx(duration, abs=1.0)
+
+    processes = result["processes"]
+    assert list(processes) == [
+        "monitor", "robots", "leader", *(f"agent {robot}" for robot in mission.followers),
+    ]  # fmt: skip
+    assert all(one["exit"] == 0 and not one["died"] for one in processes.values())
+    pids = {one["pid"] for one in processes.values()}
+    assert len(pids | {process.pid}) == len(processes) + 1
+    assert not any(psutil.pid_exists(pid) for pid in pids)
+
+    assert result["lost"] == 0
+    assert result["recorded"] == sum(one["published"] for one in processes.values())
+    with (tmp_path / "run.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        types, counts = {}, Counter[str]()
+        for schema, channel, _ in reader.iter_messages():
+            assert schema is not None
+            types[channel.topic] = schema.name
+            counts[channel.topic] += 1
+    assert types == topics_of(mission)
+    assert counts.total() == result["recorded"]
+
+
+def test_ctrl_c_brings_the_robots_to_rest_and_leaves_no_process(tmp_path: Path) -> None:
+    mission = load("turtlebot3_pair")
+    with started("turtlebot3_pair", "--record", "run.mcap", folder=tmp_path) as process:
+        children = wait_until_running(process, 1.5)  # nobody has arrived yet
+        assert len(children) == len(mission.followers) + 3
+        os.killpg(process.pid, signal.SIGINT)  # what a terminal does
+        result = result_of(process)
+    assert process.returncode in {0, 1}
+    assert process.returncode == (0 if result["converged"] else 1)
+    assert result["interrupted"]
+    assert result["duration"] < 20.0
+    assert all(one["exit"] == 0 for one in result["processes"].values())
+    assert not any(child.is_running() for child in children)
+    assert result["lost"] == 0
+    last = last_of(tmp_path / "run.mcap")
+    for robot in mission.followers:
+        odometry = decode(Odometry, last[f"/{ODOM.key(robot)}"])
+        assert abs(odometry.speed) < AT_REST
+        assert abs(odometry.turn_rate) < AT_REST
+        command = decode(TwistStamped, last[f"/{CMD_VEL.key(robot)}"])
+        assert (command.speed, command.turn_rate) == (0.0, 0.0)
+
+
+def test_a_launcher_that_is_killed_outright_leaves_no_process(tmp_path: Path) -> None:
+    with started("turtlebot3_pair", "--record", "run.mcap", folder=tmp_path) as process:
+        children = wait_until_running(process, 1.0)
+        process.kill()
+        process.wait()
+        begin = time.monotonic()
+        _, alive = psutil.wait_procs(children, timeout=10.0)
+    assert alive == []
+    assert time.monotonic() - begin < 6.0
+
+
+def test_an_agent_that_is_killed_is_named_and_the_others_go_on(tmp_path: Path) -> None:
+    with started("turtlebot3_pair", "--duration", "6", "--record", "run.mcap", folder=tmp_path) as process:
+        children = wait_until_running(process, 1.0)
+        victim = next(child for child in children if "robot2" in child.cmdline())
+        victim.kill()
+        result = result_of(process)
+    assert process.returncode == 1
+    assert result["duration"] >= 6.0
+    processes = result["processes"]
+    assert (processes["agent robot2"]["exit"], processes["agent robot2"]["died"]) == (-signal.SIGKILL, True)
+    assert {name for name, one in processes.items() if one["exit"] != 0} == {"agent robot2"}
+    assert not any(child.is_running() for child in children)
+
+
+def test_a_bad_mission_starts_nothing(tmp_path: Path) -> None:
+    (tmp_path / "bad.toml").write_text('name = "bad"\nleader = "nobody"\n')
+    with started("bad.toml", folder=tmp_path) as process:
+        out, err = process.communicate(timeout=30.0)
+    assert (process.returncode, out) == (2, "")
+    assert err.count("\n") == 1
+    assert "bad.toml" in err
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.toml"]
+
+
+def test_orders_reach_a_running_mission_and_each_robot_acknowledges(tmp_path: Path) -> None:
+    with started("turtlebot3_pair", "--record", "run.mcap", folder=tmp_path) as process:
+        assert process.stderr is not None
+        hint = process.stderr.readline().partition("another terminal: ")[2].split()
+        assert hint[:4] == ["formation", "order", "turtlebot3_pair", "stop"]
+        links = hint[4:]  # empty if the mission's own ports were free
+        wait_until_running(process, 1.0)
+        answers = {}
+        for do in ("stop", "release", "hold", "run"):
+            command = [sys.executable, "-m", "deploy", "order", "turtlebot3_pair", do, "--json", *links]
+            done = subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
+            assert done.returncode == 0, done.stdout + done.stderr
+            answers[do] = json.loads(done.stdout.splitlines()[-1])
+        os.kill(process.pid, signal.SIGTERM)
+        assert result_of(process)["interrupted"]
+    assert set(answers["stop"]["robots"]) == {"leader", "robot1", "robot2"}
+    assert {one["mode"] for one in answers["stop"]["robots"].values()} == {"stop"}
+    assert set(answers["hold"]["robots"]) == {"leader"}
+    assert all(one["ms"] < 1000.0 for answer in answers.values() for one in answer["robots"].values())
