@@ -7,10 +7,9 @@ clock is still followed, only without knowing its age.
 
 from __future__ import annotations
 
+from formation.neighbour import FRESH_PERIODS
 from formation.wire import BadMessage, Now
 
-FRESH_PERIODS = 3.0
-"""A stream that has been silent for more than this many of its periods is stale."""
 FORGOTTEN = 1.0
 """After so long a silence what came before says nothing about what comes now [s]."""
 ABSURD = 86_400.0
