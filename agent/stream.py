@@ -7,11 +7,9 @@ clock is still followed, only without knowing its age.
 
 from __future__ import annotations
 
-from formation.neighbour import FRESH_PERIODS
+from formation.neighbour import FORGOTTEN, FRESH_PERIODS
 from formation.wire import BadMessage, Now
 
-FORGOTTEN = 1.0
-"""After so long a silence what came before says nothing about what comes now [s]."""
 ABSURD = 86_400.0
 """A stamp further than this from our own clock is no time at all [s]."""
 

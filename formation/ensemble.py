@@ -121,12 +121,11 @@ class Ensemble:
             seen_at = point[:, self._follower] + heading[:, self._follower] * sensed
         heard = self._links.hear(self.time, self._with_leader(point), seen_at)
         measured, blind = self._measured(heard, heading, point, sensed)
-        command, self._integral = self._law(
-            self._integral, heading, measured, self._gains, self.limits, self._dt
-        )
-        if blind is not None:  # nobody to follow: stand still, and forget
+        before = self._integral
+        command, self._integral = self._law(before, heading, measured, self._gains, self.limits, self._dt)
+        if blind is not None:  # nobody to follow: stand still, and learn nothing
             command = Command(*(np.where(blind, 0.0, wanted) for wanted in command))
-            self._integral = np.where(blind, 0.0, self._integral)
+            self._integral = np.where(blind, before, self._integral)
         self._move(command)
 
     def _measured(

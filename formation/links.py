@@ -2,7 +2,7 @@
 
 Shapes: R runs, N robots (leader first), E edges of the graph. Freshness and ages follow the agent's rules: a
 neighbour is followed while its newest sample arrived within the limit, a sample is carried forward by its age
-while that is believable, and after a silence the velocity is learned anew.
+if it was on the way for a believable time, and after a long silence the velocity is learned anew.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formation.graph import Graph
-from formation.neighbour import Track, first_seen, seen
+from formation.neighbour import FORGOTTEN, Track, first_seen, seen
 from formation.plane import ComplexArray, FloatArray
 
 Mask = NDArray[np.bool_]
@@ -88,7 +88,7 @@ class Links:
             newest = seen(last, stamp, sample, terms.time_constant, terms.top_speed)
         if terms.loss <= 0.0:
             return newest
-        velocity = np.where(stamp - last.stamp > terms.limit, 0.0, newest.velocity)
+        velocity = np.where(stamp - last.stamp > FORGOTTEN, 0.0, newest.velocity)
         arrived = terms.local | (self._rng.random(sample.shape) >= terms.loss)
         return Track(
             np.where(arrived, stamp, last.stamp),
@@ -104,5 +104,6 @@ class Links:
         silence = age - self._late
         point = track.point
         if terms.carry:
-            point = point + track.velocity * np.where(age <= terms.limit + 1e-9, age, silence)
+            believed = np.where(self._late <= terms.limit + 1e-9, age, silence)
+            point = point + track.velocity * believed
         return Heard(point, track.velocity, None if terms.loss <= 0.0 else silence <= terms.limit + 1e-9)

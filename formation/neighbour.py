@@ -14,6 +14,8 @@ from formation.plane import Reals, Vectors, clip, shorten
 
 FRESH_PERIODS = 3.0
 """A neighbour that has been silent for more than this many of its periods is stale."""
+FORGOTTEN = 1.0
+"""After so long a silence what came before says nothing about what comes now [s]."""
 
 
 class Track(NamedTuple):
