@@ -74,6 +74,11 @@ class Route:
         start = mission.robots[mission.leader].start
         return cls(mission.route, start.position, start.heading)
 
+    @property
+    def last_change(self) -> float:
+        """From when on speed and turn rate stay as they are [s]."""
+        return float(self._starts[-1])
+
     def position(self, time: Any) -> Any:
         """The leader's control point [m; world frame]; complex, or an array of the shape of `time`."""
         arc, elapsed = self._locate(time)

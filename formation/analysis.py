@@ -1,0 +1,205 @@
+"""What can be known of a mission before anything moves: does it hold, how fast, how much delay does it bear?
+
+Pure. Poles are of the linear loop near formation (see `spectrum`), limits are checked in `feasibility`, and
+the settling time comes from the closed loop itself, simulated once from the mission's own starts.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from formation import feasibility, spectrum
+from formation.mission import Mission
+from formation.plane import ComplexArray
+from formation.route import Route
+from formation.simulate import simulate
+
+GROWTH = 2.0
+"""Amplification of the last robots over that of the first that deserves a warning."""
+PERIODS = 3.0
+"""Delay margin, in control periods, under which there is a warning."""
+
+
+@dataclass(frozen=True, slots=True)
+class Analysis:
+    """A mission, checked. Mappings are by robot."""
+
+    law: str
+    robots: int
+    """The leader among them."""
+    edges: int
+    depth: dict[str, int | None]
+    """Hops to the leader; None where no path leads there."""
+    unreachable: dict[str, str]
+    """Robots without a path to the leader, and why."""
+    laplacian_eigenvalues: tuple[complex, ...]
+    """μ of L_ff."""
+    eigenvalues: tuple[complex, ...]
+    """Closed-loop poles of the PI loop (7) [1/s]."""
+    stable: bool
+    """Whether the linear loop of the law in use is."""
+    slowest_mode: float
+    """Largest real part of `eigenvalues` [1/s]."""
+    settling_time_estimate: float | None
+    """When the formation settles from the mission's own starts [s]; None if not within its horizon."""
+    delay_margin: float
+    """How late the PI loop's whole measurement may be [s]; 0 if unstable."""
+    amplification: dict[str, float]
+    """Peak over frequency of a robot's mean edge error per leader velocity [s]; infinite if unstable."""
+    problems: tuple[str, ...]
+    """What cannot work."""
+    warnings: tuple[str, ...]
+    """What will not work well."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is no problem."""
+        return not self.problems
+
+    def as_json(self) -> dict[str, Any]:
+        """The figures as JSON has them; None where there is no finite number."""
+        return {
+            "ok": self.ok,
+            "problems": list(self.problems),
+            "warnings": list(self.warnings),
+            "eigenvalues": [[value.real, value.imag] for value in self.eigenvalues],
+            "stable": self.stable,
+            "slowest_mode": _number(self.slowest_mode),
+            "settling_time_estimate": _number(self.settling_time_estimate),
+            "delay_margin": _number(self.delay_margin),
+            "depth": dict(self.depth),
+            "amplification": {name: _number(value) for name, value in self.amplification.items()},
+            "laplacian_eigenvalues": [[value.real, value.imag] for value in self.laplacian_eigenvalues],
+            "law": self.law,
+            "robots": self.robots,
+            "edges": self.edges,
+            "unreachable": dict(self.unreachable),
+        }
+
+
+def analyse(mission: Mission, law: str | None = None) -> Analysis:
+    """Check a mission; `law` overrules the mission's."""
+    law = law or mission.law.kind
+    graph, gains = mission.graph, mission.law.gains
+    mu = spectrum.laplacian(graph)
+    poles = spectrum.poles(mu, gains.k_p, gains.k_i)
+    forward = mission.law.velocity_filter if law == "field" and mission.law.feed_forward else None
+    faults = tuple(_instability(mission, mu, poles, forward))
+    peaks = np.full(len(mission.followers), math.inf)
+    if not faults:
+        peaks = spectrum.amplification(graph, gains.k_p, gains.k_i, forward)
+    margin = spectrum.delay_margin(mu, gains.k_p, gains.k_i)
+    settling = settling_time(mission, law)
+    warnings = [*feasibility.warnings(mission), *_shaky(mission, margin, peaks)]
+    if settling is None:
+        horizon = mission.simulation.horizon
+        warnings.append(f"from its own starts the formation does not settle within {horizon:g} s ({law} law)")
+    return Analysis(
+        law=law,
+        robots=len(mission.names),
+        edges=len(graph.tails),
+        depth=dict(zip(mission.names, graph.depths, strict=True)),
+        unreachable=feasibility.unreachable(graph, mission.names),
+        laplacian_eigenvalues=tuple(mu.tolist()),
+        eigenvalues=tuple(poles.tolist()),
+        stable=not faults,
+        slowest_mode=float(poles.real.max()),
+        settling_time_estimate=settling,
+        delay_margin=margin,
+        amplification=dict(zip(mission.followers, peaks.tolist(), strict=True)),
+        problems=(*faults, *_sampling(mission, mu, stable=not faults), *feasibility.problems(mission)),
+        warnings=tuple(warnings),
+    )
+
+
+def settling_time(mission: Mission, law: str) -> float | None:
+    """When the formation settles from the mission's own starts [s], by the closed loop at the robots' period.
+
+    It includes what makes settling long: the way to a moving slot at top speed, headings that are not known
+    yet, what the integral collects meanwhile, and corners of the route. None if not within the horizon.
+    """
+    period = 1.0 / min(mission.robots[name].rate for name in mission.followers)
+    step = min(period, 0.2, mission.simulation.horizon)
+    longest = mission.simulation.horizon
+    route = Route.of(mission)
+    # most missions settle long before the horizon; after the last corner nothing new can happen
+    for horizon in (min(route.last_change + 30.0, longest), longest):
+        result = simulate(mission, law=law, step=step, horizon=max(horizon, step), starts="mission")
+        if result.converged[0]:
+            return float(result.settling_time[0])
+    return None
+
+
+def _instability(mission: Mission, mu: ComplexArray, poles: ComplexArray, forward: float | None) -> list[str]:
+    k_p, k_i = mission.law.k_p, mission.law.k_i
+    if not spectrum.stable(mu, k_p, k_i):
+        bound = _largest_integral_gain(mu, k_p)
+        pole = poles.real.max()
+        gains = f"law.k_p = {k_p:g}, law.k_i = {k_i:g}"
+        return [
+            f"unstable: {gains} on this graph, slowest mode {pole:+.3g} 1/s; k_i must be below {bound:.3g} 1/s²"
+        ]
+    if forward is not None and spectrum.cyclic_core(mission.graph):
+        loop = spectrum.feed_forward_poles(mission.graph, k_p, k_i, forward)
+        if loop.real.max() >= 0.0:
+            what = f"law.feed_forward with velocity_filter = {forward:g} s on this graph"
+            return [_unstable(what, loop, "must be false, or filter for longer")]
+    return []
+
+
+def _unstable(what: str, poles: ComplexArray, legal: str) -> str:
+    return f"unstable: {what}, slowest mode {poles.real.max():+.3g} 1/s; {legal}"
+
+
+def _largest_integral_gain(mu: ComplexArray, k_p: float) -> float:
+    """k_I up to which the PI loop is stable [1/s²]: k_P² Re(μ)|μ|² / Im(μ)²."""
+    turning = mu[np.abs(mu.imag) > 1e-12 * np.abs(mu)]
+    return float((k_p**2 * turning.real * np.abs(turning) ** 2 / turning.imag**2).min())
+
+
+def _sampling(mission: Mission, mu: ComplexArray, *, stable: bool) -> list[str]:
+    """Whether the robots' periods are short enough for the gains."""
+    if not stable:
+        return []
+    slowest = min(mission.followers, key=lambda name: mission.robots[name].rate)
+    rate = mission.robots[slowest].rate
+    radius = feasibility.sampled_radius(mu, mission.law.k_p, mission.law.k_i, 1.0 / rate)
+    if radius < 1.0:
+        return []
+    needed = next(
+        faster
+        for faster in rate * np.geomspace(1.01, 1e6, 2000)
+        if feasibility.sampled_radius(mu, mission.law.k_p, mission.law.k_i, 1.0 / faster) < 1.0
+    )
+    most = int(mission.graph.degrees.max())
+    why = f"too low for law.k_p = {mission.law.k_p:g} and up to {most} neighbours: commands overshoot"
+    return [f"robots.{slowest}.rate = {rate:g} Hz: {why}; must be above {needed:.3g} Hz"]
+
+
+def _shaky(mission: Mission, margin: float, peaks: Any) -> list[str]:
+    found = []
+    rate = min(mission.robots[name].rate for name in mission.followers)
+    if 0.0 < margin < PERIODS / rate:
+        found.append(
+            f"the delay margin of {margin * 1e3:.0f} ms is less than {PERIODS:g} periods at {rate:g} Hz: "
+            "lower law.k_p or measure fewer neighbours"
+        )
+    first = min(
+        peak for peak, depth in zip(peaks.tolist(), mission.graph.depths[1:], strict=True) if depth == 1
+    )
+    worst = int(np.argmax(peaks))
+    if math.isfinite(first) and peaks[worst] > GROWTH * first:
+        last = f"{mission.followers[worst]}, {mission.graph.depths[1 + worst]} hops from the leader"
+        found.append(
+            f"errors grow along the graph: {last}, errs {peaks[worst] / first:.1f} times as much as the first; "
+            "lower law.k_i or use a shallower graph"
+        )
+    return found
+
+
+def _number(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None

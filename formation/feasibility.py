@@ -1,0 +1,139 @@
+"""What a mission asks of its robots, against what they can do; each check yields sentences.
+
+A problem is what no tuning of the law can mend; a warning is what works, but not well.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from formation.body import Body
+from formation.graph import Graph
+from formation.mission import Circle, Mission
+from formation.plane import ComplexArray
+from formation.spacing import too_close
+
+RESERVE = 0.8
+"""Share of a follower's top speed that the leader may use without a warning."""
+
+
+def problems(mission: Mission) -> Iterator[str]:
+    """What cannot work."""
+    yield from _too_fast(mission)
+    yield from _too_tight(mission)
+    yield from _slots_touch(mission)
+
+
+def warnings(mission: Mission) -> Iterator[str]:
+    """What will not work well."""
+    yield from _little_reserve(mission)
+    yield from _weaker_body(mission)
+
+
+def unreachable(graph: Graph, names: tuple[str, ...]) -> dict[str, str]:
+    """Each robot without a path to the leader, and why: the robots that its neighbours lead to."""
+    reasons = {}
+    for i in graph.unreachable:
+        found, waiting = {i}, [i]
+        while waiting:
+            for j in graph.neighbours[waiting.pop()]:
+                if j not in found:
+                    found.add(j)
+                    waiting.append(j)
+        others = ", ".join(names[j] for j in sorted(found - {i}))
+        reasons[names[i]] = f"its neighbours lead only to {others}" if others else "it measures nobody"
+    return reasons
+
+
+def sampled_radius(mu: ComplexArray, k_p: float, k_i: float, period: float) -> float:
+    """Largest |z| of the PI loop when each command holds for `period` [s]; from 1 on it does not settle.
+
+    One mode is δ ← δ - T μ (k_P δ + k_I ξ), ξ ← ξ + T δ.
+    """
+    trace = 2.0 - k_p * mu * period
+    root = np.sqrt(trace**2 - 4.0 * (1.0 - k_p * mu * period + k_i * mu * period**2))
+    return float(np.maximum(np.abs(trace + root), np.abs(trace - root)).max() / 2.0)
+
+
+def _limits(mission: Mission, name: str) -> tuple[float, float]:
+    """What a follower can do, by its own limits and by the simulated robot's [m/s], [rad/s]."""
+    robot, body = mission.robots[name], Body.of(mission.simulated_robot)
+    return min(robot.max_speed, body.max_speed), min(robot.max_turn_rate, body.max_turn_rate)
+
+
+def _too_fast(mission: Mission) -> Iterator[str]:
+    for number, leg in enumerate(mission.route):
+        slow = [name for name in mission.followers if leg.speed >= _limits(mission, name)[0]]
+        if slow:
+            limit = min(_limits(mission, name)[0] for name in slow)
+            yield (
+                f"route.{number}.speed = {leg.speed:g} m/s: {_list(slow)} cannot keep up; "
+                f"must be below {limit:g} m/s"
+            )
+
+
+def _too_tight(mission: Mission) -> Iterator[str]:
+    """In formation every control point circles as the leader does: ω = v/r, and L ω = v sin φ needs L < r."""
+    for number, leg in enumerate(mission.route):
+        if not isinstance(leg, Circle):
+            continue
+        turn_rate = leg.speed / leg.radius
+        slow = [name for name in mission.followers if turn_rate > _limits(mission, name)[1]]
+        if slow:
+            limit = min(_limits(mission, name)[1] for name in slow)
+            yield (
+                f"route.{number}: a circle of radius {leg.radius:g} m at {leg.speed:g} m/s turns at "
+                f"{turn_rate:.3g} rad/s, faster than {_list(slow)}; must be at most {limit:g} rad/s"
+            )
+        offsets = {name: mission.robots[name].control_point_offset for name in mission.followers}
+        long = [name for name, offset in offsets.items() if offset >= leg.radius]
+        if long:
+            yield (
+                f"route.{number}.radius = {leg.radius:g} m: within the control_point_offset of {_list(long)}, "
+                f"so no way to drive forwards on it; must be above {max(offsets.values()):g} m"
+            )
+
+
+def _slots_touch(mission: Mission) -> Iterator[str]:
+    """In formation headings agree, so centres are as far apart as slots. The virtual leader has no body."""
+    radii = [mission.robots[name].radius for name in mission.followers]
+    for shape in mission.shapes:
+        for i, j, distance in too_close([mission.slot(name, shape) for name in mission.followers], radii):
+            first, second = mission.followers[i], mission.followers[j]
+            yield (
+                f"shapes.{shape}: the slots of {first} and {second} are {distance:.3g} m apart; "
+                f"must be over {radii[i] + radii[j]:g} m (both radii)"
+            )
+
+
+def _little_reserve(mission: Mission) -> Iterator[str]:
+    fastest = max(leg.speed for leg in mission.route)
+    slow = [name for name in mission.followers if _limits(mission, name)[0] > fastest]
+    slow = [name for name in slow if fastest > RESERVE * _limits(mission, name)[0]]
+    if slow:
+        limit = min(_limits(mission, name)[0] for name in slow)
+        yield (
+            f"the leader drives at {fastest:g} m/s and {_list(slow)} at {limit:g} m/s at most: "
+            f"to catch up by a metre takes {1.0 / (limit - fastest):.0f} s"
+        )
+
+
+def _weaker_body(mission: Mission) -> Iterator[str]:
+    body = Body.of(mission.simulated_robot)
+    for key, limit, unit in (
+        ("max_speed", body.max_speed, "m/s"),
+        ("max_turn_rate", body.max_turn_rate, "rad/s"),
+    ):
+        over = [name for name in mission.followers if getattr(mission.robots[name], key) > limit]
+        if over and math.isfinite(limit):
+            yield (
+                f"{key} of {_list(over)} is above the simulated robot's {limit:g} {unit}: "
+                "the law does not know when the body saturates; should be at most that"
+            )
+
+
+def _list(names: list[str]) -> str:
+    return ", ".join(names) if len(names) <= 6 else f"{', '.join(names[:5])} and {len(names) - 5} more"

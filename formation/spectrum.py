@@ -1,0 +1,165 @@
+"""Poles, delay margin and error amplification of a formation's linear loop.
+
+Source: Eqs. (7), (10), (11) of the paper without saturation and with true headings, where every follower's
+control point obeys dh = k_P e + k_I ξ, dξ = e, e = Σ_j (z_ij - z*_ij). Theorem 1 takes the eigenvalues μ of
+L_ff for real; on a directed graph they need not be, and then its conclusion fails. `stable` is exact.
+
+| symbol | here | meaning | unit |
+|---|---|---|---|
+| μ | `laplacian` | eigenvalues of L_ff | – |
+| λ | `poles` | λ² + k_P μ λ + k_I μ = 0 | 1/s |
+| τ | `time_constant` | of the velocity estimate that the field law feeds forward | s |
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from formation.graph import Graph
+from formation.plane import ComplexArray, FloatArray
+
+
+def cyclic_core(graph: Graph) -> tuple[int, ...]:
+    """Followers on a cycle of the graph, or between two; empty for an acyclic graph.
+
+    The rest can be ordered so that L_ff is triangular: each of them adds its own degree to the eigenvalues.
+    """
+    measures = [set(js) - {0} for js in graph.neighbours]
+    measured_by: list[set[int]] = [set() for _ in graph.neighbours]
+    for i, js in enumerate(measures):
+        for j in js:
+            measured_by[j].add(i)
+    left = set(range(1, graph.size))
+    for ahead, behind in ((measures, measured_by), (measured_by, measures)):
+        waiting = deque(i for i in left if not ahead[i])
+        while waiting:
+            gone = waiting.popleft()
+            left.discard(gone)
+            for i in behind[gone]:
+                ahead[i].discard(gone)
+                if not ahead[i] and i in left:
+                    waiting.append(i)
+            behind[gone] = set()
+    return tuple(sorted(left))
+
+
+def laplacian(graph: Graph) -> ComplexArray:
+    """Eigenvalues μ of L_ff; shape (n-1,). Exact for robots outside `cyclic_core`."""
+    core = np.array(cyclic_core(graph), dtype=np.intp)
+    apart = np.delete(graph.degrees, core - 1).astype(np.complex128)
+    if not len(core):
+        return apart
+    among = graph.follower_laplacian()[np.ix_(core - 1, core - 1)]
+    return np.concatenate([apart, np.linalg.eigvals(among)])
+
+
+def poles(mu: ComplexArray, k_p: float, k_i: float) -> ComplexArray:
+    """λ of the PI loop (7) [1/s]: two for each μ, or one where there is no integral."""
+    if k_i == 0.0:
+        return -k_p * mu
+    root = np.sqrt((k_p * mu) ** 2 - 4.0 * k_i * mu)
+    # the sign that adds up, then Vieta for the other: no cancellation
+    root = np.where((k_p * mu * root.conjugate()).real < 0.0, -root, root)
+    fast = -0.5 * (k_p * mu + root)
+    return np.concatenate([fast, k_i * mu / fast])
+
+
+def stable(mu: ComplexArray, k_p: float, k_i: float) -> bool:
+    """Whether λ² + k_P μ λ + k_I μ is Hurwitz for every μ: Theorem 1 with complex μ; not in the paper."""
+    exact = k_p**2 * mu.real * np.abs(mu) ** 2 > k_i * mu.imag**2
+    return bool(np.all((mu.real > 0.0) & exact))
+
+
+def feed_forward_poles(graph: Graph, k_p: float, k_i: float, time_constant: float) -> ComplexArray:
+    """Poles [1/s] of the loop with the neighbours' filtered velocity fed forward, for the `cyclic_core`.
+
+    Outside of it feed-forward closes no loop: there the poles are those of the PI loop and -1/τ.
+    """
+    core = np.array(cyclic_core(graph), dtype=np.intp) - 1
+    count = len(core)
+    among = graph.follower_laplacian()[np.ix_(core, core)]
+    degrees = graph.degrees[core]
+    mean = (np.diag(degrees) - among) / degrees[:, None]  # velocities of the core's neighbours, averaged
+    motion = np.hstack([-k_p * among, k_i * np.eye(count), mean])
+    integral = np.hstack([-among, np.zeros((count, 2 * count))])
+    estimate = motion / time_constant
+    estimate[:, 2 * count :] -= np.eye(count) / time_constant
+    values: ComplexArray = np.linalg.eigvals(np.vstack([motion, integral, estimate])).astype(np.complex128)
+    return values
+
+
+def delay_margin(mu: ComplexArray, k_p: float, k_i: float) -> float:
+    """How late the whole measurement may be before the PI loop oscillates [s]; 0 if it is unstable as it is.
+
+    λ² + (k_P λ + k_I) μ e^{-λτ} has a root iω where ω⁴ = |μ|² (k_P² ω² + k_I²), and there
+    ωτ = arg μ + atan(k_P ω / k_I). The smallest over all μ counts.
+    """
+    if not stable(mu, k_p, k_i):
+        return 0.0
+    gain = np.abs(mu)
+    omega = np.sqrt(0.5 * (gain**2 * k_p**2 + np.sqrt(gain**4 * k_p**4 + 4.0 * gain**2 * k_i**2)))
+    phase = np.angle(mu) + np.arctan2(k_p * omega, k_i)
+    return float((phase / omega).min())
+
+
+def amplification(graph: Graph, k_p: float, k_i: float, time_constant: float | None) -> FloatArray:
+    """Peak over frequency of each follower's mean edge error per leader velocity [s]; shape (n-1,).
+
+    `time_constant` [s] of the velocity that is fed forward, None for none. Only for a stable loop. In the
+    frequency domain, with C = k_P + k_I/s and F = 1/(1 + τs) (or 0), a follower is δ_i away from its slot:
+    (s + C d_i) δ_i = Σ_j (C + F s/d_i) δ_j + (F - 1) v.
+    """
+    scale = max(k_p, np.sqrt(k_i))
+    s = 1j * scale * np.logspace(-4.0, 2.0, 601)
+    control = k_p + k_i / s
+    forward = np.zeros_like(s) if time_constant is None else 1.0 / (1.0 + time_constant * s)
+    solve = _solve_cyclic if cyclic_core(graph) else _solve_acyclic
+    away = solve(graph, s, control, forward)  # (frequencies, n), the leader's zero
+    mean_errors = graph.sum_per_follower(graph.along_edges(away)) / graph.degrees
+    peak: FloatArray = np.abs(mean_errors).max(axis=0)
+    return peak
+
+
+def _solve_acyclic(
+    graph: Graph, s: ComplexArray, control: ComplexArray, forward: ComplexArray
+) -> ComplexArray:
+    away = np.zeros((len(s), graph.size), dtype=np.complex128)
+    for i in _neighbours_first(graph):
+        js, degree = list(graph.neighbours[i]), len(graph.neighbours[i])
+        seen = (control + forward * s / degree) * away[:, js].sum(axis=1)
+        away[:, i] = (seen + forward - 1.0) / (s + control * degree)
+    return away
+
+
+def _solve_cyclic(
+    graph: Graph, s: ComplexArray, control: ComplexArray, forward: ComplexArray
+) -> ComplexArray:
+    away = np.zeros((len(s), graph.size), dtype=np.complex128)
+    among = graph.follower_laplacian()
+    degree = np.diag(graph.degrees)
+    mean = (degree - among) / graph.degrees[:, None]
+    unit = np.eye(graph.size - 1)
+    for k in range(len(s)):
+        matrix = s[k] * (unit - forward[k] * mean) + control[k] * among
+        away[k, 1:] = np.linalg.solve(matrix, np.full(graph.size - 1, forward[k] - 1.0))
+    return away
+
+
+def _neighbours_first(graph: Graph) -> list[int]:
+    """Followers of an acyclic graph, each after all that it measures."""
+    missing = [len(set(js) - {0}) for js in graph.neighbours]
+    measured_by: list[list[int]] = [[] for _ in graph.neighbours]
+    for i, js in enumerate(graph.neighbours):
+        for j in js:
+            measured_by[j].append(i)
+    order: list[int] = []
+    waiting = deque(i for i in range(1, graph.size) if not missing[i])
+    while waiting:
+        order.append(waiting.popleft())
+        for i in measured_by[order[-1]]:
+            missing[i] -= 1
+            if not missing[i]:
+                waiting.append(i)
+    return order
