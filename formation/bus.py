@@ -179,7 +179,8 @@ class Bus:
     def ask(self, key: str, payload: bytes, timeout: float) -> list[Reply]:
         """Query everybody who answers `key` (wildcards are allowed) and wait for all, at most `timeout` [s].
 
-        Who does not answer in time is simply missing. Must not ask what this very process answers.
+        That is everybody linked whom this session has heard of by now, and who does not answer in time is
+        simply missing. Must not ask what this very process answers.
         """
         replies: list[Reply] = []
         done = threading.Event()
@@ -239,6 +240,12 @@ class Bus:
 
 
 def _open(config: BusConfig) -> zenoh.Session:
+    settings = _settings(config)
+    with _named(f"the bus cannot be opened, listening on {', '.join(config.listen) or 'nothing'}"):
+        return zenoh.open(settings)
+
+
+def _settings(config: BusConfig) -> zenoh.Config:
     settings = untouched = zenoh.Config()
     if config.config_file is not None:
         with _named(f"--config {str(config.config_file)!r}"):
@@ -253,8 +260,7 @@ def _open(config: BusConfig) -> zenoh.Session:
     for path, value in config.overrides:
         with _named(f"--cfg {path}:{value}"):
             settings.insert_json5(path, value)
-    with _named(f"the bus cannot be opened, listening on {', '.join(config.listen) or 'nothing'}"):
-        return zenoh.open(settings)
+    return settings
 
 
 def _close(session: zenoh.Session) -> None:
