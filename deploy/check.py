@@ -1,0 +1,92 @@
+"""`formation check`: what can be known of a mission before anything moves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+from deploy.arguments import add_mission, as_json, parser, read_mission
+from formation.analysis import Analysis, analyse
+from formation.mission import Mission
+
+EXAMPLES = """\
+  formation check six_robots
+  formation check my_mission.toml --law paper --json
+
+Exit code 0: nothing speaks against it; 1: it cannot work, for the problems named; 2: it is no mission.
+"""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Check a mission; the exit code."""
+    flags = parser("check", "Check a mission before anything moves.", EXAMPLES)
+    add_mission(flags)
+    flags.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
+    options = flags.parse_args(arguments)
+    mission = read_mission(options.mission, options.law)
+    found = analyse(mission)
+    print(words(mission, found))
+    if options.json:
+        print(as_json({"mission": mission.name, **found.as_json()}))
+    return 0 if found.ok else 1
+
+
+def words(mission: Mission, found: Analysis) -> str:
+    """The analysis for people."""
+    return "\n".join([*_summary(mission, found), "", *_robots(mission, found), *_findings(found)])
+
+
+def _summary(mission: Mission, found: Analysis) -> Iterator[str]:
+    verdict = "nothing speaks against it" if found.ok else "it cannot work"
+    deepest = max((hops for hops in found.depth.values() if hops is not None), default=0)
+    yield f"{mission.name}, {found.law} law: {verdict}"
+    hops = f"{deepest} hop{'' if deepest == 1 else 's'} to the leader at most"
+    yield f"  graph            {found.robots} robots, {found.edges} edges, {hops}"
+    yield f"  stable           {'yes' if found.stable else 'NO'}; slowest mode {found.slowest_mode:+.3g} 1/s"
+    yield f"  settles          {_settles(mission, found)}"
+    yield f"  delay margin     {_margin(found)}"
+    yield f"  eigenvalues      {_eigenvalues(found.eigenvalues)}"
+
+
+def _robots(mission: Mission, found: Analysis) -> Iterator[str]:
+    width = max(len(name) for name in mission.names) + 2
+    yield f"  {'robot':<{width}}{'hops':<6}{'error per leader speed':<24}measures"
+    for name in mission.names:
+        peak = found.amplification.get(name)
+        grown = "-" if peak is None else f"{peak:.3g} s" if math.isfinite(peak) else "without end"
+        hops = found.depth[name]
+        yield (
+            f"  {name:<{width}}{'none' if hops is None else hops:<6}{grown:<24}"
+            f"{', '.join(mission.robots[name].neighbours) or 'nobody: it leads'}"
+        )
+
+
+def _findings(found: Analysis) -> Iterator[str]:
+    for title, findings in (("problem", found.problems), ("warning", found.warnings)):
+        for finding in findings:
+            yield ""
+            yield f"{title}: {finding}"
+
+
+def _settles(mission: Mission, found: Analysis) -> str:
+    if found.settling_time_estimate is None:
+        return f"not within {mission.simulation.horizon:g} s from the mission's own starts"
+    return f"after {found.settling_time_estimate:.1f} s from the mission's own starts, simulated"
+
+
+def _margin(found: Analysis) -> str:
+    if not math.isfinite(found.delay_margin):
+        return "any delay"
+    return f"{found.delay_margin * 1e3:.0f} ms, if a robot's own position is as late as its neighbours'"
+
+
+def _eigenvalues(values: Sequence[complex]) -> str:
+    """Distinct ones, slowest first, with how often each occurs; a conjugate pair as one."""
+    counts: dict[str, int] = {}
+    for value in sorted(values, key=lambda value: (-value.real, abs(value.imag), value.imag)):
+        if value.imag < -1e-9:
+            continue
+        text = f"{value.real:.3g}" + (f" ± {value.imag:.3g}i" if value.imag > 1e-9 else "")
+        counts[text] = counts.get(text, 0) + 1
+    shown = [text if times == 1 else f"{text} ({times} times)" for text, times in counts.items()]
+    return ", ".join(shown[:6]) + (f" and {len(shown) - 6} more" if len(shown) > 6 else "") + " 1/s"

@@ -1,0 +1,109 @@
+"""`formation check`: exit codes, words and JSON. The figures themselves are tested where they are made."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from deploy.check import _eigenvalues
+from deploy.cli import main
+from formation.analysis import analyse
+from formation.mission_file import load, shipped
+
+KEYS = {
+    "ok", "problems", "warnings", "eigenvalues", "stable", "slowest_mode", "settling_time_estimate",
+    "delay_margin", "depth", "amplification",
+}  # fmt: skip
+
+
+def ring(followers: int) -> str:
+    """A directed ring of followers of which one sees the leader, at the paper's gains."""
+    names = [f"r{i}" for i in range(followers)]
+    text = 'name = "ring"\nleader = "leader"\n[law]\nk_p = 2.0\nk_i = 1.0\nfeed_forward = false\n'
+    text += "[shapes.circle]\n"
+    spots = {
+        name: (5.0 * math.cos(math.tau * i / followers), 5.0 * math.sin(math.tau * i / followers))
+        for i, name in enumerate(names)
+    }
+    text += "".join(f"{name} = [{x:.3f}, {y:.3f}]\n" for name, (x, y) in spots.items())
+    text += "[robots.leader]\nstart = { x = 0, y = 0 }\n"
+    for i, name in enumerate(names):
+        neighbours = [names[i - 1]] + (["leader"] if i == 0 else [])
+        x, y = spots[name]
+        text += f"[robots.{name}]\nneighbours = {neighbours}\nstart = {{ x = {x:.3f}, y = {y:.3f} }}\n"
+    return text + "[[route]]\nspeed = 0.1\nheading_deg = 0\n"
+
+
+def checked(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, dict[str, Any]]:
+    code = main(["check", *arguments, "--json"])
+    out = capsys.readouterr().out
+    return code, out, json.loads(out.splitlines()[-1])
+
+
+@pytest.mark.parametrize("mission", shipped())
+def test_every_shipped_mission_passes(mission: str, capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, result = checked(capsys, mission)
+    assert code == 0
+    assert set(result) >= KEYS
+    assert result["ok"] is True
+    assert result["problems"] == []
+    assert result["settling_time_estimate"] > 0.0
+    assert "nothing speaks against it" in out
+    assert all(f"\n  {name} " in out for name in load(mission).names)
+
+
+def test_a_mission_that_is_unstable_is_exit_code_1_and_says_what_would_help(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "ring.toml").write_text(ring(12))
+    code, out, result = checked(capsys, str(tmp_path / "ring.toml"))
+    assert code == 1
+    assert result["ok"] is False
+    assert result["stable"] is False
+    assert result["slowest_mode"] == pytest.approx(0.032, abs=0.001)
+    assert "it cannot work" in out
+    assert "problem: unstable" in out
+    assert "without end" in out
+
+
+def test_the_law_of_the_command_line_is_the_one_that_is_checked(capsys: pytest.CaptureFixture[str]) -> None:
+    _, out, result = checked(capsys, "six_robots", "--law", "paper")
+    assert result["law"] == "paper"
+    assert "six-robots, paper law" in out
+    assert result["settling_time_estimate"] > 2.0 * checked(capsys, "six_robots")[2]["settling_time_estimate"]
+
+
+def test_the_words_and_the_json_say_the_same(capsys: pytest.CaptureFixture[str]) -> None:
+    _, out, result = checked(capsys, "two_chains")
+    found = analyse(load("two_chains"))
+    assert result["depth"] == found.depth
+    assert f"{found.settling_time_estimate:.1f} s from the mission's own starts" in out
+    assert f"{found.delay_margin * 1e3:.0f} ms" in out
+
+
+def test_eigenvalues_are_listed_once_slowest_first_and_pairs_as_one() -> None:
+    text = _eigenvalues([-3.0 + 0j, -0.5 - 1j, -3.0 + 0j, -0.5 + 1j])
+    assert text == "-0.5 ± 1i, -3 (2 times) 1/s"
+    assert _eigenvalues([complex(-k) for k in range(1, 10)]).endswith("-6 and 3 more 1/s")
+
+
+def test_a_robot_needs_no_extra_to_check_a_mission() -> None:
+    import subprocess
+    import sys
+
+    code = """
+import sys
+class Nothing:
+    def find_spec(self, name, *_):
+        if name.partition(".")[0] in {"rich", "mcap", "matplotlib"}:
+            raise ModuleNotFoundError(name, name=name)
+sys.meta_path.insert(0, Nothing())
+from deploy.cli import main
+sys.exit(main(["check", "turtlebot3_pair", "--json"]) or main(["simulate", "turtlebot3_pair", "--json"]))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -1,0 +1,121 @@
+"""`formation simulate`: what it passes on, refuses and prints. The loop itself is tested where it lives."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from deploy import simulate
+from deploy.cli import main
+from formation.body import PROFILES
+
+SHORT = ("--horizon", "15")
+
+
+def simulated(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[str, dict[str, Any]]:
+    assert main(["simulate", "turtlebot3_pair", *SHORT, *arguments, "--json"]) == 0
+    out = capsys.readouterr().out
+    return out, json.loads(out.splitlines()[-1])
+
+
+def test_the_json_has_every_figure(capsys: pytest.CaptureFixture[str]) -> None:
+    _, result = simulated(capsys, "--runs", "20", "--spread", "0.2", "--seed", "3")
+    assert result["mission"] == "turtlebot3-pair"
+    assert (result["runs"], result["seed"], result["law"]) == (20, 3, "field")
+    assert result["converged_fraction"] == 1.0
+    assert 0.0 < result["settling_time"]["median"] <= result["settling_time"]["p95"] < 15.0
+    assert 0.0 <= result["final_error"]["median"] <= result["final_error"]["max"] < 0.05
+    assert result["wall_time"] > 0.0
+    assert result["robot_steps_per_second"] > 0.0
+
+
+def test_one_run_starts_as_the_mission_says_and_many_as_the_seed_says(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    text, first = simulated(capsys)
+    assert "the mission's own starts" in text
+    assert simulated(capsys, "--seed", "9")[1]["settling_time"] == first["settling_time"]
+    text, many = simulated(capsys, "--runs", "5", "--seed", "1")
+    assert "5 random starts, seed 1" in text
+    assert simulated(capsys, "--runs", "5", "--seed", "1")[1]["final_error"] == many["final_error"]
+    assert simulated(capsys, "--runs", "5", "--seed", "2")[1]["final_error"] != many["final_error"]
+
+
+def test_a_worse_world_is_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: dict[str, Any] = {}
+
+    def stop(*_: object, **arguments: Any) -> None:
+        seen.update(arguments)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(simulate, "simulate", stop)
+    flags = ["--delay", "0.1", "--loss", "0.2", "--noise", "0.003", "--quantised", "--law", "paper"]
+    assert main(["simulate", "six_robots", *flags]) == 130
+    options = seen["options"]
+    assert (options.delay, options.loss) == (0.1, 0.2)
+    assert options.body.position_noise == 0.003
+    assert options.body.speed_step == PROFILES["turtlebot3_burger"].speed_step > 0.0
+    assert seen["starts"] is None
+
+
+@pytest.mark.parametrize(
+    ("flags", "named"),
+    [
+        (["--runs", "0"], "at least 1"),
+        (["--runs", "1.5"], "invalid whole number value: '1.5'"),
+        (["--delay", "-1"], "at least 0"),
+        (["--loss", "1.5"], "at most 1"),
+        (["--noise", "nan"], "at least 0"),
+        (["--horizon", "0"], "above 0"),
+        (["--horizon", "0.0001"], "at least one step"),
+        (["--plot", "figure.bmp"], "must end in .png, .svg or .pdf"),
+        (["--plot", "/no/such/folder/figure.png"], "no folder"),
+        (["--law", "best"], "choose from"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused_by_name(
+    flags: list[str], named: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["simulate", "turtlebot3_pair", *flags]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert named in err
+
+
+def test_a_plot_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    figure = tmp_path / "figure.png"
+    text, result = simulated(capsys, "--plot", str(figure))
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    assert result["plot"] == str(figure)
+    assert str(figure) in text
+
+
+def test_what_takes_long_shows_how_far_it_is_on_a_terminal_and_only_there() -> None:
+    code = """
+import sys
+from deploy import simulate
+simulate.PATIENCE = 0.0
+sys.exit(simulate.main(["turtlebot3_pair", "--runs", "3", "--horizon", "8"]))
+"""
+    ours, theirs = pty.openpty()
+    try:
+        environment = {**os.environ, "TERM": "xterm"}
+        done = subprocess.run(
+            [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=theirs, env=environment, check=False
+        )
+        shown = os.read(ours, 100_000).decode()
+    finally:
+        os.close(ours)
+        os.close(theirs)
+    assert done.returncode == 0
+    assert "turtlebot3-pair, 3 runs" in shown
+    assert b"turtlebot3-pair, field law" in done.stdout
+    quiet = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert quiet.stderr == ""
