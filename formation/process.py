@@ -146,14 +146,14 @@ class Process:
         for key in core.subscriptions:
             self.bus.subscribe(key)
 
-    def ready(self, background_key: str) -> None:
-        """Say that all is declared; then, if asked to, wait until a monitor listens to `background_key`.
+    def ready(self, *background_keys: str) -> None:
+        """Say that all is declared; then, if asked to, wait until a monitor listens to `background_keys`.
 
-        The monitor subscribes to background topics last, so once it hears this one it hears all.
+        The monitor subscribes to background topics last, so once it hears these it hears all.
         """
         say("ready", process=self.name)
         deadline = time.monotonic() + self._await_monitor
-        while not (self.stop or self.bus.watched(background_key)):
+        while not (self.stop or all(map(self.bus.watched, background_keys))):
             left = deadline - time.monotonic()
             if left <= 0.0:
                 if self._await_monitor > 0.0:

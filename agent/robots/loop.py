@@ -17,7 +17,7 @@ def host(world: World, process: Process) -> None:
     The loop sleeps until the next odometry is due or a command arrives, so a command takes hold at once.
     """
     process.declare(world)
-    process.ready(GROUND_TRUTH.key(world.robots[-1]))
+    process.ready(*(GROUND_TRUTH.key(name) for name in world.robots))
     process.run(world)
     for key, count in world.dropped.items():
         _log.warning("%d messages on %s were no commands, and were not obeyed", count, key)

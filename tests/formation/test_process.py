@@ -7,17 +7,83 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Sequence
 
 import pytest
 
 from formation import process
-from formation.bus import BusError
+from formation.bus import BusConfig, BusError
 from formation.flags import bus_config, parser
 from formation.mission_file import MissionError, load
-from formation.process import BadInput, Stop, one_of, run_process, say
+from formation.process import BadInput, Process, Stop, one_of, run_process, say
+from formation.rate import Rate
+from formation.topics import STATUS
+from formation.wire import Now, Outgoing, Sample
 from formation.wiring import Links
 
 IMPLIED = Links(("tcp/127.0.0.1:7460",), ("tcp/127.0.0.1:7461",))
+
+
+class Counting:
+    """A core that counts its steps, one every 10 ms, and then does as it is told."""
+
+    publications = ((STATUS, "robot2/status"),)
+    subscriptions = ("robot1/position",)
+
+    def __init__(self, steps: int, then: Callable[[], object]) -> None:
+        self.dropped = {"robot1/position": 3}
+        self.halted: list[str] = []
+        self._rate = Rate(100.0)
+        self._steps, self._then = steps, then
+
+    @property
+    def due(self) -> float:
+        return self._rate.due
+
+    def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
+        assert not inbox
+        if self._rate.tick(now.mono) and self._rate.ticks == self._steps:
+            self._then()
+        return [Outgoing("robot2/status", b"step")]
+
+    def halt(self, now: Now, reason: str) -> list[Outgoing]:
+        assert now.mono >= self.due - 0.02
+        self.halted.append(reason)
+        return [Outgoing("robot2/status", b"last words")]
+
+
+def run(core: Counting) -> int:
+    def main(stop: Stop) -> None:
+        with Process("agent robot2", flags(), BusConfig(), stop) as one:
+            one.declare(core)
+            one.ready("robot2/status")
+            one.run(core)
+
+    return run_process("robot2", flags(), main)
+
+
+def test_a_core_is_stepped_when_it_is_due_until_a_signal_and_then_has_its_last_words(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    started = time.monotonic()
+    core = Counting(20, lambda: signal.raise_signal(signal.SIGINT))
+    assert run(core) == 0
+    assert core.halted == ["SIGINT"]
+    assert time.monotonic() - started >= 0.19
+    ready, summary = map(json.loads, capsys.readouterr().out.splitlines())
+    assert ready == {"event": "ready", "process": "agent robot2"}
+    assert summary["published"]["robot2/status"] >= 21
+    assert summary["dropped"] == {"robot1/position": 3, "overflowed": 0}
+
+
+def test_a_core_that_fails_has_its_last_words_before_the_process_ends_with_exit_code_1(
+    caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str]
+) -> None:
+    core = Counting(5, lambda: 1 // 0)
+    assert run(core) == 1
+    assert core.halted == ["failed"]
+    assert "ZeroDivisionError" in caplog.text
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["published"]["robot2/status"] >= 5
 
 
 def flags(*arguments: str) -> argparse.Namespace:
