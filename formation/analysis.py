@@ -138,11 +138,8 @@ def _instability(mission: Mission, mu: ComplexArray, poles: ComplexArray, forwar
     k_p, k_i = mission.law.k_p, mission.law.k_i
     if not spectrum.stable(mu, k_p, k_i):
         bound = _largest_integral_gain(mu, k_p)
-        pole = poles.real.max()
-        gains = f"law.k_p = {k_p:g}, law.k_i = {k_i:g}"
-        return [
-            f"unstable: {gains} on this graph, slowest mode {pole:+.3g} 1/s; k_i must be below {bound:.3g} 1/s²"
-        ]
+        what = f"law.k_p = {k_p:g}, law.k_i = {k_i:g} on this graph"
+        return [_unstable(what, poles, f"k_i must be below {bound:.3g} 1/s²")]
     if forward is not None and spectrum.cyclic_core(mission.graph):
         loop = spectrum.feed_forward_poles(mission.graph, k_p, k_i, forward)
         if loop.real.max() >= 0.0:
@@ -194,9 +191,9 @@ def _shaky(mission: Mission, margin: float, peaks: Any) -> list[str]:
     worst = int(np.argmax(peaks))
     if math.isfinite(first) and peaks[worst] > GROWTH * first:
         last = f"{mission.followers[worst]}, {mission.graph.depths[1 + worst]} hops from the leader"
+        times = f"{peaks[worst] / first:.1f} times as much as the first"
         found.append(
-            f"errors grow along the graph: {last}, errs {peaks[worst] / first:.1f} times as much as the first; "
-            "lower law.k_i or use a shallower graph"
+            f"errors grow along the graph: {last}, errs {times}; lower law.k_i, or make the graph shallower"
         )
     return found
 

@@ -92,8 +92,8 @@ def _too_tight(mission: Mission) -> Iterator[str]:
         long = [name for name, offset in offsets.items() if offset >= leg.radius]
         if long:
             yield (
-                f"route.{number}.radius = {leg.radius:g} m: within the control_point_offset of {_list(long)}, "
-                f"so no way to drive forwards on it; must be above {max(offsets.values()):g} m"
+                f"route.{number}.radius = {leg.radius:g} m: too tight for the control_point_offset of "
+                f"{_list(long)}; must be above {max(offsets.values()):g} m"
             )
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import combinations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pydantic_core import PydanticCustomError
+
+from formation.spacing import too_close
 
 if TYPE_CHECKING:
     from formation.mission import Mission
@@ -43,14 +44,13 @@ def neighbours_exist(mission: Mission) -> Iterator[Violation]:
     """Neighbours are known, different from the robot itself, and listed once."""
     for name, robot in mission.robots.items():
         key = f"robots.{name}.neighbours"
-        others = [other for other in mission.robots if other != name]
         for position, other in enumerate(robot.neighbours):
             if other == name:
                 yield Violation(
-                    key, other, f"a robot cannot be its own neighbour; choose from {_list(others)}"
+                    key, other, f"a robot cannot be its own neighbour; choose from {_others(mission, name)}"
                 )
             if other not in mission.robots:
-                yield Violation(key, other, f"unknown robot; choose from {_list(others)}")
+                yield Violation(key, other, f"unknown robot; choose from {_others(mission, name)}")
             if other in robot.neighbours[:position]:
                 yield Violation(key, other, "listed twice; each neighbour counts once")
 
@@ -68,9 +68,10 @@ def tree_from_the_leader(mission: Mission) -> Iterator[Violation]:
 
 def shapes_are_complete(mission: Mission) -> Iterator[Violation]:
     """Every shape has a slot for each follower and for nobody else."""
+    followers = set(mission.followers)
     for shape, slots in mission.shapes.items():
         for name in slots:
-            if name not in mission.followers:
+            if name not in followers:
                 yield Violation(
                     f"shapes.{shape}.{name}",
                     list(slots[name]),
@@ -106,18 +107,17 @@ def only_the_last_leg_is_endless(mission: Mission) -> Iterator[Violation]:
 
 
 def starts_do_not_touch(mission: Mission) -> Iterator[Violation]:
-    """Robots start further apart than the sum of their radii."""
-    for first, second in combinations(mission.robots, 2):
-        one, other = mission.robots[first], mission.robots[second]
-        if mission.leader in (first, second):
-            continue  # the virtual leader has no body
-        distance, reach = abs(one.start.position - other.start.position), one.radius + other.radius
-        if distance <= reach:
-            yield Violation(
-                f"robots.{second}.start",
-                f"{{x = {other.start.x:g}, y = {other.start.y:g}}}",
-                f"must be over {reach:g} m (both radii) from {first}'s start; it is {distance:.3g} m away",
-            )
+    """Robots start further apart than the sum of their radii; the virtual leader has no body."""
+    bodies = [mission.robots[name] for name in mission.followers]
+    radii = [body.radius for body in bodies]
+    for i, j, distance in too_close([body.start.position for body in bodies], radii):
+        first, second = mission.followers[i], mission.followers[j]
+        yield Violation(
+            f"robots.{second}.start",
+            f"{{x = {bodies[j].start.x:g}, y = {bodies[j].start.y:g}}}",
+            f"must be over {radii[i] + radii[j]:g} m (both radii) from {first}'s start; "
+            f"it is {distance:.3g} m away",
+        )
 
 
 RULES = (
@@ -133,3 +133,7 @@ RULES = (
 
 def _list(names: Any) -> str:
     return ", ".join(names) or "none"
+
+
+def _others(mission: Mission, name: str) -> str:
+    return _list(other for other in mission.robots if other != name)
