@@ -14,7 +14,13 @@ WINDOW = 31
 CLOCK_AGREES = (-0.02, 1.0)
 """Arrival less stamp of a sender whose clock agrees with ours: network delay, and little else [s]."""
 LONGEST_GAP = 1.0
-"""After a longer one the sender had paused, or its clock was set: nothing was missed on the way [s]."""
+"""After a longer one (or five periods, if those are more) the sender had paused or its clock was set: nothing
+was missed on the way [s]."""
+
+
+def freshness_limit(rate: float) -> float:
+    """Longest silence [s] of a fresh feed of `rate` [Hz]."""
+    return max(FRESH_PERIODS / rate, SHORTEST_LIMIT)
 
 
 class Feed:
@@ -22,7 +28,7 @@ class Feed:
 
     def __init__(self, rate: float | None) -> None:
         """`rate` [Hz] is the promised one; None where nothing is promised."""
-        self.limit = max(FRESH_PERIODS / rate, SHORTEST_LIMIT) if rate else math.inf
+        self.limit = freshness_limit(rate) if rate else math.inf
         """Longest silence of a fresh feed [s]."""
         self.count = 0
         """Messages heard, the rejected ones included."""
@@ -31,6 +37,7 @@ class Feed:
         self.missed = 0
         """Periods without a message in gaps between stamps up to LONGEST_GAP: lost on the way, or skipped."""
         self._nominal = rate
+        self._longest_gap = max(LONGEST_GAP, 5.0 / rate) if rate else 0.0
         self._arrivals: deque[float] = deque(maxlen=WINDOW)
         self._offsets: deque[float] = deque(maxlen=WINDOW)
         self._stamp = -math.inf
@@ -48,7 +55,7 @@ class Feed:
         the offsets, so that a robot with a wrong clock can still be compared with the others.
         """
         gap, self._stamp = stamp - self._stamp, stamp
-        if self._nominal and 0.0 < gap <= LONGEST_GAP:
+        if self._nominal and 0.0 < gap <= self._longest_gap:
             self.missed += max(round(gap * self._nominal) - 1, 0)
         self._offsets.append(wall - stamp)
         if len(self._offsets) < WINDOW or self.count % 8 == 0:

@@ -36,8 +36,8 @@ class Tracked(NamedTuple):
 class Heard:
     """One robot of the mission."""
 
-    def __init__(self, mission: Mission, name: str, keys: Sequence[Watched]) -> None:
-        """`keys` are the robot's own."""
+    def __init__(self, mission: Mission, name: str, keys: Sequence[Watched], slowest: float) -> None:
+        """`keys` are the robot's own; `slowest` [s] is the longest silence of any robot still fresh."""
         self.name = name
         self._spec = mission.robots[name]
         self._offset = 0.0 if name == mission.leader else self._spec.control_point_offset
@@ -46,9 +46,9 @@ class Heard:
         self._command: tuple[Feed, float, float] | None = None
         self._status: tuple[Feed, Status] | None = None
         by_topic = {one.topic.name: self._feeds[one.key] for one in keys}
-        self.place = self._tracked(mission, by_topic[POSITION.name])
+        self.place = self._tracked(by_topic[POSITION.name], slowest)
         truth = by_topic.get(GROUND_TRUTH.name)
-        self.truth = self.place if truth is None else self._tracked(mission, truth)
+        self.truth = self.place if truth is None else self._tracked(truth, slowest)
         """From ground truth; a virtual leader is where it says it is."""
 
     def routes(self) -> Iterator[tuple[str, Feed, Handler | None]]:
@@ -134,9 +134,8 @@ class Heard:
 
         return status
 
-    def _tracked(self, mission: Mission, feed: Feed) -> Tracked:
+    def _tracked(self, feed: Feed, slowest: float) -> Tracked:
         # Everybody is compared at the moment that the slowest fresh robot has reached.
-        slowest = max(Feed(robot.rate).limit for robot in mission.robots.values())
         samples = math.ceil(1.5 * self._spec.rate * (slowest + CLOCK_AGREES[1])) + 8
         return Tracked(feed, Trajectory(samples, feed.limit))
 

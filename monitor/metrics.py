@@ -14,9 +14,10 @@ from formation.mission import Mission
 from formation.order import Order
 from formation.topics import POSITION
 from formation.wire import BadMessage, Now, Sample
+from monitor.feed import freshness_limit
 from monitor.figures import Edge, Snapshot
 from monitor.heard import Heard, Tracked
-from monitor.keys import watched
+from monitor.keys import Watched, watched
 from monitor.rejections import Rejections
 from monitor.settling import Settling
 
@@ -34,15 +35,16 @@ class Metrics:
         self._edges = tuple(
             Edge(name, other) for name in mission.names for other in mission.robots[name].neighbours
         )
-        keys = watched(mission)
-        self._robots = {
-            name: Heard(mission, name, [one for one in keys if one.robot == name]) for name in mission.names
-        }
+        slowest = max(freshness_limit(robot.rate) for robot in mission.robots.values())
+        keys: dict[str, list[Watched]] = {}
+        for one in watched(mission):
+            keys.setdefault(one.robot, []).append(one)
+        self._robots = {name: Heard(mission, name, keys[name], slowest) for name in mission.names}
         self._routes = {
             key: (feed, handle) for robot in self._robots.values() for key, feed, handle in robot.routes()
         }
         self._leads = POSITION.key(mission.leader)
-        self._settling = Settling(mission.settled)
+        self._settling = Settling(mission.settled, slowest)
 
     def take(self, sample: Sample, wall: float) -> None:
         """Learn from one message that arrived at `wall` [s, our system clock]; a bad one is counted."""

@@ -5,14 +5,15 @@ from __future__ import annotations
 DWELL = 2.0
 """A formation has converged when its error has stayed under the threshold for this long [s]."""
 BREAK = 1.0
-"""After a longer stretch in which the error was not known, staying under the threshold begins anew [s]."""
+"""After a longer stretch in which the error was not known, staying under the threshold begins anew [s]. A
+fleet of slow robots has a longer one: the longest silence of a robot that still counts as heard."""
 
 
 class Settling:
     """Follows the formation error; times are of one clock, any [s]."""
 
-    def __init__(self, threshold: float) -> None:
-        """`threshold` [m]: errors under it count as settled."""
+    def __init__(self, threshold: float, longest_silence: float = 0.0) -> None:
+        """`threshold` [m]: errors under it count as settled. `longest_silence` [s] of a robot still heard."""
         self.start: float | None = None
         """Of the first complete error."""
         self.last: float | None = None
@@ -20,13 +21,14 @@ class Settling:
         self.error: float | None = None
         """The newest complete error [m]."""
         self._threshold = threshold
+        self._break = max(BREAK, longest_silence)
         self._under_since: float | None = None
 
     def observe(self, at: float, error: float) -> None:
         """Take the complete formation error [m] of a moment later than the one before."""
         if self.start is None:
             self.start = at
-        if error >= self._threshold or (self.last is not None and at - self.last > BREAK):
+        if error >= self._threshold or (self.last is not None and at - self.last > self._break):
             self._under_since = None
         if error < self._threshold and self._under_since is None:
             self._under_since = at
@@ -35,8 +37,8 @@ class Settling:
     def settled_at(self, until: float) -> float | None:
         """Seconds from the start to the moment since which the error stays under the threshold.
 
-        None if it does not, or if it has not been known for the last DWELL before `until`: when the fleet was
-        last heard. So the verdict on a run outlives the run, but a robot that was lost before its end counts.
+        None if it does not, or if it was not known shortly before `until`, when the fleet was last heard. So
+        the verdict on a run outlives the run, but a robot that was lost before its end counts.
         """
         if self._under_since is None or self.start is None or not self._known(until):
             return None
@@ -56,4 +58,4 @@ class Settling:
         return self.error if self._known(until) else None
 
     def _known(self, until: float) -> bool:
-        return self.last is not None and until - self.last <= DWELL
+        return self.last is not None and until - self.last <= max(DWELL, self._break)

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import json
 import math
+import random
 
 import pytest
 
@@ -9,6 +11,7 @@ from formation.topics import ODOM, POSITION, SCAN
 from formation.wire import Sample
 from monitor.figures import Edge
 from monitor.metrics import Metrics
+from monitor.report import as_json
 from tests.monitor.fleet import EPOCH, Fleet, command, hear, now, odometry, status
 
 
@@ -322,3 +325,43 @@ def test_a_robot_lost_before_the_end_means_not_converged() -> None:
     assert not after.converged
     assert after.settled_at is None
     assert after.final_error is None
+
+
+def test_a_robot_that_speaks_once_a_second_does_not_keep_the_others_from_converging() -> None:
+    text, name = read("six_robots")
+    slow = text.replace("[robots.robot4]\n", "[robots.robot4]\nrate = 1\n")
+    fleet = Fleet(parse(slow, name))
+    metrics = Metrics(fleet.mission)
+    samples = fleet.positions(10.0, 20.0)
+    for tick in range(1, 101):
+        until = 10.0 + tick / 10
+        hear(metrics, [s for s in samples if until - 0.1 < s.arrived <= until])
+        metrics.observe(now(until))
+    snapshot = metrics.snapshot(now(20.0))
+    assert snapshot.converged
+    assert snapshot.settled_at == 0.0
+
+
+def test_no_mutated_message_gets_past_the_codec_or_stops_the_monitor() -> None:
+    fleet = Fleet()
+    rng = random.Random(7)
+    good = [
+        *fleet.positions(10.0, 10.1),
+        odometry("robot2", 10.0),
+        command("robot2", 10.0, 0.1, 0.2),
+        status("robot3", 10.0, "run", "fine"),
+        fleet.truth("robot4", 10.0),
+    ]
+    metrics = heard(fleet, *good)
+    for i in range(5000):
+        sample = rng.choice(good)
+        payload, attachment = bytearray(sample.payload), bytearray(sample.attachment or b"{}")
+        for data in (payload, attachment):
+            for _ in range(rng.randrange(1, 6)):
+                data[rng.randrange(len(data))] = rng.randrange(256)
+        cut = rng.randrange(len(payload) + 1) if rng.random() < 0.3 else len(payload)
+        at = 10.1 + i / 5000
+        metrics.take(Sample(sample.key, bytes(payload[:cut]), bytes(attachment), at), at + EPOCH)
+        if i % 100 == 0:
+            json.dumps(as_json(metrics.snapshot(now(at))), allow_nan=False)
+    assert sum(metrics.rejections.by_key.values()) > 2000
