@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -39,10 +39,12 @@ class Outcome:
     @property
     def faults(self) -> list[str]:
         """What went wrong with the processes."""
-        bad = [child for child in self.children if child.exit != 0 or child.died]
+        bad = [child for child in self.children if not ended_well(child)]
         failure = self.monitor.get("recording_failure")
         unrecorded = [f"monitor stopped recording: {failure}"] if failure else []
-        return [f"{child.name} {how_it_ended(child)}" for child in bad] + unrecorded
+        return [
+            f"{child.name} {how_it_ended(child)}{' during the run' if child.died else ''}" for child in bad
+        ] + unrecorded
 
     @property
     def lost(self) -> int | None:
@@ -79,32 +81,35 @@ class Outcome:
 
     def words(self) -> str:
         """The summary for people."""
-        error, settling = self.monitor.get("formation_error"), self.monitor.get("settling_time")
         verdict = "converged" if self.converged else "not converged"
-        rows = [
-            f"{self.mission.name}, {self.mission.law.kind} law: {verdict}"
-            + (f" when it was interrupted after {self.duration:.1f} s" if self.interrupted else "")
-        ]
-        if self.monitor:
-            edges = sum(len(robot.neighbours) for robot in self.mission.robots.values())
-            under = metres(self.mission.settled)
-            when = (
-                f"under {under} since {settling:.1f} s"
-                if settling is not None
-                else f"never under {under} for good"
-            )
-            rows.append(f"  formation error  {metres(error)}, sum over {edges} edges; {when}")
-            rows.append(f"  recording        {self.monitor.get('recording')}")
-            rows.append(
-                f"  messages         {_total(self.monitor, 'recorded')} recorded, {self.lost or 'none'} lost"
-            )
-        rows.append(
-            f"  processes        {len(self.children)}" + ("" if self.faults else ", all ended as they should")
-        )
-        rows += [f"                   {fault}" for fault in self.faults]
-        if self.faults:
-            rows.append(f"  logs             {self.logs}")
+        when = f", interrupted after {self.duration:.1f} s" if self.interrupted else ""
+        rows = [f"{self.mission.name}, {self.mission.law.kind} law: {verdict}{when}"]
+        rows += [f"  {title:<17}{text}" for title, text in self._figures()]
         return "\n".join(rows)
+
+    def _figures(self) -> Iterator[tuple[str, str]]:
+        if self.monitor:
+            yield "formation error", self._error()
+            yield "recording", str(self.monitor.get("recording"))
+            yield "messages", f"{_total(self.monitor, 'recorded')} recorded, {self.lost or 'none'} lost"
+        yield "processes", f"{len(self.children)}{'' if self.faults else ', all ended as they should'}"
+        yield from (("", fault) for fault in self.faults)
+        if self.faults:
+            yield "logs", str(self.logs)
+
+    def _error(self) -> str:
+        error, settling = self.monitor.get("formation_error"), self.monitor.get("settling_time")
+        if error is None:
+            return "not known"
+        edges = sum(len(robot.neighbours) for robot in self.mission.robots.values())
+        under = metres(self.mission.settled)
+        since = f"under {under} for good" if settling is None else f"under {under} since {settling:.1f} s"
+        return f"{metres(error)}, sum over {edges} edges; {'never ' if settling is None else ''}{since}"
+
+
+def ended_well(child: Child) -> bool:
+    """Whether a child did as it was told; one that was told to end before it was ready may just go."""
+    return not child.died and (child.exit == 0 or (child.exit == -signal.SIGTERM and not child.ready))
 
 
 def how_it_ended(child: Child) -> str:
@@ -113,11 +118,10 @@ def how_it_ended(child: Child) -> str:
     if code is None:
         return "is still alive"
     if code < 0:
-        name = signal.strsignal(-code) or f"signal {-code}"
-        how = f"was killed ({name})" if child.died else f"had to be killed ({name})"
-    else:
-        how = f"ended with exit code {code}"
-    return how + (" during the run" if child.died else "")
+        known = {number.value for number in signal.Signals}
+        name = signal.Signals(-code).name if -code in known else f"signal {-code}"
+        return f"was killed ({name})" if child.died else f"had to be killed ({name})"
+    return f"ended with exit code {code}"
 
 
 def _counts(summary: Mapping[str, Any] | None, key: str) -> dict[str, int] | None:

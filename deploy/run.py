@@ -12,10 +12,12 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
+from types import TracebackType
+from typing import Self
 
 from deploy.arguments import add_mission, as_json, number, parser, read_mission
 from deploy.launch import Child, Launcher
-from deploy.outcome import Outcome, how_it_ended
+from deploy.outcome import Outcome, ended_well, how_it_ended
 from deploy.plan import Program, programs
 from deploy.ports import Ports
 from deploy.refusal import Refusal
@@ -56,8 +58,8 @@ def main(arguments: Sequence[str]) -> int:
     duration: float = options.duration or mission.duration
     with ExitStack() as stack:
         ports = stack.enter_context(Ports(mission))
-        folder = Path(tempfile.mkdtemp(prefix="formation-"))
-        launcher = stack.enter_context(Launcher(folder))
+        logs = stack.enter_context(Logs())
+        launcher = stack.enter_context(Launcher(logs.folder))
         plan = programs(
             mission, options.mission, ports.endpoints, parent=os.getpid(), record=record, law=options.law
         )
@@ -68,9 +70,28 @@ def main(arguments: Sequence[str]) -> int:
             with _view(options) as view:
                 conduct(launcher, plan, progress, view)
         except StartFailed as failure:
+            logs.keep = True
             return _tell_failed_start(failure.child)
-        outcome = Outcome(mission, launcher.children, progress.elapsed, folder, launcher.interrupted)
+        outcome = Outcome(mission, launcher.children, progress.elapsed, logs.folder, launcher.interrupted)
+        logs.keep = bool(outcome.faults)
         return _tell(outcome, as_object=options.json)
+
+
+class Logs:
+    """A folder for what the processes write on stderr; it goes away unless it is to be kept."""
+
+    def __init__(self) -> None:
+        self.keep = False
+        self.folder = Path(tempfile.mkdtemp(prefix="formation-"))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if not self.keep:
+            shutil.rmtree(self.folder, ignore_errors=True)
 
 
 def conduct(launcher: Launcher, plan: Sequence[Program], progress: Progress, view: View) -> None:
@@ -167,11 +188,9 @@ def _tell_failed_start(child: Child) -> int:
 def _tell(outcome: Outcome, *, as_object: bool) -> int:
     print(outcome.words(), file=sys.stderr if as_object else sys.stdout)
     for child in outcome.children:
-        if child.died or child.exit:
+        if not ended_well(child):
             for line in child.last_words():
                 print(f"  {child.name} | {line}", file=sys.stderr)
-    if not outcome.faults:
-        shutil.rmtree(outcome.logs, ignore_errors=True)
     if as_object:
         print(as_json(outcome.as_json()), flush=True)
     return outcome.exit_code

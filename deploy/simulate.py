@@ -20,6 +20,7 @@ from formation.body import PROFILES, Body
 from formation.ensemble import Options
 from formation.mission import Mission
 from formation.simulate import Result, simulate
+from monitor.figure import draw
 
 PATIENCE = 2.0
 """From this on a simulation shows how far it is [s]."""
@@ -54,7 +55,10 @@ def main(arguments: Sequence[str]) -> int:
         except ValueError as error:
             raise Refusal(f"simulate: {error}") from None
     if options.plot is not None and result.history is not None:
-        import_module("monitor.figure").draw(result.history, options.plot)
+        try:
+            draw(result.history, options.plot)
+        except OSError as error:
+            raise Refusal(f"--plot {options.plot}: {error.strerror}") from None
     print(words(mission, options.seed, result))
     if options.plot is not None:
         print(f"  figure           {options.plot}")

@@ -192,6 +192,15 @@ def test_the_first_signal_ends_the_run_with_its_summary(ran: Runner, number: sig
     assert all(process["exit"] == 0 for process in done.result["processes"].values())
 
 
+def test_a_signal_before_all_are_ready_ends_them_without_blaming_those_that_were_not(ran: Runner) -> None:
+    kick = f"time.sleep(0.3); os.kill({os.getpid()}, {signal.SIGINT.value}); {GOOD}"
+    done = ran(program("time.sleep(600)", "slow"), program(kick, "somebody"))
+    assert done.code == 1
+    assert done.result["duration"] == 0.0
+    assert done.result["processes"]["slow"]["exit"] == -signal.SIGTERM
+    assert "had to be killed" not in done.err
+
+
 def test_a_recording_that_exists_is_not_overwritten_and_nothing_starts(ran: Runner, tmp_path: Path) -> None:
     (tmp_path / "recordings").mkdir()
     (tmp_path / "recordings" / "a.mcap").write_bytes(b"precious")
