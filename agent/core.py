@@ -184,7 +184,7 @@ class Agent:
             self._finite = True
             return [self._commanded(now, AT_REST)]
         for one in self._neighbours.values():
-            one.place(self._here.point, self._here.heading)
+            one.place(self._here)
         fresh = self._fresh(now)
         shape = self._order.shape if self._order else None
         mine = self._mission.slot(self.robot, shape)

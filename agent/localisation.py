@@ -34,6 +34,7 @@ class Localisation:
         self._period = 1.0 / spec.rate
         self._estimate = mission.first_heading(robot)
         self._last: Odometry | None = None
+        self._before: tuple[float, complex, complex] | None = None
         self._calm = 0.0
 
     @property
@@ -46,10 +47,19 @@ class Localisation:
         """Estimated control point [m; world frame]."""
         return control_point(self.position, self.heading, self._offset)
 
+    def seen_from(self, stamp: float) -> tuple[complex, complex]:
+        """Control point [m; world frame] and heading when something was measured on board at `stamp` [s]."""
+        before = self._before
+        if before is not None and abs(stamp - before[0]) < abs(stamp - self.stream.stamp):
+            return before[1], before[2]
+        return self.point, self.heading
+
     def take(self, odometry: Odometry, arrived: float, now: Now) -> float | None:
         """Learn from a message: the interval it closes [s], None where it opens one. Raises BadMessage."""
         elapsed = self.stream.admit(odometry.stamp, arrived, now)
-        last, self._last, self.position = self._last, odometry, odometry.position
+        last, self._last = self._last, odometry
+        self._before = None if last is None else (last.stamp, self.point, self.heading)
+        self.position = odometry.position
         if last is None and self._printed:
             self._estimate = observers.printed_start(odometry.position, self._gain)
         if last is None or elapsed is None or elapsed > self.stream.limit:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from agent.localisation import Localisation
 from agent.stream import Stream
 from formation import neighbour
 from formation.law import Measured
@@ -40,14 +41,15 @@ class Neighbour:
         self.displacement = measured.displacement
         self._unplaced = (elapsed,)
 
-    def place(self, me: complex, heading: complex) -> None:
-        """Put a displacement that has just been measured into the world, where my control point is `me`.
+    def place(self, here: Localisation) -> None:
+        """Put a displacement that has just been measured into the world, seen from where I was then.
 
-        Odometry comes right after what the sensor saw at the same moment, so this waits for it: with the pose
-        before, a robot at full speed would be a whole period off.
+        This waits for the odometry of the same moment, which may come after it: with the pose before, a robot
+        at full speed would be a whole period off.
         """
         if self._unplaced is not None:
             (elapsed,), self._unplaced = self._unplaced, None
+            me, heading = here.seen_from(self.stream.stamp)
             self._see(me + heading * self.displacement, elapsed)
 
     def _see(self, point: complex, elapsed: float | None) -> None:

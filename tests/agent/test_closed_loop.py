@@ -89,6 +89,16 @@ def test_robots_that_measure_displacements_themselves_come_into_formation_as_wel
     assert fleet.error() < 0.001
 
 
+def test_a_sensor_that_answers_after_the_odometry_of_the_same_moment_is_placed_just_as_well() -> None:
+    mission = with_change("rate = 20 ", 'rate = 20\nmeasurement = "local" #')
+    fleet = Fleet(mission)
+    fleet.meddle = lambda sample: (
+        (sample._replace(arrived=sample.arrived + 0.02),) if "/relative/" in sample.key else (sample,)
+    )
+    fleet.run(15.0)
+    assert fleet.error() < 0.01
+
+
 def test_a_dead_leader_brings_everybody_to_rest_within_its_time() -> None:
     fleet = Fleet(SIX)
     fleet.run(8.0)
