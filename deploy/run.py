@@ -20,9 +20,10 @@ from deploy.launch import Child, Launcher
 from deploy.outcome import Outcome, ended_well, how_it_ended
 from deploy.plan import Program, programs
 from deploy.ports import Ports
+from deploy.progress import Progress
 from deploy.refusal import Refusal
 from deploy.snapshot import Snapshot
-from deploy.table import LiveTable, PlainLines, Progress, View
+from deploy.table import LiveTable, PlainLines, View
 from formation.mission import Mission
 
 START_WITHIN = 30.0

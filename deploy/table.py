@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from itertools import pairwise
 from types import TracebackType
 from typing import Literal, Protocol, Self, TextIO
@@ -15,9 +14,9 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from deploy.snapshot import RobotNow, Snapshot
+from deploy.progress import Progress
+from deploy.snapshot import RobotNow
 from deploy.units import metres, seconds
-from formation.mission import Mission
 
 BLOCKS = "▁▂▃▄▅▆▇█"
 ASCII_BLOCKS = "_.-:=+*#"
@@ -36,38 +35,6 @@ NUMBERS = ("error", "θ error", "age")
 """Columns that stand right."""
 LINE_EVERY = 2.0
 """[s]"""
-
-
-@dataclass(slots=True)
-class Progress:
-    """The run so far."""
-
-    mission: Mission
-    duration: float
-    """[s]"""
-    processes: int
-    phase: str = "starting"
-    ready: int = 0
-    elapsed: float = 0.0
-    """[s] since all were ready."""
-    snapshot: Snapshot | None = None
-    errors: list[float] = field(default_factory=list)
-    """Formation error of every snapshot so far [m]."""
-    dead: dict[str, str] = field(default_factory=dict)
-    """Processes that ended unasked, and how."""
-    dead_robots: set[str] = field(default_factory=set)
-    """Robots whose agent is one of them."""
-
-    @property
-    def settled(self) -> bool:
-        """Whether the formation error is under the mission's bound just now."""
-        return self.snapshot is not None and self.snapshot.error < self.mission.settled
-
-    def see(self, snapshot: Snapshot) -> None:
-        """Take a snapshot of the monitor's."""
-        self.snapshot = snapshot
-        if math.isfinite(snapshot.error):
-            self.errors.append(snapshot.error)
 
 
 class View(Protocol):
@@ -111,7 +78,7 @@ class PlainLines:
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
-        self._last = -math.inf
+        self._last = 0.0
         self._told: set[str] = set()
         self._phase = ""
 
@@ -129,7 +96,9 @@ class PlainLines:
                 self._told.add(name)
                 self._say(f"{name} {how}")
         changed, self._phase = progress.phase != self._phase, progress.phase
-        if changed and progress.phase != "running":
+        if changed and progress.phase == "running":
+            self._last = time.monotonic()  # there is nothing to tell yet
+        elif changed:
             self._say(
                 f"{progress.mission.name}: {progress.phase} {progress.processes} processes"
                 if progress.phase == "starting"

@@ -10,8 +10,9 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
+from deploy.progress import Progress
 from deploy.snapshot import RobotNow, Snapshot
-from deploy.table import ASCII_BLOCKS, BLOCKS, PlainLines, Progress, draw, line, sparkline
+from deploy.table import ASCII_BLOCKS, BLOCKS, LiveTable, PlainLines, draw, line, sparkline
 from deploy.units import metres, seconds
 from formation.mission import Mission
 from formation.mission_file import load
@@ -128,6 +129,28 @@ def test_a_terminal_without_unicode_gets_plain_signs() -> None:
     assert not set(text) & set(BLOCKS + "━╌")
 
 
+class Terminal(io.StringIO):
+    encoding = "utf-8"
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_the_live_table_is_drawn_in_place_and_stays_when_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "80")
+    terminal = Terminal()
+    with LiveTable(terminal) as view:
+        now = progress()
+        view.show(now)
+        assert "robot3" in terminal.getvalue()
+        assert "\x1b[1A" not in terminal.getvalue()
+        now.elapsed = 13.0
+        view.show(now)
+        assert "\x1b[1A" in terminal.getvalue()  # up, over what was there
+    assert "13 of 30 s" in terminal.getvalue()
+
+
 def test_lines_for_a_log_come_every_two_seconds_and_when_something_happens(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -139,11 +162,11 @@ def test_lines_for_a_log_come_every_two_seconds_and_when_something_happens(
     for tick in range(50):
         clock[0] = 100.0 + 0.1 * tick
         view.show(now)
-    assert len(stream.getvalue().splitlines()) == 3
+    assert len(stream.getvalue().splitlines()) == 2
     now.dead["monitor"] = "ended with exit code 1 during the run"
     view.show(now)
     view.show(now)
-    assert stream.getvalue().splitlines()[3:] == ["monitor ended with exit code 1 during the run"]
+    assert stream.getvalue().splitlines()[2:] == ["monitor ended with exit code 1 during the run"]
 
 
 def test_a_line_counts_the_states() -> None:
