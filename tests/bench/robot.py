@@ -1,0 +1,143 @@
+"""The robots of the processes under the stopwatch: they send odometry at 50 Hz and time the commands."""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import psutil
+
+from formation.bus import Bus
+from formation.messages import Twist, decode, encode
+from formation.rate import Rate
+from formation.topics import CMD_VEL, ODOM
+from formation.wire import Sample
+from tests.bench import edge
+
+PATIENCE = 30.0
+"""For what takes a fraction of a second on an idle machine [s]."""
+LOST = 1.0
+"""An answer that has not come by then never will [s]."""
+
+
+class Exchange(NamedTuple):
+    """One odometry and its command [s, monotonic]."""
+
+    sent: float
+    answered: float
+
+
+@dataclass
+class Subject:
+    """A process under the stopwatch, the robot it drives, and what the two said to each other."""
+
+    name: str
+    robot: str
+    argv: list[str]
+    process: psutil.Popen | None = None
+    started: float = 0.0
+    """[s, monotonic]"""
+    first: float = 0.0
+    """When its first command came [s, monotonic]."""
+    moving: float = 0.0
+    """When its first command came that is not to stand still."""
+    waiting: float | None = None
+    """Since when a command is awaited."""
+    exchanges: list[Exchange] = field(default_factory=list)
+    lost: int = 0
+
+    def start(self) -> None:
+        """Start the stopwatch and the process."""
+        self.started = time.monotonic()
+        self.process = psutil.Popen(self.argv, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+
+    def end(self) -> None:
+        """Ask the process to end; kill it if it does not."""
+        if self.process is None:
+            return
+        self.process.terminate()
+        try:
+            self.process.wait(PATIENCE)
+        except psutil.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        self.process = None
+
+    @property
+    def cpu_time(self) -> float:
+        """What it has computed since it started [s]."""
+        assert self.process is not None
+        times = self.process.cpu_times()
+        return float(times.user + times.system)
+
+    def cost(self) -> dict[str, float]:
+        """Memory that it occupies [MiB]; of what it shares, PSS counts its share. And its threads."""
+        assert self.process is not None
+        memory = self.process.memory_full_info()
+        return {
+            "rss_mib": memory.rss / 2**20,
+            "pss_mib": memory.pss / 2**20,
+            "threads": float(self.process.num_threads()),
+        }
+
+    def has_moved(self) -> bool:
+        """Whether it has ever sent a command that is not to stand still."""
+        return self.moving > 0.0
+
+    def forget(self) -> None:
+        """Begin to count."""
+        self.exchanges, self.lost = [], 0
+
+    def ask(self, bus: Bus, payload: bytes) -> None:
+        """Send it its odometry, unless it is up and the command for the last one is still to come."""
+        now = time.monotonic()
+        if self.has_moved() and self.waiting is not None and now - self.waiting < LOST:
+            return
+        self.lost += self.waiting is not None
+        self.waiting = time.monotonic()
+        bus.publish(ODOM.key(self.robot), payload)
+
+    def take(self, sample: Sample) -> None:
+        """One of its commands."""
+        self.first = self.first or sample.arrived
+        if not self.moving and decode(Twist, sample.payload).speed != 0.0:
+            self.moving = sample.arrived
+        if self.waiting is not None:
+            self.exchanges.append(Exchange(self.waiting, sample.arrived))
+            self.waiting = None
+
+
+class Robots:
+    """The robots of all subjects, a fraction of a period after each other."""
+
+    def __init__(self, bus: Bus, subjects: Sequence[Subject], origin: float) -> None:
+        """`origin` is the scene's beginning [s, monotonic]."""
+        self._bus, self._origin, self._subjects = bus, origin, subjects
+        self._rate = Rate(edge.RATE * len(subjects))
+
+    def drive(self, until: Callable[[], object], limit: float = PATIENCE) -> None:
+        """Send odometry to those who were started, until the condition holds. Raises TimeoutError."""
+        end = time.monotonic() + limit
+        while not until():
+            if time.monotonic() > end:
+                raise TimeoutError(f"after {limit} s: {self._subjects}")
+            time.sleep(max(0.0, self._rate.due - time.monotonic()))
+            if self._rate.tick(time.monotonic()):
+                self._tick()
+
+    def drive_for(self, seconds: float) -> None:
+        """Send odometry for so long."""
+        end = time.monotonic() + seconds
+        self.drive(lambda: time.monotonic() >= end, seconds + PATIENCE)
+
+    def _tick(self) -> None:
+        for sample in self._bus.drain():
+            for subject in self._subjects:
+                if sample.key == CMD_VEL.key(subject.robot):
+                    subject.take(sample)
+        subject = self._subjects[self._rate.ticks % len(self._subjects)]
+        if subject.process is not None:
+            subject.ask(self._bus, encode(edge.odometry(time.monotonic() - self._origin)))

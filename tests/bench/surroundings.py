@@ -1,0 +1,57 @@
+"""Everybody whom an agent has links with besides its robot: two neighbours who send, one monitor who listens.
+
+python -m tests.bench.surroundings PLAN
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import sys
+import time
+from contextlib import ExitStack
+
+from formation import order
+from formation.bus import Bus, BusConfig
+from formation.messages import encode
+from formation.order import Order
+from formation.process import say
+from formation.topics import POSITION
+from formation.wire import Outgoing
+from tests.bench.edge import LEADER, NEIGHBOUR, RATE, position
+
+SWEEP = 100.0 / 101.0
+"""Neighbours send a little slower than odometry comes, so that they meet all of its phases in turn."""
+
+
+def main(origin: float, listen: dict[str, str], monitored: dict[str, list[str]]) -> None:
+    """Play them until the parent is gone.
+
+    `origin` is the scene's beginning [s, monotonic], `listen` each neighbour's endpoint; `monitored` has, by
+    endpoint to dial, the keys to listen to.
+    """
+    parent, term, start = os.getppid(), time.time_ns(), time.monotonic()
+    with ExitStack() as stack:
+        buses = {}
+        for robot in (LEADER, NEIGHBOUR):
+            buses[robot] = stack.enter_context(Bus(BusConfig(listen=(listen[robot],))))
+            buses[robot].advertise(POSITION, POSITION.key(robot))
+        monitor = stack.enter_context(Bus(BusConfig(connect=tuple(monitored))))
+        for key in itertools.chain.from_iterable(monitored.values()):
+            monitor.subscribe(key)
+        say("ready")
+        for tick in itertools.count():
+            if os.getppid() != parent:
+                return
+            due = start + tick / (2.0 * RATE * SWEEP)
+            time.sleep(max(0.0, due - time.monotonic()))
+            robot = NEIGHBOUR if tick % 2 else LEADER
+            beat = order.encode(Order(term=term, beat=tick // 2, mode="run", shape="line"))
+            payload = encode(position(robot, time.monotonic() - origin))
+            buses[robot].send([Outgoing(POSITION.key(robot), payload, beat)])
+            monitor.drain()
+
+
+if __name__ == "__main__":
+    main(*json.loads(sys.argv[1]))
