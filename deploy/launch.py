@@ -27,8 +27,8 @@ STOP_ORDER: tuple[Part, ...] = ("control", "body", "watch")
 """Agents and leader first: their last words are zero velocity, which the others still have to hear."""
 GRACE: Mapping[Part, float] = {"control": 3.0, "body": 3.0, "watch": 10.0}
 """How long a child has to end after it was asked to, before it is killed [s]."""
-COAST = 0.5
-"""How long the robots go on after the agents have ended, so that they come to rest [s]."""
+COAST = 1.0
+"""How long the robots go on after the agents have ended, so that they come to rest, wheels lag [s]."""
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 TWICE = 1.0
 """A signal this soon after the first one says the same thing twice: a terminal sends it to a wrapper of this

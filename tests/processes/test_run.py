@@ -18,7 +18,7 @@ import psutil
 import pytest
 from mcap.reader import make_reader
 
-from formation.messages import Odometry, TwistStamped, decode
+from formation.messages import Diagnostics, Odometry, TwistStamped, decode
 from formation.mission import Mission
 from formation.mission_file import load
 from formation.topics import CMD_VEL, DIAGNOSTICS, ERROR, GROUND_TRUTH, ODOM, POSITION, STATUS, command_topic
@@ -118,7 +118,8 @@ def test_a_shipped_mission_converges_and_its_recording_is_whole(
 
 def test_ctrl_c_brings_the_robots_to_rest_and_leaves_no_process(tmp_path: Path) -> None:
     mission = load("turtlebot3_pair")
-    with started("turtlebot3_pair", "--record", "run.mcap", folder=tmp_path) as process:
+    flags = ("--law", "paper", "--record", "run.mcap")
+    with started("turtlebot3_pair", *flags, folder=tmp_path) as process:
         children = wait_until_running(process, 1.5)  # nobody has arrived yet
         assert len(children) == len(mission.followers) + 3
         os.killpg(process.pid, signal.SIGINT)  # what a terminal does
@@ -137,6 +138,8 @@ def test_ctrl_c_brings_the_robots_to_rest_and_leaves_no_process(tmp_path: Path) 
         assert abs(odometry.turn_rate) < AT_REST
         command = decode(TwistStamped, last[f"/{CMD_VEL.key(robot)}"])
         assert (command.speed, command.turn_rate) == (0.0, 0.0)
+        said = decode(Diagnostics, last[f"/{STATUS.key(robot)}"]).statuses[0]
+        assert said.values["law"] == result["law"] == "paper"
 
 
 def test_a_launcher_that_is_killed_outright_leaves_no_process(tmp_path: Path) -> None:
