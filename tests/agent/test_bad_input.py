@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 import random
-import struct
 from collections.abc import Iterator
 
 import pytest
@@ -17,6 +15,7 @@ from formation.mission_file import load
 from formation.order import OperatorReply, Order
 from formation.topics import CMD_VEL, ODOM, POSITION, STATUS
 from formation.wire import Now, Outgoing, Sample
+from tests.formation.mutations import mutated
 
 SIX = load("six_robots")
 EPOCH = 1.7e9
@@ -44,40 +43,16 @@ def commands(outbox: list[Outgoing]) -> list[Twist]:
     return [decode(Twist, out.payload) for out in outbox if out.key == CMD_VEL.key(ME)]
 
 
-def mutated(payload: bytes, dice: random.Random) -> bytes:
-    data = bytearray(payload)
-    if len(data) < 12:
-        return dice.randbytes(dice.randrange(20))
-    match dice.randrange(7):
-        case 0:
-            return bytes(data[: dice.randrange(len(data))])
-        case 1:
-            return bytes(data) + dice.randbytes(dice.randrange(4, 64))
-        case 2:
-            return dice.randbytes(dice.randrange(0, 2000))
-        case 3:  # a number that is none, or is absurd
-            at = 4 + 8 * dice.randrange((len(data) - 4) // 8)
-            number = dice.choice([math.nan, math.inf, -math.inf, 1e300, -1e30])
-            struct.pack_into("<d", data, at, number)
-        case 4:  # an absurd length or time
-            at = 4 + 4 * dice.randrange((len(data) - 4) // 4)
-            struct.pack_into("<I", data, at, dice.choice([0xFFFFFFFF, 0x7FFFFFFF, 1 << 20, 4_000_000_000]))
-        case 5:
-            data[dice.randrange(4)] ^= 1 << dice.randrange(8)
-        case 6:
-            for _ in range(dice.randrange(1, 20)):
-                data[dice.randrange(len(data))] ^= 1 << dice.randrange(8)
-    return bytes(data)
-
-
 def hostile(step: int, count: int, dice: random.Random) -> Iterator[Sample]:
     """Mutations of the real messages, on every key the agent listens to and some that it does not."""
     honest = inbox(step)
+    payloads = [sample.payload for sample in honest]
+    attachments = [sample.attachment for sample in honest if sample.attachment]
     for _ in range(count):
         like = dice.choice(honest)
         key = dice.choice([like.key, like.key, dice.choice(honest).key, "robot9/position", "", "a/b/c"])
-        attachment = like.attachment if dice.random() < 0.5 else mutated(like.attachment or b"{}", dice)
-        yield Sample(key, mutated(like.payload, dice), attachment, like.arrived)
+        attachment = like.attachment if dice.random() < 0.5 else mutated(dice, attachments)
+        yield Sample(key, mutated(dice, payloads), attachment, like.arrived)
 
 
 def is_harmless(sample: Sample) -> bool:
