@@ -1,0 +1,125 @@
+from __future__ import annotations
+
+import cmath
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from formation.heading import Travel, innovation, printed, printed_start
+from formation.plane import unit
+from formation.unicycle import advance
+from tests.formation import oracle
+from tests.formation.planar import gains, headings, pair, vectors
+
+distances = st.floats(-0.5, 0.5)
+turns = st.floats(-1.0, 1.0)
+ways = st.lists(st.tuples(distances, turns), min_size=1, max_size=8)
+
+
+def along(heading: complex, distance: float, turn: float) -> tuple[Travel, complex]:
+    """One arc: what odometry says of it, and the true heading at its end."""
+    position, after = advance(0j, heading, distance, turn, 1.0)
+    return Travel(distance, turn, position), after
+
+
+@given(headings, vectors, ways, gains)
+def test_the_error_falls_by_the_distance_travelled_forwards_and_backwards(
+    heading: complex, estimate: complex, way: list[tuple[float, float]], gain: float
+) -> None:
+    before = abs(estimate - heading)
+    for arc in way:
+        travel, heading = along(heading, *arc)
+        estimate = innovation(estimate, travel, gain)
+    path = sum(abs(distance) for distance, _ in way)
+    # a curved arc shows its mean heading a little short of length one: the chord over the arc
+    short = sum(1.0 - np.sinc(turn / (2.0 * np.pi)) for _, turn in way)
+    assert abs(estimate - heading) == pytest.approx(before * np.exp(-gain * path), abs=1e-9 + short)
+
+
+@given(headings, vectors, distances, st.floats(0.0, 1.0), gains)
+def test_a_straight_interval_may_be_cut_in_two_so_the_rate_does_not_matter(
+    heading: complex, estimate: complex, distance: float, share: float, gain: float
+) -> None:
+    whole, _ = along(heading, distance, 0.0)
+    first, between = along(heading, distance * share, 0.0)
+    second, _ = along(between, distance * (1.0 - share), 0.0)
+    at_once = innovation(estimate, whole, gain)
+    in_two = innovation(innovation(estimate, first, gain), second, gain)
+    assert in_two == pytest.approx(at_once, abs=1e-9)
+
+
+@given(headings, vectors, turns, gains)
+def test_at_rest_nothing_is_learned_and_turning_is_followed(
+    heading: complex, estimate: complex, turn: float, gain: float
+) -> None:
+    travel, _ = along(heading, 0.0, turn)
+    assert innovation(estimate, travel, gain) == pytest.approx(cmath.rect(1.0, turn) * estimate, abs=1e-9)
+    noisy = travel._replace(displacement=0.01 + 0.02j)
+    assert innovation(estimate, noisy, gain) == pytest.approx(cmath.rect(1.0, turn) * estimate, abs=1e-9)
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_a_guess_that_points_backwards_is_turned_round_within_half_a_metre(direction: float) -> None:
+    heading, estimate = 1.0 + 0j, cmath.rect(1.0, 3.14)
+    for _ in range(25):
+        travel, heading = along(heading, 0.02 * direction, 0.0)
+        estimate = innovation(estimate, travel, 5.0)
+    assert abs(cmath.phase(unit(estimate) / heading)) < 0.2
+
+
+def test_the_observer_as_printed_diverges_and_the_mended_one_converges() -> None:
+    def error(decay: str) -> float:
+        position, heading, estimate = 0j, 1.0 + 0j, 0j
+        for step in range(2000):
+            turn = 0.02 * np.sin(0.01 * step)
+            there, heading = advance(position, heading, 0.01, turn, 1.0)
+            travel = Travel(0.01, turn, there - position)
+            estimate = printed(estimate, travel, 5.0, "speed" if decay == "speed" else "turn rate")
+            position = there
+        return abs(estimate - heading)
+
+    assert error("speed") < 0.05
+    assert error("turn rate") > 10.0
+
+
+def test_the_mended_observer_diverges_in_reverse_and_the_innovation_form_does_not() -> None:
+    heading = 1.0 + 0j
+    printed_estimate = innovated = cmath.rect(1.0, 0.1)
+    for _ in range(200):
+        travel, heading = along(heading, -0.01, 0.001)
+        printed_estimate = printed(printed_estimate, travel, 5.0)
+        innovated = innovation(innovated, travel, 5.0)
+    assert abs(printed_estimate - heading) > 100.0
+    assert abs(innovated - heading) < 1e-3
+
+
+@given(vectors, gains)
+def test_the_printed_first_estimate_is_a_matter_of_the_origin(position: complex, gain: float) -> None:
+    estimate, _ = oracle.observer(np.zeros(2), pair(position), 0.0, 0.0, gain)
+    assert pair(printed_start(position, gain)) == pytest.approx(estimate, abs=1e-9)
+
+
+@given(vectors, vectors, st.floats(-1.0, 1.0), st.floats(-2.0, 2.0), vectors, gains)
+def test_one_interval_of_the_mended_observer_is_equation_3(
+    estimate: complex, position: complex, speed: float, turn_rate: float, velocity: complex, gain: float
+) -> None:
+    dt = 0.05
+    chi = pair(estimate - gain * position)
+    _, chi_rate = oracle.observer(chi, pair(position), speed, turn_rate, gain)
+    after, _ = oracle.observer(chi + dt * chi_rate, pair(position + dt * velocity), 0.0, 0.0, gain)
+    travel = Travel(speed * dt, turn_rate * dt, velocity * dt)
+    assert pair(printed(estimate, travel, gain)) == pytest.approx(after, abs=1e-9)
+
+
+@given(st.lists(st.tuples(headings, vectors, distances, turns), min_size=1, max_size=4), gains)
+def test_an_array_of_estimates_becomes_what_each_becomes(
+    robots: list[tuple[complex, complex, float, float]], gain: float
+) -> None:
+    travels = [along(heading, distance, turn)[0] for heading, _, distance, turn in robots]
+    together = Travel(*(np.array(column) for column in zip(*travels, strict=True)))
+    estimates = np.array([estimate for _, estimate, _, _ in robots])
+    for observe in (innovation, printed):
+        apart = [observe(robot[1], travel, gain) for robot, travel in zip(robots, travels, strict=True)]
+        assert observe(estimates, together, gain) == pytest.approx(apart, abs=1e-12)

@@ -1,0 +1,168 @@
+from __future__ import annotations
+
+import cmath
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from formation.law import LAWS, Gains, Law, Limits, Measured, error, field, near, nominal, paper
+from formation.unicycle import body_velocity
+from tests.formation import oracle
+from tests.formation.planar import angles, gains, headings, lengths, pair, vectors
+
+EDGES = st.lists(st.tuples(vectors, vectors), min_size=1, max_size=5)
+"""z_ij^(i) and z*_ij of each neighbour."""
+limits = st.builds(Limits, lengths, lengths, lengths)
+parameters = st.builds(Gains, gains, gains)
+both_laws = pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+
+
+def sums(edges: list[tuple[complex, complex]], velocity: complex = 0j) -> Measured:
+    return Measured(sum(z for z, _ in edges), sum(wanted for _, wanted in edges), len(edges), velocity)
+
+
+@given(EDGES, vectors, vectors, parameters, limits, st.floats(0.001, 0.1))
+def test_the_paper_law_is_the_paper_to_the_letter(
+    edges: list[tuple[complex, complex]],
+    integral: complex,
+    estimate: complex,
+    law: Gains,
+    body: Limits,
+    dt: float,
+) -> None:
+    measured, desired = ([pair(edge[k]) for edge in edges] for k in (0, 1))
+    reference = oracle.nominal(measured, desired, pair(integral), pair(estimate), law.k_p, law.k_i)
+    expected = oracle.saturated(reference, body.offset, body.max_speed, body.max_turn_rate)
+    grown = pair(integral) + dt * oracle.integrand(measured, desired, pair(estimate))
+    command, after = paper(integral, estimate, sums(edges), law, body, dt)
+    assert command == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    assert pair(after) == pytest.approx(grown, rel=1e-9, abs=1e-9)
+
+
+@given(EDGES, vectors, headings, parameters, limits)
+def test_commands_are_within_their_limits(
+    edges: list[tuple[complex, complex]], integral: complex, heading: complex, law: Gains, body: Limits
+) -> None:
+    for each in (paper, field):
+        command, _ = each(integral, heading, sums(edges, 3.0 + 1.0j), law, body, 0.05)
+        assert abs(command.speed) <= body.max_speed
+        assert abs(command.turn_rate) <= body.max_turn_rate
+
+
+@both_laws
+@given(EDGES, vectors, headings, vectors, angles, parameters, limits)
+def test_turning_the_world_turns_nothing_on_the_robot(
+    law: Law,
+    edges: list[tuple[complex, complex]],
+    integral: complex,
+    heading: complex,
+    velocity: complex,
+    angle: float,
+    parameters: Gains,
+    body: Limits,
+) -> None:
+    turn = cmath.rect(1.0, angle)
+    turned = [(z, turn * wanted) for z, wanted in edges]
+    command, after = law(integral, heading, sums(edges, velocity), parameters, body, 0.05)
+    same, same_after = law(
+        turn * integral, turn * heading, sums(turned, turn * velocity), parameters, body, 0.05
+    )
+    assert same == pytest.approx(command, abs=1e-9)
+    assert same_after == pytest.approx(turn * after, abs=1e-9)
+
+
+@both_laws
+@given(headings, vectors, parameters)
+def test_in_formation_the_integral_stays_what_it_is_and_gives_the_velocity(
+    law: Law, heading: complex, desired: complex, parameters: Gains
+) -> None:
+    velocity = 0.2 + 0.1j
+    body = Limits(0.1, 5.0, 50.0)
+    integral = velocity / parameters.k_i
+    at_rest = Measured(heading.conjugate() * desired, desired, 2)
+    command, after = law(integral, heading, at_rest, parameters, body, 0.05)
+    assert after == pytest.approx(integral, abs=1e-9)
+    assert heading * body_velocity(*command, body.offset) == pytest.approx(velocity, abs=1e-9)
+
+
+@given(headings, vectors)
+def test_the_field_law_in_formation_needs_no_integral_where_velocities_are_known(
+    heading: complex, desired: complex
+) -> None:
+    body = Limits(0.1, 5.0, 50.0)
+    moving = Measured(heading.conjugate() * desired, desired, 1, 0.3 - 0.2j)
+    command, integral = field(0j, heading, moving, Gains(2.0, 1.0), body, 0.05)
+    assert heading * body_velocity(*command, body.offset) == pytest.approx(0.3 - 0.2j)
+    assert integral == pytest.approx(0j, abs=1e-12)
+
+
+@given(vectors.filter(lambda e: abs(e) > 1.0), vectors)
+def test_far_from_formation_the_field_law_forgets_its_integral(away: complex, integral: complex) -> None:
+    law = Gains(2.0, 1.0, anti_windup=0.0, integral_band=0.03, integral_decay=1.0)
+    for _ in range(100):
+        _, integral = field(integral, 1.0 + 0j, Measured(away, 0j, 1), law, Limits(0.1, 1.0, 1.0), 0.1)
+    assert abs(integral) < 1e-2
+
+
+def test_the_paper_law_winds_up_where_the_field_law_does_not() -> None:
+    wound, unwound = 0j, 0j
+    body = Limits(0.1, 0.2, 1.0)
+    for _ in range(100):
+        _, wound = paper(wound, 1.0 + 0j, Measured(3.0 + 0j, 0j, 1), Gains(2.0, 1.0), body, 0.1)
+        _, unwound = field(unwound, 1.0 + 0j, Measured(3.0 + 0j, 0j, 1), Gains(2.0, 1.0), body, 0.1)
+    assert wound == pytest.approx(30.0)
+    assert abs(unwound) < 1e-3
+
+
+def test_near_formation_what_saturation_cuts_off_comes_out_of_the_integral() -> None:
+    body, law = Limits(0.1, 0.1, 1.0), Gains(2.0, 1.0, anti_windup=1.0, integral_band=1e3)
+    integral = 1.0 + 0j
+    for _ in range(200):
+        _, integral = field(integral, 1.0 + 0j, Measured(0j, 0j, 1), law, body, 0.05)
+    assert integral.real == pytest.approx(0.1, abs=1e-3)
+
+
+@given(st.floats(0.001, 1.0))
+def test_the_band_is_flat_at_zero_and_half_at_its_edge(band: float) -> None:
+    assert near(0.0, band) == 1.0
+    assert near(band, band) == pytest.approx(0.5)
+    assert near(0.1 * band, band) > 0.9998
+    assert near(10.0 * band, band) < 2e-4
+
+
+@given(EDGES, headings, parameters)
+def test_the_error_is_what_the_nominal_law_brings_to_zero(
+    edges: list[tuple[complex, complex]], heading: complex, law: Gains
+) -> None:
+    measured = sums(edges)
+    assert heading * nominal(0j, heading, measured, law) == pytest.approx(
+        law.k_p * error(heading, measured), abs=1e-9
+    )
+
+
+@both_laws
+@given(
+    st.lists(st.tuples(vectors, headings, vectors, vectors, vectors, limits), min_size=1, max_size=4),
+    parameters,
+)
+def test_an_array_of_robots_does_what_each_does(law: Law, robots: list[Any], parameters: Gains) -> None:
+    integral, heading, relative, desired, velocity = (
+        np.array([robot[k] for robot in robots]) for k in range(5)
+    )
+    body = Limits(
+        *(
+            np.array([getattr(robot[5], name) for robot in robots])
+            for name in ("offset", "max_speed", "max_turn_rate")
+        )
+    )
+    count = np.full(len(robots), 2.0)
+    together, after = law(
+        integral, heading, Measured(relative, desired, count, velocity), parameters, body, 0.05
+    )
+    for k, (xi, zeta, z, wanted, v, own) in enumerate(robots):
+        command, alone = law(xi, zeta, Measured(z, wanted, 2, v), parameters, own, 0.05)
+        assert (together.speed[k], together.turn_rate[k]) == pytest.approx(command, rel=1e-12, abs=1e-12)
+        assert after[k] == pytest.approx(alone, rel=1e-12, abs=1e-12)

@@ -1,0 +1,65 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from formation.neighbour import Track, carried_to, first_seen, seen
+from tests.formation.planar import vectors
+
+TAU, FASTEST = 0.1, 100.0
+velocities = st.builds(complex, st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
+
+
+def follow(track: Track, velocity: complex, period: float, seconds: float) -> Track:
+    for _ in range(round(seconds / period)):
+        track = seen(track, track.stamp + period, track.point + velocity * period, TAU, FASTEST)
+    return track
+
+
+@given(vectors)
+def test_a_neighbour_seen_once_is_taken_to_stand_still(point: complex) -> None:
+    assert carried_to(first_seen(5.0, point), 5.3, 1.0) == point
+
+
+@given(vectors, velocities, st.sampled_from([0.01, 0.02, 0.05]))
+def test_the_velocity_is_learned_from_positions_whatever_the_rate(
+    point: complex, velocity: complex, period: float
+) -> None:
+    track = follow(first_seen(0.0, point), velocity, period, 0.1)
+    assert track.velocity == pytest.approx(velocity * (1.0 - np.exp(-1.0)), abs=1e-9)
+    assert follow(track, velocity, period, 3.0).velocity == pytest.approx(velocity, abs=1e-9)
+
+
+@given(vectors, velocities, st.floats(0.0, 0.15))
+def test_a_late_sample_of_a_steady_neighbour_is_carried_to_where_it_is(
+    point: complex, velocity: complex, age: float
+) -> None:
+    track = follow(first_seen(0.0, point), velocity, 0.05, 4.0)
+    assert carried_to(track, 4.0 + age, 0.15) == pytest.approx(point + velocity * (4.0 + age), abs=1e-9)
+
+
+def test_a_sample_is_carried_no_further_than_allowed_either_way() -> None:
+    track = Track(1.0, 0j, 2.0 + 0j)
+    assert carried_to(track, 9.0, 0.5) == 1.0
+    assert carried_to(track, 0.0, 0.5) == -1.0
+    assert carried_to(track, 0.9, 0.5) == pytest.approx(-0.2)
+
+
+def test_a_jump_is_not_taken_for_a_sprint() -> None:
+    track = seen(first_seen(0.0, 0j), 0.05, 50.0 + 0j, TAU, 0.3)
+    assert track.point == 50.0
+    assert abs(track.velocity) <= 0.3
+
+
+@given(st.lists(st.tuples(vectors, vectors, velocities), min_size=1, max_size=4))
+def test_an_array_of_neighbours_becomes_what_each_becomes(
+    robots: list[tuple[complex, complex, complex]],
+) -> None:
+    last, point, velocity = (np.array(column) for column in zip(*robots, strict=True))
+    together = seen(Track(0.0, last, velocity), 0.05, point, TAU, 0.5)
+    for i, (was, there, v) in enumerate(robots):
+        alone = seen(Track(0.0, was, v), 0.05, there, TAU, 0.5)
+        assert together.velocity[i] == pytest.approx(alone.velocity, abs=1e-12)
+        assert carried_to(together, 0.1, 1.0)[i] == pytest.approx(carried_to(alone, 0.1, 1.0), abs=1e-12)

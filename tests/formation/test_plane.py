@@ -1,0 +1,68 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from formation.plane import angle_between, clip, rotation, shorten, unit
+from tests.formation.planar import angles, lengths, vectors
+
+
+@given(angles, angles)
+def test_rotations_add_up(first: float, second: float) -> None:
+    assert rotation(first) * rotation(second) == pytest.approx(rotation(first + second), abs=1e-12)
+
+
+@given(angles, vectors)
+def test_a_rotation_keeps_lengths(angle: float, vector: complex) -> None:
+    assert abs(rotation(angle) * vector) == pytest.approx(abs(vector), abs=1e-12)
+
+
+def test_the_quarter_turn_is_i() -> None:
+    assert rotation(math.pi / 2.0) == pytest.approx(1j)
+
+
+@given(vectors.filter(lambda vector: abs(vector) > 1e-6))
+def test_a_unit_vector_has_length_one_and_the_same_direction(vector: complex) -> None:
+    assert abs(unit(vector)) == pytest.approx(1.0)
+    assert (unit(vector) * vector.conjugate()).real == pytest.approx(abs(vector))
+
+
+def test_a_vector_without_direction_becomes_the_one_asked_for() -> None:
+    assert unit(0j) == 1.0
+    assert unit(0j, 1j) == 1j
+    assert unit(np.array([0j, 2j]), -1.0 + 0j).tolist() == [-1.0, 1j]
+
+
+@given(st.floats(-10.0, 10.0), lengths)
+def test_what_is_clipped_lies_within_the_limit(value: float, limit: float) -> None:
+    clipped = clip(value, limit)
+    assert -limit <= clipped <= limit
+    assert clipped == value or abs(value) > limit
+
+
+@given(vectors, lengths)
+def test_what_is_shortened_keeps_its_direction(vector: complex, limit: float) -> None:
+    shortened = shorten(vector, limit)
+    assert abs(shortened) == pytest.approx(min(abs(vector), limit))
+    assert (shortened * vector.conjugate()).imag == pytest.approx(0.0, abs=1e-9)
+
+
+@given(angles, st.floats(-3.1, 3.1), lengths)
+def test_the_angle_between_two_vectors_is_what_turns_one_into_the_other(
+    angle: float, turn: float, length: float
+) -> None:
+    first = complex(length * rotation(angle))
+    assert angle_between(first, complex(first * rotation(turn))) == pytest.approx(turn, abs=1e-9)
+
+
+@given(st.lists(vectors, min_size=1, max_size=5), lengths)
+def test_an_array_gives_what_each_of_its_values_gives(values: list[complex], limit: float) -> None:
+    array = np.array(values)
+    assert unit(array) == pytest.approx([unit(value) for value in values], abs=1e-12)
+    assert shorten(array, limit) == pytest.approx([shorten(value, limit) for value in values], abs=1e-12)
+    assert clip(array.real, limit).tolist() == [clip(value.real, limit) for value in values]
+    assert rotation(array.real) == pytest.approx([rotation(value.real) for value in values], abs=1e-12)
