@@ -122,5 +122,5 @@ def ring(followers: int, **law: Any) -> Mission:
         ((), (0, followers), *((i,) for i in range(1, followers))),
         law={"k_i": 1.0, **law},
         robot={"control_point_offset": 0.2, "max_speed": 1.5, "max_turn_rate": 1.5},
-        simulation={"spread": 0.1, "horizon": 240.0},
+        simulation={"spread": 0.1, "horizon": 120.0},
     )
