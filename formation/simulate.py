@@ -2,7 +2,8 @@
 
 A run has converged when its formation error (summed over edges) stays under the mission's `settled` bound
 until the horizon, and has been there for at least `DWELL`: an error that dips under the bound in the last
-moments, or swings through it, has shown nothing. Its settling time is when it went under the bound for good.
+moments, or swings through it, has shown nothing (a loop that winds up swings with a period of 2π/√k_I). Its
+settling time is when it went under the bound for good.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from formation.plane import ComplexArray, FloatArray, angle_between
 from formation.starts import own_starts, random_starts
 
 DWELL = 10.0
-"""How long a run has to stay under the bound before it counts as converged [s]."""
+"""How long a run has to stay under the bound before it counts as converged [s]; half of a short horizon."""
 MOMENTS = 2_000_000
 """Robot poses that a history holds at most; a longer run is thinned evenly."""
 
