@@ -25,6 +25,8 @@ from formation.route import Route
 from formation.starts import Starts
 from formation.unicycle import Command, advance, control_point
 
+AHEAD = 1000
+"""Steps for which the leader's route is evaluated at once."""
 Observer = Literal["innovation", "mended", "printed"]
 """Field law's; Eq. (3) with erratum 1 mended; Eq. (3) as printed."""
 
@@ -88,6 +90,8 @@ class Ensemble:
         self._normalised = options.normalised
         self._feed_forward = law == "field" and mission.law.feed_forward
         self._desired = self._graph.along_edges(mission.slots())
+        self._all_desired = self._graph.sum_per_follower(self._desired)
+        self._leader: ComplexArray = np.empty(0, dtype=np.complex128)
         self._local = np.array([(options.measurement or r.measurement) == "local" for r in robots])
         self._follower = self._graph.tails - 1
         self._links = Links(self._graph, _terms(mission, law, options, self._local, step), rng)
@@ -132,22 +136,20 @@ class Ensemble:
         self, heard: Heard, heading: ComplexArray, point: ComplexArray, sensed: ComplexArray | None
     ) -> tuple[Measured, Mask | None]:
         """The law's input, and which followers have nobody to follow (None where all have)."""
-        total = self._graph.sum_per_follower
-        edges = [heard.point - point[:, self._follower], np.broadcast_to(self._desired, heard.point.shape)]
-        count, blind = self._graph.degrees, None
-        velocity = heard.velocity
+        total, velocity = self._graph.sum_per_follower, heard.velocity
+        displacement = heard.point - point[:, self._follower]
+        count, desired, blind = self._graph.degrees, self._all_desired, None
         if heard.fresh is not None:
-            edges = [np.where(heard.fresh, edge, 0.0) for edge in edges]
+            displacement = np.where(heard.fresh, displacement, 0.0)
             velocity = np.where(heard.fresh, velocity, 0.0)
-            count = total(heard.fresh.astype(np.float64))
-            blind = count == 0.0
-            count = np.maximum(count, 1.0)
-        relative = heading.conjugate() * total(edges[0])
+            desired = total(np.where(heard.fresh, self._desired, 0.0))
+            heard_of = total(heard.fresh.astype(np.float64))
+            blind, count = heard_of == 0.0, np.maximum(heard_of, 1.0)
+        relative = heading.conjugate() * total(displacement)
         if sensed is not None:
             relative = np.where(self._local, total(sensed), relative)
-        desired = total(edges[1]) if blind is not None else total(self._desired)
-        feed_forward = total(velocity) / count if self._feed_forward else 0.0
-        return Measured(relative, desired, count, feed_forward), blind
+        forward = total(velocity) / count if self._feed_forward else 0.0
+        return Measured(relative, desired, count, forward), blind
 
     def _sense(self) -> ComplexArray:
         """z_ij^(i) as a perfect sensor on robot i has it [m; body frame]; shape (R, E)."""
@@ -185,10 +187,18 @@ class Ensemble:
         self.position = self.position + drifted
         self.steps += 1
 
+    def _leader_now(self) -> complex:
+        """The leader's position now; its route is evaluated a thousand steps at a time."""
+        place = self.steps % AHEAD
+        if place == 0 or not len(self._leader):
+            times = self._dt * (self.steps - place + np.arange(AHEAD))
+            self._leader = self.route.position(times)
+        return complex(self._leader[place])
+
     def _with_leader(self, followers: ComplexArray) -> ComplexArray:
         """Points of all robots from those of the followers; the leader's is its position."""
         points = np.empty((followers.shape[0], followers.shape[1] + 1), dtype=np.complex128)
-        points[:, 0] = self.route.position(self.time)
+        points[:, 0] = self._leader_now()
         points[:, 1:] = followers
         return points
 
