@@ -20,6 +20,9 @@ Vectors = TypeVar("Vectors", complex, ComplexArray)
 Reals: TypeAlias = Any
 """One float, or an array of floats that broadcasts with the vectors beside it."""
 
+SHORTEST = float(np.finfo(np.float64).tiny)
+"""The smallest length that numbers of full precision have."""
+
 
 def rotation(angle: Reals) -> Any:
     """The rotation by `angle` [rad] as unit complex numbers."""
@@ -27,11 +30,11 @@ def rotation(angle: Reals) -> Any:
 
 
 def unit(vector: Vectors, otherwise: complex = 1.0 + 0.0j) -> Vectors:
-    """`vector` at length one; `otherwise` where it has no direction."""
+    """`vector` at length one; `otherwise` where it is zero, or too short to be divided by its length."""
     length = abs(vector)
     if isinstance(length, float):
-        return vector / length if length > 0.0 else otherwise
-    return np.where(length > 0.0, vector / np.where(length > 0.0, length, 1.0), otherwise)
+        return vector / length if length > SHORTEST else otherwise
+    return np.where(length > SHORTEST, vector / np.where(length > SHORTEST, length, 1.0), otherwise)
 
 
 def clip(value: Reals, limit: Reals) -> Any:
