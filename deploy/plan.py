@@ -48,11 +48,12 @@ def programs(
         return Program(name, part, (*command, "--parent", str(parent)))
 
     def agent(name: str) -> Program:
-        links, law_flag = wiring.of_agent(mission, name, where), ("--law", law) if law else ()
+        links = wiring.of_agent(mission, name, where)
         return program(f"agent {name}", "control", "agent", links, "--robot", name, *law_flag, *wait)
 
+    law_flag = ("--law", law) if law else ()
     wait = ("--await-monitor", f"{patience:g}")
-    watch = ("--record", str(record), "--snapshots")
+    watch = ("--record", str(record), "--snapshots", *law_flag)
     return (
         program("monitor", "watch", "monitor", wiring.of_monitor(where), *watch),
         program("robots", "body", "agent.robots", wiring.of_robots(mission, mission.followers, where), *wait),

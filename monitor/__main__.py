@@ -11,6 +11,7 @@ from pathlib import Path
 from formation import wiring
 from formation.bus import Bus
 from formation.flags import bus_config, parser
+from formation.law import LAWS
 from formation.mission_file import parse, read
 from formation.process import Stop, run_process, say
 from monitor.core import Monitor
@@ -36,6 +37,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     file.add_argument("--no-record", action="store_true", help="only measure")
     flags.add_argument(
+        "--law",
+        choices=list(LAWS),
+        help="the law agents were told to use, if not the mission's: it is recorded",
+    )
+    flags.add_argument(
         "--snapshots", action="store_true", help="write JSON lines to stdout instead of lines for people"
     )
     args = flags.parse_args(argv)
@@ -52,7 +58,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             recorder = None
             if not args.no_record:
                 keys = (*watched(mission), *OWN)
-                recorder = stack.enter_context(Recorder(path, mission.name, text, keys))
+                recorder = stack.enter_context(
+                    Recorder(path, mission.name, text, args.law or mission.law.kind, keys)
+                )
             one = Watch(Monitor(mission), bus, recorder)
             one.declare()
             say("ready", process=NAME)

@@ -60,7 +60,7 @@ def draw(history: History, path: Path | str, until: float | None = None) -> None
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH, HEIGHT), layout="constrained")
         _panels(figure, history, shown)
-        figure.savefig(path, dpi=250)
+        figure.savefig(path, dpi=200)
 
 
 def _panels(figure: Figure, history: History, shown: Any) -> None:

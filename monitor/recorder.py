@@ -55,10 +55,10 @@ class RecordingError(BadInput):
 class Recorder:
     """One recording. Close it, best as a context manager; what fails after the beginning never raises."""
 
-    def __init__(self, path: Path, mission: str, text: str, keys: Iterable[Watched]) -> None:
+    def __init__(self, path: Path, mission: str, text: str, law: str, keys: Iterable[Watched]) -> None:
         """Begin `path`, which must not exist, for `keys`. Raises RecordingError.
 
-        `mission` is the mission's name and `text` its file; both go into the recording.
+        `mission` is the mission's name, `text` its file and `law` the one in use; all go into the recording.
         """
         self.path = path
         self.recorded: Counter[str] = Counter()
@@ -75,7 +75,7 @@ class Recorder:
         try:
             self._writer = Writer(self._file, chunk_size=CHUNK, compression=CompressionType.LZ4)
             self._writer.start(profile="ros2", library=f"formation {version('formation')}")
-            self._writer.add_metadata("formation", _about(mission, text))
+            self._writer.add_metadata("formation", _about(mission, text, law))
             self._channels = self._declare(keys)
             self._writer.flush()  # type: ignore[no-untyped-call]
             self._good = self._file.tell()
@@ -177,10 +177,11 @@ def stamp_of(payload: bytes) -> int | None:
     return seconds * 10**9 + nanoseconds if seconds >= 0 and nanoseconds < 10**9 else None
 
 
-def _about(mission: str, text: str) -> dict[str, str]:
+def _about(mission: str, text: str, law: str) -> dict[str, str]:
     return {
         "mission": mission,
         "mission_file": text,
+        "law": law,
         "recorded_at": datetime.now(UTC).isoformat(timespec="seconds"),
         "python": sys.version.split()[0],
         **{name: version(name) for name in PACKAGES},

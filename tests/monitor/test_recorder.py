@@ -30,7 +30,7 @@ STORE = get_typestore(Stores.EMPTY)
 
 def recorder(path: Path, mission: Mission | None = None, text: str = TEXT) -> Recorder:
     mission = mission or load("six_robots")
-    return Recorder(path, mission.name, text, (*watched(mission), *OWN))
+    return Recorder(path, mission.name, text, "paper", (*watched(mission), *OWN))
 
 
 def a_bit_of_everything() -> list[Sample]:
@@ -145,6 +145,7 @@ def test_the_mission_and_the_versions_are_in_the_recording(tmp_path: Path) -> No
         (about,) = make_reader(stream).iter_metadata()
     assert about.metadata["mission"] == "six-robots"
     assert parse(about.metadata["mission_file"]) == load("six_robots")
+    assert about.metadata["law"] == "paper"
     assert about.metadata["eclipse-zenoh"]
 
 
@@ -191,7 +192,8 @@ from tests.monitor.fleet import odometry
 path, limit = Path(sys.argv[1]), int(sys.argv[2])
 resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))  # what a full disk looks like
 try:
-    recording = Recorder(path, "six-robots", read("six_robots")[0], (*watched(load("six_robots")), *OWN))
+    keys = (*watched(load("six_robots")), *OWN)
+    recording = Recorder(path, "six-robots", read("six_robots")[0], "field", keys)
 except RecordingError as error:
     print(error)
     sys.exit(2)
