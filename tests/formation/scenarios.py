@@ -70,13 +70,13 @@ def pair(**law: Any) -> Mission:
     )
 
 
-def near_limit(**law: Any) -> Mission:
+def near_limit(max_turn_rate: float = 1.5, **law: Any) -> Mission:
     """The six robots, hardly faster than their leader."""
     return build(
         HEXAGON,
         TWO_AHEAD,
         law={"k_i": 0.5, **law},
-        robot={"control_point_offset": 0.1, "max_speed": 0.22, "max_turn_rate": 1.5},
+        robot={"control_point_offset": 0.1, "max_speed": 0.22, "max_turn_rate": max_turn_rate},
         simulation={"spread": 1.0, "horizon": 240.0},
     )
 

@@ -120,9 +120,9 @@ def test_the_ring_of_twelve_diverges_and_the_ring_of_ten_settles() -> None:
     assert np.all(twelve.final_error > 10.0 * twelve.error[0])
 
 
-def test_by_the_observer_as_printed_no_start_converges() -> None:
+def test_by_the_observer_as_printed_hardly_any_start_converges() -> None:
     result = simulate(SIX, runs=50, law="paper", options=Options(observer="printed"), horizon=60.0)
-    assert not result.converged.any()
+    assert result.converged.mean() < 0.1
     assert np.median(result.final_error) > 20.0
 
 
