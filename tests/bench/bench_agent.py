@@ -1,6 +1,6 @@
 """What the edge costs: one agent at 50 Hz beside Zenoh without an agent, in the same run.
 
-python -m tests.bench.bench_agent [--rounds N] [--seconds S]
+python -m tests.bench.bench_agent [--rounds N] [--seconds S] [--json]
 
 Three processes take turns every 20 ms, each a third of a period after the other:
 
@@ -16,7 +16,6 @@ agent by one with stopwatches at its seams.
 
 from __future__ import annotations
 
-import argparse
 import gc
 import json
 import subprocess
@@ -31,7 +30,8 @@ import numpy as np
 
 from formation.bus import Bus, BusConfig
 from formation.topics import CMD_VEL, ODOM
-from tests.bench.figures import over_rounds, tail
+from tests.bench.figures import flags, over_rounds, show, tail
+from tests.bench.report_agent import section
 from tests.bench.robot import Robots, Subject
 from tests.bench.scene import ROBOTS, Scene
 
@@ -177,12 +177,11 @@ def measure(rounds: int, seconds: float) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Print all figures as JSON."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--seconds", type=float, default=30.0)
+    """Print the figures."""
+    parser = flags(__doc__)
+    parser.add_argument("--seconds", type=float, default=30.0, help="of each round")
     arguments = parser.parse_args()
-    print(json.dumps(measure(arguments.rounds, arguments.seconds), indent=2))
+    show(measure(arguments.rounds, arguments.seconds), section, as_json=arguments.json)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """What one control step of the mathematics costs: observer, neighbours, law; one robot, or an array of them.
 
-python -m tests.bench.bench_law [--rounds N]
+python -m tests.bench.bench_law [--rounds N] [--json]
 
 The scalar line is what an agent computes for each odometry message; the array lines are what the simulation
 computes at each step, per robot.
@@ -8,7 +8,6 @@ computes at each step, per robot.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable
 from typing import Any
@@ -19,7 +18,7 @@ from formation.heading import Travel, innovation, printed
 from formation.law import LAWS, Gains, Limits, Measured
 from formation.neighbour import Track, carried_to, seen
 from formation.plane import unit
-from tests.bench.figures import markdown, over_rounds, span
+from tests.bench.figures import flags, markdown, over_rounds, show, span
 
 GAINS = Gains(2.0, 1.0)
 SIZES = (1, 6, 100, 10_000)
@@ -66,21 +65,26 @@ def one_round(rng: np.random.Generator) -> dict[str, dict[str, float]]:
     }
 
 
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--rounds", type=int, default=5)
-    arguments = parser.parse_args()
+def measure(rounds: int) -> Any:
+    """Every part at every size, by rounds."""
     rng = np.random.default_rng(0)
-    found = over_rounds([one_round(rng) for _ in range(arguments.rounds)])
+    return over_rounds([one_round(rng) for _ in range(rounds)])
+
+
+def section(found: Any) -> str:
+    """The figures in Markdown."""
     header = ["[µs per robot]", *("scalar" if size == 1 else f"{size:,} robots" for size in SIZES)]
     rows = [
         [name, *(span(found[str(size)][name], 3 if size > 1 else 1) for size in SIZES)]
-        for name in parts(1, rng)
+        for name in found[str(SIZES[0])]
     ]
-    print(markdown(header, rows))
+    return markdown(header, rows)
+
+
+def main() -> None:
+    """Print the figures."""
+    arguments = flags(__doc__).parse_args()
+    show(measure(arguments.rounds), section, as_json=arguments.json)
 
 
 if __name__ == "__main__":

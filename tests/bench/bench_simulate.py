@@ -1,22 +1,22 @@
 """How fast the batch simulation is: control steps of one robot per second of wall time.
 
-python -m tests.bench.bench_simulate [--rounds N]
+python -m tests.bench.bench_simulate [--rounds N] [--json]
 
 Every follower measures the two before it. The formation error of all runs is judged at every step.
 """
 
 from __future__ import annotations
 
-import argparse
 import resource
 import time
+from typing import Any
 
 import numpy as np
 
 from formation.ensemble import Options
 from formation.mission import Mission
 from formation.simulate import simulate
-from tests.bench.figures import markdown, over_rounds, span
+from tests.bench.figures import flags, markdown, over_rounds, show, span
 from tests.formation import scenarios
 
 CASES = ((6, 1), (6, 400), (100, 1), (100, 100), (10_000, 1))
@@ -48,33 +48,42 @@ def rate(mission: Mission, runs: int, law: str, options: Options) -> float:
     return 1e-6 * result.robot_steps / result.wall_time
 
 
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--rounds", type=int, default=5)
-    arguments = parser.parse_args()
+def measure(rounds: int) -> Any:
+    """Robot steps per second [1e6/s] of every case and variant; what reading the missions took [s]."""
     began = time.perf_counter()
     missions = {robots: block(robots) for robots, _ in CASES}
     built = time.perf_counter() - began
-    rounds = [
-        {
-            f"{robots} {runs}": {
-                name: rate(missions[robots], runs, law, options) for name, (law, options) in VARIANTS.items()
+    found = over_rounds(
+        [
+            {
+                f"{robots:,} × {runs}": {
+                    name: rate(missions[robots], runs, law, options)
+                    for name, (law, options) in VARIANTS.items()
+                }
+                for robots, runs in CASES
             }
-            for robots, runs in CASES
-        }
-        for _ in range(arguments.rounds)
-    ]
-    found = over_rounds(rounds)
-    rows = [
-        [f"{robots:,} × {runs}", *(span(found[f"{robots} {runs}"][name], 2) for name in VARIANTS)]
-        for robots, runs in CASES
-    ]
-    print(markdown(["million robot steps a second", *VARIANTS], rows))
+            for _ in range(rounds)
+        ]
+    )
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(f"Missions read in {built:.2f} s; peak memory of the whole {peak:.0f} MiB.")
+    return {"million_robot_steps_per_second": found, "missions_read_s": built, "peak_mib": peak}
+
+
+def section(found: Any) -> str:
+    """The figures in Markdown."""
+    rows = [
+        [case, *(span(figures[name], 2) for name in VARIANTS)]
+        for case, figures in found["million_robot_steps_per_second"].items()
+    ]
+    table = markdown(["robots × runs, million robot steps a second", *VARIANTS], rows)
+    read, peak = found["missions_read_s"], found["peak_mib"]
+    return f"{table}\nMissions read in {read:.2f} s; peak memory of the whole {peak:.0f} MiB.\n"
+
+
+def main() -> None:
+    """Print the figures."""
+    arguments = flags(__doc__).parse_args()
+    show(measure(arguments.rounds), section, as_json=arguments.json)
 
 
 if __name__ == "__main__":

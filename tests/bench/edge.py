@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 from formation.messages import Odometry, Pose
 
 RATE = 50.0
@@ -38,11 +36,11 @@ START = {LEADER: 0j, NEIGHBOUR: -1.0 + 0j, FOLLOWER: -2.3 + 0.1j}
 """Centres at the beginning [m]; the follower stays off its slot, so that its commands are not zero."""
 
 
-def odometry(elapsed: float) -> Odometry:
-    """What the follower's robot says `elapsed` seconds after the beginning."""
-    return Odometry(time.time(), START[FOLLOWER] + SPEED * elapsed, 1.0 + 0j, SPEED, 0.0)
+def odometry(elapsed: float, wall: float) -> Odometry:
+    """What the follower's robot says `elapsed` [s] after the beginning, at `wall` [s] by its clock."""
+    return Odometry(wall, START[FOLLOWER] + SPEED * elapsed, 1.0 + 0j, SPEED, 0.0)
 
 
-def position(robot: str, elapsed: float) -> Pose:
-    """What a neighbour says."""
-    return Pose(time.time(), START[robot] + SPEED * elapsed, 1.0 + 0j)
+def position(robot: str, elapsed: float, wall: float) -> Pose:
+    """What a neighbour says then."""
+    return Pose(wall, START[robot] + SPEED * elapsed, 1.0 + 0j)

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+import argparse
+import json
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
-
-
-class Over(NamedTuple):
-    """One figure over several rounds: the median, and between which values the rounds lie."""
-
-    median: float
-    low: float
-    high: float
 
 
 def tail(values: Sequence[float]) -> dict[str, float]:
@@ -23,13 +17,37 @@ def tail(values: Sequence[float]) -> dict[str, float]:
 
 
 def over_rounds(rounds: Sequence[Any]) -> Any:
-    """The same tree of dicts as each round is, with an `Over` for each number."""
+    """The same tree of dicts as each round is, with median, lowest and highest in place of each number."""
     if isinstance(rounds[0], dict):
         return {key: over_rounds([one[key] for one in rounds]) for key in rounds[0]}
-    return Over(float(np.median(rounds)), float(min(rounds)), float(max(rounds)))
+    return {"median": float(np.median(rounds)), "low": float(min(rounds)), "high": float(max(rounds))}
+
+
+def span(figure: dict[str, float], digits: int, unit: str = "") -> str:
+    """A figure `over_rounds`, as a table has it: ``2.41× (2.30–2.55)``."""
+    return (
+        f"{figure['median']:.{digits}f}{unit} ({figure['low']:.{digits}f}–{figure['high']:.{digits}f})"
+        if figure["low"] != figure["high"]
+        else f"{figure['median']:.{digits}f}{unit}"
+    )
 
 
 def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table; the first column is text, the others are numbers."""
     lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def flags(description: str | None) -> argparse.ArgumentParser:
+    """The flags of every benchmark."""
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--json", action="store_true", help="figures for programs, not for people")
+    return parser
+
+
+def show(found: Any, section: Callable[[Any], str], *, as_json: bool) -> None:
+    """Print what was found."""
+    print(json.dumps(found) if as_json else section(found))

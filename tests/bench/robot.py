@@ -140,4 +140,4 @@ class Robots:
                     subject.take(sample)
         subject = self._subjects[self._rate.ticks % len(self._subjects)]
         if subject.process is not None:
-            subject.ask(self._bus, encode(edge.odometry(time.monotonic() - self._origin)))
+            subject.ask(self._bus, encode(edge.odometry(time.monotonic() - self._origin, time.time())))

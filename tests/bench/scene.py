@@ -96,11 +96,11 @@ def _one_step(mission_file: Path) -> list[Outgoing]:
     beat = encode_order(Order(term=time.time_ns(), beat=1000, mode="run", shape="line"))
     now = Now(time.monotonic(), time.time())
     inbox = [
-        Sample(POSITION.key(robot), encode(edge.position(robot, 0.0)), beat, now.mono)
+        Sample(POSITION.key(robot), encode(edge.position(robot, 0.0, now.wall)), beat, now.mono)
         for robot in (edge.LEADER, edge.NEIGHBOUR)
     ]
     return agent.step(
-        now, [*inbox, Sample(ODOM.key(edge.FOLLOWER), encode(edge.odometry(0.0)), None, now.mono)]
+        now, [*inbox, Sample(ODOM.key(edge.FOLLOWER), encode(edge.odometry(0.0, now.wall)), None, now.mono)]
     )
 
 

@@ -48,7 +48,7 @@ def main(origin: float, listen: dict[str, str], monitored: dict[str, list[str]])
             time.sleep(max(0.0, due - time.monotonic()))
             robot = NEIGHBOUR if tick % 2 else LEADER
             beat = order.encode(Order(term=term, beat=tick // 2, mode="run", shape="line"))
-            payload = encode(position(robot, time.monotonic() - origin))
+            payload = encode(position(robot, time.monotonic() - origin, time.time()))
             buses[robot].send([Outgoing(POSITION.key(robot), payload, beat)])
             monitor.drain()
 
