@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from agent import failsafe
 from agent.failsafe import Decision, Facts, State
 from agent.localisation import Localisation
-from agent.neighbourhood import Neighbour, measured
+from agent.neighbourhood import Neighbour, Neighbourhood
 from agent.status import Report, status
 from formation import order
 from formation.law import LAWS
@@ -54,7 +54,7 @@ class Agent:
         self._mission, self._spec = mission, spec
         self._law = LAWS[self.law_name]
         self._here = Localisation(mission, robot, self.law_name)
-        self._neighbours = {name: Neighbour(mission, name) for name in spec.neighbours}
+        self._neighbours = Neighbourhood(mission, robot, self.law_name)
         self._integral = 0j
         self._finite = True
         self._order: Order | None = None
@@ -131,7 +131,7 @@ class Agent:
 
     def _by_key(self) -> dict[str, Handler]:
         handlers: dict[str, Handler] = {self._odom: self._take_odometry}
-        for name, neighbour in self._neighbours.items():
+        for name, neighbour in self._neighbours.each.items():
             handlers[POSITION.key(name)] = _bound(self._take_position, neighbour)
             if self._spec.measurement == "local":
                 handlers[RELATIVE.key(self.robot, name)] = _bound(self._take_displacement, neighbour)
@@ -169,35 +169,19 @@ class Agent:
                 jumped=self._here.jumped,
                 order=self._order,
                 beat_silence=now.mono - self._beat_rose,
-                neighbours={name: one.stream.silence(now) for name, one in self._neighbours.items()},
-                fresh=len(self._fresh(now)),
+                neighbours=self._neighbours.silences(now),
+                fresh=len(self._neighbours.fresh(now)),
                 finite=self._finite,
             )
         )
-
-    def _fresh(self, now: Now) -> list[Neighbour]:
-        return [one for one in self._neighbours.values() if one.fresh(now)]
 
     def _drive(self, now: Now, interval: float | None) -> list[Outgoing]:
         """A command for the newest odometry; zero velocity unless the failsafe table says run."""
         if self.decision.state is not State.RUN:
             self._finite = True
             return [self._commanded(now, AT_REST)]
-        for one in self._neighbours.values():
-            one.place(self._here)
-        fresh = self._fresh(now)
-        shape = self._order.shape if self._order else None
-        mine = self._mission.slot(self.robot, shape)
-        what = measured(
-            fresh,
-            sum((self._mission.slot(one.name, shape) - mine for one in fresh), 0j),
-            self._here.point,
-            self._here.heading,
-            self._mission.law,
-            now=now,
-            my_age=self._here.stream.age(now),
-            as_measured=self._law is LAWS["paper"] and self._spec.measurement == "local",
-        )
+        shape = self._order.shape if self._order else self._mission.first_shape
+        what = self._neighbours.measured(self._here, shape, now)
         dt = min(interval or 0.0, self._here.stream.limit)
         command, integral = self._law(
             self._integral, self._here.heading, what, self._mission.law.gains, self._spec.limits, dt
@@ -233,7 +217,7 @@ class Agent:
             self.law_name,
             self.decision,
             self.command,
-            {name: one.stream for name, one in self._neighbours.items()},
+            {name: one.stream for name, one in self._neighbours.each.items()},
             self._here.stream,
             self._here.late,
             {where: (count, self.last_dropped[where]) for where, count in self.dropped.items()},

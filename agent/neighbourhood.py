@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from agent.localisation import Localisation
 from agent.stream import Stream
 from formation import neighbour
 from formation.law import Measured
 from formation.messages import Displacement, Pose
-from formation.mission import LawSpec, Mission
+from formation.mission import Mission
 from formation.unicycle import control_point
 from formation.wire import Now
 
@@ -80,28 +78,40 @@ class Neighbour:
         return complex(neighbour.carried_to(self._track, self._track.stamp + older, 2.0 * self.stream.limit))
 
 
-def measured(
-    fresh: Iterable[Neighbour],
-    desired: complex,
-    me: complex,
-    heading: complex,
-    law: LawSpec,
-    *,
-    now: Now,
-    my_age: float,
-    as_measured: bool,
-) -> Measured:
-    """The law's input over the `fresh` neighbours (at least one).
+class Neighbourhood:
+    """All the neighbours of one robot, and what the law gets to know of them."""
 
-    `desired` is Σ_j z*_ij over them [m; world frame], `me` my control point. `as_measured` takes a sensor's
-    displacements as they stand, for the paper's law.
-    """
-    relative, velocity, count = 0j, 0j, 0
-    for one in fresh:
-        if as_measured:
-            relative += one.displacement
-        else:
-            relative += heading.conjugate() * (one.point(now, my_age, carry=law.delay_compensation) - me)
-        velocity += one.velocity
-        count += 1
-    return Measured(relative, desired, count, velocity / count if law.feed_forward else 0j)
+    def __init__(self, mission: Mission, robot: str, law: str) -> None:
+        spec, field = mission.robots[robot], law == "field"
+        self.each = {name: Neighbour(mission, name) for name in spec.neighbours}
+        self._mission, self._robot = mission, robot
+        # the paper's law takes neighbours as they were last seen, and knows no velocities
+        self._carry = field and mission.law.delay_compensation
+        self._feed_forward = field and mission.law.feed_forward
+        self._as_measured = not field and spec.measurement == "local"
+
+    def fresh(self, now: Now) -> list[Neighbour]:
+        """Those that can be followed."""
+        return [one for one in self.each.values() if one.fresh(now)]
+
+    def silences(self, now: Now) -> dict[str, float]:
+        """How long each has been silent [s]; infinite before the first message."""
+        return {name: one.stream.silence(now) for name, one in self.each.items()}
+
+    def measured(self, here: Localisation, shape: str, now: Now) -> Measured:
+        """The law's input: sums over the fresh neighbours, of which there must be at least one."""
+        for one in self.each.values():
+            one.place(here)
+        me, heading, my_age = here.point, here.heading, here.stream.age(now)
+        mine = self._mission.slot(self._robot, shape)
+        relative, desired, velocity = 0j, 0j, 0j
+        fresh = self.fresh(now)
+        for one in fresh:
+            if self._as_measured:
+                relative += one.displacement
+            else:
+                relative += heading.conjugate() * (one.point(now, my_age, carry=self._carry) - me)
+            desired += self._mission.slot(one.name, shape) - mine
+            velocity += one.velocity
+        mean_velocity = velocity / len(fresh) if self._feed_forward else 0j
+        return Measured(relative, desired, len(fresh), mean_velocity)

@@ -126,7 +126,7 @@ def test_an_order_that_is_none_is_dropped_but_the_position_it_came_with_is_used(
     agent.step(moment(4), samples)
     assert agent.dropped == {POSITION.key(name): 1 for name in NEIGHBOURS}
     assert agent.decision.state is State.RUN
-    assert agent._neighbours["robot1"].stream.arrived == moment(4).mono
+    assert agent._neighbours.each["robot1"].stream.arrived == moment(4).mono
 
 
 @pytest.mark.parametrize("request_bytes", [b"", b"stop", b"{}", b'{"do": "explode"}', b"\xff" * 4000])
