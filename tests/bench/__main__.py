@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from tests.bench import bench_agent, bench_law, bench_simulate, bench_step
+from tests.bench.figures import rounded
 
 LIBRARIES = ("eclipse-zenoh", "numpy", "pydantic", "rosbags")
 DOCS = Path(__file__).parents[2] / "docs"
@@ -92,7 +93,7 @@ def main() -> None:
         print(text)
         return
     (DOCS / "benchmarks.md").write_text(text)
-    (DOCS / "benchmarks.json").write_text(json.dumps({"machine": where, **found}, indent=1) + "\n")
+    (DOCS / "benchmarks.json").write_text(json.dumps(rounded({"machine": where, **found}), indent=1) + "\n")
 
 
 if __name__ == "__main__":

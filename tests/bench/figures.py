@@ -23,6 +23,13 @@ def over_rounds(rounds: Sequence[Any]) -> Any:
     return {"median": float(np.median(rounds)), "low": float(min(rounds)), "high": float(max(rounds))}
 
 
+def rounded(tree: Any) -> Any:
+    """The same tree with five significant digits, which is more than any of these numbers has."""
+    if isinstance(tree, dict):
+        return {key: rounded(value) for key, value in tree.items()}
+    return float(f"{tree:.5g}") if isinstance(tree, float) else tree
+
+
 def span(figure: dict[str, float], digits: int, unit: str = "") -> str:
     """A figure `over_rounds`, as a table has it: ``2.41× (2.30–2.55)``."""
     return (
