@@ -10,8 +10,8 @@ Three processes take turns every 20 ms, each a third of a period after the other
 
 All three get the same odometry from this process and answer with a command. A latency is the time from `put`
 of the odometry to the command in this process's receive callback; the next odometry waits until the last one
-is answered, so every answer has its question. Each round starts all three anew. A last round replaces the
-agent by one with stopwatches at its seams.
+is answered, so every answer has its question. Each round starts all three anew. A round before replaces
+the agent by one with stopwatches at its seams.
 """
 
 from __future__ import annotations
@@ -150,30 +150,33 @@ def where_it_goes(profile: dict[str, Any], agent: Subject) -> dict[str, Any]:
     return {part: {"mean": float(np.mean(took)), **tail(took)} for part, took in parts.items()}
 
 
+def profiled(bus: Bus, scene: Scene, seconds: float) -> dict[str, Any]:
+    """A round with stopwatches inside the agent."""
+    file = scene.folder / "profile.json"
+    agent = Subject("agent", ROBOTS["agent"], scene.profiled_agent(file))
+    echo = Subject("echo", ROBOTS["echo"], scene.echo())
+    one_round(bus, scene, [agent, echo], seconds)
+    profile = json.loads(file.read_text())
+    return {
+        "profile_us": where_it_goes(profile, agent),
+        "longest_collection_us": max(profile["pauses"], default=0.0) * 1e6,
+    }
+
+
 def measure(rounds: int, seconds: float) -> dict[str, Any]:
     """All figures of the edge; medians over rounds with their lowest and highest."""
     with tempfile.TemporaryDirectory() as folder:
         scene = Scene(Path(folder))
         with surrounded(scene) as bus:
             gc.freeze()  # what stands by now needs no more collecting in the middle of a measurement
+            profile = profiled(bus, scene, seconds)
             found = []
             for number in range(rounds):
                 subjects = [Subject(who, ROBOTS[who], getattr(scene, who)()) for who in ROBOTS]
                 # nobody is always the first to start
                 subjects = subjects[number % 3 :] + subjects[: number % 3]
                 found.append(with_ratios(one_round(bus, scene, subjects, seconds)))
-            file = scene.folder / "profile.json"
-            agent = Subject("agent", ROBOTS["agent"], scene.profiled_agent(file))
-            echo = Subject("echo", ROBOTS["echo"], scene.echo())
-            one_round(bus, scene, [agent, echo], seconds)
-            profile = json.loads(file.read_text())
-    return {
-        "rounds": rounds,
-        "seconds": seconds,
-        **over_rounds(found),
-        "profile_us": where_it_goes(profile, agent),
-        "longest_collection_us": max(profile["pauses"], default=0.0) * 1e6,
-    }
+    return {"rounds": rounds, "seconds": seconds, **over_rounds(found), **profile}
 
 
 def main() -> None:

@@ -19,6 +19,7 @@ import agent.core
 from agent import failsafe
 from agent.core import Agent
 from agent.localisation import Localisation
+from agent.neighbourhood import Neighbourhood
 from formation import order
 from formation.bus import Bus
 from formation.law import LAWS
@@ -83,7 +84,7 @@ def install(profile: Profile) -> None:
     profile.replace(agent.core, "encode", lambda message: f"encode {type(message).__name__}")
     profile.replace(order, "encode", "encode Order")
     profile.replace(failsafe, "decide", "failsafe")
-    profile.replace(agent.core, "measured", "law")
+    profile.replace(Neighbourhood, "measured", "law")
     profile.replace(Localisation, "take", "observer")
     vars(agent.core)["LAWS"] = {name: profile.timed(law, "law") for name, law in LAWS.items()}
     setattr(Agent, Agent.step.__name__, profile.step(Agent.step))

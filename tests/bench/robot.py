@@ -83,6 +83,10 @@ class Subject:
             "threads": float(self.process.num_threads()),
         }
 
+    def has_ended(self) -> bool:
+        """Whether its process is gone though nobody ended it."""
+        return self.process is not None and self.process.poll() is not None
+
     def has_moved(self) -> bool:
         """Whether it has ever sent a command that is not to stand still."""
         return self.moving > 0.0
@@ -119,11 +123,15 @@ class Robots:
         self._rate = Rate(edge.RATE * len(subjects))
 
     def drive(self, until: Callable[[], object], limit: float = PATIENCE) -> None:
-        """Send odometry to those who were started, until the condition holds. Raises TimeoutError."""
+        """Send odometry to those who were started, until the condition holds.
+
+        Raises RuntimeError if that takes longer than `limit` [s], or if a subject ends.
+        """
         end = time.monotonic() + limit
         while not until():
-            if time.monotonic() > end:
-                raise TimeoutError(f"after {limit} s: {self._subjects}")
+            ended = [subject.name for subject in self._subjects if subject.has_ended()]
+            if ended or time.monotonic() > end:
+                raise RuntimeError(f"{' and '.join(ended)} ended" if ended else f"no answer for {limit} s")
             time.sleep(max(0.0, self._rate.due - time.monotonic()))
             if self._rate.tick(time.monotonic()):
                 self._tick()
