@@ -119,7 +119,7 @@ def _profile(found: dict[str, Any]) -> str:
         (part, f"{took['p50']:.0f}", f"{100.0 * took['p50'] / total:.0f} %", f"{took['p99']:.0f}")
         for part, took in profile.items()
     ]
-    return f"""Where the agent's time goes, in a round of its own with stopwatches at its seams, which take time
+    return f"""Where the agent's time goes, in a round with stopwatches at its seams, which take time
 themselves (the medians add up to {total:.0f} µs) [µs]:
 
 {markdown(("part", "p50", "share", "p99"), rows)}
