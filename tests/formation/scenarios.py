@@ -9,6 +9,7 @@ import numpy as np
 
 from formation.mission import Mission
 from formation.plane import ComplexArray
+from formation.simulate import Result
 
 HEXAGON: ComplexArray = np.exp(1j * np.pi / 3.0 * np.arange(6)) - 1.0
 TRIANGLE: ComplexArray = -0.5 * np.exp(1j * np.array([0.0, -np.pi / 6.0, np.pi / 6.0])) + np.array(
@@ -124,3 +125,16 @@ def ring(followers: int, **law: Any) -> Mission:
         robot={"control_point_offset": 0.2, "max_speed": 1.5, "max_turn_rate": 1.5},
         simulation={"spread": 0.1, "horizon": 120.0},
     )
+
+
+def median(result: Result) -> float:
+    return float(result.summary()["settling_time"]["median"])
+
+
+def out_of_slot(mission: Mission, result: Result) -> list[float]:
+    """Each robot's distance from its slot behind the leader, RMS over the last third of the run [cm]."""
+    assert result.history is not None
+    points = result.history.points
+    away = np.abs(points - points[:, :1] - mission.slots())[len(points) * 2 // 3 :]
+    rms: list[float] = (100.0 * np.sqrt(np.square(away).mean(axis=0))).tolist()
+    return rms

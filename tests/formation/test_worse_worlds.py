@@ -1,0 +1,99 @@
+"""The simulated loop with delay, loss, noise and bodies that are not ideal."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from formation.body import Body
+from formation.ensemble import Options
+from formation.mission_file import load
+from formation.simulate import simulate
+from tests.formation import scenarios
+
+SIX = scenarios.six()
+
+
+# A worse world
+
+
+def test_lost_samples_slow_the_formation_down_but_do_not_break_it() -> None:
+    result = simulate(SIX, runs=20, horizon=40.0, options=Options(loss=0.3))
+    assert result.converged.all()
+    assert 3.0 < scenarios.median(result) < 8.0
+
+
+def test_who_hears_nothing_stands_still() -> None:
+    result = simulate(SIX, horizon=5.0, options=Options(loss=1.0), keep=True)
+    assert result.history is not None
+    deaf = result.history.time > 0.2
+    assert np.abs(result.history.speed[deaf]).max() == 0.0
+    assert np.abs(result.history.turn_rate[deaf]).max() == 0.0
+
+
+def test_delay_compensation_is_what_makes_late_samples_cost_nothing() -> None:
+    late = Options(delay=0.1)
+    with_it = simulate(scenarios.straight_chain(), options=late, horizon=40.0)
+    without = simulate(scenarios.straight_chain(delay_compensation=False), options=late, horizon=40.0)
+    assert with_it.final_error[0] < 1e-3
+    assert without.final_error[0] > 0.01
+
+
+def test_positions_that_are_older_than_can_be_believed_are_not_carried_forward() -> None:
+    result = simulate(scenarios.straight_chain(), options=Options(delay=0.3), horizon=60.0, keep=True)
+    # 0.1 m/s for 0.3 s, each hop
+    assert scenarios.out_of_slot(scenarios.straight_chain(), result)[1] == pytest.approx(3.0, rel=0.1)
+
+
+def test_a_sensor_on_the_robot_minds_neither_delay_nor_loss() -> None:
+    seen_locally = Options(measurement="local")
+    deaf = replace(seen_locally, delay=0.5, loss=1.0)
+    clean, worse = (simulate(SIX, runs=3, horizon=20.0, options=options) for options in (seen_locally, deaf))
+    assert worse.final_error.tolist() == clean.final_error.tolist()
+    assert clean.converged.all()
+
+
+def test_equation_7_as_it_stands_fails_from_most_starts() -> None:
+    printed = Options(measurement="local", normalised=False)
+    assert simulate(SIX, runs=60, law="paper", options=printed, horizon=90.0).converged.mean() < 0.5
+
+
+def test_noise_leaves_an_error_of_its_own_size() -> None:
+    noisy = Options(body=Body(position_noise=0.001))
+    result = simulate(SIX, runs=10, horizon=20.0, options=noisy)
+    assert result.converged.all()
+    assert 1e-3 < np.median(result.final_error) < 0.03
+
+
+def test_the_firmware_of_the_mission_clamps_lags_and_cuts_commands() -> None:
+    history = simulate(load("turtlebot3_pair"), horizon=30.0, keep=True).history
+    assert history is not None
+    assert np.abs(history.speed).max() <= 0.2108
+    assert 0.0 < history.speed[1].max() < 0.05  # from rest, wheels that lag
+    free = simulate(load("turtlebot3_pair"), horizon=30.0, keep=True, options=Options(body=Body())).history
+    assert free is not None
+    assert np.abs(free.speed[1]).max() > 0.2  # at once
+
+
+def test_a_run_that_leaves_the_numbers_has_not_converged_and_warns_nobody() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = simulate(
+            SIX, runs=4, law="paper", horizon=60.0, options=Options(observer="printed", normalised=False)
+        )
+    assert not result.converged.any()
+    json.dumps(result.summary(), allow_nan=False)
+
+
+def test_ten_thousand_robots_are_steps_of_arrays() -> None:
+    side = 100
+    grid = -(np.arange(side * side) % side) - 1j * (np.arange(side * side) // side)
+    grid = grid.astype(np.complex128)
+    behind = [() if i == 0 else (i - 1 if i % side else i - side,) for i in range(side * side)]
+    result = simulate(scenarios.build(grid, behind), horizon=1.0, step=0.05)
+    assert result.robot_steps == 20 * (side * side - 1)
+    assert result.wall_time < 5.0
