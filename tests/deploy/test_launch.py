@@ -131,6 +131,7 @@ def test_an_exception_inside_the_context_leaves_no_child(tmp_path: Path) -> None
     assert all(is_gone(child.pid) for child in children)
 
 
+@pytest.mark.usefixtures("in_a_terminal", "launcher")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_the_first_signal_only_counts_and_wakes_whoever_waits(launcher: Launcher, number: int) -> None:
     child = launcher.start(program(GOOD))

@@ -103,6 +103,7 @@ def test_a_signal_is_the_wish_to_stop_and_wakes_whoever_sleeps() -> None:
     assert woken == [1]
 
 
+@pytest.mark.usefixtures("in_a_terminal")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_every_signal_that_ends_a_process_is_polite_and_as_before_afterwards(number: signal.Signals) -> None:
     before = signal.getsignal(number)
