@@ -35,6 +35,9 @@ NUMBERS = ("error", "θ error", "age")
 """Columns that stand right."""
 LINE_EVERY = 2.0
 """[s]"""
+ECHO = len("^C")
+"""Columns left free behind the last line, where a terminal shows that Ctrl-C was pressed. Without them that
+would take one more line, and the table be drawn anew below its own title."""
 
 
 class View(Protocol):
@@ -211,7 +214,7 @@ def _footer(progress: Progress, width: int, *, ascii_only: bool) -> list[Text]:
     clock = f"{progress.elapsed:.0f} of {progress.duration:g} s "
     if progress.phase != "running":
         clock += f"({progress.phase}) "
-    room = max(8, width - len(clock) - 1)
+    room = max(8, width - len(clock) - 1 - ECHO)
     done = min(room, round(room * progress.elapsed / progress.duration))
     second = Text(clock)
     second.append(("#" if ascii_only else "━") * done, style="green")

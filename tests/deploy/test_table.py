@@ -110,6 +110,15 @@ def test_the_footer_has_total_error_and_time() -> None:
     assert "settled" in row(picture(now), "error")
 
 
+@pytest.mark.parametrize(("width", "elapsed"), [(80, 3.0), (80, 12.0), (120, 29.9)])
+def test_what_a_terminal_writes_for_ctrl_c_fits_behind_the_last_line(width: int, elapsed: float) -> None:
+    now = progress()
+    now.elapsed = elapsed
+    for phase in ("running", "stopping"):
+        now.phase = phase
+        assert len(picture(now, width)[-1] + "^C") < width  # else the cursor is further down than known
+
+
 def test_with_more_robots_than_lines_those_in_trouble_are_shown_and_the_rest_counted() -> None:
     now = progress("two_chains", {"right3": RUNNING._replace(error=0.9), "left6": RobotNow("unseen")})
     lines = picture(now, height=10)
