@@ -49,7 +49,7 @@ def _summary(mission: Mission, found: Analysis) -> Iterator[str]:
 
 
 def _robots(mission: Mission, found: Analysis) -> Iterator[str]:
-    width = max(len(name) for name in mission.names) + 2
+    width = max(len(name) for name in ("robot", *mission.names)) + 2
     yield f"  {'robot':<{width}}{'hops':<6}{'error per leader speed':<24}measures"
     for name in mission.names:
         peak = found.amplification.get(name)

@@ -85,6 +85,19 @@ def test_the_words_and_the_json_say_the_same(capsys: pytest.CaptureFixture[str])
     assert f"{found.delay_margin * 1e3:.0f} ms" in out
 
 
+def test_columns_stand_under_their_titles_however_short_the_names(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mission = tmp_path / "ring.toml"
+    mission.write_text(ring(3).replace("leader", "l").replace('l = "l"', 'leader = "l"', 1))
+    _, out, _ = checked(capsys, str(mission))
+    lines = out.splitlines()
+    title = next(number for number, text in enumerate(lines) if "measures" in text)
+    assert lines[title].split()[:2] == ["robot", "hops"]
+    rows = lines[title + 1 : title + 5]
+    assert [text[lines[title].index("hops")] for text in rows] == ["0", "1", "2", "3"]
+
+
 def test_eigenvalues_are_listed_once_slowest_first_and_pairs_as_one() -> None:
     text = _eigenvalues([-3.0 + 0j, -0.5 - 1j, -3.0 + 0j, -0.5 + 1j])
     assert text == "-0.5 ± 1i, -3 (2 times) 1/s"
