@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import shlex
 import shutil
 import sys
 import tempfile
@@ -163,7 +164,7 @@ def _recording(mission: Mission, asked: Path | None) -> Path:
 
 
 def _how_to_order(source: str, ports: Ports) -> str:
-    command = f"formation order {source} stop"
+    command = f"formation order {shlex.quote(source)} stop"
     if not ports.as_in_mission:
         command += "".join(f" -e {end}" for end in ports.endpoints.agents.values())
     return f"Ctrl-C ends it. From another terminal: {command}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import signal
 from collections.abc import Sequence
 from pathlib import Path
@@ -215,6 +216,12 @@ def test_a_folder_that_cannot_be_made_is_refused(ran: Runner, tmp_path: Path) ->
     done = ran(*good())
     assert done.code == 2
     assert done.err.count("\n") == 1
+
+
+def test_the_order_it_suggests_can_be_pasted_whatever_the_file_is_called() -> None:
+    with Ports(load("turtlebot3_pair")) as ports:
+        words = shlex.split(run._how_to_order("my missions/it's.toml", ports))
+    assert words[words.index("order") + 1] == "my missions/it's.toml"
 
 
 def test_the_process_table_has_one_process_per_agent_and_links_along_the_graph_only() -> None:
