@@ -57,22 +57,22 @@ def number(lowest: float, highest: float = math.inf, *, open_below: bool = False
         low = value > lowest if open_below else value >= lowest
         if not (math.isfinite(value) and low and value <= highest):
             below = f"above {lowest:g}" if open_below else f"at least {lowest:g}"
-            raise argparse.ArgumentTypeError(
-                f"{text}: must be {below}" + (f" and at most {highest:g}" if math.isfinite(highest) else "")
-            )
+            above = f"at most {highest:g}" if math.isfinite(highest) else "finite"
+            raise argparse.ArgumentTypeError(f"{text}: must be {below} and {above}")
         return value
 
     read.__name__ = "number"  # argparse: invalid number value: 'x'
     return read
 
 
-def whole(lowest: int) -> Callable[[str], int]:
-    """An argument type: a whole number from `lowest`."""
+def whole(lowest: int, highest: int | None = None) -> Callable[[str], int]:
+    """An argument type: a whole number from `lowest` to `highest`."""
 
     def read(text: str) -> int:
         value = int(text)
-        if value < lowest:
-            raise argparse.ArgumentTypeError(f"{text}: must be at least {lowest}")
+        if value < lowest or (highest is not None and value > highest):
+            above = "" if highest is None else f" and at most {highest}"
+            raise argparse.ArgumentTypeError(f"{text}: must be at least {lowest}{above}")
         return value
 
     read.__name__ = "whole number"

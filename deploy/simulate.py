@@ -22,6 +22,8 @@ from formation.mission import Mission
 from formation.simulate import Result, simulate
 from monitor.figure import draw
 
+MOST_RUNS = 100_000
+"""All runs go in step, and their robots have to fit into memory together."""
 PATIENCE = 2.0
 """From this on a simulation shows how far it is [s]."""
 EXAMPLES = """\
@@ -54,12 +56,15 @@ def main(arguments: Sequence[str]) -> int:
             )
         except ValueError as error:
             raise Refusal(f"simulate: {error}") from None
+        except MemoryError:
+            raise Refusal(f"--runs {options.runs}: more than fits into memory; take fewer") from None
     if options.plot is not None and result.history is not None:
         try:
             draw(result.history, options.plot)
         except OSError as error:
             raise Refusal(f"--plot {options.plot}: {error.strerror}") from None
-    print(words(mission, options.seed, result))
+    drawn = options.runs > 1 or options.spread is not None
+    print(words(mission, options.seed if drawn else None, result))
     if options.plot is not None:
         print(f"  figure           {options.plot}")
     if options.json:
@@ -67,12 +72,14 @@ def main(arguments: Sequence[str]) -> int:
     return 0
 
 
-def words(mission: Mission, seed: int, result: Result) -> str:
-    """The result for people."""
+def words(mission: Mission, seed: int | None, result: Result) -> str:
+    """The result for people; `seed` is what starts were drawn from, None for the mission's own."""
     found = result.summary()
     runs, settling, final = found["runs"], found["settling_time"], found["final_error"]
     converged = round(found["converged_fraction"] * runs)
-    where = "the mission's own starts" if runs == 1 else f"{runs} random starts, seed {seed}"
+    where = f"{runs} random start{'' if runs == 1 else 's'}, seed {seed}"
+    if seed is None:
+        where = "the mission's own starts"
     lines = [
         f"{mission.name}, {result.law} law, {where}",
         f"  converged        {converged} of {runs}: error under {metres(result.settled)} until the end",
@@ -151,7 +158,9 @@ def _check_plot(path: Path) -> None:
 def _options() -> argparse.ArgumentParser:
     options = parser("simulate", "Simulate a mission: the agents' own law, without a network.", EXAMPLES)
     add_mission(options)
-    options.add_argument("--runs", type=whole(1), default=1, metavar="N", help="how many (default 1)")
+    options.add_argument(
+        "--runs", type=whole(1, MOST_RUNS), default=1, metavar="N", help="how many (default 1)"
+    )
     options.add_argument("--seed", type=whole(0), default=0, metavar="S", help="of all chance (default 0)")
     options.add_argument("--horizon", type=number(0.0, open_below=True), metavar="S", help="its length [s]")
     options.add_argument(

@@ -120,6 +120,18 @@ def test_a_reader_that_goes_away_causes_no_traceback() -> None:
         assert process.stderr.read() == ""
 
 
+def test_a_terminal_without_unicode_causes_no_traceback() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "deploy", "simulate", "--help"],
+        env={**os.environ, "PYTHONIOENCODING": "ascii", "COLUMNS": "200"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "within \\xb1 this of the slots" in done.stdout
+
+
 def test_the_command_itself_loads_nothing_heavy() -> None:
     code = "import sys, deploy.cli; print(sorted({'numpy', 'pydantic', 'zenoh', 'rich'} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -158,6 +170,11 @@ def test_the_law_of_the_command_line_outranks_the_missions() -> None:
 def test_a_number_that_cannot_be_is_refused(text: str) -> None:
     with pytest.raises(Exception, match="must be above 0"):
         number(0.0, open_below=True)(text)
+
+
+def test_a_number_without_end_is_told_what_is_wrong_with_it() -> None:
+    with pytest.raises(Exception, match="inf: must be above 0 and finite"):
+        number(0.0, open_below=True)("inf")
 
 
 def test_a_count_below_the_lowest_is_refused() -> None:

@@ -48,6 +48,25 @@ def test_one_run_starts_as_the_mission_says_and_many_as_the_seed_says(
     assert simulated(capsys, "--runs", "5", "--seed", "2")[1]["final_error"] != many["final_error"]
 
 
+def test_one_run_from_a_random_start_does_not_claim_to_be_the_missions(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    text, _ = simulated(capsys, "--spread", "0.2", "--seed", "4")
+    assert "1 random start, seed 4" in text
+    assert "the mission's own" not in text
+
+
+def test_runs_that_do_not_fit_into_memory_are_refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(simulate, "simulate", full)
+    assert main(["simulate", "six_robots", "--runs", "5000"]) == 2
+    assert capsys.readouterr().err == "formation: --runs 5000: more than fits into memory; take fewer\n"
+
+
 def test_a_worse_world_is_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: dict[str, Any] = {}
 
@@ -69,6 +88,7 @@ def test_a_worse_world_is_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
     ("flags", "named"),
     [
         (["--runs", "0"], "at least 1"),
+        (["--runs", "1000000000"], "at most 100000"),
         (["--runs", "1.5"], "invalid whole number value: '1.5'"),
         (["--delay", "-1"], "at least 0"),
         (["--loss", "1.5"], "at most 1"),
