@@ -111,17 +111,19 @@ def test_a_robot_goes_where_it_is_told_and_stands_when_it_is_told() -> None:
     end = free_endpoint()
     with robot2(end) as child, listening(end, "robot2/odom", "robot2/ground_truth") as bus:
         bus.advertise(CMD_VEL, "robot2/cmd_vel")
-        at_rest = decode(Odometry, heard(bus, odometry)[-1].payload)
+        at_rest = newest_odometry(heard(bus, odometry))
+        assert at_rest is not None
         assert at_rest.position == -1.5 + 2.0j
         bus.publish("robot2/cmd_vel", encode(Twist(0.5, 0.0)))
         moving = heard(bus, lambda samples: is_at(samples, 0.5) and len(samples) >= 40)
         bus.publish("robot2/cmd_vel", encode(Twist(0.0, 0.0)))
-        stopped = decode(Odometry, heard(bus, lambda samples: is_at(samples, 0.0))[-1].payload)
+        stopped = newest_odometry(heard(bus, lambda samples: is_at(samples, 0.0)))
         child.signal(signal.SIGTERM)
         summary = child.event("summary")
     fast = [one for one in map(odometry_of, moving) if one is not None and one.speed == 0.5]
     seconds, way = fast[-1].stamp - fast[0].stamp, fast[-1].position - fast[0].position
     assert way == pytest.approx(0.5j * seconds, abs=1e-4)
+    assert stopped is not None
     assert stopped.position.imag > fast[-1].position.imag
     assert summary["received"] == {"robot2/cmd_vel": 2}
     assert summary["published"]["robot2/odom"] == summary["published"]["robot2/ground_truth"]
@@ -268,7 +270,12 @@ def turn_rate(sample: Sample) -> float:
     return decode(Odometry, sample.payload).turn_rate
 
 
+def newest_odometry(samples: Sequence[Sample]) -> Odometry | None:
+    """The last odometry among samples of all kinds."""
+    return next(filter(None, map(odometry_of, reversed(samples))), None)
+
+
 def is_at(samples: Sequence[Sample], speed: float) -> bool:
-    """Whether the newest sample is an odometry that says so."""
-    newest = odometry_of(samples[-1]) if samples else None
+    """Whether the newest odometry says so."""
+    newest = newest_odometry(samples)
     return newest is not None and newest.speed == speed
