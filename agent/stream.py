@@ -34,17 +34,16 @@ class Stream:
 
         A fresh start is the first message, the first after a long silence, or the first by a clock set anew.
         Raises BadMessage for an absurd stamp, and for one that does not follow from the last: replayed,
-        reordered, or the first after the sender's clock was set (the second then confirms the new time).
+        reordered, held up, or the first after the sender's clock was set (the second then confirms the new
+        time). However long the stream has been silent: a message that is said again and again stays refused.
         """
         if abs(now.wall - stamp) > ABSURD:
             raise BadMessage(f"absurd stamp: {stamp - now.wall:+.0f} s from this robot's clock")
         if self.arrived is None:
             return self._newest(stamp, arrived, now, None)
         elapsed, wait = stamp - self.stamp, arrived - self.arrived
-        if self._agree(elapsed, wait) and wait <= FORGOTTEN:
-            return self._newest(stamp, arrived, now, elapsed)
-        if wait > self.limit:
-            return self._newest(stamp, arrived, now, None)
+        if self._agree(elapsed, wait):
+            return self._newest(stamp, arrived, now, elapsed if wait <= max(FORGOTTEN, self.limit) else None)
         suspect, self._suspect = self._suspect, (stamp, arrived)
         if suspect is not None and self._agree(stamp - suspect[0], arrived - suspect[1]):
             return self._newest(stamp, arrived, now, None)

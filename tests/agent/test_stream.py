@@ -77,6 +77,22 @@ def test_a_sender_whose_clock_is_set_costs_one_message_and_is_then_followed(step
     assert not stream.clock_agrees
 
 
+def test_one_message_said_again_and_again_is_refused_however_long_nothing_else_is_heard() -> None:
+    stream = stream_after(0.0, 0.05)
+    for number in range(2, 200):
+        with pytest.raises(BadMessage, match="out of step"):
+            stream.admit(EPOCH + 0.05, number * PERIOD, at(number * PERIOD))
+    assert not stream.fresh(at(10.0))
+
+
+def test_a_robot_of_one_message_a_second_is_followed_like_any_other() -> None:
+    stream = Stream(1.0)
+    for second in range(20):
+        late = 0.01 * (second % 3)
+        elapsed = stream.admit(EPOCH + second, second + late, at(second + late))
+        assert elapsed == (pytest.approx(1.0, abs=1e-6) if second else None)
+
+
 @pytest.mark.parametrize("days", [-20_000.0, -2.0, 2.0, 20_000.0])
 def test_a_stamp_days_away_is_no_time_at_all(days: float) -> None:
     with pytest.raises(BadMessage, match="absurd stamp"):
