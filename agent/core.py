@@ -15,6 +15,7 @@ from agent import failsafe
 from agent.failsafe import Decision, Facts, State
 from agent.localisation import Localisation
 from agent.neighbourhood import Neighbour, Neighbourhood
+from agent.orders import Orders
 from agent.status import Report, status
 from formation import order
 from formation.law import LAWS
@@ -57,8 +58,7 @@ class Agent:
         self._neighbours = Neighbourhood(mission, robot, self.law_name)
         self._integral = 0j
         self._finite = True
-        self._order: Order | None = None
-        self._beat_rose = float("-inf")
+        self._orders = Orders(mission)
         self._latched: Mode | None = None
         self._status_due = float("-inf")
         self._rest_due = float("-inf")
@@ -101,7 +101,7 @@ class Agent:
                 interval = taken if interval is None else interval + (taken or 0.0)
         before, self.decision = self.decision.state, self._decide(now)
         outbox = self._drive(now, interval) if moved else self._rest(now)
-        if moved:
+        if moved and self._here.jumped is None:  # whoever measures this robot would jump as well
             outbox.append(self._position())
         if now.mono >= self._status_due or self.decision.state is not before:
             self._status_due = now.mono + STATUS_PERIOD
@@ -126,7 +126,7 @@ class Agent:
         return self._reply(ok=True, reason="")
 
     def _reply(self, *, ok: bool, reason: str) -> bytes:
-        mode = self._latched or (self._order.mode if self._order else "hold")
+        mode = self._latched or (self._orders.newest.mode if self._orders.newest else "hold")
         return order.encode(OperatorReply(robot=self.robot, ok=ok, mode=mode, reason=reason))
 
     def _by_key(self) -> dict[str, Handler]:
@@ -144,7 +144,8 @@ class Agent:
         pose = decode(Pose, sample.payload)
         if sample.attachment is not None:
             try:
-                self._take_order(order.decode(Order, sample.attachment), sample.arrived)
+                heard = order.decode(Order, sample.attachment)
+                self._orders.hear(heard, neighbour.name, sample.arrived, now)
             except BadMessage as bad:
                 self._drop(sample.key, bad)
         if self._spec.measurement == "network":
@@ -154,12 +155,6 @@ class Agent:
         displacement = decode(Displacement, sample.payload)
         neighbour.take_displacement(displacement, sample.arrived, now)
 
-    def _take_order(self, heard: Order, arrived: float) -> None:
-        if heard.shape not in self._mission.shapes:
-            raise BadMessage(f"unknown shape {heard.shape!r}; known: {', '.join(self._mission.shapes)}")
-        if order.newer(heard, self._order):
-            self._order, self._beat_rose = heard, arrived
-
     def _decide(self, now: Now) -> Decision:
         return failsafe.decide(
             Facts(
@@ -167,8 +162,9 @@ class Agent:
                 odometry_silence=self._here.stream.silence(now),
                 odometry_limit=self._here.stream.limit,
                 jumped=self._here.jumped,
-                order=self._order,
-                beat_silence=now.mono - self._beat_rose,
+                follows=self._here.follows,
+                order=self._orders.newest,
+                beat_silence=now.mono - self._orders.rose,
                 neighbours=self._neighbours.silences(now),
                 fresh=len(self._neighbours.fresh(now)),
                 finite=self._finite,
@@ -177,10 +173,12 @@ class Agent:
 
     def _drive(self, now: Now, interval: float | None) -> list[Outgoing]:
         """A command for the newest odometry; zero velocity unless the failsafe table says run."""
+        self._neighbours.place(self._here)
         if self.decision.state is not State.RUN:
             self._finite = True
             return [self._commanded(now, AT_REST)]
-        shape = self._order.shape if self._order else self._mission.first_shape
+        wanted = self._orders.newest
+        shape = wanted.shape if wanted else self._mission.first_shape
         what = self._neighbours.measured(self._here, shape, now)
         dt = min(interval or 0.0, self._here.stream.limit)
         command, integral = self._law(
@@ -191,6 +189,7 @@ class Agent:
             self.decision, self._integral = self._decide(now), 0j
             return [self._commanded(now, AT_REST)]
         self._integral = complex(integral)
+        self._rest_due = float("-inf")  # whatever stops it takes hold at once
         return [self._commanded(now, Command(float(command.speed), float(command.turn_rate)))]
 
     def _rest(self, now: Now) -> list[Outgoing]:
@@ -208,7 +207,8 @@ class Agent:
 
     def _position(self) -> Outgoing:
         pose = Pose(self._here.stream.stamp, self._here.position, self._here.heading)
-        attachment = None if self._order is None else order.encode(self._order)
+        relayed = self._orders.newest
+        attachment = None if relayed is None else order.encode(relayed)
         return Outgoing(self._position_key, encode(pose), attachment)
 
     def _status(self, now: Now) -> Outgoing:

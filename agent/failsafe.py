@@ -39,8 +39,8 @@ class Facts:
     """[s]; infinite before the first message."""
     odometry_limit: float
     """[s]"""
-    jumped: float | None
-    """A recent jump of the odometry's position [m]."""
+    jumped: str | None
+    """A recent jump of the odometry, in words."""
     order: Order | None
     """The newest order that a neighbour relayed."""
     beat_silence: float
@@ -49,6 +49,8 @@ class Facts:
     """Silence of each neighbour [s]; infinite before the first message."""
     fresh: int
     """How many of them can be followed."""
+    follows: bool = True
+    """Whether the newest odometry closed an interval."""
     finite: bool = True
     """Whether the law's result is a number."""
 
@@ -85,7 +87,12 @@ TABLE: tuple[Row, ...] = (
         State.HOLD,
         lambda f: f"odometry silent for {f.odometry_silence:.2f} s",
     ),
-    Row(lambda f: f.jumped is not None, State.HOLD, lambda f: f"odometry jumped {f.jumped:.2f} m"),
+    Row(lambda f: f.jumped is not None, State.HOLD, lambda f: f"odometry jumped {f.jumped}"),
+    Row(
+        lambda f: not f.follows,
+        State.HOLD,
+        lambda f: f"no two odometry messages within {f.odometry_limit:.2f} s",
+    ),
     Row(lambda f: f.order is None, State.WAITING, lambda _: "no order from the leader yet"),
     Row(
         lambda f: f.beat_silence > LEADER_LOST,

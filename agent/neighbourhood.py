@@ -15,10 +15,11 @@ from formation.wire import Now
 class Neighbour:
     """One neighbour, by its positions over the network or by displacements that a sensor measures."""
 
-    def __init__(self, mission: Mission, name: str) -> None:
+    def __init__(self, mission: Mission, name: str, rate: float) -> None:
+        """`rate` [Hz] is how often something is heard of it."""
         spec = mission.robots[name]
         self.name = name
-        self.stream = Stream(spec.rate)
+        self.stream = Stream(rate)
         self.displacement = 0j
         """Newest measured z_ij^(i) [m; body frame]; only where a sensor measures it."""
         # The virtual leader has no body: its position is its control point.
@@ -37,6 +38,9 @@ class Neighbour:
         """Learn from a displacement measured on my own body. Raises BadMessage."""
         elapsed = self.stream.admit(measured.stamp, arrived, now)
         self.displacement = measured.displacement
+        if self._unplaced is not None and elapsed is not None:  # the one before was never placed
+            (before,) = self._unplaced
+            elapsed = None if before is None else before + elapsed
         self._unplaced = (elapsed,)
 
     def place(self, here: Localisation) -> None:
@@ -83,7 +87,13 @@ class Neighbourhood:
 
     def __init__(self, mission: Mission, robot: str, law: str) -> None:
         spec, field = mission.robots[robot], law == "field"
-        self.each = {name: Neighbour(mission, name) for name in spec.neighbours}
+        # a neighbour tells where it is at its own rate; a sensor measures at the rate of the robot it sits on
+        self.each = {
+            name: Neighbour(
+                mission, name, spec.rate if spec.measurement == "local" else mission.robots[name].rate
+            )
+            for name in spec.neighbours
+        }
         self._mission, self._robot = mission, robot
         # the paper's law takes neighbours as they were last seen, and knows no velocities
         self._carry = field and mission.law.delay_compensation
@@ -98,10 +108,13 @@ class Neighbourhood:
         """How long each has been silent [s]; infinite before the first message."""
         return {name: one.stream.silence(now) for name, one in self.each.items()}
 
-    def measured(self, here: Localisation, shape: str, now: Now) -> Measured:
-        """The law's input: sums over the fresh neighbours, of which there must be at least one."""
+    def place(self, here: Localisation) -> None:
+        """Put what sensors have measured into the world; to be called with every odometry."""
         for one in self.each.values():
             one.place(here)
+
+    def measured(self, here: Localisation, shape: str, now: Now) -> Measured:
+        """The law's input: sums over the fresh neighbours, of which there must be at least one."""
         me, heading, my_age = here.point, here.heading, here.stream.age(now)
         mine = self._mission.slot(self._robot, shape)
         relative, desired, velocity = 0j, 0j, 0j

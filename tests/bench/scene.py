@@ -93,15 +93,17 @@ def _one_step(mission_file: Path) -> list[Outgoing]:
     """What an agent in formation control says in one step: command, position with order, status."""
     mission = load(mission_file)
     agent = Agent(mission, edge.FOLLOWER)
-    beat = encode_order(Order(term=time.time_ns(), beat=1000, mode="run", shape="line"))
-    now = Now(time.monotonic(), time.time())
-    inbox = [
-        Sample(POSITION.key(robot), encode(edge.position(robot, 0.0, now.wall)), beat, now.mono)
-        for robot in (edge.LEADER, edge.NEIGHBOUR)
-    ]
-    return agent.step(
-        now, [*inbox, Sample(ODOM.key(edge.FOLLOWER), encode(edge.odometry(0.0, now.wall)), None, now.mono)]
-    )
+    term, outbox = time.time_ns(), list[Outgoing]()
+    for beat in (1000, 1001):  # the first alone proves no leader alive
+        now = Now(time.monotonic(), time.time())
+        attachment = encode_order(Order(term=term, beat=beat, mode="run", shape="line"))
+        inbox = [
+            Sample(POSITION.key(robot), encode(edge.position(robot, 0.0, now.wall)), attachment, now.mono)
+            for robot in (edge.LEADER, edge.NEIGHBOUR)
+        ]
+        odometry = Sample(ODOM.key(edge.FOLLOWER), encode(edge.odometry(0.0, now.wall)), None, now.mono)
+        outbox = agent.step(now, [*inbox, odometry])
+    return outbox
 
 
 def _row(robot: str, out: Outgoing) -> dict[str, Any]:

@@ -1,0 +1,99 @@
+"""What an agent makes of its own odometry, message by message."""
+
+from __future__ import annotations
+
+import cmath
+
+import pytest
+
+from agent.localisation import Localisation
+from formation.messages import Odometry
+from formation.mission_file import load
+from formation.wire import Now
+
+SIX = load("six_robots")
+EPOCH = 1.7e9
+PERIOD = 0.05
+
+
+class Driver:
+    """Feeds one robot's localisation, straight ahead along x unless told otherwise."""
+
+    def __init__(self, law: str = "field") -> None:
+        self.here = Localisation(SIX, "robot3", law)
+        self.mono, self.position, self.heading = 0.0, 0j, 1.0 + 0.0j
+
+    def drive(
+        self, after: float = PERIOD, *, speed: float = 0.5, move: complex = 0j, turn: float = 0.0
+    ) -> float | None:
+        self.mono += after
+        self.heading *= cmath.rect(1.0, turn)
+        self.position += speed * after * self.heading + move
+        message = Odometry(EPOCH + self.mono, self.position, self.heading, speed, 0.0)
+        return self.here.take(message, self.mono, Now(self.mono, EPOCH + self.mono))
+
+
+@pytest.fixture
+def driver() -> Driver:
+    driver = Driver()
+    for _ in range(40):
+        driver.drive()
+    assert driver.here.follows
+    assert abs(driver.here.heading - 1.0) < 0.01
+    return driver
+
+
+def test_the_first_message_opens_an_interval_and_the_second_closes_it() -> None:
+    driver = Driver()
+    assert driver.drive() is None
+    assert not driver.here.follows
+    assert driver.drive() == pytest.approx(PERIOD, abs=1e-6)
+    assert driver.here.follows
+
+
+@pytest.mark.parametrize("gap", [0.2, 0.9, 1.1])
+def test_after_a_gap_the_heading_is_not_followed_until_an_interval_is_closed(
+    driver: Driver, gap: float
+) -> None:
+    assert driver.drive(gap) is None
+    assert driver.here.jumped is None
+    assert not driver.here.follows
+    driver.drive()
+    assert driver.here.follows
+
+
+@pytest.mark.parametrize("gap", [PERIOD, 0.4, 1.1])
+def test_a_jump_is_minded_whether_it_comes_in_time_or_after_a_gap(driver: Driver, gap: float) -> None:
+    assert driver.drive(gap, move=5.0 + 0.0j) is None
+    assert driver.here.jumped is not None
+    assert driver.here.jumped.endswith(" m")
+    for _ in range(2):
+        driver.drive()
+        assert driver.here.jumped is not None
+    for _ in range(2):
+        driver.drive()
+    assert driver.here.jumped is None
+
+
+def test_a_gyroscope_that_is_reset_jumps_and_leaves_the_estimated_heading_alone(driver: Driver) -> None:
+    before = driver.here.heading
+    driver.heading *= 1j
+    message = Odometry(EPOCH + driver.mono + PERIOD, driver.position + 0.025, driver.heading, 0.5, 0.0)
+    driver.mono += PERIOD
+    assert driver.here.take(message, driver.mono, Now(driver.mono, EPOCH + driver.mono)) is None
+    assert driver.here.jumped == "+1.57 rad"
+    assert driver.here.heading == before
+
+
+def test_a_robot_that_turns_as_fast_as_it_may_does_not_jump(driver: Driver) -> None:
+    for _ in range(40):
+        driver.drive(turn=1.5 * PERIOD)
+        assert driver.here.jumped is None
+
+
+def test_the_printed_observer_stays_a_number_however_far_a_robot_reverses() -> None:
+    driver = Driver("paper")
+    for _ in range(4000):
+        driver.drive(speed=-1.5)
+        assert cmath.isfinite(driver.here._estimate)
+    assert abs(driver.here.heading) == pytest.approx(1.0)
