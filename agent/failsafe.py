@@ -10,10 +10,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
 
-from formation.order import Mode, Order
-
-LEADER_LOST = 1.0
-"""Silence of the leader's beat after which it counts as gone [s]."""
+from formation.order import LEADER_LOST, Mode, Order
 
 
 class State(StrEnum):

@@ -16,6 +16,9 @@ from formation.wire import BadMessage
 MAX_BYTES = 1024
 """Longest order, request or reply that is read at all."""
 
+LEADER_LOST = 1.0
+"""Silence of the leader's beat after which it counts as gone, and everybody stands still [s]."""
+
 Mode = Literal["hold", "run", "stop"]
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]

@@ -1,8 +1,8 @@
 """The virtual leader: a point that goes along the mission's route and says what the team is to do.
 
 `Leader.step(now, inbox) -> outbox`, without a clock, a socket or a log. Where it is depends on how long it
-has been running by the monotonic clock, and on nothing else: neither a late step nor a corrected system clock
-moves it.
+has been running by the monotonic clock: neither a late step nor a corrected system clock moves it. A leader
+that hung for so long that the team took it for gone goes on from where it was, not from where it would be.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from formation import order
 from formation.messages import Diagnostics, Pose, Status, encode
 from formation.mission import Mission
-from formation.order import Mode, OperatorReply, OperatorRequest, Order
+from formation.order import LEADER_LOST, Mode, OperatorReply, OperatorRequest, Order
 from formation.rate import Rate
 from formation.route import Route
 from formation.topics import POSITION, STATUS, Topic
@@ -115,7 +115,7 @@ class Leader:
         if self._stepped is None:
             self._term = int(now.wall * 1e9)
         elif self._in_force == "run":
-            self.route_time += now.mono - self._stepped
+            self.route_time += min(now.mono - self._stepped, LEADER_LOST)
         changed = self.mode != self._in_force and not first
         self._stepped, self._in_force = now.mono, self.mode
         return changed

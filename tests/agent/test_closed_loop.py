@@ -7,9 +7,9 @@ from statistics import median
 
 import pytest
 
-from agent.failsafe import LEADER_LOST
 from formation.mission import Mission
 from formation.mission_file import load, parse, read, shipped
+from formation.order import LEADER_LOST
 from formation.topics import ODOM, POSITION
 from formation.wire import Now, Sample
 from tests.agent.fleet import EPOCH, Fleet, keys_of_neighbours

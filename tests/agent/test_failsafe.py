@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from agent.failsafe import LEADER_LOST, TABLE, Facts, State, decide
-from formation.order import Order
+from agent.failsafe import TABLE, Facts, State, decide
+from formation.order import LEADER_LOST, Order
 
 RUN = Order(term=1, beat=5, mode="run", shape="hexagon")
 NEVER = float("inf")

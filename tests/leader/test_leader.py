@@ -10,7 +10,7 @@ from formation import order
 from formation.messages import Diagnostics, Pose, decode
 from formation.mission import Mission
 from formation.mission_file import load, parse
-from formation.order import OperatorReply, Order
+from formation.order import LEADER_LOST, OperatorReply, Order
 from formation.route import Route
 from formation.wire import Now, Outgoing
 from leader.core import Leader
@@ -93,6 +93,17 @@ def test_jitter_of_its_timer_does_not_show_in_the_velocity_that_followers_see() 
     for before, after in pairwise(said):
         seen = (after.pose.position - before.pose.position) / (after.pose.stamp - before.pose.stamp)
         assert abs(seen) == pytest.approx(0.2, abs=1e-4)  # stamps are floats of 1.7e9 s
+
+
+def test_a_leader_that_hung_goes_on_from_where_the_team_lost_it(mission: Mission) -> None:
+    leader, route = Leader(mission), Route.of(mission)
+    drive(leader, 0.0, 2.0)
+    (back,) = positions(60.0, leader.step(Now(60.0, EPOCH + 60.0), []))
+    lost = leader.route_time
+    assert lost == pytest.approx(1.96 + LEADER_LOST)
+    assert back.pose.position == pytest.approx(route.position(lost), abs=1e-9)
+    for one in drive(leader, 60.0, 2.0):
+        assert one.pose.position == pytest.approx(route.position(lost + one.mono - 60.0), abs=1e-9)
 
 
 def test_it_says_where_it_is_at_the_missions_rate_and_how_it_is_twice_a_second(mission: Mission) -> None:
@@ -217,7 +228,7 @@ def test_its_status_says_what_it_does_and_when_the_route_has_ended(mission: Miss
 
     (first,) = status(0.0).statuses
     assert (first.name, first.hardware_id, first.level, first.message) == ("ann: leader", "ann", 0, "run")
-    (last,) = status(60.0).statuses
+    (last,) = [status(float(second)) for second in range(1, 61)][-1].statuses
     assert last.values["state"] == "run"
     assert last.values["reason"] == "at the end of the route"
     assert int(last.values["late"]) > 1000
