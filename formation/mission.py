@@ -30,8 +30,10 @@ from formation.plane import ComplexArray
 
 Name = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]*$", max_length=64)]
 Title = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=64)]
-Positive = Annotated[float, Field(gt=0.0)]
-NotNegative = Annotated[float, Field(ge=0.0)]
+Positive = Annotated[float, Field(gt=0.0, le=1e6)]
+NotNegative = Annotated[float, Field(ge=0.0, le=1e6)]
+Speed = Annotated[float, Field(gt=0.0, le=1e3)]
+"""[m/s] or [rad/s], as far as a message may carry it."""
 Metres = Annotated[float, Field(ge=-1e5, le=1e5)]
 Endpoint = Annotated[str, StringConstraints(pattern=r"^(tcp|tls|udp|quic)/\[?[^/\s]+\]?:\d{1,5}$")]
 
@@ -97,9 +99,9 @@ class RobotDefaults(Table):
 
     control_point_offset: Positive = 0.1
     """L [m]."""
-    max_speed: Positive = 1.0
+    max_speed: Speed = 1.0
     """u_max [m/s]."""
-    max_turn_rate: Positive = 1.5
+    max_turn_rate: Speed = 1.5
     """ω_max [rad/s]."""
     radius: Positive = 0.1
     """Of a circle around the centre that holds the body [m]."""
@@ -144,7 +146,7 @@ class Straight(Table):
 class Circle(Table):
     """A leg along a circle that starts in the direction of travel and turns left or right."""
 
-    radius: Positive
+    radius: Annotated[float, Field(ge=0.001, le=1e6)]
     speed: Positive
     heading_deg: float | None = None
     """Direction at the start; by default as the leg before ended, else 0."""
