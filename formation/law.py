@@ -106,7 +106,8 @@ def field(
     cut_off = heading * (body_velocity(command.speed, command.turn_rate, limits.offset) - wanted)
     weight = near(abs(e) / measured.count, gains.integral_band)
     growth = weight * (e + gains.anti_windup * cut_off)
-    return command, integral + dt * (growth - (1.0 - weight) * gains.integral_decay * integral)
+    forgotten = min(dt * gains.integral_decay, 1.0)  # not more than there is, however long dt
+    return command, integral + dt * growth - (1.0 - weight) * forgotten * integral
 
 
 def near(distance: Reals, band: float) -> Any:

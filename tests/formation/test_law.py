@@ -107,6 +107,17 @@ def test_far_from_formation_the_field_law_forgets_its_integral(away: complex, in
     assert abs(integral) < 1e-2
 
 
+@pytest.mark.parametrize(("decay", "dt"), [(1.0, 3.0), (100.0, 0.05), (1e6, 0.05)])
+def test_forgetting_never_overshoots_however_long_the_interval(decay: float, dt: float) -> None:
+    law = Gains(2.0, 1.0, anti_windup=0.0, integral_decay=decay)
+    integral = 1.0 + 0j
+    for _ in range(10):
+        before = abs(integral)
+        _, integral = field(integral, 1.0 + 0j, Measured(3.0 + 0j, 0j, 1), law, Limits(0.1, 1.0, 1.0), dt)
+        assert abs(integral) <= before + 1e-6
+    assert abs(integral) < 1e-3
+
+
 def test_the_paper_law_winds_up_where_the_field_law_does_not() -> None:
     wound, unwound = 0j, 0j
     body = Limits(0.1, 0.2, 1.0)
