@@ -167,14 +167,14 @@ def _sampling(mission: Mission, mu: ComplexArray, *, stable: bool) -> list[str]:
     radius = feasibility.sampled_radius(mu, mission.law.k_p, mission.law.k_i, 1.0 / rate)
     if radius < 1.0:
         return []
-    needed = next(
-        faster
+    enough = (
+        f"must be above {faster:.3g} Hz"
         for faster in rate * np.geomspace(1.01, 1e6, 2000)
         if feasibility.sampled_radius(mu, mission.law.k_p, mission.law.k_i, 1.0 / faster) < 1.0
     )
     most = int(mission.graph.degrees.max())
     why = f"too low for law.k_p = {mission.law.k_p:g} and up to {most} neighbours: commands overshoot"
-    return [f"robots.{slowest}.rate = {rate:g} Hz: {why}; must be above {needed:.3g} Hz"]
+    return [f"robots.{slowest}.rate = {rate:g} Hz: {why}; {next(enough, 'no rate is enough: lower law.k_i')}"]
 
 
 def _shaky(mission: Mission, margin: float, peaks: Any) -> list[str]:

@@ -232,6 +232,7 @@ PAIR = scenarios.pair()
             changed(PAIR, robot={"rate": 1.0}, law={"k_p": 2.5}),
             ["robots.robot2.rate = 1 Hz", "law.k_p = 2.5", "must be above"],
         ),
+        (changed(PAIR, law={"k_p": 1e-6, "k_i": 1e6}), ["robots.robot2.rate", "no rate is enough"]),
     ],
 )
 def test_a_problem_names_robots_keys_values_and_what_is_legal(mission: Mission, said: list[str]) -> None:
