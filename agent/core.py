@@ -28,6 +28,8 @@ from formation.wire import BadMessage, Now, Outgoing, Sample
 
 STATUS_PERIOD = 0.5
 """[s]"""
+LONGEST_REASON = 120
+"""[characters]"""
 AT_REST = Command(0.0, 0.0)
 Handler = Callable[[Sample, Now], float | None]
 
@@ -119,7 +121,7 @@ class Agent:
             wanted = order.decode(OperatorRequest, data).do
         except BadMessage as bad:
             self._drop("order", bad)
-            return self._reply(ok=False, reason=str(bad)[:120])
+            return self._reply(ok=False, reason=str(bad)[:LONGEST_REASON])
         if self._latched == "stop" and wanted in {"run", "hold"}:
             return self._reply(ok=False, reason="stopped: release it first")
         self._latched = wanted if wanted in {"stop", "hold"} else None
@@ -227,7 +229,7 @@ class Agent:
     def _drop(self, key: str, bad: BadMessage) -> None:
         where = key if key in self._handlers or key == "order" else "elsewhere"
         self.dropped[where] += 1
-        self.last_dropped[where] = str(bad)
+        self.last_dropped[where] = str(bad)[:LONGEST_REASON]  # it may quote what a stranger wrote
 
 
 def _bound(handle: Callable[[Neighbour, Sample, Now], None], neighbour: Neighbour) -> Handler:

@@ -30,6 +30,8 @@ WELL, FAILED, BAD_INPUT = 0, 1, 2
 GRACE = 1.0
 """A signal this long after the first one forces [s]. A sooner one says the same thing twice: a terminal's
 Ctrl-C reaches the whole process group, and the supervisor passes it on."""
+LAST_STAMP = 2.0**31 - 2.0
+"""In 2038 [s since the epoch]."""
 WATCH = 0.2
 """How often a process with nothing to do looks for its parent [s]."""
 _log = logging.getLogger(__name__)
@@ -179,8 +181,8 @@ class Process:
 
 
 def clocks() -> Now:
-    """Both clocks, read together."""
-    return Now(time.monotonic(), time.time())
+    """Both clocks, read together; the system's within what a ROS 2 stamp can say, however it is set."""
+    return Now(time.monotonic(), min(max(time.time(), 0.0), LAST_STAMP))
 
 
 def run_process(name: str, args: argparse.Namespace, main: Callable[[Stop], None]) -> int:

@@ -5,17 +5,19 @@ from __future__ import annotations
 import random
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 
 from agent.core import Agent
 from agent.failsafe import State
 from formation import order
-from formation.messages import Odometry, Pose, Twist, decode, encode
+from formation.messages import Diagnostics, Odometry, Pose, Twist, decode, encode
 from formation.mission_file import load
 from formation.order import OperatorReply, Order
 from formation.topics import CMD_VEL, ODOM, POSITION, STATUS
 from formation.wire import Now, Outgoing, Sample
 from tests.formation.mutations import mutated
+from tests.formation.scenarios import build
 
 SIX = load("six_robots")
 EPOCH = 1.7e9
@@ -102,6 +104,22 @@ def test_every_dropped_message_is_counted_and_named_in_the_status() -> None:
     assert agent.dropped == {POSITION.key("robot1"): 1, "elsewhere": 1}
     assert b"dropped robot1/position" in status.payload
     assert b"geometry_msgs/msg/PoseStamped" in status.payload
+
+
+def test_a_status_stays_short_enough_to_send_whatever_a_hundred_neighbours_write() -> None:
+    followers = 100
+    slots = np.linspace(0, -followers - 1, followers + 2, dtype=np.complex128)
+    mission = build(slots, [(), *[(0,)] * followers, range(followers + 1)])
+    name = mission.followers[-1]
+    agent = Agent(mission, name)
+    position = encode(Pose(EPOCH, 0j, 1 + 0j))
+    stranger = order.encode(Order(term=1, beat=1, mode="run", shape="shape"))
+    stranger = stranger.replace(b"}", b', "' + b"x" * 900 + b'": 1}')
+    for other in mission.robots[name].neighbours:
+        agent.step(Now(0.0, EPOCH), [Sample(POSITION.key(other), position, stranger, 0.0)])
+    (status,) = [out for out in agent.step(Now(1.0, EPOCH + 1.0), []) if out.key == STATUS.key(name)]
+    values = decode(Diagnostics, status.payload).statuses[0].values
+    assert sum(key.startswith("dropped") for key in values) == len(mission.robots[name].neighbours)
 
 
 @pytest.mark.parametrize(

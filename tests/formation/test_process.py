@@ -14,6 +14,7 @@ import pytest
 from formation import process
 from formation.bus import BusConfig, BusError
 from formation.flags import bus_config, parser
+from formation.messages import TwistStamped, decode, encode
 from formation.mission_file import MissionError, load
 from formation.process import BadInput, Process, Stop, one_of, run_process, say
 from formation.rate import Rate
@@ -229,6 +230,15 @@ def test_help_shows_the_examples(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         flags("--help")
     assert "examples:\n  formation thing six_robots" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("set_to", [-1e9, 4e9])
+def test_a_system_clock_set_to_nonsense_leaves_stamps_that_can_be_sent(
+    set_to: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(time, "time", lambda: set_to)
+    now = process.clocks()
+    assert decode(TwistStamped, encode(TwistStamped(now.wall, 0.0, 0.0))).stamp == now.wall
 
 
 def test_both_clocks_are_read_together() -> None:
