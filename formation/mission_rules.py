@@ -120,6 +120,21 @@ def starts_do_not_touch(mission: Mission) -> Iterator[Violation]:
         )
 
 
+def agents_listen_apart(mission: Mission) -> Iterator[Violation]:
+    """No two agents listen on one endpoint: whoever dials one of them would reach the other."""
+    taken: dict[str, str] = {}
+    for name, robot in mission.robots.items():
+        if robot.endpoint is None:
+            continue
+        if robot.endpoint in taken:
+            yield Violation(
+                f"robots.{name}.endpoint",
+                robot.endpoint,
+                f"must be a robot's own; {taken[robot.endpoint]} has the same",
+            )
+        taken[robot.endpoint] = name
+
+
 RULES = (
     leader_is_a_robot,
     neighbours_exist,
@@ -128,6 +143,7 @@ RULES = (
     leader_slower_than_followers,
     only_the_last_leg_is_endless,
     starts_do_not_touch,
+    agents_listen_apart,
 )
 
 

@@ -97,6 +97,15 @@ def test_a_mistake_in_the_defaults_is_one_mistake() -> None:
     assert "more" not in error_of("rate = 20", "rate = 0")
 
 
+def test_two_agents_cannot_listen_on_one_endpoint() -> None:
+    endpoint = 'endpoint = "tcp/192.168.1.12:7460"\n'
+    text = SIX
+    for name in ("robot2", "robot4"):
+        text = text.replace(f"[robots.{name}]\n", f"[robots.{name}]\n{endpoint}")
+    with pytest.raises(MissionError, match=r"robots\.robot4\.endpoint = 'tcp/.*own; robot2 has the same"):
+        parse(text)
+
+
 def test_an_unknown_mission_names_the_shipped_ones() -> None:
     with pytest.raises(MissionError, match=r"nowhere: no such file.*six_robots"):
         load("nowhere")
