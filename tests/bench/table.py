@@ -20,7 +20,7 @@ from formation.starts import random_starts
 from formation.unicycle import control_point
 from tests.formation import scenarios
 
-WITHOUT_FEED_FORWARD = {"feed_forward": False, "delay_compensation": False, "integral_band": 1e9}
+WITHOUT_FEED_FORWARD = {"feed_forward": False, "delay_compensation": False, "integral_band": 1e6}
 """The field law's observer and anti-windup, and nothing else of it."""
 COLUMNS: dict[str, dict[str, Any]] = {
     "paper law": {"kind": "paper"},

@@ -27,7 +27,7 @@ def test_six_robots_settle_six_times_as_fast_by_the_field_law() -> None:
 
 
 def test_the_observer_and_anti_windup_alone_settle_in_ten_seconds() -> None:
-    plain = scenarios.six(feed_forward=False, delay_compensation=False, integral_band=1e9)
+    plain = scenarios.six(feed_forward=False, delay_compensation=False, integral_band=1e6)
     assert scenarios.median(simulate(plain, runs=100, horizon=30.0)) == pytest.approx(9.9, rel=0.1)
 
 
