@@ -30,8 +30,8 @@ from formation.plane import ComplexArray
 
 Name = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]*$", max_length=64)]
 Title = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=64)]
-Positive = Annotated[float, Field(gt=0.0, le=1e6)]
-NotNegative = Annotated[float, Field(ge=0.0, le=1e6)]
+Positive = Annotated[float, Field(gt=0.0, le=1e9)]
+NotNegative = Annotated[float, Field(ge=0.0, le=1e9)]
 Speed = Annotated[float, Field(gt=0.0, le=1e3)]
 """[m/s] or [rad/s], as far as a message may carry it."""
 Metres = Annotated[float, Field(ge=-1e5, le=1e5)]

@@ -46,7 +46,7 @@ def test_the_default_mission_is_the_papers_section_4() -> None:
         ("k_p = 2.0", "k_p = -1", ["law.k_p = -1", "greater than 0"]),
         ("k_p = 2.0", 'k_p = "2"', ["law.k_p = '2'", "number"]),
         ("[law] ", "[law]\nkind = 'fild'", ["law.kind = 'fild'", "'field' or 'paper'"]),
-        ("k_p = 2.0", "k_p = 1e308", ["law.k_p = 1e+308", "less than or equal to 1000000"]),
+        ("k_p = 2.0", "k_p = 1e308", ["law.k_p = 1e+308", "less than or equal to 1000000000"]),
         ("max_turn_rate = 1.5", "max_turn_rate = 1e4", ["max_turn_rate = 10000.0", "or equal to 1000"]),
         ("[[route]] ", "[[route]]\nradius = 1e-320 #", ["route.0.radius", "greater than or equal to 0.001"]),
         ("max_speed = 1.5", "max_spede = 1.5", ["unknown key robot.max_spede", "max_speed"]),
