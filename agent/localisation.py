@@ -70,30 +70,33 @@ class Localisation:
             self._estimate = observers.printed_start(odometry.position, self._gain)
         if last is None or before is None:
             return None
-        # ∫ω dt exactly, however ω changed in between; the heading itself is never read
-        turn = float(angle_between(last.heading, odometry.heading))
-        displacement = odometry.position - last.position
-        if self._is_jump(displacement, turn, arrived - before if elapsed is None else elapsed):
+        over = arrived - before if elapsed is None else elapsed
+        travel = Travel(
+            distance=0.5 * (last.speed + odometry.speed) * over,
+            # ∫ω dt exactly, however ω changed in between; the heading itself is never read
+            turn=float(angle_between(last.heading, odometry.heading)),
+            displacement=odometry.position - last.position,
+        )
+        if self._is_jump(travel, over):
             return None
         if elapsed is None or elapsed > self.stream.limit:
             return None
         self.late += elapsed > 1.5 * self._period
         self.follows = True
         self._mind(elapsed)
-        travel = Travel(0.5 * (last.speed + odometry.speed) * elapsed, turn, displacement)
         if self._printed:
-            estimate = observers.printed(self._estimate, travel, self._gain)
-            self._estimate = shorten(estimate, LONGEST)
+            self._estimate = shorten(observers.printed(self._estimate, travel, self._gain), LONGEST)
         else:
             self._estimate = observers.innovation(self._estimate, travel, self._gain)
         return elapsed
 
-    def _is_jump(self, displacement: complex, turn: float, elapsed: float) -> bool:
-        """Whether the robot cannot have driven that far, or turned so much."""
-        if abs(displacement) > 1.5 * self._limits.max_speed * elapsed + JUMP_MARGIN:
-            self.jumped = f"{abs(displacement):.2f} m"
-        elif abs(turn) > 1.5 * self._limits.max_turn_rate * elapsed + TURN_MARGIN:
-            self.jumped = f"{turn:+.2f} rad"
+    def _is_jump(self, travel: Travel, over: float) -> bool:
+        """Whether the robot cannot have driven that far, or turned so much, in `over` [s]."""
+        farthest = max(abs(travel.displacement), abs(travel.distance))
+        if farthest > 1.5 * self._limits.max_speed * over + JUMP_MARGIN:
+            self.jumped = f"{farthest:.2f} m"
+        elif abs(travel.turn) > 1.5 * self._limits.max_turn_rate * over + TURN_MARGIN:
+            self.jumped = f"{travel.turn:+.2f} rad"
         else:
             return False
         self._calm = 0.0

@@ -85,6 +85,19 @@ def test_a_gyroscope_that_is_reset_jumps_and_leaves_the_estimated_heading_alone(
     assert driver.here.heading == before
 
 
+@pytest.mark.parametrize("law", ["field", "paper"])
+def test_a_speed_that_no_robot_drives_at_leaves_the_estimated_heading_alone(law: str) -> None:
+    driver = Driver(law)
+    for _ in range(40):
+        driver.drive()
+    before = driver.here.heading
+    driver.mono += PERIOD
+    message = Odometry(EPOCH + driver.mono, driver.position + 0.025, driver.heading, -1e3, 0.0)
+    assert driver.here.take(message, driver.mono, Now(driver.mono, EPOCH + driver.mono)) is None
+    assert driver.here.jumped is not None
+    assert driver.here.heading == before
+
+
 def test_a_robot_that_turns_as_fast_as_it_may_does_not_jump(driver: Driver) -> None:
     for _ in range(40):
         driver.drive(turn=1.5 * PERIOD)
