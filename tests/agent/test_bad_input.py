@@ -153,7 +153,8 @@ def test_an_operators_request_that_makes_no_sense_is_answered_with_a_reason(requ
     reply = order.decode(OperatorReply, agent.request(request_bytes))
     assert not reply.ok
     assert reply.reason
-    assert agent.step(moment(1), []) is not None
+    assert commands(agent.step(moment(1), [])) == [Twist(0.0, 0.0)]
+    assert agent.decision.state is State.WAITING
 
 
 def test_an_agent_needs_a_follower_and_a_law_that_exist() -> None:
