@@ -23,7 +23,7 @@ class State(StrEnum):
     HOLD = "hold"
     """Stands still, by order or by doubt, and goes on by itself when the reason is gone."""
     STOP = "stop"
-    """Stands still until somebody releases it."""
+    """Stands still until somebody releases it, or its process starts anew."""
 
 
 @dataclass(frozen=True, slots=True)
