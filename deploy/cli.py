@@ -29,6 +29,7 @@ class Command(NamedTuple):
 
 HERE = "on this machine"
 ALONE = "one process, for a machine of its own"
+FIELD = "in the field"
 COMMANDS = {
     "run": Command("deploy.run", HERE, "start every process of a mission here, watch it, record it"),
     "check": Command("deploy.check", HERE, "is this mission stable, how fast, how much delay does it bear?"),
@@ -39,8 +40,9 @@ COMMANDS = {
     "leader": Command("leader.__main__", ALONE, "go along the route and give the orders"),
     "robot": Command("agent.robots.__main__", ALONE, "simulate one robot or several"),
     "monitor": Command("monitor.__main__", ALONE, "measure and record; moves nothing"),
+    "deploy": Command("deploy.field.cli", FIELD, "bring a mission onto robots: certificates, bundles, push"),
 }
-EXTRAS = {"rich": "monitor", "mcap": "monitor", "matplotlib": "plot"}
+EXTRAS = {"rich": "monitor", "mcap": "monitor", "matplotlib": "plot", "cryptography": "field"}
 """The extra that brings a package which a robot does without."""
 
 EXAMPLES = """\
@@ -106,7 +108,7 @@ def _dispatch(arguments: Sequence[str]) -> int:
 
 def _overview() -> str:
     text = ""
-    for group in (HERE, ALONE):
+    for group in (HERE, ALONE, FIELD):
         text += f"\n\n{group}:\n"
         text += "\n".join(
             f"  {name:<10}{command.summary}" for name, command in COMMANDS.items() if command.group == group
