@@ -9,10 +9,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from deploy.refusal import Refusal
+from formation.law import LAWS
 from formation.mission import Mission
 from formation.mission_file import MissionError, load
-
-LAWS = ("field", "paper")
 
 
 def parser(command: str, summary: str, examples: str = "") -> argparse.ArgumentParser:
@@ -35,7 +34,7 @@ def add_mission(to: argparse.ArgumentParser, default: str | None = None) -> None
         default=default,
         help="a TOML file, or the name of a shipped mission" + (f" (default {default})" if default else ""),
     )
-    to.add_argument("--law", choices=LAWS, help="the control law, instead of the mission's")
+    to.add_argument("--law", choices=list(LAWS), help="the control law, instead of the mission's")
 
 
 def read_mission(name: str, law: str | None = None) -> Mission:
