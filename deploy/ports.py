@@ -24,23 +24,23 @@ HOST = "127.0.0.1"
 class Ports:
     """Endpoints of every process of a mission on this machine, held while the context lasts.
 
-    They are the mission's own where those are of this machine and all free, so that `formation order` finds
-    the robots without being told; else others.
+    Agents have the mission's own where those are plain TCP of this machine and all free, so that
+    `formation order` finds them without being told; else others. An endpoint that the mission names for a
+    robot is where its ROS 2 router listens, whose place no simulated robot takes: those have the usual ports,
+    or others.
     """
 
     def __init__(self, mission: Mission) -> None:
         self._held = ExitStack()
         wanted = wiring.endpoints(mission)
-        self.as_in_mission = self._hold_all((*wanted.agents.values(), *wanted.robots.values()))
-        """Whether the endpoints are those that the mission names."""
+        named = any(mission.robots[name].robot_endpoint for name in wanted.robots)
         try:
-            self.endpoints = (
-                wanted
-                if self.as_in_mission
-                else Endpoints(
-                    {name: self._any() for name in wanted.agents},
-                    {name: self._any() for name in wanted.robots},
-                )
+            self.as_in_mission = self._hold_all(wanted.agents.values())
+            """Whether agents and leader listen where the mission says."""
+            usual = not named and self._hold_all(wanted.robots.values())
+            self.endpoints = Endpoints(
+                wanted.agents if self.as_in_mission else {name: self._any() for name in wanted.agents},
+                wanted.robots if usual else {name: self._any() for name in wanted.robots},
             )
         except OSError:
             self._held.close()
@@ -64,7 +64,7 @@ class Ports:
                         return False
                 except (OSError, OverflowError):  # it is taken, or no port at all
                     return False
-            self._held = held.pop_all()
+            self._held.push(held.pop_all())
         return True
 
     def _any(self) -> str:

@@ -1,10 +1,11 @@
-"""Ports for a run: the mission's own if they are free, held until their process listens."""
+"""Ports for a run: the agents' as in the mission if they are free, held until their process listens."""
 
 from __future__ import annotations
 
 import socket
 import subprocess
 import sys
+from collections.abc import Mapping
 
 import pytest
 
@@ -15,16 +16,23 @@ from formation.mission_file import load
 
 
 @pytest.fixture
-def mission() -> Mission:
+def mission(monkeypatch: pytest.MonkeyPatch) -> Mission:
     """A pair on ports that no other test uses."""
+    monkeypatch.setattr(wiring, "ROBOT_PORT", 17560)
     pair = load("turtlebot3_pair")
-    ends = {}
-    for number, name in enumerate(pair.names):
-        fields = {"endpoint": f"tcp/127.0.0.1:{17460 + number}"}
-        if name != pair.leader:
-            fields["robot_endpoint"] = f"tcp/127.0.0.1:{17560 + number}"
-        ends[name] = pair.robots[name].model_copy(update=fields)
-    return pair.model_copy(update={"robots": ends})
+    ends = {name: f"tcp/127.0.0.1:{17460 + number}" for number, name in enumerate(pair.names)}
+    return at(pair, "endpoint", ends)
+
+
+def at(mission: Mission, key: str, ends: Mapping[str, str]) -> Mission:
+    """`mission` with other endpoints, by robot."""
+    moved = {name: mission.robots[name].model_copy(update={key: end}) for name, end in ends.items()}
+    return mission.model_copy(update={"robots": {**mission.robots, **moved}})
+
+
+def is_ours(endpoint: str) -> bool:
+    """Whether it is plain TCP of this machine."""
+    return endpoint.startswith("tcp/127.0.0.1:")
 
 
 def port(endpoint: str) -> int:
@@ -56,15 +64,24 @@ def test_who_asks_for_a_held_port_without_being_meant_is_refused(mission: Missio
         stranger.bind(("127.0.0.1", port(ports.endpoints.robots["robot1"])))
 
 
-def test_if_one_port_is_taken_all_are_others_and_different(mission: Mission) -> None:
+def test_if_one_agents_port_is_taken_all_agents_have_others(mission: Mission) -> None:
     wanted = wiring.endpoints(mission)
-    with listen(port(wanted.robots["robot2"])), Ports(mission) as ports:
+    with listen(port(wanted.agents["robot2"])), Ports(mission) as ports:
         assert not ports.as_in_mission
         ends = [*ports.endpoints.agents.values(), *ports.endpoints.robots.values()]
-        assert not set(ends) & {*wanted.agents.values(), *wanted.robots.values()}
+        assert not set(ends) & set(wanted.agents.values())
         assert len(set(ends)) == len(ends) == 5
         with listen(port(ends[0])):
             pass
+
+
+def test_if_one_robots_port_is_taken_the_agents_stay_where_orders_find_them(mission: Mission) -> None:
+    wanted = wiring.endpoints(mission)
+    with listen(port(wanted.robots["robot2"])), Ports(mission) as ports:
+        assert ports.as_in_mission
+        assert ports.endpoints.agents == wanted.agents
+        assert not set(ports.endpoints.robots.values()) & set(wanted.robots.values())
+        assert all(map(is_ours, ports.endpoints.robots.values()))
 
 
 def test_two_runs_at_the_same_moment_do_not_share_a_port(mission: Mission) -> None:
@@ -92,12 +109,26 @@ def test_connections_that_linger_from_the_last_run_do_not_make_a_port_taken(miss
         assert ports.as_in_mission
 
 
-def test_endpoints_of_other_machines_are_replaced_by_ones_of_this(mission: Mission) -> None:
-    far = mission.robots["robot1"].model_copy(update={"endpoint": "tcp/192.168.1.11:7447"})
-    field = mission.model_copy(update={"robots": {**mission.robots, "robot1": far}})
-    with Ports(field) as ports:
+@pytest.mark.parametrize("end", ["tcp/192.168.1.11:7447", "tls/robot1.local:7447", "tls/127.0.0.1:17460"])
+def test_agents_that_the_mission_puts_elsewhere_or_under_certificates_run_here(
+    mission: Mission, end: str
+) -> None:
+    with Ports(at(mission, "endpoint", {"robot1": end})) as ports:
         assert not ports.as_in_mission
-        assert all("127.0.0.1" in end for end in ports.endpoints.agents.values())
+        assert all(map(is_ours, ports.endpoints.agents.values()))
+
+
+@pytest.mark.parametrize("robots", [("robot1",), ("robot1", "robot2")])
+def test_no_simulated_robot_takes_the_place_of_a_ros_2_router(
+    mission: Mission, robots: tuple[str, ...]
+) -> None:
+    router = "tcp/127.0.0.1:17447"
+    with Ports(at(mission, "robot_endpoint", dict.fromkeys(robots, router))) as ports:
+        assert ports.as_in_mission
+        ends = ports.endpoints.robots.values()
+        assert router not in ends
+        assert len(set(ends)) == 2
+        assert all(map(is_ours, ends))
 
 
 def test_a_launcher_that_is_killed_holds_nothing() -> None:
