@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Iterator
 
 import pytest
 from hypothesis import settings
+
+from tests.needs import PROGRAMS, missing
 
 # The same examples every time, and no time limit for one: a busy machine is not a counter-example.
 # To look for new ones: pytest --hypothesis-profile=search
@@ -21,3 +24,25 @@ def in_a_terminal() -> Iterator[None]:
     before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     yield
     signal.signal(signal.SIGHUP, before)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Leave out, by name, tests that need what this machine lacks; with FORMATION_TEST_ALL=1 none is."""
+    if os.environ.get("FORMATION_TEST_ALL") == "1":
+        return
+    for item in items:
+        lacking = _lacking(item)
+        if lacking:
+            item.add_marker(pytest.mark.skip(reason=f"{item.name} needs {lacking}"))
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Where every test has to run, one that cannot has failed."""
+    if os.environ.get("FORMATION_TEST_ALL") == "1" and (lacking := _lacking(item)):
+        pytest.fail(f"{item.name} needs {lacking}, and FORMATION_TEST_ALL=1 leaves out none", pytrace=False)
+
+
+def _lacking(item: pytest.Item) -> str:
+    marks = (mark for mark in PROGRAMS if item.get_closest_marker(mark) is not None)
+    return next(filter(None, map(missing, marks)), "")
