@@ -37,6 +37,11 @@ Speed = Annotated[float, Field(gt=0.0, le=1e3)]
 Metres = Annotated[float, Field(ge=-1e5, le=1e5)]
 Endpoint = Annotated[str, StringConstraints(pattern=r"^(tcp|tls|udp|quic)/\[?[^/\s]+\]?:\d{1,5}$")]
 
+Namespace = Annotated[str, StringConstraints(max_length=128)]
+"""ROS namespace without its leading slash; which spellings are legal is one of the rules."""
+Ros = Literal["ros2dds", "rmw_zenoh"]
+"""How ROS 2 reaches Zenoh: through zenoh-bridge-ros2dds, or natively by rmw_zenoh."""
+
 
 def _tuple(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
@@ -110,6 +115,23 @@ class RobotDefaults(Table):
     cmd_vel: Literal["twist", "twist_stamped"] = "twist"
     measurement: Literal["network", "local"] = "network"
     """Neighbours' positions over the network, or displacements from a sensor on the robot."""
+    robot_endpoint: Endpoint | None = None
+    """Where the robot itself listens: its ROS 2 bridge or router, or the simulated robot."""
+    ros: Ros = "ros2dds"
+    domain: Annotated[int, Field(ge=0, le=232)] = 0
+    """ROS domain id; rmw_zenoh writes it into every key, a bridge has it in its own configuration."""
+    namespace: Namespace | None = None
+    """ROS namespace of the robot's topics; by default the robot's name, "" for none."""
+    localisation: Literal["odometry", "external"] = "odometry"
+    """Where the robot's position comes from: its odometry, or a camera or motion capture above the field."""
+    heading: Literal["observer", "measured"] = "observer"
+    """Heading estimated from positions, or taken from where the position comes from."""
+    odometry_frame: Literal["world", "start"] = "world"
+    """Whether odometry counts in the world frame, or from where the robot was switched on: the start pose."""
+    speed_step: NotNegative = 0.0
+    """The robot cuts commands to multiples of this, which error feedback makes up for [m/s]; 0 for none."""
+    turn_rate_step: NotNegative = 0.0
+    """[rad/s]"""
 
 
 class RobotSpec(RobotDefaults):
@@ -121,8 +143,6 @@ class RobotSpec(RobotDefaults):
     """First guess of the heading observer; by default the leader's first heading."""
     endpoint: Endpoint | None = None
     """Where this robot's agent (or the leader) listens."""
-    robot_endpoint: Endpoint | None = None
-    """Where the robot itself listens: its ROS 2 bridge, or the simulated robot."""
 
     @property
     def limits(self) -> Limits:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pydantic_core import PydanticCustomError
 
+from formation.ros_names import RosNames, clash, is_namespace
 from formation.spacing import too_close
 
 if TYPE_CHECKING:
@@ -135,6 +136,53 @@ def agents_listen_apart(mission: Mission) -> Iterator[Violation]:
         taken[robot.endpoint] = name
 
 
+def namespaces_are_ros_names(mission: Mission) -> Iterator[Violation]:
+    """A namespace is empty, or names joined by slashes as ROS spells them."""
+    for name, robot in mission.robots.items():
+        if robot.namespace is not None and not is_namespace(robot.namespace):
+            yield Violation(
+                f"robots.{name}.namespace",
+                robot.namespace,
+                "must be a ROS namespace without its leading slash, such as 'robot1' or 'lab/robot1': "
+                "letters, digits and _, no part beginning with a digit; or '' for none",
+            )
+
+
+def ros_names_are_a_robots_own(mission: Mission) -> Iterator[Violation]:
+    """No two robots behind one endpoint share a topic; elsewhere one may have what names it likes."""
+    together: dict[object, dict[str, RosNames]] = {}
+    for name in mission.followers:
+        robot = mission.robots[name]
+        if robot.robot_endpoint is None:
+            continue
+        # the domain of a bridge does not show in its keys
+        place = (robot.robot_endpoint, robot.ros, robot.domain if robot.ros == "rmw_zenoh" else None)
+        together.setdefault(place, {})[name] = RosNames.of(mission, name)
+    for robots in together.values():
+        shared = clash(robots)
+        if shared is not None:
+            first, second, topic = shared
+            yield Violation(
+                f"robots.{second}.namespace",
+                robots[second].namespace,
+                f"must keep its topics apart from {first}'s, which has the same robot_endpoint: both have "
+                f"/{topic}",
+            )
+
+
+def steps_leave_room(mission: Mission) -> Iterator[Violation]:
+    """A robot whose smallest step is beyond its limit could only stand."""
+    for name in mission.followers:
+        robot = mission.robots[name]
+        for step, limit in (("speed_step", "max_speed"), ("turn_rate_step", "max_turn_rate")):
+            if getattr(robot, step) > getattr(robot, limit):
+                yield Violation(
+                    f"robots.{name}.{step}",
+                    getattr(robot, step),
+                    f"must be at most its {limit} of {getattr(robot, limit):g}, or all commands are zero",
+                )
+
+
 RULES = (
     leader_is_a_robot,
     neighbours_exist,
@@ -144,6 +192,9 @@ RULES = (
     only_the_last_leg_is_endless,
     starts_do_not_touch,
     agents_listen_apart,
+    namespaces_are_ros_names,
+    ros_names_are_a_robots_own,
+    steps_leave_room,
 )
 
 

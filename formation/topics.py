@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 Priority = Literal["real_time", "data", "background"]
+Side = Literal["robot", "fleet"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +38,8 @@ class Topic:
     qos: Qos | None
     """None for a queryable."""
     purpose: str
+    side: Side = "fleet"
+    """Between an agent and its own robot, on the robot itself; or between robots, and to whoever watches."""
     alternative: str = ""
     """Second type some robots use on the same key."""
 
@@ -62,11 +65,11 @@ BACKGROUND = Qos("background")
 
 ODOM = Topic(
     "odom", "{robot}/odom", "nav_msgs/msg/Odometry", "robot", "its agent", "20-50 Hz", REAL_TIME,
-    "the robot's own position and speed",
+    "the robot's own position and speed", "robot",
 )  # fmt: skip
 CMD_VEL = Topic(
     "cmd_vel", "{robot}/cmd_vel", "geometry_msgs/msg/Twist", "agent", "its robot", "each odom",
-    Qos("real_time", express=True), "forward speed and turn rate",
+    Qos("real_time", express=True), "forward speed and turn rate", "robot",
     alternative="geometry_msgs/msg/TwistStamped",
 )  # fmt: skip
 POSITION = Topic(
@@ -76,12 +79,20 @@ POSITION = Topic(
 )  # fmt: skip
 SCAN = Topic(
     "scan", "{robot}/scan", "sensor_msgs/msg/LaserScan", "robot", "its agent (optional)", "5 Hz", Qos(),
-    "range scan",
+    "range scan", "robot",
 )  # fmt: skip
 RELATIVE = Topic(
     "relative", "{robot}/relative/{other}", "geometry_msgs/msg/PointStamped", "sensor on the robot",
     "its agent (optional)", "sensor", REAL_TIME,  # as odometry, which would else overtake it
-    "locally measured displacement to the other's control point, body frame",
+    "locally measured displacement to the other's control point, body frame", "robot",
+)  # fmt: skip
+POSE = Topic(
+    "pose", "{robot}/pose", "geometry_msgs/msg/PoseStamped", "localisation", "its agent (optional)", "sensor",
+    REAL_TIME, "centre and heading in the world frame, from an overhead camera or motion capture", "robot",
+)  # fmt: skip
+ALIVE = Topic(
+    "alive", "{robot}/alive", "std_msgs/msg/Float64", "agent", "its guard", "each command",
+    Qos("real_time", express=True), "time since the agent's start, said with each command [s]", "robot",
 )  # fmt: skip
 STATUS = Topic(
     "status", "{robot}/status", "diagnostic_msgs/msg/DiagnosticArray", "agent or leader", "monitor", "2 Hz",
@@ -89,7 +100,7 @@ STATUS = Topic(
 )  # fmt: skip
 GROUND_TRUTH = Topic(
     "ground_truth", "{robot}/ground_truth", "geometry_msgs/msg/PoseStamped", "simulated robot", "monitor",
-    "as odom", BACKGROUND, "where the simulated robot really is",
+    "as odom", BACKGROUND, "where the simulated robot really is", "robot",
 )  # fmt: skip
 ERROR = Topic(
     "error", "formation/error", "std_msgs/msg/Float64", "monitor", "anyone", "10 Hz", BACKGROUND,
@@ -105,7 +116,7 @@ ORDER = Topic(
 )  # fmt: skip
 
 TABLE: tuple[Topic, ...] = (
-    ODOM, CMD_VEL, POSITION, SCAN, RELATIVE, STATUS, GROUND_TRUTH, ERROR, DIAGNOSTICS, ORDER,
+    ODOM, CMD_VEL, POSITION, SCAN, RELATIVE, POSE, ALIVE, STATUS, GROUND_TRUTH, ERROR, DIAGNOSTICS, ORDER,
 )  # fmt: skip
 
 

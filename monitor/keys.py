@@ -1,17 +1,22 @@
-"""What the monitor listens to: every key of the fleet, spelled out, in the order of subscribing."""
+"""What the monitor listens to: every key of the fleet, spelled out, in the order of subscribing.
+
+What passes between an agent and its robot it hears from the agent, which repeats it to the fleet. Only ground
+truth comes from the simulated robots themselves, over a bus of its own: the stage.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from formation.mission import Mission
+from formation.mission import Mission, RobotSpec
 from formation.topics import (
     CMD_VEL,
     DIAGNOSTICS,
     ERROR,
     GROUND_TRUTH,
     ODOM,
+    POSE,
     POSITION,
     RELATIVE,
     SCAN,
@@ -34,6 +39,11 @@ class Watched(NamedTuple):
     rate: float | None
     """What the mission or the topic table promises [Hz]; None for a sensor's own."""
 
+    @property
+    def on_stage(self) -> bool:
+        """Whether simulated robots say it, and not their agents."""
+        return self.topic is GROUND_TRUTH
+
 
 OWN = (Watched(ERROR.key(), ERROR, "", 10.0), Watched(DIAGNOSTICS.key(), DIAGNOSTICS, "", 1.0))
 """What the monitor itself publishes."""
@@ -52,11 +62,16 @@ def watched(mission: Mission) -> tuple[Watched, ...]:
 def _keys(mission: Mission) -> Iterator[Watched]:
     for name in mission.names:
         robot = mission.robots[name]
-        follows = name != mission.leader  # the leader is virtual: it has no robot
-        for topic in (ODOM, CMD_VEL, POSITION, SCAN, STATUS, GROUND_TRUTH) if follows else (POSITION, STATUS):
+        rates = {SCAN: None, POSE: None, STATUS: STATUS_RATE}
+        for topic in _topics(robot) if name != mission.leader else (POSITION, STATUS):
             exact = command_topic(robot.cmd_vel) if topic is CMD_VEL else topic
-            rate = {SCAN: None, STATUS: STATUS_RATE}.get(topic, robot.rate)
-            yield Watched(topic.key(name), exact, name, rate)
+            yield Watched(topic.key(name), exact, name, rates.get(topic, robot.rate))
         if robot.measurement == "local":
             for other in robot.neighbours:
                 yield Watched(RELATIVE.key(name, other), RELATIVE, name, None)
+
+
+def _topics(robot: RobotSpec) -> tuple[Topic, ...]:
+    """What is said by and about a follower; the leader is virtual and has no robot."""
+    pose = (POSE,) if robot.localisation == "external" else ()
+    return (ODOM, *pose, CMD_VEL, POSITION, SCAN, STATUS, GROUND_TRUTH)

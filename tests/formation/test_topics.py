@@ -52,6 +52,13 @@ def test_only_the_order_is_asked_for_instead_of_published() -> None:
     assert [topic for topic in TABLE if not topic.types] == [ORDER]
 
 
+def test_what_stays_between_an_agent_and_its_robot_is_on_the_robots_side() -> None:
+    assert {topic.name for topic in TABLE if topic.side == "robot"} == {
+        "odom", "cmd_vel", "scan", "relative", "pose", "alive", "ground_truth",
+    }  # fmt: skip
+    assert command_topic("twist_stamped").side == "robot"
+
+
 def test_every_topic_is_a_row_of_the_table() -> None:
     head, _, *rows = markdown().splitlines()
     assert len(rows) == len(TABLE)

@@ -1,0 +1,162 @@
+"""How ROS 2 spells a logical key on Zenoh, in either of the two ways it reaches it.
+
+    ros2dds     zenoh-bridge-ros2dds: the ROS name without its leading slash, `robot1/odom`
+    rmw_zenoh   `<domain>/<ROS name>/<DDS type>/<type hash>`, with an attachment on each sample, and
+                liveliness tokens by which `ros2 topic list` and `ros2 node info` know who is there
+
+The cores know logical keys only; the robot bus translates with what stands here. Pure.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import count
+from typing import TYPE_CHECKING, Literal, Self
+
+from formation.ros import type_hash
+from formation.ros_names import RosNames, address
+from formation.tokens import Token, dds_type
+from formation.topics import CMD_VEL, TABLE, Topic, command_topic
+
+if TYPE_CHECKING:
+    from formation.mission import Mission, Ros
+
+_ATTACHMENT = struct.Struct("<qqB16s")
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where in ROS a robot lives, or the formation as a whole."""
+
+    names: RosNames
+    ros: Ros = "ros2dds"
+    domain: int = 0
+    cmd_vel: Literal["twist", "twist_stamped"] = "twist"
+
+    def logical_keys(self) -> Iterator[str]:
+        """Every logical key that lives here."""
+        if self.names.robot:
+            yield from (one.key for one in self.names.addresses())
+        else:
+            yield from (topic.key() for topic in TABLE if "{" not in topic.pattern)
+
+    def type(self, topic: Topic) -> str:
+        """ROS type of a `topic` here; empty for a queryable."""
+        return command_topic(self.cmd_vel).type if topic is CMD_VEL else topic.type
+
+    def wire(self, logical: str, ros_type: str) -> str:
+        """How a logical key that lives here is spelled on Zenoh."""
+        name = self.names.spelled(logical)
+        if self.ros == "ros2dds" or not ros_type:
+            return name
+        return f"{self.domain}/{name}/{dds_type(ros_type)}/{type_hash(ros_type)}"
+
+
+@dataclass(frozen=True, slots=True)
+class Naming:
+    """ROS 2 spellings of the topics of some robots, and of the formation as a whole."""
+
+    robots: Mapping[str, Place]
+    formation: Place
+    """Of the topics that belong to no robot."""
+    _logical: Mapping[str, str] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        logical: dict[str, str] = {}
+        for place in (*self.robots.values(), self.formation):
+            for key in place.logical_keys():
+                if (other := logical.setdefault(self.wire(key), key)) != key:
+                    raise ValueError(
+                        f"{other} and {key} cannot share a session: ROS calls both "
+                        f"/{place.names.spelled(key)}; one of the robots needs another namespace"
+                    )
+        object.__setattr__(self, "_logical", logical)
+
+    @classmethod
+    def of(cls, mission: Mission, robots: Iterable[str]) -> Self:
+        """Names of these `robots`. KeyError for an unknown one, ValueError if two would share a name.
+
+        Topics of the formation as a whole are spelled as the first robot's are.
+        """
+        places = {
+            name: Place(RosNames.of(mission, name), spec.ros, spec.domain, spec.cmd_vel)
+            for name in robots
+            for spec in (mission.robots[name],)
+        }
+        first = next(iter(places.values()), Place(RosNames("", "")))
+        return cls(places, Place(RosNames("", ""), first.ros, first.domain))
+
+    @classmethod
+    def of_formation(cls, ros: Ros = "ros2dds", domain: int = 0) -> Self:
+        """Names of the topics that belong to no robot, for the monitor."""
+        return cls({}, Place(RosNames("", ""), ros, domain))
+
+    def key(self, topic: Topic, robot: str = "", other: str = "") -> str:
+        """The wire key of a robot's `topic`, with the type that this robot uses."""
+        return self.wire(topic.key(robot, other))
+
+    def wire(self, logical: str, ros_type: str | None = None) -> str:
+        """The wire key of a logical one, with the type of its topic unless told another.
+
+        KeyError for a robot that is not named here, ValueError for a key that is not in the topic table.
+        """
+        one = address(logical)
+        place = self._place(one.robot)
+        return place.wire(logical, place.type(one.topic) if ros_type is None else ros_type)
+
+    def logical(self, wire: str) -> str | None:
+        """The logical key that `wire` spells; None for one that is nothing to us."""
+        return self._logical.get(wire)
+
+    def attachment(self, logical: str, sequence: int, wall: float, zid: str = "") -> bytes | None:
+        """What rides on sample number `sequence` (from 1, per key) of time `wall` [s since the epoch].
+
+        None where ROS wants nothing. `zid` is the session's: it tells two that publish on one key apart.
+        """
+        if self._place(address(logical).robot).ros == "ros2dds":
+            return None
+        gid = hashlib.blake2b(f"{zid}/{self.wire(logical)}".encode(), digest_size=16).digest()
+        seconds, rest = divmod(wall, 1.0)
+        return _ATTACHMENT.pack(sequence, int(seconds) * 1_000_000_000 + int(rest * 1e9), 16, gid)
+
+    def tokens(
+        self, node: str, publications: Iterable[str], subscriptions: Iterable[str], zid: str
+    ) -> tuple[str, ...]:
+        """Liveliness tokens of a session `zid` that is the ROS node `node` of each of its robots.
+
+        `publications` and `subscriptions` are logical keys. Only rmw_zenoh has tokens. All of a session must
+        be asked for at once: their ids are unique within the answer.
+        """
+        kept: dict[str, list[tuple[str, str]]] = {}
+        for kind, keys in (("MP", publications), ("MS", subscriptions)):
+            for key in keys:
+                kept.setdefault(address(key).robot, []).append((kind, key))
+        return tuple(
+            token.key
+            for token in _tokens(node, zid, ((self._place(robot), keys) for robot, keys in kept.items()))
+        )
+
+    def _place(self, robot: str) -> Place:
+        return self.robots[robot] if robot else self.formation
+
+
+def _tokens(node: str, zid: str, kept: Iterable[tuple[Place, list[tuple[str, str]]]]) -> Iterator[Token]:
+    ids = count()
+    for place, keys in kept:
+        if place.ros == "ros2dds":
+            continue
+        node_id = next(ids)
+        this = Token(place.domain, zid, node_id, node_id, "NN", place.names.namespace, node)
+        yield this
+        for kind, key in keys:
+            ros_type = place.type(address(key).topic)
+            yield this._replace(
+                id=next(ids),
+                kind=kind,
+                topic=place.names.spelled(key),
+                type=ros_type,
+                type_hash=type_hash(ros_type),
+            )

@@ -1,0 +1,96 @@
+"""Liveliness tokens of rmw_zenoh: who is in the ROS graph, written and read. Pure.
+
+A token is a key of 9 parts for a node (NN) and 13 for what a node has (MP publishes, MS subscribes,
+SS serves, SC asks): `@ros2_lv/<domain>/<zid>/<node id>/<id>/<kind>/<enclave>/<namespace>/<node>`, then for all but nodes
+`/<topic>/<type>/<type hash>/<QoS>`. Slashes inside a part are written as %.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+SPACE = "@ros2_lv"
+KINDS = ("NN", "MP", "MS", "SS", "SC")
+QOS = "::,10:,:,:,,"
+"""Reliable, volatile, the last 10 kept: what ROS means by default. What is left out is its default."""
+
+
+class Token(NamedTuple):
+    """One node, or one publication, subscription, service or client of a node."""
+
+    domain: int
+    zid: str
+    node_id: int
+    id: int
+    kind: str
+    """One of KINDS."""
+    namespace: str
+    """Of the node, without leading slash; empty for the root."""
+    node: str
+    topic: str = ""
+    """ROS name without its leading slash; empty for a node."""
+    type: str = ""
+    """ROS type, ``package/msg/Name``; empty for a node."""
+    type_hash: str = ""
+    qos: str = QOS
+    enclave: str = "/"
+
+    @property
+    def key(self) -> str:
+        """The token as rmw_zenoh declares it."""
+        head = (
+            SPACE, str(self.domain), self.zid, str(self.node_id), str(self.id), self.kind,
+            _mangled(self.enclave), _mangled(f"/{self.namespace}"), self.node,
+        )  # fmt: skip
+        if self.kind == "NN":
+            return "/".join(head)
+        return "/".join((*head, _mangled(f"/{self.topic}"), dds_type(self.type), self.type_hash, self.qos))
+
+
+def everybody(domain: int) -> str:
+    """Key expression of all tokens in a ROS domain."""
+    return f"{SPACE}/{domain}/**"
+
+
+def read(key: str) -> Token | None:
+    """The token that `key` spells; None for a key that is none, whatever else it is."""
+    parts = key.split("/")
+    if len(parts) < 9 or not all(parts) or parts[0] != SPACE or parts[5] not in KINDS:
+        return None
+    if len(parts) != (9 if parts[5] == "NN" else 13):
+        return None
+    domain, node_id, number = (
+        int(p) if p.isascii() and p.isdigit() else None for p in (parts[1], *parts[3:5])
+    )
+    if domain is None or node_id is None or number is None:
+        return None
+    enclave, namespace = _demangled(parts[6]), _demangled(parts[7]).strip("/")
+    node = Token(domain, parts[2], node_id, number, parts[5], namespace, parts[8], enclave=enclave)
+    if node.kind == "NN":
+        return node
+    topic, dds, type_hash, qos = parts[9:]
+    return node._replace(
+        topic=_demangled(topic).strip("/"), type=ros_type(_demangled(dds)), type_hash=type_hash, qos=qos
+    )
+
+
+def dds_type(ros: str) -> str:
+    """A ROS type as DDS names it: ``std_msgs/msg/Float64`` is ``std_msgs::msg::dds_::Float64_``."""
+    parts = ros.split("/")
+    return f"{parts[0]}::{parts[1]}::dds_::{parts[2]}_" if len(parts) == 3 else ros
+
+
+def ros_type(dds: str) -> str:
+    """A DDS type as ROS names it; one that ROS did not make is left as it is."""
+    parts = dds.split("::")
+    if len(parts) == 4 and parts[2] == "dds_" and parts[3].endswith("_"):
+        return f"{parts[0]}/{parts[1]}/{parts[3][:-1]}"
+    return dds
+
+
+def _mangled(name: str) -> str:
+    return name.replace("/", "%")
+
+
+def _demangled(name: str) -> str:
+    return name.replace("%", "/")
