@@ -1,8 +1,12 @@
 """Liveliness tokens of rmw_zenoh: who is in the ROS graph, written and read. Pure.
 
-A token is a key of 9 parts for a node (NN) and 13 for what a node has (MP publishes, MS subscribes,
-SS serves, SC asks): `@ros2_lv/<domain>/<zid>/<node id>/<id>/<kind>/<enclave>/<namespace>/<node>`, then for all but nodes
-`/<topic>/<type>/<type hash>/<QoS>`. Slashes inside a part are written as %.
+A token is a key of 9 parts for a node (NN), and of 13 for what a node has (MP publishes, MS subscribes,
+SS serves, SC asks):
+
+    @ros2_lv/<domain>/<zid>/<node id>/<id>/<kind>/<enclave>/<namespace>/<node>
+    ... the same .../<topic>/<type>/<type hash>/<QoS>
+
+Slashes inside a part are written as %.
 """
 
 from __future__ import annotations
