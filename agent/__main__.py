@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 import sys
 from collections.abc import Sequence
 
@@ -35,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         mission = load(args.mission)
         name = one_of("--robot", args.robot, mission.followers)
         links = wiring.of_agent(mission, name, wiring.endpoints(mission))
-        agent = Agent(mission, name, args.law)
+        agent = Agent(mission, name, args.law, voice=secrets.token_hex(8))
         config = bus_config(args, mission, links, f"agent {name}")
         with Process(f"agent {name}", args, config, stop) as process:
             process.declare(agent)

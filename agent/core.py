@@ -1,8 +1,8 @@
 """The agent: one follower's controller, without a clock, a socket or a log.
 
-`Agent.step(now, inbox) -> outbox` takes what its few subscriptions brought and gives what it has to say.
-It is driven by odometry: newest neighbours, law, command, at once. A step without odometry only watches
-for silence.
+`Agent.step(now, inbox) -> outbox` takes what its few subscriptions brought and gives what it has to say,
+commands first. It is driven by what tells its own position, odometry or a camera above: newest neighbours,
+law, command, at once. A step without that only watches for silence.
 """
 
 from __future__ import annotations
@@ -12,33 +12,38 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 
 from agent import failsafe
+from agent.commander import AT_REST, Commander
 from agent.failsafe import Decision, Facts, State
+from agent.latch import LONGEST_REASON, Latch
 from agent.localisation import Localisation
 from agent.neighbourhood import Neighbour, Neighbourhood
 from agent.orders import Orders
-from agent.status import Report, status
+from agent.status import Report, Surroundings, status
 from formation import order
 from formation.law import LAWS
-from formation.messages import Displacement, Odometry, Pose, Twist, TwistStamped, decode, encode
+from formation.messages import Displacement, Odometry, Pose, decode, encode
 from formation.mission import Mission
-from formation.order import Mode, OperatorReply, OperatorRequest, Order
-from formation.topics import CMD_VEL, ODOM, POSITION, RELATIVE, STATUS, Topic, command_topic
+from formation.order import Told
+from formation.topics import ODOM, POSE, POSITION, RELATIVE, STATUS, Topic
 from formation.unicycle import Command
 from formation.wire import BadMessage, Now, Outgoing, Sample
 
 STATUS_PERIOD = 0.5
 """[s]"""
-LONGEST_REASON = 120
-"""[characters]"""
-AT_REST = Command(0.0, 0.0)
 Handler = Callable[[Sample, Now], float | None]
 
 
 class Agent:
     """One follower's controller."""
 
-    def __init__(self, mission: Mission, robot: str, law: str | None = None) -> None:
-        """`law` overrules the mission's. Raises ValueError for a robot that is no follower of the mission."""
+    def __init__(
+        self, mission: Mission, robot: str, law: str | None = None, *, readonly: bool = False, voice: str = ""
+    ) -> None:
+        """Its law is the mission's unless `law` says otherwise; its `voice` is drawn anew at every start.
+
+        `readonly`: nobody passes its commands on, so the robot does not do what they say. Raises ValueError
+        for a robot that is no follower of the mission.
+        """
         if robot not in mission.followers:
             followers = ", ".join(mission.followers)
             raise ValueError(f"robot {robot!r}: must be a follower of {mission.name}: {followers}")
@@ -52,32 +57,38 @@ class Agent:
         self.last_dropped: dict[str, str] = {}
         """Why the newest of them was not used, by key."""
         self.decision = Decision(State.WAITING, "no odometry yet")
-        self.command = AT_REST
-        """The newest command."""
         self._mission, self._spec = mission, spec
+        self._readonly, self._voice, self._told = readonly, voice, 0
+        self._surroundings = Surroundings()
         self._law = LAWS[self.law_name]
         self._here = Localisation(mission, robot, self.law_name)
         self._neighbours = Neighbourhood(mission, robot, self.law_name)
         self._integral = 0j
         self._finite = True
         self._orders = Orders(mission)
-        self._latched: Mode | None = None
+        self._commander = Commander(mission, robot)
+        self._latch = Latch(robot)
         self._status_due = float("-inf")
         self._rest_due = float("-inf")
-        self._odom, self._status_key = ODOM.key(robot), STATUS.key(robot)
-        self._cmd_vel, self._position_key = CMD_VEL.key(robot), POSITION.key(robot)
+        self._own = ODOM.key(robot) if spec.localisation == "odometry" else POSE.key(robot)
+        self._status_key, self._position_key = STATUS.key(robot), POSITION.key(robot)
         self._handlers = self._by_key()
 
     @property
     def subscriptions(self) -> tuple[str, ...]:
-        """Every key this agent listens to: its own odometry and its neighbours, nothing else."""
+        """Every key this agent listens to: what tells its own position, its neighbours, nothing else."""
         return tuple(self._handlers)
 
     @property
     def publications(self) -> tuple[tuple[Topic, str], ...]:
         """Every topic and key this agent publishes."""
-        command = command_topic(self._spec.cmd_vel)
-        return tuple((topic, topic.key(self.robot)) for topic in (command, POSITION, STATUS))
+        topics = (*self._commander.topics, POSITION, STATUS)
+        return tuple((topic, topic.key(self.robot)) for topic in topics)
+
+    @property
+    def command(self) -> Command:
+        """The newest command."""
+        return self._commander.newest
 
     @property
     def due(self) -> float:
@@ -85,6 +96,10 @@ class Agent:
         if self.decision.state is State.RUN:
             return min(self._status_due, self._here.stream.stale_at)
         return min(self._status_due, self._rest_due)
+
+    def aware(self, surroundings: Surroundings) -> None:
+        """Learn how the process around is connected; to be called before a step."""
+        self._surroundings = surroundings
 
     def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
         """Learn from `inbox`, decide, and say what follows from it."""
@@ -98,7 +113,7 @@ class Agent:
             except BadMessage as bad:
                 self._drop(sample.key, bad)
                 continue
-            if sample.key == self._odom:
+            if sample.key == self._own:
                 moved = True
                 interval = taken if interval is None else interval + (taken or 0.0)
         before, self.decision = self.decision.state, self._decide(now)
@@ -112,42 +127,38 @@ class Agent:
 
     def halt(self, now: Now, reason: str) -> list[Outgoing]:
         """The last words of an agent that ends: zero velocity, and why."""
-        self._latched, self.decision = "stop", Decision(State.STOP, reason)
-        return [self._commanded(now, AT_REST), self._status(now)]
+        self._latch.mode, self.decision = "stop", Decision(State.STOP, reason)
+        return [*self._commander.leave(now), self._status(now)]
 
     def request(self, data: bytes) -> bytes:
         """Answer an operator's request; it takes effect with the next step."""
+        ordered = self._orders.newest.mode if self._orders.newest else "hold"
         try:
-            wanted = order.decode(OperatorRequest, data).do
+            return self._latch.ask(data, ordered)
         except BadMessage as bad:
             self._drop("order", bad)
-            return self._reply(ok=False, reason=str(bad)[:LONGEST_REASON])
-        if self._latched == "stop" and wanted in {"run", "hold"}:
-            return self._reply(ok=False, reason="stopped: release it first")
-        self._latched = wanted if wanted in {"stop", "hold"} else None
-        return self._reply(ok=True, reason="")
-
-    def _reply(self, *, ok: bool, reason: str) -> bytes:
-        mode = self._latched or (self._orders.newest.mode if self._orders.newest else "hold")
-        return order.encode(OperatorReply(robot=self.robot, ok=ok, mode=mode, reason=reason))
+            return self._latch.reply(ordered, ok=False, reason=str(bad))
 
     def _by_key(self) -> dict[str, Handler]:
-        handlers: dict[str, Handler] = {self._odom: self._take_odometry}
+        handlers: dict[str, Handler] = {self._own: self._take_own}
         for name, neighbour in self._neighbours.each.items():
             handlers[POSITION.key(name)] = _bound(self._take_position, neighbour)
             if self._spec.measurement == "local":
                 handlers[RELATIVE.key(self.robot, name)] = _bound(self._take_displacement, neighbour)
         return handlers
 
-    def _take_odometry(self, sample: Sample, now: Now) -> float | None:
-        return self._here.take(decode(Odometry, sample.payload), sample.arrived, now)
+    def _take_own(self, sample: Sample, now: Now) -> float | None:
+        if self._spec.localisation == "odometry":
+            return self._here.take(decode(Odometry, sample.payload), sample.arrived, now)
+        return self._here.take(decode(Pose, sample.payload), sample.arrived, now)
 
     def _take_position(self, neighbour: Neighbour, sample: Sample, now: Now) -> None:
         pose = decode(Pose, sample.payload)
-        if sample.attachment is not None:
+        told = order.decode(Told, sample.attachment or b"")
+        neighbour.voice.admit(told, sample.arrived)
+        if told.order is not None:
             try:
-                heard = order.decode(Order, sample.attachment)
-                self._orders.hear(heard, neighbour.name, sample.arrived, now)
+                self._orders.hear(told.order, neighbour.name, sample.arrived, now)
             except BadMessage as bad:
                 self._drop(sample.key, bad)
         if self._spec.measurement == "network":
@@ -160,9 +171,12 @@ class Agent:
     def _decide(self, now: Now) -> Decision:
         return failsafe.decide(
             Facts(
-                latched=self._latched,
-                odometry_silence=self._here.stream.silence(now),
-                odometry_limit=self._here.stream.limit,
+                latched=self._latch.mode,
+                source=self._here.source,
+                connected=self._surroundings.connected,
+                routed=None if self._readonly else self._surroundings.routed,
+                silence=self._here.stream.silence(now),
+                limit=self._here.stream.limit,
                 jumped=self._here.jumped,
                 follows=self._here.follows,
                 order=self._orders.newest,
@@ -174,11 +188,11 @@ class Agent:
         )
 
     def _drive(self, now: Now, interval: float | None) -> list[Outgoing]:
-        """A command for the newest odometry; zero velocity unless the failsafe table says run."""
+        """A command for the newest position; zero velocity unless the failsafe table says run."""
         self._neighbours.place(self._here)
         if self.decision.state is not State.RUN:
             self._finite = True
-            return [self._commanded(now, AT_REST)]
+            return self._commanded(now, AT_REST)
         wanted = self._orders.newest
         shape = wanted.shape if wanted else self._mission.first_shape
         what = self._neighbours.measured(self._here, shape, now)
@@ -189,40 +203,43 @@ class Agent:
         self._finite = cmath.isfinite(complex(command.speed, command.turn_rate)) and cmath.isfinite(integral)
         if not self._finite:
             self.decision, self._integral = self._decide(now), 0j
-            return [self._commanded(now, AT_REST)]
-        self._integral = complex(integral)
+            return self._commanded(now, AT_REST)
+        if not self._readonly:  # what does not move cannot be integrated away
+            self._integral = complex(integral)
         self._rest_due = float("-inf")  # whatever stops it takes hold at once
-        return [self._commanded(now, Command(float(command.speed), float(command.turn_rate)))]
+        return self._commanded(now, command)
 
     def _rest(self, now: Now) -> list[Outgoing]:
-        """Without odometry: a robot that must not move is told so every period, for commands may get lost."""
+        """A robot that must not move is told so every period: there may be no position, commands get lost."""
         if self.decision.state is State.RUN or now.mono < self._rest_due:
             return []
         self._rest_due = now.mono + 1.0 / self._spec.rate
-        return [self._commanded(now, AT_REST)]
+        return self._commanded(now, AT_REST)
 
-    def _commanded(self, now: Now, command: Command) -> Outgoing:
-        self.command = command
-        if self._spec.cmd_vel == "twist":
-            return Outgoing(self._cmd_vel, encode(Twist(*command)))
-        return Outgoing(self._cmd_vel, encode(TwistStamped(now.wall, *command)))
+    def _commanded(self, now: Now, wanted: Command) -> list[Outgoing]:
+        outbox = self._commander.say(now, wanted)
+        if not self._readonly:
+            self._here.told(now.mono, self._commander.newest)
+        return outbox
 
     def _position(self) -> Outgoing:
+        self._told += 1
+        told = Told(voice=self._voice, count=self._told, order=self._orders.newest)
         pose = Pose(self._here.stream.stamp, self._here.position, self._here.heading)
-        relayed = self._orders.newest
-        attachment = None if relayed is None else order.encode(relayed)
-        return Outgoing(self._position_key, encode(pose), attachment)
+        return Outgoing(self._position_key, encode(pose), order.encode(told))
 
     def _status(self, now: Now) -> Outgoing:
         report = Report(
-            self.robot,
-            self.law_name,
-            self.decision,
-            self.command,
-            {name: one.stream for name, one in self._neighbours.each.items()},
-            self._here.stream,
-            self._here.late,
-            {where: (count, self.last_dropped[where]) for where, count in self.dropped.items()},
+            robot=self.robot,
+            law=self.law_name,
+            decision=self.decision,
+            readonly=self._readonly,
+            commander=self._commander,
+            here=self._here,
+            neighbours={name: one.stream for name, one in self._neighbours.each.items()},
+            contested=self._neighbours.contested(now),
+            surroundings=self._surroundings,
+            dropped={where: (count, self.last_dropped[where]) for where, count in self.dropped.items()},
         )
         return Outgoing(self._status_key, encode(status(report, now)))
 

@@ -32,12 +32,12 @@ class Facts:
 
     latched: Mode | None
     """What the operator asked of this very robot."""
-    odometry_silence: float
-    """[s]; infinite before the first message."""
-    odometry_limit: float
+    silence: float
+    """Of what tells the robot's own position [s]; infinite before the first message."""
+    limit: float
     """[s]"""
     jumped: str | None
-    """A recent jump of the odometry, in words."""
+    """A recent jump of it, in words."""
     order: Order | None
     """The newest order that a neighbour relayed."""
     beat_silence: float
@@ -47,9 +47,15 @@ class Facts:
     fresh: int
     """How many of them can be followed."""
     follows: bool = True
-    """Whether the newest odometry closed an interval."""
+    """Whether the newest own position closed an interval."""
     finite: bool = True
     """Whether the law's result is a number."""
+    source: str = "odometry"
+    """What tells the robot's own position."""
+    connected: bool | None = None
+    """Whether there is a link to the robot; None if nobody knows."""
+    routed: bool | None = None
+    """Whether the robot listens to commands; None if nobody knows."""
 
 
 class Row(NamedTuple):
@@ -78,18 +84,20 @@ def _ages(facts: Facts) -> str:
 TABLE: tuple[Row, ...] = (
     Row(lambda f: f.latched == "stop", State.STOP, lambda _: "stopped by the operator"),
     Row(lambda f: not f.finite, State.HOLD, lambda _: "the law gave no finite command"),
-    Row(lambda f: _never(f.odometry_silence), State.WAITING, lambda _: "no odometry yet"),
+    Row(lambda f: f.connected is False, State.HOLD, lambda _: "no link to the robot"),
+    Row(lambda f: _never(f.silence), State.WAITING, lambda f: f"no {f.source} yet"),
     Row(
-        lambda f: f.odometry_silence > f.odometry_limit,
+        lambda f: f.silence > f.limit,
         State.HOLD,
-        lambda f: f"odometry silent for {f.odometry_silence:.2f} s",
+        lambda f: f"{f.source} silent for {f.silence:.2f} s",
     ),
-    Row(lambda f: f.jumped is not None, State.HOLD, lambda f: f"odometry jumped {f.jumped}"),
+    Row(lambda f: f.jumped is not None, State.HOLD, lambda f: f"{f.source} jumped {f.jumped}"),
     Row(
         lambda f: not f.follows,
         State.HOLD,
-        lambda f: f"no two odometry messages within {f.odometry_limit:.2f} s",
+        lambda f: f"no two {f.source} messages within {f.limit:.2f} s",
     ),
+    Row(lambda f: f.routed is False, State.HOLD, lambda _: "the robot does not listen to cmd_vel"),
     Row(lambda f: f.order is None, State.WAITING, lambda _: "no order from the leader yet"),
     Row(
         lambda f: f.beat_silence > LEADER_LOST,

@@ -1,51 +1,68 @@
-"""Where am I, and which way do I face: from the robot's own odometry, without measuring the heading."""
+"""Where am I, and which way do I face: from odometry or from outside, without measuring the heading."""
 
 from __future__ import annotations
 
+from agent.odometer import Odometer
+from agent.overhead import Overhead
+from agent.sighting import Sighting
 from agent.stream import Stream
 from formation import heading as observers
-from formation.heading import Travel
-from formation.messages import Odometry
+from formation.messages import Odometry, Pose
 from formation.mission import Mission
-from formation.plane import angle_between, shorten, unit
-from formation.unicycle import control_point
+from formation.plane import shorten, unit
+from formation.unicycle import Command, control_point
 from formation.wire import Now
 
 LONGEST = 1e100
 """Where the printed observer's estimate is cut off: it grows without end while a robot reverses."""
-JUMP_MARGIN = 0.1
-"""How far a position may be off what the robot's speed explains before it counts as a jump [m]."""
-TURN_MARGIN = 0.3
-"""The same for its heading [rad]."""
 
 
 class Localisation:
-    """Position by odometry, heading by the observer of Eq. (3): of the odometry's only the change is used."""
+    """Position by odometry or from outside; heading by the observer of Eq. (3), or as it is measured.
+
+    Of the odometry's heading the observer uses only the change.
+    """
 
     def __init__(self, mission: Mission, robot: str, law: str) -> None:
         spec = mission.robots[robot]
         self.stream = Stream(spec.rate)
         self.jumped: str | None = None
         """The newest jump in words, for as long as it is minded; else None."""
+        self.jumps = 0
+        """How many there were."""
         self.follows = False
         """Whether the newest message closed an interval: without that the heading is not kept up."""
         self.late = 0
-        """Odometry messages that came more than half a period late."""
+        """Messages that came more than half a period late."""
         self.position = 0j
         """Centre [m; world frame]."""
+        self._source: Odometer | Overhead = (
+            Odometer(mission, robot) if spec.localisation == "odometry" else Overhead(mission, robot)
+        )
         self._printed = law == "paper"
+        self._measures_heading = spec.heading == "measured"
+        self._measured = 1.0 + 0.0j
         self._gain = mission.law.observer_gain
         self._limits = spec.limits
         self._period = 1.0 / spec.rate
         self._estimate = mission.first_heading(robot)
-        self._last: Odometry | None = None
         self._before: tuple[float, complex, complex] | None = None
         self._calm = 0.0
 
     @property
+    def source(self) -> str:
+        """What positions come from: ``odometry`` or ``pose``."""
+        return self._source.name
+
+    @property
+    def alignment(self) -> str:
+        """How that is placed in the world, in words."""
+        return self._source.alignment
+
+    @property
     def heading(self) -> complex:
-        """Estimated heading ζ̂, of unit length [world frame]."""
-        return unit(self._estimate)
+        """Heading ζ̂ as the law is to take it, of unit length [world frame]."""
+        return self._measured if self._measures_heading else unit(self._estimate)
 
     @property
     def point(self) -> complex:
@@ -59,25 +76,27 @@ class Localisation:
             return before[1], before[2]
         return self.point, self.heading
 
-    def take(self, odometry: Odometry, arrived: float, now: Now) -> float | None:
+    def told(self, moment: float, command: Command) -> None:
+        """The robot was sent `command` at `moment` [s, monotonic]."""
+        if isinstance(self._source, Overhead):
+            self._source.told(moment, command)
+
+    def take(self, message: Odometry | Pose, arrived: float, now: Now) -> float | None:
         """Learn from a message: the interval it closes [s], None where it opens one. Raises BadMessage."""
-        before = self.stream.arrived
-        elapsed = self.stream.admit(odometry.stamp, arrived, now)
-        last, self._last = self._last, odometry
-        self._before = None if last is None else (last.stamp, self.point, self.heading)
-        self.position, self.follows = odometry.position, False
-        if last is None and self._printed:
-            self._estimate = observers.printed_start(odometry.position, self._gain)
-        if last is None or before is None:
+        before, stamped = self.stream.arrived, self.stream.stamp
+        elapsed = self.stream.admit(message.stamp, arrived, now)
+        self._before = None if before is None else (stamped, self.point, self.heading)
+        over = elapsed if elapsed is not None or before is None else arrived - before
+        seen = self._see(message, over, now)
+        self.position, self._measured, self.follows = seen.position, seen.heading, False
+        if seen.travel is None:
+            if self._printed:
+                self._estimate = observers.printed_start(seen.position, self._gain)
             return None
-        over = arrived - before if elapsed is None else elapsed
-        travel = Travel(
-            distance=0.5 * (last.speed + odometry.speed) * over,
-            # ∫ω dt exactly, however ω changed in between; the heading itself is never read
-            turn=float(angle_between(last.heading, odometry.heading)),
-            displacement=odometry.position - last.position,
-        )
-        if self._is_jump(travel, over):
+        if seen.jumped is not None:
+            self.jumped, self._calm = seen.jumped, 0.0
+            self.jumps += 1
+            self._estimate *= seen.turned
             return None
         if elapsed is None or elapsed > self.stream.limit:
             return None
@@ -85,22 +104,17 @@ class Localisation:
         self.follows = True
         self._mind(elapsed)
         if self._printed:
-            self._estimate = shorten(observers.printed(self._estimate, travel, self._gain), LONGEST)
+            self._estimate = shorten(observers.printed(self._estimate, seen.travel, self._gain), LONGEST)
         else:
-            self._estimate = observers.innovation(self._estimate, travel, self._gain)
+            self._estimate = observers.innovation(self._estimate, seen.travel, self._gain)
         return elapsed
 
-    def _is_jump(self, travel: Travel, over: float) -> bool:
-        """Whether the robot cannot have driven that far, or turned so much, in `over` [s]."""
-        farthest = max(abs(travel.displacement), abs(travel.distance))
-        if farthest > 1.5 * self._limits.max_speed * over + JUMP_MARGIN:
-            self.jumped = f"{farthest:.2f} m"
-        elif abs(travel.turn) > 1.5 * self._limits.max_turn_rate * over + TURN_MARGIN:
-            self.jumped = f"{travel.turn:+.2f} rad"
-        else:
-            return False
-        self._calm = 0.0
-        return True
+    def _see(self, message: Odometry | Pose, over: float | None, now: Now) -> Sighting:
+        if isinstance(self._source, Odometer) and isinstance(message, Odometry):
+            return self._source.see(message, over, self.stream.limit)
+        if isinstance(self._source, Overhead) and isinstance(message, Pose):
+            return self._source.see(message, over, now.mono - self.stream.age(now))
+        raise TypeError(f"a robot localised by {self._source.name} takes no {type(message).__name__}")
 
     def _mind(self, elapsed: float) -> None:
         """Forget a jump after as long as silence would be minded."""

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from agent.localisation import Localisation
 from agent.stream import Stream
+from agent.voice import Voice
 from formation import neighbour
 from formation.law import Measured
 from formation.messages import Displacement, Pose
 from formation.mission import Mission
 from formation.unicycle import control_point
 from formation.wire import Now
+
+LATELY = 5.0
+"""For so long a second voice stays in the status [s]."""
 
 
 class Neighbour:
@@ -20,6 +24,7 @@ class Neighbour:
         spec = mission.robots[name]
         self.name = name
         self.stream = Stream(rate)
+        self.voice = Voice(name, spec.rate)
         self.displacement = 0j
         """Newest measured z_ij^(i) [m; body frame]; only where a sensor measures it."""
         # The virtual leader has no body: its position is its control point.
@@ -107,6 +112,10 @@ class Neighbourhood:
     def silences(self, now: Now) -> dict[str, float]:
         """How long each has been silent [s]; infinite before the first message."""
         return {name: one.stream.silence(now) for name, one in self.each.items()}
+
+    def contested(self, now: Now) -> list[str]:
+        """Those for whom a second voice has spoken lately."""
+        return [one.name for one in self.each.values() if now.mono - one.voice.contested < LATELY]
 
     def place(self, here: Localisation) -> None:
         """Put what sensors have measured into the world; to be called with every odometry."""

@@ -2,16 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
+from agent.commander import Commander
 from agent.failsafe import Decision, State
+from agent.localisation import Localisation
 from agent.stream import Stream
 from formation.messages import Diagnostics, Status
-from formation.unicycle import Command
 from formation.wire import Now
 
 OK, WARNING = 0, 1
+
+
+class Surroundings(NamedTuple):
+    """How an agent's process is connected, as its loop sees it; None where nobody knows."""
+
+    connected: bool | None = None
+    """Whether there is a link to the robot."""
+    routed: bool | None = None
+    """Whether anybody listens to the commands at its other end."""
+    refused: Mapping[str, int] = MappingProxyType({})
+    """How often others were refused by the bus, by kind."""
+
+    @property
+    def link(self) -> str | None:
+        """The link to the robot in words."""
+        if self.connected is None:
+            return None
+        if not self.connected:
+            return "not connected"
+        if self.routed is False:
+            return "no listener on cmd_vel: the bridge's route is lost"
+        return "connected"
 
 
 class Report(NamedTuple):
@@ -20,31 +44,59 @@ class Report(NamedTuple):
     robot: str
     law: str
     decision: Decision
-    command: Command
+    readonly: bool
+    commander: Commander
+    here: Localisation
     neighbours: Mapping[str, Stream]
-    odometry: Stream
-    late: int
+    contested: Sequence[str]
+    """Neighbours for whom a second voice has spoken lately."""
+    surroundings: Surroundings
     dropped: Mapping[str, tuple[int, str]]
 
 
 def status(report: Report, now: Now) -> Diagnostics:
-    """The report as a message; a warning whenever the robot does not run or stamps are not believed."""
-    streams = {"odometry": report.odometry, **report.neighbours}
+    """The report as a message; a warning whenever the robot does not run or something is not believed."""
+    streams = {report.here.source: report.here.stream, **report.neighbours}
     heard = {name: stream for name, stream in streams.items() if stream.arrived is not None}
     doubted = [name for name, stream in heard.items() if stream.fresh(now) and not stream.clock_agrees]
+    state = f"readonly: would {report.decision.state}" if report.readonly else str(report.decision.state)
+    command, link = report.commander.newest, report.surroundings.link
     values = {
-        "state": str(report.decision.state),
+        "state": state,
         "reason": report.decision.reason,
         "law": report.law,
-        "speed": f"{report.command.speed:.4f}",
-        "turn_rate": f"{report.command.turn_rate:.4f}",
-        "late": str(report.late),
+        "speed": f"{command.speed:.4f}",
+        "turn_rate": f"{command.turn_rate:.4f}",
+        **({} if link is None else {"robot link": link}),
+        "localisation": report.here.alignment,
+        **_steps(report.commander),
+        "jumps": str(report.here.jumps),
+        "late": str(report.here.late),
         **{f"age {name}": f"{stream.silence(now):.3f}" for name, stream in heard.items()},
         **{f"clock {name}": f"stamped {streams[name].underway:.3f} s before it came" for name in doubted},
+        **{f"second voice {name}": "two agents speak for it" for name in report.contested},
+        **{f"refused {kind}": str(count) for kind, count in report.surroundings.refused.items()},
         **{f"dropped {key}": f"{count}, last: {why}" for key, (count, why) in report.dropped.items()},
     }
-    level = OK if report.decision.state is State.RUN and not doubted else WARNING
-    message = f"{report.decision.state}: {report.decision.reason}"
+    message = f"{state}: {report.decision.reason}"
     if doubted:
         message += f"; stamps of {', '.join(doubted)} not believed"
+    if report.contested:
+        message += f"; {', '.join(report.contested)} spoken for by a second voice"
+    if link not in {None, "connected"}:
+        message += f"; robot link: {link}"
+    at_work = report.decision.state is State.RUN and not report.readonly
+    sound = not doubted and not report.contested and link in {None, "connected"}
+    level = OK if at_work and sound else WARNING
     return Diagnostics(now.wall, (Status(f"{report.robot}: agent", level, message, report.robot, values),))
+
+
+def _steps(commander: Commander) -> dict[str, str]:
+    """What is done about a robot that cuts commands to steps."""
+    if not any(commander.steps):
+        return {}
+    steps, left = commander.steps, commander.remainder
+    return {
+        "error feedback": f"steps of {steps.speed:g} m/s, {steps.turn_rate:g} rad/s; "
+        f"carries {left.speed:+.4f} m/s, {left.turn_rate:+.4f} rad/s"
+    }

@@ -34,8 +34,9 @@ class Stream:
 
         A fresh start is the first message, the first after a long silence, or the first by a clock set anew.
         Raises BadMessage for an absurd stamp, and for one that does not follow from the last: replayed,
-        reordered, held up, or the first after the sender's clock was set (the second then confirms the new
-        time). However long the stream has been silent: a message that is said again and again stays refused.
+        reordered, held up, or by a sender whose clock was set. That one is followed again as soon as the
+        stream as it was has fallen silent and two messages agree on the new time; as long as it is fresh, no
+        number of replayed ones takes its place. A message said again and again stays refused for ever.
         """
         if abs(now.wall - stamp) > ABSURD:
             raise BadMessage(f"absurd stamp: {stamp - now.wall:+.0f} s from this robot's clock")
@@ -45,7 +46,8 @@ class Stream:
         if self._agree(elapsed, wait):
             return self._newest(stamp, arrived, now, elapsed if wait <= max(FORGOTTEN, self.limit) else None)
         suspect, self._suspect = self._suspect, (stamp, arrived)
-        if suspect is not None and self._agree(stamp - suspect[0], arrived - suspect[1]):
+        agree = suspect is not None and self._agree(stamp - suspect[0], arrived - suspect[1])
+        if agree and wait > self.limit:
             return self._newest(stamp, arrived, now, None)
         raise BadMessage(f"stamp out of step: {elapsed:+.3f} s after the one before")
 

@@ -3,6 +3,9 @@
 The leader writes an order on its own position; every agent relays the newest it has seen, unchanged, on its
 own position, so along the spanning tree it reaches everyone. Its `beat` counts the leader's periods: as long
 as it rises, the leader lives.
+
+What is attached to a position also says whose voice that is (`Told`), so that a second process which speaks
+for the same robot, or a recording of the first, is told apart.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ LEADER_LOST = 1.0
 Mode = Literal["hold", "run", "stop"]
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
+Voice = Annotated[str, StringConstraints(max_length=64, pattern=r"^[A-Za-z0-9_.-]*$")]
 
 
 class _Json(BaseModel):
@@ -40,6 +44,16 @@ class Order(_Json):
     """Name of the mission's shape to hold."""
 
 
+class Told(_Json):
+    """What is attached to a position: who speaks, and the newest order that is known there."""
+
+    voice: Voice
+    """Drawn anew whenever a process starts; all that it says has the same."""
+    count: Count
+    """Positions told by this voice so far: what was said before cannot be said again."""
+    order: Order | None = None
+
+
 class OperatorRequest(_Json):
     """What an operator asks of one robot. ``release`` ends a stop or hold that the operator asked for."""
 
@@ -55,7 +69,7 @@ class OperatorReply(_Json):
     reason: Annotated[str, StringConstraints(max_length=120)] = ""
 
 
-J = TypeVar("J", Order, OperatorRequest, OperatorReply)
+J = TypeVar("J", Order, Told, OperatorRequest, OperatorReply)
 
 
 def newer(a: Order, b: Order | None) -> bool:
@@ -63,7 +77,7 @@ def newer(a: Order, b: Order | None) -> bool:
     return b is None or (a.term, a.beat) > (b.term, b.beat)
 
 
-def encode(value: Order | OperatorRequest | OperatorReply) -> bytes:
+def encode(value: Order | Told | OperatorRequest | OperatorReply) -> bytes:
     """JSON, UTF-8."""
     return value.model_dump_json().encode()
 

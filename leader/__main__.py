@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import secrets
 import sys
 from collections.abc import Sequence
 
@@ -32,7 +33,7 @@ def _run(args: argparse.Namespace, stop: Stop) -> None:
     links = wiring.of_leader(mission, wiring.endpoints(mission))
     name = f"leader {mission.leader}"
     with Process(name, args, flags.bus_config(args, mission, links, name), stop) as process:
-        lead(Leader(mission, hold=args.hold), process)
+        lead(Leader(mission, hold=args.hold, voice=secrets.token_hex(8)), process)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from formation import order
 from formation.messages import Diagnostics, Pose, Status, encode
 from formation.mission import Mission
-from formation.order import LEADER_LOST, Mode, OperatorReply, OperatorRequest, Order
+from formation.order import LEADER_LOST, Mode, OperatorReply, OperatorRequest, Order, Told
 from formation.rate import Rate
 from formation.route import Route
 from formation.topics import POSITION, STATUS, Topic
@@ -27,13 +27,14 @@ OK, WARNING = 0, 1
 class Leader:
     """The leader of a mission. Its term begins with its first step."""
 
-    def __init__(self, mission: Mission, *, hold: bool = False) -> None:
-        """With `hold` it waits at its start until it is told to run."""
+    def __init__(self, mission: Mission, *, hold: bool = False, voice: str = "") -> None:
+        """With `hold` it waits at its start until it is told to run; `voice` is drawn anew at every start."""
         self.robot = mission.leader
         self.route_time = 0.0
         """How long it has been running, and so where on its route it is [s]."""
         self.dropped: Counter[str] = Counter()
         """Messages that were not used, by key."""
+        self._voice = voice
         self._route = Route.of(mission)
         self._shape = mission.first_shape
         self._rate = Rate(mission.robots[mission.leader].rate)
@@ -127,7 +128,8 @@ class Leader:
         where, heading = self._route.position(self.route_time), self._route.heading(self.route_time)
         self._beat += 1
         what = Order(term=self._term, beat=self._beat, mode=self.mode, shape=self._shape)
-        return Outgoing(POSITION.key(self.robot), encode(Pose(now.wall, where, heading)), order.encode(what))
+        told = Told(voice=self._voice, count=self._beat, order=what)
+        return Outgoing(POSITION.key(self.robot), encode(Pose(now.wall, where, heading)), order.encode(told))
 
     def _status(self, now: Now, reason: str) -> Outgoing:
         if not reason and self.route_time >= self._route.total:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 
 from formation import order
 from formation.mission import Mission
-from formation.order import Order
+from formation.order import Order, Told
 from formation.topics import POSITION
 from formation.wire import BadMessage, Now, Sample
 from monitor.feed import freshness_limit
@@ -57,7 +57,7 @@ class Metrics:
             if handle is not None:
                 handle(sample, wall)
             if sample.key == self._leads and sample.attachment is not None:
-                self._take_order(order.decode(Order, sample.attachment))
+                self._take_order(order.decode(Told, sample.attachment).order)
         except BadMessage as bad:
             self.rejections.count(sample.key, str(bad))
             return
@@ -98,7 +98,9 @@ class Metrics:
     def _shape(self) -> str:
         return self.order.shape if self.order else self._mission.first_shape
 
-    def _take_order(self, heard: Order) -> None:
+    def _take_order(self, heard: Order | None) -> None:
+        if heard is None:
+            return
         if heard.shape not in self._mission.shapes:
             raise BadMessage("unknown shape")
         if order.newer(heard, self.order):

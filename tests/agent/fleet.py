@@ -57,8 +57,9 @@ class Fleet:
     def __post_init__(self) -> None:
         self.random = random.Random(self.seed)
         self.world = World(self.mission, seed=self.seed)
-        self.leader = Leader(self.mission)
-        self.agents = {name: Agent(self.mission, name, self.law) for name in self.mission.followers}
+        self.voices = (f"voice{number}" for number in itertools.count())
+        self.leader = Leader(self.mission, voice=next(self.voices))
+        self.agents = {name: self.new_agent(name) for name in self.mission.followers}
         cores: dict[str, Core] = {"world": self.world, "leader": self.leader, **self.agents}
         self.nodes = {name: Node(core) for name, core in cores.items()}
         self._number = itertools.count()
@@ -66,6 +67,10 @@ class Fleet:
         self._said: dict[str, Diagnostics] = {}
         for name in self.nodes:
             self._wake(name, self.random.uniform(0.0, 0.05))
+
+    def new_agent(self, name: str) -> Agent:
+        """As its process would make it when it starts."""
+        return Agent(self.mission, name, self.law, voice=next(self.voices))
 
     def run(self, seconds: float) -> None:
         end = self.now + seconds

@@ -13,7 +13,7 @@ from agent.failsafe import State
 from formation import order
 from formation.messages import Diagnostics, Odometry, Pose, Twist, decode, encode
 from formation.mission_file import load
-from formation.order import OperatorReply, Order
+from formation.order import OperatorReply, Order, Told
 from formation.topics import CMD_VEL, ODOM, POSITION, STATUS
 from formation.wire import Now, Outgoing, Sample
 from tests.formation.mutations import mutated
@@ -32,7 +32,9 @@ def moment(step: int) -> Now:
 def inbox(step: int) -> list[Sample]:
     """What a healthy team would send in one period."""
     mono, wall = moment(step)
-    relayed = order.encode(Order(term=1, beat=step, mode="run", shape="hexagon"))
+    relayed = order.encode(
+        Told(voice="v", count=step, order=Order(term=1, beat=step, mode="run", shape="hexagon"))
+    )
     way = 0.2 * mono
     samples = [
         Sample(POSITION.key(name), encode(Pose(wall, way + index * 1j, 1 + 0j)), relayed, mono)
@@ -113,7 +115,7 @@ def test_a_status_stays_short_enough_to_send_whatever_a_hundred_neighbours_write
     name = mission.followers[-1]
     agent = Agent(mission, name)
     position = encode(Pose(EPOCH, 0j, 1 + 0j))
-    stranger = order.encode(Order(term=1, beat=1, mode="run", shape="shape"))
+    stranger = order.encode(Told(voice="v", count=1))
     stranger = stranger.replace(b"}", b', "' + b"x" * 900 + b'": 1}')
     for other in mission.robots[name].neighbours:
         agent.step(Now(0.0, EPOCH), [Sample(POSITION.key(other), position, stranger, 0.0)])
@@ -129,19 +131,30 @@ def test_a_status_stays_short_enough_to_send_whatever_a_hundred_neighbours_write
         b"{}",
         b"\xff\xfe",
         b"[" * 900,
-        b'{"term": 1, "beat": 99, "mode": "fly", "shape": "hexagon"}',
-        b'{"term": 1, "beat": -1, "mode": "run", "shape": "hexagon"}',
-        b'{"term": 1, "beat": 99, "mode": "run", "shape": "banana"}',
-        b'{"term": 1, "beat": 99, "mode": "stop", "shape": "hexagon", "more": 1}',
-        b'{"term": 1, "beat": 1e400, "mode": "stop", "shape": "hexagon"}',
+        b'{"voice": "v", "count": -1}',
+        b'{"voice": "v v", "count": 9}',
+        b'{"voice": "v", "count": 9, "more": 1}',
+        b'{"voice": "v", "count": 9, "order": {"term": 1, "beat": 99, "mode": "fly", "shape": "hexagon"}}',
+        b'{"voice": "v", "count": 9, "order": {"term": 1, "beat": -1, "mode": "run", "shape": "hexagon"}}',
+        b'{"voice": "v", "count": 9, "order": {"term": 1, "beat": 1e400, "mode": "run", "shape": "hexagon"}}',
     ],
 )
-def test_an_order_that_is_none_is_dropped_but_the_position_it_came_with_is_used(attachment: bytes) -> None:
+def test_a_position_with_which_nobody_says_who_speaks_is_dropped(attachment: bytes) -> None:
     agent = Agent(SIX, ME)
     for step in range(4):
         agent.step(moment(step), inbox(step))
     samples = [sample._replace(attachment=sample.attachment and attachment) for sample in inbox(4)]
     agent.step(moment(4), samples)
+    assert agent.dropped == {POSITION.key(name): 1 for name in NEIGHBOURS}
+    assert agent._neighbours.each["robot1"].stream.arrived == moment(3).mono
+
+
+def test_an_order_of_a_shape_that_nobody_knows_is_dropped_but_the_position_it_came_with_is_used() -> None:
+    agent = Agent(SIX, ME)
+    for step in range(4):
+        agent.step(moment(step), inbox(step))
+    banana = order.encode(Told(voice="v", count=4, order=Order(term=1, beat=4, mode="run", shape="banana")))
+    agent.step(moment(4), [sample._replace(attachment=sample.attachment and banana) for sample in inbox(4)])
     assert agent.dropped == {POSITION.key(name): 1 for name in NEIGHBOURS}
     assert agent.decision.state is State.RUN
     assert agent._neighbours.each["robot1"].stream.arrived == moment(4).mono

@@ -7,6 +7,7 @@ from statistics import median
 
 import pytest
 
+from agent.odometer import Odometer
 from formation.mission import Mission
 from formation.mission_file import load, parse, read, shipped
 from formation.order import LEADER_LOST
@@ -231,9 +232,10 @@ def test_a_clock_that_is_set_while_driving_is_survived(step: float) -> None:
 def test_a_jump_of_the_odometry_stops_the_robot_instead_of_making_it_lurch() -> None:
     fleet = Fleet(SIX)
     fleet.run(8.0)
-    here = fleet.agents["robot3"]._here
-    assert here._last is not None
-    here._last = replace(here._last, position=here._last.position + 5.0)
+    odometer = fleet.agents["robot3"]._here._source
+    assert isinstance(odometer, Odometer)
+    assert odometer._last is not None
+    odometer._last = replace(odometer._last, position=odometer._last.position + 5.0)
     fleet.run(0.1)
     assert fleet.last_command("robot3") == AT_REST
     assert "jumped" in fleet.status("robot3")["reason"]

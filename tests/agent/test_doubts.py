@@ -7,11 +7,10 @@ from dataclasses import replace
 
 import pytest
 
-from agent.core import Agent
 from formation import order
 from formation.messages import Odometry, decode, encode
 from formation.mission_file import load, parse, read
-from formation.order import Order
+from formation.order import Told
 from formation.topics import ODOM, POSITION
 from formation.wire import Now, Sample
 from leader.core import Leader
@@ -45,7 +44,7 @@ def moved_odometry(sample: Sample, by: complex) -> Sample:
 
 
 def restart(fleet: Fleet, name: str) -> None:
-    fleet.nodes[name].core = fleet.agents[name] = Agent(fleet.mission, name)
+    fleet.nodes[name].core = fleet.agents[name] = fleet.new_agent(name)
     fleet.revive(name)
 
 
@@ -71,7 +70,7 @@ def test_an_agent_that_restarts_on_the_way_takes_its_place() -> None:
 def test_a_leader_that_restarts_is_followed() -> None:
     fleet = Fleet(SIX)
     fleet.run(8.0)
-    fleet.leader = Leader(SIX)
+    fleet.leader = Leader(SIX, voice="new")
     fleet.nodes["leader"].core = fleet.leader
     fleet.run(15.0)
     assert fleet.error() < SIX.settled
@@ -83,9 +82,12 @@ def test_a_single_forged_order_with_the_highest_beat_there_is_freezes_nobody(
     term: int | None, mode: order.Mode
 ) -> None:
     def forge(sample: Sample) -> Sample:
-        real = order.decode(Order, sample.attachment or b"")
-        forged = Order(term=term or real.term, beat=2**63 - 1, mode=mode, shape=real.shape)
-        return sample._replace(attachment=order.encode(forged))
+        told = order.decode(Told, sample.attachment or b"")
+        assert told.order is not None
+        forged = told.order.model_copy(
+            update={"term": term or told.order.term, "beat": 2**63 - 1, "mode": mode}
+        )
+        return sample._replace(attachment=order.encode(told.model_copy(update={"order": forged})))
 
     fleet = Fleet(SIX)
     fleet.run(8.0)

@@ -67,14 +67,29 @@ def test_a_message_that_overtook_another_wins() -> None:
 
 
 @pytest.mark.parametrize("step", [-3600.0, -10.0, 10.0, 3600.0])
-def test_a_sender_whose_clock_is_set_costs_one_message_and_is_then_followed(step: float) -> None:
+def test_a_sender_whose_clock_is_set_is_followed_once_the_stream_as_it_was_is_silent(step: float) -> None:
     stream = stream_after(0.0, 0.05)
-    with pytest.raises(BadMessage):
-        stream.admit(EPOCH + 0.10 + step, 0.10, at(0.10))
-    assert stream.admit(EPOCH + 0.15 + step, 0.15, at(0.15)) is None
-    assert stream.admit(EPOCH + 0.20 + step, 0.20, at(0.20)) == pytest.approx(0.05, abs=1e-6)
-    assert stream.fresh(at(0.20))
+    for moment in (0.10, 0.15, 0.199):
+        with pytest.raises(BadMessage):
+            stream.admit(EPOCH + moment + step, moment, at(moment))
+    assert stream.admit(EPOCH + 0.25 + step, 0.25, at(0.25)) is None
+    assert stream.admit(EPOCH + 0.30 + step, 0.30, at(0.30)) == pytest.approx(0.05, abs=1e-6)
+    assert stream.fresh(at(0.30))
     assert not stream.clock_agrees
+
+
+@pytest.mark.parametrize("speed", [1, 2, 5])
+def test_a_recording_played_back_among_fresh_messages_is_never_followed(speed: int) -> None:
+    stream = stream_after(0.0)
+    for number in range(1, 100):
+        moment = number * PERIOD
+        for part in range(speed):
+            played = moment + part * PERIOD / speed
+            with pytest.raises(BadMessage):
+                stream.admit(EPOCH - 10.0 + played, played, at(played))
+        end = moment + PERIOD * 0.99
+        stream.admit(EPOCH + end, end, at(end))
+        assert stream.stamp == pytest.approx(EPOCH + end, abs=1e-6)
 
 
 def test_one_message_said_again_and_again_is_refused_however_long_nothing_else_is_heard() -> None:

@@ -18,7 +18,7 @@ from formation import order
 from formation.messages import Odometry, Pose, Twist, decode, encode
 from formation.mission import Mission
 from formation.mission_file import parse
-from formation.order import Order
+from formation.order import Order, Told
 from formation.topics import ODOM, POSITION
 from formation.wire import Now, Sample
 from tests.bench import edge
@@ -37,7 +37,8 @@ def steps(mission: Mission) -> dict[str, float]:
     for beat in range(STEPS):
         elapsed = beat / edge.RATE
         now = Now(elapsed, EPOCH + elapsed)
-        attachment = order.encode(Order(term=1, beat=beat, mode="run", shape="line"))
+        said = Order(term=1, beat=beat, mode="run", shape="line")
+        attachment = order.encode(Told(voice="bench", count=beat, order=said))
         for robot in (edge.LEADER, edge.NEIGHBOUR):
             payload = encode(edge.position(robot, elapsed, now.wall))
             by_position.append(
@@ -64,14 +65,15 @@ def codec() -> dict[str, float]:
     """Time of each message that passes in a step [µs]."""
     odometry, pose = edge.odometry(0.0, EPOCH), edge.position(edge.LEADER, 0.0, EPOCH)
     beat, command = Order(term=time.time_ns(), beat=1000, mode="run", shape="line"), Twist(0.2, 0.1)
-    heard, seen, relayed = encode(odometry), encode(pose), order.encode(beat)
+    told = Told(voice="bench", count=1000, order=beat)
+    heard, seen, relayed = encode(odometry), encode(pose), order.encode(told)
     return {
         "decode Odometry": microseconds(lambda: decode(Odometry, heard)),
         "decode PoseStamped": microseconds(lambda: decode(Pose, seen)),
-        "decode the order on it": microseconds(lambda: order.decode(Order, relayed)),
+        "decode the order on it": microseconds(lambda: order.decode(Told, relayed)),
         "encode Twist": microseconds(lambda: encode(command)),
         "encode PoseStamped": microseconds(lambda: encode(pose)),
-        "encode the order on it": microseconds(lambda: order.encode(beat)),
+        "encode the order on it": microseconds(lambda: order.encode(told)),
     }
 
 

@@ -12,7 +12,7 @@ from agent.core import Agent
 from formation.bus import BusConfig, _settings
 from formation.messages import encode
 from formation.mission_file import load
-from formation.order import Order
+from formation.order import Order, Told
 from formation.order import encode as encode_order
 from formation.topics import CMD_VEL, ODOM, POSITION, STATUS, TABLE
 from formation.wire import Now, Outgoing, Sample
@@ -96,7 +96,9 @@ def _one_step(mission_file: Path) -> list[Outgoing]:
     term, outbox = time.time_ns(), list[Outgoing]()
     for beat in (1000, 1001):  # the first alone proves no leader alive
         now = Now(time.monotonic(), time.time())
-        attachment = encode_order(Order(term=term, beat=beat, mode="run", shape="line"))
+        attachment = encode_order(
+            Told(voice="bench", count=beat, order=Order(term=term, beat=beat, mode="run", shape="line"))
+        )
         inbox = [
             Sample(POSITION.key(robot), encode(edge.position(robot, 0.0, now.wall)), attachment, now.mono)
             for robot in (edge.LEADER, edge.NEIGHBOUR)

@@ -15,7 +15,7 @@ from contextlib import ExitStack
 from formation import order
 from formation.bus import Bus, BusConfig
 from formation.messages import encode
-from formation.order import Order
+from formation.order import Order, Told
 from formation.process import say
 from formation.topics import POSITION
 from formation.wire import Outgoing
@@ -47,7 +47,8 @@ def main(origin: float, listen: dict[str, str], monitored: dict[str, list[str]])
             due = start + tick / (2.0 * RATE * SWEEP)
             time.sleep(max(0.0, due - time.monotonic()))
             robot = NEIGHBOUR if tick % 2 else LEADER
-            beat = order.encode(Order(term=term, beat=tick // 2, mode="run", shape="line"))
+            said = Order(term=term, beat=tick // 2, mode="run", shape="line")
+            beat = order.encode(Told(voice=robot, count=tick // 2, order=said))
             payload = encode(position(robot, time.monotonic() - origin, time.time()))
             buses[robot].send([Outgoing(POSITION.key(robot), payload, beat)])
             monitor.drain()

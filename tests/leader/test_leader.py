@@ -10,7 +10,7 @@ from formation import order
 from formation.messages import Diagnostics, Pose, decode
 from formation.mission import Mission
 from formation.mission_file import load, parse
-from formation.order import LEADER_LOST, OperatorReply, Order
+from formation.order import LEADER_LOST, OperatorReply, Order, Told
 from formation.route import Route
 from formation.wire import Now, Outgoing
 from leader.core import Leader
@@ -54,9 +54,9 @@ def mission() -> Mission:
 
 def positions(mono: float, outbox: list[Outgoing]) -> list[Said]:
     return [
-        Said(mono, decode(Pose, out.payload), order.decode(Order, out.attachment or b""))
+        Said(mono, decode(Pose, out.payload), told.order)
         for out in outbox
-        if out.key.endswith("/position")
+        if out.key.endswith("/position") and (told := order.decode(Told, out.attachment or b"")).order
     ]
 
 

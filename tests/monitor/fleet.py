@@ -19,7 +19,7 @@ from formation.messages import (
 )
 from formation.mission import Mission
 from formation.mission_file import load
-from formation.order import Mode, Order
+from formation.order import Mode, Order, Told
 from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSITION, STATUS
 from formation.wire import Now, Sample
 from monitor.metrics import Metrics
@@ -72,7 +72,8 @@ class Fleet:
         attachment = None
         if robot == self.mission.leader:
             self.beat += 1
-            attachment = order.encode(Order(term=1, beat=self.beat, mode=self.mode, shape=self.shape))
+            told = Order(term=1, beat=self.beat, mode=self.mode, shape=self.shape)
+            attachment = order.encode(Told(voice="leader", count=self.beat, order=told))
         return Sample(POSITION.key(robot), self.pose(robot, time, clock=clock), attachment, time)
 
     def truth(self, robot: str, time: float, turned: float = 0.0) -> Sample:

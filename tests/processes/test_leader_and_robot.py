@@ -19,7 +19,7 @@ from formation import order
 from formation.bus import Bus, BusConfig
 from formation.messages import Diagnostics, Displacement, Odometry, Pose, Twist, decode, encode
 from formation.mission_file import load, read
-from formation.order import OperatorReply, Order
+from formation.order import OperatorReply, Order, Told
 from formation.topics import CMD_VEL
 from formation.wire import Sample
 from tests.processes.child import PATIENCE, Child, free_endpoint, started
@@ -61,13 +61,19 @@ def robot2(endpoint: str, *arguments: str) -> Iterator[Child]:
         yield child
 
 
+def ordered(sample: Sample) -> Order:
+    told = order.decode(Told, sample.attachment or b"").order
+    assert told is not None
+    return told
+
+
 def test_a_leader_goes_along_its_route_in_real_time_with_a_rising_beat() -> None:
     end = free_endpoint()
     with leader(end) as child, listening(end, "robot1/position") as bus:
         samples = heard(bus, lambda samples: len(samples) >= 30)
         child.signal(signal.SIGTERM)
     poses = [decode(Pose, sample.payload) for sample in samples]
-    orders = [order.decode(Order, sample.attachment or b"") for sample in samples]
+    orders = [ordered(sample) for sample in samples]
     way = poses[-1].position - poses[0].position
     assert abs(way) / (poses[-1].stamp - poses[0].stamp) == pytest.approx(0.2, abs=1e-3)
     assert math.degrees(math.atan2(way.imag, way.real)) == pytest.approx(30.0, abs=1e-3)
@@ -85,7 +91,7 @@ def test_an_operator_stops_and_releases_a_leader_which_acknowledges() -> None:
             answer = order.decode(OperatorReply, reply.payload)
             bus.drain()
             after = heard(bus, lambda samples: len(samples) >= 2)
-            modes.append((answer.ok, answer.mode, order.decode(Order, after[-1].attachment or b"").mode))
+            modes.append((answer.ok, answer.mode, ordered(after[-1]).mode))
     assert modes == [
         (True, "stop", "stop"),
         (False, "stop", "stop"),
@@ -102,9 +108,9 @@ def test_the_last_words_of_a_leader_that_is_ended_are_a_hold() -> None:
         summary = child.event("summary")
         samples = heard(bus, lambda samples: any(b"SIGINT" in sample.payload for sample in samples))
     last = [sample for sample in samples if sample.key == "robot1/position"][-1]
-    assert order.decode(Order, last.attachment or b"").mode == "hold"
+    assert ordered(last).mode == "hold"
     assert decode(Diagnostics, samples[-1].payload).statuses[0].values["reason"] == "SIGINT"
-    assert order.decode(Order, last.attachment or b"").beat == summary["published"]["robot1/position"]
+    assert ordered(last).beat == summary["published"]["robot1/position"]
 
 
 def test_a_robot_goes_where_it_is_told_and_stands_when_it_is_told() -> None:

@@ -1,0 +1,33 @@
+"""What an operator asked of this very robot: a stop or a hold that stays until it is released."""
+
+from __future__ import annotations
+
+from formation import order
+from formation.order import Mode, OperatorReply, OperatorRequest
+
+LONGEST_REASON = 120
+"""[characters]"""
+
+
+class Latch:
+    """What stays in force until the operator releases it."""
+
+    def __init__(self, robot: str) -> None:
+        self.mode: Mode | None = None
+        """``stop`` or ``hold`` until released; None when there is nothing to release."""
+        self._robot = robot
+
+    def ask(self, data: bytes, ordered: Mode) -> bytes:
+        """Answer a request; `ordered` is what the leader wants. Raises BadMessage for what is no request."""
+        wanted = order.decode(OperatorRequest, data).do
+        if self.mode == "stop" and wanted in {"run", "hold"}:
+            return self.reply(ordered, ok=False, reason="stopped: release it first")
+        self.mode = wanted if wanted in {"stop", "hold"} else None
+        return self.reply(ordered, ok=True, reason="")
+
+    def reply(self, ordered: Mode, *, ok: bool, reason: str) -> bytes:
+        """What the operator gets to read."""
+        mode = self.mode or ordered
+        return order.encode(
+            OperatorReply(robot=self._robot, ok=ok, mode=mode, reason=reason[:LONGEST_REASON])
+        )

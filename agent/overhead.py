@@ -1,0 +1,75 @@
+"""Positions from outside: an overhead camera or motion capture that sees the robot in the world frame.
+
+This is the paper's other source. How far the robot went and turned between two positions is taken from the
+commands that it was sent, as in the paper; odometry is not read.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+from agent.odometer import impossible
+from agent.sighting import Sighting
+from formation.heading import Travel
+from formation.messages import Pose
+from formation.mission import Mission
+from formation.plane import angle_between
+from formation.unicycle import Command
+
+KEPT = 5.0
+"""Commands older than this are forgotten [s]."""
+
+
+class Sent(NamedTuple):
+    """A command and when it was sent [s, monotonic]; it holds until the next."""
+
+    since: float
+    command: Command
+
+
+class Overhead:
+    """One robot seen from outside."""
+
+    name = "pose"
+    alignment = "positions from outside, in the world frame"
+    realigned = 0
+
+    def __init__(self, mission: Mission, robot: str) -> None:
+        spec = mission.robots[robot]
+        self._limits = spec.limits
+        self._reads_heading = spec.heading == "measured"
+        self._last: Pose | None = None
+        self._sent: deque[Sent] = deque()
+
+    def told(self, moment: float, command: Command) -> None:
+        """The robot was sent `command` at `moment` [s, monotonic]."""
+        while len(self._sent) > 1 and self._sent[1].since < moment - KEPT:
+            self._sent.popleft()
+        if not self._sent or self._sent[-1].command != command:
+            self._sent.append(Sent(moment, command))
+
+    def see(self, pose: Pose, over: float | None, moment: float) -> Sighting:
+        """Where it was seen at `moment` [s, monotonic], `over` [s] after it was seen before."""
+        last, self._last = self._last, pose
+        if last is None or over is None:
+            return Sighting(pose.position, pose.heading, None)
+        distance, turn = self._driven(moment - over, moment)
+        seen_turn = float(angle_between(last.heading, pose.heading)) if self._reads_heading else 0.0
+        travel = Travel(distance, turn, pose.position - last.position)
+        jumped = impossible(
+            abs(travel.displacement), seen_turn, self._limits.max_speed, self._limits.max_turn_rate, over
+        )
+        return Sighting(pose.position, pose.heading, travel, jumped)
+
+    def _driven(self, start: float, end: float) -> tuple[float, float]:
+        """What the commands make of the time between: path length [m] and turn [rad]."""
+        distance, turn, until = 0.0, 0.0, end
+        for since, command in reversed(self._sent):
+            if until <= start:
+                break
+            held = max(0.0, until - max(since, start))
+            distance += command.speed * held
+            turn += command.turn_rate * held
+            until = min(until, since)
+        return distance, turn

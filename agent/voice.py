@@ -1,0 +1,55 @@
+"""Whose voice is it that speaks for a neighbour, and is what it says new?
+
+Two agents that run for one robot by mistake, and a recording of one that is played back, say well-formed
+positions on the right key. A neighbour is therefore bound to the first voice heard of it, and each voice to
+its own count: another voice is refused until the first has been silent for longer than anybody would follow
+it, and what was said before is refused always.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+from formation.neighbour import FRESH_PERIODS
+from formation.order import Told
+from formation.wire import BadMessage
+
+LEAP = 1.0
+"""A count may rise by so much time's worth between two messages, however soon they follow each other [s]."""
+REMEMBERED = 64
+"""So many voices that have fallen silent are never listened to again."""
+
+
+class Voice:
+    """The one voice that speaks for a neighbour."""
+
+    def __init__(self, name: str, rate: float) -> None:
+        """`rate` [Hz] is how often `name` tells its position."""
+        self.limit = FRESH_PERIODS / rate
+        """Silence after which another voice may speak for it [s]."""
+        self.contested = float("-inf")
+        """When another voice was last refused [s, monotonic]."""
+        self._name, self._rate = name, rate
+        self._bound: Told | None = None
+        self._heard = float("-inf")
+        self._former: deque[str] = deque(maxlen=REMEMBERED)
+
+    def admit(self, told: Told, arrived: float) -> None:
+        """Let the voice speak, or raise BadMessage."""
+        if self._bound is not None:
+            self._judge(told, self._bound, arrived - self._heard, arrived)
+        self._bound, self._heard = told, arrived
+
+    def _judge(self, told: Told, bound: Told, wait: float, arrived: float) -> None:
+        if told.voice == bound.voice:
+            if told.count <= bound.count:
+                raise BadMessage(f"said before: position {told.count} of this voice, now at {bound.count}")
+            if told.count - bound.count > 2.0 * self._rate * (LEAP + max(0.0, wait)):
+                raise BadMessage(f"position {told.count} of this voice, just now at {bound.count}")
+            return
+        if told.voice in self._former:
+            raise BadMessage(f"{self._name} speaks with a voice of its past")
+        if wait <= self.limit:
+            self.contested = arrived
+            raise BadMessage(f"{self._name} speaks with a second voice")
+        self._former.append(bound.voice)
