@@ -1,5 +1,6 @@
-"""Liveliness tokens of rmw_zenoh: who is in the ROS graph, written and read. Pure.
+"""Liveliness tokens by which ROS 2 shows on Zenoh who is there. Pure.
 
+Of rmw_zenoh, written and read: nodes, and what they publish and hear.
 A token is a key of 9 parts for a node (NN), and of 13 for what a node has (MP publishes, MS subscribes,
 SS serves, SC asks):
 
@@ -7,6 +8,12 @@ SS serves, SC asks):
     ... the same .../<topic>/<type>/<type hash>/<QoS>
 
 Slashes inside a part are written as %.
+
+Of zenoh-bridge-ros2dds, only read: its routes, one for each topic that ROS has on its side.
+
+    @/<zid>/@ros2_lv/<kind>/<key>/<type>/<QoS>, without QoS for what is no topic
+
+Slashes inside a part are written as §.
 """
 
 from __future__ import annotations
@@ -15,6 +22,7 @@ from typing import NamedTuple
 
 SPACE = "@ros2_lv"
 KINDS = ("NN", "MP", "MS", "SS", "SC")
+ROUTE_KINDS = ("MP", "MS", "SS", "SC", "AS", "AC")
 QOS = "::,10:,:,:,,"
 """Reliable, volatile, the last 10 kept: what ROS means by default. What is left out is its default."""
 
@@ -61,7 +69,7 @@ def read(key: str) -> Token | None:
     parts = key.split("/")
     if len(parts) < 9 or not all(parts) or parts[0] != SPACE or parts[5] not in KINDS:
         return None
-    if len(parts) != (9 if parts[5] == "NN" else 13):
+    if len(parts) < 13 and parts[5] != "NN":  # newer versions may say more
         return None
     domain, node_id, number = (
         int(p) if p.isascii() and p.isdigit() else None for p in (parts[1], *parts[3:5])
@@ -72,10 +80,40 @@ def read(key: str) -> Token | None:
     node = Token(domain, parts[2], node_id, number, parts[5], namespace, parts[8], enclave=enclave)
     if node.kind == "NN":
         return node
-    topic, dds, type_hash, qos = parts[9:]
+    topic, dds, type_hash, qos = parts[9:13]
     return node._replace(
         topic=_demangled(topic).strip("/"), type=ros_type(_demangled(dds)), type_hash=type_hash, qos=qos
     )
+
+
+class Route(NamedTuple):
+    """One topic, service or action that a bridge carries because ROS has it on the bridge's side."""
+
+    zid: str
+    kind: str
+    """MP: somebody in ROS publishes. MS: somebody subscribes. SS, SC, AS, AC: services and actions."""
+    key: str
+    """On Zenoh."""
+    type: str
+    """ROS type, ``package/msg/Name``."""
+
+
+ROUTES = f"@/*/{SPACE}/**"
+"""Key expression of all routes of all bridges."""
+
+
+def read_route(key: str) -> Route | None:
+    """The bridge's route that `key` spells; None for a key that is none, whatever else it is."""
+    parts = key.split("/")
+    if (
+        len(parts) < 6
+        or not all(parts)
+        or parts[0] != "@"
+        or parts[2] != SPACE
+        or parts[3] not in ROUTE_KINDS
+    ):
+        return None
+    return Route(parts[1], parts[3], parts[4].replace("§", "/"), parts[5].replace("§", "/"))
 
 
 def dds_type(ros: str) -> str:

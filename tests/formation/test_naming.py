@@ -12,7 +12,7 @@ from formation.mission import Mission
 from formation.mission_file import MissionError, parse, read
 from formation.naming import Naming
 from formation.ros_names import RosNames, address
-from formation.tokens import Token, dds_type, ros_type
+from formation.tokens import Route, Token, dds_type, read_route, ros_type
 from formation.tokens import read as read_token
 from formation.topics import CMD_VEL, ERROR, ODOM, ORDER, RELATIVE, TABLE
 
@@ -221,6 +221,27 @@ def test_a_token_is_read_as_it_was_written(
 def test_whatever_else_a_key_is_it_is_no_token(key: str) -> None:
     token = read_token(f"@ros2_lv/{key}")
     assert token is None or token.key.startswith("@ros2_lv/")
+
+
+def test_a_token_that_says_more_than_we_know_is_read_as_far_as_we_do() -> None:
+    token = Token(0, "a", 0, 1, "MP", "robot1", "node", "robot1/odom", ODOM.type, "RIHS01_ab")
+    assert read_token(f"{token.key}/cpu:") == token
+    assert read_token(f"{token._replace(kind='NN').key}/more") is not None
+
+
+def test_a_bridges_route_is_read() -> None:
+    key = "@/a1b2/@ros2_lv/MS/robot1§cmd_vel/geometry_msgs§msg§Twist/:1:0:0,10:typehash=RIHS01_9c;"
+    assert read_route(key) == Route("a1b2", "MS", "robot1/cmd_vel", "geometry_msgs/msg/Twist")
+    service = "@/a1b2/@ros2_lv/SS/robot1§reset_odometry/std_srvs§srv§Trigger"
+    assert read_route(service) == Route("a1b2", "SS", "robot1/reset_odometry", "std_srvs/srv/Trigger")
+    for other in (
+        "",
+        "robot1/odom",
+        "@/a1b2/@ros2_lv",
+        "@/a1b2/@ros2_lv/XX/a/b/c",
+        "@/a1b2/@ros2_lv/MS//b/c",
+    ):
+        assert read_route(other) is None
 
 
 @pytest.mark.parametrize(
