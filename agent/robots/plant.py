@@ -24,8 +24,19 @@ CAUGHT_UP = 40.0
 class Plant:
     """One robot's true motion and what its odometry makes of it. It keeps to its last command for ever."""
 
-    def __init__(self, body: Body, position: complex, heading: complex, noise: np.random.Generator) -> None:
-        """At rest, centre at `position` [m; world frame], with unit complex `heading` [world frame]."""
+    def __init__(
+        self,
+        body: Body,
+        position: complex,
+        heading: complex,
+        noise: np.random.Generator,
+        *,
+        counts_from_here: bool = False,
+    ) -> None:
+        """At rest, centre at `position` [m; world frame], with unit complex `heading` [world frame].
+
+        Its odometry is in the world frame, or begins with zero where it is now.
+        """
         self.position = position
         """True centre [m; world frame]."""
         self.heading = heading
@@ -40,6 +51,7 @@ class Plant:
         self._noise = noise
         # Odometry errs by a share of the path, to a side of the world that is this robot's own.
         self._drift = body.drift * cmath.rect(1.0, noise.uniform(-math.pi, math.pi))
+        self._counts_from = (position, heading) if counts_from_here else (0j, 1.0 + 0.0j)
 
     def obey(self, command: Command) -> None:
         """Strive for what the firmware makes of `command`."""
@@ -60,10 +72,28 @@ class Plant:
             self._go(self.command, elapsed - changing)
 
     def odometry(self) -> tuple[complex, complex]:
-        """Centre [m] and heading as this robot measures them [world frame]; each call is a new sample."""
+        """Centre [m] and heading as this robot measures them [its own frame]; each call is a new sample."""
+        (position, heading), (origin, axis) = self._noisy(self._believed), self._counts_from
+        return (position - origin) * axis.conjugate(), heading * axis.conjugate()
+
+    def seen(self) -> tuple[complex, complex]:
+        """Centre [m] and heading as a camera above sees them [world frame]; each call is a new sample."""
+        return self._noisy(self.position)
+
+    def reset_odometry(self) -> None:
+        """Have odometry count from here, as a TurtleBot3's `reset_odometry` does."""
+        self._counts_from = self._believed, self.heading
+
+    @property
+    def _believed(self) -> complex:
+        return self.position + self._drift * self.path
+
+    def _noisy(self, position: complex) -> tuple[complex, complex]:
         x, y, angle = self._noise.normal(size=3)
-        position = self.position + self._drift * self.path + self._body.position_noise * complex(x, y)
-        return position, self.heading * cmath.rect(1.0, self._body.heading_noise * angle)
+        return (
+            position + self._body.position_noise * complex(x, y),
+            self.heading * cmath.rect(1.0, self._body.heading_noise * angle),
+        )
 
     def _go(self, command: Command, elapsed: float) -> None:
         position, heading = advance(self.position, self.heading, *command, elapsed)

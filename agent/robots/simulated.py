@@ -1,5 +1,7 @@
 """Simulated robots on the wire: commands in, odometry, ground truth and local measurements out.
 
+A robot that is localised from outside is seen by a camera above as well, at the rate of its odometry.
+
 `World.step(now, inbox) -> outbox` hosts one robot or many, without a clock, a socket or a log. A robot moves
 by the time that really went by, and a command takes hold when it arrived, so neither depends on when the
 world is stepped. As on a TurtleBot3 nothing times out: the last command holds for ever.
@@ -18,7 +20,7 @@ from formation.messages import Displacement, Odometry, Pose, Twist, TwistStamped
 from formation.mission import Mission
 from formation.neighbour import Track, carried_to, first_seen, seen
 from formation.rate import Rate
-from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSITION, RELATIVE, Topic
+from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSE, POSITION, RELATIVE, Topic
 from formation.unicycle import Command, control_point
 from formation.wire import BadMessage, Now, Outgoing, Sample
 
@@ -59,7 +61,8 @@ class World:
             for name, robot in self._hosted.items()
             for other in robot.sees
         ]
-        return (*own, *sensors)
+        cameras = [(POSE, POSE.key(name)) for name, robot in self._hosted.items() if robot.watched]
+        return (*own, *cameras, *sensors)
 
     @property
     def subscriptions(self) -> tuple[str, ...]:
@@ -122,10 +125,11 @@ class World:
             if (seen_at := self._displacement(robot, other, now)) is not None
         ]
         plant = robot.plant
-        position, heading = plant.odometry()
-        odometry = Odometry(now.wall, position, heading, *plant.moving)
+        odometry = Odometry(now.wall, *plant.odometry(), *plant.moving, frame=robot.odometry_frame)
         truth = Pose(now.wall, plant.position, plant.heading)
         outbox.append(Outgoing(ODOM.key(robot.name), encode(odometry)))
+        if robot.watched:
+            outbox.append(Outgoing(POSE.key(robot.name), encode(Pose(now.wall, *plant.seen()))))
         outbox.append(Outgoing(GROUND_TRUTH.key(robot.name), encode(truth)))
         return outbox
 
@@ -150,7 +154,11 @@ class _Robot:
         noise = np.random.default_rng([seed, mission.names.index(name)])
         self.name = name
         body = Body.of(mission.simulated_robot)
-        self.plant = Plant(body, spec.start.position, spec.start.heading, noise)
+        from_start = spec.odometry_frame == "start"
+        self.plant = Plant(body, spec.start.position, spec.start.heading, noise, counts_from_here=from_start)
+        self.odometry_frame = "odom" if from_start else "map"
+        self.watched = spec.localisation == "external"
+        """Whether a camera above tells its position."""
         self.rate = Rate(spec.rate, phase)
         self.sees = spec.neighbours if spec.measurement == "local" else ()
         self._stamped = spec.cmd_vel == "twist_stamped"
