@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import argparse
 import secrets
 import sys
 from collections.abc import Sequence
 
 from agent.core import Agent
+from agent.loop import drive
 from formation import wiring
-from formation.flags import bus_config, parser
+from formation.flags import add_robot_connect, bus_config, parser, robot_bus
 from formation.law import LAWS
 from formation.mission_file import load
 from formation.process import Process, Stop, one_of, run_process
-from formation.topics import ORDER, STATUS
 
 EXAMPLES = """\
   formation agent six_robots --robot robot2
-  formation agent field.toml --robot robot2 -l tcp/0.0.0.0:7460 -e tcp/192.168.1.11:7460 -e tcp/127.0.0.1:7447
+  formation agent field.toml --robot robot2 --readonly           everything but moving
+  formation agent field.toml --robot robot2 --robot-connect tcp/127.0.0.1:7447
+  formation agent field.toml --robot robot2 -l tcp/0.0.0.0:7460 -e tcp/192.168.1.11:7460
+  formation agent field.toml --robot robot2 -c zenoh.json5       certificates, access rules, endpoints
   formation agent field.toml --robot robot2 --law paper --cfg transport/link/tx/lease:2000
 """
+NODE = "formation_agent"
+"""What ROS 2 calls it."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -30,21 +36,23 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--robot", required=True, metavar="NAME", help="which follower of the mission to drive"
     )
     flags.add_argument("--law", choices=list(LAWS), help="overrule the mission's law")
+    flags.add_argument(
+        "--readonly", action="store_true", help="do everything but send the robot commands: nothing moves"
+    )
+    add_robot_connect(flags)
     args = flags.parse_args(argv)
+    return run_process(args.robot, args, lambda stop: _run(args, stop))
 
-    def drive(stop: Stop) -> None:
-        mission = load(args.mission)
-        name = one_of("--robot", args.robot, mission.followers)
-        links = wiring.of_agent(mission, name, wiring.endpoints(mission))
-        agent = Agent(mission, name, args.law, voice=secrets.token_hex(8))
-        config = bus_config(args, mission, links, f"agent {name}")
-        with Process(f"agent {name}", args, config, stop) as process:
-            process.declare(agent)
-            process.bus.answer(ORDER.key(name), agent.request)
-            process.ready(STATUS.key(name))
-            process.run(agent)
 
-    return run_process(args.robot, args, drive)
+def _run(args: argparse.Namespace, stop: Stop) -> None:
+    mission = load(args.mission)
+    name = one_of("--robot", args.robot, mission.followers)
+    links = wiring.of_agent(mission, name, wiring.endpoints(mission))
+    agent = Agent(mission, name, args.law, readonly=args.readonly, voice=secrets.token_hex(8))
+    config = bus_config(args, mission, links, f"agent {name}")
+    robot = robot_bus(args, mission, name, NODE)
+    with Process(f"agent {name}", args, config, stop, robot) as process:
+        drive(agent, process, readonly=args.readonly)
 
 
 if __name__ == "__main__":

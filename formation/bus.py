@@ -1,8 +1,7 @@
-"""The bus: a process's one Zenoh session. The only module that imports zenoh.
+"""The bus: one Zenoh session of a process. The only module that imports zenoh.
 
-Zenoh's receive thread does as little as can be: it stamps the sample, appends it to a bounded queue and rings
-a bell. Everything else happens on the main thread, which waits for the bell, drains the queue and answers
-queries, so a slow main loop loses old samples (counted) but never stalls a link, and no core needs a lock.
+Zenoh's receive thread stamps what arrives and puts it into a mailbox; everything else happens on the main
+thread. A process with several buses has one mailbox for them all.
 """
 
 from __future__ import annotations
@@ -12,15 +11,17 @@ import logging
 import os
 import threading
 import time
-from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import contextmanager
 from types import TracebackType
 from typing import NamedTuple, Self
 
 import zenoh
 
 from formation.bus_config import DEFAULTS, ONE_THREAD, BusConfig, BusError, plain
+from formation.mailbox import Mailbox
+from formation.refusals import Refusals
 from formation.topics import Topic
 from formation.wire import Outgoing, Sample
 
@@ -31,8 +32,6 @@ _PRIORITY = {
     "data": zenoh.Priority.DATA,
     "background": zenoh.Priority.BACKGROUND,
 }
-MAX_QUERIES = 64
-"""Queries that may wait to be served; more are turned away."""
 CLOSE_LIMIT = 1.5
 """How long `Bus.close` may take [s]: a little longer than the lease of a peer that hangs."""
 _log = logging.getLogger(__name__)
@@ -54,25 +53,22 @@ class Bus:
     thread.
     """
 
-    def __init__(self, config: BusConfig, *, capacity: int = 1024) -> None:
-        """Open the session. `capacity` bounds the samples that wait to be drained. Raises BusError."""
+    def __init__(self, config: BusConfig, mailbox: Mailbox | None = None, *, capacity: int = 1024) -> None:
+        """Open the session. What arrives goes into `mailbox`, by default one of its own.
+
+        `capacity` bounds the samples that wait there to be drained. Raises BusError.
+        """
+        self.mailbox = mailbox or Mailbox(capacity)
         self.published: Counter[str] = Counter()
         """Messages handed to Zenoh, by key."""
         self.received: Counter[str] = Counter()
-        """Messages that arrived, by key, overflowed ones included."""
-        self.overflowed = 0
-        """Messages that arrived and were pushed out by newer ones before anybody drained them."""
-        self._samples: deque[Sample] = deque(maxlen=capacity)
-        self._queries: deque[tuple[zenoh.Query, str, Callable[[bytes], bytes]]] = deque()
+        """Messages that arrived on this bus, by key, overflowed ones included."""
         self._publishers: dict[str, zenoh.Publisher] = {}
-        self._woken = False
-        self._counting = threading.Lock()
-        # A lock used as a bell: held while there is nothing to do, released to wake the main thread. That
-        # neither blocks nor takes a second lock, so unlike an Event's `set` it is safe in a signal handler.
-        self._bell = threading.Lock()
-        self._bell.acquire()
+        self._tokens: dict[str, zenoh.LivelinessToken] = {}
         os.environ.setdefault("ZENOH_RUNTIME", ONE_THREAD)
-        self._session: zenoh.Session | None = _open(config)
+        settings = _settings(config)
+        self._refusals = _listen_for_refusals(settings)
+        self._session: zenoh.Session | None = _open(settings, config.name)
 
     def __enter__(self) -> Self:
         return self
@@ -111,70 +107,87 @@ class Bus:
         # The stub promises a bool; what comes is an object that is always true.
         return bool(self._publisher(key).matching_status.matching)  # type: ignore[attr-defined]
 
-    def subscribe(self, key: str) -> None:
-        """Have the samples of `key` put into the queue that `drain` empties. Wildcards are allowed."""
-        pattern = "*" in key
+    def subscribe(self, key: str, name: str = "") -> None:
+        """Have the samples of `key` put into the mailbox, as samples of `name` if that is given.
+
+        Wildcards are allowed; then each sample has the key that it was published on.
+        """
+        fixed = name or ("" if "*" in key else key)
+        put, received = self.mailbox.put, self.received
 
         def receive(sample: zenoh.Sample) -> None:  # on Zenoh's thread: must return at once
             arrived = time.monotonic()
-            name = str(sample.key_expr) if pattern else key
             attachment = sample.attachment
             taken = Sample(
-                name,
+                fixed or str(sample.key_expr),
                 sample.payload.to_bytes(),
                 None if attachment is None else attachment.to_bytes(),
                 arrived,
             )
-            with self._counting:
-                self.received[name] += 1
-                self.overflowed += len(self._samples) == self._samples.maxlen
-                self._samples.append(taken)
-            self._ring()
+            put(taken, received)
 
         with _named(key):
             self._live.declare_subscriber(key, zenoh.handlers.Callback(receive, indirect=False))
 
+    def claim(self, tokens: Iterable[str]) -> None:
+        """Hold exactly these liveliness tokens. Zenoh tells them again to whoever is linked later."""
+        wanted = dict.fromkeys(tokens)
+        for token in [held for held in self._tokens if held not in wanted]:
+            self._tokens.pop(token).undeclare()  # type: ignore[no-untyped-call]
+        for token in wanted:
+            if token not in self._tokens:
+                with _named(token):
+                    self._tokens[token] = self._live.liveliness().declare_token(token)
+
+    @property
+    def advertised(self) -> Collection[str]:
+        """Every key that this bus may publish."""
+        return self._publishers.keys()
+
+    @property
+    def refused(self) -> Counter[str]:
+        """What was refused to others so far, by kind; known only of a bus with access control."""
+        return Counter() if self._refusals is None else self._refusals.counts
+
+    @property
+    def overflowed(self) -> int:
+        """Messages that were pushed out of the mailbox by newer ones before anybody drained them."""
+        return self.mailbox.overflowed
+
+    @property
+    def zid(self) -> str:
+        """What Zenoh calls this session."""
+        return str(self._live.info.zid())
+
+    @property
+    def linked_routers(self) -> int:
+        """How many routers this session is linked with right now."""
+        return 0 if self._session is None else len(self._session.info.routers_zid())
+
     def drain(self) -> list[Sample]:
         """All samples that wait, in order of arrival."""
-        return [self._samples.popleft() for _ in range(len(self._samples))]
+        return self.mailbox.drain()
 
     def wait(self, timeout: float) -> bool:
         """Sleep until a sample or query waits or `wake` was called, at most `timeout` [s]; whether so."""
-        deadline = time.monotonic() + timeout
-        while not (self._samples or self._queries or self._woken):
-            left = deadline - time.monotonic()
-            if left <= 0.0 or not self._bell.acquire(timeout=left):
-                return False
-        self._woken = False
-        return True
+        return self.mailbox.wait(timeout)
 
     def wake(self) -> None:
         """Have the current or next `wait` return at once. Safe in a signal handler."""
-        self._woken = True
-        self._ring()
+        self.mailbox.wake()
 
     def answer(self, key: str, handler: Callable[[bytes], bytes]) -> None:
         """Answer queries on `key` with ``handler(request)``, called by `serve` on the main thread."""
 
         def receive(query: zenoh.Query) -> None:  # on Zenoh's thread: must return at once
-            if len(self._queries) < MAX_QUERIES:
-                self._queries.append((query, key, handler))
-                self._ring()
-            else:
-                query.drop()  # type: ignore[no-untyped-call]
+            self.mailbox.accept(_Query(query, key), handler)
 
         with _named(key):
             self._live.declare_queryable(key, zenoh.handlers.Callback(receive, indirect=False))
 
     def serve(self) -> int:
         """Answer the queries that wait; how many."""
-        waiting = len(self._queries)
-        for _ in range(waiting):
-            query, key, handler = self._queries.popleft()
-            with query:
-                payload = query.payload
-                query.reply(key, handler(b"" if payload is None else payload.to_bytes()))
-        return waiting
+        return self.mailbox.serve()
 
     def ask(self, key: str, payload: bytes, timeout: float) -> list[Reply]:
         """Query everybody who answers `key` (wildcards are allowed) and wait for all, at most `timeout` [s].
@@ -210,8 +223,7 @@ class Bus:
         session, self._session = self._session, None
         if session is None:
             return
-        while self._queries:
-            self._queries.popleft()[0].drop()  # type: ignore[no-untyped-call]
+        self.mailbox.turn_away()
         # Zenoh waits up to 10 s for a peer that has stopped reading; a daemon thread does not keep us.
         closing = threading.Thread(target=_close, args=(session,), name="bus-close", daemon=True)
         closing.start()
@@ -234,33 +246,63 @@ class Bus:
             )
         return publisher
 
-    def _ring(self) -> None:
-        with suppress(RuntimeError):  # it rings already
-            self._bell.release()
+
+class _Query:
+    """A query of Zenoh's, as the mailbox keeps it."""
+
+    __slots__ = ("_key", "_query")
+
+    def __init__(self, query: zenoh.Query, key: str) -> None:
+        self._query, self._key = query, key
+
+    @property
+    def request(self) -> bytes:
+        payload = self._query.payload
+        return b"" if payload is None else payload.to_bytes()
+
+    def answer(self, reply: bytes) -> None:
+        with self._query:
+            self._query.reply(self._key, reply)
+
+    def drop(self) -> None:
+        self._query.drop()  # type: ignore[no-untyped-call]
 
 
-def _open(config: BusConfig) -> zenoh.Session:
-    settings = _settings(config)
-    with _named(f"the bus cannot be opened, listening on {', '.join(config.listen) or 'nothing'}"):
+def _open(settings: zenoh.Config, name: str) -> zenoh.Session:
+    listened = ", ".join(json.loads(settings.get_json("listen/endpoints"))) or "nothing"
+    try:
         return zenoh.open(settings)
+    except zenoh.ZError as error:
+        if "in use" in str(error):
+            twice = f"; is there a second {name} on this machine?" if name else ""
+            raise BusError(f"cannot listen on {listened}: the address is in use{twice}") from None
+        raise BusError(f"the bus cannot be opened, listening on {listened}: {plain(error)}") from None
 
 
 def _settings(config: BusConfig) -> zenoh.Config:
-    settings = untouched = zenoh.Config()
+    settings, untouched = zenoh.Config(), zenoh.Config()
     if config.config_file is not None:
         with _named(f"--config {str(config.config_file)!r}"):
             settings = zenoh.Config.from_file(config.config_file)
-    left_open = [
-        (path, value)
-        for path, value in DEFAULTS
-        if json.loads(settings.get_json(path)) == json.loads(untouched.get_json(path))
-    ]
-    for path, value in left_open + config.flags():
+
+    def left_open(path: str) -> bool:
+        return bool(json.loads(settings.get_json(path)) == json.loads(untouched.get_json(path)))
+
+    linked = not all(map(left_open, ("listen/endpoints", "connect/endpoints")))
+    defaults = [(path, value) for path, value in DEFAULTS if left_open(path)]
+    for path, value in defaults + ([] if linked else config.links()) + config.flags():
         settings.insert_json5(path, value)
     for path, value in config.overrides:
         with _named(f"--cfg {path}:{value}"):
             settings.insert_json5(path, value)
     return settings
+
+
+def _listen_for_refusals(settings: zenoh.Config) -> Refusals | None:
+    if not json.loads(settings.get_json("access_control/enabled")):
+        return None
+    namespace = json.loads(settings.get_json("namespace"))
+    return Refusals.listen(zenoh.try_init_log_from_env, namespace or "")
 
 
 def _close(session: zenoh.Session) -> None:

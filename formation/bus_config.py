@@ -7,6 +7,8 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from formation.wiring import Links
+
 MODES = ("peer", "client", "router")
 _NETWORK = ("tcp", "tls", "quic", "udp", "ws")
 _OTHER = ("unixsock-stream", "unixpipe", "serial", "vsock")
@@ -52,13 +54,15 @@ class BusConfig:
 
     Sparse peers: no multicast, no gossip, so a session has exactly the links that `listen` and `connect`
     make. What `config_file` sets other than Zenoh's own default is kept over ours; flags outrank the file,
-    and `overrides` outrank everything.
+    the file outranks what the mission implies, and `overrides` outrank everything.
     """
 
     listen: tuple[str, ...] = ()
     """Endpoints to accept links on, ``tcp/0.0.0.0:7447``; port 0 takes a free one. None: accepts no links."""
     connect: tuple[str, ...] = ()
     """Endpoints to dial, and to dial again for as long as they are absent."""
+    implied: Links | None = None
+    """What the mission implies: where to listen and dial if neither flags nor the file say so."""
     mode: str | None = None
     """One of `MODES`; None is what the file says, else peer."""
     namespace: str = ""
@@ -73,7 +77,11 @@ class BusConfig:
     """What this process calls itself in its admin space."""
 
     def __post_init__(self) -> None:
-        for flag, endpoints in (("--listen", self.listen), ("--connect", self.connect)):
+        implied = self.implied or Links((), ())
+        for flag, endpoints in (
+            ("--listen", self.listen + implied.listen),
+            ("--connect", self.connect + implied.connect),
+        ):
             for endpoint in endpoints:
                 _check_endpoint(flag, endpoint)
         if self.mode is not None and self.mode not in MODES:
@@ -92,6 +100,15 @@ class BusConfig:
             "adminspace": {"enabled": self.adminspace, "permissions": {"read": True, "write": False}},
         }
         return [(path, json.dumps(value)) for path, value in flags.items() if value]
+
+    def links(self) -> list[tuple[str, str]]:
+        """The implied links, for a session that nobody else has told where to listen or dial."""
+        if self.implied is None:
+            return []
+        return [
+            ("listen/endpoints", json.dumps(self.implied.listen)),
+            ("connect/endpoints", json.dumps(self.implied.connect)),
+        ]
 
 
 def parse_override(text: str) -> tuple[str, str]:

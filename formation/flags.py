@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 from formation.bus_config import MODES, BusConfig, parse_override
+from formation.mailbox import Mailbox
 from formation.mission import Mission
-from formation.wiring import Links
+from formation.naming import Naming
+from formation.robot_bus import RobotBus
+from formation.wiring import Links, endpoints
 
 LEVELS = ("debug", "info", "warning", "error")
 
@@ -22,7 +26,9 @@ def parser(command: str, what: str, examples: str) -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     flags.add_argument("mission", metavar="MISSION", help="mission file, or the name of a shipped mission")
-    links = flags.add_argument_group("links (without -l and -e those that the mission implies)")
+    links = flags.add_argument_group(
+        "links with the fleet (without -l, -e and endpoints in FILE those that the mission implies)"
+    )
     links.add_argument("-m", "--mode", choices=MODES, help="Zenoh session mode (default: peer)")
     links.add_argument(
         "-e", "--connect", metavar="ENDPOINT", action="append", default=[],
@@ -55,19 +61,41 @@ def parser(command: str, what: str, examples: str) -> argparse.ArgumentParser:
 def bus_config(args: argparse.Namespace, mission: Mission, default: Links, name: str) -> BusConfig:
     """How a process called `name` wants to be on the bus. Raises BusError for flags that cannot work.
 
-    `default` are the links that the mission implies; one -l or -e replaces them all.
+    `default` are the links that the mission implies; one -l or -e replaces them all, and so does a FILE that
+    names endpoints.
     """
     given = Links(tuple(args.listen), tuple(args.connect))
-    listen, connect = given if any(given) else default
     return BusConfig(
-        listen=listen,
-        connect=connect,
+        listen=given.listen,
+        connect=given.connect,
+        implied=None if any(given) else default,
         mode=args.mode,
         namespace=mission.team or "",
         config_file=args.config,
         overrides=tuple(parse_override(text) for text in args.cfg),
         name=name,
     )
+
+
+def add_robot_connect(flags: argparse.ArgumentParser) -> None:
+    """Add ``--robot-connect``, for a process that is a client of one robot's router."""
+    flags.add_argument(
+        "--robot-connect", metavar="ENDPOINT",
+        help="the robot's own ROS 2 bridge or router, such as tcp/127.0.0.1:7447 (default: the mission's"
+        " robot_endpoint, or the place of the simulated robot)",
+    )  # fmt: skip
+
+
+def robot_bus(
+    args: argparse.Namespace, mission: Mission, robot: str, node: str
+) -> Callable[[Mailbox], RobotBus]:
+    """What opens the bus of `robot`, as a client that ROS 2 knows as `node`. Raises BusError when called."""
+    endpoint = args.robot_connect or endpoints(mission).robots[robot]
+
+    def opened(mailbox: Mailbox) -> RobotBus:
+        return RobotBus((endpoint,), Naming.of(mission, [robot]), mailbox, node=node)
+
+    return opened
 
 
 def _seconds(text: str) -> float:

@@ -1,8 +1,9 @@
 """What the main functions of all processes share: signals, the loop, exit codes, and what goes to stdout.
 
-A process is ``update → step → publish → wait`` around a pure core (`Process.run`). For programs it says on
-stdout, one JSON object a line, that it is ready and, at its end, what it published and received; for people
-it logs to stderr. Exit codes: 0 well, 1 failed, 2 bad input, 128 + signal if forced.
+A process is ``update → step → publish → wait`` around a pure core (`Process.run`), on the fleet's bus, on a
+robot's, or on both. For programs it says on stdout, one JSON object a line, that it is ready and, at its end,
+what it published and received; for people it logs to stderr. Exit codes: 0 well, 1 failed, 2 bad input,
+128 + signal if forced.
 """
 
 from __future__ import annotations
@@ -22,7 +23,10 @@ from typing import Any, Protocol, Self
 
 from formation.bus import Bus
 from formation.bus_config import BusConfig, BusError
+from formation.mailbox import Mailbox
 from formation.mission_file import MissionError
+from formation.notify import Notifier
+from formation.robot_buses import RobotSide
 from formation.topics import Topic
 from formation.wire import Now, Outgoing, Sample
 
@@ -41,16 +45,8 @@ class BadInput(ValueError):  # noqa: N818 - it is the input that is bad
     """What the user asked for cannot be; the text names it and says what is legal."""
 
 
-class Core(Protocol):
-    """A process without its transport: bytes in, bytes out, no clock of its own."""
-
-    @property
-    def publications(self) -> Iterable[tuple[Topic, str]]:
-        """Every topic and key that it publishes."""
-
-    @property
-    def subscriptions(self) -> Iterable[str]:
-        """Every key that it listens to."""
+class Steps(Protocol):
+    """What a process's loop turns: bytes in, bytes out, no clock of its own."""
 
     @property
     def due(self) -> float:
@@ -65,6 +61,18 @@ class Core(Protocol):
 
     def halt(self, now: Now, reason: str) -> Iterable[Outgoing]:
         """The last words: what leaves the team safe when this process is gone."""
+
+
+class Core(Steps, Protocol):
+    """A process without its transport."""
+
+    @property
+    def publications(self) -> Iterable[tuple[Topic, str]]:
+        """Every topic and key that it publishes."""
+
+    @property
+    def subscriptions(self) -> Iterable[str]:
+        """Every key that it listens to."""
 
 
 class Stop:
@@ -115,16 +123,34 @@ class Stop:
 
 
 class Process:
-    """A process on the bus. As a context manager it opens the bus, and closes it whatever happens."""
+    """A process on its buses. As a context manager it opens them, and closes them whatever happens."""
 
-    def __init__(self, name: str, args: argparse.Namespace, config: BusConfig, stop: Stop) -> None:
-        """`name` is what stdout calls the process, such as ``agent robot2``. Raises BusError."""
+    def __init__(
+        self,
+        name: str,
+        args: argparse.Namespace,
+        config: BusConfig | None,
+        stop: Stop,
+        robot: Callable[[Mailbox], RobotSide] | None = None,
+    ) -> None:
+        """`name` is what stdout calls the process, such as ``agent robot2``. Raises BusError.
+
+        `config` is how it is on the fleet's bus, None for not at all; `robot` opens its robot's side.
+        """
         self.name = name
         self.stop = stop
-        self.bus = Bus(config)
+        self.mailbox = Mailbox()
         self._await_monitor: float = args.await_monitor
         self._dropped: Mapping[str, int] = {}
-        stop.wakes(self.bus.wake)
+        self._notifier = Notifier(os.environ)
+        self._bus = None if config is None else Bus(config, self.mailbox)
+        try:
+            self._robot = None if robot is None else robot(self.mailbox)
+        except BusError:
+            if self._bus is not None:
+                self._bus.close()
+            raise
+        stop.wakes(self.mailbox.wake)
 
     def __enter__(self) -> Self:
         return self
@@ -132,17 +158,40 @@ class Process:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.bus.close()
+        self._notifier.stopping(self.stop.reason or "failed")
+        fleet, side = self._bus, self._robot
+        for bus in (side, fleet):  # what the robot was told last goes out first
+            if bus is not None:
+                bus.close()
         say(
             "summary",
             process=self.name,
-            published=dict(self.bus.published),
-            received=dict(self.bus.received),
-            dropped={**self._dropped, "overflowed": self.bus.overflowed},
+            published=dict(fleet.published) if fleet else {},
+            received=dict(fleet.received) if fleet else {},
+            dropped={**self._dropped, "overflowed": self.mailbox.overflowed},
+            robot={
+                "published": dict(side.published) if side else {},
+                "received": dict(side.received) if side else {},
+            },
+            refused=dict(fleet.refused) if fleet else {},
         )
 
+    @property
+    def bus(self) -> Bus:
+        """The fleet's bus. Raises BusError if this process is not on it."""
+        if self._bus is None:
+            raise BusError(f"{self.name} is not on the fleet's bus")
+        return self._bus
+
+    @property
+    def robot(self) -> RobotSide:
+        """The robot's side. Raises BusError if this process is not on it."""
+        if self._robot is None:
+            raise BusError(f"{self.name} is not on a robot's bus")
+        return self._robot
+
     def declare(self, core: Core) -> None:
-        """Declare all that `core` publishes and listens to. Raises BusError."""
+        """Declare all that `core` publishes and listens to on the fleet's bus. Raises BusError."""
         for topic, key in core.publications:
             self.bus.advertise(topic, key)
         for key in core.subscriptions:
@@ -154,30 +203,42 @@ class Process:
         The monitor subscribes to background topics last, so once it hears these it hears all.
         """
         say("ready", process=self.name)
+        self._notifier.ready()
         deadline = time.monotonic() + self._await_monitor
-        while not (self.stop or all(map(self.bus.watched, background_keys))):
-            left = deadline - time.monotonic()
-            if left <= 0.0:
+        while not (self.stop or all(map(self._watched, background_keys))):
+            now = time.monotonic()
+            if now >= deadline:
                 if self._await_monitor > 0.0:
                     _log.warning("no monitor after %g s; starting without", self._await_monitor)
                 return
-            self.bus.serve()
-            time.sleep(min(0.01, left))
+            self._notifier.alive(now)
+            self.mailbox.serve()
+            time.sleep(min(0.01, deadline - now))
 
-    def run(self, core: Core) -> None:
+    def run(self, core: Steps, send: Callable[[Iterable[Outgoing]], None] | None = None) -> None:
         """Step `core` on every arrival and whenever it is due, until told to stop.
 
-        Its last words are sent after a failure, too.
+        What it says goes to `send`, by default the fleet's bus. Its last words are sent after a failure, too.
         """
+        send = send or self.bus.send
         self._dropped = core.dropped
         try:
             while not self.stop:
-                self.bus.serve()
-                self.bus.send(core.step(clocks(), self.bus.drain()))
-                self.bus.wait(min(max(core.due - time.monotonic(), 0.0), WATCH))
+                self.mailbox.serve()
+                now = clocks()
+                send(core.step(now, self.mailbox.drain()))
+                self._notifier.alive(now.mono)
+                self.mailbox.wait(min(max(core.due - time.monotonic(), 0.0), WATCH))
         finally:
-            self.bus.send(core.halt(clocks(), self.stop.reason or "failed"))
+            send(core.halt(clocks(), self.stop.reason or "failed"))
+            self._notifier.stopping(self.stop.reason or "failed")
         _log.info("stopped: %s", self.stop.reason)
+
+    def _watched(self, key: str) -> bool:
+        """Whether anybody listens to a key of either side."""
+        if self._bus is not None and key in self._bus.advertised:
+            return self._bus.watched(key)
+        return bool(self.robot.routed(key))
 
 
 def clocks() -> Now:

@@ -1,8 +1,10 @@
 """Who links to whom: endpoints that each process listens on and dials.
 
-Links follow the measurement graph and nothing else: no router, no multicast, no gossip; peers do not relay.
-Of two robots that need a link the one listed later in the mission dials, so a mutual pair has one link. An
-agent dials its own robot; the monitor dials everybody; nobody dials the monitor.
+The fleet's links follow the measurement graph and nothing else: no router, no multicast, no gossip; peers do
+not relay. Of two robots that need a link the one listed later in the mission dials, so a mutual pair has one
+link. The monitor dials every agent; nobody dials the monitor.
+
+A robot's own side is apart from that: its agent, and at a desk the monitor, are clients of its router.
 """
 
 from __future__ import annotations
@@ -24,11 +26,11 @@ class Endpoints(NamedTuple):
     agents: Mapping[str, str]
     """Each follower's agent, and the leader."""
     robots: Mapping[str, str]
-    """Each follower's robot: its ROS 2 bridge, or the simulated one."""
+    """Each follower's robot: its ROS 2 router, or the simulated one, which is a router as well."""
 
 
 class Links(NamedTuple):
-    """One process's Zenoh endpoints."""
+    """One process's Zenoh endpoints in the fleet."""
 
     listen: tuple[str, ...]
     connect: tuple[str, ...]
@@ -54,8 +56,8 @@ def partners(mission: Mission, name: str) -> tuple[str, ...]:
 
 
 def of_agent(mission: Mission, name: str, where: Endpoints) -> Links:
-    """Links of a follower's agent."""
-    return Links((where.agents[name],), (*_dialled(mission, name, where), where.robots[name]))
+    """Links of a follower's agent with the fleet; besides, it is a client of ``where.robots[name]``."""
+    return Links((where.agents[name],), _dialled(mission, name, where))
 
 
 def of_leader(mission: Mission, where: Endpoints) -> Links:
@@ -64,20 +66,26 @@ def of_leader(mission: Mission, where: Endpoints) -> Links:
 
 
 def of_robots(mission: Mission, names: Iterable[str], where: Endpoints) -> Links:
-    """Links of a process that simulates `names`: its agents dial it, and it dials nobody.
+    """Links of a process that simulates `names` with the fleet: none, for what it is a router of is no fleet.
 
     Unless a simulated sensor looks at the virtual leader, which is nowhere but in its own position.
     """
-    names = tuple(names)
     robots = [mission.robots[name] for name in names]
     looks = any(robot.measurement == "local" and mission.leader in robot.neighbours for robot in robots)
-    leader = (where.agents[mission.leader],) if looks else ()
-    return Links(tuple(where.robots[name] for name in names), leader)
+    return Links((), (where.agents[mission.leader],) if looks else ())
 
 
 def of_monitor(where: Endpoints) -> Links:
-    """Links of the monitor: to everybody, because an agent shows it nothing but itself."""
-    return Links((), (*where.agents.values(), *where.robots.values()))
+    """Links of the monitor with the fleet: to everybody, because an agent shows it nothing but itself."""
+    return Links((), tuple(where.agents.values()))
+
+
+def by_endpoint(where: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
+    """The robots behind each endpoint, in order."""
+    behind: dict[str, tuple[str, ...]] = {}
+    for robot, endpoint in where.items():
+        behind[endpoint] = (*behind.get(endpoint, ()), robot)
+    return behind
 
 
 def _dialled(mission: Mission, name: str, where: Endpoints) -> tuple[str, ...]:

@@ -9,14 +9,21 @@ from collections.abc import Sequence
 from agent.robots.loop import host
 from agent.robots.simulated import World
 from formation import flags, wiring
+from formation.mailbox import Mailbox
 from formation.mission_file import load
 from formation.process import BadInput, Process, Stop, run_process
+from formation.robot_buses import RobotBuses
+from formation.wiring import Endpoints
 
 EXAMPLES = """\
   formation robot six_robots                              all followers in one process
   formation robot six_robots --robot robot2               one of them
   formation robot six_robots --robot robot2 --robot robot3 --seed 7
+  formation robot six_robots --robot robot2 -l tcp/0.0.0.0:7662      its agent says --robot-connect
   python -m agent.robots six_robots                       the same as the first"""
+
+NODE = "simulated_robot"
+"""What ROS 2 calls it."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -40,10 +47,30 @@ def _run(args: argparse.Namespace, stop: Stop) -> None:
     except ValueError as error:
         raise BadInput(str(error)) from None
     name = " ".join(["robot", *args.robot]) if args.robot else "robots"
-    links = wiring.of_robots(mission, world.robots, wiring.endpoints(mission))
-    config = flags.bus_config(args, mission, links, name)
-    with Process(name, args, config, stop) as process:
+    default = wiring.endpoints(mission)
+    where = _listened(args.listen, world.robots, default)
+    fleet = wiring.of_robots(mission, world.robots, default)
+    args.listen = []  # these are the robots' own; with the fleet they are linked by dialling, if at all
+    config = flags.bus_config(args, mission, fleet, name)
+
+    def robots(mailbox: Mailbox) -> RobotBuses:
+        return RobotBuses(mission, where, mailbox, mode="router", node=NODE)
+
+    on_fleet = any(fleet) or bool(args.connect)
+    with Process(name, args, config if on_fleet else None, stop, robots) as process:
         host(world, process)
+
+
+def _listened(given: Sequence[str], robots: Sequence[str], default: Endpoints) -> dict[str, str]:
+    """Where each robot listens. Raises BadInput."""
+    if len(given) not in {0, 1, len(robots)}:
+        each = ", ".join(robots)
+        raise BadInput(
+            f"-l is given {len(given)} times: must be once for all robots or once for each of {each}"
+        )
+    if not given:
+        return {robot: default.robots[robot] for robot in robots}
+    return dict(zip(robots, given if len(given) > 1 else [*given] * len(robots), strict=True))
 
 
 def _seed(text: str) -> int:

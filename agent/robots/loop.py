@@ -1,12 +1,15 @@
-"""Simulated robots on the bus."""
+"""Simulated robots on the robots' side, where each stands in for a robot's ROS 2 router as well."""
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterable
 
 from agent.robots.simulated import World
 from formation.process import Process
+from formation.ros_names import address
 from formation.topics import GROUND_TRUTH
+from formation.wire import Outgoing
 
 _log = logging.getLogger(__name__)
 
@@ -16,8 +19,21 @@ def host(world: World, process: Process) -> None:
 
     The loop sleeps until the next odometry is due or a command arrives, so a command takes hold at once.
     """
-    process.declare(world)
+    robots = process.robot
+    for topic, key in world.publications:
+        robots.advertise(topic, key)
+    for key in world.subscriptions:
+        topic = address(key).topic
+        if topic.side == "robot":
+            robots.subscribe(topic, key)
+        else:
+            process.bus.subscribe(key)
+
+    def send(outbox: Iterable[Outgoing]) -> None:
+        for out in outbox:
+            robots.publish(out.key, out.payload)
+
     process.ready(*(GROUND_TRUTH.key(name) for name in world.robots))
-    process.run(world)
+    process.run(world, send)
     for key, count in world.dropped.items():
         _log.warning("%d messages on %s were no commands, and were not obeyed", count, key)

@@ -1,0 +1,113 @@
+"""An agent on its two buses: what goes to which side, and in what order.
+
+    what it says     it says on both sides, first on the side that it is for: commands to its robot, before
+                     anything else is made or sent; positions and status to the fleet
+    what it hears    from its robot it repeats to the fleet, byte for byte and last, so that who watches the
+                     fleet sees what the agent saw
+
+On the robot's side positions and status are ROS 2 topics, without the order. `ALIVE` is between an agent and
+its guard and stays there. An agent that is ``readonly`` sends its robot neither commands nor signs of life.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from agent.core import Agent
+from agent.status import Surroundings
+from formation.process import Process
+from formation.ros_names import address
+from formation.topics import ALIVE, CMD_VEL, ORDER, SCAN, STATUS
+from formation.wire import Now, Outgoing, Sample
+
+REFUSED_PERIOD = 0.5
+"""[s]"""
+
+
+class Sides:
+    """An agent between its robot and the fleet."""
+
+    def __init__(self, agent: Agent, process: Process, *, readonly: bool) -> None:
+        self._agent, self._process = agent, process
+        self._command = CMD_VEL.key(agent.robot)
+        self._unspoken = frozenset((self._command, ALIVE.key(agent.robot)) if readonly else ())
+        """What its robot is not told."""
+        self._urgent: set[str] = set()  # what is for the robot first
+        self._fleet: set[str] = set()  # what the fleet is told as well
+        self._heard = frozenset(agent.subscriptions)
+        self._repeated: set[str] = set()
+        self._inbox: Sequence[Sample] = ()
+        self._refused: Mapping[str, int] = {}
+        self._refused_due = float("-inf")  # [s, monotonic]
+        self.dropped: Mapping[str, int] = agent.dropped
+
+    @property
+    def due(self) -> float:
+        """When the agent wants a step [s, monotonic]."""
+        return self._agent.due
+
+    def declare(self) -> None:
+        """Declare all that is said and heard on both sides. Raises BusError."""
+        bus, robot = self._process.bus, self._process.robot
+        for topic, key in self._agent.publications:
+            robot.advertise(topic, key)
+            if topic.side == "robot":
+                self._urgent.add(key)
+            if topic.name != ALIVE.name:
+                bus.advertise(topic, key)
+                self._fleet.add(key)
+        for key in dict.fromkeys((*self._agent.subscriptions, SCAN.key(self._agent.robot))):
+            topic = address(key).topic
+            if topic.side == "robot":
+                robot.subscribe(topic, key)
+                bus.advertise(topic, key)
+                self._repeated.add(key)
+            else:
+                bus.subscribe(key)
+
+    def step(self, now: Now, inbox: Sequence[Sample]) -> Iterable[Outgoing]:
+        """Step the agent, with what concerns it."""
+        robot = self._process.robot
+        connected = robot.connected
+        routed = robot.routed(self._command) if connected else None
+        if now.mono >= self._refused_due:  # to ask costs a look into a pipe
+            self._refused_due = now.mono + REFUSED_PERIOD
+            self._refused = self._process.bus.refused
+        self._agent.aware(Surroundings(connected, routed, self._refused))
+        self._inbox = inbox
+        return self._agent.step(now, [sample for sample in inbox if sample.key in self._heard])
+
+    def halt(self, now: Now, reason: str) -> Iterable[Outgoing]:
+        """The agent's last words."""
+        return self._agent.halt(now, reason)
+
+    def send(self, outbox: Iterable[Outgoing]) -> None:
+        """Send what the agent says to the side that each is for, as it comes, and then to the other.
+
+        Then repeat what the last step heard from the robot.
+        """
+        bus, robot, said = self._process.bus, self._process.robot, []
+        for out in outbox:
+            said.append(out)
+            if out.key not in self._urgent:
+                bus.publish(out.key, out.payload, out.attachment)
+            elif out.key not in self._unspoken:
+                robot.publish(out.key, out.payload)
+        for out in said:
+            if out.key not in self._urgent:
+                robot.publish(out.key, out.payload)
+            elif out.key in self._fleet:
+                bus.publish(out.key, out.payload, out.attachment)
+        inbox, self._inbox = self._inbox, ()
+        for sample in inbox:
+            if sample.key in self._repeated:
+                bus.publish(sample.key, sample.payload)
+
+
+def drive(agent: Agent, process: Process, *, readonly: bool) -> None:
+    """Declare, wait for whoever watches, then drive the robot until told to stop."""
+    sides = Sides(agent, process, readonly=readonly)
+    sides.declare()
+    process.bus.answer(ORDER.key(agent.robot), agent.request)
+    process.ready(STATUS.key(agent.robot))
+    process.run(sides, sides.send)

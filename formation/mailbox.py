@@ -1,0 +1,112 @@
+"""Where everything that arrives at a process waits for its main thread, from however many buses.
+
+A receive thread does as little as can be: it appends to a bounded queue and rings a bell. The main thread
+waits for the bell, drains the queue and answers queries, so a slow main loop loses old samples (counted) but
+never stalls a link, and no core needs a lock.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Protocol
+
+from formation.wire import Sample
+
+MAX_QUERIES = 64
+"""Queries that may wait to be served; more are turned away."""
+
+
+class Query(Protocol):
+    """A question that waits for its answer."""
+
+    @property
+    def request(self) -> bytes:
+        """What is asked."""
+
+    def answer(self, reply: bytes) -> None:
+        """Send the answer; nothing may be done with it afterwards."""
+
+    def drop(self) -> None:
+        """Turn it away."""
+
+
+class Mailbox:
+    """One bounded queue and one bell for all of a process's buses.
+
+    `put`, `accept`, `ring` and `wake` are for any thread, `wake` also for signal handlers; all else is for
+    the main thread.
+    """
+
+    def __init__(self, capacity: int = 1024) -> None:
+        """`capacity` bounds the samples that wait to be drained."""
+        self.received: Counter[str] = Counter()
+        """Messages that arrived on any bus, by key, overflowed ones included."""
+        self.overflowed = 0
+        """Messages that arrived and were pushed out by newer ones before anybody drained them."""
+        self._samples: deque[Sample] = deque(maxlen=capacity)
+        self._queries: deque[tuple[Query, Callable[[bytes], bytes]]] = deque()
+        self._woken = False
+        self._counting = threading.Lock()
+        # A lock used as a bell: held while there is nothing to do, released to wake the main thread. That
+        # neither blocks nor takes a second lock, so unlike an Event's `set` it is safe in a signal handler.
+        self._bell = threading.Lock()
+        self._bell.acquire()
+
+    def put(self, sample: Sample, *also_counted: Counter[str]) -> None:
+        """Have `sample` wait to be drained, count it (in `also_counted` as well), and ring."""
+        with self._counting:
+            self.received[sample.key] += 1
+            for counts in also_counted:
+                counts[sample.key] += 1
+            self.overflowed += len(self._samples) == self._samples.maxlen
+            self._samples.append(sample)
+        self.ring()
+
+    def accept(self, query: Query, handler: Callable[[bytes], bytes]) -> None:
+        """Have `query` wait to be answered with ``handler(request)``; too many are turned away."""
+        if len(self._queries) < MAX_QUERIES:
+            self._queries.append((query, handler))
+            self.ring()
+        else:
+            query.drop()
+
+    def drain(self) -> list[Sample]:
+        """All samples that wait, in order of arrival."""
+        return [self._samples.popleft() for _ in range(len(self._samples))]
+
+    def serve(self) -> int:
+        """Answer the queries that wait; how many."""
+        waiting = len(self._queries)
+        for _ in range(waiting):
+            query, handler = self._queries.popleft()
+            query.answer(handler(query.request))
+        return waiting
+
+    def turn_away(self) -> None:
+        """Drop the queries that wait: nobody will answer them."""
+        while self._queries:
+            self._queries.popleft()[0].drop()
+
+    def wait(self, timeout: float) -> bool:
+        """Sleep until a sample or query waits or `wake` was called, at most `timeout` [s]; whether so."""
+        deadline = time.monotonic() + timeout
+        while not (self._samples or self._queries or self._woken):
+            left = deadline - time.monotonic()
+            if left <= 0.0 or not self._bell.acquire(timeout=left):
+                return False
+        self._woken = False
+        return True
+
+    def wake(self) -> None:
+        """Have the current or next `wait` return at once. Safe in a signal handler."""
+        self._woken = True
+        self.ring()
+
+    def ring(self) -> None:
+        """Have whoever sleeps in `wait` look again."""
+        with suppress(RuntimeError):  # it rings already
+            self._bell.release()

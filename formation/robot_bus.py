@@ -1,0 +1,213 @@
+"""The robot's side: a session with the robot's own ROS 2 router, in logical keys.
+
+The router is zenoh-bridge-ros2dds, rmw_zenohd, or a simulated robot in the part of both. It may come later
+than this process, and come and go: nobody waits for it. `formation.naming` says how ROS 2 spells each key
+and what must ride on a sample; nothing of that is seen outside.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterable
+from types import TracebackType
+from typing import Literal, Self
+
+from formation.bus import Bus, BusConfig, BusError
+from formation.mailbox import Mailbox
+from formation.naming import Naming
+from formation.topics import Topic
+from formation.wire import BadMessage
+
+AGAIN = 0.5
+"""So long after nobody was there it is tried again [s]."""
+CLOSING = 1.0
+"""How long an attempt under way may keep `close` [s]."""
+_CDR = (b"\x00\x01", b"\x00\x00")
+"""How a payload begins: plain CDR, little or big endian."""
+_log = logging.getLogger(__name__)
+
+
+class RobotBus:
+    """A session on the robot's side. Methods are for the main thread, and none of them waits.
+
+    As a ``client`` it dials until somebody is there and again whenever that one has gone; as a ``router`` it
+    is the one that others dial: the simulated robot.
+    """
+
+    def __init__(
+        self,
+        endpoints: Iterable[str],
+        naming: Naming,
+        mailbox: Mailbox,
+        *,
+        mode: Literal["client", "router"] = "client",
+        node: str = "formation_agent",
+    ) -> None:
+        """`endpoints` to dial (a client has one link, with the first that answers), or to listen on.
+
+        `node` is what ROS 2 calls this process. Raises BusError for an endpoint that cannot be, and for a
+        router whose endpoint is taken.
+        """
+        self.published: Counter[str] = Counter()
+        """Messages handed to Zenoh, by logical key."""
+        self.unsent: Counter[str] = Counter()
+        """Messages published before the session was open, by logical key: they are gone."""
+        self.received: Counter[str] = Counter()
+        """Messages that arrived, by logical key."""
+        ends = tuple(dict.fromkeys(endpoints))
+        self._router = mode == "router"
+        listen, connect = (ends, ()) if self._router else ((), ends)
+        self._config = BusConfig(listen=listen, connect=connect, mode=mode, name=node)
+        self._naming, self._mailbox, self._node = naming, mailbox, node
+        self._advertised: dict[str, _Line] = {}
+        self._subscribed: dict[str, str] = {}
+        self._zid = ""
+        self._bus: Bus | None = None
+        self._changing = threading.Lock()
+        self._closing = threading.Event()
+        self._opener = threading.Thread(target=self._open_at_last, name="robot-bus", daemon=True)
+        if self._router:
+            self._open()
+        else:
+            self._opener.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def connected(self) -> bool:
+        """Whether the router is there; a router itself is."""
+        bus = self._bus
+        return bus is not None and (self._router or bus.linked_routers > 0)
+
+    def advertise(self, topic: Topic, key: str) -> None:
+        """Declare that this process will publish logical `key`, with the topic's quality of service.
+
+        Raises BusError if it is advertised already or a queryable, KeyError and ValueError as `Naming.wire`.
+        """
+        if key in self._advertised:
+            raise BusError(f"{key!r} is advertised already")
+        if topic.qos is None:
+            raise BusError(f"topic {topic.name!r} is a queryable: it is answered, not published")
+        line = _Line(topic, self._naming.wire(key, _type(topic)))
+        line.attached = self._naming.attachment(key, 1, 0.0) is not None
+        with self._changing:
+            self._advertised[key] = line
+            if self._bus is not None:
+                self._bus.advertise(topic, line.wire)
+                self._claim(self._bus)
+
+    def subscribe(self, topic: Topic, key: str) -> None:
+        """Have the samples of logical `key` put into the mailbox, under that name.
+
+        Raises BusError if it is subscribed to already, KeyError and ValueError as `Naming.wire`.
+        """
+        if key in self._subscribed:
+            raise BusError(f"{key!r} is subscribed to already")
+        wire = self._naming.wire(key, _type(topic))
+        with self._changing:
+            self._subscribed[key] = wire
+            if self._bus is not None:
+                self._bus.subscribe(wire, key)
+                self._claim(self._bus)
+
+    def publish(self, key: str, payload: bytes) -> None:
+        """Send on an advertised key; before the session is open this does nothing (counted in `unsent`).
+
+        Raises BadMessage for a payload that would wedge a bridge's route for good: one that is empty or has
+        no CDR header.
+        """
+        line = self._line(key)
+        if len(payload) <= 4 or payload[:2] not in _CDR:
+            raise BadMessage(
+                f"{len(payload)} bytes without a CDR header on {key}: a bridge would choke on it"
+            )
+        bus = self._bus
+        if bus is None:
+            self.unsent[key] += 1
+            return
+        attachment = None
+        if line.attached:
+            line.sequence += 1
+            attachment = self._naming.attachment(key, line.sequence, time.time(), self._zid)
+        bus.publish(line.wire, payload, attachment)
+        self.published[key] += 1
+
+    def routed(self, key: str) -> bool | None:
+        """Whether anybody listens to what is published on logical `key`; None while not connected."""
+        line, bus = self._line(key), self._bus
+        return bus.watched(line.wire) if bus is not None and self.connected else None
+
+    def close(self) -> None:
+        """Send what was published and close the session; twice does no harm."""
+        self._closing.set()
+        if self._opener.is_alive():
+            self._opener.join(CLOSING)
+        with self._changing:
+            bus, self._bus = self._bus, None
+        if bus is not None:
+            bus.close()
+
+    def _line(self, key: str) -> _Line:
+        line = self._advertised.get(key)
+        if line is None:
+            raise BusError(f"{key!r} is not advertised: {', '.join(self._advertised) or 'none'}")
+        return line
+
+    def _open_at_last(self) -> None:
+        """On a thread of its own: open as soon as somebody is there."""
+        where = " or ".join(self._config.connect)
+        failures = 0
+        while not self._closing.is_set():
+            try:
+                self._open()
+            except BusError as nobody:
+                if failures == 0:
+                    _log.info("no router at %s yet: %s", where, nobody)
+                failures += 1
+                self._closing.wait(AGAIN)
+            else:
+                _log.info("connected with the router at %s", where)
+                return
+
+    def _open(self) -> None:
+        bus = Bus(self._config, self._mailbox)
+        with self._changing:
+            if self._closing.is_set():
+                bus.close()
+                return
+            self._zid, self.received = bus.zid, bus.received
+            for line in self._advertised.values():
+                bus.advertise(line.topic, line.wire)
+            for key, wire in self._subscribed.items():
+                bus.subscribe(wire, key)
+            self._claim(bus)
+            self._bus = bus
+
+    def _claim(self, bus: Bus) -> None:
+        bus.claim(self._naming.tokens(self._node, self._advertised, self._subscribed, self._zid))
+
+
+class _Line:
+    """A publication: where it goes and how far it is."""
+
+    __slots__ = ("attached", "sequence", "topic", "wire")
+
+    def __init__(self, topic: Topic, wire: str) -> None:
+        self.topic, self.wire = topic, wire
+        self.attached = False
+        """Whether ROS wants something to ride on each sample."""
+        self.sequence = 0
+
+
+def _type(topic: Topic) -> str | None:
+    """The type to write into keys; None is the one that the mission gives to the robot."""
+    return None if topic.alternative else topic.type
