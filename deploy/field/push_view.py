@@ -1,0 +1,151 @@
+"""What a push shows while it runs: bars in a terminal, a line for each thing that happens elsewhere."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable
+from types import TracebackType
+from typing import Protocol, Self, TextIO
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+
+class View(Protocol):
+    """Something that shows how far a push is, called from many threads; a context manager."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def phase(self, robot: str, phase: str) -> None:
+        """A robot is now being `connecting`, `comparing`, `installing`."""
+
+    def sending(self, robot: str, files: int, total: int) -> None:
+        """So much is going to be sent [bytes]."""
+
+    def sent(self, robot: str, count: int) -> None:
+        """So much more has been sent [bytes]."""
+
+    def line(self, robot: str, text: str) -> None:
+        """The installation says something."""
+
+    def end(self, robot: str, text: str, *, well: bool) -> None:
+        """That robot is done."""
+
+
+class Quiet:
+    """Shows nothing."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def phase(self, robot: str, phase: str) -> None:
+        """As `View`."""
+
+    def sending(self, robot: str, files: int, total: int) -> None:
+        """As `View`."""
+
+    def sent(self, robot: str, count: int) -> None:
+        """As `View`."""
+
+    def line(self, robot: str, text: str) -> None:
+        """As `View`."""
+
+    def end(self, robot: str, text: str, *, well: bool) -> None:
+        """As `View`."""
+
+
+class Plain(Quiet):
+    """A line for each thing that happens."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._lock = threading.Lock()
+
+    def phase(self, robot: str, phase: str) -> None:
+        """As `View`."""
+        if phase == "installing":
+            self._say(robot, phase)
+
+    def sending(self, robot: str, files: int, total: int) -> None:
+        """As `View`."""
+        self._say(robot, f"sending {files} files, {size(total)}")
+
+    def end(self, robot: str, text: str, *, well: bool) -> None:  # noqa: ARG002 - as `View`
+        """As `View`."""
+        self._say(robot, text)
+
+    def _say(self, robot: str, text: str) -> None:
+        with self._lock:
+            print(f"{robot}: {text}", file=self._stream, flush=True)
+
+
+class Bars:
+    """A bar for each robot, in a terminal. It is gone at the end: the result is said in words."""
+
+    def __init__(self, stream: TextIO, robots: Iterable[str]) -> None:
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=20),
+            TimeElapsedColumn(),
+            TextColumn("{task.fields[phase]}", style="dim"),
+            console=Console(file=stream, highlight=False),
+            transient=True,
+        )
+        self._tasks: dict[str, TaskID] = {
+            robot: self._progress.add_task(robot, total=None, phase="waiting") for robot in robots
+        }
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._progress.stop()
+
+    def phase(self, robot: str, phase: str) -> None:
+        """As `View`."""
+        self._progress.update(self._tasks[robot], phase=phase)
+
+    def sending(self, robot: str, files: int, total: int) -> None:
+        """As `View`."""
+        self._progress.update(self._tasks[robot], total=total, phase=f"sending {files} files, {size(total)}")
+
+    def sent(self, robot: str, count: int) -> None:
+        """As `View`."""
+        self._progress.advance(self._tasks[robot], count)
+
+    def line(self, robot: str, text: str) -> None:
+        """As `View`."""
+        if text.strip():
+            shown = text.strip()[:40].replace("[", r"\[")  # else rich would take it for a style
+            self._progress.update(self._tasks[robot], phase=shown)
+
+    def end(self, robot: str, text: str, *, well: bool) -> None:
+        """As `View`."""
+        task = self._tasks[robot]
+        self._progress.update(task, total=1, completed=1 if well else 0, phase=text[:40])
+        self._progress.stop_task(task)
+
+
+def view_for(stream: TextIO, robots: Iterable[str]) -> View:
+    """Bars in a terminal, plain lines elsewhere."""
+    return Bars(stream, robots) if stream.isatty() else Plain(stream)
+
+
+def size(count: float) -> str:
+    """A number of bytes for people: 724 B, 12 kB, 3.4 MB."""
+    for unit, scale in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= 0.9995 * scale:
+            value = count / scale
+            return f"{value:.0f} {unit}" if value >= 9.95 else f"{value:.1f} {unit}"
+    return f"{count:.0f} B"

@@ -1,0 +1,88 @@
+"""An OpenSSH server of a test's own on loopback: its own port, host key and authorised key."""
+
+from __future__ import annotations
+
+import getpass
+import os
+import shutil
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import NamedTuple
+
+from tests.needs import path_of
+from tests.processes.child import PATIENCE, free_endpoint
+
+SEPARATION = Path("/run/sshd")
+"""Where a server that root starts puts its unprivileged half; it must be there, and is empty."""
+
+
+class Server(NamedTuple):
+    """A server that runs."""
+
+    port: int
+    options: tuple[str, ...]
+    """Of `formation deploy push`, so that it gets in."""
+
+
+@contextmanager
+def sshd(folder: Path, *lines: str) -> Iterator[Server]:
+    """A server for the current user, with more `lines` of configuration. Its files are in `folder`."""
+    port = int(free_endpoint().rpartition(":")[2])
+    for name in ("host", "client", "stranger"):
+        words = [path_of("ssh-keygen"), "-q", "-t", "ed25519", "-N", "", "-f", str(folder / name)]
+        subprocess.run(words, check=True)
+    shutil.copy(folder / "client.pub", folder / "authorized_keys")
+    known = (folder / "host.pub").read_text(encoding="utf-8").split()[:2]
+    (folder / "known_hosts").write_text(f"[127.0.0.1]:{port} {' '.join(known)}\n", encoding="utf-8")
+    config = folder / "sshd_config"
+    settings = [
+        f"ListenAddress 127.0.0.1:{port}",
+        f"HostKey {folder / 'host'}",
+        f"AuthorizedKeysFile {folder / 'authorized_keys'}",
+        "PidFile none",
+        "StrictModes no",  # pytest's folders are not what it would call safe
+        "UsePAM no",
+        "PasswordAuthentication no",
+        "MaxStartups 100",
+        *lines,
+    ]
+    config.write_text("\n".join(settings) + "\n", encoding="utf-8")
+    made = os.geteuid() == 0 and not SEPARATION.exists()
+    if made:
+        SEPARATION.mkdir(mode=0o755)
+    with (folder / "sshd.log").open("wb") as log:  # it starts only by its full path
+        server = subprocess.Popen([path_of("sshd"), "-D", "-e", "-f", str(config)], stderr=log)
+    try:
+        _await(port, server, folder / "sshd.log")
+        yield Server(port, tuple(_options(folder, port)))
+    finally:
+        server.terminate()
+        server.wait(PATIENCE)
+        if made:
+            with suppress(OSError):
+                SEPARATION.rmdir()
+
+
+def _options(folder: Path, port: int) -> Iterator[str]:
+    yield from ("--user", getpass.getuser())
+    for option in (
+        f"Port={port}",
+        f"IdentityFile={folder / 'client'}",
+        f"UserKnownHostsFile={folder / 'known_hosts'}",
+        "IdentitiesOnly=yes",
+    ):
+        yield from ("--ssh-option", option)
+
+
+def _await(port: int, server: subprocess.Popen[bytes], log: Path) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while True:
+        assert server.poll() is None, log.read_text(encoding="utf-8")
+        with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1.0):
+            return
+        assert time.monotonic() < deadline, "the ssh server does not listen"
+        time.sleep(0.01)

@@ -1,0 +1,73 @@
+"""What the robots run, told over real ssh, and back to what they ran before."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.field.bundles import ROBOTS, Field
+from tests.field.sshd import Server, sshd
+
+pytestmark = pytest.mark.ssh
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    with sshd(tmp_path_factory.mktemp("sshd")) as running:
+        yield running
+
+
+@pytest.fixture
+def field(tmp_path: Path, server: Server) -> Field:
+    return Field(tmp_path, server)
+
+
+def result(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    said: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
+    return said
+
+
+def test_rollback_goes_one_release_back_and_names_who_has_none(
+    field: Field, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert field.deploy("push") == 0
+    field.bundle("robot1", "r2")
+    assert field.deploy("push") == 0
+    capsys.readouterr()
+    assert field.deploy("rollback") == 1
+    said = capsys.readouterr().out
+    assert "robot1  r2 -> r1" in said
+    assert "robot2  FAILED  there is no release before r1" in said
+    assert [field.current(name) for name in ROBOTS] == ["r1", "r1", "r1"]
+    assert field.deploy("rollback", "--only", "robot1") == 1  # one back, and not further
+    assert field.deploy("push", "--only", "robot1") == 0
+    assert field.current("robot1") == "r2"
+
+
+def test_status_says_what_runs_and_since_when(field: Field, capsys: pytest.CaptureFixture[str]) -> None:
+    assert field.deploy("status") == 1
+    assert capsys.readouterr().out.count("! nothing is installed") == 3
+    assert field.deploy("push") == 0
+    capsys.readouterr()
+    assert field.deploy("status", "--json") == 0
+    robot = result(capsys)["robots"]["robot2"]
+    assert (robot["ok"], robot["release"], robot["version"]["formation"]) == (True, "r1", "0.1.0")
+    assert abs(robot["now"] - robot["since"]) < 60.0
+
+
+def test_status_names_what_is_not_as_in_the_bundles(field: Field, capsys: pytest.CaptureFixture[str]) -> None:
+    assert field.deploy("push") == 0
+    field.bundle("robot1", "r2")
+    (field.prefix("robot2") / "current" / "mission.toml").write_text("edited there", encoding="utf-8")
+    capsys.readouterr()
+    assert field.deploy("status", "--host", "robot3=127.0.0.9") == 1
+    said = capsys.readouterr().out
+    assert "! release differs: r2 is in the bundle" in said
+    assert "pair (differs)" in said
+    assert "! mission differs from the bundle's" in said
+    assert "! unreachable: connection refused" in said
+    assert said.splitlines()[-1] == "0 of 3 as in the bundles; not robot1, robot2, robot3"

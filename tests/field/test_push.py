@@ -1,0 +1,289 @@
+"""Bundles onto robots over real ssh: each robot is a prefix of its own behind one server on loopback."""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from deploy.cli import main
+from deploy.field import fleet as fleets
+from deploy.field import on_robot
+from deploy.field.push import flags, manifest, push, send
+from deploy.field.push_view import Quiet
+from deploy.field.remote import RemoteError, Robot, Ssh
+from tests.field.bundles import BROKEN, INSTALL, ROBOTS, WHEEL, Field
+from tests.field.sshd import Server, sshd
+
+pytestmark = pytest.mark.ssh
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    with sshd(tmp_path_factory.mktemp("sshd")) as running:
+        yield running
+
+
+@pytest.fixture
+def field(tmp_path: Path, server: Server) -> Field:
+    return Field(tmp_path, server)
+
+
+def result(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    said: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
+    return said
+
+
+def test_a_push_installs_every_bundle_on_its_own_robot(
+    field: Field, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert field.deploy("push", "--json") == 0
+    robots = result(capsys)["robots"]
+    for name in ROBOTS:
+        there, here = field.prefix(name) / "current", field.bundles / name
+        assert manifest(there) == manifest(here)
+        assert robots[name]["files"] == len(manifest(here)) == 5
+        assert robots[name]["bytes"] == sum(path.stat().st_size for path in here.rglob("*") if path.is_file())
+
+
+def test_what_is_secret_stays_so_on_the_robot(field: Field) -> None:
+    (field.bundles / "robot1" / "mission.toml").chmod(0o664)
+    assert field.deploy("push") == 0
+    for folder in ("current", "incoming"):
+        assert mode(field.prefix("robot1") / folder / "robot.key") == 0o600
+        assert mode(field.prefix("robot1") / folder / "mission.toml") == 0o644
+    assert mode(field.prefix("robot1") / "incoming") == 0o700
+
+
+def test_a_key_is_readable_by_nobody_else_even_while_it_arrives(field: Field, tmp_path: Path) -> None:
+    bundle = fleets.find(field.bundles)["robot1"]
+    (bundle.folder / "robot.key").write_bytes(bytes(2_000_000))
+    files = manifest(bundle.folder)
+    asked = {"prefix": str(tmp_path / "p"), "files": files, "install": []}
+    words = [sys.executable, on_robot.__file__, "receive", json.dumps(asked)]
+    modes: set[int] = set()
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL) as robot:
+        assert robot.stdin is not None
+
+        class Watch(Quiet):
+            def sent(self, robot: str, count: int) -> None:  # noqa: ARG002
+                modes.update(mode(path) for path in (tmp_path / "p").rglob(".robot.key.part"))
+
+        send(bundle, files, ["robot.key"], Watch(), robot.stdin)
+        robot.stdin.close()
+    assert modes == {0o600}
+
+
+def test_a_second_push_sends_nothing_and_touches_nothing(
+    field: Field, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert field.deploy("push") == 0
+    before = {path: path.lstat().st_ctime_ns for path in field.prefix("robot1").rglob("*")}
+    capsys.readouterr()
+    assert field.deploy("push") == 0
+    said = capsys.readouterr().out
+    assert said.count("up to date, not touched") == 3
+    after = {path: path.lstat().st_ctime_ns for path in field.prefix("robot1").rglob("*")}
+    assert after.keys() == before.keys()
+    assert {path for path in after if after[path] != before[path]} <= {field.prefix("robot1") / "incoming"}
+
+
+def test_a_new_release_sends_what_differs_and_no_wheel_again(
+    field: Field, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert field.deploy("push") == 0
+    folder = field.bundle("robot2", "r2")
+    (folder / "robot.key").unlink()
+    capsys.readouterr()
+    assert field.deploy("push", "--json") == 0
+    robots = result(capsys)["robots"]
+    changed = sum((folder / name).stat().st_size for name in ("VERSION.json", "mission.toml"))
+    assert (robots["robot2"]["files"], robots["robot2"]["bytes"]) == (2, changed)
+    assert [robots[name]["installed"] for name in ROBOTS] == [False, True, False]
+    assert field.current("robot2") == "r2"
+    assert manifest(field.prefix("robot2") / "current") == manifest(folder)
+    assert (field.prefix("robot2") / "current" / "wheels" / "numpy.whl").read_bytes() == WHEEL
+
+
+def test_what_was_changed_on_the_robot_is_sent_again(
+    field: Field, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert field.deploy("push") == 0
+    (field.prefix("robot1") / "incoming" / "mission.toml").write_text("tampered", encoding="utf-8")
+    (field.prefix("robot1") / "incoming" / "extra").write_text("tampered", encoding="utf-8")
+    capsys.readouterr()
+    assert field.deploy("push", "--json") == 0
+    assert result(capsys)["robots"]["robot1"]["files"] == 1
+    assert manifest(field.prefix("robot1") / "incoming") == manifest(field.bundles / "robot1")
+
+
+def test_a_robot_that_is_down_is_named_and_the_others_get_theirs(
+    field: Field, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert field.deploy("push", "--host", "robot2=127.0.0.9") == 1  # the server listens on 127.0.0.1 only
+    said = capsys.readouterr().out
+    assert "robot2  FAILED  unreachable: connection refused" in said
+    assert said.splitlines()[-1] == "2 of 3 robots; FAILED: robot2"
+    assert [field.current(name) for name in ROBOTS] == ["r1", None, "r1"]
+
+
+def test_a_key_that_is_refused_and_an_unknown_host_are_named(
+    field: Field, server: Server, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    where = [str(field.bundles), "--prefix", str(tmp_path / "{robot}"), "--no-systemd"]
+    for right, wrong, why in (
+        ("/client", "/stranger", "key refused"),
+        ("/known_hosts", "/none", "host key unknown"),
+    ):
+        options = [option.replace(right, wrong) for option in server.options]
+        assert main(["deploy", "push", *where, *options]) == 1
+        assert capsys.readouterr().out.count(f"FAILED  {why}") == 3
+
+
+def test_an_installation_that_fails_shows_its_last_lines_and_leaves_what_runs(
+    field: Field, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert field.deploy("push") == 0
+    field.bundle("robot2", "r2", install=BROKEN)
+    field.bundle("robot3", "r2")
+    capsys.readouterr()
+    assert field.deploy("push") == 1
+    said = capsys.readouterr().out
+    assert "robot2  FAILED  install failed (exit code 3)" in said
+    assert "| no wheel fits this Python" in said
+    assert [field.current(name) for name in ROBOTS] == ["r1", "r1", "r2"]
+    field.bundle("robot2", "r2")
+    assert field.deploy("push") == 0
+    assert field.current("robot2") == "r2"
+
+
+def test_an_installation_that_failed_after_its_switch_is_done_again(field: Field) -> None:
+    field.bundle("robot1", "r2", install=INSTALL + "[ -e ../mended ] || exit 1\n")
+    assert field.deploy("push", "--only", "robot1") == 1
+    assert field.current("robot1") == "r2"
+    (field.prefix("robot1") / "mended").touch()
+    assert field.deploy("push", "--only", "robot1") == 0
+
+
+def test_a_full_disk_is_called_that(
+    field: Field, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    field.bundle("robot1", "r2", install="echo 'pip: [Errno 28] No space left on device'; exit 1\n")
+    assert field.deploy("push", "--only", "robot1") == 1
+    assert "FAILED  disk full" in capsys.readouterr().out
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device", "/opt/formation/incoming/numpy.whl")
+
+    monkeypatch.setattr(on_robot, "_take", full)
+    asked = {"prefix": str(field.prefix("robot1")), "files": {}, "install": []}
+    assert on_robot.main("receive", json.dumps(asked)) == 1
+    assert '"disk full (/opt/formation/incoming/numpy.whl)"' in capsys.readouterr().out
+
+
+class Stopping(Quiet):
+    """Breaks the connection off when something happens, as an unplugged cable would."""
+
+    def __init__(self, ssh: Ssh, when: str) -> None:
+        self._ssh, self._when = ssh, when
+        self.happened = threading.Event()
+
+    def sent(self, robot: str, count: int) -> None:  # noqa: ARG002 - as `View`
+        self._maybe("sent")
+
+    def line(self, robot: str, text: str) -> None:  # noqa: ARG002 - as `View`
+        self._maybe("line")
+
+    def _maybe(self, what: str) -> None:
+        if what == self._when:
+            self.happened.set()
+            self._ssh.stop()
+
+
+@pytest.mark.parametrize("when", ["sent", "line"])
+def test_an_interrupted_push_leaves_what_runs_and_the_next_one_completes_it(field: Field, when: str) -> None:
+    assert field.deploy("push", "--only", "robot1") == 0
+    folder = field.bundle("robot1", "r2", install="sleep 600 & wait; " + INSTALL)
+    if when == "line":
+        (folder / "install.sh").write_text("echo begin\nsleep 600\n" + INSTALL, encoding="utf-8")
+    (folder / "wheels" / "scipy.whl").write_bytes(os.urandom(8_000_000))
+    fleet = fleets.read(flags().parse_args(field.words("--only", "robot1")), sudo=False)
+    view = Stopping(fleet.ssh, when)
+    with pytest.raises(RemoteError):
+        push(fleet, fleet.robots["robot1"], ["--no-systemd"], view)
+    assert view.happened.is_set()
+    assert field.current("robot1") == "r1"
+    field.bundle("robot1", "r2")
+    until_unlocked(field.prefix("robot1"))
+    assert field.deploy("push", "--only", "robot1") == 0
+    assert manifest(field.prefix("robot1") / "current") == manifest(folder)
+
+
+def test_a_login_shell_that_chatters_and_a_robot_without_python(
+    field: Field, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    with sshd(tmp_path / "a", 'ForceCommand echo "Welcome {}"; eval "$SSH_ORIGINAL_COMMAND"') as chatty:
+        field.server = chatty
+        assert field.deploy("push") == 0
+    capsys.readouterr()
+    with sshd(tmp_path / "b", 'ForceCommand PATH=/nowhere; eval "$SSH_ORIGINAL_COMMAND"') as bare:
+        field.server = bare
+        assert field.deploy("push") == 1
+    assert capsys.readouterr().out.count("FAILED  no Python: python3 was not found") == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["--host", "robot9=1.2.3.4"], "--host 'robot9=1.2.3.4': must be ROBOT=ADDRESS with one of robot1"),
+        (["--host", "robot1=-oProxyCommand=x"], "is no address"),
+        (["--only", "robot9"], "--only 'robot9': must be one of robot1, robot2, robot3"),
+        (["--prefix", "/opt/$(x)"], "--prefix '/opt/$(x)': must be an absolute path"),
+        (["--prefix", "/opt/same"], "another robot is to be installed at 127.0.0.1:/opt/same"),
+    ],
+)
+def test_senseless_flags_are_refused_before_anything_is_sent(
+    field: Field, words: Sequence[str], why: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert field.deploy("push", *words) == 2
+    assert why in capsys.readouterr().err
+
+
+def test_who_is_not_root_goes_by_way_of_sudo(tmp_path: Path) -> None:
+    shim = tmp_path / "bin"
+    shim.mkdir()
+    # a machine on which this user is not root, and whose sudo wants a password
+    for name, text in (("id", "echo 1000"), ("sudo", 'echo "sudo: a password is required ($*)" >&2; exit 1')):
+        (shim / name).write_text(f"#!/bin/sh\n{text}\n", encoding="utf-8")
+        (shim / name).chmod(0o755)
+    (tmp_path / "ssh").mkdir()
+    command = f'ForceCommand PATH={shim}:$PATH; eval "$SSH_ORIGINAL_COMMAND"'
+    with sshd(tmp_path / "ssh", command) as other:
+        options = [text for text in other.options if text != "--ssh-option"][2:]
+        ssh = Ssh(other.options[1], options, sudo=True)
+        with pytest.raises(RemoteError, match="sudo asks for a password"):
+            ssh.call(Robot("robot1", "127.0.0.1", str(tmp_path / "p")), "look", {})
+        plain = Ssh(other.options[1], options, sudo=False)
+        assert plain.call(Robot("robot1", "127.0.0.1", str(tmp_path / "p")), "look", {})["files"] == {}
+
+
+def mode(path: Path) -> int:
+    return stat.S_IMODE(path.stat().st_mode)
+
+
+def until_unlocked(prefix: Path) -> None:
+    """Wait until the robot's side of a push that was broken off has noticed it."""
+    import fcntl
+
+    with (prefix / ".lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
