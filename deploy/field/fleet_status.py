@@ -19,6 +19,9 @@ Exit code 0: every robot runs what is in DIR; 1: some do not, as named.
 """
 
 
+TITLES = ("release", "formation", "mission", "since")
+
+
 class State(NamedTuple):
     """How one robot is, and what of it is not as in its bundle."""
 
@@ -59,21 +62,19 @@ def state(bundle: Bundle, answer: Mapping[str, Any] | RemoteError, *, units: boo
 
 def words(fleet: Fleet, states: Mapping[str, State]) -> list[str]:
     """The states for people."""
-    width = max(len("robot"), *map(len, states)) + 2
-    lines = [f"  {'robot':<{width}}{'release':<22}{'formation':<11}{'mission':<20}since"]
+    rows = {name: _row(fleet.bundles[name], one) for name, one in states.items()}
+    widths = [max(len(row[column]) for row in (TITLES, *rows.values())) for column in range(len(TITLES))]
+    width = max(len("robot"), *map(len, states))
+
+    def line(name: str, cells: Sequence[str]) -> str:
+        padded = (f"{cell:<{size}}" for cell, size in zip(cells, widths, strict=True))
+        return f"  {name:<{width}}  {'  '.join(padded)}".rstrip()
+
+    lines = [line("robot", TITLES)]
     for name, one in states.items():
-        said, version = one.said, one.said.get("version", {})
-        if said.get("release") is None:
-            lines.append(f"  {name:<{width}}{'-':<22}{'-':<11}{'-':<20}-")
-        else:
-            same = said["mission_sha256"] == fleet.bundles[name].mission_sha256
-            mission = f"{version.get('mission', '-')}{'' if same else ' (differs)'}"
-            lines.append(
-                f"  {name:<{width}}{said['release']:<22}{version.get('formation', '-'):<11}{mission:<20}"
-                f"{since(said['since'], said['now'])}"
-            )
-        lines += [f"  {'':<{width}}{_unit(unit, facts)}" for unit, facts in said.get("units", {}).items()]
-        lines += [f"  {'':<{width}}! {text}" for text in one.differs]
+        lines.append(line(name, rows[name]))
+        lines += [f"  {'':<{width}}  {_unit(*unit)}" for unit in one.said.get("units", {}).items()]
+        lines += [f"  {'':<{width}}  ! {text}" for text in one.differs]
     other = [name for name, one in states.items() if one.differs]
     well = len(states) - len(other)
     return [
@@ -103,7 +104,7 @@ def since(then: float, now: float) -> str:
     scale, unit = next(
         (pair for pair in ((86_400, "d"), (3_600, "h"), (60, "min")) if ago >= pair[0]), (1, "s")
     )
-    return f"{datetime.fromtimestamp(then, UTC):%Y-%m-%d %H:%M} UTC ({ago / scale:.0f} {unit})"
+    return f"{datetime.fromtimestamp(then, UTC):%m-%d %H:%M} UTC ({ago / scale:.0f} {unit})"
 
 
 def _differences(bundle: Bundle, said: Mapping[str, Any], *, units: bool) -> Iterator[str]:
@@ -118,6 +119,20 @@ def _differences(bundle: Bundle, said: Mapping[str, Any], *, units: bool) -> Ite
     for unit, facts in said["units"].items() if units else ():
         if facts["active"] != "active":
             yield f"{unit} is {facts['active']}: see journalctl -u {unit} there"
+
+
+def _row(bundle: Bundle, one: State) -> tuple[str, ...]:
+    said, version = one.said, one.said.get("version", {})
+    if said.get("release") is None:
+        return ("-",) * len(TITLES)
+    same = said["mission_sha256"] == bundle.mission_sha256
+    mission = f"{version.get('mission', '-')}{'' if same else ' (differs)'}"
+    return (
+        str(said["release"]),
+        str(version.get("formation", "-")),
+        mission,
+        since(said["since"], said["now"]),
+    )
 
 
 def _unit(name: str, facts: Mapping[str, Any]) -> str:

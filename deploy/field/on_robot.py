@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 MARK = "formation-answer: "
 INCOMING, CURRENT, PREVIOUS, VERSION = "incoming", "current", "previous", "VERSION.json"
+PUSHING, INSTALLING = ".lock", ".install.lock"  # files whose locks a push and an install.sh hold
 INSTALLED = ".installed"  # the file that names the release whose installation has ended well
 Answer = dict[str, Any]
 
@@ -64,7 +65,7 @@ def receive(prefix: Path, asked: Answer) -> Answer:
     incoming, wanted = prefix / INCOMING, asked["files"]
     incoming.mkdir(parents=True, exist_ok=True)
     incoming.chmod(0o700)
-    with _only_one(prefix):
+    with _only_one(prefix, PUSHING):
         _take(incoming, wanted, sys.stdin.buffer)
         _forget(incoming, wanted)
         for name, facts in wanted.items():
@@ -81,7 +82,7 @@ def receive(prefix: Path, asked: Answer) -> Answer:
 
 def rollback(prefix: Path, asked: Answer) -> Answer:
     """Link back to the release before the current one, and restart its units."""
-    with _only_one(prefix):
+    with _only_one(prefix, PUSHING), _only_one(prefix, INSTALLING):
         left, back = _release(prefix / CURRENT), _release(prefix / PREVIOUS)
         if left is None:
             raise Refused(f"nothing is installed under {prefix}")
@@ -221,9 +222,9 @@ def _ask(words: Sequence[str]) -> str | None:
 
 
 @contextmanager
-def _only_one(prefix: Path) -> Iterator[None]:
+def _only_one(prefix: Path, name: str) -> Iterator[None]:
     try:
-        file = (prefix / ".lock").open("w")
+        file = (prefix / name).open("w")
     except FileNotFoundError:
         raise Refused(f"nothing is installed under {prefix}") from None
     with file:

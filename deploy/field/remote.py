@@ -154,7 +154,7 @@ SIGNS = {
     "Host key verification failed": "host key unknown: log in once by hand with ssh, and compare it",
     "Permission denied (": f"key refused: put yours there with ssh-copy-id, or try --user, {_BY_NAME}",
     "Too many authentication failures": f"key refused: too many were tried; name one with {_BY_NAME}",
-    "Connection refused": "unreachable: connection refused; is the ssh server running there?",
+    "Connection refused": "unreachable: connection refused; does sshd run there?",
     "No route to host": _GONE,
     "Network is unreachable": _GONE,
     "Could not resolve hostname": "unreachable: nobody knows its address; give it with --host ROBOT=ADDRESS",
