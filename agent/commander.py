@@ -5,7 +5,7 @@ from __future__ import annotations
 from agent.alive import FAREWELL
 from formation.messages import Number, Twist, TwistStamped, encode
 from formation.mission import Mission
-from formation.quantiser import Grid, Quantiser
+from formation.quantiser import Quantiser
 from formation.topics import ALIVE, CMD_VEL, Topic, command_topic
 from formation.unicycle import Command
 from formation.wire import Now, Outgoing
@@ -27,9 +27,7 @@ class Commander:
         self.topics: tuple[Topic, Topic] = (command_topic(spec.cmd_vel), ALIVE)
         self._stamped = spec.cmd_vel == "twist_stamped"
         self._cmd_vel, self._alive = CMD_VEL.key(robot), ALIVE.key(robot)
-        self._quantiser = Quantiser(
-            Grid.of(spec.speed_step, spec.max_speed), Grid.of(spec.turn_rate_step, spec.max_turn_rate)
-        )
+        self._quantiser = Quantiser.of(self.steps, spec.limits)
         self._began: float | None = None
 
     def leave(self, now: Now) -> list[Outgoing]:
@@ -39,7 +37,7 @@ class Commander:
 
     def say(self, now: Now, wanted: Command) -> list[Outgoing]:
         """`wanted`, which is within limits, to the robot; and that this agent is alive, to its guard."""
-        if any(self.steps):
+        if self._quantiser is not None:
             wanted, self.remainder = self._quantiser.quantise(wanted, self.remainder)
         self.newest = Command(float(wanted.speed), float(wanted.turn_rate))
         self._began = now.mono if self._began is None else self._began

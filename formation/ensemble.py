@@ -8,6 +8,7 @@ that robots publish: drift moves the robot in it, for neither the law nor the fo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -18,9 +19,10 @@ from formation.body import Body
 from formation.heading import Travel
 from formation.law import LAWS, Limits, Measured
 from formation.links import Heard, Links, Mask, Terms
-from formation.mission import Mission
+from formation.mission import Mission, RobotSpec
 from formation.neighbour import FRESH_PERIODS
 from formation.plane import ComplexArray, rotation, unit
+from formation.quantiser import Quantiser
 from formation.route import Route
 from formation.starts import Starts
 from formation.unicycle import Command, advance, control_point
@@ -83,6 +85,8 @@ class Ensemble:
         self.moving = Command(at_rest, at_rest)
         """What the bodies did, on average over the last step."""
         self._wheels = self.moving
+        self._quantiser = Quantiser.of(_steps(robots), self.limits)
+        self._remainder = self.moving
         self._mission, self._graph, self.route = mission, mission.graph, Route.of(mission)
         self._law, self._gains, self._dt, self._rng = LAWS[law], mission.law.gains, step, rng
         self._body = options.body or Body.of(mission.simulated_robot)
@@ -130,6 +134,8 @@ class Ensemble:
         if blind is not None:  # nobody to follow: stand still, and learn nothing
             command = Command(*(np.where(blind, 0.0, wanted) for wanted in command))
             self._integral = np.where(blind, before, self._integral)
+        if self._quantiser is not None:
+            command, self._remainder = self._quantiser.quantise(command, self._remainder)
         self._move(command)
 
     def _measured(
@@ -201,6 +207,12 @@ class Ensemble:
         points[:, 0] = self._leader_now()
         points[:, 1:] = followers
         return points
+
+
+def _steps(robots: Sequence[RobotSpec]) -> Command:
+    return Command(
+        np.array([robot.speed_step for robot in robots]), np.array([robot.turn_rate_step for robot in robots])
+    )
 
 
 def _terms(mission: Mission, law: str, options: Options, local: Mask, step: float) -> Terms:

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from formation.law import Limits
 from formation.plane import Reals, clip
 from formation.unicycle import Command
 
@@ -56,6 +57,15 @@ class Quantiser(NamedTuple):
 
     speed: Grid
     turn_rate: Grid
+
+    @staticmethod
+    def of(steps: Command, limits: Limits) -> Quantiser | None:
+        """For robots with these `steps` [m/s; rad/s]; None where no command is cut."""
+        if not np.any(steps):
+            return None
+        return Quantiser(
+            Grid.of(steps.speed, limits.max_speed), Grid.of(steps.turn_rate, limits.max_turn_rate)
+        )
 
     def quantise(self, wanted: Command, remainder: Command) -> tuple[Command, Command]:
         """(command within limits, what remains of the commands before) -> (command to send, what remains)."""

@@ -1,0 +1,129 @@
+"""Theorems on error feedback: nothing is lost to the robot's cut, nothing is owed for long, limits hold."""
+
+from __future__ import annotations
+
+import math
+from itertools import accumulate
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from formation.law import Limits
+from formation.quantiser import LONGER, Grid, Quantiser
+from formation.unicycle import Command
+
+LIMITS = Limits(0.05, 0.2108, 2.635)
+STEPS = Command(0.01, 0.01)
+NOTHING = Command(0.0, 0.0)
+TURTLEBOT = Quantiser.of(STEPS, LIMITS)
+
+speeds = st.floats(-0.2108, 0.2108)
+turn_rates = st.floats(-2.635, 2.635)
+commands = st.builds(Command, speeds, turn_rates)
+
+
+def hundredths(value: float) -> int:
+    """What a TurtleBot3 takes: `static_cast<int32_t>(value * 100)`."""
+    return math.trunc(value * 100)
+
+
+def sent(wanted: list[Command]) -> list[Command]:
+    assert TURTLEBOT is not None
+    remainder, out = NOTHING, []
+    for command in wanted:
+        one, remainder = TURTLEBOT.quantise(command, remainder)
+        assert abs(remainder.speed) <= 0.01
+        assert abs(remainder.turn_rate) <= 0.01
+        out.append(one)
+    return out
+
+
+@given(st.lists(commands, max_size=60))
+def test_every_limit_holds_and_every_command_survives_the_cut(wanted: list[Command]) -> None:
+    for command in sent(wanted):
+        assert abs(command.speed) <= 0.2108
+        assert abs(command.turn_rate) <= 2.635
+        for value in command:
+            assert hundredths(value) == math.trunc(value / 0.01) == round(value / 0.01)
+            assert math.copysign(1.0, value) == 1.0 or value < 0.0  # no negative zero
+
+
+@pytest.mark.parametrize("step", [0.01, 0.001, 0.1, 1 / 3, 0.7])
+def test_every_multiple_survives_a_cut_by_product_or_by_quotient(step: float) -> None:
+    grid = Grid.of(step, 1000.0)
+    for number in range(1, 1000):
+        for sign in (-1, 1):
+            value, remainder = grid.nearest(sign * number * step)
+            assert math.trunc(value / step) == math.trunc(value * (1.0 / step)) == sign * number
+            assert abs(remainder) < 1e-12
+
+
+@given(st.lists(commands, min_size=1, max_size=300))
+def test_what_the_robot_was_told_never_strays_from_what_was_wanted_by_more_than_a_step(
+    wanted: list[Command],
+) -> None:
+    """Away from the limits and from rest, where there is nothing else between the two."""
+    moving = [Command(0.9 * c.speed, 0.9 * c.turn_rate) for c in wanted if c != NOTHING]
+    told = [(hundredths(c.speed), hundredths(c.turn_rate)) for c in sent(moving)]
+    for axis in (0, 1):
+        wanted_sums = accumulate(command[axis] for command in moving)
+        told_sums = accumulate(0.01 * numbers[axis] for numbers in told)
+        assert all(abs(a - b) <= 0.01 for a, b in zip(wanted_sums, told_sums, strict=True))
+
+
+@given(st.integers(1, 500), speeds, st.sampled_from([-1.0, 1.0]))
+def test_however_long_a_limit_is_asked_for_it_is_not_paid_back_afterwards(
+    held: int, then: float, sign: float
+) -> None:
+    after = sent([Command(sign * 0.2108, 0.0)] * held + [Command(then, 1.0)] * 20)[held:]
+    assert abs(math.fsum(c.speed for c in after) - 20 * then) <= 0.02 + 20 * max(0.0, abs(then) - 0.21)
+
+
+@given(st.lists(commands, max_size=30), st.lists(commands, max_size=30))
+def test_rest_is_rest_and_forgets_what_came_before(before: list[Command], after: list[Command]) -> None:
+    out = sent([*before, NOTHING, *after])
+    assert out[len(before)] == NOTHING
+    assert out[len(before) + 1 :] == sent(after)
+
+
+@given(commands)
+def test_a_robot_that_takes_any_number_gets_what_is_wanted(wanted: Command) -> None:
+    assert Quantiser.of(NOTHING, LIMITS) is None
+    only_turns = Quantiser.of(Command(0.0, 0.01), LIMITS)
+    assert only_turns is not None
+    command, remainder = only_turns.quantise(wanted, NOTHING)
+    assert command.speed == wanted.speed
+    assert remainder.speed == 0.0
+
+
+@given(st.floats(1e-3, 10.0), st.floats(1e-3, 10.0))
+@example(0.01, 0.29)
+@example(0.1, 0.3)
+def test_the_largest_multiple_is_within_the_limit_and_the_next_is_not(step: float, limit: float) -> None:
+    grid = Grid.of(step, limit)
+    assert grid.most * step * LONGER <= limit
+    assert (grid.most + 1) * step * LONGER > limit
+
+
+def test_many_robots_at_once_get_what_each_would_get_alone() -> None:
+    random = np.random.default_rng(5)
+    steps = Command(np.array([0.01, 0.0, 0.02]), np.array([0.0, 0.0, 0.01]))
+    limits = Limits(0.1, np.array([0.2, 1.0, 0.3]), np.array([1.0, 2.0, 3.0]))
+    many = Quantiser.of(steps, limits)
+    assert many is not None
+    left = Command(np.zeros((4, 3)), np.zeros((4, 3)))
+    lefts = [[NOTHING] * 3 for _ in range(4)]
+    for _ in range(30):
+        wanted = Command(random.uniform(-0.2, 0.2, (4, 3)), random.uniform(-1.0, 1.0, (4, 3)))
+        command, left = many.quantise(wanted, left)
+        for run, robot in np.ndindex(4, 3):
+            alone = Quantiser.of(
+                Command(steps.speed[robot], steps.turn_rate[robot]),
+                Limits(0.1, limits.max_speed[robot], limits.max_turn_rate[robot]),
+            )
+            mine = Command(wanted.speed[run, robot], wanted.turn_rate[run, robot])
+            if alone is not None:
+                mine, lefts[run][robot] = alone.quantise(mine, lefts[run][robot])
+            assert mine == (command.speed[run, robot], command.turn_rate[run, robot])
