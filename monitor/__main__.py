@@ -2,32 +2,96 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from datetime import datetime
 from pathlib import Path
+from typing import get_args
 
 from formation import wiring
 from formation.bus import Bus
 from formation.flags import bus_config, parser
 from formation.law import LAWS
+from formation.mailbox import Mailbox
+from formation.mission import Mission, Ros
 from formation.mission_file import parse, read
-from formation.process import Stop, run_process, say
+from formation.naming import Naming
+from formation.process import BadInput, Stop, run_process, say
+from formation.robot_bus import RobotBus
+from formation.robot_buses import RobotBuses
 from monitor.core import Monitor
 from monitor.keys import OWN, watched
 from monitor.loop import CAPACITY, NAME, Watch
 from monitor.recorder import Recorder
+from monitor.stage import given, usual
 
 EXAMPLES = """\
   formation monitor six_robots
   formation monitor field.toml --record monday.mcap
   formation monitor field.toml --no-record -e tcp/192.168.1.11:7460 -e tcp/192.168.1.12:7460
+  formation monitor field.toml --ros tcp/127.0.0.1:7447 --ros-names rmw_zenoh
 """
+NODE = "formation_monitor"
+"""What ROS calls it."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Watch until told to stop; the exit code."""
+    args = _flags().parse_args(argv)
+    return run_process(NAME, args, lambda stop: _watch(args, stop))
+
+
+def _watch(args: argparse.Namespace, stop: Stop) -> None:
+    text, source = read(args.mission)
+    mission = parse(text, source)
+    links = wiring.of_monitor(wiring.endpoints(mission))
+    config = bus_config(args, mission, links, NAME)
+    stage, ros_naming = _stage(args, mission), _ros_naming(args, mission)
+    when = datetime.now().astimezone()
+    path = args.record or Path("recordings") / f"{mission.name}-{when:%Y%m%d-%H%M%S}.mcap"
+    mailbox = Mailbox(CAPACITY)
+    with ExitStack() as stack:
+        bus = stack.enter_context(Bus(config, mailbox))
+        recorder = None
+        if not args.no_record:
+            keys = (*watched(mission), *OWN)
+            recorder = stack.enter_context(
+                Recorder(path, mission.name, text, args.law or mission.law.kind, keys)
+            )
+        truth = RobotBuses(mission, stage, mailbox, node=NODE)
+        stack.callback(truth.close)
+        ros = None
+        if args.ros:
+            ros = stack.enter_context(RobotBus((args.ros,), ros_naming, mailbox, node=NODE))
+        one = Watch(Monitor(mission, stage), bus, recorder, truth, ros)
+        one.declare()
+        say("ready", process=NAME)
+        one.run(stop, snapshots=args.snapshots)
+    say("summary", **one.summary())
+
+
+def _stage(args: argparse.Namespace, mission: Mission) -> dict[str, str]:
+    """Where robots are simulated, by name. Raises BadInput."""
+    if args.no_stage:
+        return {}
+    try:
+        return given(mission, args.stage) if args.stage else usual(mission)
+    except ValueError as error:
+        raise BadInput(str(error)) from None
+
+
+def _ros_naming(args: argparse.Namespace, mission: Mission) -> Naming:
+    """How the monitor's own topics are spelled: as flags say, else as the first follower's are."""
+    if not args.ros and (args.ros_names is not None or args.ros_domain is not None):
+        raise BadInput("--ros-names and --ros-domain: say how --ros ENDPOINT spells, which is missing")
+    first = mission.robots[mission.followers[0]]
+    domain = first.domain if args.ros_domain is None else args.ros_domain
+    return Naming.of_formation(args.ros_names or first.ros, domain)
+
+
+def _flags() -> argparse.ArgumentParser:
     flags = parser(
         "monitor", "Measure and record a fleet. It publishes nothing that a robot listens to.", EXAMPLES
     )
@@ -44,30 +108,34 @@ def main(argv: Sequence[str] | None = None) -> int:
     flags.add_argument(
         "--snapshots", action="store_true", help="write JSON lines to stdout instead of lines for people"
     )
-    args = flags.parse_args(argv)
+    truth = flags.add_argument_group(
+        "simulated robots (for ground truth; where there are none, none is known)"
+    )
+    where = truth.add_mutually_exclusive_group()
+    where.add_argument(
+        "--stage", metavar="[ROBOT,...=]ENDPOINT", action="append", default=[],
+        help="where they listen; repeatable (default: this machine's ports for robots that the mission gives"
+        " no endpoint)",
+    )  # fmt: skip
+    where.add_argument("--no-stage", action="store_true", help="do not look for any")
+    ros = flags.add_argument_group("figures as ROS 2 topics (formation/error, formation/diagnostics)")
+    ros.add_argument(
+        "--ros", metavar="ENDPOINT", help="ROS 2 bridge or router to publish them to, as a client"
+    )
+    ros.add_argument(
+        "--ros-names", choices=get_args(Ros), help="how it spells topics (default: as the mission's robots)"
+    )
+    ros.add_argument(
+        "--ros-domain", metavar="N", type=_domain, help="ROS domain (default: as the mission's robots)"
+    )
+    return flags
 
-    def watch(stop: Stop) -> None:
-        text, source = read(args.mission)
-        mission = parse(text, source)
-        links = wiring.of_monitor(wiring.endpoints(mission))
-        config = bus_config(args, mission, links, NAME)
-        when = datetime.now().astimezone()
-        path = args.record or Path("recordings") / f"{mission.name}-{when:%Y%m%d-%H%M%S}.mcap"
-        with ExitStack() as stack:
-            bus = stack.enter_context(Bus(config, capacity=CAPACITY))
-            recorder = None
-            if not args.no_record:
-                keys = (*watched(mission), *OWN)
-                recorder = stack.enter_context(
-                    Recorder(path, mission.name, text, args.law or mission.law.kind, keys)
-                )
-            one = Watch(Monitor(mission), bus, recorder)
-            one.declare()
-            say("ready", process=NAME)
-            one.run(stop, snapshots=args.snapshots)
-        say("summary", **one.summary())
 
-    return run_process(NAME, args, watch)
+def _domain(text: str) -> int:
+    number = int(text) if text.isdecimal() else -1
+    if not 0 <= number <= 232:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be a ROS domain from 0 to 232")
+    return number
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from formation.messages import Number, encode
 from formation.mission import Mission
@@ -17,8 +17,10 @@ from monitor.report import diagnostics
 class Monitor:
     """Watches one mission's fleet. It publishes figures about it and nothing that any robot listens to."""
 
-    def __init__(self, mission: Mission) -> None:
+    def __init__(self, mission: Mission, stage: Iterable[str] = ()) -> None:
+        """`stage` has the robots that are simulated: only of them the truth is to be had."""
         self.metrics = Metrics(mission)
+        self._stage = frozenset(stage)
         self._keys = watched(mission)
         self._error_rate, self._diagnostics_rate = Rate(10.0), Rate(1.0)
 
@@ -29,8 +31,13 @@ class Monitor:
 
     @property
     def subscriptions(self) -> tuple[str, ...]:
-        """Every key that it listens to, in the order of subscribing."""
-        return tuple(one.key for one in self._keys)
+        """Every key that it listens to on the fleet's bus, in the order of subscribing."""
+        return tuple(one.key for one in self._keys if not one.on_stage)
+
+    @property
+    def truths(self) -> tuple[tuple[Topic, str], ...]:
+        """Every topic and key that it listens to on the stage."""
+        return tuple((one.topic, one.key) for one in self._keys if one.on_stage and one.robot in self._stage)
 
     def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
         """Learn from `inbox`; the figures that are due. An error that is not known is not published."""

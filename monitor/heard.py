@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from formation.messages import Diagnostics, Displacement, Odometry, Pose, Status, Twist, TwistStamped, decode
 from formation.mission import Mission
-from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSITION, RELATIVE, STATUS
+from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSE, POSITION, RELATIVE, STATUS
 from formation.wire import BadMessage, Now, Sample
 from monitor.feed import CLOCK_AGREES, Feed
 from monitor.figures import KeyFigures, RobotFigures
@@ -109,6 +109,7 @@ class Heard:
             CMD_VEL.name: self._take_command(feed),
             STATUS.name: self._take_status(feed),
             ODOM.name: lambda s, wall: _note(feed, decode(Odometry, s.payload).stamp, wall),
+            POSE.name: lambda s, wall: _note(feed, decode(Pose, s.payload).stamp, wall),
             RELATIVE.name: lambda s, wall: _note(feed, decode(Displacement, s.payload).stamp, wall),
         }
         return handlers.get(one.topic.name)

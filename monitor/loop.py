@@ -1,4 +1,4 @@
-"""The monitor on the bus: record first, understand later.
+"""The monitor on its buses: record first, understand later.
 
 Everything that has arrived is taken in one go, fifty times a second. That is often enough for people and
 for 10 Hz figures, and at thousands of messages a second far cheaper than waking for each.
@@ -14,6 +14,8 @@ from typing import Any
 from formation.bus import Bus
 from formation.process import Stop, clocks, say
 from formation.rate import Rate
+from formation.robot_bus import RobotBus
+from formation.robot_buses import RobotBuses
 from formation.wire import Now, Sample
 from monitor.core import Monitor
 from monitor.recorder import Recorder
@@ -32,15 +34,28 @@ _log = logging.getLogger(__name__)
 
 
 class Watch:
-    """Pumps messages from the bus into the recording and the figures."""
+    """Pumps messages from the buses, which share one mailbox, into the recording and the figures."""
 
-    def __init__(self, monitor: Monitor, bus: Bus, recorder: Recorder | None) -> None:
+    def __init__(
+        self,
+        monitor: Monitor,
+        bus: Bus,
+        recorder: Recorder | None,
+        stage: RobotBuses,
+        ros: RobotBus | None = None,
+    ) -> None:
+        """`stage` leads to simulated robots, `ros` to where ROS 2 wants the figures."""
         self._monitor, self._bus, self._recorder = monitor, bus, recorder
+        self._stage, self._ros = stage, ros
 
     def declare(self) -> None:
         """Declare all that is published and listened to. Raises BusError."""
         for topic, key in self._monitor.publications:
             self._bus.advertise(topic, key)
+            if self._ros is not None:
+                self._ros.advertise(topic, key)
+        for topic, key in self._monitor.truths:
+            self._stage.subscribe(topic, key)
         for key in self._monitor.subscriptions:
             self._bus.subscribe(key)
 
@@ -67,7 +82,12 @@ class Watch:
             "process": NAME,
             "published": dict(self._bus.published),
             "received": dict(self._bus.received),
+            "robot": {
+                "published": dict(self._ros.published) if self._ros else {},
+                "received": dict(self._stage.received),
+            },
             "dropped": {**rejected, "overflowed": self._bus.overflowed},
+            "refused": dict(self._bus.refused),
             "rejected": dict(snapshot.rejected),
             "missed": snapshot.missed,
             "recorded": dict(self._recorder.recorded) if self._recorder else {},
@@ -83,6 +103,8 @@ class Watch:
         self._record(inbox, now)
         for out in self._monitor.step(now, inbox):
             self._bus.publish(out.key, out.payload, out.attachment)
+            if self._ros is not None:
+                self._ros.publish(out.key, out.payload)
             self._record([Sample(out.key, out.payload, out.attachment, now.mono)], now)
         if self._recorder is not None:
             self._recorder.flush(now.mono)

@@ -1,10 +1,24 @@
 from __future__ import annotations
 
+import pytest
+
 from formation.messages import Diagnostics, Number, decode
 from formation.mission_file import load, parse, read
-from formation.topics import CMD_VEL, DIAGNOSTICS, ERROR, GROUND_TRUTH, RELATIVE, SCAN, STATUS
+from formation.topics import (
+    ALIVE,
+    CMD_VEL,
+    DIAGNOSTICS,
+    ERROR,
+    GROUND_TRUTH,
+    ODOM,
+    POSE,
+    RELATIVE,
+    SCAN,
+    STATUS,
+)
 from monitor.core import Monitor
 from monitor.keys import watched
+from monitor.report import line
 from tests.monitor.fleet import Fleet, now
 
 
@@ -52,7 +66,38 @@ def test_subscriptions_are_spelled_out_and_no_robot_is_missing() -> None:
     assert not [key for key in keys if "*" in key]
     assert len(set(keys)) == len(keys)
     for name in mission.followers:
-        assert {CMD_VEL.key(name), SCAN.key(name), GROUND_TRUTH.key(name)} <= set(keys)
+        assert {ODOM.key(name), CMD_VEL.key(name), SCAN.key(name), STATUS.key(name)} <= set(keys)
+
+
+def test_truth_is_heard_of_simulated_robots_from_themselves_and_of_nobody_else() -> None:
+    mission = load("six_robots")
+    monitor = Monitor(mission, ["robot3", "robot5"])
+    assert monitor.truths == tuple((GROUND_TRUTH, GROUND_TRUTH.key(name)) for name in ("robot3", "robot5"))
+    assert Monitor(mission).truths == ()
+    assert not [key for key in monitor.subscriptions if GROUND_TRUTH.name in key]
+
+
+def test_what_an_agent_tells_its_guard_is_nobody_elses_business() -> None:
+    assert not [one for one in watched(load("six_robots")) if one.topic == ALIVE]
+
+
+def test_without_simulated_robots_no_truth_is_claimed_and_nothing_else_is_missing() -> None:
+    fleet = Fleet()
+    monitor = Monitor(fleet.mission)
+    monitor.step(now(11.0), fleet.positions(10.0, 11.0))
+    snapshot = monitor.metrics.snapshot(now(11.0))
+    assert snapshot.formation_error == pytest.approx(0.0, abs=1e-9)
+    assert snapshot.formation_error_true is None
+    assert {robot.heading_error for robot in snapshot.robots.values()} == {None}
+    assert (snapshot.missed, dict(snapshot.rejected)) == (0, {})
+    assert "true" not in line(snapshot)
+
+
+def test_poses_are_listened_to_where_a_camera_finds_the_robots() -> None:
+    text, name = read("six_robots")
+    mission = parse(text.replace("rate = 20 ", 'localisation = "external"\nrate = 20 '), name)
+    assert {POSE.key(follower) for follower in mission.followers} <= set(Monitor(mission).subscriptions)
+    assert not [key for key in Monitor(load("six_robots")).subscriptions if key.endswith(POSE.name)]
 
 
 def test_displacements_are_listened_to_where_robots_measure_them() -> None:
