@@ -23,9 +23,9 @@ from typing import Any, NamedTuple, Self
 
 from deploy.plan import Part, Program
 
-STOP_ORDER: tuple[Part, ...] = ("control", "body", "watch")
+STOP_ORDER: tuple[Part, ...] = ("control", "guard", "body", "watch")
 """Agents and leader first: their last words are zero velocity, which the others still have to hear."""
-GRACE: Mapping[Part, float] = {"control": 5.0, "body": 5.0, "watch": 10.0}
+GRACE: Mapping[Part, float] = {"control": 5.0, "guard": 5.0, "body": 5.0, "watch": 10.0}
 """How long a child has to end after it was asked to, before it is killed [s]: a tenth of it, if nobody else
 needs the processors."""
 COAST = 1.0

@@ -17,6 +17,7 @@ from formation.mission import Mission
 from formation.order import OperatorReply, OperatorRequest
 from formation.topics import ORDER
 from formation.wire import BadMessage
+from formation.wiring import Links
 
 EVERYONE = ("stop", "release")
 """Told to each robot directly; hold and run are the leader's, whose order travels with the positions."""
@@ -27,6 +28,7 @@ EXAMPLES = """\
   formation order six_robots release
   formation order six_robots hold            the leader, whose order travels with the positions
   formation order my_mission.toml stop -e tcp/192.168.1.11:7460 -e tcp/192.168.1.12:7460
+  formation order my_mission.toml stop -c operator/zenoh.json5      with the operator's certificate
 
 Exit code 0: everyone asked has obeyed; 1: somebody did not answer, or refused.
 """
@@ -143,7 +145,9 @@ def _options() -> argparse.ArgumentParser:
         help="wait so long for answers (default 3)",
     )
     options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
-    links = options.add_argument_group("links (without -e those that the mission implies)")
+    links = options.add_argument_group(
+        "links (without -e and endpoints in FILE those that the mission implies)"
+    )
     links.add_argument("-m", "--mode", choices=MODES, help="Zenoh session mode (default: peer)")
     links.add_argument(
         "-e",
@@ -166,8 +170,10 @@ def _options() -> argparse.ArgumentParser:
 
 def _config(options: argparse.Namespace, mission: Mission, asked: Iterable[str]) -> BusConfig:
     where = wiring.endpoints(mission).agents
+    implied = Links((), tuple(where[name] for name in asked))
     return BusConfig(
-        connect=tuple(options.connect or (where[name] for name in asked)),
+        connect=tuple(options.connect),
+        implied=None if options.connect else implied,
         mode=options.mode,
         namespace=mission.team or "",
         config_file=options.config,

@@ -12,6 +12,7 @@ from typing import Any
 from deploy.launch import Child
 from deploy.units import metres
 from formation.mission import Mission
+from formation.topics import GROUND_TRUTH
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +49,22 @@ class Outcome:
 
     @property
     def lost(self) -> int | None:
-        """Messages that were published and not recorded; None if the monitor did not live to say."""
+        """Messages that were published and not recorded; None if the monitor did not live to say.
+
+        That is all that was said to the fleet, and what simulated robots said to the monitor themselves: the
+        truth. Their odometry counts as what their agents repeated of it.
+        """
         recorded = _counts(self.monitor, "recorded")
         if recorded is None:
             return None
-        published: Counter[str] = Counter()
+        truths = {GROUND_TRUTH.key(name) for name in self.mission.followers}
+        told: Counter[str] = Counter()
         for child in self.children:
-            published.update(_counts(child.summary, "published") or {})
-        return sum(count - recorded.get(key, 0) for key, count in published.items())
+            told.update(_counts(child.summary, "published") or {})
+            if child.part == "body":
+                said = _counts(_side(child), "published") or {}
+                told.update({key: count for key, count in said.items() if key in truths})
+        return sum(count - recorded.get(key, 0) for key, count in told.items())
 
     @property
     def exit_code(self) -> int:
@@ -132,6 +141,12 @@ def _counts(summary: Mapping[str, Any] | None, key: str) -> dict[str, int] | Non
     return {str(name): count for name, count in counts.items() if isinstance(count, int)}
 
 
+def _side(child: Child) -> Mapping[str, Any]:
+    """What it counted between agent and robot; empty if it did not say, or had nothing to do with that."""
+    side = (child.summary or {}).get("robot")
+    return side if isinstance(side, Mapping) else {}
+
+
 def _total(summary: Mapping[str, Any] | None, key: str) -> int | None:
     counts = _counts(summary, key)
     return None if counts is None else sum(counts.values())
@@ -145,4 +160,5 @@ def _account(child: Child) -> dict[str, Any]:
         "published": _total(child.summary, "published"),
         "received": _total(child.summary, "received"),
         "dropped": _total(child.summary, "dropped"),
+        "robot": {name: _total(_side(child), name) for name in ("published", "received")},
     }

@@ -10,8 +10,11 @@ from formation import wiring
 from formation.mission import Mission
 from formation.wiring import Endpoints, Links
 
-Part = Literal["control", "body", "watch"]
-"""What a process is to the run: an agent or the leader, the simulated robots, the monitor."""
+Part = Literal["control", "guard", "body", "watch"]
+"""What a process is to the run: an agent or the leader, a guard, the simulated robots, the monitor."""
+
+
+NO_LINKS = Links((), ())
 
 
 class Program(NamedTuple):
@@ -32,15 +35,16 @@ def programs(
     parent: int,
     record: Path,
     law: str | None = None,
+    guards: bool = False,
     patience: float = 30.0,
 ) -> tuple[Program, ...]:
     """Every process of `mission`, read from `source` by each of them, in the order of starting.
 
-    `parent` is the process whose death ends them all; `patience` [s] is how long they wait for the monitor
-    before they publish anything, so that the recording misses nothing.
+    `parent` is the process whose death ends them all; `guards` adds one for each robot; `patience` [s] is how
+    long they wait for the monitor before they publish anything, so that the recording misses nothing.
     """
 
-    def program(name: str, part: Part, module: str, links: Links, *flags: str) -> Program:
+    def program(name: str, part: Part, module: str, *flags: str, links: Links = NO_LINKS) -> Program:
         listen = [word for end in links.listen for word in ("-l", end)]
         connect = [word for end in links.connect for word in ("-e", end)]
         # -P: what lies in the folder where the user happens to be is not imported
@@ -49,14 +53,24 @@ def programs(
 
     def agent(name: str) -> Program:
         links = wiring.of_agent(mission, name, where)
-        return program(f"agent {name}", "control", "agent", links, "--robot", name, *law_flag, *wait)
+        one = program(f"agent {name}", "control", "agent", *robot(name), *law_flag, *wait, links=links)
+        return one._replace(robots=(name,))
+
+    def guard(name: str) -> Program:
+        return program(f"guard {name}", "guard", "agent.robots.guard", *robot(name))
+
+    def robot(name: str) -> tuple[str, ...]:
+        return "--robot", name, "--robot-connect", where.robots[name]
 
     law_flag = ("--law", law) if law else ()
     wait = ("--await-monitor", f"{patience:g}")
-    watch = ("--record", str(record), "--snapshots", *law_flag)
+    stage = [word for name, end in where.robots.items() for word in ("--stage", f"{name}={end}")]
+    watch = ("--record", str(record), "--snapshots", *law_flag, *stage)
+    robots = Links(tuple(where.robots.values()), wiring.of_robots(mission, mission.followers, where).connect)
     return (
-        program("monitor", "watch", "monitor", wiring.of_monitor(where), *watch),
-        program("robots", "body", "agent.robots", wiring.of_robots(mission, mission.followers, where), *wait),
-        program("leader", "control", "leader", wiring.of_leader(mission, where), *wait),
-        *(agent(name)._replace(robots=(name,)) for name in mission.followers),
+        program("monitor", "watch", "monitor", *watch, links=wiring.of_monitor(where)),
+        program("robots", "body", "agent.robots", *wait, links=robots),
+        program("leader", "control", "leader", *wait, links=wiring.of_leader(mission, where)),
+        *(guard(name) for name in mission.followers if guards),
+        *(agent(name) for name in mission.followers),
     )

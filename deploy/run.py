@@ -63,7 +63,13 @@ def main(arguments: Sequence[str]) -> int:
         logs = stack.enter_context(Logs())
         launcher = stack.enter_context(Launcher(logs.folder))
         plan = programs(
-            mission, options.mission, ports.endpoints, parent=os.getpid(), record=record, law=options.law
+            mission,
+            options.mission,
+            ports.endpoints,
+            parent=os.getpid(),
+            record=record,
+            law=options.law,
+            guards=options.guards,
         )
         say = sys.stderr if options.json else sys.stdout
         print(_how_to_order(options.mission, ports), file=say, flush=True)
@@ -143,6 +149,9 @@ def _options() -> argparse.ArgumentParser:
     )
     options.add_argument(
         "--record", type=Path, metavar="FILE", help="the recording, MCAP (default: a new one in recordings/)"
+    )
+    options.add_argument(
+        "--guards", action="store_true", help="a guard beside each robot, as in the field: one process more"
     )
     options.add_argument("--no-table", action="store_true", help="plain lines instead of the live table")
     options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")

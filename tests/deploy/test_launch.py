@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.launch import COAST, Child, Event, Launcher
+from deploy.launch import COAST, STOP_ORDER, Child, Event, Launcher
 from deploy.plan import Part, Program
 from tests.deploy.stubs import DEAF, GOOD, READY, is_gone, program
 
@@ -74,7 +74,7 @@ def test_a_child_that_dies_by_itself_is_told_from_one_that_was_asked_to_end(laun
 def test_a_child_that_ignores_the_request_is_killed_when_its_time_is_up(
     launcher: Launcher, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("deploy.launch.GRACE", {"control": 0.3, "body": 0.3, "watch": 0.3})
+    monkeypatch.setattr("deploy.launch.GRACE", dict.fromkeys(STOP_ORDER, 0.3))
     child = launcher.start(program(DEAF))
     wait_until(launcher, lambda: child.ready)
     begin = time.monotonic()
@@ -86,7 +86,7 @@ def test_a_child_that_ignores_the_request_is_killed_when_its_time_is_up(
 def test_what_a_killed_child_started_is_killed_with_it(
     launcher: Launcher, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("deploy.launch.GRACE", {"control": 0.1, "body": 0.1, "watch": 0.1})
+    monkeypatch.setattr("deploy.launch.GRACE", dict.fromkeys(STOP_ORDER, 0.1))
     code = "import subprocess; p = subprocess.Popen(['sleep', '600']); say('started', pid=p.pid);" + DEAF
     child = launcher.start(program(code))
     events = wait_until(launcher, lambda: child.ready)
@@ -96,9 +96,11 @@ def test_what_a_killed_child_started_is_killed_with_it(
     assert is_gone(grandchild, within=10.0)
 
 
-def test_agents_end_before_the_robots_and_those_before_the_monitor(launcher: Launcher) -> None:
+def test_agents_end_before_the_guards_those_before_the_robots_and_those_before_the_monitor(
+    launcher: Launcher,
+) -> None:
     code = "until_told(); say('end', at=time.monotonic()); sys.exit(0)"
-    names: dict[Part, str] = {"watch": "monitor", "body": "robots", "control": "agent"}
+    names: dict[Part, str] = {"watch": "monitor", "body": "robots", "guard": "guard", "control": "agent"}
     children = [launcher.start(program(code, name, part)) for part, name in names.items()]
     wait_until(launcher, lambda: all(child.ready for child in children))
     ends: dict[str, float] = {}
@@ -114,7 +116,7 @@ def test_agents_end_before_the_robots_and_those_before_the_monitor(launcher: Lau
     launcher.stop()
     while launcher.next(0.0) is not None:
         pass
-    assert ends["agent"] + COAST <= ends["robots"] <= ends["monitor"]
+    assert ends["agent"] + COAST <= ends["guard"] <= ends["robots"] <= ends["monitor"]
 
 
 def test_an_exception_inside_the_context_leaves_no_child(tmp_path: Path) -> None:

@@ -8,22 +8,30 @@ import shlex
 import signal
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import pytest
 
 from deploy import cli, run
-from deploy.plan import Program, programs
+from deploy.launch import GRACE, STOP_ORDER
+from deploy.plan import Part, Program, programs
 from deploy.ports import Ports
 from formation.mission_file import load
+from monitor.stage import given
 from tests.deploy.stubs import GOOD, READY, is_gone, program
 
 SNAPSHOT = "say('snapshot', formation_error=0.002, robots={'robot1': {'state': 'run', 'error': 0.001}});"
-AGENT = "until_told(); say('summary', published={'robot1/cmd_vel': 10}); sys.exit(0)"
-ROBOTS = "until_told(); say('summary', published={'robot1/odom': 10}); sys.exit(0)"
+AGENT = "until_told(); say('summary', published={'robot1/cmd_vel': 10, 'robot1/odom': 10}); sys.exit(0)"
+AT_ROBOT = {"published": {"robot1/odom": 12, "robot1/ground_truth": 12}, "received": {"robot1/cmd_vel": 9}}
+ROBOTS = f"until_told(); say('summary', published={{}}, robot={AT_ROBOT!r}); sys.exit(0)"
 FOUND = {
     "published": {"formation/error": 5},
-    "recorded": {"formation/error": 5, "robot1/cmd_vel": 10, "robot1/odom": 10},
+    "recorded": {
+        "formation/error": 5,
+        "robot1/cmd_vel": 10,
+        "robot1/odom": 10,
+        "robot1/ground_truth": 12,
+    },
     "formation_error": 0.002,
     "settling_time": 1.5,
     "converged": True,
@@ -92,12 +100,13 @@ def test_a_run_that_converged_is_exit_code_0_and_one_json_object(ran: Runner, tm
         "duration": pytest.approx(0.3, abs=0.2),
         "interrupted": False,
         "recording": "a.mcap",
-        "recorded": 25,
+        "recorded": 37,
         "lost": 0,
     }
     assert [process["exit"] for process in processes.values()] == [0, 0, 0]
     assert all(is_gone(process["pid"]) for process in processes.values())
-    assert processes["agent robot1"]["published"] == 10
+    assert processes["agent robot1"]["published"] == 20
+    assert processes["robots"]["robot"] == {"published": 24, "received": 9}
     assert list(tmp_path.glob("formation-*")) == []  # logs are kept for failures
 
 
@@ -118,8 +127,8 @@ def test_a_run_that_did_not_converge_is_exit_code_1(ran: Runner) -> None:
 
 
 def test_what_was_published_and_not_recorded_is_lost(ran: Runner) -> None:
-    recorded = {"formation/error": 5, "robot1/cmd_vel": 8}
-    assert ran(*good(monitor(recorded=recorded))).result["lost"] == 12
+    recorded = {"formation/error": 5, "robot1/cmd_vel": 8, "robot1/odom": 10, "robot1/ground_truth": 9}
+    assert ran(*good(monitor(recorded=recorded))).result["lost"] == 2 + 3
 
 
 def test_a_recording_that_failed_on_the_way_is_exit_code_1(ran: Runner) -> None:
@@ -129,7 +138,9 @@ def test_a_recording_that_failed_on_the_way_is_exit_code_1(ran: Runner) -> None:
 
 
 def test_a_summary_that_makes_no_sense_counts_for_nothing(ran: Runner) -> None:
-    strange = program("until_told(); say('summary', published='lots'); sys.exit(0)", "agent robot2")
+    strange = program(
+        "until_told(); say('summary', published='lots', robot=[]); sys.exit(0)", "robot", "body"
+    )
     assert ran(*good(), strange).result["lost"] == 0
 
 
@@ -146,6 +157,7 @@ def test_a_process_that_dies_does_not_end_the_run_but_is_named(ran: Runner) -> N
         "published": None,
         "received": None,
         "dropped": None,
+        "robot": {"published": None, "received": None},
     }
     assert "agent robot2 ended with exit code 7 during the run" in done.err
     assert "battery empty" in done.err
@@ -176,7 +188,7 @@ def test_bad_input_that_only_a_process_finds_is_exit_code_2_too(ran: Runner) -> 
 
 def test_a_process_that_never_gets_ready_ends_the_run(ran: Runner, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "START_WITHIN", 0.5)
-    monkeypatch.setattr("deploy.launch.GRACE", {"control": 0.2, "body": 5.0, "watch": 5.0})
+    monkeypatch.setattr("deploy.launch.GRACE", {**GRACE, "control": 0.2})
     done = ran(*good(), program("time.sleep(600)", "agent robot2", "control"))
     assert done.code == 1
     assert "agent robot2 was not ready within 0.5 s" in done.err
@@ -224,20 +236,45 @@ def test_the_order_it_suggests_can_be_pasted_whatever_the_file_is_called() -> No
     assert words[words.index("order") + 1] == "my missions/it's.toml"
 
 
+def flags_of(argv: Sequence[str], flag: str) -> list[str]:
+    return [argv[i + 1] for i, word in enumerate(argv) if word == flag]
+
+
 def test_the_process_table_has_one_process_per_agent_and_links_along_the_graph_only() -> None:
     mission = load("six_robots")
     with Ports(mission) as ports:
         where = ports.endpoints
         plan = programs(mission, "six_robots", where, parent=4711, record=Path("a.mcap"), law="paper")
-    names = [one.name for one in plan]
-    assert names == ["monitor", "robots", "leader", *(f"agent {robot}" for robot in mission.followers)]
-    agent = plan[names.index("agent robot4")].argv
-    dialled = {agent[i + 1] for i, word in enumerate(agent) if word == "-e"}
-    assert dialled == {where.agents["robot2"], where.agents["robot3"], where.robots["robot4"]}
-    assert agent[agent.index("-l") + 1] == where.agents["robot4"]
-    assert agent[agent.index("--law") + 1] == "paper"
-    assert all(one.argv[one.argv.index("--parent") + 1] == "4711" for one in plan)
+    table = {one.name: one.argv for one in plan}
+    assert list(table) == ["monitor", "robots", "leader", *(f"agent {robot}" for robot in mission.followers)]
+    agent = table["agent robot4"]
+    assert set(flags_of(agent, "-e")) == {where.agents["robot2"], where.agents["robot3"]}
+    assert flags_of(agent, "-l") == [where.agents["robot4"]]
+    assert flags_of(agent, "--robot-connect") == [where.robots["robot4"]]
+    assert flags_of(agent, "--law") == ["paper"]
+    assert flags_of(table["robots"], "-l") == list(where.robots.values())
+    assert flags_of(table["robots"], "-e") == []
+    assert set(flags_of(table["monitor"], "-e")) == set(where.agents.values())
+    stage = given(mission, flags_of(table["monitor"], "--stage"))
+    assert stage == where.robots
+    assert all(flags_of(one.argv, "--parent") == ["4711"] for one in plan)
     assert all("--await-monitor" in one.argv for one in plan if one.name != "monitor")
+
+
+def test_guards_stand_beside_the_robots_when_they_are_wanted_and_end_between_agents_and_robots() -> None:
+    mission = load("turtlebot3_pair")
+    with Ports(mission) as ports:
+        where = ports.endpoints
+        plan = programs(mission, "pair", where, parent=1, record=Path("a.mcap"), guards=True)
+    guards = {one.name: one for one in plan if one.part == "guard"}
+    assert list(guards) == ["guard robot1", "guard robot2"]
+    argv = guards["guard robot2"].argv
+    assert argv[3:] == (
+        "agent.robots.guard", "pair", "--robot", "robot2", "--robot-connect", where.robots["robot2"],
+        "--parent", "1",
+    )  # fmt: skip
+    assert STOP_ORDER.index("control") < STOP_ORDER.index("guard") < STOP_ORDER.index("body")
+    assert set(STOP_ORDER) == set(get_args(Part)) == set(GRACE)
 
 
 def test_a_simulated_sensor_that_looks_at_the_leader_is_linked_with_it() -> None:
