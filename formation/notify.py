@@ -23,6 +23,7 @@ class Notifier:
         self._address = environment.get("NOTIFY_SOCKET", "")
         self._socket: socket.socket | None = None
         self._fed = float("-inf")  # [s, monotonic]
+        self._complained = False
         if self._address:
             if self._address.startswith("@"):  # the way to write a name in the abstract namespace
                 self._address = "\0" + self._address[1:]
@@ -52,4 +53,6 @@ class Notifier:
         try:
             self._socket.sendto(state.encode(), self._address)
         except OSError as error:
-            _log.warning("systemd was not told %s: %s", state.partition("\n")[0], error)
+            if not self._complained:
+                _log.warning("systemd was not told %s: %s", state.partition("\n")[0], error)
+            self._complained = True

@@ -142,7 +142,6 @@ class Process:
         self.mailbox = Mailbox()
         self._await_monitor: float = args.await_monitor
         self._dropped: Mapping[str, int] = {}
-        self._notifier = Notifier(os.environ)
         self._bus = None if config is None else Bus(config, self.mailbox)
         try:
             self._robot = None if robot is None else robot(self.mailbox)
@@ -150,6 +149,7 @@ class Process:
             if self._bus is not None:
                 self._bus.close()
             raise
+        self._notifier = Notifier(os.environ)
         stop.wakes(self.mailbox.wake)
 
     def __enter__(self) -> Self:

@@ -8,6 +8,7 @@ import pytest
 
 from formation.bus import _settings
 from formation.bus_config import DEFAULTS, BusConfig, BusError, parse_override
+from formation.wiring import Links
 
 
 def setting(config: BusConfig, path: str) -> Any:
@@ -49,6 +50,28 @@ def test_flags_outrank_the_file_and_overrides_outrank_both(tmp_path: Path) -> No
     )
     assert setting(config, "mode") == "router"
     assert setting(config, "transport/link/tx/lease") == 500
+
+
+def test_what_the_mission_implies_gives_way_to_endpoints_in_the_file_and_those_to_flags(
+    tmp_path: Path,
+) -> None:
+    def links(config: BusConfig) -> tuple[Any, Any]:
+        return setting(config, "listen/endpoints"), setting(config, "connect/endpoints")
+
+    mission = Links(("tcp/127.0.0.1:1",), ("tcp/127.0.0.1:2",))
+    file = tmp_path / "zenoh.json5"
+    file.write_text("{transport: {link: {tx: {lease: 3000}}}}")
+    assert links(BusConfig(implied=mission)) == (["tcp/127.0.0.1:1"], ["tcp/127.0.0.1:2"])
+    assert links(BusConfig(implied=mission, config_file=file)) == (["tcp/127.0.0.1:1"], ["tcp/127.0.0.1:2"])
+    file.write_text('{connect: {endpoints: ["tls/robot3:7"]}}')
+    assert links(BusConfig(implied=mission, config_file=file)) == ([], ["tls/robot3:7"])
+    assert links(BusConfig(config_file=file, listen=("tcp/[::]:8",))) == (["tcp/[::]:8"], ["tls/robot3:7"])
+    assert links(BusConfig(config_file=file, connect=("tcp/b:9",))) == ([], ["tcp/b:9"])
+
+
+def test_an_implied_endpoint_that_cannot_be_is_named() -> None:
+    with pytest.raises(BusError, match="--connect 'tcp/nowhere'"):
+        BusConfig(implied=Links((), ("tcp/nowhere",)))
 
 
 def test_the_namespace_and_the_name_reach_zenoh() -> None:

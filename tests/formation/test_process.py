@@ -12,12 +12,14 @@ from collections.abc import Callable, Sequence
 import pytest
 
 from formation import process
-from formation.bus import BusConfig, BusError
+from formation.bus import Bus, BusConfig, BusError
 from formation.flags import bus_config, parser
+from formation.mailbox import Mailbox
 from formation.messages import TwistStamped, decode, encode
 from formation.mission_file import MissionError, load
 from formation.process import BadInput, Process, Stop, one_of, run_process, say
 from formation.rate import Rate
+from formation.robot_bus import RobotBus
 from formation.topics import STATUS
 from formation.wire import Now, Outgoing, Sample
 from formation.wiring import Links
@@ -75,6 +77,8 @@ def test_a_core_is_stepped_when_it_is_due_until_a_signal_and_then_has_its_last_w
     assert ready == {"event": "ready", "process": "agent robot2"}
     assert summary["published"]["robot2/status"] >= 21
     assert summary["dropped"] == {"robot1/position": 3, "overflowed": 0}
+    assert summary["robot"] == {"published": {}, "received": {}}
+    assert summary["refused"] == {}
 
 
 def test_a_core_that_fails_has_its_last_words_before_the_process_ends_with_exit_code_1(
@@ -91,6 +95,28 @@ def flags(*arguments: str) -> argparse.Namespace:
     return parser("thing", "Do the thing.", "  formation thing six_robots").parse_args(
         ["six_robots", *arguments]
     )
+
+
+def test_a_process_without_a_bus_says_so_when_one_is_asked_for() -> None:
+    with Stop() as stop, Process("guard robot2", flags(), None, stop) as one:
+        with pytest.raises(BusError, match="guard robot2 is not on the fleet's bus"):
+            one.bus.publish("robot2/status", b"")
+        with pytest.raises(BusError, match="guard robot2 is not on a robot's bus"):
+            one.robot.close()
+
+
+def test_a_robots_side_that_cannot_be_opened_closes_the_fleets() -> None:
+    opened = []
+
+    def robot(mailbox: Mailbox) -> RobotBus:
+        raise BusError(f"{mailbox.overflowed} robots")
+
+    with Stop() as stop, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Bus, "close", opened.append)
+        with pytest.raises(BusError, match="0 robots"):
+            Process("agent robot2", flags(), BusConfig(), stop, robot)
+    assert len(opened) == 1
+    opened[0]._session.close()
 
 
 def test_a_signal_is_the_wish_to_stop_and_wakes_whoever_sleeps() -> None:
@@ -196,7 +222,7 @@ def test_an_illegal_choice_names_the_legal_ones() -> None:
 
 def test_without_flags_the_links_are_those_that_the_mission_implies() -> None:
     config = bus_config(flags(), load("six_robots"), IMPLIED, "thing")
-    assert (config.listen, config.connect) == IMPLIED
+    assert (config.listen, config.connect, config.implied) == ((), (), IMPLIED)
     assert (config.mode, config.namespace, config.name) == (None, "", "thing")
 
 
@@ -205,6 +231,7 @@ def test_one_link_flag_replaces_all_that_the_mission_implies() -> None:
         flags("-e", "tcp/10.0.0.1:7447", "-e", "tls/b:1"), load("six_robots"), IMPLIED, "thing"
     )
     assert (config.listen, config.connect) == ((), ("tcp/10.0.0.1:7447", "tls/b:1"))
+    assert config.implied is None
 
 
 def test_zenoh_settings_pass_through_and_the_team_is_the_namespace() -> None:

@@ -24,20 +24,23 @@ def test_a_link_exists_exactly_where_one_of_two_robots_measures_the_other(name: 
     assert set(links) == measured
 
 
-def test_an_agent_listens_once_and_dials_its_own_robot() -> None:
+def test_an_agent_listens_once_and_no_robot_is_in_the_fleet() -> None:
     mission = load("six_robots")
     where = wiring.endpoints(mission)
     links = wiring.of_agent(mission, "robot3", where)
     assert links.listen == (where.agents["robot3"],)
-    assert where.robots["robot3"] in links.connect
-    assert where.robots["robot2"] not in links.connect
+    assert not set(links.connect) & set(where.robots.values())
 
 
-def test_a_process_of_simulated_robots_listens_for_each_and_dials_nobody() -> None:
+def test_a_process_of_simulated_robots_has_no_links_with_the_fleet() -> None:
     mission = load("six_robots")
     where = wiring.endpoints(mission)
-    robots = wiring.of_robots(mission, ["robot2", "robot3"], where)
-    assert robots == ((where.robots["robot2"], where.robots["robot3"]), ())
+    assert wiring.of_robots(mission, ["robot2", "robot3"], where) == ((), ())
+
+
+def test_robots_are_told_apart_by_the_endpoint_that_they_are_behind() -> None:
+    where = {"robot2": "tcp/desk:7447", "robot3": "tcp/c:1", "robot4": "tcp/desk:7447"}
+    assert wiring.by_endpoint(where) == {"tcp/desk:7447": ("robot2", "robot4"), "tcp/c:1": ("robot3",)}
 
 
 def test_a_simulated_sensor_that_looks_at_the_virtual_leader_is_linked_with_it() -> None:
@@ -48,12 +51,12 @@ def test_a_simulated_sensor_that_looks_at_the_virtual_leader_is_linked_with_it()
     assert wiring.of_robots(local, ["robot4"], where).connect == ()  # it looks at robot2 and robot3
 
 
-def test_nobody_dials_the_monitor_and_the_monitor_dials_everybody() -> None:
+def test_nobody_dials_the_monitor_and_the_monitor_dials_every_agent() -> None:
     mission = load("six_robots")
     where = wiring.endpoints(mission)
     monitor = wiring.of_monitor(where)
     assert monitor.listen == ()
-    assert set(monitor.connect) == {*where.agents.values(), *where.robots.values()}
+    assert set(monitor.connect) == set(where.agents.values())
 
 
 def test_no_two_processes_listen_on_one_endpoint() -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from formation import bus
+from formation import mailbox
 from formation.bus import Bus, BusConfig, BusError
 from formation.topics import CMD_VEL, ODOM, ORDER, POSITION
 from tests.processes.bus_tools import (
@@ -189,7 +189,7 @@ def test_a_query_wakes_the_loop_that_answers_it(pair: tuple[Bus, Bus]) -> None:
 
 def test_a_flood_of_queries_is_turned_away(pair: tuple[Bus, Bus], monkeypatch: pytest.MonkeyPatch) -> None:
     here, there = pair
-    monkeypatch.setattr(bus, "MAX_QUERIES", 1)
+    monkeypatch.setattr(mailbox, "MAX_QUERIES", 1)
     here.answer(ASKED, lambda request: request)
     acquaint(here, there)
     replies = []
