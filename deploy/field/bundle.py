@@ -1,0 +1,356 @@
+"""`formation deploy bundle`: per robot one folder with all that it needs, for a robot without internet.
+
+::
+
+    DIR/robot2/mission.toml zenoh.json5 VERSION.json install.sh
+               certificates/{ca,certificate,key}.pem      its own and nobody else's
+               units/*.service samples/*.service          systemd's
+               wheels/*.whl                               the same files in every folder (hard links)
+    DIR/leader/                                           likewise, under the leader's name
+    DIR/desk/  mission.toml {monitor,operator}.json5 {monitor,operator}/*.pem
+    DIR/BUNDLE.json                                       says that DIR is one of ours, and what is in it
+
+A release's id is a hash of all that is in its folder, so the same inputs make the same release.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from deploy import env
+from deploy.arguments import as_json, parser, read_mission
+from deploy.field import access, authority, certificates, wheels
+from deploy.field import units as systemd
+from deploy.field.hosts import VISITORS, hosts
+from deploy.field.wheels import PLATFORMS, PYTHONS, Target
+from deploy.refusal import Refusal
+from formation.mission import Mission
+from formation.mission_file import read
+
+BUNDLE, VERSION, DESK = "BUNDLE.json", "VERSION.json", "desk"
+SECRETS = (certificates.TRUSTED, certificates.CERTIFICATE, certificates.KEY)
+LOOPBACK = ("tcp/127.0.0.1:", "tcp/[::1]:", "tcp/localhost:")
+EXAMPLES = """\
+  formation deploy bundle field.toml --certificates secrets --out bundles
+  formation deploy bundle field.toml --certificates secrets --out bundles --python 3.11
+  formation deploy push bundles
+
+Or carry a robot's folder to it by hand, and there: sudo sh install.sh
+"""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Make the bundles; the exit code."""
+    chosen = _options().parse_args(arguments)
+    mission = read_mission(chosen.mission)
+    text, _ = read(chosen.mission)
+    refuse_unfit(mission)
+    target = Target(chosen.platform, chosen.python)
+    result = make(
+        mission,
+        text,
+        chosen.out,
+        chosen.certificates,
+        target,
+        now=datetime.now(UTC),
+        with_wheels=not chosen.no_wheels,
+        bringup=chosen.bringup,
+        bridge=chosen.bridge,
+    )
+    print(as_json(result) if chosen.json else words(chosen.out, result))
+    return 0
+
+
+def refuse_unfit(mission: Mission) -> None:
+    """Raise Refusal for a mission that is not one for robots in a field."""
+    hosts(mission)
+    if DESK in mission.robots:
+        raise Refusal(
+            f"mission {mission.name}: no robot can be called {DESK!r}, for that is the desk's folder"
+        )
+    for name in mission.followers:
+        endpoint = mission.robots[name].robot_endpoint
+        if endpoint is None or not endpoint.startswith(LOOPBACK):
+            raise Refusal(
+                f"mission {mission.name}: robot_endpoint of {name} is {endpoint or 'missing'}; it must be"
+                " where the robot's own ROS 2 bridge or router listens, on the robot itself and for nobody"
+                " else: robot_endpoint = 'tcp/127.0.0.1:7447' in [robot]"
+            )
+
+
+def make(
+    mission: Mission,
+    text: str,
+    out: Path,
+    secrets: Path,
+    target: Target,
+    *,
+    now: datetime,
+    with_wheels: bool = True,
+    bringup: str = systemd.BRINGUP,
+    bridge: str | None = None,
+) -> dict[str, Any]:
+    """Fill `out` with a folder per robot and one for the desk; what was made. Raises Refusal.
+
+    `text` is the mission's file. What was bundled there before is replaced, folder by folder, once all the
+    new ones are ready.
+    """
+    pairs = {name: _pair(secrets, mission, name, now) for name in access.processes(mission)}
+    before = _before(out)
+    with _workshop(out) as shop:
+        shelf = shop / "wheels"
+        shelf.mkdir()
+        wheels.collect(target, shelf, _earlier(out, before, target), fetch=with_wheels)
+        facts = {
+            "formation": version("formation"),
+            "commit": commit(),
+            "mission": mission.name,
+            "mission_sha256": hashlib.sha256(text.encode()).hexdigest(),
+            "platform": target.platform,
+            "python": target.python,
+            "wheels": with_wheels,
+        }
+        releases = {}
+        for name in mission.names:
+            folder = shop / name
+            _robot(folder, mission, name, text, secrets, (bringup, bridge))
+            (folder / "wheels").mkdir(mode=0o755)
+            for file in sorted(shelf.iterdir()):
+                wheels.link(file, folder / "wheels" / file.name)
+            releases[name] = release_id(folder)
+            own = {
+                "release": releases[name],
+                "robot": name,
+                "role": "leader" if name == mission.leader else "agent",
+                "bringup": "" if name == mission.leader or bringup == systemd.NONE else bringup,
+                **facts,
+                "certificate_until": pairs[name].expires.isoformat(timespec="seconds"),
+                "units": sorted(path.name for path in (folder / "units").iterdir()),
+                "made": _made(out / name, releases[name], now),
+            }
+            _write(folder / VERSION, json.dumps(own, indent=1) + "\n")
+        _desk(shop / DESK, mission, text, secrets, out.resolve() / DESK)
+        folders = (*mission.names, DESK)
+        _replace(shop, out, folders, before)
+    return {"folder": str(out), "releases": releases, **facts}
+
+
+def release_id(folder: Path) -> str:
+    """Short name of everything in a folder but VERSION.json: names, modes and contents."""
+    total = hashlib.sha256()
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder).as_posix()
+        if path.is_file() and name != VERSION:
+            total.update(f"{name} {path.stat().st_mode & 0o777:o} {wheels.digest(path)}\n".encode())
+    return total.hexdigest()[:12]
+
+
+def commit() -> str:
+    """The commit of this checkout, marked if files differ from it; empty if that is not known."""
+    if not (env.ROOT / ".git").exists():
+        return ""
+    ask = ["git", "-C", str(env.ROOT), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+    try:
+        done = subprocess.run(ask, capture_output=True, text=True, check=False)
+    except OSError:
+        return ""
+    return done.stdout.strip()
+
+
+def words(out: Path, result: Mapping[str, Any]) -> str:
+    """What was made, for people."""
+    releases: Mapping[str, str] = result["releases"]
+    lines = [f"{'robot':<16}release"]
+    lines += [f"{name:<16}{release}" for name, release in releases.items()]
+    desk = out / DESK
+    lines += [
+        f"in {out}, for Python {result['python']} on {result['platform']}; next:",
+        f"  formation deploy push {out}",
+        f"  formation monitor {desk / 'mission.toml'} -c {desk / 'monitor.json5'}",
+        f"  formation order {desk / 'mission.toml'} stop -c {desk / 'operator.json5'}",
+    ]
+    return "\n".join(lines)
+
+
+def _pair(secrets: Path, mission: Mission, name: str, now: datetime) -> authority.Pair:
+    """A process's certificate, if it works now, in this mission. Raises Refusal."""
+    pair = certificates.read(secrets, name, now)
+    where = hosts(mission).get(name)
+    if where is not None and where.address not in authority.addresses(pair.certificate):
+        found = ", ".join(authority.addresses(pair.certificate)) or "nowhere"
+        raise Refusal(
+            f"{secrets / name}: the certificate is for {name} at {found}, and in mission {mission.name} it"
+            f" listens at {where.address}; renew it:"
+            f" formation deploy certificates MISSION --out {secrets} --renew"
+        )
+    trusted = (secrets / name / certificates.TRUSTED).read_bytes()
+    if trusted != (secrets / mission.leader / certificates.TRUSTED).read_bytes():
+        raise Refusal(
+            f"{secrets / name}: trusts another authority than {mission.leader} does; renew all of them"
+        )
+    return pair
+
+
+def _robot(
+    folder: Path, mission: Mission, name: str, text: str, secrets: Path, where: tuple[str, str | None]
+) -> None:
+    """Everything of a robot's folder but its wheels and VERSION.json."""
+    folder.mkdir(mode=0o700)
+    _write(folder / "mission.toml", text)
+    place = PurePosixPath(systemd.CURRENT) / "certificates"
+    _write(folder / "zenoh.json5", access.text(mission, name, access.configuration(mission, name, place)))
+    _secrets(secrets / name, folder / "certificates")
+    kinds = {"units": systemd.units, "samples": systemd.samples}
+    for kind, texts in kinds.items():
+        (folder / kind).mkdir(mode=0o755)
+        for unit, content in texts(mission, name, *where).items():
+            _write(folder / kind / unit, content)
+    script = files("deploy").joinpath("field", "install.sh").read_text(encoding="utf-8")
+    _write(folder / "install.sh", script, 0o755)
+
+
+def _desk(folder: Path, mission: Mission, text: str, secrets: Path, place: Path) -> None:
+    """What the monitor and an operator need; it stays where it is made, `place`."""
+    folder.mkdir(mode=0o700)
+    _write(folder / "mission.toml", text)
+    for name in VISITORS:
+        settings = access.configuration(mission, name, place / name)
+        _write(folder / f"{name}.json5", access.text(mission, name, settings))
+        _secrets(secrets / name, folder / name)
+
+
+def _secrets(source: Path, folder: Path) -> None:
+    folder.mkdir(mode=0o700)
+    for name in SECRETS:
+        _write(folder / name, (source / name).read_text(encoding="ascii"), 0o600)
+
+
+def _before(out: Path) -> tuple[str, ...]:
+    """The folders that an earlier run has left in `out`. Raises Refusal for one that holds other things."""
+    try:
+        found = {path.name for path in out.iterdir()}
+    except FileNotFoundError:
+        return ()
+    except OSError as error:
+        raise Refusal(f"--out {out}: {error.strerror}") from None
+    known: tuple[str, ...] = ()
+    if BUNDLE in found:
+        try:
+            known = tuple(json.loads((out / BUNDLE).read_text(encoding="utf-8"))["folders"])
+        except (OSError, ValueError, KeyError, TypeError):
+            raise Refusal(f"{out / BUNDLE}: cannot be read; remove {out}, or name another folder") from None
+    foreign = sorted(found - {BUNDLE, ".gitignore", *known})
+    if foreign:
+        raise Refusal(
+            f"--out {out}: holds {', '.join(foreign[:3])}{' and more' if len(foreign) > 3 else ''}, which no"
+            " bundle has; name a new folder"
+        )
+    return tuple(name for name in known if name in found)
+
+
+@contextmanager
+def _workshop(out: Path) -> Iterator[Path]:
+    """A folder beside `out`, on its file system, for what is not whole yet."""
+    try:
+        out.mkdir(mode=0o700, parents=True, exist_ok=True)
+        shop = tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.resolve().parent)  # mode 0700
+    except OSError as error:
+        raise Refusal(f"--out {out}: {error.strerror}") from None
+    with shop as folder:
+        yield Path(folder)
+
+
+def _replace(shop: Path, out: Path, folders: Sequence[str], before: Sequence[str]) -> None:
+    out.chmod(0o700)
+    _write(out / ".gitignore", "*\n")
+    # What is there may be of either run until all is done, so both are named until then.
+    _write(out / BUNDLE, json.dumps({"folders": sorted({*folders, *before})}) + "\n")
+    old = shop / "old"
+    old.mkdir()
+    for name in before:
+        (out / name).rename(old / name)
+    for name in folders:
+        (shop / name).rename(out / name)
+    _write(out / BUNDLE, json.dumps({"folders": list(folders)}) + "\n")
+    shutil.rmtree(old)
+
+
+def _earlier(out: Path, before: Sequence[str], target: Target) -> list[Path]:
+    """Wheels that an earlier run has fetched for the same target."""
+    same = []
+    for name in before:
+        said = _version(out / name)
+        if (said.get("platform"), said.get("python")) == target:
+            same += sorted((out / name / "wheels").glob("*.whl"))
+    return same
+
+
+def _made(old: Path, release: str, now: datetime) -> str:
+    """When a release was first made: a second run with the same outcome is not a new one."""
+    said = _version(old)
+    return str(said["made"]) if said.get("release") == release else now.isoformat(timespec="seconds")
+
+
+def _version(folder: Path) -> Mapping[str, Any]:
+    try:
+        said = json.loads((folder / VERSION).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return said if isinstance(said, dict) else {}
+
+
+def _write(path: Path, text: str, mode: int = 0o644) -> None:
+    """Write a file that is never readable by more than `mode` says."""
+    path.unlink(missing_ok=True)
+    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+    with os.fdopen(handle, "w", encoding="utf-8") as file:
+        os.fchmod(handle, mode)  # whatever the umask
+        file.write(text)
+
+
+def _options() -> argparse.ArgumentParser:
+    options = parser(
+        "deploy bundle", "Make a folder per robot with all that it needs, without internet.", EXAMPLES
+    )
+    options.add_argument("mission", metavar="MISSION", help="a TOML file, or the name of a shipped mission")
+    options.add_argument("--out", required=True, type=Path, metavar="DIR", help="folder for the bundles")
+    options.add_argument(
+        "--certificates", required=True, type=Path, metavar="DIR",
+        help="what `formation deploy certificates` made",
+    )  # fmt: skip
+    options.add_argument(
+        "--platform", choices=PLATFORMS, default=PLATFORMS[0], help="of the robots (default %(default)s)"
+    )
+    options.add_argument(
+        "--python",
+        choices=PYTHONS,
+        default="3.12",
+        help="of the robots (default %(default)s, Ubuntu 24.04's)",
+    )
+    options.add_argument(
+        "--no-wheels", action="store_true", help="robots fetch packages themselves, so they need internet"
+    )
+    options.add_argument(
+        "--bringup", metavar="UNIT", default=systemd.BRINGUP,
+        help=f"the robots' unit for their bring-up, or {systemd.NONE} (default %(default)s)",
+    )  # fmt: skip
+    options.add_argument(
+        "--bridge", metavar="UNIT",
+        help=f"the unit of their ROS 2 bridge or router, or {systemd.NONE} (default: by the mission's ros,"
+        f" {' or '.join(systemd.BRIDGES.values())})",
+    )  # fmt: skip
+    options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
+    return options
