@@ -15,6 +15,7 @@ from formation.ros_names import RosNames, address
 from formation.tokens import Route, Token, dds_type, read_route, ros_type
 from formation.tokens import read as read_token
 from formation.topics import CMD_VEL, ERROR, ODOM, ORDER, RELATIVE, TABLE
+from tests.formation.edited import edited
 
 PAIR = read("turtlebot3_pair")[0]
 SIX = read("six_robots")[0]
@@ -24,9 +25,8 @@ STAMPED = "5f0fcd4f81d5d06ad9b4c4c63e3ea51b82d6ae4d0558f1d475229b1121db6f64"
 
 def pair(keys: str = "", robot1: str = "", robot2: str = "") -> Mission:
     """The TurtleBot mission with further keys for both robots, or for one."""
-    text = PAIR.replace("[robot]\n", f"[robot]\n{keys}\n")
-    text = text.replace("[robots.robot1]\n", f"[robots.robot1]\n{robot1}\n")
-    return parse(text.replace("[robots.robot2]\n", f"[robots.robot2]\n{robot2}\n"))
+    text = edited(PAIR, "robot", keys)
+    return parse(edited(edited(text, "robots.robot1", robot1), "robots.robot2", robot2))
 
 
 def test_a_bridge_uses_the_ros_name_without_its_slash() -> None:
@@ -55,9 +55,7 @@ def test_a_namespace_may_be_nested() -> None:
     ("kind", "name", "digest"), [("twist", "Twist", TWIST), ("twist_stamped", "TwistStamped", STAMPED)]
 )
 def test_rmw_zenoh_writes_domain_type_and_hash_into_the_key(kind: str, name: str, digest: str) -> None:
-    mission = parse(
-        PAIR.replace('cmd_vel = "twist_stamped"', f'ros = "rmw_zenoh"\ndomain = 30\ncmd_vel = "{kind}"')
-    )
+    mission = pair(f'ros = "rmw_zenoh"\ndomain = 30\ncmd_vel = "{kind}"')
     naming = Naming.of(mission, ["robot1"])
     spelled = f"30/robot1/cmd_vel/geometry_msgs::msg::dds_::{name}_/RIHS01_{digest}"
     assert naming.wire("robot1/cmd_vel") == naming.key(CMD_VEL, "robot1") == spelled
@@ -158,7 +156,7 @@ def test_every_key_has_one_spelling_and_every_spelling_one_key(
         lines = f'ros = "{dialects[number]}"\ndomain = {domains[number]}\n'
         if namespaces[number] is not None:
             lines += f'namespace = "{namespaces[number]}"\n'
-        text = text.replace(f"[robots.{name}]\n", f"[robots.{name}]\n{lines}")
+        text = edited(text, f"robots.{name}", lines)
     mission = parse(text)  # legal: no two robots have an endpoint in common
     keys = [
         one.key

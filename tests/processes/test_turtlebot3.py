@@ -15,12 +15,14 @@ from formation.messages import Odometry, Twist, TwistStamped, decode, encode
 from formation.mission_file import parse, read
 from formation.naming import Naming
 from formation.topics import CMD_VEL, ODOM
+from tests.formation.edited import edited
 from tests.processes.bus_tools import until
 from tests.processes.child import free_endpoint
 from tests.processes.turtlebot3 import TurtleBot3, Wire
 
 pytestmark = pytest.mark.processes
 VARIANTS = [(ros, kind) for ros in ("ros2dds", "rmw_zenoh") for kind in ("twist", "twist_stamped")]
+PAIR = read("turtlebot3_pair")[0]
 START, HEADING = -0.9 + 0.6j, 1j
 
 
@@ -39,9 +41,8 @@ def turtlebot3(wire: Wire) -> Iterator[tuple[TurtleBot3, zenoh.Session]]:
 
 def naming(wire: Wire) -> Naming:
     """What the code under test makes of such a robot."""
-    text = read("turtlebot3_pair")[0].replace('cmd_vel = "twist_stamped"', f'cmd_vel = "{wire.cmd_vel}"')
     keys = f'ros = "{wire.ros}"\ndomain = {wire.domain}\nnamespace = "{wire.namespace}"\n'
-    return Naming.of(parse(text.replace("[robot]\n", f"[robot]\n{keys}")), ["robot1"])
+    return Naming.of(parse(edited(PAIR, "robot", f'{keys}cmd_vel = "{wire.cmd_vel}"')), ["robot1"])
 
 
 @pytest.mark.parametrize(("ros", "kind"), VARIANTS)
