@@ -38,6 +38,7 @@ COMMANDS = {
     "missions": Command("deploy.shelf", HERE, "list the missions that are shipped"),
     "agent": Command("agent.__main__", ALONE, "control one robot"),
     "leader": Command("leader.__main__", ALONE, "go along the route and give the orders"),
+    "guard": Command("agent.robots.guard.__main__", ALONE, "stop one robot when its agent falls silent"),
     "robot": Command("agent.robots.__main__", ALONE, "simulate one robot or several"),
     "monitor": Command("monitor.__main__", ALONE, "measure and record; moves nothing"),
     "deploy": Command("deploy.field.cli", FIELD, "bring a mission onto robots: certificates, bundles, push"),

@@ -38,6 +38,11 @@ class Child:
         for reader in self._readers:
             reader.start()
 
+    @property
+    def pid(self) -> int:
+        """Its id."""
+        return self.process.pid
+
     def event(self, name: str) -> dict[str, Any]:
         """The next line it says, which must be this event."""
         line = self._lines.get(timeout=PATIENCE)

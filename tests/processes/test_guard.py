@@ -1,0 +1,89 @@
+"""Bar: whatever becomes of an agent while it drives, its robot's wheels are at zero within 0.3 s.
+
+Over real processes: leader, agents, guards, simulated robots. What a robot does is read from its own
+odometry, so each figure is up to a period (0.05 s) too long. ``pytest -s`` shows all of them.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+from formation.wiring import Endpoints
+from tests.processes.child import Child, free_endpoint, started
+from tests.processes.guarded import ROBOTS, ROUNDS, WITHIN, Runs, Team, told, tries
+from tests.processes.relay import Relay
+
+pytestmark = pytest.mark.processes
+
+
+class Here:
+    """Processes of this machine."""
+
+    def __init__(self, stack: ExitStack) -> None:
+        self._stack = stack
+
+    def __call__(self, _name: str, module: str, arguments: list[str]) -> Runs:
+        child: Child = self._stack.enter_context(started(module, *arguments))
+        return child
+
+
+@contextmanager
+def team_here(folder: Path) -> Iterator[Team]:
+    names = ("robot1", *ROBOTS)
+    where = Endpoints({n: free_endpoint() for n in names}, {n: free_endpoint() for n in ROBOTS})
+    with ExitStack() as stack:
+        yield Team(Here(stack), folder, where)
+
+
+def report(kind: str, took: list[float]) -> None:
+    print(f"\n{told(kind, took)}")
+    assert len(took) == ROUNDS * len(ROBOTS) == 20
+    assert max(took) <= WITHIN, told(kind, took)
+
+
+def test_a_killed_agents_robot_stands_within_0_3_s_20_of_20_times_and_a_new_agent_goes_on(
+    tmp_path: Path,
+) -> None:
+    with team_here(tmp_path) as team:
+        team.start(*ROBOTS)
+        took = tries(team, lambda name: os.kill(team.agents[name].pid, signal.SIGKILL), team.start)
+        report("kill -9", took)
+
+
+def test_a_hanging_agents_robot_stands_within_0_3_s_20_of_20_times_and_the_agent_goes_on(
+    tmp_path: Path,
+) -> None:
+    with team_here(tmp_path) as team:
+        team.start(*ROBOTS)
+
+        def go_on(*names: str) -> None:
+            for name in names:
+                os.kill(team.agents[name].pid, signal.SIGCONT)
+
+        took = tries(team, lambda name: os.kill(team.agents[name].pid, signal.SIGSTOP), go_on)
+        report("SIGSTOP", took)
+
+
+def test_the_robot_of_an_agent_whose_links_are_cut_stands_within_0_3_s_20_of_20_times(tmp_path: Path) -> None:
+    with ExitStack() as stack, team_here(tmp_path) as team:
+        leader = team.mission.robots["robot1"].endpoint
+        assert leader is not None
+        cables = {name: stack.enter_context(Relay(leader)) for name in ROBOTS}
+        flags = {
+            name: ["-l", str(team.mission.robots[name].endpoint), "-e", cable.endpoint]
+            for name, cable in cables.items()
+        }
+        team.start(*ROBOTS, flags=flags)
+
+        def mend(*names: str) -> None:
+            for name in names:
+                cables[name].mend()
+
+        took = tries(team, lambda name: cables[name].cut(), mend)
+        report("fleet links cut", took)
