@@ -14,8 +14,9 @@ import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import zenoh
 
@@ -25,7 +26,7 @@ from formation.refusals import Refusals
 from formation.topics import Topic
 from formation.wire import Outgoing, Sample
 
-__all__ = ["Bus", "BusConfig", "BusError", "Reply"]
+__all__ = ["Bus", "BusConfig", "BusError", "Reply", "setting"]
 
 _PRIORITY = {
     "real_time": zenoh.Priority.REAL_TIME,
@@ -218,6 +219,21 @@ class Bus:
         done.wait(timeout)
         return list(replies)
 
+    def tokens(self, expression: str, timeout: float) -> list[str]:
+        """The liveliness tokens that match `expression` and that come in, at most `timeout` [s]."""
+        found: list[str] = []
+        done = threading.Event()
+
+        def receive(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                found.append(str(reply.ok.key_expr))
+
+        with _named(expression):
+            handler = zenoh.handlers.Callback(receive, done.set, indirect=False)
+            self._live.liveliness().get(expression, handler, timeout=timeout)
+        done.wait(timeout)
+        return list(found)
+
     def close(self) -> None:
         """Send what was published and close the session, within `CLOSE_LIMIT`; twice does no harm."""
         session, self._session = self._session, None
@@ -266,6 +282,12 @@ class _Query:
 
     def drop(self) -> None:
         self._query.drop()  # type: ignore[no-untyped-call]
+
+
+def setting(file: Path, path: str) -> Any:
+    """What a Zenoh configuration file (JSON5) says at `path`, Zenoh's default included. Raises BusError."""
+    with _named(f"--config {str(file)!r}"):
+        return json.loads(zenoh.Config.from_file(file).get_json(path))
 
 
 def _open(settings: zenoh.Config, name: str) -> zenoh.Session:
