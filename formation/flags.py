@@ -16,8 +16,11 @@ from formation.wiring import Links, endpoints
 LEVELS = ("debug", "info", "warning", "error")
 
 
-def parser(command: str, what: str, examples: str) -> argparse.ArgumentParser:
-    """A parser for `formation COMMAND` with the shared flags; `examples` stand, as they are, at its end."""
+def parser(command: str, what: str, examples: str, *, fleet: bool = True) -> argparse.ArgumentParser:
+    """A parser for `formation COMMAND` with the shared flags; `examples` stand, as they are, at its end.
+
+    Without `fleet` it is for a process that has no links with the fleet, and so none with a monitor.
+    """
     flags = argparse.ArgumentParser(
         prog=f"formation {command}",
         description=what,
@@ -26,31 +29,16 @@ def parser(command: str, what: str, examples: str) -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     flags.add_argument("mission", metavar="MISSION", help="mission file, or the name of a shipped mission")
-    links = flags.add_argument_group(
-        "links with the fleet (without -l, -e and endpoints in FILE those that the mission implies)"
-    )
-    links.add_argument("-m", "--mode", choices=MODES, help="Zenoh session mode (default: peer)")
-    links.add_argument(
-        "-e", "--connect", metavar="ENDPOINT", action="append", default=[],
-        help="endpoint to dial, such as tcp/192.168.1.12:7447; repeatable",
-    )  # fmt: skip
-    links.add_argument(
-        "-l", "--listen", metavar="ENDPOINT", action="append", default=[],
-        help="endpoint to accept links on; repeatable",
-    )  # fmt: skip
-    links.add_argument("-c", "--config", metavar="FILE", type=Path, help="Zenoh configuration file (JSON5)")
-    links.add_argument(
-        "--cfg", metavar="KEY:VALUE", action="append", default=[],
-        help="one Zenoh setting, which outranks all others, such as transport/link/tx/lease:2000; repeatable",
-    )  # fmt: skip
-    links.add_argument(
-        "--no-multicast-scouting", action="store_true", help="accepted; multicast is always off"
-    )
+    if fleet:
+        _add_links(flags)
     under = flags.add_argument_group("under a supervisor")
-    under.add_argument(
-        "--await-monitor", metavar="SECONDS", type=_seconds, default=0.0,
-        help="publish nothing until a monitor records this process, at most so long (default: 0)",
-    )  # fmt: skip
+    if fleet:
+        under.add_argument(
+            "--await-monitor", metavar="SECONDS", type=_seconds, default=0.0,
+            help="publish nothing until a monitor records this process, at most so long (default: 0)",
+        )  # fmt: skip
+    else:
+        flags.set_defaults(await_monitor=0.0)
     under.add_argument(
         "--parent", metavar="PID", type=int, help="stop cleanly once this is no longer the parent process"
     )
@@ -96,6 +84,29 @@ def robot_bus(
         return RobotBus((endpoint,), Naming.of(mission, [robot]), mailbox, node=node)
 
     return opened
+
+
+def _add_links(flags: argparse.ArgumentParser) -> None:
+    links = flags.add_argument_group(
+        "links with the fleet (without -l, -e and endpoints in FILE those that the mission implies)"
+    )
+    links.add_argument("-m", "--mode", choices=MODES, help="Zenoh session mode (default: peer)")
+    links.add_argument(
+        "-e", "--connect", metavar="ENDPOINT", action="append", default=[],
+        help="endpoint to dial, such as tcp/192.168.1.12:7447; repeatable",
+    )  # fmt: skip
+    links.add_argument(
+        "-l", "--listen", metavar="ENDPOINT", action="append", default=[],
+        help="endpoint to accept links on; repeatable",
+    )  # fmt: skip
+    links.add_argument("-c", "--config", metavar="FILE", type=Path, help="Zenoh configuration file (JSON5)")
+    links.add_argument(
+        "--cfg", metavar="KEY:VALUE", action="append", default=[],
+        help="one Zenoh setting, which outranks all others, such as transport/link/tx/lease:2000; repeatable",
+    )  # fmt: skip
+    links.add_argument(
+        "--no-multicast-scouting", action="store_true", help="accepted; multicast is always off"
+    )
 
 
 def _seconds(text: str) -> float:

@@ -28,6 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "guard",
         "Stop a robot whose agent dies, hangs or is cut off: zero velocity after 3 periods of silence.",
         EXAMPLES,
+        fleet=False,
     )
     parser.add_argument("--robot", required=True, metavar="NAME", help="whose agent to watch")
     parser.add_argument(
