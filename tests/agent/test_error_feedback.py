@@ -9,21 +9,17 @@ import pytest
 
 from agent.commander import Commander
 from formation.mission import Mission
-from formation.mission_file import parse, read
 from formation.unicycle import Command
 from formation.wire import Now
 from tests.agent.fleet import Fleet
+from tests.agent.missions import with_robots
 
-STEPS = "speed_step = 0.01\nturn_rate_step = 0.01"
 
-
-def mission(*, feedback: bool, leader_speed: float = 0.05, k_i: float = 0.2) -> Mission:
-    text = read("turtlebot3_pair")[0]
-    for line in STEPS.splitlines():
-        text = "\n".join(one for one in text.splitlines() if not one.startswith(line.split(" =")[0]))
-    text = text.replace("[robot]", f"[robot]\n{STEPS}" if feedback else "[robot]", 1)
-    text = text.replace("speed = 0.05", f"speed = {leader_speed}").replace("k_i = 0.2", f"k_i = {k_i}")
-    return parse(text)
+def pair(*, feedback: bool, leader_speed: float = 0.05) -> Mission:
+    step = 0.01 if feedback else 0.0
+    mission = with_robots("turtlebot3_pair", speed_step=step, turn_rate_step=step)
+    (leg,) = mission.route
+    return mission.model_copy(update={"route": (leg.model_copy(update={"speed": leader_speed}),)})
 
 
 class Wanted:
@@ -55,14 +51,14 @@ def means(mission: Mission) -> tuple[float, float]:
 
 @pytest.mark.parametrize("leader_speed", [0.045, 0.05, 0.0511, 0.0549, 0.0599])
 def test_with_error_feedback_the_mean_speed_is_the_laws_to_half_a_percent(leader_speed: float) -> None:
-    wanted, told = means(mission(feedback=True, leader_speed=leader_speed))
+    wanted, told = means(pair(feedback=True, leader_speed=leader_speed))
     assert wanted == pytest.approx(leader_speed, rel=0.02)
     assert told == pytest.approx(wanted, rel=0.005)
 
 
 @pytest.mark.parametrize("leader_speed", [0.045, 0.05, 0.0549, 0.0599])
 def test_without_it_the_robot_is_slower_than_the_law_wants_it_to_be(leader_speed: float) -> None:
-    wanted, told = means(mission(feedback=False, leader_speed=leader_speed))
+    wanted, told = means(pair(feedback=False, leader_speed=leader_speed))
     assert told < 0.95 * wanted
 
 
@@ -70,7 +66,7 @@ def test_without_it_the_robot_is_slower_than_the_law_wants_it_to_be(leader_speed
 def test_of_a_steady_wish_a_robot_that_cuts_commands_drives_all_or_only_whole_steps(
     feedback: bool, mean: float
 ) -> None:
-    commander = Commander(mission(feedback=feedback), "robot1")
+    commander = Commander(pair(feedback=feedback), "robot1")
     told = []
     for number in range(200):
         commander.say(Now(0.05 * number, 1.7e9), Command(0.0549, 0.0))

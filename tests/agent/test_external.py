@@ -1,0 +1,131 @@
+"""A robot that is seen from outside, by an overhead camera or motion capture, instead of by its odometry."""
+
+from __future__ import annotations
+
+import cmath
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from agent.core import Agent
+from formation.messages import Pose, decode, encode
+from formation.mission import Mission
+from formation.plane import angle_between
+from formation.topics import ODOM, POSE, POSITION
+from formation.wire import Sample
+from tests.agent.fleet import Fleet
+from tests.agent.missions import with_robots
+
+STEPS = {"speed_step": 0.01, "turn_rate_step": 0.01}
+SEEN = with_robots("turtlebot3_pair", localisation="external", **STEPS)
+MEASURED = with_robots("turtlebot3_pair", localisation="external", heading="measured", **STEPS)
+SIX = with_robots("six_robots", localisation="external")
+AT_REST = (0.0, 0.0)
+
+
+def heading_error(fleet: Fleet, name: str) -> float:
+    """How far the agent is off [rad]."""
+    return abs(float(angle_between(fleet.world.plant(name).heading, fleet.agents[name]._here.heading)))
+
+
+def changed(key: str, change: Callable[[Pose], Pose]) -> Callable[[Sample], tuple[Sample]]:
+    def meddle(sample: Sample) -> tuple[Sample]:
+        if sample.key != key:
+            return (sample,)
+        return (sample._replace(payload=encode(change(decode(Pose, sample.payload)))),)
+
+    return meddle
+
+
+def test_an_agent_that_is_told_its_position_from_outside_does_not_listen_to_odometry() -> None:
+    keys = set(Agent(SEEN, "robot1").subscriptions)
+    assert keys == {POSE.key("robot1"), POSITION.key("leader")}
+    assert ODOM.key("robot1") in {key for _, key in Fleet(SEEN).world.publications}
+
+
+@pytest.mark.parametrize("mission", [SEEN, MEASURED, SIX], ids=["observer", "measured", "six"])
+def test_robots_that_are_seen_from_outside_come_into_formation(mission: Mission) -> None:
+    fleet = Fleet(mission)
+    fleet.run(30.0)
+    assert fleet.error() < 0.005
+    assert max(heading_error(fleet, name) for name in mission.followers) < 0.02
+
+
+@pytest.mark.parametrize("mission", [SEEN, MEASURED], ids=["observer", "measured"])
+def test_a_camera_that_is_millimetres_off_and_a_tenth_of_a_second_late_is_good_enough(
+    mission: Mission,
+) -> None:
+    dice = np.random.default_rng(8)
+
+    def camera(sample: Sample) -> tuple[Sample]:
+        if not sample.key.endswith("/pose"):
+            return (sample,)
+        seen = decode(Pose, sample.payload)
+        off, turned = 0.002 * complex(*dice.normal(size=2)), cmath.rect(1.0, 0.02 * dice.normal())
+        payload = encode(replace(seen, position=seen.position + off, heading=seen.heading * turned))
+        return (sample._replace(payload=payload, arrived=sample.arrived + 0.1),)
+
+    fleet = Fleet(mission)
+    fleet.meddle = camera
+    fleet.run(30.0)
+    errors = []
+    for _ in range(40):
+        fleet.run(0.25)
+        errors.append(fleet.error())
+    assert max(errors) < 0.02
+
+
+def test_the_observer_does_not_read_the_orientation_that_the_camera_gives() -> None:
+    plain, twisted = Fleet(SEEN), Fleet(SEEN)
+    twisted.meddle = changed(POSE.key("robot1"), lambda seen: replace(seen, heading=1j))
+    for fleet in (plain, twisted):
+        fleet.run(10.0)
+    assert plain.commands["robot1"] == twisted.commands["robot1"]
+
+
+def test_a_camera_that_loses_sight_stops_the_robot_within_three_periods() -> None:
+    fleet = Fleet(SEEN)
+    fleet.run(5.0)
+    fleet.meddle = lambda sample: () if sample.key == POSE.key("robot1") else (sample,)
+    fleet.run(3 * 0.05 + 0.06)
+    assert fleet.last_command("robot1") == AT_REST
+    assert "pose silent for" in fleet.status("robot1")["reason"]
+    fleet.meddle = lambda sample: (sample,)
+    fleet.run(15.0)
+    assert fleet.error() < 0.01
+
+
+@pytest.mark.parametrize("mission", [SEEN, MEASURED], ids=["observer", "measured"])
+def test_a_camera_that_takes_another_for_this_robot_stops_it_and_makes_nobody_lurch(mission: Mission) -> None:
+    fleet = Fleet(mission)
+    fleet.run(20.0)
+    fleet.meddle = changed(POSE.key("robot1"), lambda seen: replace(seen, position=seen.position - 1j))
+    begun = fleet.now
+    fleet.run(0.1)
+    assert fleet.last_command("robot1") == AT_REST
+    assert fleet.status("robot1")["reason"].startswith("pose jumped")
+    fleet.meddle = lambda sample: (sample,)
+    fleet.run(10.0)
+    for name in mission.followers:
+        assert max(abs(u) for at, u, _ in fleet.commands[name] if at > begun) <= 0.12
+    assert fleet.error() < 0.005
+
+
+def test_a_measured_heading_that_flips_counts_as_a_jump() -> None:
+    fleet = Fleet(MEASURED)
+    fleet.run(10.0)
+    fleet.meddle = changed(POSE.key("robot1"), lambda seen: replace(seen, heading=-seen.heading))
+    fleet.run(0.1)
+    assert fleet.last_command("robot1") == AT_REST
+    assert "rad" in fleet.status("robot1")["reason"]
+
+
+def test_with_odometry_the_measured_heading_is_the_odometrys_and_needs_no_way_to_learn_from() -> None:
+    fleet = Fleet(with_robots("turtlebot3_pair", heading="measured", odometry_frame="start"))
+    fleet.run(0.3)
+    for name in fleet.mission.followers:
+        assert heading_error(fleet, name) < 0.02
+    fleet.run(20.0)
+    assert fleet.error() < 0.02

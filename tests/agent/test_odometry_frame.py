@@ -1,0 +1,200 @@
+"""Odometry that counts from where the robot was switched on, and what becomes of a robot that counts anew."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from itertools import pairwise
+
+import pytest
+
+from agent.localisation import Localisation
+from formation.messages import Odometry
+from formation.mission import Mission
+from formation.topics import POSITION
+from formation.wire import Now, Sample
+from tests.agent.fleet import EPOCH, Fleet
+from tests.agent.missions import with_robots
+
+PAIR = with_robots("turtlebot3_pair", odometry_frame="start", speed_step=0.01, turn_rate_step=0.01)
+SIX = with_robots("six_robots", odometry_frame="start")
+AT_REST = (0.0, 0.0)
+PERIOD = 0.05
+
+
+class Driver:
+    """Feeds the localisation of a robot that goes round in circles, in its own frame."""
+
+    def __init__(self, name: str = "robot2", speed: float = 0.1, turn_rate: float = 0.4) -> None:
+        self.here = Localisation(PAIR, name, "field")
+        self.start = PAIR.robots[name].start
+        self.speed, self.turn_rate = speed, turn_rate
+        self.mono, self.position, self.heading = 0.0, 0j, 1.0 + 0.0j
+        self.true_position, self.true_heading = self.start.position, self.start.heading
+
+    def drive(self, after: float = PERIOD, *, times: int = 1, still: bool = False) -> None:
+        speed, turn_rate = (0.0, 0.0) if still else (self.speed, self.turn_rate)
+        for _ in range(times):
+            self.mono += after
+            half = cmath.rect(1.0, 0.5 * turn_rate * after)
+            self.position += speed * after * half * self.heading
+            self.heading *= half * half
+            self.true_position += speed * after * half * self.true_heading
+            self.true_heading *= half * half
+            message = Odometry(EPOCH + self.mono, self.position, self.heading, speed, turn_rate)
+            self.here.take(message, self.mono, Now(self.mono, EPOCH + self.mono))
+
+    def count_anew(self, position: complex = 0j, heading: complex = 1.0 + 0.0j) -> None:
+        self.position, self.heading = position, heading
+
+    @property
+    def error(self) -> float:
+        return abs(self.here.position - self.true_position)
+
+    @property
+    def jumped(self) -> bool:
+        return self.here.jumped is not None
+
+    @property
+    def turned(self) -> float:
+        return abs(cmath.phase(self.here._measured / self.true_heading))
+
+
+def test_the_start_pose_places_and_turns_what_odometry_counts() -> None:
+    driver = Driver()
+    driver.drive(times=100)
+    assert driver.error < 1e-9
+    assert driver.turned < 1e-9
+    assert driver.here.jumps == 0
+
+
+def test_an_agent_that_restarts_finds_its_robot_where_it_is() -> None:
+    driver = Driver()
+    driver.drive(times=60)
+    driver.here = Localisation(PAIR, "robot2", "field")
+    driver.drive()
+    assert driver.error < 1e-9
+
+
+@pytest.mark.parametrize("far", [0.02, 0.05, 0.5, 5.0])
+@pytest.mark.parametrize("way", [0, 90, 180, 270])
+@pytest.mark.parametrize("turn", [0.0, 0.2, math.pi])
+def test_a_robot_that_counts_anew_is_still_where_it_was(far: float, way: float, turn: float) -> None:
+    driver = Driver()
+    driver.drive(times=60)
+    driver.count_anew(
+        driver.position + cmath.rect(far, math.radians(way)), driver.heading * cmath.rect(1.0, turn)
+    )
+    driver.drive()
+    assert driver.here.jumped
+    driver.drive(times=60)
+    assert not driver.jumped
+    assert driver.here.jumps == 1
+    assert driver.error < 1e-3
+    assert driver.turned < 1e-3
+
+
+def test_a_robot_that_only_turns_its_count_is_still_as_it_was() -> None:
+    driver = Driver()
+    driver.drive(times=60)
+    driver.count_anew(driver.position, driver.heading * cmath.rect(1.0, 0.2))
+    driver.drive(times=30)
+    assert driver.here.jumps == 1
+    assert driver.error < 1e-3
+    assert driver.turned < 1e-3
+
+
+@pytest.mark.parametrize("silence", [0.2, 3.0, 60.0])
+def test_a_robot_whose_software_restarts_counts_anew_after_a_silence_and_is_where_it_was(
+    silence: float,
+) -> None:
+    driver = Driver()
+    driver.drive(times=60)
+    driver.drive(times=10, still=True)
+    driver.count_anew()
+    driver.drive(silence, still=True)
+    assert driver.here.jumps == 1
+    driver.drive(times=60)
+    assert driver.here.jumped is None
+    assert driver.error < 1e-3
+
+
+@pytest.mark.parametrize("silence", [0.2, 1.0])
+def test_a_robot_that_drove_on_while_its_odometry_was_silent_has_not_jumped(silence: float) -> None:
+    driver = Driver()
+    driver.drive(times=60)
+    driver.drive(silence)
+    driver.drive(times=5)
+    assert driver.here.jumps == 0
+    assert driver.error < 1e-9
+
+
+@pytest.mark.parametrize("slow", [0.0, 0.05])
+def test_a_robot_that_starts_stops_and_turns_as_hard_as_it_can_never_jumps(slow: float) -> None:
+    driver = Driver()
+    for number in range(400):
+        driver.speed, driver.turn_rate = ((0.2108, 2.635), (slow, -2.635), (-0.2108, 0.0))[number // 7 % 3]
+        driver.drive(PERIOD * (1 + number % 3))
+    assert driver.here.jumps == 0
+
+
+def test_in_the_world_frame_the_robot_is_where_odometry_says_even_after_a_jump() -> None:
+    mission = with_robots("turtlebot3_pair", odometry_frame="world")
+    here = Localisation(mission, "robot2", "field")
+    for number, x in enumerate([0.0, 0.0, 5.0, 5.0]):
+        mono = PERIOD * number
+        here.take(Odometry(EPOCH + mono, x, 1 + 0j, 0.0, 0.0), mono, Now(mono, EPOCH + mono))
+    assert here.position == 5.0
+    assert here.jumps == 1
+    assert here.alignment == "odometry in the world frame"
+
+
+@pytest.mark.parametrize("mission", [PAIR, SIX], ids=["pair", "six"])
+def test_robots_that_count_from_their_start_come_into_formation(mission: Mission) -> None:
+    fleet = Fleet(mission)
+    fleet.run(20.0)
+    assert fleet.error() < 0.02
+    assert all(agent._here.jumps == 0 for agent in fleet.agents.values())
+
+
+@pytest.mark.parametrize("heading", ["observer", "measured"])
+def test_odometry_that_is_reset_on_the_way_stops_the_robot_which_then_goes_on_without_a_lurch(
+    heading: str,
+) -> None:
+    fleet = Fleet(with_robots("turtlebot3_pair", odometry_frame="start", heading=heading))
+    fleet.run(20.0)
+    fleet.world.plant("robot1").reset_odometry()
+    reset = fleet.now
+    fleet.run(0.1)
+    status = fleet.status("robot1")
+    assert fleet.last_command("robot1") == AT_REST
+    assert "odometry jumped" in status["reason"]
+    assert status["jumps"] == "1"
+    assert "re-aligned 1 times" in status["localisation"]
+    fleet.run(0.3)
+    assert fleet.status("robot1")["state"] == "run"
+    fleet.run(10.0)
+    after = [command[1:] for command in fleet.commands["robot1"] if command[0] > reset]
+    assert max(abs(speed) for speed, _ in after) <= 0.12  # it catches up with what it missed
+    assert max(abs(turn_rate) for _, turn_rate in after) <= 0.5
+    assert fleet.error() < 0.03
+
+
+def test_a_robot_in_doubt_of_where_it_is_tells_nobody() -> None:
+    fleet = Fleet(SIX)
+    heard: list[float] = []
+
+    def listen(sample: Sample) -> tuple[Sample]:
+        if sample.key == POSITION.key("robot3"):
+            heard.append(sample.arrived)
+        return (sample,)
+
+    fleet.meddle = listen
+    fleet.run(5.0)
+    fleet.world.plant("robot3").reset_odometry()
+    fleet.run(1.0)
+    gaps = sorted(after - before for before, after in pairwise(heard))
+    assert 0.15 < gaps[-1] < 0.35
+    assert gaps[-2] < 0.1
+    fleet.run(10.0)
+    assert fleet.error() < 0.05
