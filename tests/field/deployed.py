@@ -1,0 +1,140 @@
+"""A mission brought to robots as a user does it: certificates, bundles, each robot's own install.sh."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime
+from pathlib import Path
+
+from deploy.field import bundle, certificates, units
+from deploy.field.wheels import Target
+from formation.mission import Mission
+from formation.mission_file import parse
+from tests.field.namespaces import Computer, Field, Running
+
+HERE = Target(os.uname().machine, f"{sys.version_info.major}.{sys.version_info.minor}")
+"""This machine, as a bundle names it."""
+TEXT = """
+# A leader, a follower, and a follower of the follower; addresses are those of a `Field`, in this order.
+name = "three-in-a-row"
+leader = "leader"
+duration = 60
+
+[law]
+k_p = 2.0
+k_i = 0.2
+
+[robot]
+control_point_offset = 0.05
+max_speed = 0.2108
+max_turn_rate = 2.635
+radius = 0.105
+rate = 20
+cmd_vel = "twist_stamped"
+robot_endpoint = "tcp/127.0.0.1:7447"
+
+[shapes.row]
+robot1 = [-0.4, 0.25]
+robot2 = [-0.8, 0.0]
+
+[robots.leader]
+endpoint = "tls/10.77.0.1:7460"
+start = { x = 0.0, y = 0.0 }
+
+[robots.robot1]
+endpoint = "tls/10.77.0.2:7460"
+neighbours = ["leader"]
+start = { x = -0.6, y = 0.45, heading_deg = 0 }
+
+[robots.robot2]
+endpoint = "tls/10.77.0.3:7460"
+neighbours = ["robot1"]
+start = { x = -1.1, y = -0.1, heading_deg = 30 }
+
+[[route]]
+speed = 0.05
+heading_deg = 0
+"""
+
+
+def mission() -> Mission:
+    """The mission of `TEXT`."""
+    return parse(TEXT, "three.toml")
+
+
+def secrets(folder: Path) -> Path:
+    """Certificates for all of its processes."""
+    now = datetime.now(UTC)
+    certificates.create(mission(), folder, days=1.0, authority_days=1.0, now=now)
+    return folder
+
+
+def bundles(folder: Path) -> Path:
+    """Bundles with all wheels, for this machine."""
+    now = datetime.now(UTC)
+    out = folder / "bundles"
+    bundle.make(mission(), TEXT, out, secrets(folder / "secrets"), HERE, now=now)
+    return out
+
+
+def install(robot: Path, prefix: Path, *flags: str) -> subprocess.CompletedProcess[str]:
+    """Run a robot's install.sh, with no more of an environment than a robot has."""
+    command = ["sh", str(robot / "install.sh"), "--prefix", str(prefix), *flags]
+    variables = {"PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])}
+    return subprocess.run(command, env=variables, capture_output=True, text=True, timeout=110, check=False)
+
+
+class Deployed:
+    """A field in which every robot's bundle is installed, under a prefix of its own."""
+
+    def __init__(self, field: Field, out: Path, folder: Path) -> None:
+        self.field, self.out, self.mission = field, out, mission()
+        self.prefix = {name: folder / name for name in self.mission.names}
+        self.computers = {name: field.computer(name) for name in (*self.mission.names, bundle.DESK)}
+        self.running: dict[tuple[str, str], Running] = {}
+        """By computer and unit."""
+        with ThreadPoolExecutor() as pool:
+            for done in pool.map(self._install, self.mission.names):
+                assert done.returncode == 0, done.stderr
+
+    @property
+    def desk(self) -> Computer:
+        """Where the monitor and the operator are."""
+        return self.computers[bundle.DESK]
+
+    def program(self, name: str) -> Path:
+        """The installed `formation` of a robot."""
+        return self.prefix[name] / "current" / "venv" / "bin" / "formation"
+
+    def start_robot(self, name: str) -> Running:
+        """Play the robot itself, on the loopback of its own computer."""
+        source = self.prefix[name] / "current" / "mission.toml"
+        robot = self.computers[name].start(self.program(name), "robot", source, "--robot", name)
+        self.running[name, "robot"] = robot
+        return robot
+
+    def start_units(self, name: str) -> None:
+        """Start what the robot's units start, with their very command lines."""
+        for path in sorted((self.prefix[name] / "current" / "units").iterdir()):
+            command = units.commands(path.read_text(encoding="utf-8"))[0]
+            self.running[name, path.stem] = self.computers[name].start(*command)
+
+    def start_monitor(self, recording: Path) -> Running:
+        """The monitor, at the desk, with its own certificate."""
+        desk = self.out / bundle.DESK
+        flags = ("-c", desk / "monitor.json5", "--record", recording, "--snapshots")
+        running = self.desk.start(sys.executable, "-m", "monitor", desk / "mission.toml", *flags)
+        self.running[bundle.DESK, "monitor"] = running
+        return running
+
+    def order(self, do: str, process: str = "operator") -> subprocess.CompletedProcess[str]:
+        """An order from the desk, with the operator's certificate (or another one's)."""
+        desk = self.out / bundle.DESK
+        flags = ("-c", desk / f"{process}.json5", "--json")
+        return self.desk.run(sys.executable, "-m", "deploy", "order", desk / "mission.toml", do, *flags)
+
+    def _install(self, name: str) -> subprocess.CompletedProcess[str]:
+        return install(self.out / name, self.prefix[name], "--no-systemd")

@@ -1,0 +1,130 @@
+"""Bundles in a field: installed by themselves, each robot on a computer of its own, mTLS and ACL on."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from formation.topics import CMD_VEL, ODOM, POSITION, STATUS
+from formation.wiring import partners
+from tests.field.deployed import Deployed
+from tests.field.namespaces import Computer, Field, Running, until
+
+pytestmark = pytest.mark.namespaces
+
+NEAR = 0.02
+"""A formation error that is no longer one [m]."""
+
+
+@pytest.fixture(scope="module")
+def team(bundles: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Deployed]:
+    """The mission, running. Tests are in the order in which things happen to it."""
+    folder = tmp_path_factory.mktemp("field")
+    with Field() as field:
+        team = Deployed(field, bundles, folder / "robots")
+        for name in team.mission.followers:
+            team.start_robot(name).event("ready")
+        for name in team.mission.names:
+            team.start_units(name)
+        team.start_monitor(folder / "run.mcap")
+        for running in team.running.values():
+            running.event("ready")
+        yield team
+
+
+def snapshot(team: Deployed) -> dict[str, Any]:
+    return team.running["desk", "monitor"].event("snapshot")
+
+
+def agents(team: Deployed) -> dict[str, Running]:
+    """The process of each robot that talks to the others, the leader's among them."""
+    mission = team.mission
+    unit = {name: f"formation-{'leader' if name == mission.leader else 'agent'}" for name in mission.names}
+    return {name: team.running[name, unit[name]] for name in mission.names}
+
+
+def listening(computer: Computer) -> set[str]:
+    """Addresses that a computer accepts connections at."""
+    done = computer.run("ss", "-tlnH")
+    return {line.split()[3] for line in done.stdout.splitlines()}
+
+
+def test_robots_converge_to_the_formation(team: Deployed) -> None:
+    def near() -> bool:
+        error = snapshot(team)["formation_error"]
+        return error is not None and error < NEAR
+
+    until(near, 60.0, f"formation error under {NEAR} m")
+    said = snapshot(team)
+    assert said["mode"] == "run"
+    assert {said["robots"][name]["state"] for name in team.mission.followers} == {"run"}
+
+
+def test_each_agents_links_are_its_neighbours_and_the_monitor_and_no_others(team: Deployed) -> None:
+    address = {name: computer.address for name, computer in team.computers.items()}
+    for name, process in agents(team).items():
+        links = team.computers[name].links(process.pid)
+        expected = {*partners(team.mission, name), "desk"}
+        assert sorted(link.peer for link in links) == sorted(address[other] for other in expected)
+        assert team.computers[name].links() == links, "another process of the robot has links of its own"
+    desk = team.desk.links(team.running["desk", "monitor"].pid)
+    assert {link.peer for link in desk} == {address[name] for name in team.mission.names}
+
+
+def test_a_robot_is_reached_at_its_agents_port_and_nowhere_else(team: Deployed) -> None:
+    for name in team.mission.names:
+        own = {} if name == team.mission.leader else {"127.0.0.1:7447"}
+        assert listening(team.computers[name]) == {f"{team.computers[name].address}:7460", *own}
+    assert not listening(team.desk)
+
+
+def test_the_monitor_hears_every_robot_at_its_rate(team: Deployed) -> None:
+    robots = snapshot(team)["robots"]
+    for name in team.mission.names:
+        assert robots[name]["rate"] == pytest.approx(20.0, rel=0.1)
+        assert robots[name]["age"] < 0.5
+
+
+def test_an_operators_stop_is_acknowledged_by_all_and_they_stand(team: Deployed) -> None:
+    done = team.order("stop")
+    assert done.returncode == 0, done.stdout + done.stderr
+    answers = json.loads(done.stdout.splitlines()[-1])
+    assert {name for name, answer in answers["robots"].items() if answer["ok"]} == set(team.mission.names)
+    standing = time.monotonic()
+    until(lambda: all(snapshot(team)["robots"][name]["speed"] == 0.0 for name in team.mission.followers))
+    assert time.monotonic() - standing < 5.0
+
+
+def test_the_monitor_cannot_give_orders(team: Deployed) -> None:
+    done = team.order("release", process="monitor")
+    assert done.returncode == 1
+    assert json.loads(done.stdout.splitlines()[-1])["missing"] == list(team.mission.names)
+    assert snapshot(team)["mode"] == "stop"
+
+
+def test_nobody_was_refused_anything_that_the_mission_needs(team: Deployed) -> None:
+    robots = team.mission.robots
+    summaries = {}
+    for key, running in team.running.items():
+        assert running.stop() == 0, running.errors
+        summaries[key] = running.event("summary")
+    for name, process in agents(team).items():
+        said = process.event("summary")
+        heard = {POSITION.key(other) for other in robots[name].neighbours}
+        assert set(said["received"]) == heard, name
+        assert {POSITION.key(name), STATUS.key(name)} <= set(said["published"])
+        refused = {word for word in said["refused"] if "/order" not in word}  # those were the monitor's
+        assert not refused, name
+    for name in team.mission.followers:
+        said = summaries[name, "formation-agent"]["robot"]
+        assert set(said["received"]) == {ODOM.key(name)}
+        assert said["published"][CMD_VEL.key(name)] > 100
+        assert summaries[name, "formation-guard"]["received"] == {}
+    monitor = summaries["desk", "monitor"]
+    assert monitor["refused"] == {}
+    assert monitor["converged"]
