@@ -1,19 +1,22 @@
-"""Looks into a running process through the admin space: what it subscribes to, whom it is linked with.
+"""Looks into running processes through the admin space: what they subscribe to, whom they are linked with.
 
-The admin space of a session with the identifier ZID answers
+The admin space of a session with the identifier ZID, of the kind KIND (peer, router or client), answers
 
-- ``@/ZID/peer``: JSON with ``metadata.name`` and, in ``sessions``, one entry for each session linked with it
+- ``@/ZID/KIND``: JSON with ``metadata.name`` and, in ``sessions``, one entry for each session linked with it
   (``peer``: its identifier, ``whatami``, ``links``: pairs of ``src`` and ``dst``);
-- ``@/ZID/peer/subscriber/KEY`` (and ``queryable``): JSON whose ``clients`` holds ZID if the session itself
-  declared KEY; what it only knows of others has them under ``peers``. KEY comes with the team's prefix.
+- ``@/ZID/KIND/subscriber/KEY`` (and ``queryable``, ``publisher``): JSON whose ``clients`` holds ZID if the
+  session itself declared KEY; what it only knows of others has theirs. KEY comes with the team's prefix.
 
-A session with a namespace sees no admin space but its own, so this one has none.
+A session with a namespace sees no admin space but its own, so this one has none. A peer shows nothing but
+itself; a router shows its clients as well.
 """
 
 from __future__ import annotations
 
 import json
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,7 +27,7 @@ from formation.bus_config import DEFAULTS
 
 @dataclass(frozen=True)
 class Peer:
-    """One running process, seen from outside."""
+    """One session of a running process, seen from outside."""
 
     zid: str
     name: str
@@ -32,37 +35,69 @@ class Peer:
     """Keys it subscribes to itself."""
     queryables: frozenset[str]
     """Keys it answers itself."""
+    publications: frozenset[str]
+    """Keys it publishes itself."""
     links: dict[str, int]
     """Identifier of each session linked with it, ours left out, and the number of links with it."""
     kinds: frozenset[str]
     """What those sessions are: peer, client or router."""
+    locators: tuple[str, ...]
+    """Where it accepts links."""
 
 
 def inspect(endpoint: str, timeout: float = 5.0) -> Peer:
-    """The process that listens on `endpoint`. Raises TimeoutError if there is none."""
+    """The session that listens on `endpoint`. Raises TimeoutError if there is none."""
+    with _looking_at(endpoint, timeout) as (session, zid, kind):
+        return _peer(session, zid, kind, timeout)
+
+
+def clients(endpoint: str, timeout: float = 5.0) -> list[Peer]:
+    """The clients of the router that listens on `endpoint`. Raises TimeoutError if there is none."""
+    with _looking_at(endpoint, timeout) as (session, zid, kind):
+        root = f"@/{zid}/{kind}"
+        linked = _ask(session, root, timeout)[root]["sessions"]
+        own = str(session.info.zid())
+        return [
+            _peer(session, other["peer"], "client", timeout)
+            for other in linked
+            if other["peer"] != own and other["whatami"] == "client"
+        ]
+
+
+@contextmanager
+def _looking_at(endpoint: str, timeout: float) -> Iterator[tuple[zenoh.Session, str, str]]:
+    """A session linked with the one that listens on `endpoint`, and that one's identifier and kind."""
     config = zenoh.Config()
     for path, value in DEFAULTS:
         config.insert_json5(path, value)
     config.insert_json5("connect/endpoints", json.dumps([endpoint]))
     with zenoh.open(config) as session:
         deadline = time.monotonic() + timeout
-        while not (zids := session.info.peers_zid()):
+        while True:
+            for kind, zids in (("peer", session.info.peers_zid()), ("router", session.info.routers_zid())):
+                if zids:
+                    yield session, str(zids[0]), kind
+                    return
             if time.monotonic() > deadline:
                 raise TimeoutError(f"nobody listens on {endpoint}")
             time.sleep(0.005)
-        (zid,) = map(str, zids)
-        ours = str(session.info.zid())
-        root = f"@/{zid}/peer"
-        about = _ask(session, root, timeout)[root]
-        others = [s for s in about["sessions"] if s["peer"] != ours]
-        return Peer(
-            zid=zid,
-            name=(about["metadata"] or {}).get("name", ""),
-            subscriptions=_own(session, f"{root}/subscriber/", zid, timeout),
-            queryables=_own(session, f"{root}/queryable/", zid, timeout),
-            links={s["peer"]: len(s["links"]) for s in others},
-            kinds=frozenset(s["whatami"] for s in others),
-        )
+
+
+def _peer(session: zenoh.Session, zid: str, kind: str, timeout: float) -> Peer:
+    ours = str(session.info.zid())
+    root = f"@/{zid}/{kind}"
+    about = _ask(session, root, timeout)[root]
+    others = [s for s in about["sessions"] if s["peer"] != ours]
+    return Peer(
+        zid=zid,
+        name=(about["metadata"] or {}).get("name", ""),
+        subscriptions=_own(session, f"{root}/subscriber/", zid, timeout),
+        queryables=_own(session, f"{root}/queryable/", zid, timeout),
+        publications=_own(session, f"{root}/publisher/", zid, timeout),
+        links={s["peer"]: len(s["links"]) for s in others},
+        kinds=frozenset(s["whatami"] for s in others),
+        locators=tuple(about["locators"]),
+    )
 
 
 def _own(session: zenoh.Session, prefix: str, zid: str, timeout: float) -> frozenset[str]:

@@ -1,0 +1,364 @@
+"""The robot's side over real Zenoh: a router that comes and goes, in either spelling of ROS 2."""
+
+from __future__ import annotations
+
+import os
+import struct
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+
+import psutil
+import pytest
+
+from formation.bus import BusError
+from formation.mailbox import Mailbox
+from formation.messages import Pose, encode
+from formation.mission import Ros
+from formation.naming import Naming
+from formation.robot_bus import RobotBus
+from formation.topics import ALIVE, CMD_VEL, ODOM, ORDER, POSITION, STATUS
+from formation.wire import BadMessage
+from tests.processes.bus_tools import until
+from tests.processes.child import free_endpoint
+from tests.processes.robot_sides import ODOMETRY, TWIST, Ear, mission_of, node, tokens
+from tests.processes.zenoh_admin import clients, inspect
+
+pytestmark = pytest.mark.processes
+COMMAND, HEARD, PLACE, LIFE = (topic.key("robot2") for topic in (CMD_VEL, ODOM, POSITION, ALIVE))
+TWIST_HASH = "RIHS01_9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a"
+ON_THE_WIRE = {
+    "ros2dds": "robot2/cmd_vel",
+    "rmw_zenoh": f"0/robot2/cmd_vel/geometry_msgs::msg::dds_::Twist_/{TWIST_HASH}",
+}
+SPELLINGS: tuple[Ros, ...] = ("ros2dds", "rmw_zenoh")
+
+
+@pytest.fixture
+def endpoint() -> str:
+    return free_endpoint()
+
+
+@pytest.fixture(params=SPELLINGS)
+def ros(request: pytest.FixtureRequest) -> Ros:
+    spelling: Ros = request.param
+    return spelling
+
+
+@pytest.fixture
+def naming(ros: Ros) -> Naming:
+    return Naming.of(mission_of(ros), ["robot2"])
+
+
+@pytest.fixture
+def stack() -> Iterator[ExitStack]:
+    with ExitStack() as stack:
+        yield stack
+
+
+def agent_on(endpoint: str, naming: Naming, mailbox: Mailbox | None = None) -> RobotBus:
+    """An agent's bus: it commands, and hears odometry."""
+    bus = RobotBus((endpoint,), naming, mailbox or Mailbox())
+    bus.advertise(CMD_VEL, COMMAND)
+    bus.subscribe(ODOM, HEARD)
+    return bus
+
+
+def robot_on(endpoint: str, naming: Naming) -> tuple[RobotBus, Mailbox]:
+    """A robot's bus, which is the router: it hears commands, and says odometry."""
+    mailbox = Mailbox()
+    bus = RobotBus((endpoint,), naming, mailbox, mode="router", node="robot")
+    bus.subscribe(CMD_VEL, COMMAND)
+    bus.advertise(ODOM, HEARD)
+    return bus, mailbox
+
+
+def test_commands_go_out_and_odometry_comes_in_under_logical_keys(
+    endpoint: str, naming: Naming, stack: ExitStack
+) -> None:
+    robot, at_robot = robot_on(endpoint, naming)
+    at_agent = Mailbox()
+    agent = agent_on(endpoint, naming, at_agent)
+    stack.enter_context(robot)
+    stack.enter_context(agent)
+    until(lambda: bool(agent.routed(COMMAND) and robot.routed(HEARD)))
+    agent.publish(COMMAND, TWIST)
+    robot.publish(HEARD, ODOMETRY)
+    until(lambda: bool(at_agent.received and at_robot.received))
+    assert [sample[:2] for sample in at_robot.drain()] == [(COMMAND, TWIST)]
+    assert [sample[:2] for sample in at_agent.drain()] == [(HEARD, ODOMETRY)]
+    assert agent.published == robot.received == at_robot.received == {COMMAND: 1}
+    assert robot.published == agent.received == at_agent.received == {HEARD: 1}
+    assert not agent.unsent
+
+
+def test_each_spelling_is_what_ros_expects_and_every_publisher_counts_for_itself(
+    endpoint: str, ros: Ros, naming: Naming, stack: ExitStack
+) -> None:
+    robot, _ = robot_on(endpoint, naming)
+    stack.enter_context(robot)
+    ros_node = stack.enter_context(node(endpoint, "client"))
+    commands = Ear(ros_node, ON_THE_WIRE[ros])
+    places = Ear(ros_node, naming.wire(PLACE))
+    agent = stack.enter_context(agent_on(endpoint, naming))
+    agent.advertise(POSITION, PLACE)
+    until(lambda: bool(agent.routed(COMMAND) and agent.routed(PLACE)))
+    before = time.time_ns()
+    for _ in range(3):
+        agent.publish(COMMAND, TWIST)
+    agent.publish(PLACE, encode(Pose(1.0, 0j, 1 + 0j)))
+    until(lambda: len(commands.samples) == 3 and len(places.samples) == 1)
+    assert commands.payloads == [TWIST] * 3
+    attachments = [attachment for _, attachment in commands.samples + places.samples]
+    if ros == "ros2dds":
+        assert attachments == [None] * 4
+        return
+    read = [struct.unpack("<qqB16s", attachment or b"") for attachment in attachments]
+    assert [sequence for sequence, *_ in read] == [1, 2, 3, 1]
+    assert all(before - 1_000_000 <= stamp <= time.time_ns() for _, stamp, *_ in read)
+    assert {length for *_, length, _ in read} == {16}
+    gids = [gid for *_, gid in read]
+    assert gids[0] == gids[1] == gids[2] != gids[3]
+
+
+def test_nobody_waits_for_a_router_that_is_not_there_and_everything_is_declared_when_it_comes(
+    endpoint: str, ros: Ros, naming: Naming, stack: ExitStack
+) -> None:
+    start = time.monotonic()
+    agent = stack.enter_context(agent_on(endpoint, naming))
+    assert (agent.connected, agent.routed(COMMAND)) == (False, None)
+    agent.publish(COMMAND, TWIST)
+    assert time.monotonic() - start < 0.2
+    time.sleep(1.2)  # so that it has failed more than once
+    assert (agent.unsent, agent.published, agent.connected) == ({COMMAND: 1}, {}, False)
+    robot, at_robot = robot_on(endpoint, naming)
+    stack.enter_context(robot)
+    assert until(lambda: bool(agent.routed(COMMAND))) < 3.0
+    agent.publish(COMMAND, TWIST)
+    until(lambda: bool(at_robot.received))
+    ros_node = stack.enter_context(node(endpoint, "client"))
+    seen = tokens(ros_node)
+    assert (seen == set()) == (ros == "ros2dds")
+    if ros == "rmw_zenoh":
+        assert any("/MP/" in token and "formation_agent/%robot2%cmd_vel/" in token for token in seen)
+
+
+def test_what_is_declared_after_it_was_opened_is_declared_at_once(
+    endpoint: str, ros: Ros, naming: Naming, stack: ExitStack
+) -> None:
+    robot, _ = robot_on(endpoint, naming)
+    stack.enter_context(robot)
+    mailbox = Mailbox()
+    agent = stack.enter_context(RobotBus((endpoint,), naming, mailbox))
+    until(lambda: agent.connected)
+    agent.advertise(CMD_VEL, COMMAND)
+    agent.subscribe(ODOM, HEARD)
+    until(lambda: bool(agent.routed(COMMAND) and robot.routed(HEARD)))
+    robot.publish(HEARD, ODOMETRY)
+    until(lambda: mailbox.received[HEARD] == 1)
+    if ros == "rmw_zenoh":
+        ours = [token for token in tokens(stack.enter_context(node(endpoint, "client"))) if "agent" in token]
+        assert sorted(token.split("/")[5] for token in ours) == ["MP", "MS", "NN"]
+        assert len({token.split("/")[4] for token in ours}) == 3
+
+
+def test_a_router_that_restarts_finds_everything_as_before(
+    endpoint: str, ros: Ros, naming: Naming, stack: ExitStack
+) -> None:
+    mailbox = Mailbox()
+    robot, _ = robot_on(endpoint, naming)
+    agent = stack.enter_context(agent_on(endpoint, naming, mailbox))
+    until(lambda: bool(agent.routed(COMMAND)))
+    before = tokens(stack.enter_context(node(endpoint, "client")))
+    robot.close()
+    assert until(lambda: not agent.connected) < 1.0
+    assert agent.routed(COMMAND) is None
+    agent.publish(COMMAND, TWIST)  # into nothing
+    time.sleep(2.5)  # longer than any pause between two attempts
+    robot, at_robot = robot_on(endpoint, naming)
+    stack.enter_context(robot)
+    assert until(lambda: bool(agent.routed(COMMAND) and robot.routed(HEARD))) < 3.0
+    agent.publish(COMMAND, TWIST)
+    robot.publish(HEARD, ODOMETRY)
+    until(lambda: at_robot.received[COMMAND] == 1 and mailbox.received[HEARD] == 1)
+    with node(endpoint, "client") as ros_node:
+        agents = {token for token in before if "formation_agent" in token}
+        assert agents <= tokens(ros_node)
+        assert bool(agents) == (ros == "rmw_zenoh")
+
+
+def test_the_status_of_a_route_follows_who_listens(endpoint: str, ros: Ros, naming: Naming) -> None:
+    mailbox = Mailbox()
+    with RobotBus((endpoint,), naming, mailbox, mode="router"), agent_on(endpoint, naming) as agent:
+        until(lambda: agent.connected)
+        assert agent.routed(COMMAND) is False
+        with node(endpoint, "client") as robot:
+            ear = Ear(robot, ON_THE_WIRE[ros])
+            until(lambda: bool(agent.routed(COMMAND)))
+            agent.publish(COMMAND, TWIST)
+            until(lambda: ear.payloads == [TWIST])
+        until(lambda: agent.routed(COMMAND) is False)
+        assert agent.connected
+
+
+def test_a_guard_beside_the_agent_hears_it_and_commands_without_hiding_that_the_robot_is_gone(
+    endpoint: str, naming: Naming, stack: ExitStack
+) -> None:
+    stack.enter_context(RobotBus((endpoint,), naming, Mailbox(), mode="router"))
+    agent = stack.enter_context(agent_on(endpoint, naming))
+    agent.advertise(ALIVE, LIFE)
+    at_guard = Mailbox()
+    guard = stack.enter_context(RobotBus((endpoint,), naming, at_guard, node="formation_guard"))
+    guard.advertise(CMD_VEL, COMMAND)
+    guard.subscribe(ALIVE, LIFE)
+    until(lambda: bool(agent.routed(LIFE)))
+    assert agent.routed(COMMAND) is False
+    assert guard.routed(COMMAND) is False
+    with node(endpoint, "client") as robot:
+        ear = Ear(robot, naming.wire(COMMAND))
+        until(lambda: bool(agent.routed(COMMAND) and guard.routed(COMMAND)))
+        agent.publish(COMMAND, TWIST)
+        agent.publish(LIFE, b"\x00\x01\x00\x00" + bytes(8))
+        guard.publish(COMMAND, TWIST)
+        until(lambda: len(ear.samples) == 2 and at_guard.received[LIFE] == 1)
+        gids = {(attachment or b"")[17:] for _, attachment in ear.samples}
+    assert len(gids) == (1 if gids == {b""} else 2)
+    assert set(at_guard.received) == {LIFE}
+
+
+def test_an_ordinary_node_which_is_a_peer_with_gossip_is_heard_and_hears_through_the_router(
+    endpoint: str, ros: Ros, naming: Naming, stack: ExitStack
+) -> None:
+    stack.enter_context(RobotBus((endpoint,), naming, Mailbox(), mode="router"))
+    mailbox = Mailbox()
+    agent = stack.enter_context(agent_on(endpoint, naming, mailbox))
+    ros_node, other = stack.enter_context(node(endpoint)), stack.enter_context(node(endpoint))
+    ear, second = Ear(ros_node, ON_THE_WIRE[ros]), Ear(other, ON_THE_WIRE[ros])
+    publisher = ros_node.declare_publisher(naming.wire(HEARD))
+    until(lambda: bool(agent.routed(COMMAND)) and bool(publisher.matching_status.matching))  # type: ignore[attr-defined]
+    agent.publish(COMMAND, TWIST)
+    publisher.put(ODOMETRY)
+    until(lambda: ear.payloads == second.payloads == [TWIST] and mailbox.received[HEARD] == 1)
+    time.sleep(0.1)
+    assert ear.payloads == second.payloads == [TWIST]  # once, however many ways there are
+    assert mailbox.received == {HEARD: 1}
+
+
+def test_several_robots_behind_one_router_are_kept_apart_whatever_each_speaks(endpoint: str) -> None:
+    mission = mission_of("ros2dds", "rmw_zenoh")
+    both = Naming.of(mission, ["robot2", "robot3"])
+    at_robots, at_two, at_three = Mailbox(), Mailbox(), Mailbox()
+    with (
+        RobotBus((endpoint,), both, at_robots, mode="router") as robots,
+        RobotBus((endpoint,), Naming.of(mission, ["robot2"]), at_two) as two,
+        RobotBus((endpoint,), Naming.of(mission, ["robot3"]), at_three) as three,
+    ):
+        for name, bus in (("robot2", two), ("robot3", three)):
+            bus.advertise(CMD_VEL, CMD_VEL.key(name))
+            bus.subscribe(ODOM, ODOM.key(name))
+            robots.advertise(ODOM, ODOM.key(name))
+            robots.subscribe(CMD_VEL, CMD_VEL.key(name))
+        until(lambda: bool(two.routed(CMD_VEL.key("robot2")) and three.routed(CMD_VEL.key("robot3"))))
+        until(lambda: bool(robots.routed(ODOM.key("robot2")) and robots.routed(ODOM.key("robot3"))))
+        three.publish(CMD_VEL.key("robot3"), TWIST)
+        robots.publish(ODOM.key("robot2"), ODOMETRY)
+        robots.publish(ODOM.key("robot3"), ODOMETRY)
+        until(lambda: bool(at_robots.received and at_two.received and at_three.received))
+        assert at_robots.received == {CMD_VEL.key("robot3"): 1}
+        assert at_two.received == {ODOM.key("robot2"): 1}
+        assert at_three.received == {ODOM.key("robot3"): 1}
+
+
+@pytest.mark.parametrize("payload", [b"", b"\x00\x01\x00\x00", b"{}", b'{"speed": 1}', bytes(3)])
+@pytest.mark.parametrize("open_already", [True, False])
+def test_what_would_wedge_a_bridge_is_never_sent(
+    endpoint: str, naming: Naming, payload: bytes, open_already: bool, stack: ExitStack
+) -> None:
+    at_robot = Mailbox()
+    if open_already:
+        robot, at_robot = robot_on(endpoint, naming)
+        stack.enter_context(robot)
+    agent = stack.enter_context(agent_on(endpoint, naming))
+    if open_already:
+        until(lambda: bool(agent.routed(COMMAND)))
+    with pytest.raises(BadMessage, match=r"without a CDR header on robot2/cmd_vel"):
+        agent.publish(COMMAND, payload)
+    if open_already:
+        agent.publish(COMMAND, TWIST)
+        until(lambda: bool(at_robot.received))
+        assert [sample.payload for sample in at_robot.drain()] == [TWIST]
+    assert COMMAND not in agent.unsent
+
+
+def test_closing_sends_what_was_said_last_and_is_over_for_good(endpoint: str, naming: Naming) -> None:
+    robot, at_robot = robot_on(endpoint, naming)
+    with robot:
+        agent = agent_on(endpoint, naming)
+        until(lambda: bool(agent.routed(COMMAND)))
+        agent.publish(COMMAND, TWIST)
+        agent.close()
+        agent.close()
+        until(lambda: at_robot.received[COMMAND] == 1)
+        assert (agent.connected, agent.routed(COMMAND)) == (False, None)
+        until(lambda: robot.routed(HEARD) is False)
+
+
+def test_closing_while_nobody_is_there_is_quick(endpoint: str, naming: Naming) -> None:
+    agent = agent_on(endpoint, naming)
+    start = time.monotonic()
+    agent.close()
+    assert time.monotonic() - start < 1.5
+    robot, _ = robot_on(endpoint, naming)
+    with robot:
+        time.sleep(0.8)
+        assert robot.routed(HEARD) is False  # it does not come back
+
+
+def test_a_client_has_one_link_and_accepts_none_and_nothing_is_multicast(
+    endpoint: str, naming: Naming, stack: ExitStack
+) -> None:
+    robot, _ = robot_on(endpoint, naming)
+    stack.enter_context(robot)
+    agent = stack.enter_context(agent_on(endpoint, naming))
+    until(lambda: bool(agent.routed(COMMAND)))
+    router, (client,) = inspect(endpoint), clients(endpoint)
+    assert (router.name, router.kinds) == ("robot", frozenset({"client"}))
+    assert list(router.links.values()) == [1]
+    assert router.subscriptions == {naming.wire(COMMAND)}
+    assert (client.name, client.kinds) == ("formation_agent", frozenset({"router"}))
+    assert client.links == {router.zid: 1}
+    assert client.subscriptions == {naming.wire(HEARD)}
+    assert client.publications == {naming.wire(COMMAND)}
+    assert client.locators == ()
+    connections = psutil.Process(os.getpid()).net_connections("inet")
+    assert not [one for one in connections if one.type.name == "SOCK_DGRAM"]
+
+
+def test_a_router_whose_endpoint_is_taken_says_so(endpoint: str, naming: Naming) -> None:
+    with (
+        RobotBus((endpoint,), naming, Mailbox(), mode="router"),
+        pytest.raises(BusError, match=f"cannot listen on {endpoint}: the address is in use"),
+    ):
+        RobotBus((endpoint,), naming, Mailbox(), mode="router")
+
+
+def test_what_is_not_in_the_table_or_of_another_robot_is_refused(endpoint: str, naming: Naming) -> None:
+    with RobotBus((endpoint,), naming, Mailbox()) as bus:
+        bus.advertise(STATUS, "robot2/status")
+        bus.subscribe(ODOM, HEARD)
+        with pytest.raises(BusError, match="'robot2/status' is advertised already"):
+            bus.advertise(STATUS, "robot2/status")
+        with pytest.raises(BusError, match="'robot2/odom' is subscribed to already"):
+            bus.subscribe(ODOM, HEARD)
+        with pytest.raises(BusError, match="'order' is a queryable"):
+            bus.advertise(ORDER, "robot2/order")
+        with pytest.raises(BusError, match="'robot2/cmd_vel' is not advertised: robot2/status"):
+            bus.publish(COMMAND, TWIST)
+        with pytest.raises(BusError, match="is not advertised"):
+            bus.routed(COMMAND)
+        with pytest.raises(KeyError):
+            bus.subscribe(ODOM, "robot3/odom")
+        with pytest.raises(ValueError, match="no key of the topic table"):
+            bus.subscribe(ODOM, "robot2/wheels")
+    with pytest.raises(BusError, match="--connect 'tcp/nowhere'"):
+        RobotBus(("tcp/nowhere",), naming, Mailbox())
