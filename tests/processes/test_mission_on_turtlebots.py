@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import bisect
+import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
+import zenoh
 
+from formation import tokens
 from formation.bus import Bus, BusConfig
-from formation.messages import Pose, decode
+from formation.messages import Diagnostics, Pose, decode
 from formation.mission import Mission
 from formation.mission_file import parse, read
-from formation.topics import POSITION
+from formation.naming import Naming
+from formation.topics import POSITION, STATUS, Topic
 from tests.formation.edited import edited
+from tests.processes import turtlebot3_messages as messages
+from tests.processes.bus_tools import until
 from tests.processes.child import PATIENCE, Child, free_endpoint, started
 from tests.processes.turtlebot3 import TurtleBot3, Wire
 
@@ -72,6 +78,37 @@ class Team:
                 if self.errors[number][1] >= GOOD:
                     good_since = number + 1
         return [error for _, error in self.errors[good_since:]]
+
+
+class Listener:
+    """What other ROS 2 nodes on a robot hear of its agent on one topic."""
+
+    def __init__(self, team: Team, robot: str, topic: Topic) -> None:
+        played, naming = team.robots[robot], Naming.of(team.mission, [robot])
+        self._samples = played.session.declare_subscriber(
+            naming.key(topic, robot), zenoh.handlers.RingChannel(20)
+        )
+
+    def next(self) -> zenoh.Sample:
+        """The next message."""
+        samples: list[zenoh.Sample] = []
+        until(lambda: self._came(samples))
+        return samples[0]
+
+    def value(self, name: str, fits: Callable[[str], bool]) -> str:
+        """What status says of `name` once that `fits`."""
+        deadline = time.monotonic() + PATIENCE
+        while True:
+            (said,) = decode(Diagnostics, bytes(self.next().payload)).statuses
+            if fits(said.values.get(name, "")):
+                return said.values[name]
+            assert time.monotonic() < deadline, f"status says {said.values}"
+
+    def _came(self, samples: list[zenoh.Sample]) -> bool:
+        sample = self._samples.try_recv()
+        if sample is not None:
+            samples.append(sample)
+        return sample is not None
 
 
 @contextmanager
@@ -132,3 +169,67 @@ def test_the_formation_stands_within_2_cm_though_commands_are_cut(
             f"mean {1e3 * sum(errors) / len(errors):.1f} mm, at most {1e3 * max(errors):.1f} mm"
         )
         assert_nothing_wrong_was_sent(team)
+
+
+def test_a_reset_of_the_odometry_on_the_way_is_survived_without_a_lurch(tmp_path: Path) -> None:
+    with running(tmp_path, "rmw_zenoh", "twist", prefixed=True) as team:
+        team.settles()
+        robot, heard = team.robots["robot2"], Listener(team, "robot2", STATUS)
+        before, reset = len(robot.taken), time.time()
+        robot.reset_odometry()
+        while team.errors[-1][0] < reset + 2.0:
+            team.watch()
+        after = robot.taken[before:]
+        usual = robot.taken[before - 60 : before]
+        for part in ("speed", "turn_rate"):
+            most = max(abs(getattr(one.told, part)) for one in usual)
+            assert max(abs(getattr(one.told, part)) for one in after) < most + 0.1
+        assert after[0].told == (0.0, 0.0) or after[1].told == (0.0, 0.0)  # while it is in doubt, it stands
+        assert max(error for wall, error in team.errors if wall > reset) < GOOD
+        said = heard.value("localisation", lambda words: "jump" in words)
+        assert said.startswith("odometry re-aligned 1 times, last after a jump of ")
+        assert_nothing_wrong_was_sent(team)
+
+
+def test_ros_2_nodes_on_a_robot_see_the_agent_and_hear_its_topics(tmp_path: Path) -> None:
+    with running(tmp_path, "rmw_zenoh", "twist_stamped") as team:
+        robot = team.robots["robot1"]
+        position, status = Listener(team, "robot1", POSITION), Listener(team, "robot1", STATUS)
+        sample = position.next()
+        assert str(sample.key_expr) == robot.wire.key("position", "geometry_msgs/msg/PoseStamped")
+        assert sample.attachment is not None
+        assert len(bytes(sample.attachment)) == 33
+        pose = messages.PoseStamped.deserialize(bytes(sample.payload))
+        assert abs(complex(pose.pose.position.x, pose.pose.position.y) - robot.now.position) < 0.05
+        status.value("robot link", lambda words: words == "connected")
+        seen = [token for key in robot.graph() if (token := tokens.read(key)) is not None]
+        agent = [one for one in seen if one.node == "formation_agent"]
+        assert len({one.zid for one in agent}) == 1
+        assert len({one.id for one in agent}) == len(agent)
+        assert {one.namespace for one in agent} == {"robot1"}
+        shown = {(one.kind, one.topic, one.type) for one in agent}
+        assert shown >= {
+            ("NN", "", ""),
+            ("MP", "robot1/cmd_vel", "geometry_msgs/msg/TwistStamped"),
+            ("MP", "robot1/position", "geometry_msgs/msg/PoseStamped"),
+            ("MP", "robot1/status", "diagnostic_msgs/msg/DiagnosticArray"),
+            ("MS", "robot1/odom", "nav_msgs/msg/Odometry"),
+        }
+        own = {token for token in robot.graph() if "turtlebot3_node" in token}
+        assert own == set(robot.wire.tokens(str(robot.session.info.zid())))
+        child = team.agents["robot1"]
+        child.signal(signal.SIGTERM)
+        until(lambda: len(robot.graph()) == len(own))
+
+
+def test_positions_on_a_bridge_are_plain_and_a_lost_route_is_named(tmp_path: Path) -> None:
+    with running(tmp_path, "ros2dds", "twist") as team:
+        position, status = Listener(team, "robot1", POSITION), Listener(team, "robot1", STATUS)
+        sample = position.next()
+        assert str(sample.key_expr) == "robot1/position"
+        assert sample.attachment is None  # the order is for the fleet
+        messages.PoseStamped.deserialize(bytes(sample.payload))
+        status.value("robot link", lambda words: words == "connected")
+        team.robots["robot1"].lose_route()
+        lost = status.value("robot link", lambda words: words != "connected")
+        assert lost == "no listener on cmd_vel: the bridge's route is lost"
