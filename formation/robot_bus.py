@@ -45,10 +45,12 @@ class RobotBus:
         *,
         mode: Literal["client", "router"] = "client",
         node: str = "formation_agent",
+        awaited: bool = True,
     ) -> None:
         """`endpoints` to dial (a client has one link, with the first that answers), or to listen on.
 
-        `node` is what ROS 2 calls this process. Raises BusError for an endpoint that cannot be, and for a
+        `node` is what ROS 2 calls this process; unless the router is `awaited` nobody is told that it is
+        not there. Raises BusError for an endpoint that cannot be, and for a
         router whose endpoint is taken.
         """
         self.published: Counter[str] = Counter()
@@ -65,6 +67,7 @@ class RobotBus:
         self._advertised: dict[str, _Line] = {}
         self._subscribed: dict[str, str] = {}
         self._zid = ""
+        self._level = logging.INFO if awaited else logging.DEBUG
         self._bus: Bus | None = None
         self._changing = threading.Lock()
         self._closing = threading.Event()
@@ -171,11 +174,11 @@ class RobotBus:
                 self._open()
             except BusError as nobody:
                 if failures == 0:
-                    _log.info("no router at %s yet: %s", where, nobody)
+                    _log.log(self._level, "no router at %s yet: %s", where, nobody)
                 failures += 1
                 self._closing.wait(AGAIN)
             else:
-                _log.info("connected with the router at %s", where)
+                _log.log(self._level, "connected with the router at %s", where)
                 return
 
     def _open(self) -> None:

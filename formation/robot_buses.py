@@ -58,8 +58,11 @@ class RobotBuses:
         *,
         mode: Literal["client", "router"] = "client",
         node: str,
+        awaited: bool = True,
     ) -> None:
         """`where` are the robots' endpoints, by name. As a ``router``, one is opened on each of them.
+
+        Unless the routers are `awaited` nobody is told that one is not there.
 
         Raises BusError for an endpoint that cannot be or is taken, and for robots behind one endpoint that
         ROS 2 could not tell apart.
@@ -68,7 +71,7 @@ class RobotBuses:
         try:
             for endpoint, robots in by_endpoint(where).items():
                 naming = Naming.of(mission, robots)
-                bus = RobotBus((endpoint,), naming, mailbox, mode=mode, node=node)
+                bus = RobotBus((endpoint,), naming, mailbox, mode=mode, node=node, awaited=awaited)
                 self._by_robot.update(dict.fromkeys(robots, bus))
         except ValueError as clash:
             self.close()

@@ -12,6 +12,7 @@ from typing import get_args
 
 from formation import wiring
 from formation.bus import Bus
+from formation.bus_config import BusConfig, BusError
 from formation.flags import bus_config, parser
 from formation.law import LAWS
 from formation.mailbox import Mailbox
@@ -60,7 +61,7 @@ def _watch(args: argparse.Namespace, stop: Stop) -> None:
             recorder = stack.enter_context(
                 Recorder(path, mission.name, text, args.law or mission.law.kind, keys)
             )
-        truth = RobotBuses(mission, stage, mailbox, node=NODE)
+        truth = RobotBuses(mission, stage, mailbox, node=NODE, awaited=bool(args.stage))
         stack.callback(truth.close)
         ros = None
         if args.ros:
@@ -77,18 +78,31 @@ def _stage(args: argparse.Namespace, mission: Mission) -> dict[str, str]:
     if args.no_stage:
         return {}
     try:
-        return given(mission, args.stage) if args.stage else usual(mission)
+        where = given(mission, args.stage) if args.stage else usual(mission)
     except ValueError as error:
         raise BadInput(str(error)) from None
+    for endpoint in where.values():
+        _check("--stage", endpoint)
+    return where
 
 
 def _ros_naming(args: argparse.Namespace, mission: Mission) -> Naming:
     """How the monitor's own topics are spelled: as flags say, else as the first follower's are."""
     if not args.ros and (args.ros_names is not None or args.ros_domain is not None):
         raise BadInput("--ros-names and --ros-domain: say how --ros ENDPOINT spells, which is missing")
+    if args.ros:
+        _check("--ros", args.ros)
     first = mission.robots[mission.followers[0]]
     domain = first.domain if args.ros_domain is None else args.ros_domain
     return Naming.of_formation(args.ros_names or first.ros, domain)
+
+
+def _check(flag: str, endpoint: str) -> None:
+    """Raise BadInput, in the name of `flag`, for an endpoint that cannot be dialled."""
+    try:
+        BusConfig(connect=(endpoint,))
+    except BusError as error:
+        raise BadInput(str(error).replace("--connect", flag)) from None
 
 
 def _flags() -> argparse.ArgumentParser:

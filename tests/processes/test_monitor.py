@@ -19,11 +19,14 @@ from mcap.stream_reader import StreamReader
 
 from formation.bus import Bus, BusConfig
 from formation.messages import Diagnostics, Number, decode
+from formation.mission import Ros
 from formation.mission_file import load
+from formation.naming import Naming
 from formation.topics import DIAGNOSTICS, ERROR, GROUND_TRUTH, ODOM, STATUS
 from formation.wire import Sample
 from monitor.keys import OWN, watched
 from tests.monitor.fleet import Fleet, command, odometry, status
+from tests.processes.bus_tools import until
 from tests.processes.child import PATIENCE, Child, free_endpoint, started
 
 pytestmark = pytest.mark.processes
@@ -31,17 +34,30 @@ KEYS = watched(load("six_robots"))
 
 
 class Actor:
-    """A fleet in formation that says everything a real one says, in real time, and counts it."""
+    """A fleet in formation that says everything a real one says, in real time, and counts it.
 
-    def __init__(self, bus: Bus) -> None:
-        self.bus, self.fleet, self.said = bus, Fleet(epoch=time.time()), list[Sample]()
+    Agents and leader speak on one bus, simulated robots on another, whose router they are.
+    """
+
+    def __init__(self, bus: Bus, stage: Bus) -> None:
+        self.bus, self.stage = bus, stage
+        self.fleet, self.said = Fleet(epoch=time.time()), list[Sample]()
         for one in KEYS:
-            bus.advertise(one.topic, one.key)
+            self.side(one.key).advertise(one.topic, one.key)
+
+    def side(self, key: str) -> Bus:
+        """Where a key is spoken on."""
+        return self.stage if key.endswith(GROUND_TRUTH.name) else self.bus
+
+    @property
+    def published(self) -> Counter[str]:
+        """On both."""
+        return Counter({**self.bus.published, **self.stage.published})
 
     def wait_for_the_monitor(self) -> None:
         last = [one.key for one in KEYS if one.topic in {STATUS, GROUND_TRUTH}]
         deadline = time.monotonic() + PATIENCE
-        while not all(map(self.bus.watched, last)):
+        while not all(self.side(key).watched(key) for key in last):
             assert time.monotonic() < deadline, "no monitor listens"
             time.sleep(0.01)
 
@@ -55,7 +71,7 @@ class Actor:
                 at = start + tick * period + self.fleet.phase(robot) * period
                 time.sleep(max(0.0, at + epoch - time.time()))
                 for sample in self._period(robot, at, with_status=tick % 10 == 0):
-                    self.bus.publish(sample.key, sample.payload, sample.attachment)
+                    self.side(sample.key).publish(sample.key, sample.payload, sample.attachment)
                     self.said.append(sample)
 
     def _period(self, robot: str, at: float, *, with_status: bool) -> Iterator[Sample]:
@@ -69,17 +85,23 @@ class Actor:
 
 
 @contextmanager
-def watching(record: Path, *flags: str) -> Iterator[tuple[Child, Actor]]:
+def watching(*flags: str) -> Iterator[tuple[Child, Actor]]:
     """A monitor that is ready, and the fleet that it watches."""
-    end = free_endpoint()
+    end, stage_end = free_endpoint(), free_endpoint()
     with (
         Bus(BusConfig(listen=(end,))) as bus,
-        started("monitor", "six_robots", "-e", end, "--record", str(record), *flags) as child,
+        router(stage_end) as stage,
+        started("monitor", "six_robots", "-e", end, "--stage", stage_end, *flags) as child,
     ):
         assert child.event("ready") == {"event": "ready", "process": "monitor"}
-        actor = Actor(bus)
+        actor = Actor(bus, stage)
         actor.wait_for_the_monitor()
         yield child, actor
+
+
+def router(endpoint: str) -> Bus:
+    """What has a robot's side: the simulated robots, or a ROS 2 router."""
+    return Bus(BusConfig(listen=(endpoint,), mode="router"))
 
 
 def recorded(path: Path) -> dict[str, list[bytes]]:
@@ -114,7 +136,7 @@ class Run(NamedTuple):
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     path = tmp_path_factory.mktemp("run") / "new" / "run.mcap"
-    with watching(path, "--snapshots") as (child, actor):
+    with watching("--record", str(path), "--snapshots") as (child, actor):
         for one in OWN:
             actor.bus.subscribe(one.key)
         actor.play(3.0)
@@ -125,9 +147,10 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 
 def test_everything_that_was_published_is_recorded_byte_for_byte_and_the_counts_agree(run: Run) -> None:
-    published = Counter(run.actor.bus.published)
+    published = run.actor.published
     assert sum(published.values()) == 60 * (6 + 3 * 5) + 6 * 6
-    assert run.summary["received"] == published
+    assert run.summary["received"] == run.actor.bus.published
+    assert run.summary["robot"] == {"published": {}, "received": run.actor.stage.published}
     assert run.summary["recorded"] == published + Counter(run.summary["published"])
     assert run.summary["recorded"] == {key: len(payloads) for key, payloads in run.in_file.items()}
     for key in published:
@@ -176,7 +199,7 @@ def test_the_summary_holds_the_verdict_though_the_fleet_has_gone(run: Run) -> No
 
 
 def test_people_get_a_line_every_two_seconds_instead(tmp_path: Path) -> None:
-    with watching(tmp_path / "run.mcap") as (child, actor):
+    with watching("--record", str(tmp_path / "run.mcap")) as (child, actor):
         actor.play(2.5)
         child.signal(signal.SIGTERM)
         child.event("summary")
@@ -188,7 +211,7 @@ def test_people_get_a_line_every_two_seconds_instead(tmp_path: Path) -> None:
 
 def test_a_killed_monitor_leaves_a_recording_that_reads_to_within_about_a_second(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    with watching(path) as (child, actor):
+    with watching("--record", str(path)) as (child, actor):
         actor.play(3.5)
         child.signal(signal.SIGKILL)
         killed = time.time()
@@ -205,11 +228,11 @@ def test_a_killed_monitor_leaves_a_recording_that_reads_to_within_about_a_second
 def test_malformed_messages_are_counted_recorded_and_survived(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     rubbish = [b"", b"\0", b"\xff" * 100, b"\0\1\0\0" + b"\xff" * 72]
-    with watching(path, "--snapshots") as (child, actor):
+    with watching("--record", str(path), "--snapshots") as (child, actor):
         actor.play(0.5)
         for payload in rubbish:
             for one in KEYS:
-                actor.bus.publish(one.key, payload, b"\xff" * 10)
+                actor.side(one.key).publish(one.key, payload, b"\xff" * 10)
         actor.play(1.0)
         child.signal(signal.SIGTERM)
         snapshots, summary = events(child)
@@ -221,21 +244,76 @@ def test_malformed_messages_are_counted_recorded_and_survived(tmp_path: Path) ->
 
 
 def test_it_publishes_nothing_that_a_robot_listens_to(tmp_path: Path) -> None:
+    with watching("--no-record", "--snapshots") as (child, actor):
+        actor.bus.subscribe("robot2/**")
+        actor.bus.subscribe("robot1/**")
+        actor.stage.subscribe("**")
+        actor.play(1.0)
+        child.signal(signal.SIGTERM)
+        # what the test itself said, and nobody else
+        heard = {key: n for key, n in actor.bus.published.items() if key[:6] in {"robot1", "robot2"}}
+        assert actor.bus.received == heard
+        assert actor.stage.received == actor.stage.published
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("flags", [("--no-stage",), ()])
+def test_without_simulated_robots_no_truth_is_known_and_nobody_complains(flags: tuple[str, ...]) -> None:
     end = free_endpoint()
     with (
         Bus(BusConfig(listen=(end,))) as bus,
-        started("monitor", "six_robots", "-e", end, "--no-record", "--snapshots") as child,
+        started("monitor", "six_robots", "-e", end, "--no-record", "--snapshots", *flags) as child,
     ):
-        bus.subscribe("robot2/**")
-        bus.subscribe("robot1/**")
-        actor = Actor(bus)
-        actor.wait_for_the_monitor()
-        actor.play(1.0)
+        child.event("ready")
+        actor = Actor(bus, bus)
+        until(lambda: all(bus.watched(STATUS.key(name)) for name in actor.fleet.mission.names))
+        assert not bus.watched(GROUND_TRUTH.key("robot2"))  # an agent has no truth to tell
+        actor.play(2.0)
         child.signal(signal.SIGTERM)
-    # what the test itself said, and nobody else
-    assert bus.received == {
-        key: count for key, count in bus.published.items() if key[:6] in {"robot1", "robot2"}
-    }
+        snapshots, summary = events(child)
+        assert child.errors.splitlines() == [child.errors.strip()]
+        assert "stopping" in child.errors
+    assert (snapshots[-1]["formation_error_true"], snapshots[-1]["missed"]) == (None, 0)
+    assert summary["formation_error"] < 1e-6
+    assert summary["rejected"] == summary["robot"]["received"] == {}
+
+
+@pytest.mark.parametrize("names", ["ros2dds", "rmw_zenoh"])
+def test_figures_are_ros_2_topics_where_they_are_wanted(names: Ros) -> None:
+    end = free_endpoint()
+    naming = Naming.of_formation(names, 7)
+    wires = {one.key: naming.wire(one.key) for one in OWN}
+    ros_flags = ("--ros", end, "--ros-names", names, "--ros-domain", "7")
+    with watching("--no-record", "--snapshots", *ros_flags) as (child, actor), router(end) as ros:
+        ros.subscribe("**")
+        actor.play(3.0)  # the router comes later than the monitor, which goes on without
+        child.signal(signal.SIGTERM)
+        _, summary = events(child)
+        samples = ros.drain()
+    assert {sample.key for sample in samples} == set(wires.values())
+    assert ros.received == {wires[key]: count for key, count in summary["robot"]["published"].items()}
+    assert {len(sample.attachment or b"") for sample in samples} == {0 if names == "ros2dds" else 33}
+    errors = [decode(Number, one.payload).value for one in samples if one.key == wires[ERROR.key()]]
+    assert len(errors) >= 10
+    assert max(errors) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (("--stage", "nonsense"), "--stage 'nonsense': must be PROTOCOL/HOST:PORT"),
+        (("--stage", "robot9=tcp/desk:7"), "'robot9' must be a follower of six-robots: robot2"),
+        (("--ros", "tcp/desk"), "--ros 'tcp/desk': must be PROTOCOL/HOST:PORT"),
+        (("--ros-names", "rmw_zenoh"), "--ros ENDPOINT"),
+    ],
+)
+def test_links_that_cannot_be_are_bad_input_and_leave_no_recording(
+    flags: tuple[str, ...], words: str, tmp_path: Path
+) -> None:
+    with started("monitor", "six_robots", "--record", str(tmp_path / "run.mcap"), *flags) as child:
+        assert child.wait() == 2
+        assert words in child.errors
+        assert child.errors.count("\n") == 1
     assert not list(tmp_path.iterdir())
 
 

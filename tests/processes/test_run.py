@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import json
 import os
 import signal
@@ -18,7 +19,7 @@ import psutil
 import pytest
 from mcap.reader import make_reader
 
-from formation.messages import Diagnostics, Odometry, TwistStamped, decode
+from formation.messages import Diagnostics, Pose, TwistStamped, decode
 from formation.mission import Mission
 from formation.mission_file import load
 from formation.topics import CMD_VEL, DIAGNOSTICS, ERROR, GROUND_TRUTH, ODOM, POSITION, STATUS, command_topic
@@ -75,10 +76,13 @@ def topics_of(mission: Mission) -> dict[str, str]:
     return {f"/{key}": topic.type for key, topic in keys.items()}
 
 
-def last_of(recording: Path) -> dict[str, bytes]:
-    """The newest message of each topic."""
+def payloads_of(recording: Path) -> dict[str, list[bytes]]:
+    """All messages of each topic."""
+    found: dict[str, list[bytes]] = {}
     with recording.open("rb") as file:
-        return {channel.topic: message.data for _, channel, message in make_reader(file).iter_messages()}
+        for _, channel, message in make_reader(file).iter_messages():
+            found.setdefault(channel.topic, []).append(message.data)
+    return found
 
 
 @pytest.mark.parametrize(("name", "duration"), [("six_robots", 12), ("turtlebot3_pair", 12)])
@@ -104,7 +108,11 @@ def test_a_shipped_mission_converges_and_its_recording_is_whole(
     assert not any(psutil.pid_exists(pid) for pid in pids)
 
     assert result["lost"] == 0
-    assert result["recorded"] == sum(one["published"] for one in processes.values())
+    to_the_fleet = sum(one["published"] for one in processes.values())
+    truths = processes["monitor"]["robot"]["received"]
+    assert processes["robots"]["published"] == 0
+    assert processes["robots"]["robot"]["published"] == 2 * truths  # and as much odometry
+    assert result["recorded"] == to_the_fleet + truths
     with (tmp_path / "run.mcap").open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         types, counts = {}, Counter[str]()
@@ -114,6 +122,10 @@ def test_a_shipped_mission_converges_and_its_recording_is_whole(
             counts[channel.topic] += 1
     assert types == topics_of(mission)
     assert counts.total() == result["recorded"]
+    for robot in mission.followers:
+        driven = counts[f"/{ODOM.key(robot)}"]  # as the agent repeated it
+        assert 0.95 * 20 * duration < driven <= counts[f"/{GROUND_TRUTH.key(robot)}"]
+        assert driven <= counts[f"/{CMD_VEL.key(robot)}"]
 
 
 def test_ctrl_c_brings_the_robots_to_rest_and_leaves_no_process(tmp_path: Path) -> None:
@@ -131,14 +143,16 @@ def test_ctrl_c_brings_the_robots_to_rest_and_leaves_no_process(tmp_path: Path) 
     assert all(one["exit"] == 0 for one in result["processes"].values())
     assert not any(child.is_running() for child in children)
     assert result["lost"] == 0
-    last = last_of(tmp_path / "run.mcap")
+    said_by = payloads_of(tmp_path / "run.mcap")
     for robot in mission.followers:
-        odometry = decode(Odometry, last[f"/{ODOM.key(robot)}"])
-        assert abs(odometry.speed) < AT_REST
-        assert abs(odometry.turn_rate) < AT_REST
-        command = decode(TwistStamped, last[f"/{CMD_VEL.key(robot)}"])
+        # the agents have gone by then, and with them who repeats odometry
+        before, after = (decode(Pose, payload) for payload in said_by[f"/{GROUND_TRUTH.key(robot)}"][-2:])
+        seconds = after.stamp - before.stamp
+        assert abs(after.position - before.position) < AT_REST * seconds
+        assert abs(cmath.phase(after.heading / before.heading)) < AT_REST * seconds
+        command = decode(TwistStamped, said_by[f"/{CMD_VEL.key(robot)}"][-1])
         assert (command.speed, command.turn_rate) == (0.0, 0.0)
-        said = decode(Diagnostics, last[f"/{STATUS.key(robot)}"]).statuses[0]
+        said = decode(Diagnostics, said_by[f"/{STATUS.key(robot)}"][-1]).statuses[0]
         assert said.values["law"] == result["law"] == "paper"
 
 
