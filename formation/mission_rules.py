@@ -156,7 +156,11 @@ def ros_names_are_a_robots_own(mission: Mission) -> Iterator[Violation]:
         if robot.robot_endpoint is None:
             continue
         # the domain of a bridge does not show in its keys
-        place = (robot.robot_endpoint, robot.ros, robot.domain if robot.ros == "rmw_zenoh" else None)
+        domain = robot.domain if robot.ros == "rmw_zenoh" else None
+        # each computer has a loopback of its own
+        local = robot.robot_endpoint.partition("/")[2].startswith(("127.", "localhost:", "[::1]:"))
+        computer = robot.endpoint.rpartition(":")[0] if local and robot.endpoint is not None else ""
+        place = (computer, robot.robot_endpoint, robot.ros, domain)
         together.setdefault(place, {})[name] = RosNames.of(mission, name)
     for robots in together.values():
         shared = clash(robots)

@@ -1,0 +1,172 @@
+"""The units that systemd runs on a robot."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from deploy.field import units
+from deploy.refusal import Refusal
+from formation.mission import Mission
+from formation.mission_file import parse
+from tests.field.deployed import TEXT, mission
+from tests.needs import path_of
+
+FIELD = mission()
+RATED = ("--offline=true", "--threshold=20", "--no-pager")
+RMW = parse(TEXT.replace("[robot]", '[robot]\nros = "rmw_zenoh"\ndomain = 7'))
+
+
+def value(unit: str, key: str) -> str:
+    """The last value of a key that stands once or repeatedly in a unit."""
+    values: list[str] = re.findall(rf"(?m)^{key}=(.*)$", unit)
+    return values[-1]
+
+
+def every_unit(of: Mission, name: str, **flags: str) -> dict[str, str]:
+    return {**units.units(of, name, **flags), **units.samples(of, name, **flags)}
+
+
+def verified(texts: dict[str, str], root: Path) -> str:
+    """What systemd objects to, its executables being scripts that do nothing."""
+    folder, program = root / "units", root / "opt" / "formation" / "current" / "venv" / "bin" / "formation"
+    folder.mkdir()
+    bridge = root / "zenoh-bridge-ros2dds"
+    program.parent.mkdir(parents=True)
+    for path in (program, bridge):
+        path.write_text("#!/bin/sh\n")
+        path.chmod(0o755)
+    for name, text in texts.items():
+        here = text.replace(units.PREFIX, str(root / "opt" / "formation"))
+        (folder / name).write_text(here.replace("/usr/bin/zenoh-bridge-ros2dds", str(bridge)))
+    done = subprocess.run(
+        [path_of("systemd-analyze"), "verify", "--man=no", *(str(folder / name) for name in texts)],
+        env={**os.environ, "SYSTEMD_UNIT_PATH": f"{folder}:", "SYSTEMD_LOG_TARGET": "console"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    ours = [line for line in done.stderr.splitlines() if str(folder) in line or line.startswith(tuple(texts))]
+    return "\n".join(ours) or ("" if done.returncode == 0 else done.stderr)
+
+
+@pytest.mark.systemd
+@pytest.mark.parametrize("of", [FIELD, RMW], ids=["ros2dds", "rmw_zenoh"])
+@pytest.mark.parametrize("name", ["leader", "robot1", "robot2"])
+def test_systemd_objects_to_no_unit(of: Mission, name: str, tmp_path: Path) -> None:
+    assert verified(every_unit(of, name), tmp_path) == ""
+
+
+@pytest.mark.systemd
+def test_systemd_objects_to_no_unit_of_a_robot_without_a_bring_up_or_bridge_of_its_own(
+    tmp_path: Path,
+) -> None:
+    assert verified(every_unit(FIELD, "robot1", bringup="none", bridge="none"), tmp_path) == ""
+
+
+@pytest.mark.systemd
+def test_a_misspelt_unit_would_be_objected_to(tmp_path: Path) -> None:
+    texts = every_unit(FIELD, "robot1")
+    texts["formation-agent.service"] = texts["formation-agent.service"].replace("WatchdogSec", "WatchDogSec")
+    assert "WatchDogSec" in verified(texts, tmp_path)
+
+
+@pytest.mark.systemd
+def test_what_a_unit_may_do_is_rated_well(tmp_path: Path) -> None:
+    for name in ("robot1", "leader"):
+        for unit, text in units.units(FIELD, name).items():
+            (tmp_path / unit).write_text(text.replace(units.PREFIX, "/opt/formation"))
+            done = subprocess.run(
+                [path_of("systemd-analyze"), "security", *RATED, str(tmp_path / unit)],
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+            assert done.returncode == 0, done.stdout
+
+
+def test_the_agent_stands_and_falls_with_the_bring_up_and_the_bridge() -> None:
+    agent = units.units(FIELD, "robot1")["formation-agent.service"]
+    assert value(agent, "BindsTo") == "turtlebot3.service zenoh-bridge-ros2dds.service"
+    assert set(value(agent, "BindsTo").split()) < set(value(agent, "After").split())
+    assert value(agent, "WantedBy") == "turtlebot3.service"
+    assert value(agent, "Requires") == "formation-guard.service"
+    agent = units.units(RMW, "robot1", bringup="base.service")["formation-agent.service"]
+    assert value(agent, "BindsTo") == "base.service rmw-zenohd.service"
+
+
+def test_a_bridge_or_router_that_dies_takes_the_bring_up_with_it_and_brings_it_back() -> None:
+    for of, bridge in ((FIELD, "zenoh-bridge-ros2dds.service"), (RMW, "rmw-zenohd.service")):
+        texts = units.samples(of, "robot2")
+        assert set(texts) == {"turtlebot3.service", bridge}
+        for key in ("BindsTo", "After", "WantedBy"):
+            assert value(texts["turtlebot3.service"], key) == bridge
+        assert value(texts[bridge], "Restart") == "always"
+
+
+def test_the_bridge_listens_where_the_agent_dials_and_the_bring_up_speaks_with_its_namespace() -> None:
+    bridge = units.samples(FIELD, "robot2")["zenoh-bridge-ros2dds.service"]
+    assert "--listen tcp/127.0.0.1:7447 --no-multicast-scouting" in bridge
+    router = units.samples(RMW, "robot2")["rmw-zenohd.service"]
+    assert 'listen/endpoints=["tcp/127.0.0.1:7447"]' in router
+    bringup = units.samples(RMW, "robot2")["turtlebot3.service"]
+    assert "namespace:=robot2'" in bringup
+    assert "ROS_DOMAIN_ID=7" in bringup
+    bare = parse(TEXT.replace("[robot]", '[robot]\nnamespace = ""', 1))
+    assert "namespace" not in units.samples(bare, "robot2")["turtlebot3.service"]
+
+
+def test_the_guard_neither_waits_for_the_network_nor_goes_down_with_the_bring_up() -> None:
+    guard = units.units(FIELD, "robot1")["formation-guard.service"]
+    for key in ("BindsTo", "Requires", "PartOf", "After"):
+        assert not re.search(rf"(?m)^{key}=", guard)
+    assert value(guard, "Before") == "formation-agent.service"
+
+
+def test_every_unit_of_ours_says_that_it_lives_and_is_started_again() -> None:
+    for name in FIELD.names:
+        for text in units.units(FIELD, name).values():
+            assert value(text, "Type") == "notify"
+            assert float(value(text, "WatchdogSec")) > 0.2 * 3
+            assert value(text, "Restart") in {"always", "on-failure"}
+            assert value(text, "User") == "formation"
+            assert value(text, "NoNewPrivileges") == "yes"
+
+
+def test_units_start_what_the_command_line_knows() -> None:
+    for name in FIELD.names:
+        for text in units.units(FIELD, name).values():
+            for program, command, *arguments in units.commands(text):
+                assert program == "@PREFIX@/current/venv/bin/formation"
+                assert arguments[0] == "@PREFIX@/current/mission.toml"
+                flags = [word for word in arguments if word.startswith("-")]
+                done = subprocess.run(
+                    [sys.executable, "-m", "deploy", command, "--help"],
+                    capture_output=True,
+                    text=True,
+                    check=True,
+                )
+                assert all(flag in done.stdout for flag in flags), flags
+
+
+def test_the_leader_has_neither_guard_nor_bring_up() -> None:
+    assert set(units.units(FIELD, "leader")) == {"formation-leader.service"}
+    assert units.samples(FIELD, "leader") == {}
+
+
+def test_nothing_is_left_to_be_filled_in_but_the_prefix() -> None:
+    for of in (FIELD, RMW):
+        for name in of.names:
+            for unit, text in every_unit(of, name).items():
+                assert not re.findall(r"@(?!PREFIX@)[A-Z_]+@", text), unit
+
+
+@pytest.mark.parametrize("flag", ["bringup", "bridge"])
+def test_what_is_no_name_of_a_unit_is_refused(flag: str) -> None:
+    with pytest.raises(Refusal, match=f"--{flag} 'my bring-up': must be the name of a unit"):
+        units.units(FIELD, "robot1", **{flag: "my bring-up"})
