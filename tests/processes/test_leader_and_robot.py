@@ -17,12 +17,18 @@ import pytest
 
 from formation import order
 from formation.bus import Bus, BusConfig
+from formation.mailbox import Mailbox
 from formation.messages import Diagnostics, Displacement, Odometry, Pose, Twist, decode, encode
 from formation.mission_file import load, read
+from formation.naming import Naming
 from formation.order import OperatorReply, Order, Told
-from formation.topics import CMD_VEL
+from formation.robot_bus import RobotBus
+from formation.ros_names import address
+from formation.topics import CMD_VEL, GROUND_TRUTH
 from formation.wire import Sample
+from tests.processes.bus_tools import until
 from tests.processes.child import PATIENCE, Child, free_endpoint, started
+from tests.processes.zenoh_admin import inspect
 
 pytestmark = pytest.mark.processes
 SIX = load("six_robots")
@@ -37,7 +43,17 @@ def listening(endpoint: str, *keys: str) -> Iterator[Bus]:
         yield bus
 
 
-def heard(bus: Bus, enough: Callable[[Sequence[Sample]], Any]) -> list[Sample]:
+@contextmanager
+def beside(endpoint: str, *keys: str) -> Iterator[tuple[RobotBus, Mailbox]]:
+    """The test in the place of robot2's agent, and what it hears from the robot."""
+    mailbox = Mailbox()
+    with RobotBus((endpoint,), Naming.of(SIX, ["robot2"]), mailbox) as bus:
+        for key in keys:
+            bus.subscribe(address(key).topic, key)
+        yield bus, mailbox
+
+
+def heard(bus: Bus | Mailbox, enough: Callable[[Sequence[Sample]], Any]) -> list[Sample]:
     """What arrives until it is enough."""
     samples: list[Sample] = []
     deadline = time.monotonic() + PATIENCE
@@ -115,15 +131,15 @@ def test_the_last_words_of_a_leader_that_is_ended_are_a_hold() -> None:
 
 def test_a_robot_goes_where_it_is_told_and_stands_when_it_is_told() -> None:
     end = free_endpoint()
-    with robot2(end) as child, listening(end, "robot2/odom", "robot2/ground_truth") as bus:
+    with robot2(end) as child, beside(end, "robot2/odom", "robot2/ground_truth") as (bus, box):
         bus.advertise(CMD_VEL, "robot2/cmd_vel")
-        at_rest = newest_odometry(heard(bus, odometry))
+        at_rest = newest_odometry(heard(box, odometry))
         assert at_rest is not None
         assert at_rest.position == -1.5 + 2.0j
         bus.publish("robot2/cmd_vel", encode(Twist(0.5, 0.0)))
-        moving = heard(bus, lambda samples: is_at(samples, 0.5) and len(samples) >= 40)
+        moving = heard(box, lambda samples: is_at(samples, 0.5) and len(samples) >= 40)
         bus.publish("robot2/cmd_vel", encode(Twist(0.0, 0.0)))
-        stopped = newest_odometry(heard(bus, lambda samples: is_at(samples, 0.0)))
+        stopped = newest_odometry(heard(box, lambda samples: is_at(samples, 0.0)))
         child.signal(signal.SIGTERM)
         summary = child.event("summary")
     fast = [one for one in map(odometry_of, moving) if one is not None and one.speed == 0.5]
@@ -131,19 +147,21 @@ def test_a_robot_goes_where_it_is_told_and_stands_when_it_is_told() -> None:
     assert way == pytest.approx(0.5j * seconds, abs=1e-4)
     assert stopped is not None
     assert stopped.position.imag > fast[-1].position.imag
-    assert summary["received"] == {"robot2/cmd_vel": 2}
-    assert summary["published"]["robot2/odom"] == summary["published"]["robot2/ground_truth"]
+    assert summary["robot"]["received"] == {"robot2/cmd_vel": 2}
+    said = summary["robot"]["published"]
+    assert said["robot2/odom"] == said["robot2/ground_truth"]
+    assert (summary["published"], summary["received"]) == ({}, {})
 
 
 def test_what_is_no_command_moves_nothing_and_is_reported_at_the_end() -> None:
     end = free_endpoint()
-    with robot2(end) as child, listening(end, "robot2/odom") as bus:
+    with robot2(end) as child, beside(end, "robot2/odom") as (bus, box):
         bus.advertise(CMD_VEL, "robot2/cmd_vel")
-        heard(bus, odometry)
-        bus.publish("robot2/cmd_vel", b"")
+        heard(box, odometry)
+        bus.publish("robot2/cmd_vel", b"\x00\x01\x00\x00 and too short")
         bus.publish("robot2/cmd_vel", encode(Twist(0.5, 0.0)).replace(b"\xe0\x3f", b"\xf8\x7f"))
         bus.publish("robot2/cmd_vel", encode(Twist(0.0, 0.5)))  # after the others, so it tells when to look
-        turning = heard(bus, lambda samples: any(turn_rate(sample) == 0.5 for sample in samples))
+        turning = heard(box, lambda samples: any(turn_rate(sample) == 0.5 for sample in samples))
         child.signal(signal.SIGTERM)
         summary = child.event("summary")
     assert odometry_of(turning[-1]) is not None
@@ -159,10 +177,10 @@ def test_a_sensor_sees_the_virtual_leader_of_another_process(tmp_path: Path) -> 
     with (
         leader(lead, "--hold"),
         started("agent.robots", str(mission), "--robot", "robot2", "-l", end, "-e", lead) as robot,
-        listening(end, "robot2/relative/robot1", "robot2/odom") as bus,
+        beside(end, "robot2/relative/robot1", "robot2/odom") as (_, box),
     ):
         robot.event("ready")
-        samples = heard(bus, lambda samples: sum(map(is_odometry, samples)) >= 12)
+        samples = heard(box, lambda samples: sum(map(is_odometry, samples)) >= 12)
     sights = [sample for sample in samples if not is_odometry(sample)]
     seen = decode(Displacement, sights[-1].payload).displacement
     assert seen * 1j + (-1.5 + 2.2j) == pytest.approx(0.0, abs=1e-6)
@@ -176,19 +194,16 @@ def test_a_sensor_sees_the_virtual_leader_of_another_process(tmp_path: Path) -> 
 def test_nothing_is_published_before_the_monitor_listens() -> None:
     end = free_endpoint()
     with robot2(end, "--await-monitor", "60") as child:
-        with listening(end, "robot2/odom") as bus:
+        with beside(end, "robot2/odom") as (bus, box):
             bus.advertise(CMD_VEL, "robot2/cmd_vel")
-            deadline = time.monotonic() + PATIENCE
-            while not bus.watched("robot2/cmd_vel"):  # so the link is up
-                assert time.monotonic() < deadline
-                bus.wait(0.01)
-            assert not bus.wait(1.0), "it spoke before a monitor listened to its ground truth"
-            bus.subscribe("robot2/ground_truth")
-            first = heard(bus, lambda samples: len(samples) >= 8)
+            until(lambda: bool(bus.routed("robot2/cmd_vel")))  # so the link is up
+            assert not box.wait(1.0), "it spoke before a monitor listened to its ground truth"
+            bus.subscribe(GROUND_TRUTH, "robot2/ground_truth")
+            first = heard(box, lambda samples: len(samples) >= 8)
         child.signal(signal.SIGTERM)
         summary = child.event("summary")
     assert {sample.key for sample in first} == {"robot2/odom", "robot2/ground_truth"}
-    assert summary["published"]["robot2/odom"] >= 4
+    assert summary["robot"]["published"]["robot2/odom"] >= 4
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
@@ -234,7 +249,46 @@ def test_a_port_that_is_taken_is_named() -> None:
     end = free_endpoint()
     with leader(end), started("leader", "six_robots", "-l", end) as second:
         assert second.wait() == 2
-        assert end in second.errors
+        assert second.errors == (
+            f"leader: cannot listen on {end}: the address is in use;"
+            " is there a second leader robot1 on this machine?\n"
+        )
+
+
+def test_robots_listen_each_on_an_endpoint_of_its_own_or_all_on_one() -> None:
+    ends = free_endpoint(), free_endpoint()
+    two = ("--robot", "robot2", "--robot", "robot3")
+    for given in (ends, ends[:1]):
+        listen = [word for end in given for word in ("-l", end)]
+        with started("agent.robots", "six_robots", *two, *listen) as child:
+            child.event("ready")
+            seen = [inspect(end).subscriptions for end in given]
+        assert seen == (
+            [{"robot2/cmd_vel"}, {"robot3/cmd_vel"}]
+            if len(given) == 2
+            else [{"robot2/cmd_vel", "robot3/cmd_vel"}]
+        )
+    words = [word for end in (*ends, free_endpoint()) for word in ("-l", end)]
+    with started("agent.robots", "six_robots", *two, *words) as child:
+        assert child.wait() == 2
+        why = "-l is given 3 times: must be once for all robots or once for each of robot2, robot3"
+        assert child.errors == f"robot2 robot3: {why}\n"
+
+
+def test_robots_that_ros_cannot_tell_apart_cannot_share_an_endpoint(tmp_path: Path) -> None:
+    text, _ = read("six_robots")
+    mission = tmp_path / "nameless.toml"
+    mission.write_text(text.replace("rate = 20 ", 'rate = 20\nnamespace = "" '), encoding="utf-8")
+    two = ("--robot", "robot2", "--robot", "robot3")
+    one, other = free_endpoint(), free_endpoint()
+    with started("agent.robots", str(mission), *two, "-l", one, "-l", other) as child:
+        child.event("ready")
+        assert inspect(one).subscriptions == inspect(other).subscriptions == {"cmd_vel"}
+    with started("agent.robots", str(mission), *two, "-l", one) as child:
+        assert child.wait() == 2
+        assert child.errors.count("\n") == 1
+        assert one in child.errors
+        assert "needs another namespace" in child.errors
 
 
 @pytest.mark.parametrize("module", ["leader", "agent.robots"])
