@@ -6,9 +6,10 @@ import os
 import signal
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -16,14 +17,16 @@ import pytest
 from deploy.plan import programs
 from deploy.ports import Ports
 from formation.bus import Bus, BusConfig
+from formation.mailbox import Mailbox
 from formation.messages import Pose, Twist, decode
 from formation.mission import Mission
 from formation.mission_file import load
-from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, ORDER, POSITION
+from formation.robot_buses import RobotBuses
+from formation.topics import ALIVE, CMD_VEL, GROUND_TRUTH, ODOM, ORDER, POSITION, SCAN, STATUS, Topic
 from formation.wire import Sample
 from formation.wiring import Endpoints, partners
 from tests.processes.child import PATIENCE, Child, started
-from tests.processes.zenoh_admin import Peer, inspect
+from tests.processes.zenoh_admin import Peer, clients, inspect
 
 pytestmark = pytest.mark.processes
 SIX = load("six_robots")
@@ -62,53 +65,126 @@ def team(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Team]:
 def wait_until_linked(team: Team) -> None:
     """Processes that start together find each other one by one."""
     deadline = time.monotonic() + PATIENCE
-    while any(len(peer.links) < expected_links(robot) for robot, peer in peers(team).items()):
+    while any(len(peer.links) < expected_links(robot) for robot, peer in peers(team).items()) or any(
+        len(found) < 2 for found in behind_robots(team).values()
+    ):
         assert time.monotonic() < deadline, "the team did not link up"
 
 
 def expected_links(robot: str) -> int:
-    """Its partners, the monitor and its own robot; the virtual leader has no robot."""
-    return len(partners(SIX, robot)) + 1 + (robot != SIX.leader)
+    """Its partners and the monitor."""
+    return len(partners(SIX, robot)) + 1
 
 
 def peers(team: Team) -> dict[str, Peer]:
-    """Every agent and the leader, by robot."""
+    """Every agent and the leader on the fleet's bus, by robot."""
     return {robot: inspect(endpoint) for robot, endpoint in team.where.agents.items()}
 
 
+def behind_robots(team: Team) -> dict[str, list[Peer]]:
+    """The clients of every robot's router, by robot."""
+    return {robot: clients(endpoint) for robot, endpoint in team.where.robots.items()}
+
+
+def port(endpoint: str) -> int:
+    return int(endpoint.rpartition(":")[2])
+
+
+def connections(child: Child, status: str) -> list[Any]:
+    every = psutil.Process(child.process.pid).net_connections("inet")
+    return [one for one in every if one.status == status]
+
+
 def listening(child: Child) -> set[int]:
-    connections = psutil.Process(child.process.pid).net_connections("inet")
-    return {one.laddr.port for one in connections if one.status == psutil.CONN_LISTEN}
+    return {one.laddr.port for one in connections(child, psutil.CONN_LISTEN)}
 
 
-def test_every_agent_hears_its_own_odometry_and_its_neighbours_positions_and_nothing_else(team: Team) -> None:
+def robot_keys(robot: str, *topics: Topic) -> set[str]:
+    return {topic.key(robot) for topic in topics}
+
+
+def test_in_the_fleet_an_agent_hears_its_neighbours_positions_and_nothing_else(team: Team) -> None:
     for robot, peer in peers(team).items():
-        neighbours = {POSITION.key(other) for other in SIX.robots[robot].neighbours}
-        own = set() if robot == SIX.leader else {ODOM.key(robot)}
-        assert peer.subscriptions == own | neighbours
+        assert peer.subscriptions == {POSITION.key(other) for other in SIX.robots[robot].neighbours}
         assert peer.queryables == {ORDER.key(robot)}
 
 
-def test_every_link_is_one_that_the_measurement_graph_asks_for(team: Team) -> None:
+def test_in_the_fleet_a_process_speaks_for_its_own_robot_only(team: Team) -> None:
+    for robot, peer in peers(team).items():
+        follows = robot != SIX.leader
+        assert peer.publications == robot_keys(robot, POSITION, STATUS) | (
+            robot_keys(robot, CMD_VEL, ODOM, SCAN) if follows else set()
+        )
+
+
+def test_beside_its_robot_an_agent_hears_its_own_sensors_and_speaks_for_itself(team: Team) -> None:
+    for robot, found in behind_robots(team).items():
+        (agent,) = [one for one in found if one.name == "formation_agent"]
+        assert agent.subscriptions == robot_keys(robot, ODOM, SCAN)
+        assert agent.publications == robot_keys(robot, CMD_VEL, ALIVE, POSITION, STATUS)
+        assert agent.queryables == set()
+
+
+def test_every_link_in_the_fleet_is_one_that_the_measurement_graph_asks_for_or_the_monitors(
+    team: Team,
+) -> None:
     seen = peers(team)
     names = {peer.zid: robot for robot, peer in seen.items()}
+    strangers = set()
     for robot, peer in seen.items():
         linked = {names[zid] for zid in peer.links if zid in names}
         assert linked == set(partners(SIX, robot))
         assert len(peer.links) == expected_links(robot)
         assert set(peer.links.values()) == {1}
+        strangers |= {zid for zid in peer.links if zid not in names}
+    assert len(strangers) == 1  # the one session that everybody is linked with: the monitor's
 
 
-def test_there_is_no_router_and_no_multicast(team: Team) -> None:
+def test_beside_its_robot_an_agent_has_one_link_which_is_with_the_robots_router(team: Team) -> None:
+    agents = {peer.zid for peer in peers(team).values()}
+    for robot, found in behind_robots(team).items():
+        router = inspect(team.where.robots[robot])
+        assert router.kinds == {"client"}
+        assert sorted(one.name for one in found) == ["formation_agent", "formation_monitor"]
+        for one in found:
+            assert one.links == {router.zid: 1}
+            assert one.kinds == {"router"}
+            assert one.locators == ()
+        assert not agents & set(router.links)  # it is another session than the fleet's
+
+
+def test_an_agent_holds_no_connection_but_these(team: Team) -> None:
+    for robot in SIX.followers:
+        dialled = [
+            one.raddr.port
+            for one in connections(team.children[f"agent {robot}"], psutil.CONN_ESTABLISHED)
+            if one.laddr.port != port(team.where.agents[robot])
+        ]
+        before = SIX.names[: SIX.names.index(robot)]
+        wanted = [port(team.where.agents[other]) for other in partners(SIX, robot) if other in before]
+        assert sorted(dialled) == sorted([*wanted, port(team.where.robots[robot])])
+
+
+def test_the_fleet_has_no_router_and_nothing_is_multicast(team: Team) -> None:
     for peer in peers(team).values():
         assert peer.kinds == {"peer"}
-    expected = {int(end.rpartition(":")[2]) for end in endpoints(team)}
+    expected = {port(end) for end in endpoints(team)}
     heard = set()
     for child in team.children.values():
         process = psutil.Process(child.process.pid)
         assert not [one for one in process.net_connections("inet") if one.type.name == "SOCK_DGRAM"]
         heard |= listening(child)
     assert heard == expected
+
+
+def test_only_robots_listen_on_the_robots_side_and_only_on_it(team: Team) -> None:
+    wanted = {
+        "monitor": set[int](),
+        "robots": {port(end) for end in team.where.robots.values()},
+        "leader": {port(team.where.agents[SIX.leader])},
+        **{f"agent {robot}": {port(team.where.agents[robot])} for robot in SIX.followers},
+    }
+    assert {name: listening(child) for name, child in team.children.items()} == wanted
 
 
 def test_each_process_is_an_operating_system_process_of_its_own(team: Team) -> None:
@@ -120,16 +196,16 @@ def endpoints(team: Team) -> tuple[str, ...]:
 
 
 class Witness:
-    """A stranger who only looks on: true poses of the robots, and every command."""
+    """A stranger who only looks on: true poses of the robots, and every command that one gets."""
 
-    def __init__(self, bus: Bus) -> None:
-        self.bus, self.commands, self.poses = bus, list[Sample](), dict[str, Pose]()
+    def __init__(self, box: Mailbox) -> None:
+        self.box, self.commands, self.poses = box, list[Sample](), dict[str, Pose]()
 
     def watch(self, seconds: float) -> None:
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
-            self.bus.wait(left)
-            for sample in self.bus.drain():
+            self.box.wait(left)
+            for sample in self.box.drain():
                 if sample.key.endswith("/cmd_vel"):
                     self.commands.append(sample)
                 else:
@@ -156,12 +232,17 @@ class Witness:
 
 
 def test_killing_the_monitor_changes_nothing(tmp_path: Path) -> None:
-    with running(tmp_path / "run.mcap") as team, Bus(BusConfig(connect=endpoints(team))) as bus:
+    box = Mailbox()
+    with (
+        running(tmp_path / "run.mcap") as team,
+        Bus(BusConfig(connect=(team.where.agents[SIX.leader],)), box) as bus,
+        closing(RobotBuses(SIX, team.where.robots, box, node="witness")) as robots,
+    ):
         bus.subscribe(POSITION.key(SIX.leader))
         for robot in SIX.followers:
-            bus.subscribe(CMD_VEL.key(robot))
-            bus.subscribe(GROUND_TRUTH.key(robot))
-        witness = Witness(bus)
+            robots.subscribe(CMD_VEL, CMD_VEL.key(robot))
+            robots.subscribe(GROUND_TRUTH, GROUND_TRUTH.key(robot))
+        witness = Witness(box)
         witness.watch(4.0)
         witness.commands.clear()
         team.children["monitor"].signal(signal.SIGKILL)
