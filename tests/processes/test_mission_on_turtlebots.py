@@ -112,8 +112,12 @@ class Listener:
 
 
 @contextmanager
-def running(tmp_path: Path, ros: str, kind: str, *, prefixed: bool = False) -> Iterator[Team]:
-    text = edited(PAIR, "robot", f'ros = "{ros}"\ncmd_vel = "{kind}"\n{FIRMWARE}')
+def running(
+    tmp_path: Path, ros: str, kind: str, *, prefixed: bool = False, domain: int = 0, bare: bool = False
+) -> Iterator[Team]:
+    """The mission, under way; ``bare`` robots have no namespace, as from the box."""
+    keys = f'ros = "{ros}"\ncmd_vel = "{kind}"\ndomain = {domain}\n{FIRMWARE}'
+    text = edited(PAIR, "robot", f'{keys}\nnamespace = ""' if bare else keys)
     for name in ("leader", "robot1", "robot2"):
         ends = f'endpoint = "{free_endpoint()}"\n'
         if name != "leader":
@@ -127,7 +131,7 @@ def running(tmp_path: Path, ros: str, kind: str, *, prefixed: bool = False) -> I
         for name in mission.followers:
             spec = mission.robots[name]
             assert spec.robot_endpoint is not None
-            wire = Wire(ros, kind, namespace=name)
+            wire = Wire(ros, kind, domain, "" if bare else name)
             robot = TurtleBot3(
                 wire, spec.robot_endpoint, spec.start.position, spec.start.heading, prefixed=prefixed
             )
@@ -192,7 +196,7 @@ def test_a_reset_of_the_odometry_on_the_way_is_survived_without_a_lurch(tmp_path
 
 
 def test_ros_2_nodes_on_a_robot_see_the_agent_and_hear_its_topics(tmp_path: Path) -> None:
-    with running(tmp_path, "rmw_zenoh", "twist_stamped") as team:
+    with running(tmp_path, "rmw_zenoh", "twist_stamped", domain=30) as team:
         robot = team.robots["robot1"]
         position, status = Listener(team, "robot1", POSITION), Listener(team, "robot1", STATUS)
         sample = position.next()
@@ -223,10 +227,10 @@ def test_ros_2_nodes_on_a_robot_see_the_agent_and_hear_its_topics(tmp_path: Path
 
 
 def test_positions_on_a_bridge_are_plain_and_a_lost_route_is_named(tmp_path: Path) -> None:
-    with running(tmp_path, "ros2dds", "twist") as team:
+    with running(tmp_path, "ros2dds", "twist", bare=True) as team:
         position, status = Listener(team, "robot1", POSITION), Listener(team, "robot1", STATUS)
         sample = position.next()
-        assert str(sample.key_expr) == "robot1/position"
+        assert str(sample.key_expr) == "position"
         assert sample.attachment is None  # the order is for the fleet
         messages.PoseStamped.deserialize(bytes(sample.payload))
         status.value("robot link", lambda words: words == "connected")
