@@ -1,0 +1,71 @@
+"""Where the processes of a mission listen in the field, and what they are called there."""
+
+from __future__ import annotations
+
+import ipaddress
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from deploy.refusal import Refusal
+from formation.mission import Mission
+
+MONITOR, OPERATOR = "monitor", "operator"
+VISITORS = (MONITOR, OPERATOR)
+"""Who has a certificate though it is no robot. Both dial and are dialled by nobody."""
+PROTOCOL = "tls"
+
+
+class Host(NamedTuple):
+    """Where a robot's agent, or the leader, is reached."""
+
+    address: str
+    """IP address or DNS name, without brackets."""
+    port: int
+
+    @property
+    def ip(self) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+        """The address; None for a name."""
+        try:
+            return ipaddress.ip_address(self.address)
+        except ValueError:
+            return None
+
+    @property
+    def endpoint(self) -> str:
+        """As Zenoh writes it."""
+        bracketed = f"[{self.address}]" if ":" in self.address else self.address
+        return f"{PROTOCOL}/{bracketed}:{self.port}"
+
+
+def hosts(mission: Mission) -> Mapping[str, Host]:
+    """Each robot's host, in mission order. Raises Refusal for a mission that is not one for the field."""
+    missing = [name for name in mission.names if mission.robots[name].endpoint is None]
+    if missing:
+        raise Refusal(
+            f"mission {mission.name}: {', '.join(missing)} without endpoint; in the field every robot (and"
+            f" the leader) needs one that the others can dial, such as"
+            f" endpoint = {PROTOCOL + '/192.168.1.12:7460'!r} in [robots.{missing[0]}]"
+        )
+    for name in VISITORS:
+        if name in mission.robots:
+            raise Refusal(
+                f"mission {mission.name}: no robot of the field can be called {name!r}, for that is what"
+                f" the certificate of the {name} says; call it otherwise"
+            )
+    return {name: _host(name, mission.robots[name].endpoint or "") for name in mission.names}
+
+
+def _host(name: str, endpoint: str) -> Host:
+    protocol, _, place = endpoint.partition("/")
+    address, _, port = place.rpartition(":")
+    host = Host(address.removeprefix("[").removesuffix("]"), int(port))
+    where = f"endpoint {endpoint!r} of {name}"
+    if protocol != PROTOCOL:
+        raise Refusal(f"{where}: must begin with '{PROTOCOL}/', for only that proves who speaks")
+    if host.ip is not None and host.ip.is_unspecified:
+        raise Refusal(f"{where}: must be the address that the others dial, not one that means all of them")
+    if "%" in address or (host.ip is None and (":" in host.address or not host.address.isascii())):
+        raise Refusal(f"{where}: must be an address without zone, or a name in ASCII: a certificate says it")
+    if not 1 <= host.port <= 65535:
+        raise Refusal(f"{where}: the port must be from 1 to 65535")
+    return host

@@ -1,0 +1,224 @@
+"""What Zenoh refuses is counted from its log: by kind, nothing twice, whatever the log holds besides."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from formation.refusals import KINDS, LONGEST, OTHER, Parser
+
+ZID, OTHERS = "853284b9103ab54f9afc4919b38c7852", "2b909cbc29257a331cca0908affe6d7b"
+STAMP = "2026-11-21T04:54:40.088745Z"
+RULES = "zenoh::net::routing::interceptor::access_control:"
+CHAIN = "zenoh::net::routing::interceptor:"
+TLS = f"{STAMP}  WARN app-0 ThreadId(02) zenoh_link_tls::unicast:"
+
+
+def decided(what: str, key: str, by: str = "robot2", zid: str = ZID, thread: int = 2, un: str = "un") -> str:
+    subject = f"Interface(lo)+CertCommonName({by})+Transport(Tls)+{zid}"
+    return (
+        f"{STAMP} TRACE app-0 ThreadId({thread:02}) {RULES} {zid} on {subject} is"
+        f" {un}authorized to {what} on {key}"
+    )
+
+
+def remembered(what: str, key: str, zid: str = ZID, un: str = "un") -> str:
+    return (
+        f"{STAMP} TRACE app-0 ThreadId(02) {RULES} Using cached result: {zid} is"
+        f" {un}authorized to {what} on {key}"
+    )
+
+
+def intercepted(thread: int = 2) -> str:
+    return f"{STAMP} TRACE app-0 ThreadId({thread:02}) {CHAIN} Msg intercepted!"
+
+
+def read(*lines: str, namespace: str = "") -> tuple[dict[str, int], list[str]]:
+    parser = Parser(namespace)
+    told = list(parser.feed("".join(line + "\n" for line in lines).encode()))
+    return dict(parser.counts), told
+
+
+def test_a_refused_put_is_counted_by_key_and_by_whose_certificate_it_came_with() -> None:
+    counts, told = read(decided("Put (ingress)", "robot3/position"), intercepted())
+    assert counts == {"put robot3/position by robot2": 1}
+    assert told == ["refused: put robot3/position by robot2"]
+
+
+def test_what_zenoh_only_remembers_for_later_is_no_refusal() -> None:
+    caching = [decided(f"{what} (ingress)", "robot2/position") for what in ("Query", "Reply", "Delete")]
+    allowed = decided("Put (ingress)", "robot2/position", un="")
+    assert read(*caching, allowed, remembered("Put (ingress)", "robot2/position", un="")) == ({}, [])
+    assert read(*caching, allowed, intercepted()) == ({}, [])
+
+
+def test_a_refusal_from_memory_still_has_the_name() -> None:
+    first = decided("Put (ingress)", "robot1/alive")
+    again = remembered("Liveliness Token (ingress)", "robot1/alive")
+    counts, _ = read(first, again, intercepted())
+    assert counts == {"liveliness token robot1/alive by robot2": 1}
+    unknown = remembered("Delete (ingress)", "robot1/position", zid=OTHERS)
+    assert read(unknown, intercepted())[0] == {"delete robot1/position": 1}
+
+
+def test_what_is_kept_from_others_is_no_refusal() -> None:
+    assert read(decided("Declare Subscriber (egress)", "robot1/position"), intercepted()) == ({}, [])
+
+
+def test_lines_of_two_threads_do_not_mix() -> None:
+    counts, _ = read(
+        decided("Put (ingress)", "robot3/position", thread=2),
+        decided("Put (egress)", "robot1/position", thread=1, un=""),
+        intercepted(thread=2),
+        intercepted(thread=1),
+    )
+    assert counts == {"put robot3/position by robot2": 1}
+
+
+def test_keys_are_told_without_the_teams_namespace() -> None:
+    lines = (decided("Query (ingress)", "reds/robot3/order"), intercepted())
+    assert read(*lines, namespace="reds")[0] == {"query robot3/order by robot2": 1}
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ("invalid peer certificate: UnknownIssuer. Hint: …", "certificate: unknown issuer"),
+        ("invalid peer certificate: BadSignature. Hint: …", "certificate: bad signature"),
+        (
+            "invalid peer certificate: certificate expired: verification time 1795237017 (UNIX), but …",
+            "certificate: expired",
+        ),
+        ("invalid peer certificate: certificate not valid yet: …", "certificate: not valid yet"),
+        ("invalid peer certificate: InvalidPurpose. Hint: …", "certificate: invalid"),
+        ("peer sent no certificates. Hint: …", "certificate: none"),
+        ("received corrupt message of type InvalidContentType. Hint: …", "not TLS"),
+        ("tls handshake eof. Hint: …", "handshake broken off"),
+    ],
+)
+def test_links_that_prove_nothing_are_counted_by_what_was_wrong(text: str, kind: str) -> None:
+    assert read(f"{TLS} {text}") == ({kind: 1}, [f"refused: {kind}"])
+
+
+def test_a_link_closed_because_its_certificate_ran_out_is_told_apart() -> None:
+    line = (
+        f"{STAMP}  WARN app-1 ThreadId(03) zenoh_link_commons::tls::expiration:"
+        " Closing TLS link 10.77.0.1:7460 => 10.77.0.2:41884 : remote certificate chain expired"
+    )
+    assert read(line)[0] == {"certificate: expired during the link": 1}
+
+
+def test_a_certificate_that_no_rule_knows_is_counted() -> None:
+    line = f"{STAMP} DEBUG app-0 ThreadId(02) {RULES} {ZID} did not match any configured ACL subject. Default"
+    assert read(line, intercepted())[0] == {"certificate: of nobody in the mission": 1}
+
+
+def test_other_warnings_are_passed_on_and_nothing_else() -> None:
+    warning = f"{STAMP}  WARN app-0 ThreadId(02) zenoh_transport::unicast: something is wrong"
+    error = f"{STAMP} ERROR app-0 ThreadId(02) zenoh_link_tls::unicast: out of memory"
+    info = f"{STAMP}  INFO app-0 ThreadId(02) zenoh_transport::unicast: all is well"
+    counts, told = read(warning, info, error)
+    assert counts == {}
+    assert told == [f"zenoh: {warning}", f"zenoh: {error}"]
+
+
+def test_pieces_may_be_cut_anywhere_and_coloured() -> None:
+    lines = decided("Put (ingress)", "robot3/position") + "\n" + intercepted() + "\n"
+    log = "\x1b[2m" + lines.replace("TRACE", "\x1b[35mTRACE\x1b[0m") * 3
+    for size in (1, 7, 100):
+        parser = Parser()
+        for start in range(0, len(log), size):
+            list(parser.feed(log.encode()[start : start + size]))
+        assert parser.counts == {"put robot3/position by robot2": 3}
+
+
+def test_who_is_refused_cannot_make_us_remember_without_end() -> None:
+    parser = Parser()
+    for number in range(3 * KINDS):
+        zid = f"{number:032x}"
+        lines = (
+            decided("Put (ingress)", f"k{number}/" + "x" * 500, zid=zid, thread=number),
+            intercepted(number),
+        )
+        list(parser.feed("".join(f"{line}\n" for line in lines).encode()))
+    assert len(parser.counts) == KINDS + 1
+    assert parser.counts[OTHER] == 2 * KINDS
+    assert max(map(len, parser.counts)) <= LONGEST
+    assert parser.counts.total() == 3 * KINDS
+    list(parser.feed(b"x" * 1_000_000))
+    assert len(parser._rest) <= 4096
+    assert len(parser._names) <= KINDS
+    assert len(parser._said) <= KINDS
+
+
+def test_a_flood_of_refusals_is_no_flood_of_lines() -> None:
+    counts, told = read(*(decided("Put (ingress)", "a"), intercepted()) * 1000)
+    assert counts == {"put a by robot2": 1000}
+    assert len(told) == 4
+    assert told[-1] == "refused: put a by robot2, 1000 times"
+
+
+def test_signs_that_would_disturb_a_terminal_are_not_repeated() -> None:
+    counts, _ = read(decided("Put (ingress)", "a\x07\x1b[2Jb"), intercepted())
+    assert counts == {"put a??[2Jb by robot2": 1}
+
+
+def run(body: str) -> subprocess.CompletedProcess[str]:
+    """A process that listens to a log which `body` writes as Zenoh does: to descriptor 1, past Python."""
+    begin = "import os, logging\nfrom formation.refusals import Refusals, FILTER\n"
+    begin += "from formation.process import say\nlogging.basicConfig(format='%(message)s')\n"
+    begin += "say('before')\n"
+    return subprocess.run(
+        [sys.executable, "-c", begin + body],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+        cwd=Path(__file__).parents[2],
+    )
+
+
+def test_what_the_process_itself_says_stays_on_stdout_and_the_log_does_not() -> None:
+    done = run(
+        f"""
+seen = []
+refusals = Refusals.listen(lambda: seen.append(os.environ['RUST_LOG']))
+assert seen == [FILTER] and 'RUST_LOG' not in os.environ
+assert Refusals.listen(lambda: seen.append('twice')) is refusals
+for number in range(500):
+    os.write(1, {(decided("Put (ingress)", "a") + chr(10)).encode()!r})
+    os.write(1, {(intercepted() + chr(10)).encode()!r})
+    say('event', number=number)
+os.write(1, {(TLS[:-1] + "s: odd" + chr(10)).encode()!r})
+say('counts', **refusals.counts)
+"""
+    )
+    said = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [event["event"] for event in said] == ["before", *["event"] * 500, "counts"]
+    assert said[-1] == {"event": "counts", "put a by robot2": 500}
+    assert "refused: put a by robot2, 100 times" in done.stderr
+    assert done.stderr.splitlines()[-1].endswith("odd")
+
+
+def test_a_log_that_nobody_reads_neither_blocks_nor_grows() -> None:
+    done = run(
+        """
+import time, sys
+refusals = Refusals.listen(lambda: None)
+refusals._lock.acquire()  # the reader hangs
+start, lost = time.monotonic(), 0
+for _ in range(100_000):
+    try:
+        os.write(1, b'x' * 99 + b'\\n')
+    except BlockingIOError:
+        lost += 1
+assert lost > 50_000, lost
+refusals._lock.release()
+assert not refusals.counts
+"""
+    )
+    assert done.returncode == 0
