@@ -1,0 +1,201 @@
+"""What a robot installs: there is a wheel of everything for the robots of a field, and it is not too much."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.tags import compatible_tags, cpython_tags
+from packaging.utils import parse_wheel_filename
+
+from deploy import env
+from deploy.field import wheels
+from deploy.field.wheels import PLATFORMS, PYTHONS, Target
+from deploy.refusal import Refusal
+from tests.field.deployed import HERE
+
+LOCK = (env.LOCK / "agent.txt").read_text(encoding="utf-8")
+ROOM = 160e6
+"""What a robot's install may take up [bytes]."""
+COMPILED = 1.7
+"""Python compiles what it installs: a generous bound of what .pyc files add, over the sources' own size."""
+PI = [Target("aarch64", python) for python in PYTHONS]
+
+
+def resolved(target: Target, pip: Path, folder: Path) -> list[dict[str, Any]]:
+    """What pip would install on a robot, as it reports itself: it asks its package index.
+
+    `pip` is the wheel of the one that robots get. An older one that runs here may judge by this Python.
+    """
+    requirements = folder / "requirements.txt"
+    requirements.write_text("".join(f"{pin.line}\n" for pin in wheels.robot_pins(target)), encoding="utf-8")
+    asked = [sys.executable, f"{pip}/pip", "--disable-pip-version-check", "install", "--dry-run"]
+    asked += ["--ignore-installed", "--quiet", "--no-deps", "--require-hashes"]
+    report = folder / "report.json"
+    flags = [*target.flags, "--target", str(folder / "nowhere"), "--report", str(report)]
+    done = subprocess.run(
+        [*asked, *flags, "--requirement", str(requirements)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    found: list[dict[str, Any]] = json.loads(report.read_text(encoding="utf-8"))["install"]
+    return found
+
+
+def runs_on(target: Target, wheel: str) -> bool:
+    """Whether a wheel's name says that it runs on a target, by the rules of an independent library."""
+    version = tuple(map(int, target.python.split(".")))
+    interpreter = f"cp{version[0]}{version[1]}"
+    legal = {
+        *cpython_tags(version, [interpreter], target.tags),
+        *compatible_tags(version, interpreter, target.tags),
+    }
+    return bool(parse_wheel_filename(wheel)[3] & legal)
+
+
+@pytest.mark.parametrize("target", PI, ids=[target.python for target in PI])
+def test_every_dependency_of_a_robot_has_a_wheel_for_the_raspberry_pi(
+    target: Target, bundles: Path, tmp_path: Path
+) -> None:
+    found = resolved(target, next((bundles / "robot1" / "wheels").glob("pip-*.whl")), tmp_path)
+    names = [one["download_info"]["url"].rpartition("/")[2].partition("#")[0] for one in found]
+    assert len(names) == len(wheels.robot_pins(target))
+    assert all(name.endswith(".whl") and runs_on(target, name) for name in names), names
+    assert any(name.startswith("eclipse_zenoh-1.10.2-cp39-abi3-manylinux_2_28_aarch64") for name in names)
+
+
+def test_a_robots_install_takes_up_under_160_mb(tmp_path: Path) -> None:
+    target = Target("aarch64", "3.11")  # of all the largest
+    wheels.collect(target, tmp_path)
+    collected = [path for path in tmp_path.glob("*.whl") if not path.name.startswith("pip-")]
+    sources = 0
+    for path in collected:
+        with zipfile.ZipFile(path) as archive:
+            sources += sum(entry.file_size for entry in archive.infolist() if entry.filename.endswith(".py"))
+    unpacked = wheels.unpacked_size(collected)
+    assert 100e6 < unpacked + COMPILED * sources < ROOM, (unpacked, sources)
+    assert runs_on(target, max(collected, key=lambda path: path.stat().st_size).name)
+
+
+def test_what_is_collected_is_what_the_lock_pins_and_a_pip_and_the_project(bundles: Path) -> None:
+    folder = bundles / "robot1" / "wheels"
+    hashes = {wheels.digest(path): path.name for path in folder.glob("*.whl")}
+    pins = wheels.robot_pins(HERE)
+    for pin in pins:
+        assert pin.hashes & hashes.keys(), pin.name
+    (own,) = folder.glob("formation-*.whl")
+    assert len(hashes) == len(pins) + 1
+    lines = (folder / wheels.REQUIREMENTS).read_text(encoding="utf-8").splitlines()
+    assert lines[0] == f"formation==0.1.0 --hash=sha256:{wheels.digest(own)}"
+    assert len(lines) == len(pins)  # pip installs, it is not installed
+
+
+def test_every_robots_wheels_are_the_same_files(bundles: Path) -> None:
+    for wheel in (bundles / "robot1" / "wheels").glob("*.whl"):
+        assert wheel.samefile(bundles / "leader" / "wheels" / wheel.name)
+
+
+@pytest.mark.parametrize("python", PYTHONS)
+def test_markers_are_decided_for_the_robots_python_and_not_for_this_one(python: str) -> None:
+    pins = {pin.name: pin.version for pin in wheels.pins(LOCK, Target("aarch64", python))}
+    environment = {"python_version": python, "python_full_version": f"{python}.0"}
+    expected = {}
+    for line in LOCK.splitlines():
+        if line[:1].isalpha():
+            requirement = Requirement(line.removesuffix(" \\").strip())
+            if requirement.marker is None or requirement.marker.evaluate(environment):
+                expected[requirement.name] = str(requirement.specifier).removeprefix("==")
+    assert pins == expected
+    assert ("numpy", "2.4.6" if python == "3.11" else "2.5.5") in pins.items()
+
+
+def test_a_marker_about_anything_but_python_is_refused() -> None:
+    lock = "colorama==0.4.6 ; sys_platform == 'win32' \\\n    --hash=sha256:00\n"
+    with pytest.raises(Refusal, match="not about Python's version: sys_platform"):
+        wheels.pins(lock, PI[0])
+    with pytest.raises(Refusal, match="does not pin 'numpy>=2'"):
+        wheels.pins("numpy>=2\n", PI[0])
+
+
+@pytest.mark.parametrize("platform", PLATFORMS)
+def test_wheels_for_older_systems_fit_and_those_for_newer_or_other_ones_do_not(platform: str) -> None:
+    target = Target(platform, "3.12")
+    other = next(one for one in PLATFORMS if one != platform)
+    assert runs_on(target, f"a-1-cp312-cp312-manylinux2014_{platform}.whl")
+    assert runs_on(target, f"a-1-cp39-abi3-manylinux_2_28_{platform}.whl")
+    assert not runs_on(target, f"a-1-cp39-abi3-manylinux_2_34_{platform}.whl")
+    assert not runs_on(target, f"a-1-cp39-abi3-manylinux_2_28_{other}.whl")
+
+
+def test_wheels_of_an_earlier_bundle_are_taken_and_nothing_is_fetched(
+    bundles: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    before = sorted((bundles / "robot1" / "wheels").glob("*.whl"))
+    wheels.collect(HERE, tmp_path, before)
+    names = {path.name for path in before}
+    assert {path.name for path in tmp_path.glob("*.whl")} == names
+    taken = names - {next(tmp_path.glob("formation-*.whl")).name}
+    assert all((tmp_path / name).samefile(bundles / "robot1" / "wheels" / name) for name in taken)
+
+
+def test_without_an_index_it_says_for_what_there_are_no_wheels(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    with pytest.raises(Refusal, match=r"the wheels for Python 3\.12 on aarch64 cannot be fetched"):
+        wheels.collect(Target("aarch64", "3.12"), tmp_path)
+
+
+def test_the_same_checkout_makes_the_same_wheel(bundles: Path, tmp_path: Path) -> None:
+    again = wheels.project_wheel(tmp_path)
+    assert again.name == next((bundles / "robot1" / "wheels").glob("formation-*.whl")).name
+    first = wheels.digest(again)
+    again.unlink()
+    assert wheels.digest(wheels.project_wheel(tmp_path)) == first
+
+
+def test_the_projects_wheel_is_whole(bundles: Path) -> None:
+    (own,) = (bundles / "robot1" / "wheels").glob("formation-*.whl")
+    with zipfile.ZipFile(own) as archive:
+        names = set(archive.namelist())
+    for path in ("deploy/field/install.sh", "deploy/field/systemd/formation-guard.service"):
+        assert path in names
+    assert "deploy/lock/agent.txt" in names, "a robot's install could not make bundles"
+
+
+def test_an_installed_formation_is_packed_into_the_wheel_it_came_from(bundles: Path, tmp_path: Path) -> None:
+    (own,) = (bundles / "robot1" / "wheels").glob("formation-*.whl")
+    (pip,) = (bundles / "robot1" / "wheels").glob("pip-*.whl")
+    place, again = tmp_path / "place", tmp_path / "again"
+    command = [
+        sys.executable,
+        f"{pip}/pip",
+        "--isolated",
+        "--disable-pip-version-check",
+        "install",
+        "--quiet",
+    ]
+    command += ["--no-deps", "--no-index", "--root-user-action=ignore", "--target", str(place), str(own)]
+    subprocess.run(command, env=env.clean(os.environ), check=True)
+    again.mkdir()
+    (installed,) = importlib.metadata.distributions(name="formation", path=[str(place)])
+    packed = wheels.repack(installed, again)
+    assert contents(packed) == contents(own)
+    with zipfile.ZipFile(packed) as archive:
+        record = archive.read("formation-0.1.0.dist-info/RECORD").decode()
+    assert all(f"{name}," in record for name in contents(own))
+
+
+def contents(wheel: Path) -> dict[str, str]:
+    with zipfile.ZipFile(wheel) as archive:
+        names = (name for name in archive.namelist() if not name.endswith("/RECORD"))
+        return {name: hashlib.sha256(archive.read(name)).hexdigest() for name in names}
