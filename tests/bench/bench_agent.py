@@ -5,7 +5,7 @@ python -m tests.bench.bench_agent [--rounds N] [--seconds S] [--json]
 Three processes take turns every 20 ms, each a third of a period after the other:
 
 - agent: `python -m agent`, unmodified, with two neighbours and a monitor
-- copy:  a bare Zenoh script with the agent's links, keys, rates and messages that computes nothing
+- copy:  a bare Zenoh script with the agent's sessions, links, keys, rates and messages that computes nothing
 - echo:  the same script with one key to hear and one to answer on
 
 All three get the same odometry from this process and answer with a command. A latency is the time from `put`
@@ -44,7 +44,7 @@ PARTS = (
     "observer",
     "failsafe table",
     "law",
-    "encode command",
+    "encode command and sign of life",
     "encode position and order",
     "rest of the step",
     "command to the robot",
@@ -54,13 +54,13 @@ PARTS = (
 
 @contextmanager
 def surrounded(scene: Scene) -> Iterator[Bus]:
-    """The neighbours and the monitor, alive; the bus of the robots."""
+    """The neighbours and the monitor, alive; the bus of the robots, who are their own router."""
     others = subprocess.Popen(scene.surroundings(), stdout=subprocess.PIPE, stdin=subprocess.DEVNULL)
     try:
         assert others.stdout is not None
         if not others.stdout.readline():
             raise RuntimeError("the neighbours did not come up")
-        with Bus(BusConfig(listen=(scene.robot,))) as bus:
+        with Bus(BusConfig(listen=(scene.robot,), mode="router")) as bus:
             for robot in ROBOTS.values():
                 bus.advertise(ODOM, ODOM.key(robot))
                 bus.subscribe(CMD_VEL.key(robot))
@@ -135,7 +135,7 @@ def where_it_goes(profile: dict[str, Any], agent: Subject) -> dict[str, Any]:
             "observer": step.get("observer", 0.0),
             "failsafe table": step.get("failsafe", 0.0),
             "law": step.get("law", 0.0),
-            "encode command": step.get("encode Twist", 0.0),
+            "encode command and sign of life": step.get("encode Twist", 0.0) + step.get("encode Number", 0.0),
             "encode position and order": step.get("encode Pose", 0.0) + step.get("encode Order", 0.0),
         }
         whole = {

@@ -10,15 +10,16 @@ import json
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import agent.__main__
+import agent.commander
 import agent.core
 from agent import failsafe
-from agent.core import Agent
 from agent.localisation import Localisation
+from agent.loop import Sides
 from agent.neighbourhood import Neighbourhood
 from formation import order
 from formation.bus import Bus
@@ -53,15 +54,15 @@ class Profile:
 
         return timed
 
-    def step(self, inner: Callable[[Agent, Now, Sequence[Sample]], list[Outgoing]]) -> Callable[..., Any]:
-        """`Agent.step`, recorded if odometry drives it."""
+    def step(self, inner: Callable[[Sides, Now, Sequence[Sample]], Iterable[Outgoing]]) -> Callable[..., Any]:
+        """`Sides.step`, recorded if odometry drives it."""
 
-        def step(self_: Agent, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
+        def step(self_: Sides, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
             self._spent.clear()
             begin = time.monotonic()
-            outbox = inner(self_, now, inbox)
+            outbox = list(inner(self_, now, inbox))
             end = time.monotonic()
-            heard = [sample.arrived for sample in inbox if sample.key == ODOM.key(self_.robot)]
+            heard = [sample.arrived for sample in inbox if sample.key.endswith(ODOM.name)]
             if heard:
                 self.steps.append({"arrived": heard[-1], "begin": begin, "end": end, **self._spent})
             return outbox
@@ -81,13 +82,14 @@ def install(profile: Profile) -> None:
     """Put the stopwatches in."""
     profile.replace(agent.core, "decode", "decode")
     profile.replace(order, "decode", "decode")
-    profile.replace(agent.core, "encode", lambda message: f"encode {type(message).__name__}")
+    for module in (agent.core, agent.commander):
+        profile.replace(module, "encode", lambda message: f"encode {type(message).__name__}")
     profile.replace(order, "encode", "encode Order")
     profile.replace(failsafe, "decide", "failsafe")
     profile.replace(Neighbourhood, "measured", "law")
     profile.replace(Localisation, "take", "observer")
     vars(agent.core)["LAWS"] = {name: profile.timed(law, "law") for name, law in LAWS.items()}
-    setattr(Agent, Agent.step.__name__, profile.step(Agent.step))
+    setattr(Sides, Sides.step.__name__, profile.step(Sides.step))
     publish = Bus.publish
 
     def published(bus: Bus, key: str, payload: bytes, attachment: bytes | None = None) -> None:

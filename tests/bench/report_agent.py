@@ -32,9 +32,10 @@ def section(found: dict[str, Any]) -> str:
     rounds = f"{found['rounds']} rounds of {found['seconds']:g} s"
     return f"""Three processes take turns in the same run, on loopback, each at 50 Hz: the **agent**
 (`python -m agent`, unmodified, two neighbours at 50 Hz with a live order, a monitor that listens), a **copy**
-(bare Zenoh with the agent's links, keys, rates, sizes and quality of service, which computes nothing) and an
-**echo** (bare Zenoh, one key in, one out, straight in the callback). All have the same session settings: a
-sparse peer on one runtime thread. Each of the {rounds} starts all three anew.
+(bare Zenoh with the agent's sessions, links, keys, rates, sizes and quality of service, which computes
+nothing) and an **echo** (bare Zenoh, one key in, one out, straight in the callback). All have the same
+settings: a client of the robot's router and, but for the echo, a sparse peer in the fleet, on one runtime
+thread. Each of the {rounds} starts all three anew.
 
 {_targets(found)}
 {_latency(found)}

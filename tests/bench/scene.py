@@ -14,7 +14,8 @@ from formation.messages import encode
 from formation.mission_file import load
 from formation.order import Order, Told
 from formation.order import encode as encode_order
-from formation.topics import CMD_VEL, ODOM, POSITION, STATUS, TABLE
+from formation.ros_names import address
+from formation.topics import ALIVE, CMD_VEL, ODOM, POSITION, STATUS, Topic
 from formation.wire import Now, Outgoing, Sample
 from tests.bench import edge
 from tests.processes.child import free_endpoint
@@ -38,7 +39,7 @@ class Scene:
     def surroundings(self) -> list[str]:
         """Command line of the neighbours and the monitor."""
         monitored = {
-            endpoint: [t.key(ROBOTS[who]) for t in (CMD_VEL, POSITION, STATUS)]
+            endpoint: [t.key(ROBOTS[who]) for t in (ODOM, CMD_VEL, POSITION, STATUS)]
             for who, endpoint in self._listen.items()
         }
         plan = json.dumps([self.origin, self._neighbours, monitored])
@@ -57,7 +58,7 @@ class Scene:
         status = [out for out in self._outbox if out.key == STATUS.key(edge.FOLLOWER)]
         return self._bare(
             "copy",
-            BusConfig(listen=(self._listen["copy"],), connect=(*self._neighbours.values(), self.robot)),
+            BusConfig(listen=(self._listen["copy"],), connect=tuple(self._neighbours.values())),
             hears=[POSITION.key(robot) for robot in self._neighbours],
             answers=[out for out in self._outbox if out not in status],
             beside=status,
@@ -66,31 +67,41 @@ class Scene:
     def echo(self) -> list[str]:
         """Command line of the echo."""
         command = [out for out in self._outbox if out.key == CMD_VEL.key(edge.FOLLOWER)]
-        return self._bare("echo", BusConfig(connect=(self.robot,)), hears=[], answers=command, beside=[])
+        return self._bare("echo", None, hears=[], answers=command, beside=[])
 
     def _agent_arguments(self) -> list[str]:
-        dialled = [word for to in (*self._neighbours.values(), self.robot) for word in ("-e", to)]
+        dialled = [word for to in self._neighbours.values() for word in ("-e", to)]
         return [
             str(self.mission), "--robot", edge.FOLLOWER, "--log-level", "warning",
-            "-l", self._listen["agent"], *dialled,
+            "--robot-connect", self.robot, "-l", self._listen["agent"], *dialled,
         ]  # fmt: skip
 
     def _bare(
-        self, who: str, config: BusConfig, hears: list[str], answers: list[Outgoing], beside: list[Outgoing]
+        self,
+        who: str,
+        fleet: BusConfig | None,
+        hears: list[str],
+        answers: list[Outgoing],
+        beside: list[Outgoing],
     ) -> list[str]:
+        sides = {"robot": BusConfig(mode="client", connect=(self.robot,))} | (
+            {"fleet": fleet} if fleet else {}
+        )
+        repeat = [_row("fleet", ODOM, ROBOTS[who])]
         plan = {
-            "config": json.loads(str(_settings(config))),
+            "sides": {side: json.loads(str(_settings(config))) for side, config in sides.items()},
             "answer_to": ODOM.key(ROBOTS[who]),
             "hears": hears,
-            "answers": [_row(ROBOTS[who], out) for out in answers],
-            "beside": [_row(ROBOTS[who], out) for out in beside],
+            "answers": [row for row in _rows(ROBOTS[who], answers) if row["side"] in sides],
+            "repeats": [row for row in repeat if row["side"] in sides],
+            "beside": [row for row in _rows(ROBOTS[who], beside) if row["side"] in sides],
             "period": 0.5,
         }
         return [sys.executable, str(Path(__file__).with_name("bare.py")), json.dumps(plan)]
 
 
 def _one_step(mission_file: Path) -> list[Outgoing]:
-    """What an agent in formation control says in one step: command, position with order, status."""
+    """What an agent in formation control says in one step: command, sign of life, position, status."""
     mission = load(mission_file)
     agent = Agent(mission, edge.FOLLOWER)
     term, outbox = time.time_ns(), list[Outgoing]()
@@ -104,18 +115,30 @@ def _one_step(mission_file: Path) -> list[Outgoing]:
             for robot in (edge.LEADER, edge.NEIGHBOUR)
         ]
         odometry = Sample(ODOM.key(edge.FOLLOWER), encode(edge.odometry(0.0, now.wall)), None, now.mono)
-        outbox = agent.step(now, [*inbox, odometry])
+        outbox = list(agent.step(now, [*inbox, odometry]))
     return outbox
 
 
-def _row(robot: str, out: Outgoing) -> dict[str, Any]:
-    """An agent's message as `bare` wants it, in the name of another robot."""
-    topic = next(topic for topic in TABLE if out.key.endswith(f"/{topic.name}"))
+def _rows(robot: str, outbox: list[Outgoing]) -> list[dict[str, Any]]:
+    """An agent's messages as `bare` wants them, in another robot's name and the order of `agent.loop`."""
+    topics = [(address(out.key).topic, out) for out in outbox]
+    first = [_row(topic.side, topic, robot, out) for topic, out in topics]
+    then = [
+        _row("fleet" if topic.side == "robot" else "robot", topic, robot, out)
+        for topic, out in topics
+        if topic != ALIVE
+    ]
+    return first + then
+
+
+def _row(side: str, topic: Topic, robot: str, out: Outgoing | None = None) -> dict[str, Any]:
     assert topic.qos is not None
+    attachment = out.attachment if out and side == "fleet" else None  # ROS has none on the robot's side
     return {
+        "side": side,
         "key": topic.key(robot),
         "priority": topic.qos.priority,
         "express": topic.qos.express,
-        "payload": out.payload.hex(),
-        "attachment": (out.attachment or b"").hex(),
+        "payload": (out.payload if out else b"").hex(),
+        "attachment": (attachment or b"").hex(),
     }
