@@ -23,6 +23,7 @@ from typing import Any, Protocol, Self
 
 from formation.bus import Bus
 from formation.bus_config import BusConfig, BusError
+from formation.linger import Linger
 from formation.mailbox import Mailbox
 from formation.mission_file import MissionError
 from formation.notify import Notifier
@@ -150,6 +151,7 @@ class Process:
                 self._bus.close()
             raise
         self._notifier = Notifier(os.environ)
+        self._linger = Linger()
         stop.wakes(self.mailbox.wake)
 
     def __enter__(self) -> Self:
@@ -212,6 +214,7 @@ class Process:
                     _log.warning("no monitor after %g s; starting without", self._await_monitor)
                 return
             self._notifier.alive(now)
+            self._linger.tend(now)
             self.mailbox.serve()
             time.sleep(min(0.01, deadline - now))
 
@@ -228,6 +231,7 @@ class Process:
                 now = clocks()
                 send(core.step(now, self.mailbox.drain()))
                 self._notifier.alive(now.mono)
+                self._linger.tend(now.mono)
                 self.mailbox.wait(min(max(core.due - time.monotonic(), 0.0), WATCH))
         finally:
             send(core.halt(clocks(), self.stop.reason or "failed"))

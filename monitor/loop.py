@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from formation.bus import Bus
+from formation.linger import Linger
 from formation.process import Stop, clocks, say
 from formation.rate import Rate
 from formation.robot_bus import RobotBus
@@ -47,6 +48,7 @@ class Watch:
         """`stage` leads to simulated robots, `ros` to where ROS 2 wants the figures."""
         self._monitor, self._bus, self._recorder = monitor, bus, recorder
         self._stage, self._ros = stage, ros
+        self._linger = Linger()
 
     def declare(self) -> None:
         """Declare all that is published and listened to. Raises BusError."""
@@ -68,6 +70,7 @@ class Watch:
         while not stop:
             now = clocks()
             self._pump(now)
+            self._linger.tend(now.mono)
             if tell.tick(now.mono):
                 self._tell(now, snapshots=snapshots)
             time.sleep(PERIOD)
