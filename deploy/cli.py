@@ -42,6 +42,7 @@ COMMANDS = {
     "robot": Command("agent.robots.__main__", ALONE, "simulate one robot or several"),
     "monitor": Command("monitor.__main__", ALONE, "measure and record; moves nothing"),
     "deploy": Command("deploy.field.cli", FIELD, "bring a mission onto robots: certificates, bundles, push"),
+    "doctor": Command("deploy.doctor.cli", FIELD, "what is wrong with a robot or a team, and what to do"),
 }
 EXTRAS = {"rich": "monitor", "mcap": "monitor", "matplotlib": "plot", "cryptography": "field"}
 """The extra that brings a package which a robot does without."""

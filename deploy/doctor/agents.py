@@ -1,0 +1,120 @@
+"""Is there an agent for the robot, exactly one, with the right mission, and what has it refused?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+
+from deploy.doctor.facts import Examination, Facts, Finding
+
+Sign = tuple[float, float]
+"""When it arrived [s, monotonic], and the time since its agent's start that it says [s]."""
+SAME_START = 1.0
+"""Signs of life whose agents started within this are one agent's [s]: they come late by less."""
+REFUSED, VOICE = "refused ", "second voice "
+"""How keys of a status begin that tell of who was refused, and of two who speak for one robot."""
+
+
+def look(facts: Facts) -> Iterator[Finding]:
+    """Silent, or more than one."""
+    quiet = facts.status is not None and not facts.status.heard
+    if quiet and not facts.router_trouble and not _unreached(facts):
+        who = "leader" if facts.leads else "agent"
+        yield Finding(
+            f"{who}-silent",
+            f"its {who} says nothing: no status in {facts.seconds:g} s",
+            f"is it running? systemctl status formation-{who} there",
+        )
+    starts = two_starts(facts.alive or ())
+    if starts is not None:
+        yield Finding(
+            "agents-two",
+            f"two agents command this robot: one runs for {starts[0]:.0f} s, one for {starts[1]:.0f} s",
+            "end one of them: ps ax | grep 'formation agent' on this robot and on others",
+        )
+    elif facts.doubled:
+        yield Finding(
+            "agents-two",
+            f"two agents speak for it, as {', '.join(facts.doubled)} hears",
+            "end one of them; the second is not believed, but whichever started first is",
+        )
+
+
+def well(facts: Facts) -> str:
+    """What it says of itself."""
+    return f"says {facts.said.message}" if facts.said else ""
+
+
+def refusals(facts: Facts) -> Iterator[Finding]:
+    """Whom the agent refused: somebody tries what is not his."""
+    for key, count in _refused(facts).items():
+        yield Finding(
+            "refused",
+            f"its agent has refused {count} times: {key}",
+            "see who that is: an old certificate, a wrong mission, or somebody who does not belong here",
+        )
+    for key in facts.said.values if facts.said else ():
+        if key.startswith(VOICE):
+            name = key.removeprefix(VOICE)
+            yield Finding(
+                "neighbour-doubled", f"it hears two agents speak for {name}", f"end one of {name}'s"
+            )
+
+
+def refusals_well(facts: Facts) -> str:
+    """That there are none."""
+    return "none" if facts.said and not facts.leads else ""
+
+
+def mission(facts: Facts) -> Iterator[Finding]:
+    """Is the mission that is installed the one that was given?"""
+    if facts.installed_differs:
+        yield Finding(
+            "mission-differs",
+            f"the mission in {facts.installed_differs} is not the one that you gave",
+            "push it: formation deploy bundle, formation deploy push",
+        )
+
+
+def mission_well(facts: Facts) -> str:
+    """That it is."""
+    return "the one that is installed" if facts.installed_differs == "" else ""
+
+
+def two_starts(signs: Sequence[Sign]) -> tuple[float, float] | None:
+    """How long two agents have been running whose signs of life are mixed [s], the older first; else None.
+
+    An agent that was started anew while we listened has one start after the other, and they do not mix.
+    """
+    groups: list[list[Sign]] = []
+    for arrived, value in signs:
+        if value < 0.0:
+            continue  # a farewell
+        start = arrived - value
+        for group in groups:
+            if abs(group[-1][0] - group[-1][1] - start) < SAME_START:
+                group.append((arrived, value))
+                break
+        else:
+            groups.append([(arrived, value)])
+    for first, second in combinations(groups, 2):
+        if second[0][0] <= first[-1][0]:
+            ages = first[-1][1], second[-1][1]
+            return max(ages), min(ages)
+    return None
+
+
+def _refused(facts: Facts) -> dict[str, str]:
+    values = facts.said.values if facts.said else {}
+    return {key.removeprefix(REFUSED): value for key, value in values.items() if key.startswith(REFUSED)}
+
+
+def _unreached(facts: Facts) -> bool:
+    """At the desk: its agent could not even be dialled, which is said elsewhere."""
+    reached = facts.reached.get(facts.robot)
+    return reached is not None and reached.outcome != "ok"
+
+
+AGENT = Examination("agent", look, well)
+REFUSALS = Examination("refusals", refusals, refusals_well)
+MISSION = Examination("mission", mission, mission_well)

@@ -1,0 +1,144 @@
+"""`formation doctor`: names what is wrong with a robot or a team, and what to do. It moves nothing."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, TextIO
+
+from deploy.arguments import as_json, number, parser, read_mission
+from deploy.doctor import at_desk, at_robot, files, report
+from deploy.doctor.agents import AGENT, MISSION, REFUSALS
+from deploy.doctor.certificates import CERTIFICATES
+from deploy.doctor.clocks import CLOCKS
+from deploy.doctor.facts import examine
+from deploy.doctor.neighbours import NEIGHBOURS
+from deploy.doctor.odometry import ODOMETRY
+from deploy.doctor.robot_link import GUARD, ROBOT_LINK
+from deploy.field.fleet import PREFIX
+from deploy.refusal import Refusal
+from formation.mission import Mission
+from formation.wiring import endpoints
+
+EXAMPLES = """\
+  formation doctor                                           on a robot that formation is installed on
+  formation doctor field.toml --robot robot2 -c zenoh.json5  on a robot, by hand
+  formation doctor field.toml -c field/desk/operator.json5   at the desk: all robots, from outside
+
+With --robot (or without MISSION) this machine is that robot, and everything is looked at. Without it only
+what agents say of themselves, and whether they can be dialled. Nothing is published, so nothing moves.
+Exit code 0: healthy; 1: something is wrong, as named.
+"""
+EXAMINATIONS = (
+    AGENT, MISSION, ROBOT_LINK, GUARD, ODOMETRY, CLOCKS, NEIGHBOURS, CERTIFICATES, REFUSALS,
+)  # fmt: skip
+"""In the order in which they are told."""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Examine; the exit code."""
+    options = _options().parse_args(arguments)
+    current = options.prefix / "current"
+    if options.mission is None:
+        mission = read_mission(_installed(current / "mission.toml"))
+        robot = options.robot or _robot_of(current / "VERSION.json", mission)
+    else:
+        mission, robot = read_mission(options.mission), options.robot
+    checks = _desk(options, mission) if robot is None else _robot(options, mission, robot, current)
+    print(report.words(checks, _style(sys.stdout)))
+    if options.json:
+        print(as_json({"mission": mission.name, **report.as_object(checks)}))
+    return 0 if report.ok(checks) else 1
+
+
+def _robot(options: argparse.Namespace, mission: Mission, robot: str, current: Path) -> report.Checks:
+    if robot not in mission.followers:
+        raise Refusal(
+            f"--robot {robot!r}: must be a follower of {mission.name}: {', '.join(mission.followers)}"
+        )
+    config = options.config or (current / "zenoh.json5")
+    papers = files.papers_of(config) if options.config or config.is_file() else None
+    if options.certificates is not None:
+        papers = dict(files.papers_in(options.certificates, [robot])).get(robot, papers)
+    there = current / "mission.toml"
+    facts = at_robot.gather(
+        mission,
+        robot,
+        options.seconds,
+        papers,
+        there if there.is_file() else None,
+        options.robot_connect or endpoints(mission).robots[robot],
+    )
+    return {robot: examine(EXAMINATIONS, facts)}
+
+
+def _desk(options: argparse.Namespace, mission: Mission) -> report.Checks:
+    papers = None if options.config is None else files.papers_of(options.config)
+    facts = at_desk.gather(
+        mission, mission.names, options.seconds, options.config, papers, options.certificates
+    )
+    checks = {"desk": examine((CLOCKS, CERTIFICATES), at_desk.desk(mission, papers))}
+    checks.update((one.robot, examine(EXAMINATIONS, one)) for one in facts)
+    return {name: checked for name, checked in checks.items() if checked}
+
+
+def _installed(mission: Path) -> str:
+    if not mission.is_file():
+        raise Refusal(f"MISSION is missing, and none is installed here: there is no {mission}")
+    return str(mission)
+
+
+def _robot_of(version: Path, mission: Mission) -> str:
+    """Which robot this machine is, by what is installed on it."""
+    try:
+        said: Any = json.loads(version.read_text(encoding="utf-8"))
+        robot = str(said["robot"])
+    except (OSError, ValueError, KeyError, TypeError):
+        raise Refusal(f"{version} does not say which robot this is: say --robot NAME") from None
+    if robot == mission.leader:
+        raise Refusal("this is the leader's machine: say MISSION, and -c with the operator's configuration")
+    return robot
+
+
+def _style(stream: TextIO) -> report.Style:
+    if not (stream.encoding or "").lower().startswith("utf"):
+        return report.ASCII
+    return report.COLOUR if stream.isatty() else report.PLAIN
+
+
+def _options() -> argparse.ArgumentParser:
+    options = parser("doctor", "Name what is wrong, and what to do about it. Moves nothing.", EXAMPLES)
+    options.add_argument(
+        "mission", metavar="MISSION", nargs="?",
+        help="a TOML file, or the name of a shipped mission (default: the one that is installed here)",
+    )  # fmt: skip
+    options.add_argument("--robot", metavar="NAME", help="this machine is that robot")
+    options.add_argument(
+        "-c", "--config", metavar="FILE", type=Path,
+        help="Zenoh configuration: on a robot its agent's, for its certificates; at the desk the operator's",
+    )  # fmt: skip
+    options.add_argument(
+        "--certificates",
+        metavar="DIR",
+        type=Path,
+        help="examine these, made by `formation deploy certificates`",
+    )
+    options.add_argument(
+        "--seconds", metavar="S", type=number(0.5, 600.0), default=3.0, help="listen so long (default 3)"
+    )
+    options.add_argument(
+        "--robot-connect", metavar="ENDPOINT",
+        help="the robot's own bridge or router (default: the mission's robot_endpoint)",
+    )  # fmt: skip
+    options.add_argument(
+        "--prefix",
+        metavar="PATH",
+        type=Path,
+        default=PREFIX,
+        help=f"where it is installed (default {PREFIX})",
+    )
+    options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
+    return options

@@ -1,0 +1,98 @@
+"""Reads certificates with what Python itself has: a robot has no library for them."""
+
+from __future__ import annotations
+
+import ssl
+import stat
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from deploy.doctor.facts import Certificate
+from deploy.doctor.probe import Papers, common_name, context
+from deploy.refusal import Refusal
+from formation.bus import setting
+from formation.bus_config import BusError
+
+NO_CHECK_TIME = 0x20_0000
+"""OpenSSL's X509_V_FLAG_NO_CHECK_TIME: an expired certificate is to be read, too."""
+
+
+def papers_of(config: Path) -> Papers | None:
+    """What a Zenoh configuration proves its session with; None if it has no TLS. Raises Refusal."""
+    try:
+        tls = setting(config, "transport/link/tls")
+    except BusError as error:
+        raise Refusal(str(error)) from None
+    words = [
+        tls.get(one) for one in ("root_ca_certificate", "connect_certificate", "connect_private_key")
+    ] if tls else []  # fmt: skip
+    return Papers(*map(Path, words)) if words and all(words) else None
+
+
+def papers_in(folder: Path, names: Sequence[str]) -> Iterator[tuple[str, Papers]]:
+    """The papers of those of `names` that have any in `folder`, as `formation deploy certificates` made it.
+
+    Raises Refusal where nobody has.
+    """
+    found = {path.parent.name for path in folder.glob("*/certificate.pem")}
+    if not found:
+        raise Refusal(f"--certificates {folder}: holds none; `formation deploy certificates` makes them")
+    for name in names:
+        if name in found:
+            home = folder / name
+            yield name, Papers(home / "ca.pem", home / "certificate.pem", home / "key.pem")
+
+
+def read(name: str, papers: Papers) -> Certificate | None:
+    """The certificate of what should be `name`; None if this user may not read it."""
+    path, wanted = str(papers.certificate), name
+    try:
+        mode = stat.S_IMODE(papers.key.stat().st_mode)
+        shown = _shown(papers)
+    except PermissionError:
+        return None
+    except FileNotFoundError as error:
+        return Certificate(path=path, wanted=wanted, problem=f"{error.filename or 'a file'} is missing")
+    except ssl.SSLError as error:
+        return Certificate(path=path, wanted=wanted, problem=_trouble(error))
+    except OSError as error:
+        return Certificate(path=path, wanted=wanted, problem=error.strerror or str(error))
+    return Certificate(
+        path=path,
+        wanted=wanted,
+        name=common_name(shown),
+        begins=float(ssl.cert_time_to_seconds(str(shown["notBefore"]))),
+        ends=float(ssl.cert_time_to_seconds(str(shown["notAfter"]))),
+        mode=mode,
+    )
+
+
+def _shown(papers: Papers) -> dict[str, object]:
+    """What the certificate says, after it has proven itself as a client to a server of the same authority."""
+    server, client = context(papers, server=True), context(papers)
+    server.verify_flags |= NO_CHECK_TIME
+    client.check_hostname = False
+    client.verify_mode = ssl.CERT_NONE  # who only dials has no certificate for a server, which is well
+    one, other = ssl.MemoryBIO(), ssl.MemoryBIO()
+    ends = [
+        server.wrap_bio(one, other, server_side=True),
+        client.wrap_bio(other, one),
+    ]
+    done: set[int] = set()
+    while len(done) < len(ends):
+        for number, end in enumerate(ends):
+            try:
+                end.do_handshake()
+                done.add(number)
+            except ssl.SSLWantReadError:
+                continue
+    return dict(ends[0].getpeercert() or {})
+
+
+def _trouble(error: ssl.SSLError) -> str:
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return f"its authority does not vouch for it: {error.verify_message}"
+    reason = (error.reason or "").replace("_", " ").lower()
+    if "mismatch" in reason:
+        return "the key does not belong to it"
+    return f"it cannot be used: {reason or error}"

@@ -1,0 +1,341 @@
+"""Every examination of the doctor, both ways: it names what is wrong, and says nothing of what is well."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from deploy.cli import main
+from deploy.doctor import report
+from deploy.doctor.agents import two_starts
+from deploy.doctor.cli import EXAMINATIONS
+from deploy.doctor.facts import Certificate, Chrony, Facts, Heard, Party, Reached, Stream, examine
+from deploy.doctor.machine import read_tracking
+from formation.messages import Status
+from formation.mission_file import load
+
+TB3 = load("turtlebot3_pair")
+WALL = 1.8e9
+DAY = 86_400.0
+STAMPED, TWIST = "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Twist"
+
+
+def stream(
+    rate: float = 20.0, seconds: float = 3.0, behind: float = 0.002, frames: tuple[str, ...] = ("odom",)
+) -> Stream:
+    times = [k / rate for k in range(int(seconds * rate))]
+    heard = tuple(Heard(100.0 + t, WALL + t - behind, WALL + t) for t in times)
+    return Stream(heard, frozenset(frames))
+
+
+def paused(*pauses: float) -> Stream:
+    """20 Hz for 3 s, with pauses."""
+    at, heard = 0.0, []
+    waits = [*pauses, *[0.05] * round((3.0 - sum(pauses)) / 0.05)]
+    for wait in waits:
+        heard.append(Heard(100.0 + at, WALL + at, WALL + at))
+        at += wait
+    return Stream(tuple(heard), frozenset({"odom"}))
+
+
+def said(message: str = "run: in formation control", **values: str) -> Status:
+    usual = {"state": "run", "robot link": "connected", "age odometry": "0.012", "age leader": "0.031"}
+    more = {key.replace("_", " "): value for key, value in values.items()}
+    return Status("robot1: agent", 0, message, "robot1", {**usual, **more})
+
+
+def signs(start: float, *, begin: float = 0.0, end: float = 3.0) -> list[tuple[float, float]]:
+    """Signs of life of an agent that started `start` seconds before we listened."""
+    moments = [begin + k / 20.0 for k in range(int((end - begin) * 20.0))]
+    return [(100.0 + t, start + t) for t in moments]
+
+
+HEALTHY = Facts(
+    mission=TB3,
+    robot="robot1",
+    on_robot=True,
+    wall=WALL,
+    seconds=3.0,
+    odometry=stream(),
+    position=stream(),
+    status=stream(2.0),
+    said=said(),
+    alive=tuple(signs(50.0)),
+    router="tcp/127.0.0.1:7447",
+    routed=True,
+    guarded=True,
+    guard_unit="active",
+    listeners=(Party("turtlebot3_node", STAMPED, "ab"),),
+    speakers=(Party("formation_agent", STAMPED, "cd"),),
+    reached={"leader": Reached("tls/192.168.1.10:7460", "ok", name="leader")},
+    certificates=(
+        Certificate(path="c.pem", wanted="robot1", name="robot1", begins=WALL - DAY, ends=WALL + 29 * DAY),
+    ),
+    chrony=Chrony(0.000_04, synchronised=True),
+    installed_differs="",
+)
+DESK = replace(
+    HEALTHY,
+    on_robot=False, odometry=None, position=None, alive=None, router=None, routed=None, guarded=None,
+    guard_unit=None, listeners=(), speakers=(), installed_differs=None,
+    reached={"robot1": Reached("tls/192.168.1.11:7460", "ok", name="robot1")},
+)  # fmt: skip
+
+
+def found(facts: Facts) -> dict[str, str]:
+    """Sentences of all that is wrong, by name."""
+    return {
+        finding.name: finding.sentence
+        for checked in examine(EXAMINATIONS, facts)
+        for finding in checked.findings
+    }
+
+
+@pytest.mark.parametrize("facts", [HEALTHY, DESK])
+def test_of_what_is_well_nothing_is_said(facts: Facts) -> None:
+    assert found(facts) == {}
+
+
+def test_everything_is_looked_at_on_a_robot_and_each_says_what_it_saw() -> None:
+    assert [checked.title for checked in examine(EXAMINATIONS, HEALTHY)] == [
+        "agent", "mission", "robot", "guard", "odometry", "clock", "network", "certificate", "refusals",
+    ]  # fmt: skip
+    assert all(checked.seen for checked in examine(EXAMINATIONS, HEALTHY))
+
+
+ILLS: dict[str, tuple[Mapping[str, Any], str, str]] = {
+    "odometry stamped late": (
+        {"odometry": stream(behind=0.4)},
+        "clock-offset",
+        "odometry is stamped 0.4 s ago",
+    ),
+    "odometry stamped ahead": ({"odometry": stream(behind=-5.0)}, "clock-offset", "stamped 5 s ahead"),
+    "position stamped late": ({"position": stream(behind=0.2)}, "clock-offset", "its position is stamped"),
+    "neighbour's clock": (
+        {"said": said(clock_leader="stamped -0.300 s before it came")},
+        "clock-doubted",
+        "does not believe the stamps of leader",
+    ),
+    "chrony without server": (
+        {"chrony": Chrony(0.0, synchronised=False)},
+        "clock-unsynchronised",
+        "no time server",
+    ),
+    "chrony still far off": ({"chrony": Chrony(-0.7, synchronised=True)}, "clock-not-settled", "0.7 s from"),
+    "no odometry": ({"odometry": Stream()}, "odometry-silent", "no odometry in 3 s"),
+    "slow odometry": ({"odometry": stream(8.0)}, "odometry-slow", "at 8 Hz instead of 20 Hz"),
+    "fast odometry": ({"odometry": stream(40.0)}, "odometry-fast", "at 40 Hz instead of 20 Hz"),
+    "irregular odometry": ({"odometry": paused(0.2, 0.3)}, "odometry-irregular", "paused 2 times in 3 s"),
+    "two odometries": (
+        {"odometry": stream(frames=("odom", "map"))},
+        "odometry-frames",
+        "several frames: map, odom",
+    ),
+    "unreadable odometry": (
+        {"odometry": replace(stream(), bad=("orientation has length 0, must be 1",))},
+        "odometry-unreadable",
+        "orientation has length 0",
+    ),
+    "no pose from outside": ({"pose": Stream()}, "pose-silent", "no pose from outside in 3 s"),
+    "neighbour refuses": (
+        {"reached": {"leader": Reached("tls/h:1", "refused")}},
+        "unreachable",
+        "the leader at tls/h:1 refuses",
+    ),
+    "no route": (
+        {"reached": {"robot2": Reached("tls/h:1", "no route")}},
+        "unreachable",
+        "robot2's agent at tls/h:1",
+    ),
+    "no answer": ({"reached": {"robot2": Reached("tls/h:1", "no answer")}}, "unreachable", "does not answer"),
+    "unknown name": (
+        {"reached": {"robot2": Reached("tls/h:1", "unknown name")}},
+        "unreachable",
+        "knows its name",
+    ),
+    "no TLS": ({"reached": {"robot2": Reached("tls/h:1", "no TLS")}}, "unreachable", "does not speak TLS"),
+    "untrusted": (
+        {"reached": {"robot2": Reached("tls/h:1", "untrusted", "certificate has expired")}},
+        "unreachable",
+        "not to be trusted (certificate has expired)",
+    ),
+    "turned away": (
+        {"reached": {"robot2": Reached("tls/h:1", "turned away", "unknown ca")}},
+        "unreachable",
+        "refuses our certificate (unknown ca)",
+    ),
+    "addresses mixed up": (
+        {"reached": {"robot2": Reached("tls/h:1", "ok", name="robot1")}},
+        "neighbour-misnamed",
+        "where robot2 should be, robot1 answers",
+    ),
+    "silent neighbour": (
+        {"said": said(age_leader="7.300")},
+        "neighbour-silent",
+        "leader has been silent for 7.3 s",
+    ),
+    "no router": (
+        {
+            "router_trouble": "nobody",
+            "routed": None,
+            "guarded": None,
+            "odometry": Stream(),
+            "status": Stream(),
+        },
+        "router-missing",
+        "nothing answers at tcp/127.0.0.1:7447",
+    ),
+    "route lost": ({"routed": False, "listeners": ()}, "route-lost", "nobody listens to cmd_vel"),
+    "wrong type": (
+        {"routed": False, "listeners": (Party("turtlebot3_node", TWIST, "ab"),)},
+        "cmd-vel-type",
+        "turtlebot3_node takes Twist on cmd_vel, but is sent TwistStamped",
+    ),
+    "somebody else drives": (
+        {"speakers": (*HEALTHY.speakers, Party("teleop_twist_keyboard", STAMPED, "ef"))},
+        "cmd-vel-contested",
+        "teleop_twist_keyboard publishes on cmd_vel as well",
+    ),
+    "no guard": ({"guarded": False, "guard_unit": None}, "guard-down", "no guard listens"),
+    "guard failed": ({"guard_unit": "failed"}, "guard-down", "systemd calls it failed"),
+    "agent silent": ({"status": Stream(), "said": None, "alive": ()}, "agent-silent", "no status in 3 s"),
+    "two agents": (
+        {"alive": tuple(sorted(signs(50.0) + signs(7.0)))},
+        "agents-two",
+        "one runs for 53 s, one for 10 s",
+    ),
+    "second voice": ({"doubled": ("robot2",)}, "agents-two", "two agents speak for it, as robot2 hears"),
+    "second voice of a neighbour": (
+        {"said": said(second_voice_robot2="two agents speak for it")},
+        "neighbour-doubled",
+        "speak for robot2",
+    ),
+    "refusals": (
+        {"said": said(**{"refused_put robot3/position": "12"})},
+        "refused",
+        "refused 12 times: put robot3/position",
+    ),
+    "another mission": (
+        {"installed_differs": "/opt/m.toml"},
+        "mission-differs",
+        "in /opt/m.toml is not the one",
+    ),
+}
+
+
+@pytest.mark.parametrize("ill", ILLS)
+def test_each_ill_is_named_and_nothing_else_with_it(ill: str) -> None:
+    changes, name, sentence = ILLS[ill]
+    sentences = found(replace(HEALTHY, **changes))
+    assert list(sentences) == [name]
+    assert sentence in sentences[name]
+
+
+CERTIFICATES: dict[str, tuple[Mapping[str, Any], str]] = {
+    "certificate-expires": ({"begins": WALL - 25 * DAY, "ends": WALL + 5 * DAY}, "c.pem expires in 5 days"),
+    "certificate-expired": ({"ends": WALL - 60.0}, "c.pem has expired on 2027-01-15 07:59 UTC"),
+    "certificate-not-yet-valid": ({"begins": WALL + 7200.0}, "becomes valid in 2.0 hours"),
+    "certificate-name": ({"name": "robot2"}, "is the certificate of 'robot2', not of 'robot1'"),
+    "certificate-unusable": ({"problem": "the key does not belong to it"}, "c.pem: the key does not belong"),
+    "key-readable": ({"mode": 0o644}, "readable by others (mode 644)"),
+}
+
+
+@pytest.mark.parametrize("name", CERTIFICATES)
+def test_each_fault_of_a_certificate_is_named(name: str) -> None:
+    changes, sentence = CERTIFICATES[name]
+    assert HEALTHY.certificates is not None
+    sentences = found(replace(HEALTHY, certificates=(replace(HEALTHY.certificates[0], **changes),)))
+    assert list(sentences) == [name]
+    assert sentence in sentences[name]
+
+
+def test_a_pause_may_happen_once_and_a_group_may_read_a_key() -> None:
+    assert HEALTHY.certificates is not None
+    shared = replace(HEALTHY.certificates[0], mode=0o640)
+    assert found(replace(HEALTHY, odometry=paused(0.2), certificates=(shared,))) == {}
+
+
+def test_odometry_in_its_own_frame_is_wrong_only_where_the_mission_takes_it_for_the_worlds() -> None:
+    def with_frame(frame: str) -> Facts:
+        spec = TB3.robots["robot1"].model_copy(update={"odometry_frame": frame})
+        mission = TB3.model_copy(update={"robots": {**TB3.robots, "robot1": spec}})
+        return replace(HEALTHY, mission=mission, odometry=stream(frames=("robot1/odom",)))
+
+    assert list(found(with_frame("world"))) == ["odometry-frame"]
+    assert found(with_frame("start")) == {}
+
+
+def test_at_the_desk_an_agent_that_cannot_be_dialled_is_not_called_silent_besides() -> None:
+    nothing = replace(DESK, status=Stream(), said=None)
+    assert list(found(nothing)) == ["agent-silent"]
+    refused = replace(nothing, reached={"robot1": Reached("tls/h:1", "refused")})
+    assert list(found(refused)) == ["unreachable"]
+    told = replace(DESK, said=said(robot_link="no listener on cmd_vel: the bridge's route is lost"))
+    assert list(found(told)) == ["route-lost"]
+
+
+def test_a_neighbour_that_was_never_heard_is_named() -> None:
+    values = {key: value for key, value in said().values.items() if key != "age leader"}
+    assert found(replace(HEALTHY, said=replace(said(), values=values))) == {
+        "neighbour-silent": "its neighbour leader has never been heard"
+    }
+
+
+def test_one_agent_after_the_other_is_not_two_at_once() -> None:
+    one_after_the_other = [*signs(50.0, end=1.0), (101.0, -1.0), *signs(-1.5, begin=1.5)]
+    assert two_starts(one_after_the_other) is None
+    assert two_starts(sorted(one_after_the_other + signs(20.0, begin=0.5))) is not None
+    late = [(arrived + 0.3 * (k % 7 == 0), value) for k, (arrived, value) in enumerate(signs(50.0))]
+    assert two_starts(sorted(late)) is None
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        (
+            "C0A8010A,192.168.1.10,3,1.7e9,-0.000012345,0.00001,0.00002,-1.2,0.0,0.1,0.01,0.001,16.0,Normal",
+            Chrony(-0.000012345, synchronised=True),
+        ),
+        (
+            "00000000,,0,0.0,0.0,0.0,0.0,0.0,0.0,0.0,1.0,1.0,0.0,Not synchronised",
+            Chrony(0.0, synchronised=False),
+        ),
+        ("506 Cannot talk to daemon", None),
+    ],
+)
+def test_what_chrony_says_is_read(line: str, says: Chrony | None) -> None:
+    assert read_tracking(line) == says
+
+
+def test_the_report_fits_eighty_columns_and_names_robot_sentence_and_remedy() -> None:
+    ill = replace(
+        HEALTHY, routed=False, listeners=(), installed_differs="/opt/formation/current/mission.toml"
+    )
+    said = report.words({"robot1": examine(EXAMINATIONS, ill), "robot2": examine(EXAMINATIONS, HEALTHY)})
+    assert max(map(len, said.splitlines())) <= 80
+    assert said.splitlines()[0] == "robot1"
+    assert "  ✗ robot        nobody listens to cmd_vel: the bridge has lost its route, or\n" in said
+    assert "                 → restart the bring-up and the bridge together\n" in said
+    assert said.splitlines()[-1] == "2 things are wrong: robot1"
+    assert report.words({"robot2": examine(EXAMINATIONS, HEALTHY)}).endswith("\nhealthy: nothing is wrong")
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["--prefix", "/nowhere"], "MISSION is missing, and none is installed here"),
+        (["turtlebot3_pair", "--robot", "robot9"], "--robot 'robot9': must be a follower of turtlebot3-pair"),
+        (["turtlebot3_pair", "--robot", "leader"], "--robot 'leader': must be a follower"),
+        (["no_such_mission"], "no such file"),
+        (["turtlebot3_pair", "-c", "/nowhere.json5"], "--config '/nowhere.json5'"),
+    ],
+)
+def test_what_cannot_be_examined_is_refused_in_a_sentence(
+    words: list[str], why: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["doctor", *words]) == 2
+    assert why in capsys.readouterr().err

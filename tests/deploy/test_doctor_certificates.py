@@ -1,0 +1,183 @@
+"""Certificates as the doctor reads them, and what comes of dialling: real files and real handshakes."""
+
+from __future__ import annotations
+
+import socket
+import ssl
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from deploy.doctor import files
+from deploy.doctor.probe import Papers, context, reach
+from deploy.field import authority
+from deploy.field.authority import Pair
+from deploy.refusal import Refusal
+from tests.processes.child import free_endpoint
+
+NOW = datetime.now(UTC)
+HERE = "127.0.0.1"
+
+
+@pytest.fixture(scope="module")
+def root() -> Pair:
+    return authority.new_authority("formation pair", 365.0, NOW - timedelta(days=100))
+
+
+def papers(folder: Path, root: Pair, name: str = "robot1", *, days: float = 30.0, ago: float = 0.0) -> Papers:
+    """Papers of a process that were issued `ago` days ago for `days`."""
+    pair = authority.issue(root, name, HERE, days, NOW - timedelta(days=ago))
+    home = folder / name
+    home.mkdir()
+    (home / "ca.pem").write_bytes(root.certificate_pem)
+    (home / "certificate.pem").write_bytes(pair.certificate_pem)
+    (home / "key.pem").touch(mode=0o600)
+    (home / "key.pem").write_bytes(pair.key_pem)
+    return Papers(home / "ca.pem", home / "certificate.pem", home / "key.pem")
+
+
+def test_a_certificate_is_read_without_a_library_for_it(tmp_path: Path, root: Pair) -> None:
+    read = files.read("robot1", papers(tmp_path, root))
+    assert read is not None
+    assert (read.name, read.wanted, read.problem, read.mode) == ("robot1", "robot1", "", 0o600)
+    assert read.ends == pytest.approx((NOW + timedelta(days=30)).timestamp(), abs=1.0)
+    assert read.begins == pytest.approx((NOW - authority.EARLY).timestamp(), abs=1.0)
+
+
+@pytest.mark.parametrize("ago", [60.0, -10.0])
+def test_one_that_is_not_valid_now_is_read_all_the_same(tmp_path: Path, root: Pair, ago: float) -> None:
+    read = files.read("robot1", papers(tmp_path, root, ago=ago))
+    assert read is not None
+    assert (read.name, read.problem) == ("robot1", "")
+    assert (read.begins <= NOW.timestamp() < read.ends) is False
+
+
+def test_one_for_dialling_only_is_as_good(tmp_path: Path, root: Pair) -> None:
+    mine = papers(tmp_path, root, "operator")
+    pair = authority.issue(root, "operator", None, 30.0, NOW)
+    mine.certificate.write_bytes(pair.certificate_pem)
+    mine.key.write_bytes(pair.key_pem)
+    read = files.read("operator", mine)
+    assert read is not None
+    assert (read.name, read.problem) == ("operator", "")
+
+
+def test_what_makes_a_certificate_useless_is_named(tmp_path: Path, root: Pair) -> None:
+    mine = papers(tmp_path, root)
+    other = papers(tmp_path, root, "robot2")
+    (tmp_path / "rogue").mkdir()
+    rogue = papers(tmp_path / "rogue", authority.new_authority("formation pair", 365.0, NOW))
+
+    def problem(one: Papers) -> str:
+        read = files.read("robot1", one)
+        assert read is not None
+        return read.problem
+
+    assert problem(mine._replace(key=other.key)) == "the key does not belong to it"
+    assert problem(rogue._replace(trusted=mine.trusted)).startswith("its authority does not vouch for it")
+    assert problem(mine._replace(key=mine.key.with_name("gone"))).endswith("gone is missing")
+    mine.certificate.write_text("no certificate", encoding="utf-8")
+    assert problem(mine).startswith("it cannot be used")
+
+
+def test_what_a_zenoh_configuration_and_a_folder_say_of_papers(tmp_path: Path, root: Pair) -> None:
+    mine = papers(tmp_path, root)
+    config = tmp_path / "zenoh.json5"
+    config.write_text(
+        f"// as it is made\n{{transport: {{link: {{tls: {{root_ca_certificate: '{mine.trusted}', "
+        f"connect_certificate: '{mine.certificate}', connect_private_key: '{mine.key}'}}}}}}}}",
+        encoding="utf-8",
+    )
+    assert files.papers_of(config) == mine
+    config.write_text("{mode: 'peer'}", encoding="utf-8")
+    assert files.papers_of(config) is None
+    assert dict(files.papers_in(tmp_path, ["robot1", "robot2"])) == {"robot1": mine}
+    with pytest.raises(Refusal, match="holds none"):
+        list(files.papers_in(tmp_path / "robot1", ["robot1"]))
+    with pytest.raises(Refusal, match=r"nowhere\.json5"):
+        files.papers_of(tmp_path / "nowhere.json5")
+
+
+@contextmanager
+def served(answer: ssl.SSLContext | bytes | None) -> Iterator[str]:
+    """A server that greets one who dials: with TLS, with bytes, or not at all; its address and port."""
+    with socket.create_server((HERE, 0)) as server:
+
+        def greet() -> None:
+            link, _ = server.accept()
+            with link:
+                if isinstance(answer, bytes):
+                    link.sendall(answer)
+                elif answer is not None:
+                    try:
+                        with answer.wrap_socket(link, server_side=True) as secure:
+                            secure.settimeout(20.0)
+                            secure.recv(1)  # until the other side has gone
+                    except OSError:
+                        return
+                else:
+                    link.settimeout(20.0)
+                    while link.recv(4096):
+                        pass
+
+        greeting = threading.Thread(target=greet, daemon=True)
+        greeting.start()
+        yield f"{HERE}:{server.getsockname()[1]}"
+        greeting.join(20.0)
+
+
+def test_an_agent_that_trusts_us_and_whom_we_trust_is_reached_by_name(tmp_path: Path, root: Pair) -> None:
+    mine, theirs = papers(tmp_path, root), papers(tmp_path, root, "robot2")
+    with served(context(theirs, server=True)) as where:
+        reached = reach(f"tls/{where}", mine)
+    assert (reached.outcome, reached.name) == ("ok", "robot2")
+
+
+def test_each_way_not_to_be_reached_is_told_apart(tmp_path: Path, root: Pair) -> None:
+    (tmp_path / "rogue").mkdir()
+    mine, theirs = papers(tmp_path, root), papers(tmp_path, root, "robot2")
+    rogue = papers(tmp_path / "rogue", authority.new_authority("formation pair", 365.0, NOW), "robot2")
+    with served(context(rogue, server=True)) as where:
+        assert reach(f"tls/{where}", mine).outcome == "untrusted"
+    with served(context(theirs, server=True)) as where:
+        turned_away = reach(f"tls/{where}", rogue._replace(trusted=theirs.trusted))
+    assert (turned_away.outcome, turned_away.said) == ("turned away", "unknown ca")
+    with served(b"HTTP/1.1 400 Bad Request\r\n\r\n") as where:
+        assert reach(f"tls/{where}", mine).outcome == "no TLS"
+    assert reach(free_endpoint(), None).outcome == "refused"
+    assert reach("tls/robot9.invalid:7460", mine).outcome == "unknown name"
+
+
+def test_an_expired_certificate_of_ours_is_turned_away_and_one_of_theirs_not_trusted(
+    tmp_path: Path, root: Pair
+) -> None:
+    (tmp_path / "old").mkdir()
+    good, late = papers(tmp_path, root), papers(tmp_path / "old", root, ago=40.0)
+    with served(context(good, server=True)) as where:
+        reached = reach(f"tls/{where}", late)
+    assert (reached.outcome, reached.said) == ("turned away", "certificate expired")
+    with served(context(late, server=True)) as where:
+        reached = reach(f"tls/{where}", good)
+    assert (reached.outcome, reached.said) == ("untrusted", "certificate has expired")
+
+
+def test_who_accepts_and_never_answers_does_not_keep_us(
+    tmp_path: Path, root: Pair, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("deploy.doctor.probe.PATIENCE", 0.2)
+    with served(None) as where:
+        assert reach(f"tls/{where}", papers(tmp_path, root)).outcome == "no answer"
+
+
+def test_a_key_that_this_user_may_not_read_is_not_judged(
+    tmp_path: Path, root: Pair, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def forbidden(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("deploy.doctor.files.context", forbidden)  # for root may read everything
+    assert files.read("robot1", papers(tmp_path, root)) is None
