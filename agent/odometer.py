@@ -14,7 +14,7 @@ from agent.sighting import Sighting
 from formation.heading import Travel
 from formation.messages import Odometry
 from formation.mission import Mission
-from formation.plane import angle_between, clip
+from formation.plane import angle_between
 from formation.unicycle import advance
 
 JUMP_MARGIN = 0.1
@@ -114,14 +114,19 @@ class Odometer:
     def _realign(self, last: Odometry, now: Odometry, over: float) -> complex:
         """Have `now` be where `last` led to; the turn meanwhile."""
         position, heading = self._placed(last)
-        speed = float(clip(last.speed, self._limits.max_speed))
-        turn_rate = float(clip(last.turn_rate, self._limits.max_turn_rate))
+        speed = _believable(last.speed, self._limits.max_speed)
+        turn_rate = _believable(last.turn_rate, self._limits.max_turn_rate)
         there, facing = advance(position, heading, speed, turn_rate, over)
         rotation = facing / now.heading
         self._rotation = rotation / abs(rotation)
         self._origin = complex(there - self._rotation * now.position)
         self.realigned += 1
         return complex(facing / heading)
+
+
+def _believable(rate: float, most: float) -> float:
+    """`rate`, or rest where no robot of this limit goes so fast."""
+    return rate if abs(rate) <= 1.5 * most else 0.0
 
 
 def _begun_anew(last: Odometry, now: Odometry, travel: Travel) -> str | None:

@@ -34,22 +34,24 @@ class Grid(NamedTuple):
 
     step: Reals
     """[m/s] or [rad/s]; 0 where the robot takes any number."""
+    limit: Reals
+    """[m/s] or [rad/s]"""
     most: Reals
-    """The largest multiple within the limit, in steps."""
+    """The largest multiple within the limit, in steps: what the robot makes of the limit itself."""
 
     @staticmethod
     def of(step: Reals, limit: Reals) -> Grid:
         """The multiples of `step` within ± `limit`."""
         width = np.where(step > 0.0, step, 1.0)
-        most = np.floor(limit / width)
-        return Grid(step, np.where(most * width * LONGER > limit, most - 1.0, most)[()])
+        return Grid(step, limit, np.minimum(np.floor(limit / width), np.floor(limit * (1.0 / width))))
 
     def nearest(self, wanted: Reals) -> tuple[Any, Any]:
         """The nearest legal number to `wanted`, and what remains, at most one step."""
         width = np.where(self.step > 0.0, self.step, 1.0)
         sent = clip(np.rint(wanted / width), self.most) * width + 0.0  # no negative zero
         coarse, remainder = self.step > 0.0, clip(wanted - sent, width)
-        return np.where(coarse, sent * LONGER, wanted)[()], np.where(coarse, remainder, 0.0)[()]
+        survives = clip(sent * LONGER, self.limit)
+        return np.where(coarse, survives, wanted)[()], np.where(coarse, remainder, 0.0)[()]
 
 
 class Quantiser(NamedTuple):

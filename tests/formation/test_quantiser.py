@@ -99,12 +99,20 @@ def test_a_robot_that_takes_any_number_gets_what_is_wanted(wanted: Command) -> N
 
 
 @given(st.floats(1e-3, 10.0), st.floats(1e-3, 10.0))
-@example(0.01, 0.29)
+@example(0.01, 0.29)  # which is cut to 0.28
+@example(0.01, 0.2)
 @example(0.1, 0.3)
-def test_the_largest_multiple_is_within_the_limit_and_the_next_is_not(step: float, limit: float) -> None:
-    grid = Grid.of(step, limit)
-    assert grid.most * step * LONGER <= limit
-    assert (grid.most + 1) * step * LONGER > limit
+@example(0.2, 0.2)
+def test_at_the_limit_the_robot_is_sent_the_largest_multiple_that_survives(step: float, limit: float) -> None:
+    value, _ = Grid.of(step, limit).nearest(limit)
+    number = math.trunc(value / step)
+    assert value <= limit
+    assert number == math.trunc(value * (1.0 / step)) == round(value / step)
+    assert (number + 1) * step * LONGER > limit
+
+
+def test_a_limit_that_is_a_multiple_is_reached() -> None:
+    assert Grid.of(0.01, 0.2).nearest(0.2)[0] == 0.2
 
 
 def test_many_robots_at_once_get_what_each_would_get_alone() -> None:
