@@ -8,13 +8,17 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 from formation.wiring import Endpoints
+from tests.field.namespaces import Field, Running
 from tests.processes.child import Child, free_endpoint, started
 from tests.processes.guarded import ROBOTS, ROUNDS, WITHIN, Runs, Team, told, tries
 from tests.processes.relay import Relay
@@ -87,3 +91,52 @@ def test_the_robot_of_an_agent_whose_links_are_cut_stands_within_0_3_s_20_of_20_
 
         took = tries(team, lambda name: cables[name].cut(), mend)
         report("fleet links cut", took)
+
+
+class Elsewhere:
+    """Every agent on a computer of its own; the robots with their guards, and the leader, on one each."""
+
+    def __init__(self, field: Field) -> None:
+        self.computers = {name: field.computer(name) for name in ("robots", "leader", *ROBOTS)}
+        address = {name: computer.address for name, computer in self.computers.items()}
+        self.where = Endpoints(
+            {"robot1": f"tcp/{address['leader']}:7460"} | {n: f"tcp/{address[n]}:7460" for n in ROBOTS},
+            {n: f"tcp/{address['robots']}:{7660 + i}" for i, n in enumerate(ROBOTS)},
+        )
+
+    def __call__(self, name: str, module: str, arguments: list[str]) -> Runs:
+        computer = self.computers.get(name, self.computers["robots"])
+        running: Running = computer.start(sys.executable, "-m", module, *arguments)
+        return running
+
+
+@pytest.mark.namespaces
+def test_the_robot_of_an_agent_that_is_unplugged_stands_within_0_3_s_20_of_20_times(tmp_path: Path) -> None:
+    with Field() as field:
+        there = Elsewhere(field)
+        team = Team(there, tmp_path, there.where)
+        team.start(*ROBOTS)
+
+        def plug(*names: str) -> None:
+            for name in names:
+                there.computers[name].plug()
+
+        report("unplugged", tries(team, lambda name: there.computers[name].unplug(), plug))
+
+
+@pytest.mark.namespaces
+def test_an_agent_that_is_unplugged_costs_the_other_robots_nothing(tmp_path: Path) -> None:
+    with Field() as field:
+        there = Elsewhere(field)
+        team = Team(there, tmp_path, there.where)
+        team.start(*ROBOTS)
+        lost, *others = ROBOTS
+        before = time.time()
+        there.computers[lost].unplug()
+        team.wheels.until(lambda: time.time() > before + 4.0, "four leases and more")
+        there.computers[lost].plug()
+        team.settle(lost)
+        for name in others:
+            drove = [one for one in team.wheels.moving[name] if one.stamp > before]
+            assert min(one.speed for one in drove) > 0.1, f"{name} stood"
+            assert max(later.stamp - earlier.stamp for earlier, later in pairwise(drove)) < 0.3
