@@ -1,0 +1,64 @@
+"""Bundles whose packages are empty, so that a test can install many of them."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+from deploy.field import bundle, wheels
+
+MODULES = {
+    "numpy.py": "",
+    "pydantic.py": "",
+    "rosbags.py": "",
+    "zenoh.py": "",
+    "formation/__init__.py": "",
+    "formation/mission_file.py": """
+import tomllib, types
+
+def load(path):
+    with open(path, "rb") as file:
+        return types.SimpleNamespace(robots=tomllib.load(file)["robots"])
+""",
+}
+META = {
+    "METADATA": "Metadata-Version: 2.1\nName: formation\nVersion: 0.1.0\n",
+    "WHEEL": "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
+}
+
+
+def light(whole: Path, folder: Path, modules: Mapping[str, str] | None = None, **facts: str) -> Path:
+    """A robot's bundle like `whole`, but with stand-ins for its packages; `facts` go to its VERSION.json."""
+    shutil.copytree(whole, folder, ignore=shutil.ignore_patterns("*.whl", bundle.VERSION))
+    (pip,) = (whole / "wheels").glob("pip-*.whl")
+    wheels.link(pip, folder / "wheels" / pip.name)
+    own = wheel(folder / "wheels", {**MODULES, **(modules or {})})
+    pinned = f"formation==0.1.0 --hash=sha256:{wheels.digest(own)}\n"
+    (folder / "wheels" / wheels.REQUIREMENTS).write_text(pinned)
+    said = json.loads((whole / bundle.VERSION).read_text())
+    said |= {"release": bundle.release_id(folder), **facts}
+    (folder / bundle.VERSION).write_text(json.dumps(said, indent=1) + "\n")
+    return folder
+
+
+def wheel(folder: Path, modules: Mapping[str, str]) -> Path:
+    """A wheel of these modules."""
+    path = folder / "formation-0.1.0-py3-none-any.whl"
+    meta = "formation-0.1.0.dist-info"
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, text in modules.items():
+            archive.writestr(name, text)
+        for name, text in META.items():
+            archive.writestr(f"{meta}/{name}", text)
+        named = [*modules, *(f"{meta}/{name}" for name in (*META, "RECORD"))]
+        archive.writestr(f"{meta}/RECORD", "".join(f"{name},,\n" for name in named))
+    return path
+
+
+def release(folder: Path) -> str:
+    """The release that a bundle installs."""
+    named: str = json.loads((folder / bundle.VERSION).read_text())["release"]
+    return named

@@ -1,0 +1,375 @@
+"""The script that installs a bundle on a robot."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import shutil
+import signal
+import stat
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from deploy.field import bundle, units
+from tests.field.deployed import HERE, install
+from tests.field.light import light, release
+from tests.field.namespaces import until
+from tests.needs import find, path_of
+
+SCRIPT = Path(bundle.__file__).with_name("install.sh")
+ROOM = 160e6
+"""What a robot's install may take up [bytes]."""
+Made = Callable[..., Path]
+
+
+@pytest.fixture
+def made(bundles: Path, tmp_path: Path) -> Made:
+    """A maker of light bundles of robot1."""
+
+    def make(name: str = "one", **differing: str) -> Path:
+        facts = {key: value for key, value in differing.items() if key != "zenoh"}
+        modules = {"zenoh.py": differing.get("zenoh", f"# {name}\n")}
+        return light(bundles / "robot1", tmp_path / name, modules, **facts)
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def whole(bundles: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A prefix with all that a robot needs; not to be changed."""
+    prefix = tmp_path_factory.mktemp("robot1") / "formation"
+    done = install(bundles / "robot1", prefix, "--no-systemd")
+    assert done.returncode == 0, done.stderr
+    return prefix
+
+
+def current(prefix: Path) -> str:
+    """The release in use; empty if there is none."""
+    link = prefix / "current"
+    return link.readlink().name if link.is_symlink() else ""
+
+
+def state(folder: Path) -> dict[str, tuple[int, int]]:
+    """Every file of a folder, with its mode and the time of its last change."""
+    paths = (path.lstat() for path in folder.rglob("*"))
+    named = zip((str(path) for path in folder.rglob("*")), paths, strict=True)
+    return {name: (found.st_mode, found.st_mtime_ns) for name, found in named}
+
+
+def test_what_is_installed_runs_and_fits_on_a_robot(whole: Path) -> None:
+    formation = whole / "current" / "venv" / "bin" / "formation"
+    done = subprocess.run(
+        [formation, "check", whole / "current" / "mission.toml", "--json"],
+        env={"PATH": os.defpath},
+        cwd=whole,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    files = [path for path in whole.rglob("*") if path.is_file() and not path.is_symlink()]
+    assert sum(path.stat().st_size for path in files) < ROOM
+
+
+def test_what_is_installed_names_its_own_place(whole: Path) -> None:
+    here = whole / "current"
+    settings = (here / "zenoh.json5").read_text()
+    assert str(here / "certificates" / "key.pem") in settings
+    assert units.PREFIX not in settings
+    for unit in (here / "units").iterdir():
+        text = unit.read_text()
+        assert units.PREFIX not in text
+        for command in units.commands(text):
+            assert Path(command[0]).is_file()
+            assert all(Path(word).is_file() for word in command if word.startswith("/"))
+
+
+def test_keys_are_for_whom_they_are_and_the_rest_may_be_read(whole: Path) -> None:
+    here = whole / "current"
+    modes = {path.name: stat.S_IMODE(path.stat().st_mode) for path in (here / "certificates").iterdir()}
+    assert modes == {"ca.pem": 0o600, "certificate.pem": 0o600, "key.pem": 0o600}
+    assert stat.S_IMODE((here / "certificates").stat().st_mode) == 0o700
+    for name in ("mission.toml", "zenoh.json5", "VERSION.json"):
+        assert stat.S_IMODE((here / name).stat().st_mode) == 0o644
+    others = [path for path in here.rglob("*") if not path.is_symlink() and path.stat().st_mode & 0o022]
+    assert not others, "others may write"
+
+
+def test_a_second_run_does_nothing_and_says_so(bundles: Path, whole: Path) -> None:
+    before = state(whole)
+    done = install(bundles / "robot1", whole, "--no-systemd")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "already: nothing to do" in done.stdout
+    assert state(whole) == before
+
+
+def test_a_dry_run_says_what_it_would_do_and_does_nothing(made: Made, tmp_path: Path) -> None:
+    one = made()
+    done = install(one, tmp_path / "prefix", "--no-systemd", "--dry-run")
+    assert done.returncode == 0
+    assert f"would install release {release(one)}" in done.stdout
+    assert not (tmp_path / "prefix").exists()
+
+
+def test_releases_follow_each_other_and_three_are_kept(made: Made, tmp_path: Path) -> None:
+    prefix = tmp_path / "prefix"
+    bundles = [made(name) for name in ("one", "two", "three", "four")]
+    names = [release(one) for one in bundles]
+    assert len(set(names)) == 4
+    for number, one in enumerate(bundles):
+        assert install(one, prefix, "--no-systemd").returncode == 0
+        assert current(prefix) == names[number]
+        if number:
+            assert (prefix / "previous").readlink().name == names[number - 1]
+        time.sleep(0.01)  # releases are kept by when they were used
+    assert {path.name for path in (prefix / "releases").iterdir()} == set(names[1:])
+    assert install(bundles[1], prefix, "--no-systemd").returncode == 0  # back to one that is still there
+    assert current(prefix) == names[1]
+    assert {path.name for path in (prefix / "releases").iterdir()} == set(names[1:])
+
+
+def test_what_was_interrupted_is_never_used_and_is_made_anew(made: Made, tmp_path: Path) -> None:
+    prefix, one, two = tmp_path / "prefix", made("one"), made("two")
+    assert install(one, prefix, "--no-systemd").returncode == 0
+    half = prefix / "releases" / release(two)
+    with subprocess.Popen(
+        ["/bin/sh", two / "install.sh", "--prefix", prefix, "--no-systemd"],
+        env={"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    ) as process:
+        until((half / "venv" / "bin" / "python").is_symlink)
+        os.killpg(process.pid, signal.SIGKILL)
+    assert half.exists()
+    assert not (half / "VERSION.json").exists()
+    assert current(prefix) == release(one)
+    (half / "left over").touch()
+    assert install(two, prefix, "--no-systemd").returncode == 0
+    assert current(prefix) == release(two)
+    assert not (half / "left over").exists()
+
+
+def test_a_release_that_does_not_run_here_is_not_switched_to(made: Made, tmp_path: Path) -> None:
+    prefix, one = tmp_path / "prefix", made("one")
+    assert install(one, prefix, "--no-systemd").returncode == 0
+    broken = made("two", zenoh="raise ImportError('GLIBC_2.99 not found')")
+    done = install(broken, prefix, "--no-systemd")
+    assert done.returncode == 1
+    assert "GLIBC_2.99 not found" in done.stderr
+    assert "does not run here" in done.stderr
+    assert current(prefix) == release(one)
+
+
+def test_a_wheel_that_is_not_what_was_bundled_is_not_installed(made: Made, tmp_path: Path) -> None:
+    prefix, one = tmp_path / "prefix", made()
+    (wheel,) = (one / "wheels").glob("formation-*.whl")
+    wheel.write_bytes(wheel.read_bytes() + b"\0")
+    done = install(one, prefix, "--no-systemd")
+    assert done.returncode == 1
+    assert "packages cannot be installed" in done.stderr
+    assert current(prefix) == ""
+
+
+def test_a_package_that_is_in_no_list_is_not_fetched(made: Made, tmp_path: Path) -> None:
+    one = made()
+    with (one / "wheels" / "requirements.txt").open("a") as file:
+        file.write(f"numpy==2.4.6 --hash=sha256:{'0' * 64}\n")
+    done = install(one, tmp_path / "prefix", "--no-systemd")
+    assert done.returncode == 1
+    assert "No matching distribution found for numpy==2.4.6" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("facts", "said"),
+    [
+        ({"platform": "riscv64"}, f"this bundle is for riscv64, and this machine is {HERE.platform}"),
+        ({"python": "3.99"}, f"this bundle is for Python 3.99, and here is Python {HERE.python}"),
+        ({"release": ""}, "cannot be read: make the bundle again"),
+    ],
+)
+def test_a_bundle_for_another_machine_is_refused_in_a_sentence(
+    made: Made, tmp_path: Path, facts: dict[str, str], said: str
+) -> None:
+    done = install(made(**facts), tmp_path / "prefix", "--no-systemd")
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "prefix").exists()
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        (["--fast"], "--fast: unknown; legal are --prefix"),
+        (["--prefix"], "--prefix needs a folder"),
+        (["--prefix", "/opt/my robots"], "named with letters, digits"),
+        (["--prefix", "/"], "named with letters, digits"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_sentence(
+    bundles: Path, tmp_path: Path, flags: list[str], said: str
+) -> None:
+    done = install(bundles / "robot1", tmp_path / "prefix", "--no-systemd", *flags)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_folder_that_is_half_a_bundle_is_refused(made: Made, tmp_path: Path) -> None:
+    one = made()
+    (one / bundle.VERSION).unlink()
+    done = install(one, tmp_path / "prefix", "--no-systemd")
+    assert done.returncode == 2
+    assert "it is not a whole bundle" in done.stderr
+
+
+def test_two_do_not_install_at_the_same_time(made: Made, tmp_path: Path) -> None:
+    prefix = tmp_path / "prefix"
+    prefix.mkdir()
+    with (prefix / ".install.lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        done = install(made(), prefix, "--no-systemd")
+    assert done.returncode == 2
+    assert "somebody else is installing" in done.stderr
+
+
+def test_the_script_is_one_that_shellcheck_has_nothing_against() -> None:
+    shellcheck = find("shellcheck")
+    if shellcheck is None:
+        pytest.skip("test_the_script_is_one_that_shellcheck_has_nothing_against needs shellcheck")
+    done = subprocess.run([shellcheck, SCRIPT], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+
+
+class Host:
+    """This machine with another /etc, a Python outside anybody's home, and a systemctl that notes."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.units = folder, folder / "etc" / "systemd" / "system"
+        shutil.copytree("/etc", folder / "etc", symlinks=True, ignore_dangling_symlinks=True)
+        for path in self.units.glob("formation-*"):
+            path.unlink()
+        (folder / "python").mkdir()
+        tools = folder / "tools"
+        tools.mkdir()
+        self.asked = folder / "asked"
+        self.active = folder / "active"
+        systemctl = tools / "systemctl"
+        systemctl.write_text(
+            f'#!/bin/sh\necho "$*" >>{self.asked}\ncase $* in *is-active*) test -e {self.active} ;; esac\n'
+        )
+        systemctl.chmod(0o755)
+
+    def install(self, robot: Path, *flags: str) -> subprocess.CompletedProcess[str]:
+        """Run a bundle's install.sh with a private view of the machine, as root."""
+        self.asked.write_text("")
+        here = self.folder
+        script = (
+            f"mount --make-rprivate / && mount --bind {here}/etc /etc"
+            f" && mount --bind {sys.base_prefix} {here}/python"
+            f" && PATH={here}/tools:{here}/python/bin:$PATH"
+            f' && exec sh {robot}/install.sh --prefix {here}/prefix "$@"'
+        )
+        return subprocess.run(
+            [path_of("unshare"), "--mount", "sh", "-c", script, "sh", *flags],
+            env={"PATH": os.environ["PATH"] + ":/usr/sbin:/sbin"},
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+
+    @property
+    def calls(self) -> list[str]:
+        """What systemd was asked to change."""
+        return [line for line in self.asked.read_text().splitlines() if "is-active" not in line]
+
+
+@pytest.fixture
+def host(tmp_path: Path) -> Host:
+    return Host(tmp_path / "host")
+
+
+@pytest.mark.namespaces
+def test_units_are_installed_enabled_and_started_with_a_user_of_their_own(made: Made, host: Host) -> None:
+    host.active.touch()
+    one = made()
+    done = host.install(one)
+    assert done.returncode == 0, done.stderr
+    names = "formation-agent.service formation-guard.service"
+    assert host.calls == ["daemon-reload", f"--quiet enable {names}", f"restart {names}"]
+    for name in names.split():
+        assert stat.S_IMODE((host.units / name).stat().st_mode) == 0o644
+        installed = (host.units / name).read_text()
+        assert installed == (host.folder / "prefix" / "current" / "units" / name).read_text()
+        assert f"ExecStart={host.folder}/prefix/current/venv/bin/formation" in installed
+    users = (host.folder / "etc" / "passwd").read_text()
+    (entry,) = (line.split(":") for line in users.splitlines() if line.startswith("formation:"))
+    assert entry[6] == "/usr/sbin/nologin"
+    secrets = host.folder / "prefix" / "current" / "certificates"
+    assert {path.stat().st_uid for path in (secrets, *secrets.iterdir())} == {int(entry[2])}
+    assert (host.folder / "prefix" / "current").stat().st_uid == 0
+
+    again = host.install(one)
+    assert "nothing to do" in again.stdout
+    assert host.calls == []
+
+
+@pytest.mark.namespaces
+def test_a_unit_that_somebody_changed_is_put_right(made: Made, host: Host) -> None:
+    one = made()
+    assert host.install(one).returncode == 0
+    unit = host.units / "formation-guard.service"
+    right = unit.read_text()
+    unit.write_text("[Service]\n")
+    assert "formation-guard.service" in host.install(one, "--dry-run").stdout
+    assert unit.read_text() == "[Service]\n"
+    assert host.install(one).returncode == 0
+    assert unit.read_text() == right
+
+
+@pytest.mark.namespaces
+def test_without_a_bring_up_that_runs_only_the_guard_starts(made: Made, host: Host) -> None:
+    done = host.install(made())
+    assert done.returncode == 0, done.stderr
+    assert host.calls[-1] == "restart formation-guard.service"
+    assert "formation-agent starts with turtlebot3.service, which does not run now" in done.stdout
+
+
+@pytest.mark.namespaces
+def test_running_services_are_left_alone_on_demand(made: Made, host: Host) -> None:
+    host.active.touch()
+    done = host.install(made(), "--no-restart")
+    assert done.returncode == 0, done.stderr
+    assert not [call for call in host.calls if "restart" in call]
+    assert "running services were left alone" in done.stdout
+
+
+@pytest.mark.namespaces
+def test_a_python_in_somebodys_home_is_refused_because_services_do_not_see_it(made: Made, host: Host) -> None:
+    private = host.folder / "home"
+    private.mkdir()
+    one = made()
+    script = (
+        f"mount --make-rprivate / && mount --bind {private} /home && mkdir /home/me"
+        f" && mount --bind {sys.base_prefix} /home/me && PATH=/home/me/bin:$PATH"
+        f" && exec sh {one}/install.sh --prefix {host.folder}/prefix"
+    )
+    done = subprocess.run(
+        [path_of("unshare"), "--mount", "sh", "-c", script], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert "lies in somebody's home, which services do not see" in done.stderr
+
+
+def test_what_a_bundle_says_of_itself_is_what_is_installed(bundles: Path, whole: Path) -> None:
+    said = json.loads((whole / "current" / "VERSION.json").read_text())
+    assert said == json.loads((bundles / "robot1" / "VERSION.json").read_text())
+    assert said["release"] == current(whole)
