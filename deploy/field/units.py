@@ -18,7 +18,8 @@ CURRENT = f"{PREFIX}/current"
 BRINGUP = "turtlebot3.service"
 BRIDGES = {"ros2dds": "zenoh-bridge-ros2dds.service", "rmw_zenoh": "rmw-zenohd.service"}
 """What connects a robot's ROS 2 with Zenoh, by the mission's key `ros`."""
-RMW = {"ros2dds": "rmw_fastrtps_cpp", "rmw_zenoh": "rmw_zenoh_cpp"}
+RMW = {"ros2dds": "rmw_cyclonedds_cpp", "rmw_zenoh": "rmw_zenoh_cpp"}
+"""For the bring-up; the bridge is itself made of Cyclone DDS, and tested with that."""
 NONE = "none"
 """For a robot whose bring-up or bridge is not a unit of systemd's."""
 _UNIT = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.:@-]*\.service")
