@@ -1,0 +1,182 @@
+"""What an agent's loop sends to which side, and in what order."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from agent.core import Agent
+from agent.loop import REFUSED_PERIOD, Sides
+from agent.status import Surroundings
+from formation.messages import Odometry, encode
+from formation.mission import Mission
+from formation.mission_file import load, parse, read
+from formation.topics import Topic
+from formation.wire import Now, Outgoing, Sample
+
+SIX = load("six_robots")
+ODOMETRY = Sample("robot2/odom", encode(Odometry(100.0, 0j, 1 + 0j, 0.0, 0.0)), b"33 bytes of ROS's", 1.0)
+SEEN = Sample("robot2/scan", b"\x00\x01\x00\x00 a scan", None, 1.0)
+
+
+class Wire:
+    """One side, which writes down what is done with it."""
+
+    def __init__(self, side: str, log: list[tuple[str, str, bytes | None]]) -> None:
+        self.advertised, self.subscribed = list[str](), list[str]()
+        self.connected, self.listens, self.asked = True, True, 0
+        self._side, self._log = side, log
+
+    def advertise(self, _topic: Topic, key: str) -> None:
+        self.advertised.append(key)
+
+    def subscribe(self, *where: Any) -> None:
+        self.subscribed.append(where[-1])
+
+    def publish(self, key: str, payload: bytes, attachment: bytes | None = None) -> None:
+        assert key in self.advertised
+        assert payload
+        self._log.append((self._side, key, attachment))
+
+    def routed(self, key: str) -> bool:
+        assert key == "robot2/cmd_vel"
+        return self.listens
+
+    @property
+    def refused(self) -> Counter[str]:
+        self.asked += 1
+        return Counter({"put robot3/position": 2})
+
+
+class Setting:
+    """An agent between two such sides."""
+
+    def __init__(self, mission: Mission = SIX, *, readonly: bool = False) -> None:
+        self.log: list[tuple[str, str, bytes | None]] = []
+        self.fleet, self.robot = Wire("fleet", self.log), Wire("robot", self.log)
+        self.agent = Agent(mission, "robot2", readonly=readonly, voice="v")
+        process: Any = SimpleNamespace(bus=self.fleet, robot=self.robot)
+        self.sides = Sides(self.agent, process, readonly=readonly)
+        self.sides.declare()
+
+    def turn(self, *inbox: Sample, mono: float = 1.0) -> list[tuple[str, str]]:
+        """One turn of the loop: side and key of everything sent, in order."""
+        self.log.clear()
+        self.sides.send(self.sides.step(Now(mono, 99.0 + mono), inbox))
+        return [(side, key) for side, key, _ in self.log]
+
+
+def test_the_command_is_with_the_robot_before_anything_else_is_said_and_what_was_heard_is_repeated_last() -> (
+    None
+):
+    assert Setting().turn(ODOMETRY) == [
+        ("robot", "robot2/cmd_vel"),
+        ("robot", "robot2/alive"),
+        ("fleet", "robot2/position"),
+        ("fleet", "robot2/status"),
+        ("fleet", "robot2/cmd_vel"),
+        ("robot", "robot2/position"),
+        ("robot", "robot2/status"),
+        ("fleet", "robot2/odom"),
+    ]
+
+
+def test_a_command_goes_out_before_what_comes_after_it_is_even_made() -> None:
+    setting = Setting()
+
+    def says() -> Iterator[Outgoing]:
+        yield Outgoing("robot2/cmd_vel", b"command")
+        assert [key for _, key, _ in setting.log] == ["robot2/cmd_vel"]
+        yield Outgoing("robot2/position", b"position", b"order")
+        assert [key for _, key, _ in setting.log] == ["robot2/cmd_vel", "robot2/position"]
+
+    setting.sides.send(says())
+    assert len(setting.log) == 4
+
+
+def test_the_order_rides_in_the_fleet_only_and_what_rode_on_odometry_is_left_on_the_robot() -> None:
+    setting = Setting()
+    setting.turn(ODOMETRY)
+    riding = {(side, key): attachment for side, key, attachment in setting.log}
+    assert riding["fleet", "robot2/position"] is not None
+    assert riding["robot", "robot2/position"] is None
+    assert riding["fleet", "robot2/odom"] is None
+
+
+def test_signs_of_life_stay_on_the_robot() -> None:
+    setting = Setting()
+    assert "robot2/alive" in setting.robot.advertised
+    assert "robot2/alive" not in setting.fleet.advertised
+
+
+def test_a_readonly_agent_tells_its_robot_neither_commands_nor_that_it_lives() -> None:
+    setting = Setting(readonly=True)
+    said = setting.turn(ODOMETRY)
+    assert {key for side, key in said if side == "robot"} == {"robot2/position", "robot2/status"}
+    assert ("fleet", "robot2/cmd_vel") in said
+    setting.log.clear()
+    setting.sides.send(setting.sides.halt(Now(2.0, 101.0), "SIGTERM"))
+    assert {key for side, key, _ in setting.log if side == "robot"} == {"robot2/status"}
+
+
+def test_the_last_words_are_zero_velocity_to_the_robot_first() -> None:
+    setting = Setting()
+    setting.sides.send(setting.sides.halt(Now(2.0, 101.0), "SIGTERM"))
+    assert setting.log[0][:2] == ("robot", "robot2/cmd_vel")
+
+
+def test_a_scan_is_repeated_and_is_none_of_the_agents_business() -> None:
+    setting = Setting()
+    assert "robot2/scan" in setting.robot.subscribed
+    assert ("fleet", "robot2/scan") in setting.turn(SEEN)
+    assert setting.sides.dropped == {}
+
+
+def test_positions_of_neighbours_come_from_the_fleet_and_are_not_repeated() -> None:
+    setting = Setting()
+    assert setting.fleet.subscribed == ["robot1/position"]
+    assert setting.robot.subscribed == ["robot2/odom", "robot2/scan"]
+    position = Sample("robot1/position", b"anything", None, 1.0)
+    assert ("fleet", "robot1/position") not in setting.turn(position)
+
+
+def local() -> Mission:
+    text, source = read("six_robots")
+    return parse(text.replace("rate = 20 ", 'rate = 20\nmeasurement = "local" '), source)
+
+
+def test_what_a_sensor_sees_is_heard_beside_the_robot_and_repeated() -> None:
+    setting = Setting(local())
+    assert "robot2/relative/robot1" in setting.robot.subscribed
+    seen = Sample("robot2/relative/robot1", b"\x00\x01\x00\x00 seen", None, 1.0)
+    assert ("fleet", "robot2/relative/robot1") in setting.turn(seen)
+
+
+@pytest.mark.parametrize("heard", [(ODOMETRY,), (ODOMETRY, SEEN), (SEEN, ODOMETRY, SEEN)])
+def test_everything_heard_is_repeated_once_and_in_order(heard: Sequence[Sample]) -> None:
+    setting = Setting()
+    repeated = [key for _, key in setting.turn(*heard)][-len(heard) :]
+    assert repeated == [sample.key for sample in heard]
+    assert not {"robot2/odom", "robot2/scan"} & {key for _, key in setting.turn(mono=1.01)}
+
+
+def test_the_agent_knows_how_it_is_connected_and_the_bus_is_asked_seldom_who_was_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    setting = Setting()
+    said = list[Surroundings]()
+    monkeypatch.setattr(setting.agent, "aware", said.append)
+    setting.turn()
+    setting.robot.listens = False
+    setting.turn(mono=1.01)
+    setting.robot.connected = False
+    setting.turn(mono=1.02)
+    assert [(one.connected, one.routed) for one in said] == [(True, True), (True, False), (False, None)]
+    assert {one.refused["put robot3/position"] for one in said} == {2}
+    assert setting.fleet.asked == 1
+    setting.turn(mono=1.0 + REFUSED_PERIOD)
+    assert setting.fleet.asked == 2

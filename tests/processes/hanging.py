@@ -1,0 +1,54 @@
+"""A process whose main loop hangs once it hears something: ``python -m tests.processes.hanging ENDPOINT``."""
+
+from __future__ import annotations
+
+import math
+import sys
+import threading
+import time
+from collections.abc import Sequence
+
+from formation.bus_config import BusConfig
+from formation.flags import parser
+from formation.process import Process, Stop, say
+from formation.topics import ODOM
+from formation.wire import Now, Outgoing, Sample
+
+HEARD = ODOM.key("robot2")
+
+
+class Hanging:
+    """Hangs in the step that brings it its first sample."""
+
+    publications = ()
+    subscriptions = (HEARD,)
+    dropped: dict[str, int] = {}  # noqa: RUF012 - it drops nothing
+    due = math.inf
+
+    def step(self, _now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
+        if inbox:
+            say("hanging")
+            time.sleep(600.0)
+        return []
+
+    def halt(self, _now: Now, _reason: str) -> list[Outgoing]:
+        return []
+
+
+def main(endpoint: str) -> None:
+    args = parser("hanging", "Hang.", "").parse_args(["six_robots"])
+    with Stop() as stop, Process("hanging", args, BusConfig(listen=(endpoint,)), stop) as process:
+        process.declare(Hanging())
+        process.ready()
+
+        def count() -> None:
+            while process.bus.received[HEARD] < 4:
+                time.sleep(0.01)
+            say("received", number=process.bus.received[HEARD])
+
+        threading.Thread(target=count, daemon=True).start()
+        process.run(Hanging())
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

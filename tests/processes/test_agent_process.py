@@ -1,0 +1,269 @@
+"""An agent as a real process between its robot's router and the fleet."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from formation import order
+from formation.bus import Bus, BusConfig
+from formation.mailbox import Mailbox
+from formation.messages import Diagnostics, Odometry, Pose, Twist, decode, encode
+from formation.mission import Mission, Ros
+from formation.mission_file import parse, read
+from formation.naming import Naming
+from formation.order import OperatorReply
+from formation.robot_bus import RobotBus
+from formation.ros_names import address
+from formation.topics import ODOM
+from formation.wire import Sample
+from tests.processes.bus_tools import until
+from tests.processes.child import PATIENCE, Child, free_endpoint, started
+
+pytestmark = pytest.mark.processes
+COMMAND, HEARD, PLACE, LIFE, STATUS = (
+    f"robot2/{name}" for name in ("cmd_vel", "odom", "position", "alive", "status")
+)
+
+
+class Around:
+    """What the test plays around an agent of robot2: its robot, which is the router, and the fleet."""
+
+    def __init__(self, folder: Path, ros: Ros = "ros2dds") -> None:
+        text, source = read("six_robots")
+        text = text.replace("[robots.robot2]\n", f'[robots.robot2]\nros = "{ros}"\n')
+        self.file = folder / "mission.toml"
+        self.file.write_text(text, encoding="utf-8")
+        self.mission: Mission = parse(text, source)
+        self.agent_end, self.robot_end = free_endpoint(), free_endpoint()
+        self.at_robot, self.in_fleet = Mailbox(), Mailbox()
+        self.from_robot, self.from_fleet = list[Sample](), list[Sample]()
+
+    @contextmanager
+    def agent(self, *flags: str) -> Iterator[Child]:
+        ends = ("-l", self.agent_end, "--robot-connect", self.robot_end)
+        with started("agent", str(self.file), "--robot", "robot2", *ends, *flags) as child:
+            assert child.event("ready") == {"event": "ready", "process": "agent robot2"}
+            yield child
+
+    @contextmanager
+    def robot(self) -> Iterator[RobotBus]:
+        naming = Naming.of(self.mission, ["robot2"])
+        with RobotBus((self.robot_end,), naming, self.at_robot, mode="router", node="robot") as bus:
+            for key in (COMMAND, PLACE, LIFE, STATUS):
+                bus.subscribe(address(key).topic, key)
+            bus.advertise(ODOM, HEARD)
+            yield bus
+
+    @contextmanager
+    def fleet(self) -> Iterator[Bus]:
+        with Bus(BusConfig(connect=(self.agent_end,)), self.in_fleet) as bus:
+            for key in (COMMAND, PLACE, HEARD, STATUS):
+                bus.subscribe(key)
+            yield bus
+
+    def drive(self, robot: RobotBus, times: int) -> list[bytes]:
+        """Say odometry, each time when the agent has taken the last; what was said."""
+        said = []
+        until(lambda: bool(robot.routed(HEARD)))
+        for _ in range(times):
+            before = self.in_fleet.received[HEARD]
+            said.append(encode(Odometry(time.time(), -1.5 + 2.0j, 1 + 0j, 0.0, 0.0)))
+            robot.publish(HEARD, said[-1])
+            until(lambda before=before: self.in_fleet.received[HEARD] > before)  # type: ignore[misc]
+        return said
+
+    def listen(self) -> None:
+        """Take what has arrived on both sides."""
+        self.from_robot += self.at_robot.drain()
+        self.from_fleet += self.in_fleet.drain()
+
+
+@pytest.fixture(params=["ros2dds", "rmw_zenoh"])
+def around(tmp_path: Path, request: pytest.FixtureRequest) -> Around:
+    return Around(tmp_path, request.param)
+
+
+def payloads(samples: Sequence[Sample], key: str) -> list[bytes]:
+    return [sample.payload for sample in samples if sample.key == key]
+
+
+def test_an_agent_commands_its_robot_and_tells_the_fleet_what_it_heard_and_said(around: Around) -> None:
+    with around.robot() as robot, around.agent() as child, around.fleet():
+        until(lambda: around.in_fleet.received[STATUS] > 0)
+        said = around.drive(robot, 5)
+        until(lambda: around.at_robot.received[PLACE] == 5 and around.in_fleet.received[PLACE] == 5)
+        child.signal(signal.SIGTERM)
+        summary = child.event("summary")
+        around.listen()
+    assert payloads(around.from_fleet, HEARD) == said
+    assert len(payloads(around.from_robot, LIFE)) >= 5
+    orders = [sample.attachment for sample in around.from_fleet if sample.key == PLACE]
+    assert all(order.decode(order.Told, attachment or b"") for attachment in orders)
+    assert payloads(around.from_robot, PLACE) == payloads(around.from_fleet, PLACE)
+    places = [decode(Pose, payload).position for payload in payloads(around.from_robot, PLACE)]
+    assert places == [-1.5 + 2.0j] * 5
+    commands = payloads(around.from_robot, COMMAND)
+    assert commands[-1] == encode(Twist(0.0, 0.0))
+    assert summary["robot"]["published"][COMMAND] == len(commands)
+    assert summary["robot"]["received"] == {HEARD: 5}
+    assert summary["published"][HEARD] == 5
+    assert LIFE not in summary["published"]
+    assert (summary["received"], summary["refused"]) == ({}, {})
+
+
+def test_a_readonly_agent_does_everything_but_move(around: Around) -> None:
+    with around.robot() as robot, around.agent("--readonly") as child, around.fleet():
+        until(lambda: around.in_fleet.received[STATUS] > 0)
+        around.drive(robot, 5)
+        until(lambda: around.at_robot.received[PLACE] == 5 and around.in_fleet.received[COMMAND] >= 5)
+        child.signal(signal.SIGTERM)
+        summary = child.event("summary")
+        around.listen()
+    assert {sample.key for sample in around.from_robot} == {PLACE, STATUS}
+    assert summary["published"][COMMAND] >= 5
+    assert not {COMMAND, LIFE} & set(summary["robot"]["published"])
+    newest = decode(Diagnostics, payloads(around.from_fleet, STATUS)[0]).statuses[0]
+    assert "readonly" in newest.message
+
+
+def test_an_agent_starts_without_its_robot_and_says_what_it_lacks_until_it_comes(around: Around) -> None:
+    def link() -> str:
+        around.listen()
+        newest = decode(Diagnostics, payloads(around.from_fleet, STATUS)[-1])
+        return newest.statuses[0].values["robot link"]
+
+    with around.agent(), around.fleet():
+        until(lambda: around.in_fleet.received[STATUS] > 0)
+        assert link() == "not connected"
+        with around.robot() as robot:
+            until(lambda: link() == "connected")
+            around.drive(robot, 2)
+        until(lambda: link() == "not connected")
+        with around.robot() as robot:
+            until(lambda: link() == "connected")
+            around.drive(robot, 2)
+
+
+def test_a_route_that_is_lost_is_named_in_the_status(tmp_path: Path) -> None:
+    around = Around(tmp_path)
+    naming = Naming.of(around.mission, ["robot2"])
+    with (
+        RobotBus((around.robot_end,), naming, Mailbox(), mode="router"),
+        around.agent(),
+        around.fleet(),
+    ):
+
+        def link() -> str:
+            around.listen()
+            said = payloads(around.from_fleet, STATUS)
+            return decode(Diagnostics, said[-1]).statuses[0].values["robot link"] if said else ""
+
+        until(lambda: link() == "no listener on cmd_vel: the bridge's route is lost")
+
+
+def test_an_operator_is_answered_over_the_fleets_bus(tmp_path: Path) -> None:
+    around = Around(tmp_path)
+    with around.agent(), around.fleet() as bus:
+        until(lambda: around.in_fleet.received[STATUS] > 0)
+        (reply,) = bus.ask("robot2/order", b'{"do":"stop"}', timeout=PATIENCE)
+        assert order.decode(OperatorReply, reply.payload).mode == "stop"
+
+
+def test_a_second_agent_for_one_robot_on_one_machine_ends_with_one_clear_sentence(tmp_path: Path) -> None:
+    around = Around(tmp_path)
+    with (
+        around.agent(),
+        started("agent", str(around.file), "--robot", "robot2", "-l", around.agent_end) as second,
+    ):
+        assert second.wait() == 2
+        assert second.errors == (
+            f"robot2: cannot listen on {around.agent_end}: the address is in use;"
+            " is there a second agent robot2 on this machine?\n"
+        )
+
+
+def test_help_shows_how_to_try_without_moving_and_where_the_robots_router_is() -> None:
+    with started("agent", "--help") as child:
+        assert child.wait() == 0
+        text = "".join(iter(child._lines.get, None))
+    for words in ("--readonly", "--robot-connect ENDPOINT", "tcp/127.0.0.1:7447", "examples:"):
+        assert words in text
+
+
+class Systemd:
+    """The other end of NOTIFY_SOCKET: what came, and when [s, monotonic]."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.heard = path, list[tuple[float, str]]()
+        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.socket.bind(str(path))
+        self.socket.settimeout(0.05)
+
+    def listen(self, seconds: float = 0.0) -> list[str]:
+        """What comes in so many seconds."""
+        end, before = time.monotonic() + seconds, len(self.heard)
+        while time.monotonic() <= end:
+            try:
+                self.heard.append((time.monotonic(), self.socket.recv(4096).decode()))
+            except TimeoutError:
+                continue
+        return [text for _, text in self.heard[before:]]
+
+    def wait(self, text: str) -> None:
+        until(lambda: text in self.listen(0.05))
+
+
+@pytest.fixture
+def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Systemd]:
+    one = Systemd(tmp_path / "notify")
+    monkeypatch.setenv("NOTIFY_SOCKET", str(one.path))
+    yield one
+    one.socket.close()
+
+
+def test_systemd_hears_that_an_agent_is_ready_that_it_lives_and_that_it_stops(
+    tmp_path: Path, systemd: Systemd
+) -> None:
+    with Around(tmp_path).agent() as child:
+        systemd.wait("READY=1")
+        beats = systemd.listen(2.0)
+        assert set(beats) == {"WATCHDOG=1"}
+        assert 5 <= len(beats) <= 11
+        os.kill(child.process.pid, signal.SIGTERM)
+        systemd.wait("STOPPING=1\nSTATUS=stopping: SIGTERM")
+        assert child.wait() == 0
+
+
+def test_an_agent_that_waits_for_a_monitor_feeds_the_watchdog_as_well(
+    tmp_path: Path, systemd: Systemd
+) -> None:
+    with Around(tmp_path).agent("--await-monitor", "60"):
+        systemd.wait("READY=1")
+        assert len(systemd.listen(1.5)) >= 4
+
+
+def test_a_main_loop_that_hangs_starves_the_watchdog_though_its_receive_thread_lives(
+    systemd: Systemd,
+) -> None:
+    end = free_endpoint()
+    with started("tests.processes.hanging", end) as child, Bus(BusConfig(connect=(end,))) as bus:
+        child.event("ready")
+        bus.advertise(ODOM, HEARD)
+        until(lambda: bus.watched(HEARD))
+        systemd.wait("WATCHDOG=1")
+        bus.publish(HEARD, b"hang")
+        child.event("hanging")
+        systemd.listen(0.2)  # what was sent before
+        assert systemd.listen(1.5) == []
+        for _ in range(3):
+            bus.publish(HEARD, b"heard all the same")
+        assert child.event("received")["number"] == 4
+        assert systemd.listen(0.5) == []
