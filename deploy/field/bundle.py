@@ -59,17 +59,20 @@ def main(arguments: Sequence[str]) -> int:
     text, _ = read(chosen.mission)
     refuse_unfit(mission)
     target = Target(chosen.platform, chosen.python)
-    result = make(
-        mission,
-        text,
-        chosen.out,
-        chosen.certificates,
-        target,
-        now=datetime.now(UTC),
-        with_wheels=not chosen.no_wheels,
-        bringup=chosen.bringup,
-        bridge=chosen.bridge,
-    )
+    try:
+        result = make(
+            mission,
+            text,
+            chosen.out,
+            chosen.certificates,
+            target,
+            now=datetime.now(UTC),
+            with_wheels=not chosen.no_wheels,
+            bringup=chosen.bringup,
+            bridge=chosen.bridge,
+        )
+    except OSError as error:  # a full disk, most of all
+        raise Refusal(f"--out {chosen.out}: {error.strerror or error}; what was there is as it was") from None
     print(as_json(result) if chosen.json else words(chosen.out, result))
     return 0
 

@@ -1,0 +1,315 @@
+"""`formation deploy bundle`: what is in a robot's folder, what is not, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import stat
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cryptography import x509
+
+from deploy.cli import main
+from deploy.field import bundle, certificates, wheels
+from deploy.field.bundle import BUNDLE, DESK, VERSION
+from deploy.field.wheels import Target
+from formation.mission_file import parse
+from tests.field.deployed import TEXT, mission, secrets
+
+PI = Target("aarch64", "3.12")
+NOW = datetime.now(UTC)
+ROBOTS = ("leader", "robot1", "robot2")
+
+
+@pytest.fixture(autouse=True)
+def no_wheels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Collect two files instead of wheels: `test_wheels` and `test_install` have the real ones."""
+
+    def collect(target: Target, folder: Path, before: object = (), *, fetch: bool = True) -> None:
+        del before
+        (folder / "formation-0.1.0-py3-none-any.whl").write_text(f"{target}{fetch}")
+        (folder / wheels.REQUIREMENTS).write_text("formation==0.1.0\n")
+
+    monkeypatch.setattr(wheels, "collect", collect)
+
+
+@pytest.fixture
+def keys(tmp_path: Path) -> Path:
+    return secrets(tmp_path / "secrets")
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    path = tmp_path / "three.toml"
+    path.write_text(TEXT)
+    return path
+
+
+Make = Callable[..., dict[str, Any]]
+
+
+@pytest.fixture
+def make(keys: Path, tmp_path: Path) -> Make:
+    """Bundle the mission of `TEXT`, or another one's text, into tmp_path/out."""
+
+    def made(text: str = TEXT, now: datetime = NOW, target: Target = PI, **rest: str) -> dict[str, Any]:
+        return bundle.make(parse(text), text, tmp_path / "out", keys, target, now=now, **rest)  # type: ignore[arg-type]
+
+    return made
+
+
+def version(out: Path, robot: str) -> dict[str, Any]:
+    said: dict[str, Any] = json.loads((out / robot / VERSION).read_text())
+    return said
+
+
+def files(folder: Path) -> set[str]:
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_a_robots_folder_holds_all_that_it_needs(make: Make, tmp_path: Path) -> None:
+    make()
+    out = tmp_path / "out"
+    common = {
+        "mission.toml", "zenoh.json5", "install.sh", "VERSION.json", "wheels/requirements.txt",
+        "wheels/formation-0.1.0-py3-none-any.whl",
+        *(f"certificates/{name}.pem" for name in ("ca", "certificate", "key")),
+    }  # fmt: skip
+    agent = {f"units/formation-{role}.service" for role in ("agent", "guard")}
+    samples = {f"samples/{name}.service" for name in ("turtlebot3", "zenoh-bridge-ros2dds")}
+    for robot in ("robot1", "robot2"):
+        assert files(out / robot) == common | agent | samples
+    assert files(out / "leader") == common | {"units/formation-leader.service"}
+    assert (out / "robot1" / "mission.toml").read_text() == TEXT
+
+
+def test_the_desk_has_the_monitors_and_the_operators_side_and_is_no_robot(make: Make, tmp_path: Path) -> None:
+    make()
+    desk = tmp_path / "out" / DESK
+    pems = {f"{who}/{name}.pem" for who in ("monitor", "operator") for name in ("ca", "certificate", "key")}
+    assert files(desk) == {"mission.toml", "monitor.json5", "operator.json5", *pems}
+    assert str(desk / "operator" / "key.pem") in (desk / "operator.json5").read_text()
+
+
+def test_each_robot_gets_its_own_key_and_nobody_elses(make: Make, keys: Path, tmp_path: Path) -> None:
+    make()
+    every = {(keys / name / "key.pem").read_text(): name for name in (*ROBOTS, "monitor", "operator", "ca")}
+    out = tmp_path / "out"
+    for robot in ROBOTS:
+        texts = [path.read_bytes() for path in (out / robot).rglob("*") if path.is_file()]
+        held = {name for key, name in every.items() if any(key.encode() in text for text in texts)}
+        assert held == {robot}
+        pem = (out / robot / "certificates" / "certificate.pem").read_bytes()
+        assert x509.load_pem_x509_certificate(pem).subject.rfc4514_string() == f"CN={robot}"
+    assert (keys / "ca" / "key.pem").read_text() not in "".join(
+        path.read_text() for path in (out / DESK).rglob("*.pem")
+    )
+
+
+def test_nothing_secret_can_be_read_by_others(make: Make, tmp_path: Path) -> None:
+    make()
+    out = tmp_path / "out"
+    assert stat.S_IMODE(out.stat().st_mode) == 0o700
+    for path in out.rglob("*"):
+        mode = stat.S_IMODE(path.stat().st_mode)
+        assert not mode & 0o022, path
+        if path.suffix == ".pem":
+            assert mode == 0o600, path
+            assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
+    assert (out / ".gitignore").read_text() == "*\n", "keys would be offered for a commit"
+
+
+def test_a_version_says_what_it_is(make: Make, tmp_path: Path) -> None:
+    made = make()
+    said = version(tmp_path / "out", "robot2")
+    assert said["release"] == made["releases"]["robot2"] == bundle.release_id(tmp_path / "out" / "robot2")
+    assert (said["robot"], said["role"], said["mission"]) == ("robot2", "agent", "three-in-a-row")
+    assert (said["platform"], said["python"], said["formation"]) == ("aarch64", "3.12", "0.1.0")
+    assert said["made"] == NOW.isoformat(timespec="seconds")
+    assert datetime.fromisoformat(said["certificate_until"]) > NOW
+    assert version(tmp_path / "out", "leader")["role"] == "leader"
+
+
+def test_the_same_inputs_make_the_same_release_and_another_mission_another(
+    make: Make, tmp_path: Path
+) -> None:
+    first = make()["releases"]
+    before = (tmp_path / "out" / "robot1" / VERSION).read_text()
+    assert make(now=NOW + timedelta(minutes=1))["releases"] == first
+    assert (tmp_path / "out" / "robot1" / VERSION).read_text() == before, "push would send it again"
+    changed = make(TEXT.replace("speed = 0.05", "speed = 0.06"))["releases"]
+    assert not set(changed.values()) & set(first.values())
+
+
+def test_renewed_certificates_make_a_new_release(make: Make, keys: Path) -> None:
+    first = make()["releases"]
+    certificates.renew(mission(), keys, days=1.0, authority_days=1.0, now=NOW)
+    assert not set(make()["releases"].values()) & set(first.values())
+
+
+def test_a_robot_that_left_the_mission_leaves_the_bundles(make: Make, tmp_path: Path) -> None:
+    make()
+    start, _, _ = TEXT.partition("[robots.robot2]")
+    fewer = start.replace("robot2 = [-0.8, 0.0]\n", "") + "[[route]]\nspeed = 0.05\nheading_deg = 0\n"
+    make(fewer)
+    out = tmp_path / "out"
+    assert {path.name for path in out.iterdir()} == {"leader", "robot1", DESK, BUNDLE, ".gitignore"}
+    assert json.loads((out / BUNDLE).read_text()) == {"folders": ["leader", "robot1", DESK]}
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".out")] == []
+
+
+def test_a_run_that_fails_leaves_what_was_there(
+    make: Make,
+    source: Path,
+    keys: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    make()
+    before = {name: version(tmp_path / "out", name) for name in ROBOTS}
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(bundle, "release_id", full)
+    source.write_text(TEXT.replace("speed = 0.05", "speed = 0.06"))
+    assert main(command(source, keys, tmp_path / "out")) == 2
+    assert "No space left on device; what was there is as it was" in capsys.readouterr().err
+    assert {name: version(tmp_path / "out", name) for name in ROBOTS} == before
+    assert {path.name for path in tmp_path.iterdir()} == {"secrets", "out", source.name}
+
+
+def command(source: Path, keys: Path, out: Path, *flags: str) -> list[str]:
+    words = ["deploy", "bundle", source, "--certificates", keys, "--out", out, *flags]
+    return [str(word) for word in words]
+
+
+def test_the_command_says_what_comes_next(
+    source: Path, keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert main(command(source, keys, out)) == 0
+    said = capsys.readouterr().out
+    for robot in ROBOTS:
+        assert f"{robot:<16}{version(out, robot)['release']}" in said
+    assert f"formation deploy push {out}" in said
+    assert main(command(source, keys, out, "--json", "--platform", "x86_64", "--python", "3.11")) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result["platform"], result["python"]) == ("x86_64", "3.11")
+    assert set(result["releases"]) == set(ROBOTS)
+
+
+def test_without_wheels_robots_are_told_to_fetch_them(source: Path, keys: Path, tmp_path: Path) -> None:
+    assert main(command(source, keys, tmp_path / "out", "--no-wheels")) == 0
+    assert version(tmp_path / "out", "robot1")["wheels"] is False
+    assert (
+        "False" in (tmp_path / "out" / "robot1" / "wheels" / "formation-0.1.0-py3-none-any.whl").read_text()
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (('endpoint = "tls/10.77.0.2:7460"', ""), "robot1 without endpoint; in the field every robot"),
+        (('endpoint = "tls/10.77.0.2:7460"', 'endpoint = "tcp/10.77.0.2:7460"'), "must begin with 'tls/'"),
+        (('robot_endpoint = "tcp/127.0.0.1:7447"', ""), "robot_endpoint of robot1 is missing; it must be"),
+        (("tcp/127.0.0.1:7447", "tcp/10.77.0.2:7447"), "on the robot itself and for nobody else"),
+        (("robot1", "desk"), "no robot can be called 'desk'"),
+        (("robot1", "operator"), "no robot of the field can be called 'operator'"),
+    ],
+    ids=["no endpoint", "no tls", "no bridge", "a bridge for all", "called desk", "called operator"],
+)
+def test_a_mission_that_is_not_one_for_the_field_is_refused(
+    keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: tuple[str, str], said: str
+) -> None:
+    source = tmp_path / "changed.toml"
+    source.write_text(TEXT.replace(*change))
+    assert main(command(source, keys, tmp_path / "out")) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert len(error.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_robot_without_a_certificate_is_refused(
+    source: Path, keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(command(source, tmp_path / "nowhere", tmp_path / "out")) == 2
+    assert "no certificate for leader; `formation deploy certificates` issues one" in capsys.readouterr().err
+    (keys / "robot2" / "key.pem").write_text((keys / "robot1" / "key.pem").read_text())
+    assert main(command(source, keys, tmp_path / "out")) == 2
+    assert "is not the key of" in capsys.readouterr().err
+
+
+def test_a_certificate_that_has_expired_is_refused(
+    source: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    keys = tmp_path / "old"
+    certificates.create(mission(), keys, days=1.0, authority_days=9.0, now=NOW - timedelta(days=2))
+    assert main(command(source, keys, tmp_path / "out")) == 2
+    assert "leader/certificate.pem: has expired on" in capsys.readouterr().err
+
+
+def test_certificates_of_another_mission_are_refused(
+    keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = tmp_path / "elsewhere.toml"
+    source.write_text(TEXT.replace("10.77.0.3", "10.88.0.3"))
+    assert main(command(source, keys, tmp_path / "out")) == 2
+    said = capsys.readouterr().err
+    assert "is for robot2 at 10.77.0.3, and in mission three-in-a-row it listens at 10.88.0.3" in said
+
+
+def test_certificates_of_two_authorities_are_refused(
+    source: Path, keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = secrets(tmp_path / "other")
+    (keys / "robot2").rename(tmp_path / "aside")
+    (other / "robot2").rename(keys / "robot2")
+    assert main(command(source, keys, tmp_path / "out")) == 2
+    assert "robot2: trusts another authority than leader does" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("foreign", ["thesis.tex", "robot9", "robot1"])
+def test_a_folder_with_other_things_in_it_is_left_alone(
+    source: Path, keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], foreign: str
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / foreign).touch()
+    assert main(command(source, keys, out)) == 2
+    assert f"holds {foreign}, which no bundle has; name a new folder" in capsys.readouterr().err
+    assert {path.name for path in out.iterdir()} == {foreign}
+
+
+def test_files_put_among_bundles_are_not_lost(
+    make: Make, source: Path, keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make()
+    note = tmp_path / "out" / "notes.txt"
+    note.touch()
+    assert main(command(source, keys, tmp_path / "out")) == 2
+    assert "holds notes.txt" in capsys.readouterr().err
+    assert note.exists()
+
+
+def test_a_place_that_cannot_be_written_is_refused(
+    source: Path, keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").touch()
+    assert main(command(source, keys, tmp_path / "file")) == 2
+    assert "Not a directory" in capsys.readouterr().err
+
+
+def test_platforms_and_pythons_that_there_are_no_wheels_for_are_refused(
+    source: Path, keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for flags in (["--python", "3.10"], ["--platform", "armv7l"], ["--bringup", "ros2 launch"]):
+        assert main(command(source, keys, tmp_path / "out", *flags)) == 2
+        said = capsys.readouterr().err
+        assert flags[1] in said
+        assert "3.11" in said or "aarch64" in said or "turtlebot3.service" in said
