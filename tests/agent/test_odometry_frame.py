@@ -94,6 +94,16 @@ def test_a_robot_that_counts_anew_is_still_where_it_was(far: float, way: float, 
     assert driver.turned < 1e-3
 
 
+def test_a_turn_during_the_doubt_is_not_lost_to_the_estimated_heading() -> None:
+    driver = Driver(turn_rate=2.0)
+    driver.drive(times=400)
+    assert abs(cmath.phase(driver.here.heading / driver.true_heading)) < 1e-3
+    driver.count_anew()
+    driver.drive()  # by 0.1 rad
+    assert driver.here.jumps == 1
+    assert abs(cmath.phase(driver.here.heading / driver.true_heading)) < 1e-3
+
+
 def test_a_robot_that_only_turns_its_count_is_still_as_it_was() -> None:
     driver = Driver()
     driver.drive(times=60)
