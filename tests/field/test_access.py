@@ -1,0 +1,216 @@
+"""Who may say what to whom: as a table, as Zenoh's rules, and between real sessions."""
+
+from __future__ import annotations
+
+import fnmatch
+import itertools
+import json
+from collections.abc import Iterator
+from pathlib import Path, PurePath
+from typing import Any
+
+import pytest
+
+from deploy.field import access
+from deploy.field.hosts import MONITOR, OPERATOR, hosts
+from deploy.refusal import Refusal
+from formation.mission import Mission
+from formation.mission_file import shipped
+from formation.topics import ORDER, POSITION, STATUS, TABLE
+from formation.wiring import partners
+from tests.field.missions import in_the_field, on_a_wireless_network
+
+MISSIONS = {
+    f"{name}{'-' + team if team else ''}": in_the_field(name, on_a_wireless_network, team)
+    for name in shipped()
+    for team in (None, "reds")
+    if team is None or name != "two_chains"  # which is large
+}
+MESSAGES = (
+    "put", "delete", "declare_subscriber", "query", "declare_queryable", "reply",
+    "liveliness_token", "liveliness_query", "declare_liveliness_subscriber",
+)  # fmt: skip
+EVERY_MISSION = pytest.mark.parametrize("mission", MISSIONS.values(), ids=MISSIONS)
+
+
+def allows(rules: dict[str, Any], peer: str, flow: str, message: str, key: str) -> bool:
+    """What Zenoh decides by these rules, written down a second time from its documentation."""
+    assert rules["enabled"]
+    assert rules["default_permission"] == "deny"
+    by_id = {rule["id"]: rule for rule in rules["rules"]}
+    subjects = [one["id"] for one in rules["subjects"] if peer in one["cert_common_names"]]
+    verdict = False
+    for policy in rules["policies"]:
+        if not set(policy["subjects"]) & set(subjects):
+            continue
+        for rule in map(by_id.__getitem__, policy["rules"]):
+            fits = flow in rule["flows"] and message in rule["messages"]
+            if fits and any(includes(pattern, key) for pattern in rule["key_exprs"]):
+                if rule["permission"] == "deny":
+                    return False
+                verdict = True
+    return verdict
+
+
+def includes(pattern: str, key: str) -> bool:
+    """Whether all that `key` stands for is in `pattern`."""
+    if pattern in ("**", key):
+        return True
+    words, others = pattern.split("/"), key.split("/")
+    return len(words) == len(others) and all(
+        fnmatch.fnmatchcase(other, word) and other != "**" for word, other in zip(words, others, strict=True)
+    )
+
+
+def attempts(mission: Mission) -> Iterator[tuple[str, str, str, str]]:
+    """Who receives, whose certificate it is, the message and its key: all there are, and wild ones.
+
+    Of the robots that are neither of the two, whom a key may also name, one stands for all.
+    """
+    processes = access.processes(mission)
+    for me, peer in itertools.product(processes, (*processes, "robot99", "", "ca")):
+        third = next(name for name in mission.names if name not in {me, peer})
+        names = [name for name in dict.fromkeys((me, peer, third)) if name in mission.robots]
+        patterns = [topic.pattern for topic in TABLE]
+        keys = {
+            pattern.format(robot=robot, other=other)
+            for pattern in patterns
+            for robot in (*names, "*")
+            for other in names
+        }
+        if me != peer:
+            for message, key in itertools.product(MESSAGES, sorted(keys | {"**", "*/*", f"{me}/**"})):
+                yield me, peer, message, key
+
+
+def wire(mission: Mission, key: str) -> str:
+    return f"{mission.team}/{key}" if mission.team else key
+
+
+def comes(mission: Mission) -> Iterator[tuple[str, str, str, str]]:
+    """Of all attempts those that succeed."""
+    rules = {me: access.access_control(mission, me) for me in access.processes(mission)}
+    for me, peer, message, key in attempts(mission):
+        if allows(rules[me], peer, "ingress", message, wire(mission, key)):
+            yield me, peer, message, key
+
+
+@EVERY_MISSION
+def test_what_comes_in_is_what_the_table_says_and_nothing_else(mission: Mission) -> None:
+    said = {(word.receiver, word.sender, word.message, word.key) for word in access.words(mission)}
+    allowed = set(comes(mission))
+    # every key that the table names is among the attempts, but for sensors that see a robot not tried here
+    assert {word for word in said if "/relative/" not in word[3]} <= allowed
+    for me, peer, message, key in allowed:
+        assert any((me, peer, message) == word[:3] and includes(word[3], key) for word in said), (
+            f"{peer} may {message} {key} to {me}"
+        )
+
+
+@EVERY_MISSION
+def test_nobody_but_a_robot_speaks_for_it_and_only_the_operator_gives_orders(mission: Mission) -> None:
+    for me, peer, message, key in comes(mission):
+        robot, topic = key.split("/", 1)
+        match message:
+            case "put" | "reply" | "declare_queryable":
+                assert robot == peer
+                assert peer in mission.robots
+                if me in mission.robots:
+                    assert (message, key) == ("put", POSITION.key(peer))
+                    assert peer in mission.robots[me].neighbours
+            case "query":
+                assert peer == OPERATOR
+                assert topic == "order"
+            case "declare_subscriber":
+                assert robot == me
+                assert peer in {MONITOR, OPERATOR} or me in mission.robots[peer].neighbours
+            case _:
+                pytest.fail(f"{message} is never allowed")
+
+
+@EVERY_MISSION
+def test_the_monitor_may_say_nothing(mission: Mission) -> None:
+    assert {message for _, peer, message, _ in comes(mission) if peer == MONITOR} == {"declare_subscriber"}
+
+
+@EVERY_MISSION
+def test_keys_outside_the_team_are_nobodys(mission: Mission) -> None:
+    team = mission.model_copy(update={"team": "blues"})
+    for me in access.processes(mission):
+        rules = access.access_control(mission, me)
+        for word in access.words(mission):
+            assert not allows(rules, word.sender, "ingress", word.message, wire(team, word.key))
+
+
+@EVERY_MISSION
+def test_who_keeps_to_his_own_rules_is_never_refused_by_the_others(mission: Mission) -> None:
+    rules = {me: access.access_control(mission, me) for me in access.processes(mission)}
+    for me, peer, message, key in attempts(mission):
+        if peer in rules:
+            goes = allows(rules[peer], me, "egress", message, wire(mission, key))
+            assert goes == allows(rules[me], peer, "ingress", message, wire(mission, key))
+
+
+@EVERY_MISSION
+def test_everything_that_the_mission_needs_is_allowed(mission: Mission) -> None:
+    for me in mission.names:
+        rules = access.access_control(mission, me)
+
+        def heard(peer: str, message: str, key: str, rules: dict[str, Any] = rules) -> bool:
+            return allows(rules, peer, "ingress", message, wire(mission, key))
+
+        assert all(heard(j, "put", POSITION.key(j)) for j in mission.robots[me].neighbours)
+        for other in mission.names:
+            if me in mission.robots[other].neighbours:
+                assert heard(other, "declare_subscriber", POSITION.key(me))
+        assert heard(MONITOR, "declare_subscriber", STATUS.key(me))
+        assert heard(OPERATOR, "query", ORDER.key(me))
+        assert heard(OPERATOR, "query", ORDER.pattern.format(robot="*"))
+
+
+@EVERY_MISSION
+def test_links_are_those_of_the_graph_and_of_the_visitors_who_dial(mission: Mission) -> None:
+    where = hosts(mission)
+    dialled = {
+        process: set(configured(mission, process)["connect"]["endpoints"])
+        for process in access.processes(mission)
+    }
+    for me in mission.names:
+        assert configured(mission, me)["listen"]["endpoints"] == [where[me].endpoint]
+        for other in mission.names:
+            both = (where[other].endpoint in dialled[me]) + (where[me].endpoint in dialled[other])
+            assert both == (other in partners(mission, me))
+    for visitor in (MONITOR, OPERATOR):
+        assert dialled[visitor] == {host.endpoint for host in where.values()}
+        assert configured(mission, visitor)["listen"]["endpoints"] == []
+
+
+def configured(mission: Mission, process: str) -> dict[str, Any]:
+    return access.configuration(mission, process, PurePath("/opt/formation/current/certificates"))
+
+
+def test_the_file_is_zenohs_and_says_what_it_is_for() -> None:
+    mission = MISSIONS["turtlebot3_pair-reds"]
+    text = access.text(mission, "robot1", configured(mission, "robot1"))
+    comment = [line for line in text.splitlines() if line.startswith("//")]
+    assert "robot1 in the mission turtlebot3-pair" in comment[0]
+    settings = json.loads("\n".join(line for line in text.splitlines() if not line.startswith("//")))
+    assert settings == configured(mission, "robot1")
+    link = settings["transport"]["link"]
+    assert link["protocols"] == ["tls"]
+    assert link["tls"]["connect_private_key"] == "/opt/formation/current/certificates/key.pem"
+    assert all(
+        link["tls"][key] for key in ("enable_mtls", "verify_name_on_connect", "close_link_on_expiration")
+    )
+    assert settings["namespace"] == "reds"
+
+
+def test_a_host_with_a_name_listens_on_all_its_addresses() -> None:
+    mission = in_the_field("turtlebot3_pair", lambda i: f"tls/robot{i}.local:7460")
+    assert configured(mission, "robot1")["listen"]["endpoints"] == ["tls/[::]:7460"]
+    assert configured(mission, "robot1")["connect"]["endpoints"] == ["tls/robot0.local:7460"]
+
+
+def test_a_process_that_the_mission_has_not_is_refused() -> None:
+    with pytest.raises(Refusal, match="'robot9': must be one of leader, robot1, robot2, monitor, operator"):
+        access.configuration(MISSIONS["turtlebot3_pair"], "robot9", Path("/tmp"))  # noqa: S108 - only a name

@@ -1,0 +1,236 @@
+"""Certificates: what they say, that only we can read the keys, and what is refused before harm is done."""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+import subprocess
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID
+
+from deploy import cli
+from deploy.field import authority, certificates
+from deploy.field.hosts import hosts
+from deploy.refusal import Refusal
+from formation.mission import Mission
+from formation.mission_file import load
+from tests.field.missions import in_the_field, listening, on_a_wireless_network
+from tests.needs import path_of
+
+PAIR = in_the_field("turtlebot3_pair", on_a_wireless_network)
+NOW = datetime(2026, 6, 1, 12, tzinfo=UTC)
+EVERYBODY = ["ca", "leader", "robot1", "robot2", "monitor", "operator"]
+
+
+def made(folder: Path, mission: Mission = PAIR, days: float = 30.0, now: datetime = NOW) -> Path:
+    certificates.create(mission, folder, days=days, authority_days=365.0, now=now)
+    return folder
+
+
+def renewed(folder: Path, mission: Mission = PAIR, days: float = 30.0, now: datetime = NOW) -> None:
+    certificates.renew(mission, folder, days=days, authority_days=365.0, now=now)
+
+
+@pytest.fixture
+def secrets(tmp_path: Path) -> Path:
+    return made(tmp_path / "secrets")
+
+
+def test_every_process_has_a_certificate_that_says_its_name_and_its_place(secrets: Path) -> None:
+    root = certificates.read_authority(secrets)
+    for name in EVERYBODY[1:]:
+        pair = certificates.read(secrets, name, NOW)
+        assert pair.name == name
+        assert isinstance(pair.key.curve, ec.SECP256R1)
+        assert authority.issued_by(pair.certificate, root.certificate)
+        constraints = pair.certificate.extensions.get_extension_for_class(x509.BasicConstraints)
+        assert not constraints.value.ca
+        place = [hosts(PAIR)[name].address] if name in PAIR.robots else []
+        assert list(authority.addresses(pair.certificate)) == place
+        uses = pair.certificate.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
+        assert ExtendedKeyUsageOID.CLIENT_AUTH in uses
+        assert (ExtendedKeyUsageOID.SERVER_AUTH in uses) == (name in PAIR.robots)
+
+
+def test_a_host_may_have_a_name_instead_of_an_address(tmp_path: Path) -> None:
+    mission = listening(PAIR, {"robot1": "tls/robot1.local:7460", "robot2": "tls/[fe80::12]:7460"})
+    folder = made(tmp_path / "secrets", mission)
+    for robot, place in (("robot1", "robot1.local"), ("robot2", "fe80::12")):
+        assert list(authority.addresses(certificates.read(folder, robot, NOW).certificate)) == [place]
+
+
+def test_certificates_begin_in_the_past_and_none_outlives_the_authority(tmp_path: Path) -> None:
+    folder = tmp_path / "secrets"
+    made_now = certificates.create(PAIR, folder, days=30.0, authority_days=7.0, now=NOW)
+    assert made_now["ca"].expires == NOW + timedelta(days=7)
+    for pair in made_now.values():
+        assert pair.certificate.not_valid_before_utc == NOW - timedelta(hours=1)
+        assert pair.expires == NOW + timedelta(days=7)
+    made(tmp_path / "other", days=3.0)
+    assert certificates.read(tmp_path / "other", "robot1", NOW).expires == NOW + timedelta(days=3)
+
+
+def test_nobody_else_can_read_anything_and_git_takes_nothing(tmp_path: Path) -> None:
+    git = path_of("git")
+    subprocess.run([git, "init", "--quiet", str(tmp_path)], check=True)
+    mask = os.umask(0)
+    try:
+        folder = made(tmp_path / "secrets")
+    finally:
+        os.umask(mask)
+    for path in (folder, *folder.rglob("*")):
+        allowed = 0o700 if path.is_dir() else 0o600
+        assert stat.S_IMODE(path.stat().st_mode) == allowed, path
+    status = [git, "-C", str(tmp_path), "status", "--porcelain", "--untracked-files=all"]
+    assert subprocess.run(status, check=True, capture_output=True).stdout == b""
+
+
+def test_a_folder_that_others_may_look_into_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
+    folder = tmp_path / "open"
+    folder.mkdir(mode=0o755)
+    folder.chmod(0o755)
+    with pytest.raises(Refusal, match=r"mode 755.*chmod 700"):
+        made(folder)
+    assert list(folder.iterdir()) == []
+
+
+def test_a_robots_folder_that_was_opened_later_is_refused(secrets: Path) -> None:
+    before = (secrets / "robot1" / "key.pem").read_bytes()
+    (secrets / "robot1").chmod(0o750)
+    with pytest.raises(Refusal, match=r"robot1: others on this machine may look into it"):
+        renewed(secrets)
+    assert (secrets / "robot1" / "key.pem").read_bytes() == before
+
+
+def test_a_folder_with_something_else_in_it_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "home"
+    folder.mkdir(mode=0o700)
+    (folder / "diary").touch()
+    with pytest.raises(Refusal, match="not empty and no folder of certificates"):
+        made(folder)
+    assert [path.name for path in folder.iterdir()] == ["diary"]
+
+
+def test_existing_keys_are_never_overwritten_unasked(secrets: Path) -> None:
+    before = {path: path.read_bytes() for path in secrets.rglob("*.pem")}
+    with pytest.raises(Refusal, match="holds keys already; --renew"):
+        made(secrets)
+    assert {path: path.read_bytes() for path in secrets.rglob("*.pem")} == before
+
+
+def test_renewal_brings_new_keys_under_the_same_authority(secrets: Path) -> None:
+    root = certificates.read_authority(secrets)
+    before = certificates.read(secrets, "robot1", NOW)
+    later = NOW + timedelta(days=20)
+    renewed(secrets, now=later)
+    after = certificates.read(secrets, "robot1", later)
+    assert certificates.read_authority(secrets).certificate == root.certificate
+    assert after.expires == later + timedelta(days=30)
+    assert after.key_pem != before.key_pem
+    assert authority.issued_by(after.certificate, root.certificate)
+    assert not list(secrets.rglob(".*.pem.*"))
+
+
+def test_renewal_needs_an_authority_that_is_there_and_has_not_expired(secrets: Path, tmp_path: Path) -> None:
+    with pytest.raises(Refusal, match="no authority to renew under; leave out --renew"):
+        renewed(tmp_path / "nowhere")
+    assert not (tmp_path / "nowhere").exists()
+    with pytest.raises(Refusal, match="the authority has expired on 2027-06-01"):
+        renewed(secrets, now=NOW + timedelta(days=366))
+
+
+def test_a_robot_that_left_the_mission_is_named_while_its_certificate_is_good(secrets: Path) -> None:
+    six = in_the_field("six_robots", on_a_wireless_network)
+    assert set(certificates.left_over(secrets, six)) == {"leader"}
+    text = certificates.words(secrets, {}, certificates.left_over(secrets, six), NOW)
+    assert "leader: not in this mission, but its certificate is good until 2026-07-01" in text
+
+
+def test_certificates_that_would_not_work_are_refused_with_the_reason(secrets: Path) -> None:
+    with pytest.raises(Refusal, match="no certificate for robot9"):
+        certificates.read(secrets, "robot9", NOW)
+    with pytest.raises(Refusal, match="expired on 2026-07-01 12:00 UTC; renew"):
+        certificates.read(secrets, "robot1", NOW + timedelta(days=31))
+    mine, others = secrets / "robot1", secrets / "robot2"
+    (mine / "key.pem").write_bytes((others / "key.pem").read_bytes())
+    with pytest.raises(Refusal, match=r"is not the key of"):
+        certificates.read(secrets, "robot1", NOW)
+    (mine / "certificate.pem").write_bytes((others / "certificate.pem").read_bytes())
+    with pytest.raises(Refusal, match="is the certificate of 'robot2', not of 'robot1'"):
+        certificates.read(secrets, "robot1", NOW)
+    (others / "ca.pem").write_bytes((others / "certificate.pem").read_bytes())
+    with pytest.raises(Refusal, match="was not issued by"):
+        certificates.read(secrets, "robot2", NOW)
+    (others / "certificate.pem").write_text("nonsense")
+    with pytest.raises(Refusal, match="is not a certificate"):
+        certificates.read(secrets, "robot2", NOW)
+    (others / "certificate.pem").unlink()
+    with pytest.raises(Refusal, match="No such file"):
+        certificates.read(secrets, "robot2", NOW)
+
+
+@pytest.mark.parametrize(
+    ("endpoints", "reason"),
+    [
+        ({"leader": None, "robot2": None}, "leader, robot2 without endpoint; in the field every robot"),
+        ({"robot1": "tcp/192.168.1.11:7460"}, "of robot1: must begin with 'tls/'"),
+        ({"robot1": "tls/0.0.0.0:7460"}, "must be the address that the others dial"),
+        ({"robot1": "tls/[fe80::1%wlan0]:7460"}, "must be an address without zone"),
+        ({"robot1": "tls/robot1:0"}, "the port must be from 1 to 65535"),
+    ],
+)
+def test_a_mission_that_is_not_for_the_field_is_refused_in_one_sentence(
+    endpoints: dict[str, str | None], reason: str, tmp_path: Path
+) -> None:
+    with pytest.raises(Refusal, match=reason):
+        made(tmp_path / "secrets", listening(PAIR, endpoints))
+    assert not (tmp_path / "secrets").exists()
+
+
+def test_no_robot_can_be_called_as_a_visitor_is(tmp_path: Path) -> None:
+    data = PAIR.model_dump()
+    data["robots"]["monitor"] = data["robots"].pop("robot2")
+    data["shapes"]["triangle"]["monitor"] = data["shapes"]["triangle"].pop("robot2")
+    with pytest.raises(Refusal, match="no robot of the field can be called 'monitor'"):
+        made(tmp_path / "secrets", Mission.model_validate(data))
+
+
+def mission_file(folder: Path) -> Path:
+    """The shipped pair with endpoints, as a user writes it."""
+    text = (Path(cli.__file__).parent / "missions" / "turtlebot3_pair.toml").read_text()
+    for number, name in enumerate(PAIR.names):
+        table = f"[robots.{name}]\n"
+        assert table in text
+        text = text.replace(table, f'{table}endpoint = "{on_a_wireless_network(number)}"\n')
+    (folder / "field.toml").write_text(text)
+    assert load(str(folder / "field.toml")).robots["robot2"].endpoint == "tls/192.168.1.12:7460"
+    return folder / "field.toml"
+
+
+def test_the_command_tells_people_and_scripts_what_expires_when(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mission, folder = mission_file(tmp_path), tmp_path / "secrets"
+    asked = ["deploy", "certificates", str(mission), "--out", str(folder), "--json", "--days", "7"]
+    assert cli.main(asked) == 0
+    *words, last = capsys.readouterr().out.splitlines()
+    said = json.loads(last)
+    assert list(said["certificates"]) == EVERYBODY
+    assert said["certificates"]["robot2"]["days"] == pytest.approx(7.0, abs=0.01)
+    assert said["certificates"]["robot2"]["addresses"] == ["192.168.1.12"]
+    assert any(line.startswith("robot2 ") and line.endswith("192.168.1.12") for line in words)
+    assert "PRIVATE" not in "".join(words) + last
+
+    assert cli.main(asked) == 2
+    assert "--renew" in capsys.readouterr().err
+    assert cli.main([*asked, "--renew"]) == 0
+    assert cli.main(["deploy", "certificates", "turtlebot3_pair", "--out", str(tmp_path / "other")]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "without endpoint" in error
