@@ -56,6 +56,8 @@ def main(arguments: Sequence[str]) -> int:
         raise Refusal(str(error)) from None
     obeyed = all(name in answers and answers[name].reply.ok for name in asked)
     print(words(options.do, asked, answers, options.timeout))
+    if len(answers) < len(asked) and options.config is None and _under_certificates(options, mission):
+        print("robots under certificates answer an operator who has one: -c FILE names his configuration")
     if options.json:
         print(as_json(report(options.do, asked, answers)))
     return 0 if obeyed else 1
@@ -166,6 +168,11 @@ def _options() -> argparse.ArgumentParser:
         help="one Zenoh setting, which outranks all others; repeatable",
     )
     return options
+
+
+def _under_certificates(options: argparse.Namespace, mission: Mission) -> bool:
+    ends = options.connect or wiring.endpoints(mission).agents.values()
+    return any(end.startswith(("tls/", "quic/")) for end in ends)
 
 
 def _config(options: argparse.Namespace, mission: Mission, asked: Iterable[str]) -> BusConfig:
