@@ -10,6 +10,7 @@ from __future__ import annotations
 import cmath
 from collections import Counter
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from agent import failsafe
 from agent.commander import AT_REST, Commander
@@ -56,7 +57,7 @@ class Agent:
         """Messages that were not used, by key."""
         self.last_dropped: dict[str, str] = {}
         """Why the newest of them was not used, by key."""
-        self.decision = Decision(State.WAITING, "no odometry yet")
+        self.decision = Decision(State.WAITING, "just started")
         self._mission, self._spec = mission, spec
         self._readonly, self._voice, self._told = readonly, voice, 0
         self._surroundings = Surroundings()
@@ -142,9 +143,9 @@ class Agent:
     def _by_key(self) -> dict[str, Handler]:
         handlers: dict[str, Handler] = {self._own: self._take_own}
         for name, neighbour in self._neighbours.each.items():
-            handlers[POSITION.key(name)] = _bound(self._take_position, neighbour)
+            handlers[POSITION.key(name)] = partial(self._take_position, neighbour)
             if self._spec.measurement == "local":
-                handlers[RELATIVE.key(self.robot, name)] = _bound(self._take_displacement, neighbour)
+                handlers[RELATIVE.key(self.robot, name)] = partial(self._take_displacement, neighbour)
         return handlers
 
     def _take_own(self, sample: Sample, now: Now) -> float | None:
@@ -247,10 +248,3 @@ class Agent:
         where = key if key in self._handlers or key == "order" else "elsewhere"
         self.dropped[where] += 1
         self.last_dropped[where] = str(bad)[:LONGEST_REASON]  # it may quote what a stranger wrote
-
-
-def _bound(handle: Callable[[Neighbour, Sample, Now], None], neighbour: Neighbour) -> Handler:
-    def handler(sample: Sample, now: Now) -> None:
-        handle(neighbour, sample, now)
-
-    return handler

@@ -111,7 +111,7 @@ class RobotDefaults(Table):
     radius: Positive = 0.1
     """Of a circle around the centre that holds the body [m]."""
     rate: Annotated[float, Field(ge=1.0, le=200.0)] = 20.0
-    """Odometry, and therefore control, per second [Hz]."""
+    """Positions of its own, by odometry or from outside, and therefore control, per second [Hz]."""
     cmd_vel: Literal["twist", "twist_stamped"] = "twist"
     measurement: Literal["network", "local"] = "network"
     """Neighbours' positions over the network, or displacements from a sensor on the robot."""
