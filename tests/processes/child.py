@@ -106,3 +106,22 @@ def free_endpoint() -> str:
         with socket.socket() as probe, suppress(OSError):
             probe.bind(("127.0.0.1", port))
             return f"tcp/127.0.0.1:{port}"
+
+
+@contextmanager
+def held_endpoint() -> Iterator[str]:
+    """An endpoint that nobody else is given while it is held, though Zenoh may listen on it.
+
+    For what listens only after a while. On Linux a port may be listened on beside a socket that is merely
+    bound to it, if both allow the reuse of addresses.
+    """
+    while True:
+        port = random.SystemRandom().randrange(20_000, 32_000)
+        with socket.socket() as holder:
+            holder.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                holder.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            yield f"tcp/127.0.0.1:{port}"
+            return

@@ -22,7 +22,7 @@ from formation.topics import POSITION, STATUS, Topic
 from tests.formation.edited import edited
 from tests.processes import turtlebot3_messages as messages
 from tests.processes.bus_tools import until
-from tests.processes.child import PATIENCE, Child, free_endpoint, started
+from tests.processes.child import PATIENCE, Child, held_endpoint, started
 from tests.processes.turtlebot3 import TurtleBot3, Wire
 
 pytestmark = pytest.mark.processes
@@ -118,15 +118,15 @@ def running(
     """The mission, under way; ``bare`` robots have no namespace, as from the box."""
     keys = f'ros = "{ros}"\ncmd_vel = "{kind}"\ndomain = {domain}\n{FIRMWARE}'
     text = edited(PAIR, "robot", f'{keys}\nnamespace = ""' if bare else keys)
-    for name in ("leader", "robot1", "robot2"):
-        ends = f'endpoint = "{free_endpoint()}"\n'
-        if name != "leader":
-            ends += f'robot_endpoint = "{free_endpoint()}"\n'
-        text = edited(text, f"robots.{name}", ends)
-    mission = parse(text)
     file = tmp_path / "pair.toml"
-    file.write_text(text, encoding="utf-8")
     with ExitStack() as stack:
+        for name in ("leader", "robot1", "robot2"):
+            ends = f'endpoint = "{stack.enter_context(held_endpoint())}"\n'
+            if name != "leader":
+                ends += f'robot_endpoint = "{stack.enter_context(held_endpoint())}"\n'
+            text = edited(text, f"robots.{name}", ends)
+        mission = parse(text)
+        file.write_text(text, encoding="utf-8")
         robots = {}
         for name in mission.followers:
             spec = mission.robots[name]
