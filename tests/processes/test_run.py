@@ -10,8 +10,9 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from mcap.reader import make_reader
 
 from formation.messages import Diagnostics, Pose, TwistStamped, decode
 from formation.mission import Mission
-from formation.mission_file import load
+from formation.mission_file import load, read
 from formation.topics import CMD_VEL, DIAGNOSTICS, ERROR, GROUND_TRUTH, ODOM, POSITION, STATUS, command_topic
 
 pytestmark = pytest.mark.processes
@@ -85,6 +86,15 @@ def payloads_of(recording: Path) -> dict[str, list[bytes]]:
     return found
 
 
+def at_rest(poses: Sequence[Pose]) -> bool:
+    """Whether a robot stands still from the first of these to the last."""
+    return all(
+        abs(after.position - before.position) < AT_REST * (after.stamp - before.stamp)
+        and abs(cmath.phase(after.heading / before.heading)) < AT_REST * (after.stamp - before.stamp)
+        for before, after in pairwise(poses)
+    )
+
+
 @pytest.mark.parametrize(("name", "duration"), [("six_robots", 12), ("turtlebot3_pair", 12)])
 def test_a_shipped_mission_converges_and_its_recording_is_whole(
     name: str, duration: int, tmp_path: Path
@@ -146,10 +156,7 @@ def test_ctrl_c_brings_the_robots_to_rest_and_leaves_no_process(tmp_path: Path) 
     said_by = payloads_of(tmp_path / "run.mcap")
     for robot in mission.followers:
         # the agents have gone by then, and with them who repeats odometry
-        before, after = (decode(Pose, payload) for payload in said_by[f"/{GROUND_TRUTH.key(robot)}"][-2:])
-        seconds = after.stamp - before.stamp
-        assert abs(after.position - before.position) < AT_REST * seconds
-        assert abs(cmath.phase(after.heading / before.heading)) < AT_REST * seconds
+        assert at_rest([decode(Pose, payload) for payload in said_by[f"/{GROUND_TRUTH.key(robot)}"][-2:]])
         command = decode(TwistStamped, said_by[f"/{CMD_VEL.key(robot)}"][-1])
         assert (command.speed, command.turn_rate) == (0.0, 0.0)
         said = decode(Diagnostics, said_by[f"/{STATUS.key(robot)}"][-1]).statuses[0]
@@ -181,6 +188,49 @@ def test_an_agent_that_is_killed_is_named_and_the_others_go_on(tmp_path: Path) -
         "agent robot2": -signal.SIGKILL
     }
     assert not any(child.is_running() for child in children)
+
+
+def test_with_guards_a_robot_stands_when_its_agent_is_killed_and_the_other_arrives(tmp_path: Path) -> None:
+    flags = ("--guards", "--duration", "6", "--record", "run.mcap")
+    with started("turtlebot3_pair", *flags, folder=tmp_path) as process:
+        children = wait_until_running(process, 1.0)  # nobody has arrived yet
+        victim = next(one for one in children if {"agent", "robot2"} <= set(one.cmdline()))
+        victim.kill()
+        result = result_of(process)
+    processes = result["processes"]
+    assert {name: one["exit"] for name, one in processes.items() if one["exit"]} == {
+        "agent robot2": -signal.SIGKILL
+    }
+    assert processes["guard robot2"]["robot"]["published"] > processes["guard robot1"]["robot"]["published"]
+    truth = payloads_of(tmp_path / "run.mcap")[f"/{GROUND_TRUTH.key('robot2')}"]
+    poses = [decode(Pose, payload) for payload in truth]
+    assert at_rest(poses[-60:])
+    assert abs(poses[-1].position - poses[0].position) > 0.05  # it had been driving
+
+
+def test_a_mission_for_the_field_runs_here_as_it_is_on_ports_of_its_own(tmp_path: Path) -> None:
+    text, _ = read("turtlebot3_pair")
+    text = text.replace("[robot]", '[robot]\nrobot_endpoint = "tcp/127.0.0.1:7447"\nros = "rmw_zenoh"')
+    for number, name in enumerate(("leader", "robot1", "robot2")):
+        end = f'endpoint = "tls/192.168.50.{10 + number}:7460"\nnamespace = ""'
+        text = text.replace(f"[robots.{name}]", f"[robots.{name}]\n{end}")
+    (tmp_path / "field.toml").write_text(text)
+    flags = ("--guards", "--duration", "8", "--record", "run.mcap")
+    with started("field.toml", *flags, folder=tmp_path) as process:
+        assert process.stderr is not None
+        hint = process.stderr.readline().partition("another terminal: ")[2].split()
+        links = hint[4:]
+        wait_until_running(process, 6.0)
+        command = [sys.executable, "-m", "deploy", "order", "field.toml", "release", "--json", *links]
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=60.0, check=False, cwd=tmp_path
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        result = result_of(process)
+    assert links[::2] == ["-e"] * 3
+    assert all(end.startswith("tcp/127.0.0.1:") for end in links[1::2])
+    assert process.returncode == 0
+    assert (result["converged"], result["lost"]) == (True, 0)
 
 
 def test_a_bad_mission_starts_nothing(tmp_path: Path) -> None:
