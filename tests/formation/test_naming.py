@@ -287,6 +287,17 @@ def test_a_mistake_in_what_ros_is_told_is_named(keys: str, says: list[str]) -> N
         assert words in str(caught.value)
 
 
+def test_loopback_is_another_router_on_each_machine() -> None:
+    bare = 'namespace = ""\nrobot_endpoint = "tcp/127.0.0.1:7447"'
+    ends = [f'endpoint = "tls/192.168.1.{number}:7460"' for number in (12, 13)]
+    assert pair(bare, *ends).robots["robot2"].namespace == ""
+    for agents in ((), (ends[0], ends[0].replace(":7460", ":7461"))):  # on one machine
+        with pytest.raises(MissionError, match="apart from robot1"):
+            pair(bare, *agents)
+    with pytest.raises(MissionError, match="apart from robot1"):
+        pair(bare.replace("127.0.0.1", "192.168.1.5"), *ends)
+
+
 def test_robots_behind_one_router_keep_their_topics_apart() -> None:
     one = 'robot_endpoint = "tcp/10.0.0.1:7447"'
     assert pair(one).robots["robot2"].robot_endpoint == "tcp/10.0.0.1:7447"
