@@ -64,12 +64,13 @@ def _robot(options: argparse.Namespace, mission: Mission, robot: str, current: P
     if options.certificates is not None:
         papers = dict(files.papers_in(options.certificates, [robot])).get(robot, papers)
     there = current / "mission.toml"
+    given = options.mission is not None
     facts = at_robot.gather(
         mission,
         robot,
         options.seconds,
         papers,
-        there if there.is_file() else None,
+        there if given and there.is_file() else None,
         options.robot_connect or endpoints(mission).robots[robot],
     )
     return {robot: examine(EXAMINATIONS, facts)}

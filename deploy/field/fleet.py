@@ -6,6 +6,8 @@ import argparse
 import hashlib
 import json
 import re
+import socket
+import sys
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -82,7 +84,17 @@ def read(options: argparse.Namespace, *, sudo: bool = True) -> Fleet:
         raise Refusal(f"--only {unknown[0]!r}: must be one of {', '.join(bundles)}")
     if not PLACE.fullmatch(options.prefix) or options.prefix.replace("{robot}", "").count("{"):
         raise Refusal(f"--prefix {options.prefix!r}: must be an absolute path of letters, digits, . _ - /")
+    named = {*options.only, *addresses}
     chosen = {name: bundle for name, bundle in bundles.items() if not options.only or name in options.only}
+    here = [name for name, one in chosen.items() if name not in named and _leads_from_here(one)]
+    for name in here:
+        del chosen[name]
+        print(
+            f"{name}: leads from this machine, left out (--only {name} means it all the same)",
+            file=sys.stderr,
+        )
+    if not chosen:
+        raise Refusal(f"{options.folder}: nobody is left; name whom you mean with --only")
     robots = {
         name: Robot(
             name, addresses.get(name) or _from_mission(bundle), options.prefix.replace("{robot}", name)
@@ -169,6 +181,19 @@ def _from_mission(bundle: Bundle) -> str:
             f"--host {bundle.robot}=ADDRESS"
         )
     return spec.endpoint.partition("/")[2].rpartition(":")[0].strip("[]")
+
+
+def _leads_from_here(bundle: Bundle) -> bool:
+    """Whether it is a leader whose endpoint is an address of this machine: the desk, most likely."""
+    if bundle.version.get("role") != "leader":
+        return False
+    try:
+        place = socket.getaddrinfo(_from_mission(bundle), 0, type=socket.SOCK_STREAM)[0]
+        with socket.socket(place[0], socket.SOCK_STREAM) as probe:
+            probe.bind(place[4])  # only to an address of its own can a machine do that
+    except OSError:
+        return False
+    return True
 
 
 def _counted(path: Path) -> tuple[str, int]:

@@ -28,6 +28,8 @@ class State(NamedTuple):
     said: Mapping[str, Any]
     differs: tuple[str, ...]
     """Sentences; none if all is as it should be."""
+    units: Mapping[str, Mapping[str, Any]]
+    """What systemd says of each; none where they do not matter."""
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -54,10 +56,10 @@ def main(arguments: Sequence[str]) -> int:
 def state(bundle: Bundle, answer: Mapping[str, Any] | RemoteError, *, units: bool = True) -> State:
     """Compare what a robot says with its bundle."""
     if isinstance(answer, RemoteError):
-        return State({}, (str(answer),))
+        return State({}, (str(answer),), {})
     if answer["release"] is None:
-        return State(answer, ("nothing is installed",))
-    return State(answer, tuple(_differences(bundle, answer, units=units)))
+        return State(answer, ("nothing is installed",), {})
+    return State(answer, tuple(_differences(bundle, answer, units=units)), answer["units"] if units else {})
 
 
 def words(fleet: Fleet, states: Mapping[str, State]) -> list[str]:
@@ -73,7 +75,7 @@ def words(fleet: Fleet, states: Mapping[str, State]) -> list[str]:
     lines = [line("robot", TITLES)]
     for name, one in states.items():
         lines.append(line(name, rows[name]))
-        lines += [f"  {'':<{width}}  {_unit(*unit)}" for unit in one.said.get("units", {}).items()]
+        lines += [f"  {'':<{width}}  {_unit(*unit)}" for unit in one.units.items()]
         lines += [f"  {'':<{width}}  ! {text}" for text in one.differs]
     other = [name for name, one in states.items() if one.differs]
     well = len(states) - len(other)

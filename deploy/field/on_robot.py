@@ -35,6 +35,7 @@ MARK = "formation-answer: "
 INCOMING, CURRENT, PREVIOUS, VERSION = "incoming", "current", "previous", "VERSION.json"
 PUSHING, INSTALLING = ".lock", ".install.lock"  # files whose locks a push and an install.sh hold
 INSTALLED = ".installed"  # the file that names the release whose installation has ended well
+AGENT = "formation-agent.service"
 Answer = dict[str, Any]
 
 
@@ -203,11 +204,19 @@ def _restart(prefix: Path) -> str:
         return ""
     for unit in units:
         shutil.copyfile(str(prefix / CURRENT / "units" / unit), str(Path("/etc/systemd/system") / unit))
-    for words in (["systemctl", "daemon-reload"], ["systemctl", "restart", *units]):
+    for words in (["systemctl", "daemon-reload"], ["systemctl", "restart", *_startable(prefix, units)]):
         done = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False)
         if done.returncode != 0:
             return done.stdout.decode(errors="replace").strip()[-500:]
     return ""
+
+
+def _startable(prefix: Path, units: Sequence[str]) -> list[str]:
+    """Those that may be started now: an agent is bound to the bring-up, and would start that as well."""
+    bringup = _json(prefix / CURRENT / VERSION).get("bringup")
+    if not isinstance(bringup, str) or not bringup or _ask(["systemctl", "is-active", bringup]) is not None:
+        return list(units)
+    return [unit for unit in units if unit != AGENT]
 
 
 def _ask(words: Sequence[str]) -> str | None:

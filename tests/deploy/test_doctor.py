@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -339,3 +341,8 @@ def test_what_cannot_be_examined_is_refused_in_a_sentence(
 ) -> None:
     assert main(["doctor", *words]) == 2
     assert why in capsys.readouterr().err
+
+
+def test_a_robot_has_all_that_the_doctor_needs() -> None:
+    without = "import sys; sys.modules.update(dict.fromkeys(['cryptography', 'rich', 'mcap', 'matplotlib']))"
+    subprocess.run([sys.executable, "-c", f"{without}; import deploy.doctor.cli"], check=True)

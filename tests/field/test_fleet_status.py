@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from deploy.cli import main
 from tests.field.bundles import ROBOTS, Field
+from tests.field.light import light, release
 from tests.field.sshd import Server, sshd
 
 pytestmark = pytest.mark.ssh
@@ -71,3 +74,42 @@ def test_status_names_what_is_not_as_in_the_bundles(field: Field, capsys: pytest
     assert "! mission differs from the bundle's" in said
     assert "! unreachable: connection refused" in said
     assert said.splitlines()[-1] == "0 of 3 as in the bundles; not robot1, robot2, robot3"
+
+
+def test_what_is_bundled_can_be_pushed_taken_back_and_pushed_again(
+    bundles: Path, tmp_path: Path, server: Server, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With the install.sh that robots get, and real releases."""
+    folder = tmp_path / "field"
+    words = [str(folder), "--prefix", str(tmp_path / "formation"), "--no-systemd", *server.options, "--json"]
+    words += ["--host", "robot1=127.0.0.1"]
+
+    def deploy(command: str) -> dict[str, Any]:
+        main(["deploy", command, *words])
+        said: dict[str, Any] = result(capsys)["robots"]["robot1"]
+        return said
+
+    first = release(light(bundles / "robot1", folder / "robot1", {"zenoh.py": "# one\n"}))
+    assert (deploy("push")["installed"], deploy("push")["installed"]) == (True, False)
+    shutil.rmtree(folder)
+    second = release(light(bundles / "robot1", folder / "robot1", {"zenoh.py": "# two\n"}))
+    pushed = deploy("push")
+    assert (pushed["release"], pushed["files"]) == (second, 3)  # VERSION.json, one wheel, the list of wheels
+    assert deploy("status")["ok"] is True
+    assert (deploy("rollback")["release"], deploy("status")["release"]) == (first, first)
+    assert deploy("status")["differs"] == [f"release differs: {second} is in the bundle; push it"]
+    again = deploy("push")
+    assert (again["release"], again["files"], again["installed"]) == (second, 0, True)
+
+
+def test_a_leader_on_the_desk_is_left_out_unless_named(
+    field: Field, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, role in (("robot1", "leader"), ("robot2", "agent")):  # both are on this machine
+        path = field.bundles / name / "VERSION.json"
+        path.write_text(json.dumps({**json.loads(path.read_text()), "role": role}), encoding="utf-8")
+    assert field.deploy("push") == 0
+    assert [field.current(name) for name in ROBOTS] == [None, "r1", "r1"]
+    assert "robot1: leads from this machine, left out" in capsys.readouterr().err
+    assert field.deploy("push", "--only", "robot1") == 0
+    assert field.current("robot1") == "r1"
