@@ -47,9 +47,10 @@ def bridge_of(spec: RobotSpec, bridge: str | None) -> str:
 
 
 def commands(unit: str) -> list[list[str]]:
-    """What a unit starts, one command line after the other, without flags that variables may add."""
+    """What a unit starts, one command line after the other, with the variables that it sets itself."""
+    variables = dict(re.findall(r"(?m)^Environment=(\w+)=(.*)$", unit))
     lines = re.findall(r"(?m)^Exec(?:Start|StopPost)=(.*)$", unit)
-    return [[word for word in line.split() if not word.startswith("$")] for line in lines]
+    return [re.sub(r"\$(\w+)", lambda word: variables[word[1]], line).split() for line in lines]
 
 
 def _values(mission: Mission, name: str, bringup: str, bridge: str | None) -> Mapping[str, str]:
@@ -81,7 +82,7 @@ def _filled(template: str, values: Mapping[str, str]) -> str:
         text = text.replace(f"@{name}@", value)
     if values["BRIDGE"] == NONE:
         text = text.replace(f"={NONE}\n", "=\n")
-    return re.sub(r"(?m)^(?:BindsTo|After|WantedBy)=\n", "", re.sub(r"(?m)^After= ", "After=", text))
+    return re.sub(r"(?m)^(?:BindsTo|After|WantedBy)=\n", "", text)
 
 
 def _template(name: str) -> str:

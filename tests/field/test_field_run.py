@@ -54,6 +54,13 @@ def listening(computer: Computer) -> set[str]:
     return {line.split()[3] for line in done.stdout.splitlines()}
 
 
+def test_nothing_moves_before_an_operator_says_so(team: Deployed) -> None:
+    until(lambda: snapshot(team)["mode"] == "hold")
+    assert not any(snapshot(team)["robots"][name]["speed"] for name in team.mission.followers)
+    done = team.order("run")
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 def test_robots_converge_to_the_formation(team: Deployed) -> None:
     def near() -> bool:
         error = snapshot(team)["formation_error"]

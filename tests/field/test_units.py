@@ -93,7 +93,6 @@ def test_what_a_unit_may_do_is_rated_well(tmp_path: Path) -> None:
 def test_the_agent_stands_and_falls_with_the_bring_up_and_the_bridge() -> None:
     agent = units.units(FIELD, "robot1")["formation-agent.service"]
     assert value(agent, "BindsTo") == "turtlebot3.service zenoh-bridge-ros2dds.service"
-    assert set(value(agent, "BindsTo").split()) < set(value(agent, "After").split())
     assert value(agent, "WantedBy") == "turtlebot3.service"
     assert value(agent, "Requires") == "formation-guard.service"
     agent = units.units(RMW, "robot1", bringup="base.service")["formation-agent.service"]
@@ -119,6 +118,21 @@ def test_the_bridge_listens_where_the_agent_dials_and_the_bring_up_speaks_with_i
     assert "ROS_DOMAIN_ID=7" in bringup
     bare = parse(TEXT.replace("[robot]", '[robot]\nnamespace = ""', 1))
     assert "namespace" not in units.samples(bare, "robot2")["turtlebot3.service"]
+
+
+def test_no_unit_of_ours_delays_the_end_of_a_bring_up_whose_bridge_has_died() -> None:
+    for text in units.units(FIELD, "robot1").values():
+        bound = {"turtlebot3.service", "zenoh-bridge-ros2dds.service"}
+        assert not bound & set(" ".join(re.findall(r"(?m)^After=(.*)$", text)).split())
+
+
+def test_the_leader_waits_for_an_operator_unless_it_is_told_otherwise() -> None:
+    leader = units.units(FIELD, "leader")["formation-leader.service"]
+    assert units.commands(leader)[0][-1] == "--hold"
+    agent = units.units(FIELD, "robot1")["formation-agent.service"]
+    assert "--readonly" not in units.commands(agent)[0]
+    for text in (leader, agent):
+        assert value(text, "EnvironmentFile") == "-/etc/default/formation"
 
 
 def test_the_guard_neither_waits_for_the_network_nor_goes_down_with_the_bring_up() -> None:
