@@ -7,7 +7,7 @@
                units/*.service samples/*.service          systemd's
                wheels/*.whl                               the same files in every folder (hard links)
     DIR/leader/                                           likewise, under the leader's name
-    DIR/desk/  mission.toml {monitor,operator}.json5 {monitor,operator}/*.pem
+    DIR/desk/  mission.toml {monitor,operator,leader}.json5 {monitor,operator,leader}/*.pem
     DIR/BUNDLE.json                                       says that DIR is one of ours, and what is in it
 
 A release's id is a hash of all that is in its folder, so the same inputs make the same release.
@@ -182,8 +182,9 @@ def words(out: Path, result: Mapping[str, Any]) -> str:
     lines += [
         f"in {out}, for Python {result['python']} on {result['platform']}; next:",
         f"  formation deploy push {out}",
+        f"  formation leader {desk / 'mission.toml'} -c {desk / 'leader.json5'} --hold",
         f"  formation monitor {desk / 'mission.toml'} -c {desk / 'monitor.json5'}",
-        f"  formation order {desk / 'mission.toml'} stop -c {desk / 'operator.json5'}",
+        f"  formation order {desk / 'mission.toml'} run -c {desk / 'operator.json5'}",
     ]
     return "\n".join(lines)
 
@@ -226,13 +227,13 @@ def _robot(
 
 
 def _desk(folder: Path, mission: Mission, text: str, secrets: Path, place: Path) -> None:
-    """What the monitor and an operator need; it stays where it is made, `place`."""
+    """What the monitor, an operator and a leader on the desk need; it stays where it is made, `place`."""
     folder.mkdir(mode=0o700)
     _write(folder / "mission.toml", text)
-    for name in VISITORS:
-        settings = access.configuration(mission, name, place / name)
-        _write(folder / f"{name}.json5", access.text(mission, name, settings))
-        _secrets(secrets / name, folder / name)
+    for part, name in (*zip(VISITORS, VISITORS, strict=True), ("leader", mission.leader)):
+        settings = access.configuration(mission, name, place / part)
+        _write(folder / f"{part}.json5", access.text(mission, name, settings))
+        _secrets(secrets / name, folder / part)
 
 
 def _secrets(source: Path, folder: Path) -> None:

@@ -86,12 +86,15 @@ def test_a_robots_folder_holds_all_that_it_needs(make: Make, tmp_path: Path) -> 
     assert (out / "robot1" / "mission.toml").read_text() == TEXT
 
 
-def test_the_desk_has_the_monitors_and_the_operators_side_and_is_no_robot(make: Make, tmp_path: Path) -> None:
+def test_from_the_desk_one_watches_orders_and_leads_and_it_is_no_robot(make: Make, tmp_path: Path) -> None:
     make()
-    desk = tmp_path / "out" / DESK
-    pems = {f"{who}/{name}.pem" for who in ("monitor", "operator") for name in ("ca", "certificate", "key")}
-    assert files(desk) == {"mission.toml", "monitor.json5", "operator.json5", *pems}
-    assert str(desk / "operator" / "key.pem") in (desk / "operator.json5").read_text()
+    desk, who = tmp_path / "out" / DESK, ("monitor", "operator", "leader")
+    pems = {f"{one}/{name}.pem" for one in who for name in ("ca", "certificate", "key")}
+    assert files(desk) == {"mission.toml", *(f"{one}.json5" for one in who), *pems}
+    for one in who:
+        assert str(desk / one / "key.pem") in (desk / f"{one}.json5").read_text()
+    pem = (desk / "leader" / "certificate.pem").read_bytes()
+    assert x509.load_pem_x509_certificate(pem).subject.rfc4514_string() == "CN=leader"
 
 
 def test_each_robot_gets_its_own_key_and_nobody_elses(make: Make, keys: Path, tmp_path: Path) -> None:
