@@ -4,7 +4,7 @@
 
     DIR/robot2/mission.toml zenoh.json5 VERSION.json install.sh
                certificates/{ca,certificate,key}.pem      its own and nobody else's
-               units/*.service samples/*.service          systemd's
+               units/*.service samples/*                  for systemd, and for the bridge
                wheels/*.whl                               the same files in every folder (hard links)
     DIR/leader/                                           likewise, under the leader's name
     DIR/desk/  mission.toml {monitor,operator,leader}.json5 {monitor,operator,leader}/*.pem

@@ -18,6 +18,8 @@ CURRENT = f"{PREFIX}/current"
 BRINGUP = "turtlebot3.service"
 BRIDGES = {"ros2dds": "zenoh-bridge-ros2dds.service", "rmw_zenoh": "rmw-zenohd.service"}
 """What connects a robot's ROS 2 with Zenoh, by the mission's key `ros`."""
+CONFIGURATION = "conf.json5"
+"""Of zenoh-bridge-ros2dds."""
 RMW = {"ros2dds": "rmw_cyclonedds_cpp", "rmw_zenoh": "rmw_zenoh_cpp"}
 """For the bring-up; the bridge is itself made of Cyclone DDS, and tested with that."""
 NONE = "none"
@@ -33,11 +35,16 @@ def units(mission: Mission, name: str, bringup: str = BRINGUP, bridge: str | Non
 
 
 def samples(mission: Mission, name: str, bringup: str = BRINGUP, bridge: str | None = None) -> dict[str, str]:
-    """Texts of units for a robot's bring-up and bridge, by file name, for who has none. Raises Refusal."""
+    """Units for a robot's bring-up and bridge, and the bridge's configuration, for who has none.
+
+    By file name, as `units` does. Raises Refusal.
+    """
     if name == mission.leader:
         return {}
     values = _values(mission, name, bringup, bridge)
     wanted = {BRINGUP: bringup, BRIDGES[mission.robots[name].ros]: values["BRIDGE"]}
+    if mission.robots[name].ros == "ros2dds" and values["BRIDGE"] != NONE:
+        wanted[CONFIGURATION] = CONFIGURATION
     return {place: _filled(template, values) for template, place in wanted.items() if place != NONE}
 
 

@@ -79,7 +79,8 @@ def test_a_robots_folder_holds_all_that_it_needs(make: Make, tmp_path: Path) -> 
         *(f"certificates/{name}.pem" for name in ("ca", "certificate", "key")),
     }  # fmt: skip
     agent = {f"units/formation-{role}.service" for role in ("agent", "guard")}
-    samples = {f"samples/{name}.service" for name in ("turtlebot3", "zenoh-bridge-ros2dds")}
+    names = ("turtlebot3.service", "zenoh-bridge-ros2dds.service", "conf.json5")
+    samples = {f"samples/{name}" for name in names}
     for robot in ("robot1", "robot2"):
         assert files(out / robot) == common | agent | samples
     assert files(out / "leader") == common | {"units/formation-leader.service"}
