@@ -52,6 +52,8 @@ class Report(NamedTuple):
     """Neighbours for whom a second voice has spoken lately."""
     surroundings: Surroundings
     dropped: Mapping[str, tuple[int, str]]
+    mission: str = ""
+    """Its fingerprint."""
 
 
 def status(report: Report, now: Now) -> Diagnostics:
@@ -65,6 +67,7 @@ def status(report: Report, now: Now) -> Diagnostics:
         "state": state,
         "reason": report.decision.reason,
         "law": report.law,
+        **({"mission": report.mission} if report.mission else {}),
         "speed": f"{command.speed:.4f}",
         "turn_rate": f"{command.turn_rate:.4f}",
         **({} if link is None else {"robot link": link}),

@@ -7,6 +7,7 @@ what the types cannot say is checked on construction, and a violation names key,
 from __future__ import annotations
 
 import cmath
+import hashlib
 import math
 from functools import cached_property
 from typing import Annotated, Any, Literal, Self
@@ -278,6 +279,11 @@ class Mission(Table):
     def followers(self) -> tuple[str, ...]:
         """The followers as the file lists them."""
         return tuple(name for name in self.robots if name != self.leader)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """A short name of all that the mission says: equal for equal missions, however their files look."""
+        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:12]
 
     @property
     def first_shape(self) -> str:

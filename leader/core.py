@@ -36,7 +36,7 @@ class Leader:
         """Messages that were not used, by key."""
         self._voice = voice
         self._route = Route.of(mission)
-        self._shape = mission.first_shape
+        self._shape, self._fingerprint = mission.first_shape, mission.fingerprint
         self._rate = Rate(mission.robots[mission.leader].rate)
         self._status_rate = Rate(STATUS_RATE)
         self._told: Mode = "hold" if hold else "run"
@@ -138,6 +138,7 @@ class Leader:
             "state": self.mode,
             "reason": reason,
             "shape": self._shape,
+            "mission": self._fingerprint,
             "beat": str(self._beat),
             "route_time": f"{self.route_time:.3f}",
             "late": str(self._rate.missed),

@@ -11,6 +11,8 @@ Sign = tuple[float, float]
 """When it arrived [s, monotonic], and the time since its agent's start that it says [s]."""
 SAME_START = 1.0
 """Signs of life whose agents started within this are one agent's [s]: they come late by less."""
+RUNS = "mission"
+"""Key of a status that says with which mission, by its fingerprint, it was started."""
 REFUSED, VOICE = "refused ", "second voice "
 """How keys of a status begin that tell of who was refused, and of two who speak for one robot."""
 
@@ -67,7 +69,14 @@ def refusals_well(facts: Facts) -> str:
 
 
 def mission(facts: Facts) -> Iterator[Finding]:
-    """Is the mission that is installed the one that was given?"""
+    """Is the mission that runs, and the one that is installed, the one that was given?"""
+    told = facts.said.values.get(RUNS) if facts.said else None
+    if told is not None and told != facts.mission.fingerprint:
+        yield Finding(
+            "mission-other",
+            f"its {'leader' if facts.leads else 'agent'} was started with another mission than this one",
+            "restart it if the right one is installed; else push that",
+        )
     if facts.installed_differs:
         yield Finding(
             "mission-differs",
@@ -78,7 +87,10 @@ def mission(facts: Facts) -> Iterator[Finding]:
 
 def mission_well(facts: Facts) -> str:
     """That it is."""
-    return "the one that is installed" if facts.installed_differs == "" else ""
+    seen = ["the one that is installed"] if facts.installed_differs == "" else []
+    if facts.said and facts.said.values.get(RUNS) == facts.mission.fingerprint:
+        seen.append(f"{'leader' if facts.leads else 'agent'} runs it")
+    return ", ".join(seen)
 
 
 def two_starts(signs: Sequence[Sign]) -> tuple[float, float] | None:

@@ -45,6 +45,7 @@ def paused(*pauses: float) -> Stream:
 
 def said(message: str = "run: in formation control", **values: str) -> Status:
     usual = {"state": "run", "robot link": "connected", "age odometry": "0.012", "age leader": "0.031"}
+    usual["mission"] = TB3.fingerprint
     more = {key.replace("_", " "): value for key, value in values.items()}
     return Status("robot1: agent", 0, message, "robot1", {**usual, **more})
 
@@ -219,6 +220,11 @@ ILLS: dict[str, tuple[Mapping[str, Any], str, str]] = {
         {"said": said(**{"refused_put robot3/position": "12"})},
         "refused",
         "refused 12 times: put robot3/position",
+    ),
+    "started with another mission": (
+        {"said": said(mission="0123456789ab")},
+        "mission-other",
+        "its agent was started with another mission",
     ),
     "another mission": (
         {"installed_differs": "/opt/m.toml"},

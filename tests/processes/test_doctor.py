@@ -216,3 +216,16 @@ def test_with_certificates_a_team_is_healthy_and_stays_so_however_often_it_is_ex
         assert "robot1 is valid for 30 days" in there.sentence
         strange = fleet.doctor("--robot", "robot1", "-c", str(files["robot2"]))
         assert strange.findings == {"robot1": ["certificate-name"]}
+
+
+def test_an_agent_that_was_started_with_another_mission_is_named(tmp_path: Path) -> None:
+    with team(tmp_path) as fleet:
+        driving(fleet)
+        text = fleet.path.read_text(encoding="utf-8")
+        fleet.path.write_text(
+            text.replace("k_p = 2.0", "k_p = 1.5") + "\n# after they were started\n", "utf-8"
+        )
+        desk = fleet.doctor()
+        assert desk.findings == {name: ["mission-other"] for name in NAMES}, desk.text
+        fleet.path.write_text(text + "\n# a remark is no other mission\n", encoding="utf-8")
+        assert fleet.doctor().findings == {name: [] for name in NAMES}
