@@ -13,6 +13,8 @@ SAME_START = 1.0
 """Signs of life whose agents started within this are one agent's [s]: they come late by less."""
 RUNS = "mission"
 """Key of a status that says with which mission, by its fingerprint, it was started."""
+MANY = 1.6
+"""Share of the signs of life of one agent."""
 REFUSED, VOICE = "refused ", "second voice "
 """How keys of a status begin that tell of who was refused, and of two who speak for one robot."""
 
@@ -32,6 +34,12 @@ def look(facts: Facts) -> Iterator[Finding]:
         yield Finding(
             "agents-two",
             f"two agents command this robot: one runs for {starts[0]:.0f} s, one for {starts[1]:.0f} s",
+            "end one of them: ps ax | grep 'formation agent' on this robot and on others",
+        )
+    elif _too_many(facts):
+        yield Finding(
+            "agents-two",
+            "more signs of life come than one agent gives: two that were started together command this robot",
             "end one of them: ps ax | grep 'formation agent' on this robot and on others",
         )
     elif facts.doubled:
@@ -114,6 +122,13 @@ def two_starts(signs: Sequence[Sign]) -> tuple[float, float] | None:
             ages = first[-1][1], second[-1][1]
             return max(ages), min(ages)
     return None
+
+
+def _too_many(facts: Facts) -> bool:
+    """One agent gives a sign of life for each odometry, or each period."""
+    alive = facts.alive or ()
+    usual = max(1.0 / facts.period, facts.odometry.rate if facts.odometry else 0.0)
+    return len(alive) > MANY * usual * facts.seconds
 
 
 def _refused(facts: Facts) -> dict[str, str]:

@@ -36,6 +36,7 @@ INCOMING, CURRENT, PREVIOUS, VERSION = "incoming", "current", "previous", "VERSI
 PUSHING, INSTALLING = ".lock", ".install.lock"  # files whose locks a push and an install.sh hold
 INSTALLED = ".installed"  # the file that names the release whose installation has ended well
 AGENT = "formation-agent.service"
+SYSTEMD = Path("/etc/systemd/system")
 Answer = dict[str, Any]
 
 
@@ -199,11 +200,11 @@ def _unit(name: str) -> Answer:
 
 def _restart(prefix: Path) -> str:
     """Link the current release's units into systemd and start them anew; what went wrong, else nothing."""
-    units = [unit for unit in _units(prefix) if (Path("/etc/systemd/system") / unit).exists()]
+    units = [unit for unit in _units(prefix) if (SYSTEMD / unit).exists()]
     if not units:
         return ""
     for unit in units:
-        shutil.copyfile(str(prefix / CURRENT / "units" / unit), str(Path("/etc/systemd/system") / unit))
+        shutil.copyfile(str(prefix / CURRENT / "units" / unit), str(SYSTEMD / unit))
     for words in (["systemctl", "daemon-reload"], ["systemctl", "restart", *_startable(prefix, units)]):
         done = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False)
         if done.returncode != 0:

@@ -210,6 +210,11 @@ ILLS: dict[str, tuple[Mapping[str, Any], str, str]] = {
         "agents-two",
         "one runs for 53 s, one for 10 s",
     ),
+    "two agents started together": (
+        {"alive": tuple(sorted(signs(50.0) + signs(50.2)))},
+        "agents-two",
+        "two that were started together",
+    ),
     "second voice": ({"doubled": ("robot2",)}, "agents-two", "two agents speak for it, as robot2 hears"),
     "second voice of a neighbour": (
         {"said": said(second_voice_robot2="two agents speak for it")},

@@ -148,7 +148,6 @@ def test_a_neighbour_that_is_down_is_named_by_who_needs_it(tmp_path: Path) -> No
 def test_two_agents_for_one_robot_are_named(tmp_path: Path) -> None:
     with team(tmp_path) as fleet:
         driving(fleet)
-        time.sleep(1.0)  # agents that start within a second of each other pass for one
         fleet.start("agent", "--robot", "robot1", "-l", free_endpoint(), "-e", fleet.agents["leader"])
         there = fleet.doctor("--robot", "robot1")
         assert there.code == 1

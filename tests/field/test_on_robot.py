@@ -1,0 +1,113 @@
+"""What a robot is told over ssh does to its services, with a systemd that only writes down what it hears."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from deploy.field import on_robot
+
+AGENT, GUARD = "formation-agent.service", "formation-guard.service"
+
+
+class Robot:
+    """A robot with two releases, the second one current, and a systemd whose units are as told."""
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.prefix, self.units, self._log = folder / "formation", folder / "units", folder / "calls"
+        self._programs = folder / "bin"
+        for place in (self.units, self._programs):
+            place.mkdir()
+        for release in ("r1", "r2"):
+            home = self.prefix / "releases" / release
+            (home / "units").mkdir(parents=True)
+            said = {"release": release, "bringup": "turtlebot3.service"}
+            (home / "VERSION.json").write_text(json.dumps(said), encoding="utf-8")
+            for unit in (AGENT, GUARD):
+                (home / "units" / unit).write_text(f"of {release}", encoding="utf-8")
+                (self.units / unit).write_text(f"of {release}", encoding="utf-8")
+        (self.prefix / "current").symlink_to("releases/r2")
+        (self.prefix / "previous").symlink_to("releases/r1")
+        monkeypatch.setattr(on_robot, "SYSTEMD", self.units)
+        monkeypatch.setenv("PATH", f"{self._programs}:{os.environ['PATH']}")
+
+    def systemctl(self, script: str) -> None:
+        for name in ("systemctl", "journalctl"):
+            path = self._programs / name
+            path.write_text(f'#!/bin/sh\necho "{name} $*" >>{self._log}\n{script}\n', encoding="utf-8")
+            path.chmod(0o755)
+
+    @property
+    def calls(self) -> list[str]:
+        return self._log.read_text(encoding="utf-8").splitlines()
+
+    def ask(self, command: str, capsys: pytest.CaptureFixture[str], **more: object) -> on_robot.Answer:
+        on_robot.main(command, json.dumps({"prefix": str(self.prefix), **more}))
+        answer: on_robot.Answer = json.loads(capsys.readouterr().out.partition(on_robot.MARK)[2])
+        return answer
+
+
+@pytest.fixture
+def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Robot:
+    return Robot(tmp_path, monkeypatch)
+
+
+def test_a_rollback_brings_back_the_units_of_that_time_and_starts_them(
+    robot: Robot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot.systemctl("exit 0")
+    answer = robot.ask("rollback", capsys, restart=True)
+    assert answer == {"left": "r2", "release": "r1", "restart": ""}
+    assert {unit.read_text(encoding="utf-8") for unit in robot.units.iterdir()} == {"of r1"}
+    assert robot.calls[-2] == "systemctl daemon-reload"
+    assert robot.calls[-1] == f"systemctl restart {AGENT} {GUARD}"
+    assert not (robot.prefix / "previous").is_symlink()
+
+
+def test_a_rollback_does_not_start_an_agent_whose_bring_up_is_down(
+    robot: Robot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot.systemctl('[ "$1" != is-active ]')  # restarting the agent would start what it is bound to
+    robot.ask("rollback", capsys, restart=True)
+    assert robot.calls[-1] == f"systemctl restart {GUARD}"
+
+
+def test_a_rollback_that_is_to_leave_what_runs_calls_nobody(
+    robot: Robot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot.systemctl("exit 0")
+    assert robot.ask("rollback", capsys, restart=False)["release"] == "r1"
+    with pytest.raises(FileNotFoundError):
+        _ = robot.calls
+
+
+def test_units_that_do_not_start_are_told(robot: Robot, capsys: pytest.CaptureFixture[str]) -> None:
+    robot.systemctl('[ "$1" != restart ] || { echo "Job failed, see journalctl"; exit 1; }')
+    assert robot.ask("rollback", capsys, restart=True)["restart"] == "Job failed, see journalctl"
+
+
+def test_a_status_tells_what_systemd_and_the_journal_say_of_each_unit(
+    robot: Robot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot.systemctl(
+        'case "$*" in\n'
+        f"*journalctl*|*-n\\ 1*) echo '12:00:00 robot1: hold: no leader' ;;\n"
+        f"*{AGENT}*) printf 'LoadState=loaded\\nActiveState=active\\nSubState=running\\nNRestarts=3\\n' ;;\n"
+        f"*{GUARD}*) printf 'LoadState=not-found\\nActiveState=inactive\\n' ;;\n"
+        "esac"
+    )
+    units = robot.ask("status", capsys)["units"]
+    says = "12:00:00 robot1: hold: no leader"
+    assert units[AGENT] == {"active": "active", "detail": "running", "restarts": 3, "says": says}
+    assert units[GUARD]["active"] == "not loaded"
+
+
+def test_a_link_to_a_release_that_is_gone_is_no_way_back(
+    robot: Robot, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (robot.prefix / "releases" / "r1" / "VERSION.json").unlink()  # what an interrupted installation leaves
+    assert robot.ask("rollback", capsys, restart=True) == {"error": "there is no release before r2"}
+    assert (robot.prefix / "current").readlink().name == "r2"
