@@ -61,6 +61,7 @@ class Agent:
         self._mission, self._spec = mission, spec
         self._readonly, self._voice, self._told = readonly, voice, 0
         self._surroundings = Surroundings()
+        self._moved = False  # by the newest step
         self._law = LAWS[self.law_name]
         self._here = Localisation(mission, robot, self.law_name)
         self._neighbours = Neighbourhood(mission, robot, self.law_name)
@@ -104,6 +105,10 @@ class Agent:
 
     def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
         """Learn from `inbox`, decide, and say what follows from it."""
+        return [*self.act(now, inbox), *self.tell(now)]
+
+    def act(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
+        """The first half of a step, whose result need not wait for the second: learn, decide, command."""
         interval, moved = None, False
         for sample in inbox:
             try:
@@ -118,10 +123,18 @@ class Agent:
                 moved = True
                 interval = taken if interval is None else interval + (taken or 0.0)
         before, self.decision = self.decision.state, self._decide(now)
+        self._moved = moved
         outbox = self._drive(now, interval) if moved else self._rest(now)
-        if moved and self._here.jumped is None:  # whoever measures this robot would jump as well
+        if self.decision.state is not before:
+            self._status_due = now.mono
+        return outbox
+
+    def tell(self, now: Now) -> list[Outgoing]:
+        """The second half: where this robot is, if it has just learned that, and now and then how it does."""
+        outbox = []
+        if self._moved and self._here.jumped is None:  # whoever measures this robot would jump as well
             outbox.append(self._position())
-        if now.mono >= self._status_due or self.decision.state is not before:
+        if now.mono >= self._status_due:
             self._status_due = now.mono + STATUS_PERIOD
             outbox.append(self._status(now))
         return outbox
@@ -241,6 +254,7 @@ class Agent:
             contested=self._neighbours.contested(now),
             surroundings=self._surroundings,
             dropped={where: (count, self.last_dropped[where]) for where, count in self.dropped.items()},
+            mission=self._mission.fingerprint,
         )
         return Outgoing(self._status_key, encode(status(report, now)))
 

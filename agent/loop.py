@@ -11,7 +11,8 @@ its guard and stays there. An agent that is ``readonly`` sends its robot neither
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from agent.core import Agent
 from agent.status import Surroundings
@@ -65,8 +66,8 @@ class Sides:
             else:
                 bus.subscribe(key)
 
-    def step(self, now: Now, inbox: Sequence[Sample]) -> Iterable[Outgoing]:
-        """Step the agent, with what concerns it."""
+    def step(self, now: Now, inbox: Sequence[Sample]) -> Iterator[Outgoing]:
+        """Step the agent, with what concerns it, as `send` takes what it says."""
         robot = self._process.robot
         connected = robot.connected
         routed = robot.routed(self._command) if connected else None
@@ -75,7 +76,11 @@ class Sides:
             self._refused = self._process.bus.refused
         self._agent.aware(Surroundings(connected, routed, self._refused))
         self._inbox = inbox
-        return self._agent.step(now, [sample for sample in inbox if sample.key in self._heard])
+        commands = self._agent.act(now, [sample for sample in inbox if sample.key in self._heard])
+        yield from commands
+        if commands:
+            os.sched_yield()  # the thread that writes them to the socket may run before reports are made
+        yield from self._agent.tell(now)
 
     def halt(self, now: Now, reason: str) -> Iterable[Outgoing]:
         """The agent's last words."""

@@ -1,4 +1,4 @@
-"""The bus: one Zenoh session of a process. The only module that imports zenoh.
+"""The bus: one Zenoh session of a process. Nobody but this and `formation.session` imports zenoh.
 
 Zenoh's receive thread stamps what arrives and puts it into a mailbox; everything else happens on the main
 thread. A process with several buses has one mailbox for them all.
@@ -6,23 +6,20 @@ thread. A process with several buses has one mailbox for them all.
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Callable, Collection, Iterable
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import zenoh
 
-from formation.bus_config import DEFAULTS, ONE_THREAD, BusConfig, BusError, plain
+from formation.bus_config import ONE_THREAD, BusConfig, BusError
 from formation.mailbox import Mailbox
-from formation.refusals import Refusals
+from formation.session import closed, named, opened, refusals_of, setting, settings_of
 from formation.topics import Topic
 from formation.wire import Outgoing, Sample
 
@@ -67,9 +64,9 @@ class Bus:
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
         os.environ.setdefault("ZENOH_RUNTIME", ONE_THREAD)
-        settings = _settings(config)
-        self._refusals = _listen_for_refusals(settings)
-        self._session: zenoh.Session | None = _open(settings, config.name)
+        settings = settings_of(config)
+        self._refusals = refusals_of(settings)
+        self._session: zenoh.Session | None = opened(settings, config.name)
 
     def __enter__(self) -> Self:
         return self
@@ -85,7 +82,7 @@ class Bus:
             raise BusError(f"topic {topic.name!r} is a queryable: it is answered, not published")
         if key in self._publishers:
             raise BusError(f"{key!r} is advertised already")
-        with _named(key):
+        with named(key):
             self._publishers[key] = self._live.declare_publisher(
                 key,
                 congestion_control=zenoh.CongestionControl.DROP,
@@ -127,7 +124,7 @@ class Bus:
             )
             put(taken, received)
 
-        with _named(key):
+        with named(key):
             self._live.declare_subscriber(key, zenoh.handlers.Callback(receive, indirect=False))
 
     def claim(self, tokens: Iterable[str]) -> None:
@@ -137,7 +134,7 @@ class Bus:
             self._tokens.pop(token).undeclare()  # type: ignore[no-untyped-call]
         for token in wanted:
             if token not in self._tokens:
-                with _named(token):
+                with named(token):
                     self._tokens[token] = self._live.liveliness().declare_token(token)
 
     @property
@@ -183,7 +180,7 @@ class Bus:
         def receive(query: zenoh.Query) -> None:  # on Zenoh's thread: must return at once
             self.mailbox.accept(_Query(query, key), handler)
 
-        with _named(key):
+        with named(key):
             self._live.declare_queryable(key, zenoh.handlers.Callback(receive, indirect=False))
 
     def serve(self) -> int:
@@ -205,7 +202,7 @@ class Bus:
                 ms = (time.perf_counter() - start) * 1e3
                 replies.append(Reply(str(reply.ok.key_expr), reply.ok.payload.to_bytes(), ms))
 
-        with _named(key):
+        with named(key):
             self._live.get(
                 key,
                 zenoh.handlers.Callback(receive, done.set, indirect=False),
@@ -228,7 +225,7 @@ class Bus:
             if reply.ok is not None:
                 found.append(str(reply.ok.key_expr))
 
-        with _named(expression):
+        with named(expression):
             handler = zenoh.handlers.Callback(receive, done.set, indirect=False)
             self._live.liveliness().get(expression, handler, timeout=timeout)
         done.wait(timeout)
@@ -241,7 +238,7 @@ class Bus:
             return
         self.mailbox.turn_away()
         # Zenoh waits up to 10 s for a peer that has stopped reading; a daemon thread does not keep us.
-        closing = threading.Thread(target=_close, args=(session,), name="bus-close", daemon=True)
+        closing = threading.Thread(target=closed, args=(session,), name="bus-close", daemon=True)
         closing.start()
         closing.join(CLOSE_LIMIT)
         if closing.is_alive():
@@ -282,62 +279,3 @@ class _Query:
 
     def drop(self) -> None:
         self._query.drop()  # type: ignore[no-untyped-call]
-
-
-def setting(file: Path, path: str) -> Any:
-    """What a Zenoh configuration file (JSON5) says at `path`, Zenoh's default included. Raises BusError."""
-    with _named(f"--config {str(file)!r}"):
-        return json.loads(zenoh.Config.from_file(file).get_json(path))
-
-
-def _open(settings: zenoh.Config, name: str) -> zenoh.Session:
-    listened = ", ".join(json.loads(settings.get_json("listen/endpoints"))) or "nothing"
-    try:
-        return zenoh.open(settings)
-    except zenoh.ZError as error:
-        if "in use" in str(error):
-            twice = f"; is there a second {name} on this machine?" if name else ""
-            raise BusError(f"cannot listen on {listened}: the address is in use{twice}") from None
-        raise BusError(f"the bus cannot be opened, listening on {listened}: {plain(error)}") from None
-
-
-def _settings(config: BusConfig) -> zenoh.Config:
-    settings, untouched = zenoh.Config(), zenoh.Config()
-    if config.config_file is not None:
-        with _named(f"--config {str(config.config_file)!r}"):
-            settings = zenoh.Config.from_file(config.config_file)
-
-    def left_open(path: str) -> bool:
-        return bool(json.loads(settings.get_json(path)) == json.loads(untouched.get_json(path)))
-
-    linked = not all(map(left_open, ("listen/endpoints", "connect/endpoints")))
-    defaults = [(path, value) for path, value in DEFAULTS if left_open(path)]
-    for path, value in defaults + ([] if linked else config.links()) + config.flags():
-        settings.insert_json5(path, value)
-    for path, value in config.overrides:
-        with _named(f"--cfg {path}:{value}"):
-            settings.insert_json5(path, value)
-    return settings
-
-
-def _listen_for_refusals(settings: zenoh.Config) -> Refusals | None:
-    if not json.loads(settings.get_json("access_control/enabled")):
-        return None
-    namespace = json.loads(settings.get_json("namespace"))
-    return Refusals.listen(zenoh.try_init_log_from_env, namespace or "")
-
-
-def _close(session: zenoh.Session) -> None:
-    try:
-        session.close()  # type: ignore[no-untyped-call]
-    except zenoh.ZError as error:
-        _log.warning("the bus did not close cleanly: %s", plain(error))
-
-
-@contextmanager
-def _named(what: str) -> Iterator[None]:
-    """Turn Zenoh's errors into a BusError that says of `what`."""
-    try:
-        yield
-    except zenoh.ZError as error:
-        raise BusError(f"{what}: {plain(error)}") from None

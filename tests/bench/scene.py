@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from agent.core import Agent
-from formation.bus import BusConfig, _settings
+from formation.bus import BusConfig
 from formation.messages import encode
 from formation.mission_file import load
 from formation.order import Order, Told
 from formation.order import encode as encode_order
 from formation.ros_names import address
+from formation.session import settings_of
 from formation.topics import ALIVE, CMD_VEL, ODOM, POSITION, STATUS, Topic
 from formation.wire import Now, Outgoing, Sample
 from tests.bench import edge
@@ -89,7 +90,7 @@ class Scene:
         )
         repeat = [_row("fleet", ODOM, ROBOTS[who])]
         plan = {
-            "sides": {side: json.loads(str(_settings(config))) for side, config in sides.items()},
+            "sides": {side: json.loads(str(settings_of(config))) for side, config in sides.items()},
             "answer_to": ODOM.key(ROBOTS[who]),
             "hears": hears,
             "answers": [row for row in _rows(ROBOTS[who], answers) if row["side"] in sides],

@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 
-from formation.bus import _settings
 from formation.bus_config import DEFAULTS, BusConfig, BusError, parse_override
+from formation.session import settings_of
 from formation.wiring import Links
 
 
 def setting(config: BusConfig, path: str) -> Any:
-    return json.loads(_settings(config).get_json(path))
+    return json.loads(settings_of(config).get_json(path))
 
 
 @pytest.mark.parametrize("path", [path for path, _ in DEFAULTS])

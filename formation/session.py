@@ -1,0 +1,80 @@
+"""Opening a Zenoh session as a `BusConfig` wants it, and closing it."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from formation.bus_config import DEFAULTS, BusConfig, BusError, plain
+from formation.refusals import Refusals
+
+_log = logging.getLogger(__name__)
+
+
+def setting(file: Path, path: str) -> Any:
+    """What a Zenoh configuration file (JSON5) says at `path`, Zenoh's default included. Raises BusError."""
+    with named(f"--config {str(file)!r}"):
+        return json.loads(zenoh.Config.from_file(file).get_json(path))
+
+
+def opened(settings: zenoh.Config, name: str) -> zenoh.Session:
+    """A session with these settings, of a process called `name`. Raises BusError."""
+    listened = ", ".join(json.loads(settings.get_json("listen/endpoints"))) or "nothing"
+    try:
+        return zenoh.open(settings)
+    except zenoh.ZError as error:
+        if "in use" in str(error):
+            twice = f"; is there a second {name} on this machine?" if name else ""
+            raise BusError(f"cannot listen on {listened}: the address is in use{twice}") from None
+        raise BusError(f"the bus cannot be opened, listening on {listened}: {plain(error)}") from None
+
+
+def settings_of(config: BusConfig) -> zenoh.Config:
+    """What Zenoh is told: defaults, the file, what the mission implies, flags, overrides. Raises BusError."""
+    settings, untouched = zenoh.Config(), zenoh.Config()
+    if config.config_file is not None:
+        with named(f"--config {str(config.config_file)!r}"):
+            settings = zenoh.Config.from_file(config.config_file)
+
+    def left_open(path: str) -> bool:
+        return bool(json.loads(settings.get_json(path)) == json.loads(untouched.get_json(path)))
+
+    linked = not all(map(left_open, ("listen/endpoints", "connect/endpoints")))
+    defaults = [(path, value) for path, value in DEFAULTS if left_open(path)]
+    for path, value in defaults + ([] if linked else config.links()) + config.flags():
+        settings.insert_json5(path, value)
+    for path, value in config.overrides:
+        with named(f"--cfg {path}:{value}"):
+            settings.insert_json5(path, value)
+    return settings
+
+
+def refusals_of(settings: zenoh.Config) -> Refusals | None:
+    """Who counts what a session with these settings will refuse; None if it will refuse nobody."""
+    if not json.loads(settings.get_json("access_control/enabled")):
+        return None
+    namespace = json.loads(settings.get_json("namespace"))
+    return Refusals.listen(zenoh.try_init_log_from_env, namespace or "")
+
+
+def closed(session: zenoh.Session) -> None:
+    """Close it; a failure is logged."""
+    try:
+        session.close()  # type: ignore[no-untyped-call]
+    except zenoh.ZError as error:
+        _log.warning("the bus did not close cleanly: %s", plain(error))
+
+
+@contextmanager
+def named(what: str) -> Iterator[None]:
+    """Turn Zenoh's errors into a BusError that says of `what`."""
+    try:
+        yield
+    except zenoh.ZError as error:
+        raise BusError(f"{what}: {plain(error)}") from None
