@@ -77,6 +77,8 @@ class Ssh:
         words = shlex.join([*(AS_ROOT if self._sudo else ()), "python3", "-c", _text(), command, asked])
         code, lines, errors = self._run(robot, words, feed, line or (lambda _: None))
         answer = next((said for said in map(_answer, reversed(lines)) if said is not None), None)
+        if answer is None and self._stopped:
+            raise RemoteError("interrupted")
         if answer is None:
             raise RemoteError(why(code, errors), [] if code == SSH_FAILED else errors[-LAST_LINES:])
         if "error" in answer:

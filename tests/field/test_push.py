@@ -217,7 +217,7 @@ def test_an_interrupted_push_leaves_what_runs_and_the_next_one_completes_it(fiel
     (folder / "wheels" / "scipy.whl").write_bytes(os.urandom(8_000_000))
     fleet = fleets.read(flags().parse_args(field.words("--only", "robot1")), sudo=False)
     view = Stopping(fleet.ssh, when)
-    with pytest.raises(RemoteError):
+    with pytest.raises(RemoteError, match="interrupted"):
         push(fleet, fleet.robots["robot1"], ["--no-systemd"], view)
     assert view.happened.is_set()
     assert field.current("robot1") == "r1"
