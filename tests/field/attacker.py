@@ -1,0 +1,162 @@
+"""What somebody does who means harm: ``python -m tests.field.attacker KIND JSON``, one attack a run.
+
+Ends with an event ``done`` that says what the attacker knows of its success.
+"""
+
+from __future__ import annotations
+
+import json
+import secrets
+import socket
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from formation import order
+from formation.messages import Pose, encode
+from formation.order import OperatorRequest, Order, Told
+from formation.process import say
+from tests.field.sessions import attacking
+
+FAR = 5.0 + 5.0j
+"""Where the attacker would have the robot go [m; world frame]: nowhere near."""
+
+
+def forged(seconds: float, rate: float) -> Iterator[tuple[bytes, bytes]]:
+    """Positions far away that go on and on, with an order to stop by a leader who took over just now."""
+    voice, term, start = secrets.token_hex(8), time.time_ns(), time.monotonic()
+    for count in range(int(seconds * rate)):
+        what = Order(term=term, beat=count, mode="stop", shape="row")
+        told = Told(voice=voice, count=count, order=what)
+        yield encode(Pose(time.time(), FAR, 1j)), order.encode(told)
+        time.sleep(max(0.0, start + (count + 1) / rate - time.monotonic()))
+
+
+def put(session: zenoh.Session, keys: list[str], seconds: float, rate: float = 40.0) -> int:
+    """Put forged positions on all of `keys`; how many."""
+    sent = 0
+    for payload, attachment in forged(seconds, rate):
+        for key in keys:
+            session.put(key, payload, attachment=attachment)
+            sent += 1
+    return sent
+
+
+def query(session: zenoh.Session, keys: list[str]) -> int:
+    """Ask for a stop as an operator does; how many answered."""
+    payload = order.encode(OperatorRequest(do="stop"))
+    return sum(
+        reply.ok is not None
+        for key in keys
+        for reply in session.get(key, payload=payload, timeout=1.0, target=zenoh.QueryTarget.ALL)
+    )
+
+
+def declare(session: zenoh.Session, keys: list[str], seconds: float) -> int:
+    """Declare liveliness tokens; how many."""
+    tokens = [session.liveliness().declare_token(key) for key in keys]
+    time.sleep(seconds)
+    return len(tokens)
+
+
+def listen(session: zenoh.Session, key: str, seconds: float) -> list[tuple[str, str]]:
+    """What somebody says: payload and attachment in hexadecimal."""
+    heard: list[tuple[str, str]] = []
+
+    def receive(sample: zenoh.Sample) -> None:
+        attachment = sample.attachment
+        heard.append((sample.payload.to_bytes().hex(), attachment.to_bytes().hex() if attachment else ""))
+
+    subscriber = session.declare_subscriber(key, zenoh.handlers.Callback(receive, indirect=False))
+    time.sleep(seconds)
+    subscriber.undeclare()  # type: ignore[no-untyped-call]
+    return heard
+
+
+def replay(session: zenoh.Session, key: str, samples: list[tuple[str, str]], rate: float = 40.0) -> int:
+    """Say again what was said before; how many."""
+    for payload, attachment in samples:
+        session.put(key, bytes.fromhex(payload), attachment=bytes.fromhex(attachment))
+        time.sleep(1.0 / rate)
+    return len(samples)
+
+
+def dial(how: dict[str, Any], times: int) -> int:
+    """Try to link; how often it worked."""
+    worked = 0
+    for _ in range(times):
+        try:
+            with attacking(**how):
+                worked += 1
+        except zenoh.ZError:
+            time.sleep(0.1)
+    return worked
+
+
+def crowd(address: str, port: int, number: int, seconds: float) -> int:
+    """Open connections and let each say a byte now and then, never enough; how many the victim took."""
+    taken = [socket.create_connection((address, port), timeout=5.0) for _ in range(number)]
+    for byte in b"\x16\x03\x01\x02":
+        time.sleep(seconds / 4)
+        for one in taken:
+            try:
+                one.send(bytes([byte]))
+            except OSError:
+                one.close()
+    return len(taken)
+
+
+def knock(address: str, port: int, seconds: float) -> int:
+    """Begin links that prove nothing as fast as they are taken; how many."""
+    end, knocked = time.monotonic() + seconds, 0
+    while time.monotonic() < end:
+        try:
+            with socket.create_connection((address, port), timeout=0.2) as one:
+                one.sendall(b"\x16\x03\x01\x00\x05nonsense")
+                knocked += 1
+        except OSError:
+            time.sleep(0.01)
+    return knocked
+
+
+def talk(address: str, port: int, words: bytes) -> int:
+    """Say something that is no TLS; how many bytes came back."""
+    with socket.create_connection((address, port), timeout=5.0) as link:
+        link.sendall(words)
+        try:
+            return len(link.recv(4096))
+        except ConnectionResetError:
+            return 0
+
+
+def main(kind: str, how: dict[str, Any]) -> None:
+    """Attack."""
+    result: object
+    match kind:
+        case "dial":
+            result = dial(_paths(how["link"]), how["times"])
+        case "crowd":
+            result = crowd(**how)
+        case "knock":
+            result = knock(**how)
+        case "talk":
+            result = talk(how["address"], how["port"], bytes.fromhex(how["words"]))
+        case _:
+            does = {"put": put, "query": query, "declare": declare, "listen": listen, "replay": replay}[kind]
+            with attacking(**_paths(how.pop("link"))) as session:
+                time.sleep(0.3)  # until both sides have told each other what they declare
+                result = does(session, **how)  # type: ignore[operator]
+                time.sleep(0.3)  # what was said is sent before the link goes
+    say("done", result=result)
+
+
+def _paths(link: dict[str, Any]) -> dict[str, Any]:
+    return {**link, "identity": Path(link["identity"]), "trusted": Path(link["trusted"])}
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], json.loads(sys.argv[2]))

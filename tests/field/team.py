@@ -1,0 +1,242 @@
+"""A team in a field under mTLS and access control, with a witness of the victim's commands, and an attacker.
+
+Each robot is a computer of its own: its agent, and the simulated robot on its loopback. The leader leads
+`robot1` and `robot2`, `robot2` also measures `robot1`, and is the victim. `robot3` measures `robot2`, but has
+been stolen: it is not there, and its key is in the attacker's hands.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+from itertools import pairwise
+from pathlib import Path
+from statistics import median
+from typing import Any, NamedTuple
+
+from deploy.field import authority, certificates
+from formation.mission import Mission
+from formation.mission_file import parse
+from tests.field.namespaces import Computer, Field, Running, until
+from tests.field.sessions import Desk, prepared
+
+VICTIM = "robot2"
+TEXT = """
+name = "attacked"
+leader = "leader"
+team = "reds"
+
+[law]
+k_p = 2.0
+k_i = 0.5
+
+[robot]
+control_point_offset = 0.1
+max_speed = 0.6
+max_turn_rate = 2.0
+rate = 20
+robot_endpoint = "tcp/127.0.0.1:7447"
+
+[shapes.row]
+robot1 = [-0.4, 0.3]
+robot2 = [-0.6, -0.3]
+robot3 = [-1.0, 0.0]
+
+[robots.leader]
+endpoint = "tls/10.77.0.1:7460"
+start = { x = 0.0, y = 0.0 }
+
+[robots.robot1]
+endpoint = "tls/10.77.0.2:7460"
+neighbours = ["leader"]
+start = { x = -0.6, y = 0.35, heading_deg = 0 }
+
+[robots.robot2]
+endpoint = "tls/10.77.0.3:7460"
+neighbours = ["leader", "robot1"]
+start = { x = -0.8, y = -0.35, heading_deg = 0 }
+
+[robots.robot3]
+endpoint = "tls/10.77.0.4:7460"
+neighbours = ["robot2"]
+start = { x = -1.1, y = 0.0, heading_deg = 0 }
+
+[[route]]
+speed = 0.1
+heading_deg = 0
+"""
+
+
+class Command(NamedTuple):
+    """One command that arrived at the victim's wheels."""
+
+    at: float
+    """[s, monotonic]"""
+    speed: float
+    """[m/s]"""
+    turn_rate: float
+    """[rad/s]"""
+
+
+class Band(NamedTuple):
+    """Where commands are when nobody attacks, and a little around it."""
+
+    speed: tuple[float, float]
+    turn_rate: tuple[float, float]
+
+    def holds(self, command: Command) -> bool:
+        """Whether a command is like those before the attack."""
+        return (
+            self.speed[0] <= command.speed <= self.speed[1]
+            and self.turn_rate[0] <= command.turn_rate <= self.turn_rate[1]
+        )
+
+    @classmethod
+    def of(cls, commands: list[Command]) -> Band:
+        """Twice as wide as what was seen, and what a formation error of 2 mm commands."""
+        return cls(
+            _around([command.speed for command in commands], 0.004),
+            _around([command.turn_rate for command in commands], 0.04),
+        )
+
+
+def _around(values: list[float], margin: float) -> tuple[float, float]:
+    middle = median(values)
+    reach = 2.0 * max(abs(value - middle) for value in values) + margin
+    return middle - reach, middle + reach
+
+
+class Team:
+    """The running team, seen from the victim's side."""
+
+    def __init__(self, field: Field, desk: Desk, source: Path) -> None:
+        self.field, self.desk, self.source = field, desk, source
+        names = ("leader", "robot1", "robot2", "attacker", "desk")  # addresses as in the mission
+        self.computers = {name: field.computer(name) for name in names}
+        self.running: dict[str, Running] = {}
+
+    @property
+    def attacker(self) -> Computer:
+        """A computer with no business here."""
+        return self.computers["attacker"]
+
+    @property
+    def desk_computer(self) -> Computer:
+        """Where the operator is."""
+        return self.computers["desk"]
+
+    def start(self) -> None:
+        """Start all processes but the attacker's, and wait until the victim drives settled."""
+        for name in ("robot1", "robot2"):
+            here = self.computers[name]
+            self.running[f"{name}'s body"] = here.start(*self.formation("robot", "--robot", name))
+        self.running["witness"] = self.computers[VICTIM].start(
+            sys.executable, "-m", "tests.field.witness", "tcp/127.0.0.1:7447", VICTIM
+        )
+        for name in ("leader", "robot1", "robot2"):
+            part = ("leader",) if name == "leader" else ("agent", "--robot", name)
+            self.running[name] = self.computers[name].start(
+                *self.formation(*part, "-c", str(self.desk.file(name)))
+            )
+        for name in ("leader", "robot1", "robot2"):
+            self.running[name].event("ready")
+
+    def formation(self, command: str, *flags: str) -> tuple[str, ...]:
+        """A command line of the project for this mission."""
+        return (sys.executable, "-m", "deploy", command, str(self.source), *flags)
+
+    def attack(self, kind: str, **how: Any) -> Running:
+        """Start an attack of `tests.field.attacker` on the attacker's computer."""
+        return self.attacker.start(sys.executable, "-m", "tests.field.attacker", kind, json.dumps(how))
+
+    def commands(self, since: float = 0.0, before: float = float("inf")) -> list[Command]:
+        """What arrived at the victim's wheels between two moments [s, monotonic]."""
+        found = [
+            Command(said["at"], said["speed"], said["turn_rate"])
+            for said in self.running["witness"].events("command")
+        ]
+        return [command for command in found if since <= command.at < before]
+
+    def status(self) -> dict[str, str]:
+        """The newest status of the victim."""
+        said = self.running["witness"].events("status")
+        values: dict[str, str] = said[-1]["values"] if said else {}
+        return values
+
+    def states(self, since: float) -> set[str]:
+        """What states the victim said it was in since a moment [s, monotonic]."""
+        return {
+            said["values"]["state"]
+            for said in self.running["witness"].events("status")
+            if said["at"] >= since
+        }
+
+    def refused(self) -> dict[str, int]:
+        """What the victim's bus has refused, by kind, as its status says."""
+        values = self.status()
+        return {
+            name.removeprefix("refused "): int(value)
+            for name, value in values.items()
+            if name.startswith("refused ")
+        }
+
+    def dropped(self) -> dict[str, tuple[int, str]]:
+        """What the victim's agent has not believed: how many and why last, by key."""
+        found = {}
+        for name, value in self.status().items():
+            if name.startswith("dropped "):
+                count, _, why = value.partition(", last: ")
+                found[name.removeprefix("dropped ")] = (int(count), why)
+        return found
+
+    def settled(self) -> bool:
+        """Whether the victim's last two seconds of commands were those of settled straight driving."""
+        last = self.commands()[-40:]
+        return len(last) == 40 and all(
+            abs(one.speed - 0.1) < 0.005 and abs(one.turn_rate) < 0.05 for one in last
+        )
+
+
+def longest_gap(commands: list[Command]) -> float:
+    """Between two commands that follow each other [s]."""
+    return max(later.at - earlier.at for earlier, later in pairwise(commands))
+
+
+def mission() -> Mission:
+    """The mission of `TEXT`."""
+    return parse(TEXT, "attacked.toml")
+
+
+@contextmanager
+def driving(folder: Path, expires: Mapping[str, float] | None = None) -> Iterator[Team]:
+    """A team that drives, settled; the certificates of some expire so many seconds from now."""
+    source = folder / "attacked.toml"
+    source.write_text(TEXT, encoding="utf-8")
+    with Field() as field:
+        team = Team(field, prepared(mission(), folder / "secrets"), source)
+        for name, seconds in (expires or {}).items():
+            issued(team.desk, team.desk.folder / name, name, seconds=seconds)
+        team.start()
+        until(team.settled, 60.0, "the victim drives straight")
+        yield team
+
+
+def issued(
+    desk: Desk, folder: Path, name: str, *, begins: timedelta = timedelta(), seconds: float = 3600.0
+) -> Path:
+    """Put a certificate of the team's authority into `folder`: good from some time on, for so long."""
+    address = mission().robots[name].endpoint or ""
+    pair = authority.issue(
+        certificates.read_authority(desk.folder),
+        name,
+        address.removeprefix("tls/").partition(":")[0],
+        seconds / 86400.0,
+        datetime.now(UTC) + begins,
+    )
+    folder.mkdir(exist_ok=True)
+    (folder / certificates.KEY).write_bytes(pair.key_pem)
+    (folder / certificates.CERTIFICATE).write_bytes(pair.certificate_pem)
+    return folder
