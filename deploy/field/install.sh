@@ -138,12 +138,13 @@ if ! whole "$home"; then
     mkdir -p "$home/units"
     "$python" -m venv --without-pip "$home/venv" || failed "no virtual environment can be made in $home"
     set -- --find-links "$bundle/wheels" --requirement "$bundle/wheels/requirements.txt"
-    [ "$wheels" = false ] || set -- --no-index "$@"
+    # Where packages are fetched from is for this machine's pip configuration to say; else that has no say.
+    [ "$wheels" = false ] || set -- --isolated --no-index "$@"
     # The bundle's own pip, run from its wheel: the robot needs none. Nothing but what the list names, as it hashes.
     (
         unset PYTHONPATH PYTHONHOME
-        exec "$home/venv/bin/python" "$(echo "$bundle"/wheels/pip-*.whl)/pip" --isolated --disable-pip-version-check \
-            --no-input install --quiet --no-cache-dir --no-warn-script-location --root-user-action ignore \
+        exec "$home/venv/bin/python" "$(echo "$bundle"/wheels/pip-*.whl)/pip" install \
+            --disable-pip-version-check --no-input --quiet --no-cache-dir --no-warn-script-location --root-user-action ignore \
             --require-hashes --no-deps --only-binary :all: "$@"
     ) || failed "the packages cannot be installed; $prefix/current is what it was"
 

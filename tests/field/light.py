@@ -30,7 +30,7 @@ META = {
 }
 
 
-def light(whole: Path, folder: Path, modules: Mapping[str, str] | None = None, **facts: str) -> Path:
+def light(whole: Path, folder: Path, modules: Mapping[str, str] | None = None, **facts: str | bool) -> Path:
     """A robot's bundle like `whole`, but with stand-ins for its packages; `facts` go to its VERSION.json."""
     shutil.copytree(whole, folder, ignore=shutil.ignore_patterns("*.whl", bundle.VERSION))
     (pip,) = (whole / "wheels").glob("pip-*.whl")

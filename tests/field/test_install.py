@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.field import bundle, units
+from deploy.field import bundle, units, wheels
 from tests.field.deployed import HERE, install
 from tests.field.light import light, release
 from tests.field.namespaces import until
@@ -184,6 +184,18 @@ def test_a_package_that_is_in_no_list_is_not_fetched(made: Made, tmp_path: Path)
     done = install(one, tmp_path / "prefix", "--no-systemd")
     assert done.returncode == 1
     assert "No matching distribution found for numpy==2.4.6" in done.stderr
+
+
+def test_a_robot_with_internet_fetches_what_its_bundle_leaves_out(bundles: Path, tmp_path: Path) -> None:
+    one = light(bundles / "robot1", tmp_path / "one", wheels=False)
+    (small,) = (pin for pin in wheels.robot_pins(HERE) if pin.name == "typing-inspection")
+    with (one / "wheels" / "requirements.txt").open("a") as file:
+        file.write(f"{small.line}\n")
+    done = install(one, tmp_path / "prefix", "--no-systemd")
+    assert done.returncode == 0, done.stderr
+    assert list(
+        (tmp_path / "prefix").glob(f"current/venv/lib/*/site-packages/{small.name.replace('-', '_')}")
+    )
 
 
 @pytest.mark.parametrize(
