@@ -81,9 +81,10 @@ def bundles(folder: Path) -> Path:
 
 
 def install(robot: Path, prefix: Path, *flags: str) -> subprocess.CompletedProcess[str]:
-    """Run a robot's install.sh, with no more of an environment than a robot has."""
+    """Run a robot's install.sh, with no more of an environment than a robot has, and its pip's settings."""
     command = ["sh", str(robot / "install.sh"), "--prefix", str(prefix), *flags]
-    variables = {"PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])}
+    variables = {name: value for name, value in os.environ.items() if name.startswith("PIP_")}
+    variables["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     return subprocess.run(command, env=variables, capture_output=True, text=True, timeout=110, check=False)
 
 
