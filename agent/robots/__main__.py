@@ -28,7 +28,11 @@ NODE = "simulated_robot"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Simulate until told to stop; the exit code."""
-    parser = flags.parser("robot", "Simulate one robot or several, in place of hardware.", EXAMPLES)
+    what = (
+        "Simulate one robot or several, in place of hardware. Each is a ROS 2 router as well, at the"
+        " mission's robot_endpoint or at -l, which is given once for all of them or once for each."
+    )
+    parser = flags.parser("robot", what, EXAMPLES)
     parser.add_argument(
         "--robot",
         metavar="NAME",

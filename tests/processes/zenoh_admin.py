@@ -55,7 +55,7 @@ def clients(endpoint: str, timeout: float = 5.0) -> list[Peer]:
     """The clients of the router that listens on `endpoint`. Raises TimeoutError if there is none."""
     with _looking_at(endpoint, timeout) as (session, zid, kind):
         root = f"@/{zid}/{kind}"
-        linked = _ask(session, root, timeout)[root]["sessions"]
+        linked = _about(session, root, timeout)["sessions"]
         own = str(session.info.zid())
         return [
             _peer(session, other["peer"], "client", timeout)
@@ -86,7 +86,7 @@ def _looking_at(endpoint: str, timeout: float) -> Iterator[tuple[zenoh.Session, 
 def _peer(session: zenoh.Session, zid: str, kind: str, timeout: float) -> Peer:
     ours = str(session.info.zid())
     root = f"@/{zid}/{kind}"
-    about = _ask(session, root, timeout)[root]
+    about = _about(session, root, timeout)
     others = [s for s in about["sessions"] if s["peer"] != ours]
     return Peer(
         zid=zid,
@@ -98,6 +98,16 @@ def _peer(session: zenoh.Session, zid: str, kind: str, timeout: float) -> Peer:
         kinds=frozenset(s["whatami"] for s in others),
         locators=tuple(about["locators"]),
     )
+
+
+def _about(session: zenoh.Session, root: str, timeout: float) -> Any:
+    """What a session says of itself. A link is there a moment before it is known who answers over it."""
+    deadline = time.monotonic() + timeout
+    while not (answers := _ask(session, root, timeout)):
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"{root} does not answer")
+        time.sleep(0.005)
+    return answers[root]
 
 
 def _own(session: zenoh.Session, prefix: str, zid: str, timeout: float) -> frozenset[str]:

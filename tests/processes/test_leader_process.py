@@ -1,0 +1,69 @@
+"""The leader as a real process over real Zenoh."""
+
+from __future__ import annotations
+
+import math
+import signal
+
+import pytest
+
+from formation import order
+from formation.messages import Diagnostics, Pose, decode
+from formation.order import OperatorReply, Order, Told
+from formation.wire import Sample
+from tests.processes.child import PATIENCE, free_endpoint
+from tests.processes.leader_and_robot import heard, leader, listening
+
+pytestmark = pytest.mark.processes
+
+
+def ordered(sample: Sample) -> Order:
+    told = order.decode(Told, sample.attachment or b"").order
+    assert told is not None
+    return told
+
+
+def test_a_leader_goes_along_its_route_in_real_time_with_a_rising_beat() -> None:
+    end = free_endpoint()
+    with leader(end) as child, listening(end, "robot1/position") as bus:
+        samples = heard(bus, lambda samples: len(samples) >= 30)
+        child.signal(signal.SIGTERM)
+    poses = [decode(Pose, sample.payload) for sample in samples]
+    orders = [ordered(sample) for sample in samples]
+    way = poses[-1].position - poses[0].position
+    assert abs(way) / (poses[-1].stamp - poses[0].stamp) == pytest.approx(0.2, abs=1e-3)
+    assert math.degrees(math.atan2(way.imag, way.real)) == pytest.approx(30.0, abs=1e-3)
+    assert [one.beat for one in orders] == list(range(orders[0].beat, orders[0].beat + len(orders)))
+    assert {(one.mode, one.shape) for one in orders} == {("run", "hexagon")}
+
+
+def test_an_operator_stops_and_releases_a_leader_which_acknowledges() -> None:
+    end = free_endpoint()
+    with leader(end), listening(end, "robot1/position") as bus:
+        heard(bus, len)
+        modes = []
+        for request in (b'{"do":"stop"}', b'{"do":"run"}', b'{"do":"release"}', b"nonsense"):
+            (reply,) = bus.ask("robot1/order", request, timeout=PATIENCE)
+            answer = order.decode(OperatorReply, reply.payload)
+            bus.drain()
+            after = heard(bus, lambda samples: len(samples) >= 2)
+            modes.append((answer.ok, answer.mode, ordered(after[-1]).mode))
+    assert modes == [
+        (True, "stop", "stop"),
+        (False, "stop", "stop"),
+        (True, "run", "run"),
+        (False, "run", "run"),
+    ]
+
+
+def test_the_last_words_of_a_leader_that_is_ended_are_a_hold() -> None:
+    end = free_endpoint()
+    with leader(end) as child, listening(end, "robot1/position", "robot1/status") as bus:
+        heard(bus, len)
+        child.signal(signal.SIGINT)
+        summary = child.event("summary")
+        samples = heard(bus, lambda samples: any(b"SIGINT" in sample.payload for sample in samples))
+    last = [sample for sample in samples if sample.key == "robot1/position"][-1]
+    assert ordered(last).mode == "hold"
+    assert decode(Diagnostics, samples[-1].payload).statuses[0].values["reason"] == "SIGINT"
+    assert ordered(last).beat == summary["published"]["robot1/position"]
