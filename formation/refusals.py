@@ -31,7 +31,8 @@ from collections.abc import Callable, Iterator
 from typing import Self
 
 FILTER = (
-    "zenoh::net::routing::interceptor=trace,zenoh_link_tls=warn,zenoh_link_commons=warn,zenoh_transport=warn"
+    "zenoh::net::routing::interceptor=trace,zenoh::net::runtime::orchestrator=debug,"
+    "zenoh_link_tls=warn,zenoh_link_commons=warn,zenoh_transport=warn"
 )
 """``RUST_LOG`` that makes Zenoh tell of what it refuses."""
 KINDS = 64
@@ -60,6 +61,7 @@ _LINKS = (
     ("certificate expired", "certificate: expired"),
     ("certificate chain expired", "certificate: expired during the link"),
     ("certificate not valid yet", "certificate: not valid yet"),
+    ("certificate not valid for name", "certificate: of another place"),
     ("UnknownIssuer", "certificate: unknown issuer"),
     ("BadSignature", "certificate: bad signature"),
     ("peer sent no certificates", "certificate: none"),
@@ -70,6 +72,7 @@ _LINKS = (
 )
 """What Zenoh says of a link that it did not take, and what we call it; the first that fits."""
 _LINK_MODULES = ("zenoh_link_tls", "zenoh_link_commons::tls")
+_DIALLED = re.compile(r"Unable to connect to configured peer (?P<endpoint>\S+)! .*?invalid peer certificate")
 _STRANGER = b"did not match any configured ACL subject"
 _log = logging.getLogger(__name__)
 
@@ -96,6 +99,8 @@ class Parser:
                 yield from self._access(plain)
             elif _STRANGER in plain:
                 yield from self._count("certificate: of nobody in the mission")
+            elif b"invalid peer certificate" in plain and (dialled := _DIALLED.search(_text(plain))):
+                yield from self._count(f"dialling {dialled['endpoint']}: {_of_link(_text(plain))}")
             elif _LEVEL.match(plain):
                 yield from self._warned(_text(plain))
 
@@ -134,10 +139,10 @@ class Parser:
     def _warned(self, line: str) -> Iterator[str]:
         found = _TARGET.match(line)
         if found is not None and found["target"].startswith(_LINK_MODULES):
-            for sign, kind in _LINKS:
-                if sign in found["text"]:
-                    yield from self._count(kind)
-                    return
+            kind = _of_link(found["text"])
+            if kind:
+                yield from self._count(kind)
+                return
         yield f"zenoh: {line}"
 
     def _count(self, kind: str) -> Iterator[str]:
@@ -255,6 +260,11 @@ def _begin(begin: Callable[[], object]) -> None:
                 del os.environ[name]
             else:
                 os.environ[name] = value
+
+
+def _of_link(text: str) -> str:
+    """What was wrong with a link, as we call it; empty for what we have no name for."""
+    return next((kind for sign, kind in _LINKS if sign in text), "")
 
 
 def _text(line: bytes) -> str:

@@ -104,6 +104,21 @@ def test_links_that_prove_nothing_are_counted_by_what_was_wrong(text: str, kind:
     assert read(f"{TLS} {text}") == ({kind: 1}, [f"refused: {kind}"])
 
 
+def test_whom_we_dial_must_prove_himself_too() -> None:
+    line = (
+        f"{STAMP} DEBUG net-0 ThreadId(03) zenoh::net::runtime::orchestrator: Unable to connect to configured"
+        " peer tls/10.77.0.1:7460! Can not create a new TLS link bound to IpAddress(V4(…)):"
+    )
+    counts, told = read(
+        f"{line} invalid peer certificate: certificate expired: verification time …",
+        f'{line} invalid peer certificate: certificate not valid for name "10.77.0.1"; …',
+        f"{line} [10.77.0.1:7460: Connection refused (os error 111) at …",
+    )
+    dialling = "dialling tls/10.77.0.1:7460: certificate"
+    assert counts == {f"{dialling}: expired": 1, f"{dialling}: of another place": 1}
+    assert len(told) == 2
+
+
 def test_a_link_closed_because_its_certificate_ran_out_is_told_apart() -> None:
     line = (
         f"{STAMP}  WARN app-1 ThreadId(03) zenoh_link_commons::tls::expiration:"
