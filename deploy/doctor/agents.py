@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import combinations
+from itertools import pairwise
 
 from deploy.doctor.facts import Examination, Facts, Finding
 
 Sign = tuple[float, float]
 """When it arrived [s, monotonic], and the time since its agent's start that it says [s]."""
-SAME_START = 1.0
-"""Signs of life whose agents started within this are one agent's [s]: they come late by less."""
+FALLS = 3
+"""So often the time since the start falls back if there are two; one agent may be started anew meanwhile."""
 RUNS = "mission"
 """Key of a status that says with which mission, by its fingerprint, it was started."""
-MANY = 1.6
-"""Share of the signs of life of one agent."""
 REFUSED, VOICE = "refused ", "second voice "
 """How keys of a status begin that tell of who was refused, and of two who speak for one robot."""
 
@@ -29,17 +27,11 @@ def look(facts: Facts) -> Iterator[Finding]:
             f"its {who} says nothing: no status in {facts.seconds:g} s",
             f"is it running? systemctl status formation-{who} there",
         )
-    starts = two_starts(facts.alive or ())
-    if starts is not None:
+    ages = two_ages(facts.alive or ())
+    if ages is not None:
         yield Finding(
             "agents-two",
-            f"two agents command this robot: one runs for {starts[0]:.0f} s, one for {starts[1]:.0f} s",
-            "end one of them: ps ax | grep 'formation agent' on this robot and on others",
-        )
-    elif _too_many(facts):
-        yield Finding(
-            "agents-two",
-            "more signs of life come than one agent gives: two that were started together command this robot",
+            f"two agents command this robot: one runs for {ages[0]:.0f} s, one for {ages[1]:.0f} s",
             "end one of them: ps ax | grep 'formation agent' on this robot and on others",
         )
     elif facts.doubled:
@@ -101,34 +93,14 @@ def mission_well(facts: Facts) -> str:
     return ", ".join(seen)
 
 
-def two_starts(signs: Sequence[Sign]) -> tuple[float, float] | None:
+def two_ages(signs: Sequence[Sign]) -> tuple[float, float] | None:
     """How long two agents have been running whose signs of life are mixed [s], the older first; else None.
 
-    An agent that was started anew while we listened has one start after the other, and they do not mix.
+    One agent's come in order, so its time only falls when it is started anew: once, not again and again.
     """
-    groups: list[list[Sign]] = []
-    for arrived, value in signs:
-        if value < 0.0:
-            continue  # a farewell
-        start = arrived - value
-        for group in groups:
-            if abs(group[-1][0] - group[-1][1] - start) < SAME_START:
-                group.append((arrived, value))
-                break
-        else:
-            groups.append([(arrived, value)])
-    for first, second in combinations(groups, 2):
-        if second[0][0] <= first[-1][0]:
-            ages = first[-1][1], second[-1][1]
-            return max(ages), min(ages)
-    return None
-
-
-def _too_many(facts: Facts) -> bool:
-    """One agent gives a sign of life for each odometry, or each period."""
-    alive = facts.alive or ()
-    usual = max(1.0 / facts.period, facts.odometry.rate if facts.odometry else 0.0)
-    return len(alive) > MANY * usual * facts.seconds
+    ages = [value for _, value in signs if value >= 0.0]  # a farewell is below
+    falls = [(before, after) for before, after in pairwise(ages) if after < before]
+    return falls[-1] if len(falls) >= FALLS else None
 
 
 def _refused(facts: Facts) -> dict[str, str]:

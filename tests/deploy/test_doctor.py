@@ -12,7 +12,7 @@ import pytest
 
 from deploy.cli import main
 from deploy.doctor import report
-from deploy.doctor.agents import two_starts
+from deploy.doctor.agents import two_ages
 from deploy.doctor.cli import EXAMINATIONS
 from deploy.doctor.facts import Certificate, Chrony, Facts, Heard, Party, Reached, Stream, examine
 from deploy.doctor.machine import read_tracking
@@ -213,7 +213,7 @@ ILLS: dict[str, tuple[Mapping[str, Any], str, str]] = {
     "two agents started together": (
         {"alive": tuple(sorted(signs(50.0) + signs(50.2)))},
         "agents-two",
-        "two that were started together",
+        "one runs for 53 s, one for 53 s",
     ),
     "second voice": ({"doubled": ("robot2",)}, "agents-two", "two agents speak for it, as robot2 hears"),
     "second voice of a neighbour": (
@@ -300,10 +300,10 @@ def test_a_neighbour_that_was_never_heard_is_named() -> None:
 
 def test_one_agent_after_the_other_is_not_two_at_once() -> None:
     one_after_the_other = [*signs(50.0, end=1.0), (101.0, -1.0), *signs(-1.5, begin=1.5)]
-    assert two_starts(one_after_the_other) is None
-    assert two_starts(sorted(one_after_the_other + signs(20.0, begin=0.5))) is not None
+    assert two_ages(one_after_the_other) is None
+    assert two_ages(sorted(one_after_the_other + signs(20.0, begin=0.5))) is not None
     late = [(arrived + 0.3 * (k % 7 == 0), value) for k, (arrived, value) in enumerate(signs(50.0))]
-    assert two_starts(sorted(late)) is None
+    assert two_ages(late) is None
 
 
 @pytest.mark.parametrize(
