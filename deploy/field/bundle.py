@@ -18,12 +18,8 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import os
-import shutil
 import subprocess
-import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from importlib.resources import files
@@ -32,15 +28,15 @@ from typing import Any
 
 from deploy import env
 from deploy.arguments import as_json, parser, read_mission
-from deploy.field import access, authority, certificates, wheels
+from deploy.field import access, authority, certificates, folders, wheels
 from deploy.field import units as systemd
+from deploy.field.folders import DESK, VERSION
 from deploy.field.hosts import VISITORS, hosts
 from deploy.field.wheels import PLATFORMS, PYTHONS, Target
 from deploy.refusal import Refusal
 from formation.mission import Mission
 from formation.mission_file import read
 
-BUNDLE, VERSION, DESK = "BUNDLE.json", "VERSION.json", "desk"
 SECRETS = (certificates.TRUSTED, certificates.CERTIFICATE, certificates.KEY)
 LOOPBACK = ("tcp/127.0.0.1:", "tcp/[::1]:", "tcp/localhost:")
 EXAMPLES = """\
@@ -112,11 +108,11 @@ def make(
     new ones are ready.
     """
     pairs = {name: _pair(secrets, mission, name, now) for name in access.processes(mission)}
-    before = _before(out)
-    with _workshop(out) as shop:
+    before = folders.before(out)
+    with folders.workshop(out) as shop:
         shelf = shop / "wheels"
         shelf.mkdir()
-        wheels.collect(target, shelf, _earlier(out, before, target), fetch=with_wheels)
+        wheels.collect(target, shelf, folders.earlier(out, before, target), fetch=with_wheels)
         facts = {
             "formation": version("formation"),
             "commit": commit(),
@@ -133,7 +129,7 @@ def make(
             (folder / "wheels").mkdir(mode=0o755)
             for file in sorted(shelf.iterdir()):
                 wheels.link(file, folder / "wheels" / file.name)
-            releases[name] = release_id(folder)
+            releases[name] = folders.release_id(folder)
             own = {
                 "release": releases[name],
                 "robot": name,
@@ -142,23 +138,12 @@ def make(
                 **facts,
                 "certificate_until": pairs[name].expires.isoformat(timespec="seconds"),
                 "units": sorted(path.name for path in (folder / "units").iterdir()),
-                "made": _made(out / name, releases[name], now),
+                "made": folders.made(out / name, releases[name], now),
             }
-            _write(folder / VERSION, json.dumps(own, indent=1) + "\n")
+            folders.write(folder / VERSION, json.dumps(own, indent=1) + "\n")
         _desk(shop / DESK, mission, text, secrets, out.resolve() / DESK)
-        folders = (*mission.names, DESK)
-        _replace(shop, out, folders, before)
+        folders.replace(shop, out, (*mission.names, DESK), before)
     return {"folder": str(out), "releases": releases, **facts}
-
-
-def release_id(folder: Path) -> str:
-    """Short name of everything in a folder but VERSION.json: names, modes and contents."""
-    total = hashlib.sha256()
-    for path in sorted(folder.rglob("*")):
-        name = path.relative_to(folder).as_posix()
-        if path.is_file() and name != VERSION:
-            total.update(f"{name} {path.stat().st_mode & 0o777:o} {wheels.digest(path)}\n".encode())
-    return total.hexdigest()[:12]
 
 
 def commit() -> str:
@@ -213,116 +198,35 @@ def _robot(
 ) -> None:
     """Everything of a robot's folder but its wheels and VERSION.json."""
     folder.mkdir(mode=0o700)
-    _write(folder / "mission.toml", text)
+    folders.write(folder / "mission.toml", text)
     place = PurePosixPath(systemd.CURRENT) / "certificates"
-    _write(folder / "zenoh.json5", access.text(mission, name, access.configuration(mission, name, place)))
+    folders.write(
+        folder / "zenoh.json5", access.text(mission, name, access.configuration(mission, name, place))
+    )
     _secrets(secrets / name, folder / "certificates")
     kinds = {"units": systemd.units, "samples": systemd.samples}
     for kind, texts in kinds.items():
         (folder / kind).mkdir(mode=0o755)
         for unit, content in texts(mission, name, *where).items():
-            _write(folder / kind / unit, content)
+            folders.write(folder / kind / unit, content)
     script = files("deploy").joinpath("field", "install.sh").read_text(encoding="utf-8")
-    _write(folder / "install.sh", script, 0o755)
+    folders.write(folder / "install.sh", script, 0o755)
 
 
 def _desk(folder: Path, mission: Mission, text: str, secrets: Path, place: Path) -> None:
     """What the monitor, an operator and a leader on the desk need; it stays where it is made, `place`."""
     folder.mkdir(mode=0o700)
-    _write(folder / "mission.toml", text)
+    folders.write(folder / "mission.toml", text)
     for part, name in (*zip(VISITORS, VISITORS, strict=True), ("leader", mission.leader)):
         settings = access.configuration(mission, name, place / part)
-        _write(folder / f"{part}.json5", access.text(mission, name, settings))
+        folders.write(folder / f"{part}.json5", access.text(mission, name, settings))
         _secrets(secrets / name, folder / part)
 
 
 def _secrets(source: Path, folder: Path) -> None:
     folder.mkdir(mode=0o700)
     for name in SECRETS:
-        _write(folder / name, (source / name).read_text(encoding="ascii"), 0o600)
-
-
-def _before(out: Path) -> tuple[str, ...]:
-    """The folders that an earlier run has left in `out`. Raises Refusal for one that holds other things."""
-    try:
-        found = {path.name for path in out.iterdir()}
-    except FileNotFoundError:
-        return ()
-    except OSError as error:
-        raise Refusal(f"--out {out}: {error.strerror}") from None
-    known: tuple[str, ...] = ()
-    if BUNDLE in found:
-        try:
-            known = tuple(json.loads((out / BUNDLE).read_text(encoding="utf-8"))["folders"])
-        except (OSError, ValueError, KeyError, TypeError):
-            raise Refusal(f"{out / BUNDLE}: cannot be read; remove {out}, or name another folder") from None
-    foreign = sorted(found - {BUNDLE, ".gitignore", *known})
-    if foreign:
-        raise Refusal(
-            f"--out {out}: holds {', '.join(foreign[:3])}{' and more' if len(foreign) > 3 else ''}, which no"
-            " bundle has; name a new folder"
-        )
-    return tuple(name for name in known if name in found)
-
-
-@contextmanager
-def _workshop(out: Path) -> Iterator[Path]:
-    """A folder beside `out`, on its file system, for what is not whole yet."""
-    try:
-        out.mkdir(mode=0o700, parents=True, exist_ok=True)
-        shop = tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.resolve().parent)  # mode 0700
-    except OSError as error:
-        raise Refusal(f"--out {out}: {error.strerror}") from None
-    with shop as folder:
-        yield Path(folder)
-
-
-def _replace(shop: Path, out: Path, folders: Sequence[str], before: Sequence[str]) -> None:
-    out.chmod(0o700)
-    _write(out / ".gitignore", "*\n")
-    # What is there may be of either run until all is done, so both are named until then.
-    _write(out / BUNDLE, json.dumps({"folders": sorted({*folders, *before})}) + "\n")
-    old = shop / "old"
-    old.mkdir()
-    for name in before:
-        (out / name).rename(old / name)
-    for name in folders:
-        (shop / name).rename(out / name)
-    _write(out / BUNDLE, json.dumps({"folders": list(folders)}) + "\n")
-    shutil.rmtree(old)
-
-
-def _earlier(out: Path, before: Sequence[str], target: Target) -> list[Path]:
-    """Wheels that an earlier run has fetched for the same target."""
-    same = []
-    for name in before:
-        said = _version(out / name)
-        if (said.get("platform"), said.get("python")) == target:
-            same += sorted((out / name / "wheels").glob("*.whl"))
-    return same
-
-
-def _made(old: Path, release: str, now: datetime) -> str:
-    """When a release was first made: a second run with the same outcome is not a new one."""
-    said = _version(old)
-    return str(said["made"]) if said.get("release") == release else now.isoformat(timespec="seconds")
-
-
-def _version(folder: Path) -> Mapping[str, Any]:
-    try:
-        said = json.loads((folder / VERSION).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return said if isinstance(said, dict) else {}
-
-
-def _write(path: Path, text: str, mode: int = 0o644) -> None:
-    """Write a file that is never readable by more than `mode` says."""
-    path.unlink(missing_ok=True)
-    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        os.fchmod(handle, mode)  # whatever the umask
-        file.write(text)
+        folders.write(folder / name, (source / name).read_text(encoding="ascii"), 0o600)
 
 
 def _options() -> argparse.ArgumentParser:

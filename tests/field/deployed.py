@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 
-from deploy.field import bundle, certificates, units
+from deploy.field import bundle, certificates, folders, units
 from deploy.field.wheels import Target
 from formation.mission import Mission
 from formation.mission_file import parse
@@ -94,7 +94,7 @@ class Deployed:
     def __init__(self, field: Field, out: Path, folder: Path) -> None:
         self.field, self.out, self.mission = field, out, mission()
         self.prefix = {name: folder / name for name in self.mission.names}
-        self.computers = {name: field.computer(name) for name in (*self.mission.names, bundle.DESK)}
+        self.computers = {name: field.computer(name) for name in (*self.mission.names, folders.DESK)}
         self.running: dict[tuple[str, str], Running] = {}
         """By computer and unit."""
         with ThreadPoolExecutor() as pool:
@@ -104,7 +104,7 @@ class Deployed:
     @property
     def desk(self) -> Computer:
         """Where the monitor and the operator are."""
-        return self.computers[bundle.DESK]
+        return self.computers[folders.DESK]
 
     def program(self, name: str) -> Path:
         """The installed `formation` of a robot."""
@@ -125,15 +125,15 @@ class Deployed:
 
     def start_monitor(self, recording: Path) -> Running:
         """The monitor, at the desk, with its own certificate."""
-        desk = self.out / bundle.DESK
+        desk = self.out / folders.DESK
         flags = ("-c", desk / "monitor.json5", "--record", recording, "--snapshots")
         running = self.desk.start(sys.executable, "-m", "monitor", desk / "mission.toml", *flags)
-        self.running[bundle.DESK, "monitor"] = running
+        self.running[folders.DESK, "monitor"] = running
         return running
 
     def order(self, do: str, process: str = "operator") -> subprocess.CompletedProcess[str]:
         """An order from the desk, with the operator's certificate (or another one's)."""
-        desk = self.out / bundle.DESK
+        desk = self.out / folders.DESK
         flags = ("-c", desk / f"{process}.json5", "--json")
         return self.desk.run(sys.executable, "-m", "deploy", "order", desk / "mission.toml", do, *flags)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import shutil
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from deploy.field import bundle, wheels
+from deploy.field import folders, wheels
 
 MODULES = {
     "numpy.py": "",
@@ -24,6 +24,8 @@ def load(path):
         return types.SimpleNamespace(robots=tomllib.load(file)["robots"])
 """,
 }
+Made = Callable[..., Path]
+"""Makes a light bundle of robot1 under a name, so that bundles of two names are two releases."""
 META = {
     "METADATA": "Metadata-Version: 2.1\nName: formation\nVersion: 0.1.0\n",
     "WHEEL": "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
@@ -32,15 +34,15 @@ META = {
 
 def light(whole: Path, folder: Path, modules: Mapping[str, str] | None = None, **facts: str | bool) -> Path:
     """A robot's bundle like `whole`, but with stand-ins for its packages; `facts` go to its VERSION.json."""
-    shutil.copytree(whole, folder, ignore=shutil.ignore_patterns("*.whl", bundle.VERSION))
+    shutil.copytree(whole, folder, ignore=shutil.ignore_patterns("*.whl", folders.VERSION))
     (pip,) = (whole / "wheels").glob("pip-*.whl")
     wheels.link(pip, folder / "wheels" / pip.name)
     own = wheel(folder / "wheels", {**MODULES, **(modules or {})})
     pinned = f"formation==0.1.0 --hash=sha256:{wheels.digest(own)}\n"
     (folder / "wheels" / wheels.REQUIREMENTS).write_text(pinned)
-    said = json.loads((whole / bundle.VERSION).read_text())
-    said |= {"release": bundle.release_id(folder), **facts}
-    (folder / bundle.VERSION).write_text(json.dumps(said, indent=1) + "\n")
+    said = json.loads((whole / folders.VERSION).read_text())
+    said |= {"release": folders.release_id(folder), **facts}
+    (folder / folders.VERSION).write_text(json.dumps(said, indent=1) + "\n")
     return folder
 
 
@@ -60,5 +62,5 @@ def wheel(folder: Path, modules: Mapping[str, str]) -> Path:
 
 def release(folder: Path) -> str:
     """The release that a bundle installs."""
-    named: str = json.loads((folder / bundle.VERSION).read_text())["release"]
+    named: str = json.loads((folder / folders.VERSION).read_text())["release"]
     return named

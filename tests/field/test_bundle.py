@@ -13,8 +13,8 @@ import pytest
 from cryptography import x509
 
 from deploy.cli import main
-from deploy.field import bundle, certificates, wheels
-from deploy.field.bundle import BUNDLE, DESK, VERSION
+from deploy.field import bundle, certificates, folders, wheels
+from deploy.field.folders import BUNDLE, DESK, VERSION
 from deploy.field.wheels import Target
 from formation.mission_file import parse
 from tests.field.deployed import TEXT, mission, secrets
@@ -129,7 +129,7 @@ def test_nothing_secret_can_be_read_by_others(make: Make, tmp_path: Path) -> Non
 def test_a_version_says_what_it_is(make: Make, tmp_path: Path) -> None:
     made = make()
     said = version(tmp_path / "out", "robot2")
-    assert said["release"] == made["releases"]["robot2"] == bundle.release_id(tmp_path / "out" / "robot2")
+    assert said["release"] == made["releases"]["robot2"] == folders.release_id(tmp_path / "out" / "robot2")
     assert (said["robot"], said["role"], said["mission"]) == ("robot2", "agent", "three-in-a-row")
     assert (said["platform"], said["python"], said["formation"]) == ("aarch64", "3.12", "0.1.0")
     assert said["made"] == NOW.isoformat(timespec="seconds")
@@ -179,7 +179,7 @@ def test_a_run_that_fails_leaves_what_was_there(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(bundle, "release_id", full)
+    monkeypatch.setattr(folders, "release_id", full)
     source.write_text(TEXT.replace("speed = 0.05", "speed = 0.06"))
     assert main(command(source, keys, tmp_path / "out")) == 2
     assert "No space left on device; what was there is as it was" in capsys.readouterr().err

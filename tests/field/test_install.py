@@ -5,39 +5,24 @@ from __future__ import annotations
 import fcntl
 import json
 import os
-import shutil
 import signal
 import stat
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from deploy.field import bundle, units, wheels
+from deploy.field import bundle, folders, units, wheels
 from tests.field.deployed import HERE, install
-from tests.field.light import light, release
+from tests.field.light import Made, light, release
 from tests.field.namespaces import until
-from tests.needs import find, path_of
+from tests.needs import find
 
 SCRIPT = Path(bundle.__file__).with_name("install.sh")
 ROOM = 160e6
 """What a robot's install may take up [bytes]."""
-Made = Callable[..., Path]
-
-
-@pytest.fixture
-def made(bundles: Path, tmp_path: Path) -> Made:
-    """A maker of light bundles of robot1."""
-
-    def make(name: str = "one", **differing: str) -> Path:
-        facts = {key: value for key, value in differing.items() if key != "zenoh"}
-        modules = {"zenoh.py": differing.get("zenoh", f"# {name}\n")}
-        return light(bundles / "robot1", tmp_path / name, modules, **facts)
-
-    return make
 
 
 @pytest.fixture(scope="module")
@@ -236,7 +221,7 @@ def test_what_cannot_be_is_refused_in_a_sentence(
 
 def test_a_folder_that_is_half_a_bundle_is_refused(made: Made, tmp_path: Path) -> None:
     one = made()
-    (one / bundle.VERSION).unlink()
+    (one / folders.VERSION).unlink()
     done = install(one, tmp_path / "prefix", "--no-systemd")
     assert done.returncode == 2
     assert "it is not a whole bundle" in done.stderr
@@ -258,127 +243,6 @@ def test_the_script_is_one_that_shellcheck_has_nothing_against() -> None:
         pytest.skip("test_the_script_is_one_that_shellcheck_has_nothing_against needs shellcheck")
     done = subprocess.run([shellcheck, SCRIPT], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
-
-
-class Host:
-    """This machine with another /etc, a Python outside anybody's home, and a systemctl that notes."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder, self.units = folder, folder / "etc" / "systemd" / "system"
-        shutil.copytree("/etc", folder / "etc", symlinks=True, ignore_dangling_symlinks=True)
-        for path in self.units.glob("formation-*"):
-            path.unlink()
-        (folder / "python").mkdir()
-        tools = folder / "tools"
-        tools.mkdir()
-        self.asked = folder / "asked"
-        self.active = folder / "active"
-        systemctl = tools / "systemctl"
-        systemctl.write_text(
-            f'#!/bin/sh\necho "$*" >>{self.asked}\ncase $* in *is-active*) test -e {self.active} ;; esac\n'
-        )
-        systemctl.chmod(0o755)
-
-    def install(self, robot: Path, *flags: str) -> subprocess.CompletedProcess[str]:
-        """Run a bundle's install.sh with a private view of the machine, as root."""
-        self.asked.write_text("")
-        here = self.folder
-        script = (
-            f"mount --make-rprivate / && mount --bind {here}/etc /etc"
-            f" && mount --bind {sys.base_prefix} {here}/python"
-            f" && PATH={here}/tools:{here}/python/bin:$PATH"
-            f' && exec sh {robot}/install.sh --prefix {here}/prefix "$@"'
-        )
-        return subprocess.run(
-            [path_of("unshare"), "--mount", "sh", "-c", script, "sh", *flags],
-            env={"PATH": os.environ["PATH"] + ":/usr/sbin:/sbin"},
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=False,
-        )
-
-    @property
-    def calls(self) -> list[str]:
-        """What systemd was asked to change."""
-        return [line for line in self.asked.read_text().splitlines() if "is-active" not in line]
-
-
-@pytest.fixture
-def host(tmp_path: Path) -> Host:
-    return Host(tmp_path / "host")
-
-
-@pytest.mark.namespaces
-def test_units_are_installed_enabled_and_started_with_a_user_of_their_own(made: Made, host: Host) -> None:
-    host.active.touch()
-    one = made()
-    done = host.install(one)
-    assert done.returncode == 0, done.stderr
-    names = "formation-agent.service formation-guard.service"
-    assert host.calls == ["daemon-reload", f"--quiet enable {names}", f"restart {names}"]
-    for name in names.split():
-        assert stat.S_IMODE((host.units / name).stat().st_mode) == 0o644
-        installed = (host.units / name).read_text()
-        assert installed == (host.folder / "prefix" / "current" / "units" / name).read_text()
-        assert f"ExecStart={host.folder}/prefix/current/venv/bin/formation" in installed
-    users = (host.folder / "etc" / "passwd").read_text()
-    (entry,) = (line.split(":") for line in users.splitlines() if line.startswith("formation:"))
-    assert entry[6] == "/usr/sbin/nologin"
-    secrets = host.folder / "prefix" / "current" / "certificates"
-    assert {path.stat().st_uid for path in (secrets, *secrets.iterdir())} == {int(entry[2])}
-    assert (host.folder / "prefix" / "current").stat().st_uid == 0
-
-    again = host.install(one)
-    assert "nothing to do" in again.stdout
-    assert host.calls == []
-
-
-@pytest.mark.namespaces
-def test_a_unit_that_somebody_changed_is_put_right(made: Made, host: Host) -> None:
-    one = made()
-    assert host.install(one).returncode == 0
-    unit = host.units / "formation-guard.service"
-    right = unit.read_text()
-    unit.write_text("[Service]\n")
-    assert "formation-guard.service" in host.install(one, "--dry-run").stdout
-    assert unit.read_text() == "[Service]\n"
-    assert host.install(one).returncode == 0
-    assert unit.read_text() == right
-
-
-@pytest.mark.namespaces
-def test_without_a_bring_up_that_runs_only_the_guard_starts(made: Made, host: Host) -> None:
-    done = host.install(made())
-    assert done.returncode == 0, done.stderr
-    assert host.calls[-1] == "restart formation-guard.service"
-    assert "formation-agent starts with turtlebot3.service, which does not run now" in done.stdout
-
-
-@pytest.mark.namespaces
-def test_running_services_are_left_alone_on_demand(made: Made, host: Host) -> None:
-    host.active.touch()
-    done = host.install(made(), "--no-restart")
-    assert done.returncode == 0, done.stderr
-    assert not [call for call in host.calls if "restart" in call]
-    assert "running services were left alone" in done.stdout
-
-
-@pytest.mark.namespaces
-def test_a_python_in_somebodys_home_is_refused_because_services_do_not_see_it(made: Made, host: Host) -> None:
-    private = host.folder / "home"
-    private.mkdir()
-    one = made()
-    script = (
-        f"mount --make-rprivate / && mount --bind {private} /home && mkdir /home/me"
-        f" && mount --bind {sys.base_prefix} /home/me && PATH=/home/me/bin:$PATH"
-        f" && exec sh {one}/install.sh --prefix {host.folder}/prefix"
-    )
-    done = subprocess.run(
-        [path_of("unshare"), "--mount", "sh", "-c", script], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 2
-    assert "lies in somebody's home, which services do not see" in done.stderr
 
 
 def test_what_a_bundle_says_of_itself_is_what_is_installed(bundles: Path, whole: Path) -> None:

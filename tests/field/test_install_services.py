@@ -1,0 +1,133 @@
+"""The script that installs a bundle, where there is a systemd: users, units, and what is started."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.field.light import Made
+from tests.needs import path_of
+
+pytestmark = pytest.mark.namespaces
+
+
+class Host:
+    """This machine with another /etc, a Python outside anybody's home, and a systemctl that notes."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.units = folder, folder / "etc" / "systemd" / "system"
+        shutil.copytree("/etc", folder / "etc", symlinks=True, ignore_dangling_symlinks=True)
+        for path in self.units.glob("formation-*"):
+            path.unlink()
+        (folder / "python").mkdir()
+        tools = folder / "tools"
+        tools.mkdir()
+        self.asked = folder / "asked"
+        self.active = folder / "active"
+        systemctl = tools / "systemctl"
+        systemctl.write_text(
+            f'#!/bin/sh\necho "$*" >>{self.asked}\ncase $* in *is-active*) test -e {self.active} ;; esac\n'
+        )
+        systemctl.chmod(0o755)
+
+    def install(self, robot: Path, *flags: str) -> subprocess.CompletedProcess[str]:
+        """Run a bundle's install.sh with a private view of the machine, as root."""
+        self.asked.write_text("")
+        here = self.folder
+        script = (
+            f"mount --make-rprivate / && mount --bind {here}/etc /etc"
+            f" && mount --bind {sys.base_prefix} {here}/python"
+            f" && PATH={here}/tools:{here}/python/bin:$PATH"
+            f' && exec sh {robot}/install.sh --prefix {here}/prefix "$@"'
+        )
+        return subprocess.run(
+            [path_of("unshare"), "--mount", "sh", "-c", script, "sh", *flags],
+            env={"PATH": os.environ["PATH"] + ":/usr/sbin:/sbin"},
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+
+    @property
+    def calls(self) -> list[str]:
+        """What systemd was asked to change."""
+        return [line for line in self.asked.read_text().splitlines() if "is-active" not in line]
+
+
+@pytest.fixture
+def host(tmp_path: Path) -> Host:
+    return Host(tmp_path / "host")
+
+
+def test_units_are_installed_enabled_and_started_with_a_user_of_their_own(made: Made, host: Host) -> None:
+    host.active.touch()
+    one = made()
+    done = host.install(one)
+    assert done.returncode == 0, done.stderr
+    names = "formation-agent.service formation-guard.service"
+    assert host.calls == ["daemon-reload", f"--quiet enable {names}", f"restart {names}"]
+    for name in names.split():
+        assert stat.S_IMODE((host.units / name).stat().st_mode) == 0o644
+        installed = (host.units / name).read_text()
+        assert installed == (host.folder / "prefix" / "current" / "units" / name).read_text()
+        assert f"ExecStart={host.folder}/prefix/current/venv/bin/formation" in installed
+    users = (host.folder / "etc" / "passwd").read_text()
+    (entry,) = (line.split(":") for line in users.splitlines() if line.startswith("formation:"))
+    assert entry[6] == "/usr/sbin/nologin"
+    secrets = host.folder / "prefix" / "current" / "certificates"
+    assert {path.stat().st_uid for path in (secrets, *secrets.iterdir())} == {int(entry[2])}
+    assert (host.folder / "prefix" / "current").stat().st_uid == 0
+
+    again = host.install(one)
+    assert "nothing to do" in again.stdout
+    assert host.calls == []
+
+
+def test_a_unit_that_somebody_changed_is_put_right(made: Made, host: Host) -> None:
+    one = made()
+    assert host.install(one).returncode == 0
+    unit = host.units / "formation-guard.service"
+    right = unit.read_text()
+    unit.write_text("[Service]\n")
+    assert "formation-guard.service" in host.install(one, "--dry-run").stdout
+    assert unit.read_text() == "[Service]\n"
+    assert host.install(one).returncode == 0
+    assert unit.read_text() == right
+
+
+def test_without_a_bring_up_that_runs_only_the_guard_starts(made: Made, host: Host) -> None:
+    done = host.install(made())
+    assert done.returncode == 0, done.stderr
+    assert host.calls[-1] == "restart formation-guard.service"
+    assert "formation-agent starts with turtlebot3.service, which does not run now" in done.stdout
+
+
+def test_running_services_are_left_alone_on_demand(made: Made, host: Host) -> None:
+    host.active.touch()
+    done = host.install(made(), "--no-restart")
+    assert done.returncode == 0, done.stderr
+    assert not [call for call in host.calls if "restart" in call]
+    assert "running services were left alone" in done.stdout
+
+
+def test_a_python_in_somebodys_home_is_refused_because_services_do_not_see_it(made: Made, host: Host) -> None:
+    private = host.folder / "home"
+    (private / "me").mkdir(parents=True)
+    one = made()
+    script = (
+        f"mount --make-rprivate / && mount --bind {sys.base_prefix} {private}/me"
+        f" && mount --rbind {private} /home && PATH=/home/me/bin:$PATH"
+        f" && exec sh {one}/install.sh --prefix {host.folder}/prefix"
+    )
+    done = subprocess.run(
+        [path_of("unshare"), "--mount", "sh", "-c", script], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert "lies in somebody's home, which services do not see" in done.stderr
