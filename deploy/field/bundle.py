@@ -4,7 +4,7 @@
 
     DIR/robot2/mission.toml zenoh.json5 VERSION.json install.sh
                certificates/{ca,certificate,key}.pem      its own and nobody else's
-               units/*.service samples/*                  for systemd, and for the bridge
+               units/*.service samples/*                  for systemd, the bridge, the firewall
                wheels/*.whl                               the same files in every folder (hard links)
     DIR/leader/                                           likewise, under the leader's name
     DIR/desk/  mission.toml {monitor,operator,leader}.json5 {monitor,operator,leader}/*.pem
@@ -209,6 +209,9 @@ def _robot(
         (folder / kind).mkdir(mode=0o755)
         for unit, content in texts(mission, name, *where).items():
             folders.write(folder / kind / unit, content)
+    wall = files("deploy").joinpath("field", "firewall.nft").read_text(encoding="utf-8")
+    port = f"dport {hosts(mission)[name].port} "
+    folders.write(folder / "samples" / "firewall.nft", wall.replace("dport 7460 ", port))
     script = files("deploy").joinpath("field", "install.sh").read_text(encoding="utf-8")
     folders.write(folder / "install.sh", script, 0o755)
 

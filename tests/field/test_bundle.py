@@ -75,7 +75,7 @@ def test_a_robots_folder_holds_all_that_it_needs(make: Make, tmp_path: Path) -> 
     out = tmp_path / "out"
     common = {
         "mission.toml", "zenoh.json5", "install.sh", "VERSION.json", "wheels/requirements.txt",
-        "wheels/formation-0.1.0-py3-none-any.whl",
+        "wheels/formation-0.1.0-py3-none-any.whl", "samples/firewall.nft",
         *(f"certificates/{name}.pem" for name in ("ca", "certificate", "key")),
     }  # fmt: skip
     agent = {f"units/formation-{role}.service" for role in ("agent", "guard")}
@@ -96,6 +96,14 @@ def test_from_the_desk_one_watches_orders_and_leads_and_it_is_no_robot(make: Mak
         assert str(desk / one / "key.pem") in (desk / f"{one}.json5").read_text()
     pem = (desk / "leader" / "certificate.pem").read_bytes()
     assert x509.load_pem_x509_certificate(pem).subject.rfc4514_string() == "CN=leader"
+
+
+def test_the_sample_of_a_firewall_knows_the_robots_port(make: Make, tmp_path: Path) -> None:
+    make(TEXT.replace("10.77.0.2:7460", "10.77.0.2:7470"))
+    ports = {name: (tmp_path / "out" / name / "samples" / "firewall.nft").read_text() for name in ROBOTS}
+    assert "tcp dport 7470 " in ports["robot1"]
+    assert "tcp dport 7460 " in ports["robot2"]
+    assert "7460" not in ports["robot1"]
 
 
 def test_each_robot_gets_its_own_key_and_nobody_elses(make: Make, keys: Path, tmp_path: Path) -> None:
