@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -120,6 +121,23 @@ def test_only_an_operator_gives_orders(team: Team, who: str) -> None:
         assert attack(team, "query", link=link(team, who), keys=keys) == 0
         for key in keys:
             rises(team, f"query {key} by {who}", before)
+
+
+def test_what_a_robot_is_linked_with_is_not_told_to_strangers(team: Team) -> None:
+    """Zenoh's admin space, which says who is linked with whom and listens to what."""
+    before = team.refused()
+    keys = ["@/*/peer", "@/*/peer/**"]
+    with without_effect(team):
+        assert attack(team, "query", link=link(team, "robot3"), keys=keys) == 0
+        for key in keys:
+            rises(team, f"query {key} by robot3", before)
+
+
+def test_the_robots_own_side_is_not_there_for_others(team: Team) -> None:
+    """Its ROS 2 router has neither certificates nor rules, but listens on loopback only."""
+    reach = f"import socket; socket.create_connection(('{team.computers[VICTIM].address}', 7447), 2.0)"
+    done = team.attacker.run(sys.executable, "-c", reach)
+    assert "ConnectionRefusedError" in done.stderr
 
 
 def test_tokens_that_are_forged_are_not_taken(team: Team) -> None:
