@@ -32,19 +32,20 @@ class Voice:
         self._name, self._rate = name, rate
         self._bound: Told | None = None
         self._heard = float("-inf")
+        self._leapt: tuple[int, float] | None = None  # a count that rose too far in a silence, and when
         self._former: deque[str] = deque(maxlen=REMEMBERED)
 
     def admit(self, told: Told, arrived: float) -> None:
         """Let the voice speak, or raise BadMessage."""
         if self._bound is not None:
             self._judge(told, self._bound, arrived - self._heard, arrived)
-        self._bound, self._heard = told, arrived
+        self._bound, self._heard, self._leapt = told, arrived, None
 
     def _judge(self, told: Told, bound: Told, wait: float, arrived: float) -> None:
         if told.voice == bound.voice:
             if told.count <= bound.count:
                 raise BadMessage(f"said before: position {told.count} of this voice, now at {bound.count}")
-            if told.count - bound.count > 2.0 * self._rate * (LEAP + max(0.0, wait)):
+            if not self._follows(told.count, bound.count, wait) and not self._goes_on(told, wait, arrived):
                 raise BadMessage(f"position {told.count} of this voice, just now at {bound.count}")
             return
         if told.voice in self._former:
@@ -53,3 +54,17 @@ class Voice:
             self.contested = arrived
             raise BadMessage(f"{self._name} speaks with a second voice")
         self._former.append(bound.voice)
+
+    def _follows(self, count: int, before: int, wait: float) -> bool:
+        return 0 < count - before <= 2.0 * self._rate * (LEAP + max(0.0, wait))
+
+    def _goes_on(self, told: Told, wait: float, arrived: float) -> bool:
+        """Whether a leap after a silence is confirmed by a second message that follows from the first.
+
+        Without that a robot that tells more than twice as often as its mission promises would be refused for
+        ever after an outage, because its count then rises faster than what is allowed.
+        """
+        leapt, self._leapt = self._leapt, (told.count, arrived)
+        if leapt is None or wait <= self.limit:
+            return False
+        return self._follows(told.count, leapt[0], arrived - leapt[1])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 
 import pytest
 from hypothesis import given
@@ -144,6 +145,21 @@ def test_a_voice_that_was_followed_by_another_is_never_heard_again() -> None:
     voice.admit(Told(voice="b", count=1), 1.0)
     with pytest.raises(BadMessage, match="a voice of its past"):
         voice.admit(Told(voice="a", count=2), 9.0)
+
+
+@pytest.mark.parametrize("told_at", [20.0, 50.0, 100.0])
+def test_a_robot_that_tells_more_often_than_was_promised_is_heard_again_after_an_outage(
+    told_at: float,
+) -> None:
+    voice, heard = Voice("robot2", 20.0), 0.0
+    for count in range(round(20.0 * told_at)):
+        mono = count / told_at
+        if 5.0 <= mono < 12.0:
+            continue
+        with suppress(BadMessage):
+            voice.admit(Told(voice="a", count=count), mono)
+            heard = mono
+        assert mono <= 12.1 or heard == mono
 
 
 def test_one_message_with_the_highest_count_there_is_silences_nobody() -> None:
