@@ -132,7 +132,8 @@ class Agent:
     def tell(self, now: Now) -> list[Outgoing]:
         """The second half: where this robot is, if it has just learned that, and now and then how it does."""
         outbox = []
-        if self._moved and self._here.jumped is None:  # whoever measures this robot would jump as well
+        here = self._here  # whoever measures a robot that is in doubt about it would be misled as well
+        if self._moved and here.jumped is None and here.doubt is None:
             outbox.append(self._position())
         if now.mono >= self._status_due:
             self._status_due = now.mono + STATUS_PERIOD
@@ -192,6 +193,7 @@ class Agent:
                 silence=self._here.stream.silence(now),
                 limit=self._here.stream.limit,
                 jumped=self._here.jumped,
+                doubt=self._here.doubt,
                 follows=self._here.follows,
                 order=self._orders.newest,
                 beat_silence=now.mono - self._orders.rose,

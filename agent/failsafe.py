@@ -52,6 +52,8 @@ class Facts:
     """Whether the law's result is a number."""
     source: str = "odometry"
     """What tells the robot's own position."""
+    doubt: str | None = None
+    """Why it is not believed though it did not jump, in words."""
     connected: bool | None = None
     """Whether there is a link to the robot; None if nobody knows."""
     routed: bool | None = None
@@ -92,6 +94,7 @@ TABLE: tuple[Row, ...] = (
         lambda f: f"{f.source} silent for {f.silence:.2f} s",
     ),
     Row(lambda f: f.jumped is not None, State.HOLD, lambda f: f"{f.source} jumped {f.jumped}"),
+    Row(lambda f: f.doubt is not None, State.HOLD, lambda f: f"{f.source} {f.doubt}"),
     Row(
         lambda f: not f.follows,
         State.HOLD,

@@ -9,10 +9,13 @@ from agent.stream import Stream
 from formation import heading as observers
 from formation.messages import Odometry, Pose
 from formation.mission import Mission
-from formation.plane import shorten, unit
+from formation.plane import rotation, shorten, unit
+from formation.ros import MAX_POSITION
 from formation.unicycle import Command, control_point
 from formation.wire import Now
 
+SURE = 0.5
+"""From this length on the observer's estimate is learned from the way, and may doubt a measured heading."""
 LONGEST = 1e100
 """Where the printed observer's estimate is cut off: it grows without end while a robot reverses."""
 
@@ -45,7 +48,8 @@ class Localisation:
         self._gain = mission.law.observer_gain
         self._limits = spec.limits
         self._period = 1.0 / spec.rate
-        self._estimate = mission.first_heading(robot)
+        # beside a measured heading the observer only watches, and begins with what it has seen: nothing
+        self._estimate = 0j if self._measures_heading and not self._printed else mission.first_heading(robot)
         self._before: tuple[float, complex, complex] | None = None
         self._calm = 0.0
 
@@ -58,6 +62,17 @@ class Localisation:
     def alignment(self) -> str:
         """How that is placed in the world, in words."""
         return self._source.alignment
+
+    @property
+    def doubt(self) -> str | None:
+        """What makes the newest message hard to believe though it follows from the one before, in words."""
+        if max(abs(self.position.real), abs(self.position.imag)) > MAX_POSITION:
+            return f"is beyond ±{MAX_POSITION:g} m"
+        learned = self._measures_heading and not self._printed and abs(self._estimate) > SURE
+        # from 90 degrees on the law drives a robot away from where it shall be
+        if learned and (self._measured.conjugate() * self._estimate).real < 0.0:
+            return "has a heading against the way that the robot goes"
+        return self._source.doubt
 
     @property
     def heading(self) -> complex:
@@ -96,9 +111,11 @@ class Localisation:
         if seen.jumped is not None:
             self.jumped, self._calm = seen.jumped, 0.0
             self.jumps += 1
-            self._estimate *= seen.turned
+            self._estimate *= 0.0 if self._measures_heading and not self._printed else seen.turned
             return None
         if elapsed is None or elapsed > self.stream.limit:
+            if not self._printed:  # nothing is learned from so long a way, but it turned meanwhile
+                self._estimate *= rotation(seen.travel.turn)
             return None
         self.late += elapsed > 1.5 * self._period
         self.follows = True

@@ -42,6 +42,7 @@ class Odometer:
     """One robot's odometry in the world frame."""
 
     name = "odometry"
+    doubt: str | None = None
 
     def __init__(self, mission: Mission, robot: str) -> None:
         spec = mission.robots[robot]
@@ -135,4 +136,6 @@ def _begun_anew(last: Odometry, now: Odometry, travel: Travel) -> str | None:
         return None
     if abs(now.position - last.position) > ORIGIN:
         return f"{abs(now.position - last.position):.2f} m"
-    return f"{travel.turn:+.2f} rad" if abs(travel.turn) > TURN_MARGIN else None
+    # a robot that turns where it was switched on is near its origin all the time, and has not begun anew
+    facing = abs(cmath.phase(now.heading))
+    return f"{travel.turn:+.2f} rad" if abs(travel.turn) > TURN_MARGIN >= facing else None

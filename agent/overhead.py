@@ -14,11 +14,13 @@ from agent.sighting import Sighting
 from formation.heading import Travel
 from formation.messages import Pose
 from formation.mission import Mission
-from formation.plane import angle_between
+from formation.plane import angle_between, rotation
 from formation.unicycle import Command
 
 KEPT = 5.0
 """Commands older than this are forgotten [s]."""
+FROZEN = 0.1
+"""Who was sent so far and is still told to be at the very same place is not seen any longer [m]."""
 
 
 class Sent(NamedTuple):
@@ -41,6 +43,15 @@ class Overhead:
         self._reads_heading = spec.heading == "measured"
         self._last: Pose | None = None
         self._sent: deque[Sent] = deque()
+        self._unmoved = 0.0  # way by the commands since the position was another [m]
+
+    @property
+    def doubt(self) -> str | None:
+        """What makes the newest position hard to believe, in words.
+
+        Some trackers that have lost a robot go on telling its last place, with new stamps.
+        """
+        return f"has not changed for {self._unmoved:.2f} m of way" if self._unmoved > FROZEN else None
 
     def told(self, moment: float, command: Command) -> None:
         """The robot was sent `command` at `moment` [s, monotonic]."""
@@ -55,12 +66,12 @@ class Overhead:
         if last is None or over is None:
             return Sighting(pose.position, pose.heading, None)
         distance, turn = self._driven(moment - over, moment)
-        seen_turn = float(angle_between(last.heading, pose.heading)) if self._reads_heading else 0.0
-        travel = Travel(distance, turn, pose.position - last.position)
-        jumped = impossible(
-            abs(travel.displacement), seen_turn, self._limits.max_speed, self._limits.max_turn_rate, over
-        )
-        return Sighting(pose.position, pose.heading, travel, jumped)
+        self._unmoved = self._unmoved + abs(distance) if pose.position == last.position else 0.0
+        moved, seen_turn = pose.position - last.position, 0.0
+        if self._reads_heading:  # that a robot was turned by hand is seen as well
+            turn = seen_turn = float(angle_between(last.heading, pose.heading))
+        jumped = impossible(abs(moved), seen_turn, self._limits.max_speed, self._limits.max_turn_rate, over)
+        return Sighting(pose.position, pose.heading, Travel(distance, turn, moved), jumped, rotation(turn))
 
     def _driven(self, start: float, end: float) -> tuple[float, float]:
         """What the commands make of the time between: path length [m] and turn [rad]."""

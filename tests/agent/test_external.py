@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import cmath
+import itertools
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -129,3 +131,76 @@ def test_with_odometry_the_measured_heading_is_the_odometrys_and_needs_no_way_to
         assert heading_error(fleet, name) < 0.02
     fleet.run(20.0)
     assert fleet.error() < 0.02
+
+
+@pytest.mark.parametrize("heading", ["observer", "measured"])
+def test_a_robot_whose_positions_come_just_too_seldom_does_not_lose_its_heading_over_the_gaps(
+    heading: str,
+) -> None:
+    fleet = Fleet(with_robots("turtlebot3_pair", localisation="external", heading=heading))
+    count = itertools.count()
+    fleet.meddle = lambda sample: (
+        () if sample.key == POSE.key("robot1") and next(count) % 3 else (sample,)  # three periods apart
+    )
+    fleet.run(30.0)
+    assert heading_error(fleet, "robot1") < 0.1
+    assert fleet.error() < 0.1
+
+
+@pytest.mark.parametrize("mission", [SEEN, MEASURED], ids=["observer", "measured"])
+def test_a_camera_that_goes_on_telling_one_and_the_same_place_stops_the_robot(mission: Mission) -> None:
+    fleet = Fleet(mission)
+    fleet.run(20.0)
+    frozen: list[Pose] = []
+
+    def freeze(sample: Sample) -> tuple[Sample]:
+        if sample.key != POSE.key("robot1"):
+            return (sample,)
+        seen = decode(Pose, sample.payload)
+        frozen.append(seen)
+        return (sample._replace(payload=encode(replace(frozen[0], stamp=seen.stamp))),)
+
+    fleet.meddle = freeze
+    driven = fleet.world.plant("robot1").path
+    fleet.run(10.0)
+    assert fleet.last_command("robot1") == AT_REST
+    assert "has not changed" in fleet.status("robot1")["reason"]
+    assert fleet.world.plant("robot1").path - driven < 0.15
+    fleet.meddle = lambda sample: (sample,)
+    fleet.run(20.0)
+    assert fleet.status("robot1")["state"] == "run"
+    assert fleet.error() < 0.01
+
+
+def test_a_measured_heading_that_stays_flipped_does_not_send_the_robot_the_other_way() -> None:
+    fleet = Fleet(MEASURED)
+    fleet.run(20.0)
+    fleet.meddle = changed(POSE.key("robot1"), lambda seen: replace(seen, heading=-seen.heading))
+    driven = fleet.world.plant("robot1").path
+    fleet.run(10.0)
+    assert fleet.last_command("robot1") == AT_REST
+    assert "heading" in fleet.status("robot1")["reason"]
+    assert fleet.world.plant("robot1").path - driven < 0.3
+    fleet.meddle = lambda sample: (sample,)
+    fleet.run(20.0)
+    assert fleet.status("robot1")["state"] == "run"
+    assert fleet.error() < 0.01
+
+
+@pytest.mark.parametrize("degrees", [110, 180, -140])
+def test_a_marker_that_is_mounted_the_wrong_way_round_is_found_within_half_a_metre(degrees: float) -> None:
+    off = cmath.rect(1.0, math.radians(degrees))
+    fleet = Fleet(MEASURED)
+    fleet.meddle = changed(POSE.key("robot1"), lambda seen: replace(seen, heading=seen.heading * off))
+    fleet.run(20.0)
+    assert fleet.last_command("robot1") == AT_REST
+    assert "heading" in fleet.status("robot1")["reason"]
+    assert fleet.world.plant("robot1").path < 0.5
+
+
+@pytest.mark.parametrize("degrees", [90, 180])
+def test_a_measured_heading_needs_no_start_pose_to_agree_with(degrees: float) -> None:
+    fleet = Fleet(MEASURED)
+    fleet.world.plant("robot1").heading *= cmath.rect(1.0, math.radians(degrees))
+    fleet.run(20.0)
+    assert fleet.error() < 0.01

@@ -33,6 +33,7 @@ DOUBTS: list[tuple[dict[str, Any], State, str]] = [
     ({"routed": False}, State.HOLD, "does not listen to cmd_vel"),
     ({"silence": 0.16, "source": "pose"}, State.HOLD, "pose silent for 0.16 s"),
     ({"jumped": "0.80 m"}, State.HOLD, "odometry jumped 0.80 m"),
+    ({"doubt": "is beyond ±1e+06 m"}, State.HOLD, "odometry is beyond"),
     ({"follows": False}, State.HOLD, "no two odometry messages within 0.15 s"),
     ({"order": None}, State.WAITING, "no order from the leader yet"),
     ({"beat_silence": LEADER_LOST + 0.2}, State.HOLD, "beat stopped 1.2 s ago"),

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import cmath
 import math
+import random
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
 
 from agent.localisation import Localisation
-from formation.messages import Odometry
+from formation.messages import Odometry, decode, encode
 from formation.mission import Mission
-from formation.topics import POSITION
+from formation.topics import ODOM, POSITION
 from formation.wire import Now, Sample
 from tests.agent.fleet import EPOCH, Fleet
 from tests.agent.missions import with_robots
@@ -208,3 +210,34 @@ def test_a_robot_in_doubt_of_where_it_is_tells_nobody() -> None:
     assert gaps[-2] < 0.1
     fleet.run(10.0)
     assert fleet.error() < 0.05
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_robot_that_turns_on_its_start_while_odometry_gets_lost_has_not_begun_to_count_anew(
+    seed: int,
+) -> None:
+    dice, fleet = random.Random(seed), Fleet(with_robots("turtlebot3_pair", odometry_frame="start"))
+    fleet.meddle = lambda sample: (
+        () if sample.key == ODOM.key("robot1") and dice.random() < 0.6 else (sample,)
+    )
+    fleet.run(20.0)
+    assert fleet.agents["robot1"]._here.jumps == 0
+    fleet.meddle = lambda sample: (sample,)
+    fleet.run(10.0)
+    assert fleet.error() < 0.03
+
+
+@pytest.mark.parametrize("far", [1e6, -1e6])
+def test_odometry_from_beyond_the_world_ends_nothing_and_moves_nobody(far: float) -> None:
+    fleet = Fleet(with_robots("turtlebot3_pair", odometry_frame="start"))
+
+    def beyond(sample: Sample) -> tuple[Sample]:
+        if sample.key != ODOM.key("robot1"):
+            return (sample,)
+        odometry = replace(decode(Odometry, sample.payload), position=far * (1 + 1j))
+        return (sample._replace(payload=encode(odometry)),)
+
+    fleet.meddle = beyond
+    fleet.run(3.0)
+    assert {command[1:] for command in fleet.commands["robot1"]} == {AT_REST}
+    assert "beyond" in fleet.status("robot1")["reason"]
