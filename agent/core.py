@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import cmath
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
+from itertools import chain
 
 from agent import failsafe
 from agent.commander import AT_REST, Commander
@@ -140,10 +141,13 @@ class Agent:
             outbox.append(self._status(now))
         return outbox
 
-    def halt(self, now: Now, reason: str) -> list[Outgoing]:
-        """The last words of an agent that ends: zero velocity, and why."""
+    def halt(self, now: Now, reason: str) -> Iterable[Outgoing]:
+        """The last words of an agent that ends: zero velocity, and why.
+
+        The latter is made only when the former has been taken: it may be what the agent fails for.
+        """
         self._latch.mode, self.decision = "stop", Decision(State.STOP, reason)
-        return [*self._commander.leave(now), self._status(now)]
+        return chain(self._commander.leave(now), map(self._status, (now,)))
 
     def request(self, data: bytes) -> bytes:
         """Answer an operator's request; it takes effect with the next step."""

@@ -177,23 +177,31 @@ class RobotBus:
                     _log.log(self._level, "no router at %s yet: %s", where, nobody)
                 failures += 1
                 self._closing.wait(AGAIN)
+            except Exception:  # noqa: BLE001 - a thread that ended here would leave the robot without a link
+                _log.exception("the session with the router at %s could not be set up", where)
+                self._closing.wait(AGAIN)
             else:
                 _log.log(self._level, "connected with the router at %s", where)
                 return
 
     def _open(self) -> None:
         bus = Bus(self._config, self._mailbox)
-        with self._changing:
-            if self._closing.is_set():
+        try:
+            with self._changing:
+                if not self._closing.is_set():
+                    self._declare(bus)
+                    self._bus = bus
+        finally:
+            if self._bus is not bus:
                 bus.close()
-                return
-            self._zid, self.received = bus.zid, bus.received
-            for line in self._advertised.values():
-                bus.advertise(line.topic, line.wire)
-            for key, wire in self._subscribed.items():
-                bus.subscribe(wire, key)
-            self._claim(bus)
-            self._bus = bus
+
+    def _declare(self, bus: Bus) -> None:
+        self._zid, self.received = bus.zid, bus.received
+        for line in self._advertised.values():
+            bus.advertise(line.topic, line.wire)
+        for key, wire in self._subscribed.items():
+            bus.subscribe(wire, key)
+        self._claim(bus)
 
     def _claim(self, bus: Bus) -> None:
         bus.claim(self._naming.tokens(self._node, self._advertised, self._subscribed, self._zid))

@@ -16,7 +16,7 @@ from formation.messages import Odometry, encode
 from formation.mission import Mission
 from formation.mission_file import load, parse, read
 from formation.topics import Topic
-from formation.wire import Now, Outgoing, Sample
+from formation.wire import BadMessage, Now, Outgoing, Sample
 
 SIX = load("six_robots")
 ODOMETRY = Sample("robot2/odom", encode(Odometry(100.0, 0j, 1 + 0j, 0.0, 0.0)), b"33 bytes of ROS's", 1.0)
@@ -180,3 +180,19 @@ def test_the_agent_knows_how_it_is_connected_and_the_bus_is_asked_seldom_who_was
     assert setting.fleet.asked == 1
     setting.turn(mono=1.0 + REFUSED_PERIOD)
     assert setting.fleet.asked == 2
+
+
+def test_an_agent_that_can_no_longer_say_how_it_is_still_stops_its_robot(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    setting = Setting()
+    setting.turn(ODOMETRY)
+    setting.log.clear()
+
+    def fail(*_: Any) -> Outgoing:
+        raise BadMessage("cannot be said")
+
+    monkeypatch.setattr(setting.agent, "_status", fail)
+    with pytest.raises(BadMessage):
+        setting.sides.send(setting.sides.halt(Now(2.0, 101.0), "failed"))
+    assert [key for side, key, _ in setting.log if side == "robot"] == ["robot2/cmd_vel", "robot2/alive"]
