@@ -1,0 +1,110 @@
+"""Links that prove nothing, or no longer: none is taken, each is counted, no command is any different."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from deploy.field import access, certificates
+from tests.field.assault import LASTS, attack, link, rises, without_effect
+from tests.field.namespaces import until
+from tests.field.team import VICTIM, Team, driving, issued, mission
+
+pytestmark = [pytest.mark.namespaces, pytest.mark.processes]
+FIREWALL = Path(access.__file__).with_name("firewall.nft")
+
+
+@pytest.fixture(scope="module")
+def team(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Team]:
+    with driving(tmp_path_factory.mktemp("team")) as team:
+        yield team
+
+
+def strange(folder: Path, name: str) -> Path:
+    """The folder of a certificate that says `name`, by an authority that calls itself as ours does."""
+    certificates.create(mission(), folder, days=1.0, authority_days=1.0, now=datetime.now(UTC))
+    return folder / name
+
+
+def test_an_authority_that_only_has_our_name_is_none(team: Team, tmp_path: Path) -> None:
+    before = team.refused()
+    how = link(team, "robot1", identity=strange(tmp_path / "rogue", "robot1"))
+    with without_effect(team):
+        assert attack(team, "dial", link=how, times=10) == 0
+        rises(team, "certificate: bad signature", before, by=10)
+
+
+@pytest.mark.parametrize(
+    ("begins", "kind"),
+    [(-timedelta(days=1), "certificate: expired"), (timedelta(days=1), "certificate: not valid yet")],
+)
+def test_a_certificate_is_good_in_its_time_only(
+    team: Team, tmp_path: Path, begins: timedelta, kind: str
+) -> None:
+    before = team.refused()
+    how = link(team, "robot1", identity=issued(team.desk, tmp_path / "id", "robot1", begins=begins))
+    with without_effect(team):
+        assert attack(team, "dial", link=how, times=5) == 0
+        rises(team, kind, before, by=5)
+
+
+def test_who_proves_nothing_is_not_listened_to(team: Team) -> None:
+    before = team.refused()
+    address, port = team.computers[VICTIM].address, 7460
+    plain = link(team, "robot1")
+    plain["victims"] = [team.desk.endpoint(VICTIM).replace("tls/", "tcp/")]
+    with without_effect(team):
+        assert attack(team, "dial", link=plain, times=5) == 0
+        attack(team, "talk", address=address, port=port, words=b"GET / HTTP/1.0\r\n\r\n".hex())
+        rises(team, "not TLS", before, by=6)
+
+
+def test_the_robots_own_side_is_not_there_for_others(team: Team) -> None:
+    """Its ROS 2 router has neither certificates nor rules, but listens on loopback only."""
+    reach = f"import socket; socket.create_connection(('{team.computers[VICTIM].address}', 7447), 2.0)"
+    done = team.attacker.run(sys.executable, "-c", reach)
+    assert "ConnectionRefusedError" in done.stderr
+
+
+def test_the_operator_is_heard_beside_a_crowd_that_comes_again_and_again(team: Team) -> None:
+    """Zenoh rests 0.1 s after each link that it did not take, so strangers must not come too often."""
+    team.computers[VICTIM].nft(FIREWALL.read_text(encoding="utf-8"))
+    address = team.computers[VICTIM].address
+    order = team.formation("order", "release", "-c", str(team.desk.file("operator")), "--json")
+    with without_effect(team):
+        crowd = team.attack("knock", address=address, port=7460, seconds=3 * LASTS)
+        time.sleep(LASTS)
+        answer = team.desk_computer.run(*order)
+        assert not crowd.ended
+        assert crowd.event("done")["result"] > 0
+    team.computers[VICTIM].nft("delete table inet formation")
+    assert json.loads(answer.stdout.splitlines()[-1])["robots"][VICTIM]["ok"], answer.stdout
+
+
+def test_a_crowd_that_never_finishes_its_hellos_disturbs_nobody(team: Team) -> None:
+    """When they go, Zenoh rests 0.1 s for each and lets nobody new in; then it does again."""
+    address = team.computers[VICTIM].address
+    with without_effect(team):
+        assert attack(team, "crowd", address=address, port=7460, number=200, seconds=LASTS) == 200
+    until(lambda: attack(team, "dial", link=link(team, "robot3"), times=1) == 1, 60.0, "new links")
+
+
+def test_a_certificate_that_runs_out_on_the_way_ends_the_link_and_the_robot_holds(tmp_path: Path) -> None:
+    with driving(tmp_path, expires={"leader": 25.0}) as team:
+        kind = "certificate: expired during the link"
+        until(lambda: kind in team.refused(), 60.0, f"{kind!r} in the status")
+        until(lambda: team.status()["state"] == "hold", what="the victim holds")
+        again = f"dialling {team.desk.endpoint('leader')}: certificate: expired"
+        until(lambda: again in team.refused(), what=f"{again!r} in the status")
+        held = time.monotonic()
+        time.sleep(2.0)
+        after = team.commands(since=held)
+        assert len(after) > 20
+        assert {(command.speed, command.turn_rate) for command in after} == {(0.0, 0.0)}
+        assert team.status()["state"] == "hold"
