@@ -67,11 +67,14 @@ _LINKS = (
     ("peer sent no certificates", "certificate: none"),
     ("invalid peer certificate", "certificate: invalid"),
     ("received corrupt message", "not TLS"),
+    ("received fatal alert", "certificate: ours, which the other side does not take"),
     ("handshake eof", "handshake broken off"),
     ("handshake", "handshake failed"),
 )
 """What Zenoh says of a link that it did not take, and what we call it; the first that fits."""
 _LINK_MODULES = ("zenoh_link_tls", "zenoh_link_commons::tls")
+_NOBODY_THERE = re.compile(rb"runtime::orchestrator: Unable to connect to (any of|tcp/|tls/|quic/|udp/)")
+"""Twice a second for as long as a router is missing, which whoever dials it says himself, once."""
 _DIALLED = re.compile(r"Unable to connect to configured peer (?P<endpoint>\S+)! .*?invalid peer certificate")
 _STRANGER = b"did not match any configured ACL subject"
 _log = logging.getLogger(__name__)
@@ -101,7 +104,7 @@ class Parser:
                 yield from self._count("certificate: of nobody in the mission")
             elif b"invalid peer certificate" in plain and (dialled := _DIALLED.search(_text(plain))):
                 yield from self._count(f"dialling {dialled['endpoint']}: {_of_link(_text(plain))}")
-            elif _LEVEL.match(plain):
+            elif _LEVEL.match(plain) and not _NOBODY_THERE.search(plain):
                 yield from self._warned(_text(plain))
 
     def _access(self, line: bytes) -> Iterator[str]:

@@ -97,6 +97,7 @@ def test_keys_are_told_without_the_teams_namespace() -> None:
         ("invalid peer certificate: InvalidPurpose. Hint: …", "certificate: invalid"),
         ("peer sent no certificates. Hint: …", "certificate: none"),
         ("received corrupt message of type InvalidContentType. Hint: …", "not TLS"),
+        ("received fatal alert: UnknownCA. Hint: …", "certificate: ours, which the other side does not take"),
         ("tls handshake eof. Hint: …", "handshake broken off"),
     ],
 )
@@ -139,6 +140,18 @@ def test_other_warnings_are_passed_on_and_nothing_else() -> None:
     counts, told = read(warning, info, error)
     assert counts == {}
     assert told == [f"zenoh: {warning}", f"zenoh: {error}"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Unable to connect to tcp/127.0.0.1:7447! Can not create a new TCP link bound to tcp/127.0.0.1:7447",
+        "Unable to connect to any of [Single(tcp/127.0.0.1:7447)]! ",
+    ],
+)
+def test_a_router_that_is_not_there_yet_is_no_flood_of_warnings(text: str) -> None:
+    line = f"{STAMP}  WARN ThreadId(04) zenoh::net::runtime::orchestrator: {text}"
+    assert read(line) == ({}, [])
 
 
 def test_pieces_may_be_cut_anywhere_and_coloured() -> None:
