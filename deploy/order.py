@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from deploy.arguments import as_json, number, parser, read_mission
 from deploy.refusal import Refusal
+from deploy.waiting import waiting
 from formation import order, wiring
 from formation.bus import Bus, Reply
 from formation.bus_config import MODES, BusConfig, BusError, parse_override
@@ -50,13 +51,17 @@ def main(arguments: Sequence[str]) -> int:
     mission = read_mission(options.mission)
     asked = mission.names if options.do in EVERYONE else (mission.leader,)
     try:
-        with Bus(_config(options, mission, asked)) as bus:
+        with (
+            waiting(f"asking for up to {options.timeout:g} s"),
+            Bus(_config(options, mission, asked)) as bus,
+        ):
             answers = ask(bus.ask, asked, OperatorRequest(do=options.do), options.timeout)
     except BusError as error:
         raise Refusal(str(error)) from None
     obeyed = all(name in answers and answers[name].reply.ok for name in asked)
     print(words(options.do, asked, answers, options.timeout))
-    if len(answers) < len(asked) and options.config is None and _under_certificates(options, mission):
+    ends = options.connect or wiring.endpoints(mission).agents.values()
+    if len(answers) < len(asked) and options.config is None and wiring.under_certificates(ends):
         print("robots under certificates answer an operator who has one: -c FILE names his configuration")
     if options.json:
         print(as_json(report(options.do, asked, answers)))
@@ -168,11 +173,6 @@ def _options() -> argparse.ArgumentParser:
         help="one Zenoh setting, which outranks all others; repeatable",
     )
     return options
-
-
-def _under_certificates(options: argparse.Namespace, mission: Mission) -> bool:
-    ends = options.connect or wiring.endpoints(mission).agents.values()
-    return any(end.startswith(("tls/", "quic/")) for end in ends)
 
 
 def _config(options: argparse.Namespace, mission: Mission, asked: Iterable[str]) -> BusConfig:

@@ -88,6 +88,11 @@ def by_endpoint(where: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
     return behind
 
 
+def under_certificates(ends: Iterable[str]) -> bool:
+    """Whether somebody listens there who wants to see a certificate."""
+    return any(end.startswith(("tls/", "quic/")) for end in ends)
+
+
 def _dialled(mission: Mission, name: str, where: Endpoints) -> tuple[str, ...]:
     before = mission.names[: mission.names.index(name)]
     return tuple(where.agents[other] for other in partners(mission, name) if other in before)

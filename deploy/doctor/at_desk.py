@@ -33,6 +33,7 @@ def gather(
     folder: Path | None,
 ) -> list[Facts]:
     """Facts about each of `robots`. `config` is the operator's, `folder` the mission's certificates."""
+    certificates = _certificates(mission, folder)
     where = endpoints(mission).agents
     dialled = tuple(where[name] for name in robots)
     keys = {name: STATUS.key(name) for name in robots}
@@ -52,7 +53,6 @@ def gather(
         heard.setdefault(key, [])[:0] = samples
     with ThreadPoolExecutor(max_workers=16) as pool:
         reached = dict(zip(robots, pool.map(lambda end: reach(end, papers), dialled), strict=True))
-    certificates = _certificates(mission, folder)
     statuses = {name: listening.statuses(heard.get(key, [])) for name, key in keys.items()}
     told = {name: said for name, (_, said) in statuses.items() if said is not None}
     return [

@@ -20,8 +20,9 @@ from deploy.doctor.odometry import ODOMETRY
 from deploy.doctor.robot_link import GUARD, ROBOT_LINK
 from deploy.field.fleet import PREFIX
 from deploy.refusal import Refusal
+from deploy.waiting import waiting
 from formation.mission import Mission
-from formation.wiring import endpoints
+from formation.wiring import endpoints, under_certificates
 
 EXAMPLES = """\
   formation doctor                                           on a robot that formation is installed on
@@ -47,8 +48,11 @@ def main(arguments: Sequence[str]) -> int:
         robot = options.robot or _robot_of(current / "VERSION.json", mission)
     else:
         mission, robot = read_mission(options.mission), options.robot
-    checks = _desk(options, mission) if robot is None else _robot(options, mission, robot, current)
+    with waiting(f"listening for {options.seconds:g} s, and dialling"):
+        checks = _desk(options, mission) if robot is None else _robot(options, mission, robot, current)
     print(report.words(checks, _style(sys.stdout)))
+    if robot is None and options.config is None and under_certificates(endpoints(mission).agents.values()):
+        print("robots under certificates speak to an operator only: -c FILE, his configuration")
     if options.json:
         print(as_json({"mission": mission.name, **report.as_object(checks)}))
     return 0 if report.ok(checks) else 1

@@ -95,4 +95,6 @@ def _trouble(error: ssl.SSLError) -> str:
     reason = (error.reason or "").replace("_", " ").lower()
     if "mismatch" in reason:
         return "the key does not belong to it"
+    if not reason or reason.startswith(("pem", "no start line", "bad ")):
+        return "it, its key or its authority's certificate is damaged"
     return f"it cannot be used: {reason or error}"

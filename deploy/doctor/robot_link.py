@@ -40,7 +40,11 @@ def look(facts: Facts) -> Iterator[Finding]:
             "restart the bring-up and the bridge together",
         )
     elif told != "connected" and facts.routed is None and not facts.router_trouble:
-        yield Finding("route-lost", f"its agent says: {told}", "restart the bring-up and the bridge together")
+        yield Finding(
+            "route-lost",
+            f"its agent's link to the robot: {told}",
+            "restart the bring-up and the bridge together",
+        )
     for party in facts.speakers:
         if party.name not in OURS:
             yield Finding(

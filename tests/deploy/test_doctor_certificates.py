@@ -81,7 +81,9 @@ def test_what_makes_a_certificate_useless_is_named(tmp_path: Path, root: Pair) -
     assert problem(rogue._replace(trusted=mine.trusted)).startswith("its authority does not vouch for it")
     assert problem(mine._replace(key=mine.key.with_name("gone"))).endswith("gone is missing")
     mine.certificate.write_text("no certificate", encoding="utf-8")
-    assert problem(mine).startswith("it cannot be used")
+    assert problem(mine).endswith("is damaged")
+    mine.key.write_text("no key", encoding="utf-8")
+    assert problem(other._replace(key=mine.key)).endswith("is damaged")
 
 
 def test_what_a_zenoh_configuration_and_a_folder_say_of_papers(tmp_path: Path, root: Pair) -> None:
