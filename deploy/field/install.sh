@@ -46,8 +46,11 @@ case $prefix in
 esac
 
 bundle=$(CDPATH='' cd -- "$(dirname -- "$0")" && pwd)
-[ -f "$bundle/VERSION.json" ] || refuse "$bundle holds no VERSION.json: it is not a whole bundle"
-fact() { sed -n "s/^ *\"$1\": \"\{0,1\}\([^\",]*\)\"\{0,1\},\{0,1\}\$/\1/p" "$bundle/VERSION.json"; }
+for part in VERSION.json mission.toml zenoh.json5 units wheels/requirements.txt \
+    certificates/ca.pem certificates/certificate.pem certificates/key.pem; do
+    [ -e "$bundle/$part" ] || refuse "$bundle holds no $part: it is not a whole bundle"
+done
+fact() { sed -n "s/^ *\"$1\": \"\{0,1\}\([^\",]*\)\"\{0,1\},\{0,1\}\$/\1/p" "${2:-$bundle}/VERSION.json"; }
 release=$(fact release) robot=$(fact robot) role=$(fact role) mission=$(fact mission)
 platform=$(fact platform) wanted=$(fact python) wheels=$(fact wheels) bringup=$(fact bringup)
 for found in "$release" "$robot" "$platform" "$wanted"; do
@@ -182,6 +185,9 @@ if [ "$current" != "$release" ]; then
     point current "$release"
     trap - INT TERM HUP
     say "$prefix/current is release $release${current:+ (was $current)}"
+    was=
+    if [ -n "$current" ] && whole "$prefix/releases/$current"; then was=$(fact robot "$prefix/releases/$current"); fi
+    [ "${was:-$robot}" = "$robot" ] || say "NOTE: this machine was $was, and is $robot now; is that the right folder?"
 fi
 
 if [ "$systemd" = yes ]; then

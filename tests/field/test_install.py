@@ -219,12 +219,22 @@ def test_what_cannot_be_is_refused_in_a_sentence(
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_a_folder_that_is_half_a_bundle_is_refused(made: Made, tmp_path: Path) -> None:
+@pytest.mark.parametrize("part", [folders.VERSION, "mission.toml", "certificates/key.pem"])
+def test_a_folder_that_is_half_a_bundle_is_refused(made: Made, tmp_path: Path, part: str) -> None:
     one = made()
-    (one / folders.VERSION).unlink()
+    (one / part).unlink()
     done = install(one, tmp_path / "prefix", "--no-systemd")
     assert done.returncode == 2
-    assert "it is not a whole bundle" in done.stderr
+    assert f"holds no {part}: it is not a whole bundle" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "prefix").exists()
+
+
+def test_a_machine_that_becomes_another_robot_says_so(made: Made, tmp_path: Path) -> None:
+    for name, robot, said in (("one", "robot1", False), ("two", "robot1", False), ("three", "robot2", True)):
+        done = install(made(name, robot=robot), tmp_path / "prefix", "--no-systemd")
+        assert done.returncode == 0, done.stderr
+        assert ("this machine was robot1, and is robot2 now" in done.stdout) is said
 
 
 def test_two_do_not_install_at_the_same_time(made: Made, tmp_path: Path) -> None:
