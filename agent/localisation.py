@@ -50,6 +50,9 @@ class Localisation:
         self._period = 1.0 / spec.rate
         # beside a measured heading the observer only watches, and begins with what it has seen: nothing
         self._estimate = 0j if self._measures_heading and not self._printed else mission.first_heading(robot)
+        # who counts from the mission's start pose has turned since by what the odometry says
+        counted = spec.localisation == "odometry" and spec.odometry_frame == "start"
+        self._guessed = counted and spec.first_heading_deg is None and not self._measures_heading
         self._before: tuple[float, complex, complex] | None = None
         self._calm = 0.0
 
@@ -107,6 +110,8 @@ class Localisation:
         if seen.travel is None:
             if self._printed:
                 self._estimate = observers.printed_start(seen.position, self._gain)
+            elif self._guessed and before is None:
+                self._estimate = seen.heading
             return None
         if seen.jumped is not None:
             self.jumped, self._calm = seen.jumped, 0.0

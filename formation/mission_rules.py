@@ -175,15 +175,15 @@ def ros_names_are_a_robots_own(mission: Mission) -> Iterator[Violation]:
 
 
 def steps_leave_room(mission: Mission) -> Iterator[Violation]:
-    """A robot whose smallest step is beyond its limit could only stand."""
+    """A robot whose smallest step is its limit, or beyond it, could only stand or go at full speed."""
     for name in mission.followers:
         robot = mission.robots[name]
         for step, limit in (("speed_step", "max_speed"), ("turn_rate_step", "max_turn_rate")):
-            if getattr(robot, step) > getattr(robot, limit):
+            if getattr(robot, step) >= getattr(robot, limit):
                 yield Violation(
                     f"robots.{name}.{step}",
                     getattr(robot, step),
-                    f"must be at most its {limit} of {getattr(robot, limit):g}, or all commands are zero",
+                    f"must be less than its {limit} of {getattr(robot, limit):g}, or all commands are zero",
                 )
 
 

@@ -78,6 +78,15 @@ def test_an_agent_that_restarts_finds_its_robot_where_it_is() -> None:
     assert driver.error < 1e-9
 
 
+def test_an_agent_that_restarts_faces_the_way_that_its_robot_has_turned_since_the_start() -> None:
+    driver = Driver()
+    driver.drive(times=60)
+    driver.here = Localisation(PAIR, "robot2", "field")
+    driver.drive(times=1)
+    assert abs(driver.here.heading - driver.true_heading) < 1e-9
+    assert abs(driver.true_heading - PAIR.first_heading("robot2")) > 0.1
+
+
 @pytest.mark.parametrize("far", [0.02, 0.05, 0.5, 5.0])
 @pytest.mark.parametrize("way", [0, 90, 180, 270])
 @pytest.mark.parametrize("turn", [0.0, 0.2, math.pi])
