@@ -25,18 +25,19 @@ from pydantic import (
 )
 
 from formation import mission_rules
+from formation.endpoint import Endpoint
 from formation.graph import Graph
 from formation.law import Gains, Limits
 from formation.plane import ComplexArray
 
-Name = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]*$", max_length=64)]
-Title = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=64)]
+NAME, TITLE = r"^[a-z][a-z0-9_]*$", r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
+Name = Annotated[str, StringConstraints(pattern=NAME, max_length=64)]
+Title = Annotated[str, StringConstraints(pattern=TITLE, max_length=64)]
 Positive = Annotated[float, Field(gt=0.0, le=1e9)]
 NotNegative = Annotated[float, Field(ge=0.0, le=1e9)]
 Speed = Annotated[float, Field(gt=0.0, le=1e3)]
 """[m/s] or [rad/s], as far as a message may carry it."""
 Metres = Annotated[float, Field(ge=-1e5, le=1e5)]
-Endpoint = Annotated[str, StringConstraints(pattern=r"^(tcp|tls|udp|quic)/\[?[^/\s]+\]?:\d{1,5}$")]
 
 Namespace = Annotated[str, StringConstraints(max_length=128)]
 """ROS namespace without its leading slash; which spellings are legal is one of the rules."""

@@ -12,6 +12,8 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from formation.mission import (
+    NAME,
+    TITLE,
     Circle,
     LawSpec,
     Mission,
@@ -23,6 +25,12 @@ from formation.mission import (
     Straight,
     Waypoints,
 )
+
+SPELLINGS = {
+    NAME: "a small letter, and then small letters, digits and _ only",
+    TITLE: "a letter or digit, and then letters, digits, - and _ only",
+}
+"""What a pattern asks for, in words."""
 
 
 class MissionError(ValueError):
@@ -91,7 +99,7 @@ def _explain(detail: ErrorDetails) -> str:
         case "missing":
             legal = f"{key} is missing; legal here: {_keys_beside(detail['loc'])}"
         case "string_pattern_mismatch":
-            legal = f"{key} = {value}: should match {context['pattern']}"
+            legal = f"{key} = {value}: should be {SPELLINGS[context['pattern']]}"
         case _:
             wanted = detail["msg"].removeprefix("Input should be ").removeprefix("Input ")
             wanted = wanted.replace("a valid tuple", "a list").replace("a valid dictionary", "a table")

@@ -66,6 +66,4 @@ def _host(name: str, endpoint: str) -> Host:
         raise Refusal(f"{where}: must be the address that the others dial, not one that means all of them")
     if "%" in address or (host.ip is None and (":" in host.address or not host.address.isascii())):
         raise Refusal(f"{where}: must be an address without zone, or a name in ASCII: a certificate says it")
-    if not 1 <= host.port <= 65535:
-        raise Refusal(f"{where}: the port must be from 1 to 65535")
     return host

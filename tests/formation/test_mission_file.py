@@ -106,6 +106,31 @@ def test_two_agents_cannot_listen_on_one_endpoint() -> None:
         parse(text)
 
 
+@pytest.mark.parametrize(
+    "endpoint",
+    ["192.168.1.12:7460", "tls/192.168.1.12", "tls/192.168.1.12:0", "tls/192.168.1.12:74600",
+     "tls/192.168.1.300:7460", "http/192.168.1.12:80", "tls/ 192.168.1.12:7460", ""],
+)  # fmt: skip
+def test_what_is_no_endpoint_is_answered_with_one_that_is(endpoint: str) -> None:
+    for above, key in (
+        ("rate = 20", "robot.robot_endpoint"),
+        ("[robots.robot2]\n", "robots.robot2.endpoint"),
+    ):
+        error = error_of(above, f'{above}\n{key.rpartition(".")[2]} = "{endpoint}"\n')
+        assert f"{key} = {endpoint!r}: should be tcp, tls" in error
+        assert "port from 1 to 65535, such as 'tls/192.168.1.12:7460'" in error
+
+
+@pytest.mark.parametrize("endpoint", ["tls/192.168.1.12:7460", "tcp/[::1]:7447", "tls/robot_1.local:1"])
+def test_an_endpoint_may_be_an_address_or_a_name(endpoint: str) -> None:
+    text = SIX.replace("[robots.robot2]\n", f'[robots.robot2]\nendpoint = "{endpoint}"\n')
+    assert parse(text).robots["robot2"].endpoint == endpoint
+
+
+def test_a_name_that_is_none_is_answered_in_words() -> None:
+    assert "should be a small letter, and then small" in error_of("[robots.robot2]", "[robots.Robot2]")
+
+
 def test_an_unknown_mission_names_the_shipped_ones() -> None:
     with pytest.raises(MissionError, match=r"nowhere: no such file.*six_robots"):
         load("nowhere")
