@@ -273,7 +273,8 @@ def test_a_key_that_is_no_token_is_none(key: str) -> None:
         ('localisation = "gps"', ["localisation = 'gps'", "'odometry' or 'external'"]),
         ('odometry_frame = "map"', ["odometry_frame = 'map'", "'world' or 'start'"]),
         ("speed_step = -0.01", ["speed_step = -0.01", "greater than or equal to 0"]),
-        ("speed_step = 1", ["speed_step = 1.0", "at most its max_speed of 0.2108"]),
+        ("speed_step = 1", ["speed_step = 1.0", "less than its max_speed of 0.2108"]),
+        ("turn_rate_step = 2.635", ["turn_rate_step = 2.635", "less than its max_turn_rate of 2.635"]),
         (
             'namespace = ""\nrobot_endpoint = "tcp/10.0.0.1:7447"',
             ["robots.robot2.namespace = ''", "apart from robot1's", "/odom"],
