@@ -108,6 +108,8 @@ def make(
     new ones are ready.
     """
     pairs = {name: _pair(secrets, mission, name, now) for name in access.processes(mission)}
+    for name in mission.names:
+        systemd.units(mission, name, bringup, bridge)  # a wrong flag is refused before anything is fetched
     before = folders.before(out)
     with folders.workshop(out) as shop:
         shelf = shop / "wheels"

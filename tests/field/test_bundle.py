@@ -317,6 +317,16 @@ def test_a_place_that_cannot_be_written_is_refused(
     assert "Not a directory" in capsys.readouterr().err
 
 
+def test_a_unit_that_cannot_be_is_refused_before_anything_is_fetched(
+    source: Path, keys: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fetched = []
+    monkeypatch.setattr(wheels, "collect", lambda *_, **__: fetched.append(1))
+    for flag in ("--bringup", "--bridge"):
+        assert main(command(source, keys, tmp_path / "out", flag, "ros2 launch")) == 2
+    assert not fetched
+
+
 def test_platforms_and_pythons_that_there_are_no_wheels_for_are_refused(
     source: Path, keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
