@@ -9,11 +9,11 @@ from collections.abc import Sequence
 
 from agent.core import Agent
 from agent.loop import drive
-from formation import wiring
-from formation.flags import add_robot_connect, bus_config, parser, robot_bus
 from formation.law import LAWS
 from formation.mission_file import load
-from formation.process import Process, Stop, one_of, run_process
+from formation.transport import wiring
+from formation.transport.flags import add_robot_connect, bus_config, parser, robot_bus
+from formation.transport.process import Process, Stop, one_of, run_process
 
 EXAMPLES = """\
   formation agent six_robots --robot robot2

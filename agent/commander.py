@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from agent.alive import FAREWELL
-from formation.messages import Number, Twist, TwistStamped, encode
 from formation.mission import Mission
 from formation.quantiser import Quantiser
+from formation.ros2.messages import Number, Twist, TwistStamped, encode
 from formation.topics import ALIVE, CMD_VEL, Topic, command_topic
 from formation.unicycle import Command
 from formation.wire import Now, Outgoing

@@ -23,9 +23,9 @@ from agent.orders import Orders
 from agent.status import Report, Surroundings, status
 from formation import order
 from formation.law import LAWS
-from formation.messages import Displacement, Odometry, Pose, decode, encode
 from formation.mission import Mission
 from formation.order import Told
+from formation.ros2.messages import Displacement, Odometry, Pose, decode, encode
 from formation.topics import ODOM, POSE, POSITION, RELATIVE, STATUS, Topic
 from formation.unicycle import Command
 from formation.wire import BadMessage, Now, Outgoing, Sample

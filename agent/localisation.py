@@ -7,10 +7,10 @@ from agent.overhead import Overhead
 from agent.sighting import Sighting
 from agent.stream import Stream
 from formation import heading as observers
-from formation.messages import Odometry, Pose
 from formation.mission import Mission
 from formation.plane import rotation, shorten, unit
-from formation.ros import MAX_POSITION
+from formation.ros2.messages import Odometry, Pose
+from formation.ros2.ros import MAX_POSITION
 from formation.unicycle import Command, control_point
 from formation.wire import Now
 

@@ -16,9 +16,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from agent.core import Agent
 from agent.status import Surroundings
-from formation.process import Process
-from formation.ros_names import address
+from formation.ros2.ros_names import address
 from formation.topics import ALIVE, CMD_VEL, ORDER, SCAN, STATUS
+from formation.transport.process import Process
 from formation.wire import Now, Outgoing, Sample
 
 REFUSED_PERIOD = 0.5

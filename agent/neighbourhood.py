@@ -7,8 +7,8 @@ from agent.stream import Stream
 from agent.voice import Voice
 from formation import neighbour
 from formation.law import Measured
-from formation.messages import Displacement, Pose
 from formation.mission import Mission
+from formation.ros2.messages import Displacement, Pose
 from formation.unicycle import control_point
 from formation.wire import Now
 

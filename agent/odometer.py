@@ -12,9 +12,9 @@ import cmath
 
 from agent.sighting import Sighting
 from formation.heading import Travel
-from formation.messages import Odometry
 from formation.mission import Mission
 from formation.plane import angle_between
+from formation.ros2.messages import Odometry
 from formation.unicycle import advance
 
 JUMP_MARGIN = 0.1

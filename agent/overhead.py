@@ -12,9 +12,9 @@ from typing import NamedTuple
 from agent.odometer import impossible
 from agent.sighting import Sighting
 from formation.heading import Travel
-from formation.messages import Pose
 from formation.mission import Mission
 from formation.plane import angle_between, rotation
+from formation.ros2.messages import Pose
 from formation.unicycle import Command
 
 KEPT = 5.0

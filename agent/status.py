@@ -10,7 +10,7 @@ from agent.commander import Commander
 from agent.failsafe import Decision, State
 from agent.localisation import Localisation
 from agent.stream import Stream
-from formation.messages import Diagnostics, Status
+from formation.ros2.messages import Diagnostics, Status
 from formation.wire import Now
 
 OK, WARNING = 0, 1

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator, Sequence
 
 from deploy.arguments import add_mission, as_json, parser, read_mission
-from formation.analysis import Analysis, analyse
 from formation.mission import Mission
+from formation.stability.analysis import Analysis, analyse
 
 EXAMPLES = """\
   formation check six_robots

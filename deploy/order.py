@@ -11,14 +11,15 @@ from typing import Any, NamedTuple
 from deploy.arguments import as_json, number, parser, read_mission
 from deploy.refusal import Refusal
 from deploy.waiting import waiting
-from formation import order, wiring
-from formation.bus import Bus, Reply
-from formation.bus_config import MODES, BusConfig, BusError, parse_override
+from formation import order
 from formation.mission import Mission
 from formation.order import OperatorReply, OperatorRequest
 from formation.topics import ORDER
+from formation.transport import wiring
+from formation.transport.bus import Bus, Reply
+from formation.transport.bus_config import MODES, BusConfig, BusError, parse_override
+from formation.transport.wiring import Links
 from formation.wire import BadMessage
-from formation.wiring import Links
 
 EVERYONE = ("stop", "release")
 """Told to each robot directly; hold and run are the leader's, whose order travels with the positions."""
@@ -34,7 +35,7 @@ EXAMPLES = """\
 Exit code 0: everyone asked has obeyed; 1: somebody did not answer, or refused.
 """
 Ask = Callable[[str, bytes, float], Sequence[Reply]]
-"""`formation.bus.Bus.ask`."""
+"""`formation.transport.bus.Bus.ask`."""
 
 
 class Answer(NamedTuple):

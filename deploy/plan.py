@@ -6,9 +6,9 @@ import sys
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from formation import wiring
 from formation.mission import Mission
-from formation.wiring import Endpoints, Links
+from formation.transport import wiring
+from formation.transport.wiring import Endpoints, Links
 
 Part = Literal["control", "guard", "body", "watch"]
 """What a process is to the run: an agent or the leader, a guard, the simulated robots, the monitor."""

@@ -14,9 +14,9 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
 
-from formation import wiring
 from formation.mission import Mission
-from formation.wiring import Endpoints
+from formation.transport import wiring
+from formation.transport.wiring import Endpoints
 
 HOST = "127.0.0.1"
 

@@ -16,10 +16,10 @@ from typing import Any, Self
 from deploy.arguments import add_mission, as_json, number, parser, read_mission, whole
 from deploy.refusal import Refusal
 from deploy.units import metres
-from formation.body import PROFILES, Body
-from formation.ensemble import Options
 from formation.mission import Mission
-from formation.simulate import Result, simulate
+from formation.simulation.body import PROFILES, Body
+from formation.simulation.ensemble import Options
+from formation.simulation.simulate import Result, simulate
 from monitor.figure import draw
 
 MOST_RUNS = 100_000

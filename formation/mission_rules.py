@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pydantic_core import PydanticCustomError
 
-from formation.ros_names import RosNames, clash, is_namespace
-from formation.spacing import too_close
+from formation.ros2.ros_names import RosNames, clash, is_namespace
+from formation.stability.spacing import too_close
 
 if TYPE_CHECKING:
     from formation.mission import Mission

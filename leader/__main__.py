@@ -7,9 +7,9 @@ import secrets
 import sys
 from collections.abc import Sequence
 
-from formation import flags, wiring
 from formation.mission_file import load
-from formation.process import Process, Stop, run_process
+from formation.transport import flags, wiring
+from formation.transport.process import Process, Stop, run_process
 from leader.core import Leader
 from leader.loop import lead
 

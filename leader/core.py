@@ -11,10 +11,10 @@ from collections import Counter
 from collections.abc import Sequence
 
 from formation import order
-from formation.messages import Diagnostics, Pose, Status, encode
 from formation.mission import Mission
 from formation.order import LEADER_LOST, Mode, OperatorReply, OperatorRequest, Order, Told
 from formation.rate import Rate
+from formation.ros2.messages import Diagnostics, Pose, Status, encode
 from formation.route import Route
 from formation.topics import POSITION, STATUS, Topic
 from formation.wire import BadMessage, Now, Outgoing, Sample

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import logging
 
-from formation.process import Process
 from formation.topics import ORDER, STATUS
+from formation.transport.process import Process
 from leader.core import Leader
 
 _log = logging.getLogger(__name__)

@@ -10,18 +10,18 @@ from datetime import datetime
 from pathlib import Path
 from typing import get_args
 
-from formation import wiring
-from formation.bus import Bus
-from formation.bus_config import BusConfig, BusError
-from formation.flags import bus_config, parser
 from formation.law import LAWS
-from formation.mailbox import Mailbox
 from formation.mission import Mission, Ros
 from formation.mission_file import parse, read
-from formation.naming import Naming
-from formation.process import BadInput, Stop, run_process, say
-from formation.robot_bus import RobotBus
-from formation.robot_buses import RobotBuses
+from formation.ros2.naming import Naming
+from formation.transport import wiring
+from formation.transport.bus import Bus
+from formation.transport.bus_config import BusConfig, BusError
+from formation.transport.flags import bus_config, parser
+from formation.transport.mailbox import Mailbox
+from formation.transport.process import BadInput, Stop, run_process, say
+from formation.transport.robot_bus import RobotBus
+from formation.transport.robot_buses import RobotBuses
 from monitor.core import Monitor
 from monitor.keys import OWN, watched
 from monitor.loop import CAPACITY, NAME, Watch

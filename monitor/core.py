@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from formation.messages import Number, encode
 from formation.mission import Mission
 from formation.rate import Rate
+from formation.ros2.messages import Number, encode
 from formation.topics import DIAGNOSTICS, ERROR, Topic
 from formation.wire import Now, Outgoing, Sample
 from monitor.keys import OWN, watched

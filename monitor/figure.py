@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from formation.history import History
 from formation.plane import FloatArray
+from formation.simulation.history import History
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

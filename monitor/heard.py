@@ -7,8 +7,17 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
-from formation.messages import Diagnostics, Displacement, Odometry, Pose, Status, Twist, TwistStamped, decode
 from formation.mission import Mission
+from formation.ros2.messages import (
+    Diagnostics,
+    Displacement,
+    Odometry,
+    Pose,
+    Status,
+    Twist,
+    TwistStamped,
+    decode,
+)
 from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSE, POSITION, RELATIVE, STATUS
 from formation.wire import BadMessage, Now, Sample
 from monitor.feed import CLOCK_AGREES, Feed

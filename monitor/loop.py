@@ -11,12 +11,12 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from formation.bus import Bus
-from formation.linger import Linger
-from formation.process import Stop, clocks, say
 from formation.rate import Rate
-from formation.robot_bus import RobotBus
-from formation.robot_buses import RobotBuses
+from formation.transport.bus import Bus
+from formation.transport.linger import Linger
+from formation.transport.process import Stop, clocks, say
+from formation.transport.robot_bus import RobotBus
+from formation.transport.robot_buses import RobotBuses
 from formation.wire import Now, Sample
 from monitor.core import Monitor
 from monitor.recorder import Recorder

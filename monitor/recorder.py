@@ -21,8 +21,8 @@ from typing import Self
 
 from mcap.writer import CompressionType, Writer
 
-from formation.messages import definition, type_hash
-from formation.process import BadInput
+from formation.ros2.messages import definition, type_hash
+from formation.transport.process import BadInput
 from formation.wire import Sample
 from monitor.keys import Watched
 

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from formation.messages import Diagnostics, Status
+from formation.ros2.messages import Diagnostics, Status
 from monitor.figures import KeyFigures, RobotFigures, Snapshot
 
 OK, WARNING, STALE = 0, 1, 3

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from formation import wiring
 from formation.mission import Mission
+from formation.transport import wiring
 
 
 def usual(mission: Mission) -> dict[str, str]:

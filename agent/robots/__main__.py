@@ -8,12 +8,12 @@ from collections.abc import Sequence
 
 from agent.robots.loop import host
 from agent.robots.simulated import World
-from formation import flags, wiring
-from formation.mailbox import Mailbox
 from formation.mission_file import load
-from formation.process import BadInput, Process, Stop, run_process
-from formation.robot_buses import RobotBuses
-from formation.wiring import Endpoints
+from formation.transport import flags, wiring
+from formation.transport.mailbox import Mailbox
+from formation.transport.process import BadInput, Process, Stop, run_process
+from formation.transport.robot_buses import RobotBuses
+from formation.transport.wiring import Endpoints
 
 EXAMPLES = """\
   formation robot six_robots                              all followers in one process

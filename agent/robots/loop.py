@@ -6,9 +6,9 @@ import logging
 from collections.abc import Iterable
 
 from agent.robots.simulated import World
-from formation.process import Process
-from formation.ros_names import address
+from formation.ros2.ros_names import address
 from formation.topics import GROUND_TRUTH
+from formation.transport.process import Process
 from formation.wire import Outgoing
 
 _log = logging.getLogger(__name__)

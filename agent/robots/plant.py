@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from formation.body import Body
+from formation.simulation.body import Body
 from formation.unicycle import Command, advance
 
 STEP = 0.01

@@ -15,11 +15,11 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from agent.robots.plant import Plant
-from formation.body import Body
-from formation.messages import Displacement, Odometry, Pose, Twist, TwistStamped, decode, encode
 from formation.mission import Mission
 from formation.neighbour import Track, carried_to, first_seen, seen
 from formation.rate import Rate
+from formation.ros2.messages import Displacement, Odometry, Pose, Twist, TwistStamped, decode, encode
+from formation.simulation.body import Body
 from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSE, POSITION, RELATIVE, Topic
 from formation.unicycle import Command, control_point
 from formation.wire import BadMessage, Now, Outgoing, Sample

@@ -12,12 +12,12 @@ from deploy.doctor.agents import VOICE
 from deploy.doctor.facts import Certificate, Facts
 from deploy.doctor.probe import Papers, reach
 from deploy.refusal import Refusal
-from formation.bus import Bus
-from formation.bus_config import BusConfig, BusError
-from formation.messages import Status
 from formation.mission import Mission
+from formation.ros2.messages import Status
 from formation.topics import STATUS
-from formation.wiring import Links, endpoints
+from formation.transport.bus import Bus
+from formation.transport.bus_config import BusConfig, BusError
+from formation.transport.wiring import Links, endpoints
 
 LINKED = 2.0
 """How much longer links may take, as long as somebody has not been heard [s]."""

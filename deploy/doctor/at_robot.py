@@ -14,14 +14,14 @@ from deploy.doctor import files, listening, machine
 from deploy.doctor.facts import Certificate, Facts, Party
 from deploy.doctor.probe import Papers, reach
 from deploy.refusal import Refusal
-from formation import tokens
-from formation.bus import Bus
-from formation.bus_config import BusConfig, BusError
 from formation.mission import Mission
 from formation.mission_file import MissionError, load
-from formation.naming import Naming
+from formation.ros2 import tokens
+from formation.ros2.naming import Naming
 from formation.topics import ALIVE, CMD_VEL, ODOM, POSE, POSITION, STATUS
-from formation.wiring import endpoints, partners
+from formation.transport.bus import Bus
+from formation.transport.bus_config import BusConfig, BusError
+from formation.transport.wiring import endpoints, partners
 
 NODE = "formation_doctor"
 LINKED, TOLD = 2.0, 0.5

@@ -22,7 +22,7 @@ from deploy.field.fleet import PREFIX
 from deploy.refusal import Refusal
 from deploy.waiting import waiting
 from formation.mission import Mission
-from formation.wiring import endpoints, under_certificates
+from formation.transport.wiring import endpoints, under_certificates
 
 EXAMPLES = """\
   formation doctor                                           on a robot that formation is installed on

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Literal, NamedTuple
 
-from formation.messages import Status
 from formation.mission import Mission
+from formation.ros2.messages import Status
 
 Outcome = Literal[
     "ok", "refused", "no route", "no answer", "unknown name", "no TLS", "untrusted", "turned away"

@@ -10,8 +10,8 @@ from pathlib import Path
 from deploy.doctor.facts import Certificate
 from deploy.doctor.probe import Papers, common_name, context
 from deploy.refusal import Refusal
-from formation.bus import setting
-from formation.bus_config import BusError
+from formation.transport.bus import setting
+from formation.transport.bus_config import BusError
 
 NO_CHECK_TIME = 0x20_0000
 """OpenSSL's X509_V_FLAG_NO_CHECK_TIME: an expired certificate is to be read, too."""

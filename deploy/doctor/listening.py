@@ -8,8 +8,8 @@ from functools import partial
 from typing import Protocol
 
 from deploy.doctor.facts import Heard, Stream
-from formation.bus import Bus
-from formation.messages import BadMessage, Diagnostics, Number, Odometry, Pose, Status, decode
+from formation.ros2.messages import BadMessage, Diagnostics, Number, Odometry, Pose, Status, decode
+from formation.transport.bus import Bus
 from formation.wire import Sample
 
 

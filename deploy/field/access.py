@@ -17,7 +17,7 @@ from deploy.field.hosts import MONITOR, OPERATOR, PROTOCOL, VISITORS, Host, host
 from deploy.refusal import Refusal
 from formation.mission import Mission
 from formation.topics import GROUND_TRUTH, ORDER, POSITION, STATUS
-from formation.wiring import partners
+from formation.transport.wiring import partners
 from monitor.keys import watched
 
 Message = Literal["put", "declare_subscriber", "query", "declare_queryable", "reply"]

@@ -18,12 +18,12 @@ import numpy as np
 from agent.core import Agent
 from agent.robots.simulated import World
 from formation.graph import formation_error
-from formation.messages import Diagnostics, Twist, TwistStamped, decode
 from formation.mission import Mission
 from formation.order import OperatorReply, OperatorRequest, encode
 from formation.order import decode as decode_order
-from formation.process import Core
+from formation.ros2.messages import Diagnostics, Twist, TwistStamped, decode
 from formation.topics import CMD_VEL, ODOM, POSITION, STATUS
+from formation.transport.process import Core
 from formation.wire import Now, Outgoing, Sample
 from leader.core import Leader
 

@@ -11,9 +11,9 @@ import pytest
 from agent.core import Agent
 from agent.failsafe import State
 from formation import order
-from formation.messages import Diagnostics, Odometry, Pose, Twist, decode, encode
 from formation.mission_file import load
 from formation.order import OperatorReply, Order, Told
+from formation.ros2.messages import Diagnostics, Odometry, Pose, Twist, decode, encode
 from formation.topics import CMD_VEL, ODOM, POSITION, STATUS
 from formation.wire import Now, Outgoing, Sample
 from tests.formation.mutations import mutated

@@ -8,9 +8,9 @@ from dataclasses import replace
 import pytest
 
 from formation import order
-from formation.messages import Odometry, decode, encode
 from formation.mission_file import load, parse, read
 from formation.order import Told
+from formation.ros2.messages import Odometry, decode, encode
 from formation.topics import ODOM, POSITION
 from formation.wire import Now, Sample
 from leader.core import Leader

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from agent.core import Agent
-from formation.messages import Pose, decode, encode
 from formation.mission import Mission
 from formation.plane import angle_between
+from formation.ros2.messages import Pose, decode, encode
 from formation.topics import ODOM, POSE, POSITION
 from formation.wire import Sample
 from tests.agent.fleet import Fleet

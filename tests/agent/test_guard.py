@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from agent.alive import FAREWELL
 from agent.robots.guard.core import BRAKING, PARKING, SLOW, TABLE, Event, Guard, State
 from agent.robots.simulated import World
-from formation.messages import Number, Twist, TwistStamped, decode, encode
 from formation.mission import Mission
 from formation.mission_file import load
+from formation.ros2.messages import Number, Twist, TwistStamped, decode, encode
 from formation.topics import ALIVE, CMD_VEL, command_topic
 from formation.wire import Now, Outgoing, Sample
 

@@ -7,8 +7,8 @@ import cmath
 import pytest
 
 from agent.localisation import Localisation
-from formation.messages import Odometry
 from formation.mission_file import load
+from formation.ros2.messages import Odometry
 from formation.wire import Now
 
 SIX = load("six_robots")

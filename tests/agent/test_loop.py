@@ -12,9 +12,9 @@ import pytest
 from agent.core import Agent
 from agent.loop import REFUSED_PERIOD, Sides
 from agent.status import Surroundings
-from formation.messages import Odometry, encode
 from formation.mission import Mission
 from formation.mission_file import load, parse, read
+from formation.ros2.messages import Odometry, encode
 from formation.topics import Topic
 from formation.wire import BadMessage, Now, Outgoing, Sample
 

@@ -11,8 +11,8 @@ from itertools import pairwise
 import pytest
 
 from agent.localisation import Localisation
-from formation.messages import Odometry, decode, encode
 from formation.mission import Mission
+from formation.ros2.messages import Odometry, decode, encode
 from formation.topics import ODOM, POSITION
 from formation.wire import Now, Sample
 from tests.agent.fleet import EPOCH, Fleet

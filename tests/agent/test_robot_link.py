@@ -7,10 +7,10 @@ import pytest
 from agent.alive import FAREWELL
 from agent.core import Agent
 from agent.status import Surroundings
-from formation.messages import Diagnostics, Number, Odometry, Pose, TwistStamped, decode, encode
 from formation.mission_file import load
 from formation.order import Order, Told
 from formation.order import encode as encode_order
+from formation.ros2.messages import Diagnostics, Number, Odometry, Pose, TwistStamped, decode, encode
 from formation.topics import ALIVE, CMD_VEL, ODOM, POSITION, STATUS, TABLE
 from formation.wire import Now, Outgoing, Sample
 from tests.agent.fleet import EPOCH, Fleet

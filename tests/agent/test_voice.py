@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from agent.voice import Voice
 from formation import order
-from formation.messages import Pose, decode, encode
 from formation.mission_file import load
 from formation.order import Told
+from formation.ros2.messages import Pose, decode, encode
 from formation.topics import POSITION
 from formation.wire import BadMessage, Sample
 from tests.agent.fleet import Fleet

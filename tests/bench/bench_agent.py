@@ -28,8 +28,8 @@ from typing import Any
 
 import numpy as np
 
-from formation.bus import Bus, BusConfig
 from formation.topics import CMD_VEL, ODOM
+from formation.transport.bus import Bus, BusConfig
 from tests.bench.figures import flags, over_rounds, show, tail
 from tests.bench.report_agent import section
 from tests.bench.robot import Robots, Subject

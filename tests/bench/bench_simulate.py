@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from formation.ensemble import Options
 from formation.mission import Mission
-from formation.simulate import simulate
+from formation.simulation.ensemble import Options
+from formation.simulation.simulate import simulate
 from tests.bench.figures import flags, markdown, over_rounds, show, span
 from tests.formation import scenarios
 

@@ -15,10 +15,10 @@ from typing import Any
 from agent.core import Agent
 from agent.failsafe import State
 from formation import order
-from formation.messages import Odometry, Pose, Twist, decode, encode
 from formation.mission import Mission
 from formation.mission_file import parse
 from formation.order import Order, Told
+from formation.ros2.messages import Odometry, Pose, Twist, decode, encode
 from formation.topics import ODOM, POSITION
 from formation.wire import Now, Sample
 from tests.bench import edge

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from formation.messages import Odometry, Pose
+from formation.ros2.messages import Odometry, Pose
 
 RATE = 50.0
 """Of odometry and of each neighbour's positions [Hz]."""

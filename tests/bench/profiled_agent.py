@@ -22,9 +22,9 @@ from agent.localisation import Localisation
 from agent.loop import Sides
 from agent.neighbourhood import Neighbourhood
 from formation import order
-from formation.bus import Bus
 from formation.law import LAWS
 from formation.topics import CMD_VEL, ODOM
+from formation.transport.bus import Bus
 from formation.wire import Now, Outgoing, Sample
 
 

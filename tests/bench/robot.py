@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import psutil
 
-from formation.bus import Bus
-from formation.messages import Twist, decode, encode
 from formation.rate import Rate
+from formation.ros2.messages import Twist, decode, encode
 from formation.topics import CMD_VEL, ODOM
+from formation.transport.bus import Bus
 from formation.wire import Sample
 from tests.bench import edge
 

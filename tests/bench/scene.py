@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from agent.core import Agent
-from formation.bus import BusConfig
-from formation.messages import encode
 from formation.mission_file import load
 from formation.order import Order, Told
 from formation.order import encode as encode_order
-from formation.ros_names import address
-from formation.session import settings_of
+from formation.ros2.messages import encode
+from formation.ros2.ros_names import address
 from formation.topics import ALIVE, CMD_VEL, ODOM, POSITION, STATUS, Topic
+from formation.transport.bus import BusConfig
+from formation.transport.session import settings_of
 from formation.wire import Now, Outgoing, Sample
 from tests.bench import edge
 from tests.processes.child import free_endpoint

@@ -13,11 +13,11 @@ import time
 from contextlib import ExitStack
 
 from formation import order
-from formation.bus import Bus, BusConfig
-from formation.messages import encode
 from formation.order import Order, Told
-from formation.process import say
+from formation.ros2.messages import encode
 from formation.topics import POSITION
+from formation.transport.bus import Bus, BusConfig
+from formation.transport.process import say
 from formation.wire import Outgoing
 from tests.bench.edge import LEADER, NEIGHBOUR, RATE, position
 

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from formation.ensemble import Options
 from formation.mission import Mission
 from formation.plane import FloatArray
-from formation.simulate import Result, simulate
-from formation.starts import random_starts
+from formation.simulation.ensemble import Options
+from formation.simulation.simulate import Result, simulate
+from formation.simulation.starts import random_starts
 from formation.unicycle import control_point
 from tests.formation import scenarios
 

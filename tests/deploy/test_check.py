@@ -11,8 +11,8 @@ import pytest
 
 from deploy.check import _eigenvalues
 from deploy.cli import main
-from formation.analysis import analyse
 from formation.mission_file import load, shipped
+from formation.stability.analysis import analyse
 
 KEYS = {
     "ok", "problems", "warnings", "eigenvalues", "stable", "slowest_mode", "settling_time_estimate",

@@ -16,8 +16,8 @@ from deploy.doctor.agents import two_ages
 from deploy.doctor.cli import EXAMINATIONS
 from deploy.doctor.facts import Certificate, Chrony, Facts, Heard, Party, Reached, Stream, examine
 from deploy.doctor.machine import read_tracking
-from formation.messages import Status
 from formation.mission_file import load
+from formation.ros2.messages import Status
 
 TB3 = load("turtlebot3_pair")
 WALL = 1.8e9

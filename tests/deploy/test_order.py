@@ -10,8 +10,8 @@ import pytest
 from deploy import order as operator
 from deploy.cli import main
 from formation import order
-from formation.bus import Reply
 from formation.order import Mode, OperatorReply, OperatorRequest
+from formation.transport.bus import Reply
 
 STOP = OperatorRequest(do="stop")
 

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 import pytest
 
 from deploy.ports import Ports
-from formation import wiring
 from formation.mission import Mission
 from formation.mission_file import load
+from formation.transport import wiring
 
 
 @pytest.fixture

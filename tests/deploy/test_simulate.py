@@ -14,7 +14,7 @@ import pytest
 
 from deploy import simulate
 from deploy.cli import main
-from formation.body import PROFILES
+from formation.simulation.body import PROFILES
 
 SHORT = ("--horizon", "15")
 

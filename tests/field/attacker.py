@@ -17,9 +17,9 @@ from typing import Any
 import zenoh
 
 from formation import order
-from formation.messages import Pose, encode
 from formation.order import OperatorRequest, Order, Told
-from formation.process import say
+from formation.ros2.messages import Pose, encode
+from formation.transport.process import say
 from tests.field.sessions import attacking
 
 FAR = 5.0 + 5.0j

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import psutil
 
-from formation.bus import Bus
-from formation.bus_config import BusConfig
-from formation.process import log_to_stderr, say
+from formation.transport.bus import Bus
+from formation.transport.bus_config import BusConfig
+from formation.transport.process import log_to_stderr, say
 
 PERIOD = 0.005
 """How often it says something [s]."""

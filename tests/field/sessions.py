@@ -11,8 +11,8 @@ from typing import NamedTuple
 import zenoh
 
 from deploy.field import access, certificates
-from formation.bus_config import DEFAULTS
 from formation.mission import Mission
+from formation.transport.bus_config import DEFAULTS
 
 
 class Desk(NamedTuple):

@@ -17,7 +17,7 @@ from deploy.refusal import Refusal
 from formation.mission import Mission
 from formation.mission_file import shipped
 from formation.topics import ORDER, POSITION, STATUS, TABLE
-from formation.wiring import partners
+from formation.transport.wiring import partners
 from tests.field.missions import in_the_field, on_a_wireless_network
 
 MISSIONS = {

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from formation.topics import CMD_VEL, ODOM, POSITION, STATUS
-from formation.wiring import partners
+from formation.transport.wiring import partners
 from tests.field.deployed import Deployed
 from tests.field.namespaces import Computer, Field, Running, until
 

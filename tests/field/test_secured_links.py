@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from formation.bus_config import BusConfig
-from formation.session import settings_of
 from formation.topics import ORDER, POSITION
+from formation.transport.bus_config import BusConfig
+from formation.transport.session import settings_of
 from monitor.keys import watched
 from tests.field.missions import in_the_field
 from tests.field.namespaces import until

@@ -11,10 +11,10 @@ import time
 
 import zenoh
 
-from formation.bus_config import DEFAULTS
-from formation.messages import Diagnostics, Twist, decode
-from formation.process import say
+from formation.ros2.messages import Diagnostics, Twist, decode
 from formation.topics import CMD_VEL, STATUS
+from formation.transport.bus_config import DEFAULTS
+from formation.transport.process import say
 
 
 def opened(endpoint: str) -> zenoh.Session:

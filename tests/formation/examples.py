@@ -5,7 +5,7 @@ from __future__ import annotations
 import cmath
 from typing import Any
 
-from formation.messages import (
+from formation.ros2.messages import (
     Diagnostics,
     Displacement,
     Message,

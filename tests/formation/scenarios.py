@@ -9,7 +9,7 @@ import numpy as np
 
 from formation.mission import Mission
 from formation.plane import ComplexArray
-from formation.simulate import Result
+from formation.simulation.simulate import Result
 
 HEXAGON: ComplexArray = np.exp(1j * np.pi / 3.0 * np.arange(6)) - 1.0
 TRIANGLE: ComplexArray = -0.5 * np.exp(1j * np.array([0.0, -np.pi / 6.0, np.pi / 6.0])) + np.array(

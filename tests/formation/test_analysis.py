@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formation import feasibility, spectrum
-from formation.analysis import analyse
 from formation.graph import Graph
 from formation.mission import Mission
 from formation.mission_file import load, shipped
-from formation.simulate import simulate
+from formation.simulation.simulate import simulate
+from formation.stability import feasibility, spectrum
+from formation.stability.analysis import analyse
 from tests.formation import scenarios
 
 KEYS = {

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from formation.messages import (
+from formation.ros2.messages import (
     MAX_BYTES,
     BadMessage,
     Diagnostics,

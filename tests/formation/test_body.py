@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.body import PROFILES, Body
 from formation.mission import SimulatedRobot
+from formation.simulation.body import PROFILES, Body
 from formation.unicycle import Command
 
 rates = st.floats(-3.0, 3.0)

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from formation.bus_config import DEFAULTS, BusConfig, BusError, parse_override
-from formation.session import settings_of
-from formation.wiring import Links
+from formation.transport.bus_config import DEFAULTS, BusConfig, BusError, parse_override
+from formation.transport.session import settings_of
+from formation.transport.wiring import Links
 
 
 def setting(config: BusConfig, path: str) -> Any:

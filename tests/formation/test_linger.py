@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from formation.linger import PERIOD, Linger, take_back
+from formation.transport.linger import PERIOD, Linger, take_back
 
 TEN_SECONDS = struct.pack("ii", 1, 10)
 

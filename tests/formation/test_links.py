@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from formation.graph import Graph
-from formation.links import Links, Terms
 from formation.neighbour import FORGOTTEN
+from formation.simulation.links import Links, Terms
 
 GRAPH = Graph(((), (0,), (0, 1)))
 STEP, LIMIT = 0.05, 0.15

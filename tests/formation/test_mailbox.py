@@ -7,7 +7,7 @@ import threading
 import time
 from collections import Counter
 
-from formation.mailbox import MAX_QUERIES, Mailbox
+from formation.transport.mailbox import MAX_QUERIES, Mailbox
 from formation.wire import Sample
 
 PATIENCE = 30.0

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation import ros
-from formation.messages import (
+from formation.ros2 import ros
+from formation.ros2.messages import (
     Diagnostics,
     Displacement,
     Message,

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from formation.mission import Mission
 from formation.mission_file import MissionError, parse, read
-from formation.naming import Naming
-from formation.ros_names import RosNames, address
-from formation.tokens import Route, Token, dds_type, read_route, ros_type
-from formation.tokens import read as read_token
+from formation.ros2.naming import Naming
+from formation.ros2.ros_names import RosNames, address
+from formation.ros2.tokens import Route, Token, dds_type, read_route, ros_type
+from formation.ros2.tokens import read as read_token
 from formation.topics import CMD_VEL, ERROR, ODOM, ORDER, RELATIVE, TABLE
 from tests.formation.edited import edited
 

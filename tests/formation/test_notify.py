@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from formation.notify import PERIOD, Notifier
+from formation.transport.notify import PERIOD, Notifier
 
 
 @pytest.fixture(params=["a file", "an abstract name"])

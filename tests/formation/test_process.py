@@ -11,18 +11,18 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from formation import process
-from formation.bus import Bus, BusConfig, BusError
-from formation.flags import bus_config, parser
-from formation.mailbox import Mailbox
-from formation.messages import TwistStamped, decode, encode
 from formation.mission_file import MissionError, load
-from formation.process import BadInput, Process, Stop, one_of, run_process, say
 from formation.rate import Rate
-from formation.robot_bus import RobotBus
+from formation.ros2.messages import TwistStamped, decode, encode
 from formation.topics import STATUS
+from formation.transport import process
+from formation.transport.bus import Bus, BusConfig, BusError
+from formation.transport.flags import bus_config, parser
+from formation.transport.mailbox import Mailbox
+from formation.transport.process import BadInput, Process, Stop, one_of, run_process, say
+from formation.transport.robot_bus import RobotBus
+from formation.transport.wiring import Links
 from formation.wire import Now, Outgoing, Sample
-from formation.wiring import Links
 from tests.processes.child import free_endpoint
 
 IMPLIED = Links(("tcp/127.0.0.1:7460",), ("tcp/127.0.0.1:7461",))
@@ -151,7 +151,7 @@ def test_a_process_started_by_nohup_outlives_its_terminal() -> None:
 
 def test_a_signal_after_the_grace_ends_even_a_process_that_hangs() -> None:
     hangs = (
-        "import signal, time; from formation import process\n"
+        "import signal, time; from formation.transport import process\n"
         "process.GRACE = 0.0\n"
         "with process.Stop() as stop:\n"
         "    signal.raise_signal(signal.SIGTERM); time.sleep(0.01); print('polite', flush=True)\n"
@@ -201,7 +201,9 @@ def test_what_it_says_is_one_json_object_a_line(capsys: pytest.CaptureFixture[st
 
 
 def test_a_reader_that_has_gone_away_does_not_make_it_fail() -> None:
-    talks = "from formation.process import say\nfor i in range(20000): say('ready', process='x' * 50)\n"
+    talks = (
+        "from formation.transport.process import say\nfor i in range(20000): say('ready', process='x' * 50)\n"
+    )
     with subprocess.Popen(
         [sys.executable, "-c", talks], stdout=subprocess.PIPE, stderr=subprocess.PIPE
     ) as child:
@@ -274,7 +276,7 @@ def test_both_clocks_are_read_together() -> None:
 
 
 def test_what_all_processes_share_needs_nothing_that_only_a_desk_has() -> None:
-    code = "import sys, formation.process, formation.flags; print(*sys.modules)"
+    code = "import sys, formation.transport.process, formation.transport.flags; print(*sys.modules)"
     loaded = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     ).stdout.split()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from formation.refusals import KINDS, LONGEST, OTHER, Parser
+from formation.transport.refusals import KINDS, LONGEST, OTHER, Parser
 
 ZID, OTHERS = "853284b9103ab54f9afc4919b38c7852", "2b909cbc29257a331cca0908affe6d7b"
 STAMP = "2026-11-21T04:54:40.088745Z"
@@ -197,8 +197,8 @@ def test_signs_that_would_disturb_a_terminal_are_not_repeated() -> None:
 
 def run(body: str) -> subprocess.CompletedProcess[str]:
     """A process that listens to a log which `body` writes as Zenoh does: to descriptor 1, past Python."""
-    begin = "import os, logging\nfrom formation.refusals import Refusals, FILTER\n"
-    begin += "from formation.process import say\nlogging.basicConfig(format='%(message)s')\n"
+    begin = "import os, logging\nfrom formation.transport.refusals import Refusals, FILTER\n"
+    begin += "from formation.transport.process import say\nlogging.basicConfig(format='%(message)s')\n"
     begin += "say('before')\n"
     return subprocess.run(
         [sys.executable, "-c", begin + body],

@@ -9,13 +9,13 @@ from typing import Any, ClassVar
 
 import pytest
 
-from formation import robot_bus
-from formation.bus_config import BusError
-from formation.mailbox import Mailbox
 from formation.mission_file import load
-from formation.naming import Naming
-from formation.robot_bus import RobotBus
+from formation.ros2.naming import Naming
 from formation.topics import CMD_VEL, command_topic
+from formation.transport import robot_bus
+from formation.transport.bus_config import BusError
+from formation.transport.mailbox import Mailbox
+from formation.transport.robot_bus import RobotBus
 
 PAIR = load("turtlebot3_pair")
 

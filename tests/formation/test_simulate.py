@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formation.ensemble import Options
 from formation.heading import Travel, innovation
 from formation.law import Measured, field
 from formation.mission import Mission
@@ -17,8 +16,9 @@ from formation.mission_file import load
 from formation.neighbour import Track, first_seen, seen
 from formation.plane import unit
 from formation.route import Route
-from formation.simulate import DWELL, simulate
-from formation.starts import random_starts
+from formation.simulation.ensemble import Options
+from formation.simulation.simulate import DWELL, simulate
+from formation.simulation.starts import random_starts
 from formation.unicycle import advance, control_point
 from tests.formation import scenarios
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.spacing import too_close
+from formation.stability.spacing import too_close
 from tests.formation.planar import vectors
 
 discs = st.lists(st.tuples(vectors, st.floats(0.0, 3.0)), max_size=12)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from formation.ensemble import Options
-from formation.simulate import simulate
+from formation.simulation.ensemble import Options
+from formation.simulation.simulate import simulate
 from tests.formation import scenarios
 
 SIX = scenarios.six()

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from formation import wiring
 from formation.mission_file import load, parse, read, shipped
+from formation.transport import wiring
 
 
 @pytest.mark.parametrize("name", shipped())

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from formation.body import Body
-from formation.ensemble import Options
 from formation.mission_file import load
-from formation.simulate import simulate
+from formation.simulation.body import Body
+from formation.simulation.ensemble import Options
+from formation.simulation.simulate import simulate
 from tests.formation import scenarios
 
 SIX = scenarios.six()

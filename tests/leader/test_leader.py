@@ -7,10 +7,10 @@ from typing import NamedTuple
 import pytest
 
 from formation import order
-from formation.messages import Diagnostics, Pose, decode
 from formation.mission import Mission
 from formation.mission_file import load, parse
 from formation.order import LEADER_LOST, OperatorReply, Order, Told
+from formation.ros2.messages import Diagnostics, Pose, decode
 from formation.route import Route
 from formation.wire import Now, Outgoing
 from leader.core import Leader

@@ -7,7 +7,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 from formation import order
-from formation.messages import (
+from formation.mission import Mission
+from formation.mission_file import load
+from formation.order import Mode, Order, Told
+from formation.ros2.messages import (
     Diagnostics,
     Message,
     Odometry,
@@ -17,9 +20,6 @@ from formation.messages import (
     TwistStamped,
     encode,
 )
-from formation.mission import Mission
-from formation.mission_file import load
-from formation.order import Mode, Order, Told
 from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSITION, STATUS
 from formation.wire import Now, Sample
 from monitor.metrics import Metrics

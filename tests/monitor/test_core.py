@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from formation.messages import Diagnostics, Number, decode
 from formation.mission_file import load, parse, read
+from formation.ros2.messages import Diagnostics, Number, decode
 from formation.topics import (
     ALIVE,
     CMD_VEL,

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from formation.history import History
 from formation.mission_file import load
-from formation.simulate import simulate
+from formation.simulation.history import History
+from formation.simulation.simulate import simulate
 from monitor import figure
 
 

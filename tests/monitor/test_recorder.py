@@ -14,10 +14,10 @@ from mcap.stream_reader import StreamReader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from formation import messages
-from formation.messages import Displacement, Number, encode, type_hash
 from formation.mission import Mission
 from formation.mission_file import load, parse, read
+from formation.ros2 import messages
+from formation.ros2.messages import Displacement, Number, encode, type_hash
 from formation.topics import ALIVE, CMD_VEL, ERROR, ODOM, POSITION, TABLE
 from formation.wire import Sample
 from monitor.keys import OWN, watched

@@ -3,7 +3,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
-from formation.messages import MAX_BYTES, encode
+from formation.ros2.messages import MAX_BYTES, encode
 from monitor.figures import Snapshot
 from monitor.metrics import Metrics
 from monitor.report import as_json, diagnostics, line

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from formation import wiring
 from formation.mission_file import load, parse, read
+from formation.transport import wiring
 from monitor.stage import given, usual
 
 

@@ -8,9 +8,9 @@ import time
 
 import psutil
 
-from formation.bus import Bus, BusConfig
-from formation.process import say
 from formation.topics import ODOM, POSITION
+from formation.transport.bus import Bus, BusConfig
+from formation.transport.process import say
 
 ODOMETRY = ODOM.key("robot1")
 MESSAGES = 200

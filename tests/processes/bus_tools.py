@@ -7,8 +7,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from formation.bus import Bus, BusConfig, Reply
 from formation.topics import CMD_VEL, ODOM, ORDER, POSITION
+from formation.transport.bus import Bus, BusConfig, Reply
 from formation.wire import Sample
 from tests.processes.child import PATIENCE
 

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 from formation.mission import Mission
 from formation.mission_file import load
-from formation.wiring import Endpoints
+from formation.transport.wiring import Endpoints
 from tests.processes.wheels import Wheels
 
 ROBOTS = ("robot2", "robot3", "robot4", "robot5", "robot6")

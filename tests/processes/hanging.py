@@ -8,10 +8,10 @@ import threading
 import time
 from collections.abc import Sequence
 
-from formation.bus_config import BusConfig
-from formation.flags import parser
-from formation.process import Process, Stop, say
 from formation.topics import ODOM
+from formation.transport.bus_config import BusConfig
+from formation.transport.flags import parser
+from formation.transport.process import Process, Stop, say
 from formation.wire import Now, Outgoing, Sample
 
 HEARD = ODOM.key("robot2")

@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from formation.bus import Bus, BusConfig
-from formation.mailbox import Mailbox
 from formation.mission_file import load
-from formation.naming import Naming
-from formation.robot_bus import RobotBus
-from formation.ros_names import address
+from formation.ros2.naming import Naming
+from formation.ros2.ros_names import address
+from formation.transport.bus import Bus, BusConfig
+from formation.transport.mailbox import Mailbox
+from formation.transport.robot_bus import RobotBus
 from formation.wire import Sample
 from tests.processes.child import PATIENCE, Child, started
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import zenoh
 
-from formation.bus_config import DEFAULTS
-from formation.messages import Odometry, Twist, encode
 from formation.mission import Mission, Ros
 from formation.mission_file import parse, read
+from formation.ros2.messages import Odometry, Twist, encode
+from formation.transport.bus_config import DEFAULTS
 
 TWIST, ODOMETRY = encode(Twist(0.1, 0.0)), encode(Odometry(1.0, 2.0 + 1.0j, 1.0 + 0.0j, 0.1, 0.0))
 

@@ -13,16 +13,16 @@ from pathlib import Path
 import pytest
 
 from formation import order
-from formation.bus import Bus, BusConfig
-from formation.mailbox import Mailbox
-from formation.messages import Diagnostics, Odometry, Pose, Twist, decode, encode
 from formation.mission import Mission, Ros
 from formation.mission_file import parse, read
-from formation.naming import Naming
 from formation.order import OperatorReply
-from formation.robot_bus import RobotBus
-from formation.ros_names import address
+from formation.ros2.messages import Diagnostics, Odometry, Pose, Twist, decode, encode
+from formation.ros2.naming import Naming
+from formation.ros2.ros_names import address
 from formation.topics import ODOM
+from formation.transport.bus import Bus, BusConfig
+from formation.transport.mailbox import Mailbox
+from formation.transport.robot_bus import RobotBus
 from formation.wire import Sample
 from tests.processes.bus_tools import until
 from tests.processes.child import PATIENCE, Child, free_endpoint, started

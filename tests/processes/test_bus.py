@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from formation import mailbox
-from formation.bus import Bus, BusConfig, BusError
 from formation.topics import CMD_VEL, ODOM, ORDER, POSITION
+from formation.transport import mailbox
+from formation.transport.bus import Bus, BusConfig, BusError
 from tests.processes.bus_tools import (
     ASKED,
     COMMAND,

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from formation.bus import CLOSE_LIMIT, Bus, BusConfig, BusError
-from formation.bus_config import ONE_THREAD
 from formation.topics import CMD_VEL, ODOM
+from formation.transport.bus import CLOSE_LIMIT, Bus, BusConfig, BusError
+from formation.transport.bus_config import ONE_THREAD
 from tests.processes.bus_peer import MESSAGES
 from tests.processes.bus_tools import ASKED, COMMAND, ODOMETRY, answers, collect, pair_on, serving, until
 from tests.processes.child import PATIENCE, free_endpoint, started

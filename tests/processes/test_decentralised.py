@@ -16,15 +16,15 @@ import pytest
 
 from deploy.plan import programs
 from deploy.ports import Ports
-from formation.bus import Bus, BusConfig
-from formation.mailbox import Mailbox
-from formation.messages import Pose, Twist, decode
 from formation.mission import Mission
 from formation.mission_file import load
-from formation.robot_buses import RobotBuses
+from formation.ros2.messages import Pose, Twist, decode
 from formation.topics import ALIVE, CMD_VEL, GROUND_TRUTH, ODOM, ORDER, POSITION, SCAN, STATUS, Topic
+from formation.transport.bus import Bus, BusConfig
+from formation.transport.mailbox import Mailbox
+from formation.transport.robot_buses import RobotBuses
+from formation.transport.wiring import Endpoints, partners
 from formation.wire import Sample
-from formation.wiring import Endpoints, partners
 from tests.processes.child import PATIENCE, Child, started
 from tests.processes.zenoh_admin import Peer, clients, inspect
 

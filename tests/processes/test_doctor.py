@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import pytest
 
 from deploy.field import access, certificates
-from formation.bus import Bus, BusConfig
 from formation.mission_file import load, read
+from formation.transport.bus import Bus, BusConfig
 from tests.processes.child import PATIENCE, Child, free_endpoint, started
 from tests.processes.turtlebot3 import TurtleBot3, Wire
 

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 
-from formation.wiring import Endpoints
+from formation.transport.wiring import Endpoints
 from tests.field.namespaces import Field, Running
 from tests.processes.child import Child, free_endpoint, started
 from tests.processes.guarded import ROBOTS, ROUNDS, WITHIN, Runs, Team, told, tries

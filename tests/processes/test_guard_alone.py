@@ -14,14 +14,14 @@ import pytest
 
 from agent.alive import FAREWELL
 from agent.robots.guard.core import BRAKING, SLOW
-from formation.bus import Bus, BusConfig
-from formation.mailbox import Mailbox
-from formation.messages import Number, Odometry, Twist, TwistStamped, decode, encode
 from formation.mission import Mission
 from formation.mission_file import load, read
-from formation.naming import Naming
-from formation.robot_bus import RobotBus
+from formation.ros2.messages import Number, Odometry, Twist, TwistStamped, decode, encode
+from formation.ros2.naming import Naming
 from formation.topics import ALIVE, CMD_VEL, ODOM, command_topic
+from formation.transport.bus import Bus, BusConfig
+from formation.transport.mailbox import Mailbox
+from formation.transport.robot_bus import RobotBus
 from tests.processes.bus_tools import until
 from tests.processes.child import Child, free_endpoint, started
 

@@ -8,8 +8,8 @@ import signal
 import pytest
 
 from formation import order
-from formation.messages import Diagnostics, Pose, decode
 from formation.order import OperatorReply, Order, Told
+from formation.ros2.messages import Diagnostics, Pose, decode
 from formation.wire import Sample
 from tests.processes.child import PATIENCE, free_endpoint
 from tests.processes.leader_and_robot import heard, leader, listening

@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from formation import tokens
-from formation.bus import Bus, BusConfig
-from formation.messages import Diagnostics, Pose, decode
 from formation.mission import Mission
 from formation.mission_file import parse, read
-from formation.naming import Naming
+from formation.ros2 import tokens
+from formation.ros2.messages import Diagnostics, Pose, decode
+from formation.ros2.naming import Naming
 from formation.topics import POSITION, STATUS, Topic
+from formation.transport.bus import Bus, BusConfig
 from tests.formation.edited import edited
 from tests.processes import turtlebot3_messages as messages
 from tests.processes.bus_tools import until

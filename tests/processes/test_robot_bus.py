@@ -11,13 +11,13 @@ from contextlib import ExitStack
 import psutil
 import pytest
 
-from formation.bus import BusError
-from formation.mailbox import Mailbox
-from formation.messages import Pose, encode
 from formation.mission import Ros
-from formation.naming import Naming
-from formation.robot_bus import RobotBus
+from formation.ros2.messages import Pose, encode
+from formation.ros2.naming import Naming
 from formation.topics import ALIVE, CMD_VEL, ODOM, ORDER, POSITION, STATUS
+from formation.transport.bus import BusError
+from formation.transport.mailbox import Mailbox
+from formation.transport.robot_bus import RobotBus
 from formation.wire import BadMessage
 from tests.processes.bus_tools import until
 from tests.processes.child import free_endpoint

@@ -20,9 +20,9 @@ import psutil
 import pytest
 from mcap.reader import make_reader
 
-from formation.messages import Diagnostics, Pose, TwistStamped, decode
 from formation.mission import Mission
 from formation.mission_file import load, read
+from formation.ros2.messages import Diagnostics, Pose, TwistStamped, decode
 from formation.topics import CMD_VEL, DIAGNOSTICS, ERROR, GROUND_TRUTH, ODOM, POSITION, STATUS, command_topic
 
 pytestmark = pytest.mark.processes

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from formation.messages import Displacement, Odometry, Twist, decode, encode
 from formation.mission_file import read
+from formation.ros2.messages import Displacement, Odometry, Twist, decode, encode
 from formation.topics import CMD_VEL, GROUND_TRUTH
 from formation.wire import Sample
 from tests.processes.bus_tools import until

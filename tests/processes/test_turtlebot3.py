@@ -10,10 +10,10 @@ from contextlib import contextmanager
 import pytest
 import zenoh
 
-from formation import tokens
-from formation.messages import Odometry, Twist, TwistStamped, decode, encode
 from formation.mission_file import parse, read
-from formation.naming import Naming
+from formation.ros2 import tokens
+from formation.ros2.messages import Odometry, Twist, TwistStamped, decode, encode
+from formation.ros2.naming import Naming
 from formation.topics import CMD_VEL, ODOM
 from tests.formation.edited import edited
 from tests.processes.bus_tools import until

@@ -23,7 +23,7 @@ import numpy as np
 import zenoh
 
 from agent.robots.plant import Plant
-from formation.body import PROFILES
+from formation.simulation.body import PROFILES
 from formation.unicycle import Command
 from tests.processes import turtlebot3_messages as messages
 

@@ -16,17 +16,17 @@ from itertools import dropwhile
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
-from formation.bus import Bus, BusConfig
-from formation.mailbox import Mailbox
-from formation.messages import Odometry, Pose, Twist, TwistStamped, decode
 from formation.mission import Mission
 from formation.mission_file import load
-from formation.process import say
-from formation.robot_buses import RobotBuses
+from formation.ros2.messages import Odometry, Pose, Twist, TwistStamped, decode
 from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSITION
+from formation.transport.bus import Bus, BusConfig
+from formation.transport.mailbox import Mailbox
+from formation.transport.process import say
+from formation.transport.robot_buses import RobotBuses
+from formation.transport.wiring import endpoints
 from formation.unicycle import control_point
 from formation.wire import Sample
-from formation.wiring import endpoints
 
 PATIENCE = 30.0
 """[s]"""

@@ -22,7 +22,7 @@ from typing import Any
 
 import zenoh
 
-from formation.bus_config import DEFAULTS
+from formation.transport.bus_config import DEFAULTS
 
 
 @dataclass(frozen=True)

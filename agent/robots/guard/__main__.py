@@ -8,9 +8,9 @@ from collections.abc import Sequence
 
 from agent.robots.guard.core import Guard
 from agent.robots.guard.loop import park, watch
-from formation import flags
 from formation.mission_file import load
-from formation.process import FAILED, Process, Stop, one_of, run_process
+from formation.transport import flags
+from formation.transport.process import FAILED, Process, Stop, one_of, run_process
 
 EXAMPLES = """\
   formation guard pair.toml --robot robot2                on the robot, beside its agent, all the time

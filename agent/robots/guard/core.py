@@ -22,10 +22,10 @@ from enum import StrEnum
 from types import MappingProxyType
 
 from agent.alive import FAREWELL
-from formation.messages import Number, Twist, TwistStamped, decode, encode
 from formation.mission import Mission
 from formation.neighbour import FRESH_PERIODS
 from formation.rate import EARLY
+from formation.ros2.messages import Number, Twist, TwistStamped, decode, encode
 from formation.topics import ALIVE, CMD_VEL, Topic, command_topic
 from formation.wire import BadMessage, Now, Outgoing, Sample
 

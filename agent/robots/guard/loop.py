@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from agent.alive import FAREWELL
 from agent.robots.guard.core import Guard, State
-from formation.messages import Number, encode
-from formation.process import WATCH, Process, clocks
+from formation.ros2.messages import Number, encode
 from formation.topics import ALIVE
+from formation.transport.process import WATCH, Process, clocks
 from formation.wire import Now, Outgoing, Sample
 
 REACH = 1.0

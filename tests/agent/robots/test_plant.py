@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.robots.plant import Plant
-from formation.body import PROFILES, Body
+from formation.simulation.body import PROFILES, Body
 from formation.unicycle import Command
 
 BURGER = PROFILES["turtlebot3_burger"]

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from agent.robots.simulated import World
-from formation.messages import Displacement, Odometry, Pose, Twist, TwistStamped, decode, encode
 from formation.mission import Mission
 from formation.mission_file import load, parse, read
+from formation.ros2.messages import Displacement, Odometry, Pose, Twist, TwistStamped, decode, encode
 from formation.unicycle import control_point
 from formation.wire import Now, Outgoing, Sample
 

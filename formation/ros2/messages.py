@@ -23,8 +23,8 @@ from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__TwistStamped a
 from rosbags.typesys.stores.ros2_jazzy import nav_msgs__msg__Odometry as RosOdometry
 from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__Float64 as RosFloat64
 
-from formation import ros
-from formation.ros import definition, type_hash
+from formation.ros2 import ros
+from formation.ros2.ros import definition, type_hash
 from formation.wire import BadMessage
 
 __all__ = [

@@ -6,12 +6,12 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
-from formation.bus_config import MODES, BusConfig, parse_override
-from formation.mailbox import Mailbox
 from formation.mission import Mission
-from formation.naming import Naming
-from formation.robot_bus import RobotBus
-from formation.wiring import Links, endpoints
+from formation.ros2.naming import Naming
+from formation.transport.bus_config import MODES, BusConfig, parse_override
+from formation.transport.mailbox import Mailbox
+from formation.transport.robot_bus import RobotBus
+from formation.transport.wiring import Links, endpoints
 
 LEVELS = ("debug", "info", "warning", "error")
 

@@ -10,11 +10,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from formation.body import Body
 from formation.graph import Graph
 from formation.mission import Circle, Mission
 from formation.plane import ComplexArray
-from formation.spacing import too_close
+from formation.simulation.body import Body
+from formation.stability.spacing import too_close
 
 RESERVE = 0.8
 """Share of a follower's top speed that the leader may use without a warning."""

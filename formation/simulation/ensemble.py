@@ -15,16 +15,16 @@ from typing import Literal
 import numpy as np
 
 from formation import heading as observers
-from formation.body import Body
 from formation.heading import Travel
 from formation.law import LAWS, Limits, Measured
-from formation.links import Heard, Links, Mask, Terms
 from formation.mission import Mission, RobotSpec
 from formation.neighbour import FRESH_PERIODS
 from formation.plane import ComplexArray, rotation, unit
 from formation.quantiser import Quantiser
 from formation.route import Route
-from formation.starts import Starts
+from formation.simulation.body import Body
+from formation.simulation.links import Heard, Links, Mask, Terms
+from formation.simulation.starts import Starts
 from formation.unicycle import Command, advance, control_point
 
 AHEAD = 1000

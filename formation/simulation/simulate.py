@@ -17,13 +17,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from formation.ensemble import Ensemble, Options
 from formation.graph import formation_error
-from formation.history import History
 from formation.law import LAWS
 from formation.mission import Mission
 from formation.plane import ComplexArray, FloatArray, angle_between
-from formation.starts import own_starts, random_starts
+from formation.simulation.ensemble import Ensemble, Options
+from formation.simulation.history import History
+from formation.simulation.starts import own_starts, random_starts
 
 DWELL = 10.0
 """How long a run has to stay under the bound before it counts as converged [s]; half of a short horizon."""

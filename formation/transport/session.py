@@ -11,8 +11,8 @@ from typing import Any
 
 import zenoh
 
-from formation.bus_config import DEFAULTS, BusConfig, BusError, plain
-from formation.refusals import Refusals
+from formation.transport.bus_config import DEFAULTS, BusConfig, BusError, plain
+from formation.transport.refusals import Refusals
 
 _log = logging.getLogger(__name__)
 

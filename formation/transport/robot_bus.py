@@ -1,8 +1,8 @@
 """The robot's side: a session with the robot's own ROS 2 router, in logical keys.
 
 The router is zenoh-bridge-ros2dds, rmw_zenohd, or a simulated robot in the part of both. It may come later
-than this process, and come and go: nobody waits for it. `formation.naming` says how ROS 2 spells each key
-and what must ride on a sample; nothing of that is seen outside.
+than this process, and come and go: nobody waits for it. `formation.ros2.naming` says how ROS 2 spells each
+key and what must ride on a sample; nothing of that is seen outside.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from collections.abc import Iterable
 from types import TracebackType
 from typing import Literal, Self
 
-from formation.bus import Bus, BusConfig, BusError
-from formation.mailbox import Mailbox
-from formation.naming import Naming
+from formation.ros2.naming import Naming
 from formation.topics import Topic
+from formation.transport.bus import Bus, BusConfig, BusError
+from formation.transport.mailbox import Mailbox
 from formation.wire import BadMessage
 
 AGAIN = 0.5

@@ -21,14 +21,14 @@ from contextlib import suppress
 from types import FrameType, TracebackType
 from typing import Any, Protocol, Self
 
-from formation.bus import Bus
-from formation.bus_config import BusConfig, BusError
-from formation.linger import Linger
-from formation.mailbox import Mailbox
 from formation.mission_file import MissionError
-from formation.notify import Notifier
-from formation.robot_buses import RobotSide
 from formation.topics import Topic
+from formation.transport.bus import Bus
+from formation.transport.bus_config import BusConfig, BusError
+from formation.transport.linger import Linger
+from formation.transport.mailbox import Mailbox
+from formation.transport.notify import Notifier
+from formation.transport.robot_buses import RobotSide
 from formation.wire import Now, Outgoing, Sample
 
 WELL, FAILED, BAD_INPUT = 0, 1, 2

@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from formation.wiring import Links
+from formation.transport.wiring import Links
 
 MODES = ("peer", "client", "router")
 _NETWORK = ("tcp", "tls", "quic", "udp", "ws")

@@ -1,4 +1,4 @@
-"""The bus: one Zenoh session of a process. Nobody but this and `formation.session` imports zenoh.
+"""The bus: one Zenoh session of a process. Nobody but this and `formation.transport.session` imports zenoh.
 
 Zenoh's receive thread stamps what arrives and puts it into a mailbox; everything else happens on the main
 thread. A process with several buses has one mailbox for them all.
@@ -17,10 +17,10 @@ from typing import NamedTuple, Self
 
 import zenoh
 
-from formation.bus_config import ONE_THREAD, BusConfig, BusError
-from formation.mailbox import Mailbox
-from formation.session import closed, named, opened, refusals_of, setting, settings_of
 from formation.topics import Topic
+from formation.transport.bus_config import ONE_THREAD, BusConfig, BusError
+from formation.transport.mailbox import Mailbox
+from formation.transport.session import closed, named, opened, refusals_of, setting, settings_of
 from formation.wire import Outgoing, Sample
 
 __all__ = ["Bus", "BusConfig", "BusError", "Reply", "setting"]

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from formation import feasibility, spectrum
 from formation.mission import Mission
 from formation.plane import ComplexArray
 from formation.route import Route
-from formation.simulate import simulate
+from formation.simulation.simulate import simulate
+from formation.stability import feasibility, spectrum
 
 GROWTH = 2.0
 """Amplification of the last robots over that of the first that deserves a warning."""

@@ -6,14 +6,14 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Literal, Protocol
 
-from formation.bus_config import BusError
-from formation.mailbox import Mailbox
 from formation.mission import Mission
-from formation.naming import Naming
-from formation.robot_bus import RobotBus
-from formation.ros_names import address
+from formation.ros2.naming import Naming
+from formation.ros2.ros_names import address
 from formation.topics import Topic
-from formation.wiring import by_endpoint
+from formation.transport.bus_config import BusError
+from formation.transport.mailbox import Mailbox
+from formation.transport.robot_bus import RobotBus
+from formation.transport.wiring import by_endpoint
 
 
 class RobotSide(Protocol):

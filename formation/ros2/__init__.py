@@ -1,0 +1,1 @@
+"""How ROS 2 spells things: messages in CDR, names on Zenoh, tokens."""

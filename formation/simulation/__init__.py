@@ -1,0 +1,1 @@
+"""Many robots as arrays, without a network."""
