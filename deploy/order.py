@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from deploy.arguments import as_json, number, parser, read_mission
+from deploy.doctor import files
 from deploy.refusal import Refusal
 from deploy.waiting import waiting
 from formation import order
@@ -25,6 +26,7 @@ EVERYONE = ("stop", "release")
 """Told to each robot directly; hold and run are the leader's, whose order travels with the positions."""
 ROUND = 0.5
 """How long one question waits for all its answers before it is put again [s]."""
+OPERATOR = "operator"
 EXAMPLES = """\
   formation order six_robots stop            every robot, at once; it stays stopped until released
   formation order six_robots release
@@ -64,6 +66,8 @@ def main(arguments: Sequence[str]) -> int:
     ends = options.connect or wiring.endpoints(mission).agents.values()
     if len(answers) < len(asked) and options.config is None and wiring.under_certificates(ends):
         print("robots under certificates answer an operator who has one: -c FILE names his configuration")
+    if len(answers) < len(asked) and (whose := _not_the_operators(options.config)):
+        print(f"orders are taken from the operator, and {options.config} has the certificate of {whose!r}")
     if options.json:
         print(as_json(report(options.do, asked, answers)))
     return 0 if obeyed else 1
@@ -114,7 +118,7 @@ def words(do: str, asked: Sequence[str], answers: Mapping[str, Answer], seconds:
         if answer is None:
             text = f"NO ANSWER within {seconds:g} s"
         else:
-            verdict = answer.reply.mode if answer.reply.ok else "REFUSED"
+            verdict = _verdict(do, answer.reply)
             text = f"{verdict:<8}{answer.ms:7.1f} ms  {answer.reply.reason}"
         lines.append(f"  {name:<12}{text}".rstrip())
     obeyed = sum(answer.reply.ok for answer in answers.values())
@@ -123,6 +127,13 @@ def words(do: str, asked: Sequence[str], answers: Mapping[str, Answer], seconds:
     if missing:
         last += f"; no answer from {', '.join(missing)}"
     return "\n".join([*lines, last])
+
+
+def _verdict(do: str, reply: OperatorReply) -> str:
+    if not reply.ok:
+        return "REFUSED"
+    # a robot that was released stands until it hears the leader, and says so
+    return "released" if (do, reply.mode) == ("release", "stop") else reply.mode
 
 
 def _read(replies: Iterable[Reply]) -> Iterable[tuple[str, Answer]]:
@@ -176,6 +187,13 @@ def _options() -> argparse.ArgumentParser:
     return options
 
 
+def _not_the_operators(config: Path | None) -> str:
+    """Whose certificate `config` names, if it is not the operator's; empty else."""
+    papers = None if config is None else files.papers_of(config)
+    read = None if papers is None else files.read(OPERATOR, papers)
+    return "" if read is None or read.name == OPERATOR else read.name
+
+
 def _config(options: argparse.Namespace, mission: Mission, asked: Iterable[str]) -> BusConfig:
     where = wiring.endpoints(mission).agents
     implied = Links((), tuple(where[name] for name in asked))
@@ -186,5 +204,5 @@ def _config(options: argparse.Namespace, mission: Mission, asked: Iterable[str])
         namespace=mission.team or "",
         config_file=options.config,
         overrides=tuple(parse_override(text) for text in options.cfg),
-        name="operator",
+        name=OPERATOR,
     )

@@ -40,7 +40,11 @@ def gather(
     keys = {topic: topic.key(robot) for topic in (ODOM, POSE, POSITION, STATUS, ALIVE)}
     naming = Naming.of(mission, [robot])
     try:
-        with Bus(BusConfig(connect=(router,), mode="client", adminspace=False, name=NODE)) as bus:
+        config = BusConfig(connect=(router,), mode="client", adminspace=False, name=NODE)
+    except BusError as error:
+        raise Refusal(str(error)) from None
+    try:
+        with Bus(config) as bus:
             if _linked(bus):
                 routed, guarded = _matched(bus, naming, robot)
                 for key in keys.values():

@@ -64,6 +64,8 @@ def _robot(options: argparse.Namespace, mission: Mission, robot: str, current: P
             f"--robot {robot!r}: must be a follower of {mission.name}: {', '.join(mission.followers)}"
         )
     config = options.config or (current / "zenoh.json5")
+    if options.mission is None and not config.is_file():
+        raise Refusal(f"{config} is missing: install this robot's bundle again")
     papers = files.papers_of(config) if options.config or config.is_file() else None
     if options.certificates is not None:
         papers = dict(files.papers_in(options.certificates, [robot])).get(robot, papers)

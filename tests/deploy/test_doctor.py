@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,7 +17,7 @@ from deploy.doctor.agents import two_ages
 from deploy.doctor.cli import EXAMINATIONS
 from deploy.doctor.facts import Certificate, Chrony, Facts, Heard, Party, Reached, Stream, examine
 from deploy.doctor.machine import read_tracking
-from formation.mission_file import load
+from formation.mission_file import load, shipped
 from formation.ros2.messages import Status
 
 TB3 = load("turtlebot3_pair")
@@ -343,6 +344,7 @@ def test_the_report_fits_eighty_columns_and_names_robot_sentence_and_remedy() ->
         (["--prefix", "/nowhere"], "MISSION is missing, and none is installed here"),
         (["turtlebot3_pair", "--robot", "robot9"], "--robot 'robot9': must be a follower of turtlebot3-pair"),
         (["turtlebot3_pair", "--robot", "leader"], "--robot 'leader': must be a follower"),
+        (["turtlebot3_pair", "--robot", "robot1", "--robot-connect", "there"], "'there': must be PROTOCOL/"),
         (["no_such_mission"], "no such file"),
         (["turtlebot3_pair", "-c", "/nowhere.json5"], "--config '/nowhere.json5'"),
     ],
@@ -352,6 +354,17 @@ def test_what_cannot_be_examined_is_refused_in_a_sentence(
 ) -> None:
     assert main(["doctor", *words]) == 2
     assert why in capsys.readouterr().err
+
+
+def test_an_installation_without_its_configuration_is_not_taken_for_one_without_certificates(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    home = tmp_path / "current"
+    home.mkdir()
+    (home / "mission.toml").write_bytes(shipped()["turtlebot3_pair"].read_bytes())
+    (home / "VERSION.json").write_text('{"robot": "robot1"}')
+    assert main(["doctor", "--prefix", str(tmp_path)]) == 2
+    assert "zenoh.json5 is missing: install this robot's bundle again" in capsys.readouterr().err
 
 
 def test_a_robot_has_all_that_the_doctor_needs() -> None:

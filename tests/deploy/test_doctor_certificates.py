@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from deploy.cli import main
 from deploy.doctor import files
 from deploy.doctor.probe import Papers, context, reach
 from deploy.field import authority
@@ -84,6 +85,22 @@ def test_what_makes_a_certificate_useless_is_named(tmp_path: Path, root: Pair) -
     assert problem(mine).endswith("is damaged")
     mine.key.write_text("no key", encoding="utf-8")
     assert problem(other._replace(key=mine.key)).endswith("is damaged")
+
+
+def test_whoever_gives_orders_with_anothers_certificate_is_told_so(
+    tmp_path: Path, root: Pair, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, told in (("monitor", True), ("operator", False)):
+        mine = papers(tmp_path, root, name)
+        config = tmp_path / f"{name}.json5"
+        config.write_text(
+            f"{{transport: {{link: {{tls: {{root_ca_certificate: '{mine.trusted}', "
+            f"connect_certificate: '{mine.certificate}', connect_private_key: '{mine.key}'}}}}}}}}",
+            encoding="utf-8",
+        )
+        flags = ["-c", str(config), "--timeout", "0.2", "-e", f"tls/{HERE}:9"]
+        assert main(["order", "turtlebot3_pair", "stop", *flags]) == 1
+        assert ("has the certificate of 'monitor'" in capsys.readouterr().out) is told
 
 
 def test_what_a_zenoh_configuration_and_a_folder_say_of_papers(tmp_path: Path, root: Pair) -> None:

@@ -75,6 +75,18 @@ def test_a_refusal_is_shown_with_its_reason() -> None:
     assert "run: 0 of 1 obey" in text
 
 
+def test_who_is_released_is_called_that_and_a_leader_that_goes_on_says_so() -> None:
+    modes = {"leader": "run", "robot1": "stop"}
+    said = {
+        name: OperatorReply.model_validate({"robot": name, "ok": True, "mode": mode})
+        for name, mode in modes.items()
+    }
+    answers = {name: operator.Answer(reply, 2.0) for name, reply in said.items()}
+    leader, robot, last = operator.words("release", list(said), answers, 3.0).splitlines()
+    assert (leader.split()[:2], robot.split()[:2]) == (["leader", "run"], ["robot1", "released"])
+    assert last == "release: 2 of 2 obey"
+
+
 def test_with_nobody_there_the_command_names_all_that_are_missing(capsys: pytest.CaptureFixture[str]) -> None:
     code = main(["order", "turtlebot3_pair", "stop", "--timeout", "0.3", "--json", "-e", "tcp/127.0.0.1:9"])
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
