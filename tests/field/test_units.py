@@ -149,8 +149,17 @@ def test_every_unit_of_ours_says_that_it_lives_and_is_started_again() -> None:
             assert value(text, "Type") == "notify"
             assert float(value(text, "WatchdogSec")) > 0.2 * 3
             assert value(text, "Restart") in {"always", "on-failure"}
+            assert value(text, "StartLimitIntervalSec") == "0"  # however often it ends
             assert value(text, "User") == "formation"
             assert value(text, "NoNewPrivileges") == "yes"
+
+
+def test_however_an_agent_has_ended_its_robot_is_told_to_stand() -> None:
+    """On each robot, and by the very guard that knows it: with the mission that it drove by."""
+    for name in ("robot1", "robot2"):
+        agent, *after = units.commands(units.units(FIELD, name)["formation-agent.service"])
+        program, mission = agent[0], agent[2]
+        assert after == [[program, "guard", mission, "--robot", name, "--once"]]
 
 
 def test_units_start_what_the_command_line_knows() -> None:
