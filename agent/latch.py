@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from formation import order
-from formation.order import Mode, OperatorReply, OperatorRequest
+from formation.order import Do, Mode, Once, OperatorReply, OperatorRequest
 
 LONGEST_REASON = 120
 """[characters]"""
@@ -16,10 +16,14 @@ class Latch:
         self.mode: Mode | None = None
         """``stop`` or ``hold`` until released; None when there is nothing to release."""
         self._robot = robot
+        self._once = Once()
 
     def ask(self, data: bytes, ordered: Mode) -> bytes:
         """Answer a request; `ordered` is what the leader wants. Raises BadMessage for what is no request."""
-        wanted = order.decode(OperatorRequest, data).do
+        request = order.decode(OperatorRequest, data)
+        return self._once.answer(request, lambda: self._obey(request.do, ordered))
+
+    def _obey(self, wanted: Do, ordered: Mode) -> bytes:
         if self.mode == "stop" and wanted in {"run", "hold"}:
             return self.reply(ordered, ok=False, reason="stopped: release it first")
         self.mode = wanted if wanted in {"stop", "hold"} else None

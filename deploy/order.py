@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import secrets
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -58,7 +59,9 @@ def main(arguments: Sequence[str]) -> int:
             waiting(f"asking for up to {options.timeout:g} s"),
             Bus(_config(options, mission, asked)) as bus,
         ):
-            answers = ask(bus.ask, asked, OperatorRequest(do=options.do), options.timeout)
+            answers = ask(
+                bus.ask, asked, OperatorRequest(do=options.do, id=secrets.token_hex(8)), options.timeout
+            )
     except BusError as error:
         raise Refusal(str(error)) from None
     obeyed = all(name in answers and answers[name].reply.ok for name in asked)
@@ -79,7 +82,7 @@ def ask(
     """Ask `robots` until each has answered, for at most `seconds`; the answers there are, by robot.
 
     A question reaches who is linked at that moment, and links take a moment, so it is put again and again:
-    obeying twice does no harm.
+    by its id it is known as the same.
     """
     key = ORDER.key(robots[0]) if len(robots) == 1 else ORDER.pattern.format(robot="*")
     payload = order.encode(request)

@@ -10,6 +10,7 @@ for the same robot, or a recording of the first, is told apart.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
@@ -22,7 +23,11 @@ MAX_BYTES = 1024
 LEADER_LOST = 1.0
 """Silence of the leader's beat after which it counts as gone, and everybody stands still [s]."""
 
+REMEMBERED = 64
+"""So many requests are known when they are put again."""
+
 Mode = Literal["hold", "run", "stop"]
+Do = Literal["hold", "run", "stop", "release"]
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
 Voice = Annotated[str, StringConstraints(max_length=64, pattern=r"^[A-Za-z0-9_.-]*$")]
@@ -57,7 +62,9 @@ class Told(_Json):
 class OperatorRequest(_Json):
     """What an operator asks of one robot. ``release`` ends a stop or hold that the operator asked for."""
 
-    do: Literal["hold", "run", "stop", "release"]
+    do: Do
+    id: Voice = ""
+    """Of one order, however often it is put: a repetition takes no effect a second time. Empty: unknown."""
 
 
 class OperatorReply(_Json):
@@ -67,6 +74,27 @@ class OperatorReply(_Json):
     ok: bool
     mode: Mode
     reason: Annotated[str, StringConstraints(max_length=120)] = ""
+
+
+class Once:
+    """Obeys each request once: operators repeat theirs until all have answered.
+
+    A release that is put again must undo neither the hold below the stop nor a stop that came meanwhile.
+    """
+
+    def __init__(self) -> None:
+        self._answers: dict[str, bytes] = {}
+
+    def answer(self, request: OperatorRequest, obey: Callable[[], bytes]) -> bytes:
+        """What ``obey()`` answers, or has answered to the same request before."""
+        if request.id in self._answers:
+            return self._answers[request.id]
+        reply = obey()
+        if request.id:
+            self._answers[request.id] = reply
+            if len(self._answers) > REMEMBERED:
+                self._answers.pop(next(iter(self._answers)))
+        return reply
 
 
 J = TypeVar("J", Order, Told, OperatorRequest, OperatorReply)

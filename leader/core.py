@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from formation import order
 from formation.mission import Mission
-from formation.order import LEADER_LOST, Mode, OperatorReply, OperatorRequest, Order, Told
+from formation.order import LEADER_LOST, Do, Mode, Once, OperatorReply, OperatorRequest, Order, Told
 from formation.rate import Rate
 from formation.ros2.messages import Diagnostics, Pose, Status, encode
 from formation.route import Route
@@ -42,6 +42,7 @@ class Leader:
         self._told: Mode = "hold" if hold else "run"
         self._holding = False  # an operator asked for it
         self._stopped = False  # latched until released
+        self._once = Once()
         self._in_force: Mode = "hold"  # the mode since the last step
         self._stepped: float | None = None  # when that was [s, monotonic]
         self._term = 0
@@ -89,10 +90,13 @@ class Leader:
     def request(self, data: bytes) -> bytes:
         """Answer an operator's request; it takes effect with the next step."""
         try:
-            wanted = order.decode(OperatorRequest, data).do
+            request = order.decode(OperatorRequest, data)
         except BadMessage as bad:
             self.dropped["order"] += 1
             return self._reply(ok=False, reason=str(bad)[:120])
+        return self._once.answer(request, lambda: self._obey(request.do))
+
+    def _obey(self, wanted: Do) -> bytes:
         if self._stopped and wanted == "run":
             return self._reply(ok=False, reason="stopped: release it first")
         reason = ""

@@ -163,6 +163,20 @@ def test_a_stop_is_latched_until_it_is_released(mission: Mission) -> None:
     assert ask(leader, b'{"do":"release"}').reason == "there was nothing to release"
 
 
+def test_a_release_that_is_put_again_does_not_undo_what_was_asked_before_or_meanwhile(
+    mission: Mission,
+) -> None:
+    leader = Leader(mission)
+    for request in (b'{"do":"stop"}', b'{"do":"hold"}'):
+        ask(leader, request)
+    again = [ask(leader, b'{"do":"release","id":"a"}') for _ in range(3)]
+    assert [reply.mode for reply in again] == ["hold"] * 3
+    assert {one.order.mode for one in drive(leader, 0.0, 1.0)} == {"hold"}
+    ask(leader, b'{"do":"stop","id":"b"}')
+    ask(leader, b'{"do":"release","id":"a"}')
+    assert {one.order.mode for one in drive(leader, 1.0, 1.0)} == {"stop"}
+
+
 def test_release_of_a_stop_goes_back_to_what_it_was_told_before(mission: Mission) -> None:
     running, waiting = Leader(mission), Leader(mission, hold=True)
     for leader, mode in ((running, "run"), (waiting, "hold")):
