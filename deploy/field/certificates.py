@@ -103,7 +103,11 @@ def read(folder: Path, name: str, now: datetime) -> Pair:
     """Certificate and key of one process. Raises Refusal, and says why, where they would not work now."""
     home = folder / name
     if not home.is_dir():
-        raise Refusal(f"{folder}: no certificate for {name}; `formation deploy certificates` issues one")
+        flag = " --renew" if _holds_keys(folder / AUTHORITY) else ""
+        raise Refusal(
+            f"{folder}: no certificate for {name};"
+            f" `formation deploy certificates MISSION --out {folder}{flag}` issues one"
+        )
     pair = authority.read(home / CERTIFICATE, home / KEY)
     if pair.name != name:
         raise Refusal(f"{home / CERTIFICATE}: is the certificate of {pair.name!r}, not of {name!r}")

@@ -251,7 +251,14 @@ def test_a_robot_without_a_certificate_is_refused(
     source: Path, keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(command(source, tmp_path / "nowhere", tmp_path / "out")) == 2
-    assert "no certificate for leader; `formation deploy certificates` issues one" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "no certificate for leader; `formation deploy certificates MISSION --out" in said
+    assert "nowhere` issues one" in said
+    source.write_text(TEXT.replace("robot2", "robot4"))  # who has joined the mission since
+    assert main(command(source, keys, tmp_path / "out")) == 2
+    assert "no certificate for robot4; `formation deploy" in (said := capsys.readouterr().err)
+    assert f"--out {keys} --renew` issues one" in said
+    source.write_text(TEXT)
     (keys / "robot2" / "key.pem").write_text((keys / "robot1" / "key.pem").read_text())
     assert main(command(source, keys, tmp_path / "out")) == 2
     assert "is not the key of" in capsys.readouterr().err
