@@ -11,6 +11,7 @@ PROGRAMS = {
     "namespaces": ("ip", "nft", "ss"),
     "ssh": ("sshd", "ssh", "ssh-keygen"),
     "systemd": ("systemd-analyze",),
+    "shellcheck": ("shellcheck",),
 }
 """The programs that a test with this mark starts."""
 PACKAGES = {
@@ -21,6 +22,7 @@ PACKAGES = {
     "ssh": "openssh-client",
     "ssh-keygen": "openssh-client",
     "systemd-analyze": "systemd",
+    "shellcheck": "shellcheck",
 }
 """Where Debian and Ubuntu keep them."""
 

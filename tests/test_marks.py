@@ -46,14 +46,14 @@ def run(hooks: str, folder: Path, *, every: bool) -> str:
 
 def test_without_its_programs_a_test_is_left_out_by_name(tmp_path: Path) -> None:
     said = run(BLIND, tmp_path, every=False)
-    assert "3 skipped" in said
+    assert f"{len(needs.PROGRAMS)} skipped" in said
     for mark, (program, *_) in needs.PROGRAMS.items():
         assert f"test_that_wants_{mark} needs {program} (apt install {needs.PACKAGES[program]})" in said
 
 
 def test_where_every_test_has_to_run_it_fails_instead(tmp_path: Path) -> None:
     said = run(BLIND, tmp_path, every=True)
-    assert "3 errors" in said
+    assert f"{len(needs.PROGRAMS)} errors" in said
     for mark, (program, *_) in needs.PROGRAMS.items():
         assert f"test_that_wants_{mark} needs {program} (apt" in said
         assert f"{mark} ran" not in said

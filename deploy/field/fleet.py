@@ -50,6 +50,13 @@ class Fleet(NamedTuple):
     jobs: int
 
 
+def add_no_restart(options: argparse.ArgumentParser) -> None:
+    """Whether what runs goes on, for the commands that change it."""
+    options.add_argument(
+        "--no-restart", action="store_true", help="what runs goes on until it is started anew by hand"
+    )
+
+
 def add_flags(options: argparse.ArgumentParser) -> None:
     """DIR, and who is asked and how."""
     options.add_argument("folder", metavar="DIR", type=Path, help="what `formation deploy bundle` made")
@@ -202,4 +209,15 @@ def _counted(path: Path) -> tuple[str, int]:
     return (match[1], int(match[2])) if match else (path.name, -1)
 
 
-__all__ = ["Bundle", "Fleet", "RemoteError", "Robot", "add_flags", "digest", "everybody", "find", "read"]
+__all__ = [
+    "Bundle",
+    "Fleet",
+    "RemoteError",
+    "Robot",
+    "add_flags",
+    "add_no_restart",
+    "digest",
+    "everybody",
+    "find",
+    "read",
+]

@@ -14,7 +14,7 @@ from typing import IO, Any, NamedTuple
 from deploy.arguments import as_json, parser
 from deploy.field import fleet as fleets
 from deploy.field.fleet import Bundle, Fleet, digest
-from deploy.field.push_view import Quiet, View, size, view_for
+from deploy.field.push_view import View, size, view_for
 from deploy.field.remote import LAST_LINES, RemoteError, Robot
 
 EXAMPLES = """\
@@ -46,7 +46,7 @@ def main(arguments: Sequence[str]) -> int:
     """Push; the exit code."""
     options = flags().parse_args(arguments)
     fleet = fleets.read(options, sudo=not options.no_systemd)
-    with Quiet() if options.json else view_for(sys.stdout, fleet.robots) as view:
+    with View() if options.json else view_for(sys.stdout, fleet.robots) as view:
         results = fleets.everybody(fleet, lambda robot: _one(fleet, robot, options, view))
     for text in words(fleet, results):
         print(text)
@@ -175,9 +175,7 @@ def flags() -> argparse.ArgumentParser:
     """The flags of the command."""
     options = parser("deploy push", "Put the bundles onto their robots and install them.", EXAMPLES)
     fleets.add_flags(options)
-    options.add_argument(
-        "--no-restart", action="store_true", help="what runs goes on until it is started anew by hand"
-    )
+    fleets.add_no_restart(options)
     options.add_argument(
         "--no-systemd", action="store_true", help="only files, no units; then sudo is not used either"
     )

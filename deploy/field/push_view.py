@@ -5,16 +5,17 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterable
 from types import TracebackType
-from typing import Protocol, Self, TextIO
+from typing import Self, TextIO
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 
-class View(Protocol):
-    """Something that shows how far a push is, called from many threads; a context manager."""
+class View:
+    """Shows how far a push is, here nothing; called from many threads; a context manager."""
 
-    def __enter__(self) -> Self: ...
+    def __enter__(self) -> Self:
+        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -36,33 +37,7 @@ class View(Protocol):
         """That robot is done."""
 
 
-class Quiet:
-    """Shows nothing."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
-
-    def phase(self, robot: str, phase: str) -> None:
-        """As `View`."""
-
-    def sending(self, robot: str, files: int, total: int) -> None:
-        """As `View`."""
-
-    def sent(self, robot: str, count: int) -> None:
-        """As `View`."""
-
-    def line(self, robot: str, text: str) -> None:
-        """As `View`."""
-
-    def end(self, robot: str, text: str, *, well: bool) -> None:
-        """As `View`."""
-
-
-class Plain(Quiet):
+class Plain(View):
     """A line for each thing that happens."""
 
     def __init__(self, stream: TextIO) -> None:
@@ -87,7 +62,7 @@ class Plain(Quiet):
             print(f"{robot}: {text}", file=self._stream, flush=True)
 
 
-class Bars:
+class Bars(View):
     """A bar for each robot, in a terminal. It is gone at the end: the result is said in words."""
 
     def __init__(self, stream: TextIO, robots: Iterable[str]) -> None:

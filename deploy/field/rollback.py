@@ -23,9 +23,7 @@ def main(arguments: Sequence[str]) -> int:
     """Roll back; the exit code."""
     options = parser("deploy rollback", "Go back to the release before the last.", EXAMPLES)
     fleets.add_flags(options)
-    options.add_argument(
-        "--no-restart", action="store_true", help="what runs goes on until it is started anew by hand"
-    )
+    fleets.add_no_restart(options)
     options.add_argument(
         "--no-systemd", action="store_true", help="only links, no units; then sudo is not used"
     )

@@ -2,100 +2,30 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-from deploy.cli import main
-from deploy.doctor import report
 from deploy.doctor.agents import two_ages
 from deploy.doctor.cli import EXAMINATIONS
-from deploy.doctor.facts import Certificate, Chrony, Facts, Heard, Party, Reached, Stream, examine
+from deploy.doctor.facts import Chrony, Facts, Party, Reached, Stream, examine
 from deploy.doctor.machine import read_tracking
-from formation.mission_file import load, shipped
-from formation.ros2.messages import Status
-
-TB3 = load("turtlebot3_pair")
-WALL = 1.8e9
-DAY = 86_400.0
-STAMPED, TWIST = "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Twist"
-
-
-def stream(
-    rate: float = 20.0, seconds: float = 3.0, behind: float = 0.002, frames: tuple[str, ...] = ("odom",)
-) -> Stream:
-    times = [k / rate for k in range(int(seconds * rate))]
-    heard = tuple(Heard(100.0 + t, WALL + t - behind, WALL + t) for t in times)
-    return Stream(heard, frozenset(frames))
-
-
-def paused(*pauses: float) -> Stream:
-    """20 Hz for 3 s, with pauses."""
-    at, heard = 0.0, []
-    waits = [*pauses, *[0.05] * round((3.0 - sum(pauses)) / 0.05)]
-    for wait in waits:
-        heard.append(Heard(100.0 + at, WALL + at, WALL + at))
-        at += wait
-    return Stream(tuple(heard), frozenset({"odom"}))
-
-
-def said(message: str = "run: in formation control", **values: str) -> Status:
-    usual = {"state": "run", "robot link": "connected", "age odometry": "0.012", "age leader": "0.031"}
-    usual["mission"] = TB3.fingerprint
-    more = {key.replace("_", " "): value for key, value in values.items()}
-    return Status("robot1: agent", 0, message, "robot1", {**usual, **more})
-
-
-def signs(start: float, *, begin: float = 0.0, end: float = 3.0) -> list[tuple[float, float]]:
-    """Signs of life of an agent that started `start` seconds before we listened."""
-    moments = [begin + k / 20.0 for k in range(int((end - begin) * 20.0))]
-    return [(100.0 + t, start + t) for t in moments]
-
-
-HEALTHY = Facts(
-    mission=TB3,
-    robot="robot1",
-    on_robot=True,
-    wall=WALL,
-    seconds=3.0,
-    odometry=stream(),
-    position=stream(),
-    status=stream(2.0),
-    said=said(),
-    alive=tuple(signs(50.0)),
-    router="tcp/127.0.0.1:7447",
-    routed=True,
-    guarded=True,
-    guard_unit="active",
-    listeners=(Party("turtlebot3_node", STAMPED, "ab"),),
-    speakers=(Party("formation_agent", STAMPED, "cd"),),
-    reached={"leader": Reached("tls/192.168.1.10:7460", "ok", name="leader")},
-    certificates=(
-        Certificate(path="c.pem", wanted="robot1", name="robot1", begins=WALL - DAY, ends=WALL + 29 * DAY),
-    ),
-    chrony=Chrony(0.000_04, synchronised=True),
-    installed_differs="",
-)
-DESK = replace(
+from tests.deploy.examined import (
+    DAY,
+    DESK,
     HEALTHY,
-    on_robot=False, odometry=None, position=None, alive=None, router=None, routed=None, guarded=None,
-    guard_unit=None, listeners=(), speakers=(), installed_differs=None,
-    reached={"robot1": Reached("tls/192.168.1.11:7460", "ok", name="robot1")},
-)  # fmt: skip
-
-
-def found(facts: Facts) -> dict[str, str]:
-    """Sentences of all that is wrong, by name."""
-    return {
-        finding.name: finding.sentence
-        for checked in examine(EXAMINATIONS, facts)
-        for finding in checked.findings
-    }
+    STAMPED,
+    TB3,
+    TWIST,
+    WALL,
+    found,
+    paused,
+    said,
+    signs,
+    stream,
+)
 
 
 @pytest.mark.parametrize("facts", [HEALTHY, DESK])
@@ -323,50 +253,3 @@ def test_one_agent_after_the_other_is_not_two_at_once() -> None:
 )
 def test_what_chrony_says_is_read(line: str, says: Chrony | None) -> None:
     assert read_tracking(line) == says
-
-
-def test_the_report_fits_eighty_columns_and_names_robot_sentence_and_remedy() -> None:
-    ill = replace(
-        HEALTHY, routed=False, listeners=(), installed_differs="/opt/formation/current/mission.toml"
-    )
-    said = report.words({"robot1": examine(EXAMINATIONS, ill), "robot2": examine(EXAMINATIONS, HEALTHY)})
-    assert max(map(len, said.splitlines())) <= 80
-    assert said.splitlines()[0] == "robot1"
-    assert "  ✗ robot        nobody listens to cmd_vel: the bridge has lost its route, or\n" in said
-    assert "                 → restart the bring-up and the bridge together\n" in said
-    assert said.splitlines()[-1] == "2 things are wrong: robot1"
-    assert report.words({"robot2": examine(EXAMINATIONS, HEALTHY)}).endswith("\nhealthy: nothing is wrong")
-
-
-@pytest.mark.parametrize(
-    ("words", "why"),
-    [
-        (["--prefix", "/nowhere"], "MISSION is missing, and none is installed here"),
-        (["turtlebot3_pair", "--robot", "robot9"], "--robot 'robot9': must be a follower of turtlebot3-pair"),
-        (["turtlebot3_pair", "--robot", "leader"], "--robot 'leader': must be a follower"),
-        (["turtlebot3_pair", "--robot", "robot1", "--robot-connect", "there"], "'there': must be PROTOCOL/"),
-        (["no_such_mission"], "no such file"),
-        (["turtlebot3_pair", "-c", "/nowhere.json5"], "--config '/nowhere.json5'"),
-    ],
-)
-def test_what_cannot_be_examined_is_refused_in_a_sentence(
-    words: list[str], why: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["doctor", *words]) == 2
-    assert why in capsys.readouterr().err
-
-
-def test_an_installation_without_its_configuration_is_not_taken_for_one_without_certificates(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    home = tmp_path / "current"
-    home.mkdir()
-    (home / "mission.toml").write_bytes(shipped()["turtlebot3_pair"].read_bytes())
-    (home / "VERSION.json").write_text('{"robot": "robot1"}')
-    assert main(["doctor", "--prefix", str(tmp_path)]) == 2
-    assert "zenoh.json5 is missing: install this robot's bundle again" in capsys.readouterr().err
-
-
-def test_a_robot_has_all_that_the_doctor_needs() -> None:
-    without = "import sys; sys.modules.update(dict.fromkeys(['cryptography', 'rich', 'mcap', 'matplotlib']))"
-    subprocess.run([sys.executable, "-c", f"{without}; import deploy.doctor.cli"], check=True)

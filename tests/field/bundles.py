@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
+
+import pytest
 
 from deploy.cli import main
 from tests.field.sshd import Server
@@ -83,3 +86,9 @@ class Field:
 
     def deploy(self, command: str, *more: str) -> int:
         return main(["deploy", command, *self.words(*more)])
+
+
+def result(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    """The JSON object that a command has just printed as its last line."""
+    said: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
+    return said

@@ -4,34 +4,17 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from deploy.cli import main
-from tests.field.bundles import ROBOTS, Field
+from tests.field.bundles import ROBOTS, Field, result
 from tests.field.light import light, release
-from tests.field.sshd import Server, sshd
+from tests.field.sshd import Server
 
 pytestmark = pytest.mark.ssh
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    with sshd(tmp_path_factory.mktemp("sshd")) as running:
-        yield running
-
-
-@pytest.fixture
-def field(tmp_path: Path, server: Server) -> Field:
-    return Field(tmp_path, server)
-
-
-def result(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    said: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
-    return said
 
 
 def test_rollback_goes_one_release_back_and_names_who_has_none(

@@ -18,7 +18,7 @@ from deploy.field import bundle, folders, units, wheels
 from tests.field.deployed import HERE, install
 from tests.field.light import Made, light, release
 from tests.field.namespaces import until
-from tests.needs import find
+from tests.needs import path_of
 
 SCRIPT = Path(bundle.__file__).with_name("install.sh")
 ROOM = 160e6
@@ -247,11 +247,9 @@ def test_two_do_not_install_at_the_same_time(made: Made, tmp_path: Path) -> None
     assert "somebody else is installing" in done.stderr
 
 
+@pytest.mark.shellcheck
 def test_the_script_is_one_that_shellcheck_has_nothing_against() -> None:
-    shellcheck = find("shellcheck")
-    if shellcheck is None:
-        pytest.skip("test_the_script_is_one_that_shellcheck_has_nothing_against needs shellcheck")
-    done = subprocess.run([shellcheck, SCRIPT], capture_output=True, text=True, check=False)
+    done = subprocess.run([path_of("shellcheck"), SCRIPT], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
 
 

@@ -8,9 +8,8 @@ import stat
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -18,28 +17,12 @@ from deploy.cli import main
 from deploy.field import fleet as fleets
 from deploy.field import on_robot
 from deploy.field.push import flags, manifest, push, send
-from deploy.field.push_view import Quiet
+from deploy.field.push_view import View
 from deploy.field.remote import RemoteError, Robot, Ssh
-from tests.field.bundles import BROKEN, INSTALL, ROBOTS, WHEEL, Field
+from tests.field.bundles import BROKEN, INSTALL, ROBOTS, WHEEL, Field, result
 from tests.field.sshd import Server, sshd
 
 pytestmark = pytest.mark.ssh
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    with sshd(tmp_path_factory.mktemp("sshd")) as running:
-        yield running
-
-
-@pytest.fixture
-def field(tmp_path: Path, server: Server) -> Field:
-    return Field(tmp_path, server)
-
-
-def result(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    said: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
-    return said
 
 
 def test_a_push_installs_every_bundle_on_its_own_robot(
@@ -73,7 +56,7 @@ def test_a_key_is_readable_by_nobody_else_even_while_it_arrives(field: Field, tm
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL) as robot:
         assert robot.stdin is not None
 
-        class Watch(Quiet):
+        class Watch(View):
             def sent(self, robot: str, count: int) -> None:  # noqa: ARG002
                 modes.update(mode(path) for path in (tmp_path / "p").rglob(".robot.key.part"))
 
@@ -189,7 +172,7 @@ def test_a_full_disk_is_called_that(
     assert '"disk full (/opt/formation/incoming/numpy.whl)"' in capsys.readouterr().out
 
 
-class Stopping(Quiet):
+class Stopping(View):
     """Breaks the connection off when something happens, as an unplugged cable would."""
 
     def __init__(self, ssh: Ssh, when: str) -> None:

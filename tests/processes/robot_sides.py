@@ -12,8 +12,13 @@ import zenoh
 from formation.mission import Mission, Ros
 from formation.mission_file import parse, read
 from formation.ros2.messages import Odometry, Twist, encode
+from formation.ros2.naming import Naming
+from formation.topics import ALIVE, CMD_VEL, ODOM, POSITION
 from formation.transport.bus_config import DEFAULTS
+from formation.transport.mailbox import Mailbox
+from formation.transport.robot_bus import RobotBus
 
+COMMAND, HEARD, PLACE, LIFE = (topic.key("robot2") for topic in (CMD_VEL, ODOM, POSITION, ALIVE))
 TWIST, ODOMETRY = encode(Twist(0.1, 0.0)), encode(Odometry(1.0, 2.0 + 1.0j, 1.0 + 0.0j, 0.1, 0.0))
 
 
@@ -66,3 +71,20 @@ def tokens(session: zenoh.Session) -> set[str]:
     """Every liveliness token that `session` can see."""
     replies: Any = session.liveliness().get("@ros2_lv/**", timeout=5.0)
     return {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
+
+
+def agent_on(endpoint: str, naming: Naming, mailbox: Mailbox | None = None) -> RobotBus:
+    """An agent's bus: it commands, and hears odometry."""
+    bus = RobotBus((endpoint,), naming, mailbox or Mailbox())
+    bus.advertise(CMD_VEL, COMMAND)
+    bus.subscribe(ODOM, HEARD)
+    return bus
+
+
+def robot_on(endpoint: str, naming: Naming) -> tuple[RobotBus, Mailbox]:
+    """A robot's bus, which is the router: it hears commands, and says odometry."""
+    mailbox = Mailbox()
+    bus = RobotBus((endpoint,), naming, mailbox, mode="router", node="robot")
+    bus.subscribe(CMD_VEL, COMMAND)
+    bus.advertise(ODOM, HEARD)
+    return bus, mailbox

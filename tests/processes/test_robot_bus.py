@@ -2,75 +2,41 @@
 
 from __future__ import annotations
 
-import os
 import struct
 import time
-from collections.abc import Iterator
 from contextlib import ExitStack
 
-import psutil
 import pytest
 
 from formation.mission import Ros
 from formation.ros2.messages import Pose, encode
 from formation.ros2.naming import Naming
-from formation.topics import ALIVE, CMD_VEL, ODOM, ORDER, POSITION, STATUS
-from formation.transport.bus import BusError
+from formation.topics import ALIVE, CMD_VEL, ODOM, POSITION
 from formation.transport.mailbox import Mailbox
 from formation.transport.robot_bus import RobotBus
 from formation.wire import BadMessage
 from tests.processes.bus_tools import until
-from tests.processes.child import free_endpoint
-from tests.processes.robot_sides import ODOMETRY, TWIST, Ear, mission_of, node, tokens
-from tests.processes.zenoh_admin import clients, inspect
+from tests.processes.robot_sides import (
+    COMMAND,
+    HEARD,
+    LIFE,
+    ODOMETRY,
+    PLACE,
+    TWIST,
+    Ear,
+    agent_on,
+    mission_of,
+    node,
+    robot_on,
+    tokens,
+)
 
 pytestmark = pytest.mark.processes
-COMMAND, HEARD, PLACE, LIFE = (topic.key("robot2") for topic in (CMD_VEL, ODOM, POSITION, ALIVE))
 TWIST_HASH = "RIHS01_9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a"
 ON_THE_WIRE = {
     "ros2dds": "robot2/cmd_vel",
     "rmw_zenoh": f"0/robot2/cmd_vel/geometry_msgs::msg::dds_::Twist_/{TWIST_HASH}",
 }
-SPELLINGS: tuple[Ros, ...] = ("ros2dds", "rmw_zenoh")
-
-
-@pytest.fixture
-def endpoint() -> str:
-    return free_endpoint()
-
-
-@pytest.fixture(params=SPELLINGS)
-def ros(request: pytest.FixtureRequest) -> Ros:
-    spelling: Ros = request.param
-    return spelling
-
-
-@pytest.fixture
-def naming(ros: Ros) -> Naming:
-    return Naming.of(mission_of(ros), ["robot2"])
-
-
-@pytest.fixture
-def stack() -> Iterator[ExitStack]:
-    with ExitStack() as stack:
-        yield stack
-
-
-def agent_on(endpoint: str, naming: Naming, mailbox: Mailbox | None = None) -> RobotBus:
-    """An agent's bus: it commands, and hears odometry."""
-    bus = RobotBus((endpoint,), naming, mailbox or Mailbox())
-    bus.advertise(CMD_VEL, COMMAND)
-    bus.subscribe(ODOM, HEARD)
-    return bus
-
-
-def robot_on(endpoint: str, naming: Naming) -> tuple[RobotBus, Mailbox]:
-    """A robot's bus, which is the router: it hears commands, and says odometry."""
-    mailbox = Mailbox()
-    bus = RobotBus((endpoint,), naming, mailbox, mode="router", node="robot")
-    bus.subscribe(CMD_VEL, COMMAND)
-    bus.advertise(ODOM, HEARD)
-    return bus, mailbox
 
 
 def test_commands_go_out_and_odometry_comes_in_under_logical_keys(
@@ -288,77 +254,3 @@ def test_what_would_wedge_a_bridge_is_never_sent(
         until(lambda: bool(at_robot.received))
         assert [sample.payload for sample in at_robot.drain()] == [TWIST]
     assert COMMAND not in agent.unsent
-
-
-def test_closing_sends_what_was_said_last_and_is_over_for_good(endpoint: str, naming: Naming) -> None:
-    robot, at_robot = robot_on(endpoint, naming)
-    with robot:
-        agent = agent_on(endpoint, naming)
-        until(lambda: bool(agent.routed(COMMAND)))
-        agent.publish(COMMAND, TWIST)
-        agent.close()
-        agent.close()
-        until(lambda: at_robot.received[COMMAND] == 1)
-        assert (agent.connected, agent.routed(COMMAND)) == (False, None)
-        until(lambda: robot.routed(HEARD) is False)
-
-
-def test_closing_while_nobody_is_there_is_quick(endpoint: str, naming: Naming) -> None:
-    agent = agent_on(endpoint, naming)
-    start = time.monotonic()
-    agent.close()
-    assert time.monotonic() - start < 1.5
-    robot, _ = robot_on(endpoint, naming)
-    with robot:
-        time.sleep(0.8)
-        assert robot.routed(HEARD) is False  # it does not come back
-
-
-def test_a_client_has_one_link_and_accepts_none_and_nothing_is_multicast(
-    endpoint: str, naming: Naming, stack: ExitStack
-) -> None:
-    robot, _ = robot_on(endpoint, naming)
-    stack.enter_context(robot)
-    agent = stack.enter_context(agent_on(endpoint, naming))
-    until(lambda: bool(agent.routed(COMMAND)))
-    router, (client,) = inspect(endpoint), clients(endpoint)
-    assert (router.name, router.kinds) == ("robot", frozenset({"client"}))
-    assert list(router.links.values()) == [1]
-    assert router.subscriptions == {naming.wire(COMMAND)}
-    assert (client.name, client.kinds) == ("formation_agent", frozenset({"router"}))
-    assert client.links == {router.zid: 1}
-    assert client.subscriptions == {naming.wire(HEARD)}
-    assert client.publications == {naming.wire(COMMAND)}
-    assert client.locators == ()
-    connections = psutil.Process(os.getpid()).net_connections("inet")
-    assert not [one for one in connections if one.type.name == "SOCK_DGRAM"]
-
-
-def test_a_router_whose_endpoint_is_taken_says_so(endpoint: str, naming: Naming) -> None:
-    with (
-        RobotBus((endpoint,), naming, Mailbox(), mode="router"),
-        pytest.raises(BusError, match=f"cannot listen on {endpoint}: the address is in use"),
-    ):
-        RobotBus((endpoint,), naming, Mailbox(), mode="router")
-
-
-def test_what_is_not_in_the_table_or_of_another_robot_is_refused(endpoint: str, naming: Naming) -> None:
-    with RobotBus((endpoint,), naming, Mailbox()) as bus:
-        bus.advertise(STATUS, "robot2/status")
-        bus.subscribe(ODOM, HEARD)
-        with pytest.raises(BusError, match="'robot2/status' is advertised already"):
-            bus.advertise(STATUS, "robot2/status")
-        with pytest.raises(BusError, match="'robot2/odom' is subscribed to already"):
-            bus.subscribe(ODOM, HEARD)
-        with pytest.raises(BusError, match="'order' is a queryable"):
-            bus.advertise(ORDER, "robot2/order")
-        with pytest.raises(BusError, match="'robot2/cmd_vel' is not advertised: robot2/status"):
-            bus.publish(COMMAND, TWIST)
-        with pytest.raises(BusError, match="is not advertised"):
-            bus.routed(COMMAND)
-        with pytest.raises(KeyError):
-            bus.subscribe(ODOM, "robot3/odom")
-        with pytest.raises(ValueError, match="no key of the topic table"):
-            bus.subscribe(ODOM, "robot2/wheels")
-    with pytest.raises(BusError, match="--connect 'tcp/nowhere'"):
-        RobotBus(("tcp/nowhere",), naming, Mailbox())

@@ -1,0 +1,64 @@
+"""What the doctor says to people, and what it refuses to examine."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from deploy.cli import main
+from deploy.doctor import report
+from deploy.doctor.cli import EXAMINATIONS
+from deploy.doctor.facts import examine
+from formation.mission_file import shipped
+from tests.deploy.examined import HEALTHY
+
+
+def test_the_report_fits_eighty_columns_and_names_robot_sentence_and_remedy() -> None:
+    ill = replace(
+        HEALTHY, routed=False, listeners=(), installed_differs="/opt/formation/current/mission.toml"
+    )
+    said = report.words({"robot1": examine(EXAMINATIONS, ill), "robot2": examine(EXAMINATIONS, HEALTHY)})
+    assert max(map(len, said.splitlines())) <= 80
+    assert said.splitlines()[0] == "robot1"
+    assert "  ✗ robot        nobody listens to cmd_vel: the bridge has lost its route, or\n" in said
+    assert "                 → restart the bring-up and the bridge together\n" in said
+    assert said.splitlines()[-1] == "2 things are wrong: robot1"
+    assert report.words({"robot2": examine(EXAMINATIONS, HEALTHY)}).endswith("\nhealthy: nothing is wrong")
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["--prefix", "/nowhere"], "MISSION is missing, and none is installed here"),
+        (["turtlebot3_pair", "--robot", "robot9"], "--robot 'robot9': must be a follower of turtlebot3-pair"),
+        (["turtlebot3_pair", "--robot", "leader"], "--robot 'leader': must be a follower"),
+        (["turtlebot3_pair", "--robot", "robot1", "--robot-connect", "there"], "'there': must be PROTOCOL/"),
+        (["no_such_mission"], "no such file"),
+        (["turtlebot3_pair", "-c", "/nowhere.json5"], "--config '/nowhere.json5'"),
+    ],
+)
+def test_what_cannot_be_examined_is_refused_in_a_sentence(
+    words: list[str], why: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["doctor", *words]) == 2
+    assert why in capsys.readouterr().err
+
+
+def test_an_installation_without_its_configuration_is_not_taken_for_one_without_certificates(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    home = tmp_path / "current"
+    home.mkdir()
+    (home / "mission.toml").write_bytes(shipped()["turtlebot3_pair"].read_bytes())
+    (home / "VERSION.json").write_text('{"robot": "robot1"}')
+    assert main(["doctor", "--prefix", str(tmp_path)]) == 2
+    assert "zenoh.json5 is missing: install this robot's bundle again" in capsys.readouterr().err
+
+
+def test_a_robot_has_all_that_the_doctor_needs() -> None:
+    without = "import sys; sys.modules.update(dict.fromkeys(['cryptography', 'rich', 'mcap', 'matplotlib']))"
+    subprocess.run([sys.executable, "-c", f"{without}; import deploy.doctor.cli"], check=True)

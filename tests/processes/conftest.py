@@ -1,0 +1,37 @@
+"""What tests of the robot's side share: an endpoint, each spelling of ROS 2, a place to keep things open."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+
+import pytest
+
+from formation.mission import Ros
+from formation.ros2.naming import Naming
+from tests.processes.child import free_endpoint
+from tests.processes.robot_sides import mission_of
+
+SPELLINGS: tuple[Ros, ...] = ("ros2dds", "rmw_zenoh")
+
+
+@pytest.fixture
+def endpoint() -> str:
+    return free_endpoint()
+
+
+@pytest.fixture(params=SPELLINGS)
+def ros(request: pytest.FixtureRequest) -> Ros:
+    spelling: Ros = request.param
+    return spelling
+
+
+@pytest.fixture
+def naming(ros: Ros) -> Naming:
+    return Naming.of(mission_of(ros), ["robot2"])
+
+
+@pytest.fixture
+def stack() -> Iterator[ExitStack]:
+    with ExitStack() as stack:
+        yield stack
