@@ -20,7 +20,7 @@ from formation.mission import Mission
 from formation.simulation.body import PROFILES, Body
 from formation.simulation.ensemble import Options
 from formation.simulation.simulate import Result, simulate
-from monitor.figure import draw
+from monitor.report.panels import draw
 
 MOST_RUNS = 100_000
 """All runs go in step, and their robots have to fit into memory together."""

@@ -110,13 +110,18 @@ DIAGNOSTICS = Topic(
     "diagnostics", "formation/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "monitor", "anyone",
     "1 Hz", BACKGROUND, "errors per edge, rates, losses and ages per robot",
 )  # fmt: skip
+EVENTS = Topic(
+    "events", "formation/events", "rcl_interfaces/msg/Log", "monitor", "anyone", "as they happen", BACKGROUND,
+    "robots joined, lost, held or stopped, orders given, messages rejected",
+)  # fmt: skip
 ORDER = Topic(
     "order", "{robot}/order", "", "operator", "agent or leader (queryable)", "on demand", None,
     "hold, run, stop or release, acknowledged one by one (JSON)",
 )  # fmt: skip
 
 TABLE: tuple[Topic, ...] = (
-    ODOM, CMD_VEL, POSITION, SCAN, RELATIVE, POSE, ALIVE, STATUS, GROUND_TRUTH, ERROR, DIAGNOSTICS, ORDER,
+    ODOM, CMD_VEL, POSITION, SCAN, RELATIVE, POSE, ALIVE, STATUS, GROUND_TRUTH, ERROR, DIAGNOSTICS, EVENTS,
+    ORDER,
 )  # fmt: skip
 
 

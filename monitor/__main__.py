@@ -23,10 +23,10 @@ from formation.transport.process import BadInput, Stop, run_process, say
 from formation.transport.robot_bus import RobotBus
 from formation.transport.robot_buses import RobotBuses
 from monitor.core import Monitor
-from monitor.keys import OWN, watched
+from monitor.figures.keys import OWN, watched
+from monitor.figures.stage import given, usual
 from monitor.loop import CAPACITY, NAME, Watch
-from monitor.recorder import Recorder
-from monitor.stage import given, usual
+from monitor.recording.recorder import Recorder
 
 EXAMPLES = """\
   formation monitor six_robots

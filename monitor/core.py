@@ -9,9 +9,9 @@ from formation.rate import Rate
 from formation.ros2.messages import Number, encode
 from formation.topics import DIAGNOSTICS, ERROR, Topic
 from formation.wire import Now, Outgoing, Sample
-from monitor.keys import OWN, watched
-from monitor.metrics import Metrics
-from monitor.report import diagnostics
+from monitor.figures.keys import OWN, watched
+from monitor.figures.metrics import Metrics
+from monitor.figures.words import diagnostics
 
 
 class Monitor:

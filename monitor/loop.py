@@ -19,8 +19,8 @@ from formation.transport.robot_bus import RobotBus
 from formation.transport.robot_buses import RobotBuses
 from formation.wire import Now, Sample
 from monitor.core import Monitor
-from monitor.recorder import Recorder
-from monitor.report import as_json, line
+from monitor.figures.words import as_json, line
+from monitor.recording.recorder import Recorder
 
 NAME = "monitor"
 CAPACITY = 65_536

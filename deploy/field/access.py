@@ -18,7 +18,7 @@ from deploy.refusal import Refusal
 from formation.mission import Mission
 from formation.topics import GROUND_TRUTH, ORDER, POSITION, STATUS
 from formation.transport.wiring import partners
-from monitor.keys import watched
+from monitor.figures.keys import watched
 
 Message = Literal["put", "declare_subscriber", "query", "declare_queryable", "reply"]
 ASKED_ALL = ORDER.pattern.format(robot="*")

@@ -21,7 +21,9 @@ from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__PoseStamped as
 from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__Twist as RosTwist
 from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__TwistStamped as RosTwistStamped
 from rosbags.typesys.stores.ros2_jazzy import nav_msgs__msg__Odometry as RosOdometry
+from rosbags.typesys.stores.ros2_jazzy import rcl_interfaces__msg__Log as RosLog
 from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__Float64 as RosFloat64
+from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__String as RosString
 
 from formation.ros2 import ros
 from formation.ros2.ros import definition, type_hash
@@ -32,11 +34,13 @@ __all__ = [
     "BadMessage",
     "Diagnostics",
     "Displacement",
+    "LogEntry",
     "Message",
     "Number",
     "Odometry",
     "Pose",
     "Status",
+    "Text",
     "Twist",
     "TwistStamped",
     "decode",
@@ -201,8 +205,50 @@ class Diagnostics:
         return cls(ros.from_header(raw.header)[0], tuple(_from_status(s) for s in raw.status))
 
 
-Message = Odometry | Twist | TwistStamped | Pose | Displacement | Number | Diagnostics
-M = TypeVar("M", Odometry, Twist, TwistStamped, Pose, Displacement, Number, Diagnostics)
+@dataclass(frozen=True, slots=True)
+class LogEntry:
+    """rcl_interfaces/Log: something that happened, in words."""
+
+    ROS_TYPE: ClassVar[str] = "rcl_interfaces/msg/Log"
+    stamp: float
+    """[s, sender's system clock]"""
+    level: int
+    """10 debug, 20 info, 30 warning, 40 error, 50 fatal."""
+    name: str
+    """Whom it is about."""
+    text: str
+    kind: str = ""
+    """What kind of thing it was, in one word; ROS calls the field `function`."""
+
+    def _to_ros(self) -> RosLog:
+        stamp = ros.to_header(self.stamp, "").stamp
+        name, text, kind = map(ros.to_text, (self.name, self.text, self.kind))
+        return RosLog(stamp, _log_level(self.level), name, text, "", kind, 0)
+
+    @classmethod
+    def _from_ros(cls, raw: RosLog) -> Self:
+        stamp = ros.from_stamp(raw.stamp)
+        name, text, kind = map(ros.from_text, (raw.name, raw.msg, raw.function))
+        return cls(stamp, _log_level(raw.level), name, text, kind)
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """std_msgs/String, printable."""
+
+    ROS_TYPE: ClassVar[str] = "std_msgs/msg/String"
+    text: str
+
+    def _to_ros(self) -> RosString:
+        return RosString(ros.to_text(self.text))
+
+    @classmethod
+    def _from_ros(cls, raw: RosString) -> Self:
+        return cls(ros.from_text(raw.data))
+
+
+Message = Odometry | Twist | TwistStamped | Pose | Displacement | Number | Diagnostics | LogEntry | Text
+M = TypeVar("M", Odometry, Twist, TwistStamped, Pose, Displacement, Number, Diagnostics, LogEntry, Text)
 
 
 def encode(message: Message) -> bytes:
@@ -242,4 +288,10 @@ def _from_status(raw: RosDiagnosticStatus) -> Status:
 def _level(level: int) -> int:
     if level not in range(4):
         raise BadMessage(f"level is {level}, must be 0 (ok), 1 (warning), 2 (error) or 3 (stale)")
+    return level
+
+
+def _log_level(level: int) -> int:
+    if level not in {10, 20, 30, 40, 50}:
+        raise BadMessage(f"level is {level}, must be 10 (debug), 20, 30, 40 or 50 (fatal)")
     return level

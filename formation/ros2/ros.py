@@ -70,10 +70,15 @@ def to_header(stamp: float, frame: str) -> RosHeader:
 
 def from_header(header: RosHeader) -> tuple[float, str]:
     """Stamp [s] and frame."""
-    seconds, nanoseconds = header.stamp.sec, header.stamp.nanosec
+    return from_stamp(header.stamp), from_text(header.frame_id)
+
+
+def from_stamp(stamp: RosTime) -> float:
+    """builtin_interfaces/Time [s since the epoch]."""
+    seconds, nanoseconds = stamp.sec, stamp.nanosec
     if not 0 <= seconds < 2**31 - 1 or nanoseconds >= 1_000_000_000:
         raise BadMessage(f"stamp is {seconds} s and {nanoseconds} ns, must be from 0 to 2^31 s and under 1 s")
-    return seconds + nanoseconds * 1e-9, from_text(header.frame_id)
+    return seconds + nanoseconds * 1e-9
 
 
 def to_point(what: str, point: complex) -> RosPoint:

@@ -17,7 +17,7 @@ from deploy.launch import GRACE, STOP_ORDER
 from deploy.plan import Part, Program, programs
 from deploy.ports import Ports
 from formation.mission_file import load
-from monitor.stage import given
+from monitor.figures.stage import given
 from tests.deploy.stubs import GOOD, READY, is_gone, program
 
 SNAPSHOT = "say('snapshot', formation_error=0.002, robots={'robot1': {'state': 'run', 'error': 0.001}});"

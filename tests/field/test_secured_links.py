@@ -13,7 +13,7 @@ import zenoh
 from formation.topics import ORDER, POSITION
 from formation.transport.bus_config import BusConfig
 from formation.transport.session import settings_of
-from monitor.keys import watched
+from monitor.figures.keys import watched
 from tests.field.missions import in_the_field
 from tests.field.namespaces import until
 from tests.field.sessions import Desk, attacking, prepared

@@ -8,11 +8,13 @@ from typing import Any
 from formation.ros2.messages import (
     Diagnostics,
     Displacement,
+    LogEntry,
     Message,
     Number,
     Odometry,
     Pose,
     Status,
+    Text,
     Twist,
     TwistStamped,
     decode,
@@ -31,6 +33,8 @@ EXAMPLES: tuple[Message, ...] = (
         NOW,
         (Status("agent", 1, "no neighbour", "robot2", {"state": "run", "u": "0.1"}), Status("b", 0, "ok")),
     ),
+    LogEntry(NOW, 30, "robot2", "held: no fresh neighbour", "held"),
+    Text('{"voice":"a"}'),
 )
 CLASSES: tuple[type[Any], ...] = tuple(type(example) for example in EXAMPLES)
 

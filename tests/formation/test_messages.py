@@ -14,11 +14,13 @@ from formation.ros2 import ros
 from formation.ros2.messages import (
     Diagnostics,
     Displacement,
+    LogEntry,
     Message,
     Number,
     Odometry,
     Pose,
     Status,
+    Text,
     Twist,
     TwistStamped,
     decode,
@@ -45,6 +47,8 @@ messages: st.SearchStrategy[Message] = st.one_of(
     st.builds(Pose, stamps, positions, headings, texts),
     st.builds(Displacement, stamps, positions, texts),
     st.builds(Number, st.floats(allow_nan=False, allow_infinity=False)),
+    st.builds(LogEntry, stamps, st.sampled_from((10, 20, 30, 40, 50)), texts, texts, texts),
+    st.builds(Text, texts),
     st.builds(Diagnostics, stamps, st.lists(statuses, max_size=3).map(tuple)),
 )
 

@@ -22,7 +22,7 @@ from formation.ros2.messages import (
 )
 from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSITION, STATUS
 from formation.wire import Now, Sample
-from monitor.metrics import Metrics
+from monitor.figures.metrics import Metrics
 
 EPOCH = 1000.0
 """System clock less monotonic clock [s]: small, so that stamps are exact to far less than a nanometre."""

@@ -17,8 +17,8 @@ from formation.topics import (
     STATUS,
 )
 from monitor.core import Monitor
-from monitor.keys import watched
-from monitor.report import line
+from monitor.figures.keys import watched
+from monitor.figures.words import line
 from tests.monitor.fleet import Fleet, now
 
 
@@ -50,6 +50,7 @@ def test_no_key_that_it_publishes_is_a_robots() -> None:
     assert [key for _, key in Monitor(load("six_robots")).publications] == [
         "formation/error",
         "formation/diagnostics",
+        "formation/events",
     ]
 
 

@@ -24,7 +24,7 @@ from formation.ros2.naming import Naming
 from formation.topics import DIAGNOSTICS, ERROR, GROUND_TRUTH, ODOM, STATUS
 from formation.transport.bus import Bus, BusConfig
 from formation.wire import Sample
-from monitor.keys import OWN, watched
+from monitor.figures.keys import OWN, watched
 from tests.monitor.fleet import Fleet, command, odometry, status
 from tests.processes.bus_tools import until
 from tests.processes.child import PATIENCE, Child, free_endpoint, started

@@ -8,8 +8,8 @@ import pytest
 from formation.mission_file import load
 from formation.topics import ODOM, POSITION, SCAN
 from formation.wire import Sample
-from monitor.metrics import Metrics
-from monitor.report import as_json
+from monitor.figures.metrics import Metrics
+from monitor.figures.words import as_json
 from tests.monitor.fleet import EPOCH, Fleet, command, hear, now, odometry, status
 
 

@@ -10,7 +10,7 @@ import pytest
 from formation.mission_file import load
 from formation.simulation.history import History
 from formation.simulation.simulate import simulate
-from monitor import figure
+from monitor.report import panels
 
 
 @pytest.fixture(scope="module")
@@ -25,13 +25,13 @@ def test_the_suffix_says_how_the_figure_is_written(
     history: History, tmp_path: Path, suffix: str, start: bytes
 ) -> None:
     path = tmp_path / f"figure.{suffix}"
-    figure.draw(history, path)
+    panels.draw(history, path)
     assert path.read_bytes().startswith(start)
 
 
 def test_every_panel_names_its_quantity_and_unit(history: History, tmp_path: Path) -> None:
     path = tmp_path / "figure.svg"
-    figure.draw(history, path)
+    panels.draw(history, path)
     text = path.read_text(encoding="utf-8")
     for letter, quantity in zip(
         "abcdef", ("measures", "Trajectories", "Heading", "error", "speeds", "Turn"), strict=True
@@ -51,13 +51,13 @@ def test_what_is_not_known_is_left_out_of_the_figure(history: History, tmp_path:
         position=np.where(history.time[:, None] < 5.0, history.position, np.nan),
     )
     path = tmp_path / "figure.png"
-    figure.draw(unknown, path)
+    panels.draw(unknown, path)
     assert path.stat().st_size > 10_000
 
 
 def test_a_run_that_left_the_numbers_can_still_be_drawn(history: History, tmp_path: Path) -> None:
     lost = replace(history, error=np.full_like(history.error, np.inf))
-    figure.draw(lost, tmp_path / "figure.png")
+    panels.draw(lost, tmp_path / "figure.png")
 
 
 def test_without_matplotlib_the_error_says_what_to_install(
@@ -65,10 +65,10 @@ def test_without_matplotlib_the_error_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(ModuleNotFoundError, match=r"pip install 'formation\[plot\]'"):
-        figure.draw(history, tmp_path / "figure.png")
+        panels.draw(history, tmp_path / "figure.png")
 
 
 def test_the_figure_ends_well_after_the_formation_has_formed(history: History) -> None:
-    span = figure._span(history)
+    span = panels._span(history)
     assert 5.0 <= span <= 10.0
     assert history.error[np.searchsorted(history.time, span) - 1] < 0.01 * history.error.max()

@@ -14,6 +14,7 @@ from formation.topics import (
     CMD_VEL,
     DIAGNOSTICS,
     ERROR,
+    EVENTS,
     GROUND_TRUTH,
     ODOM,
     POSE,
@@ -45,7 +46,11 @@ class Watched(NamedTuple):
         return self.topic is GROUND_TRUTH
 
 
-OWN = (Watched(ERROR.key(), ERROR, "", 10.0), Watched(DIAGNOSTICS.key(), DIAGNOSTICS, "", 1.0))
+OWN = (
+    Watched(ERROR.key(), ERROR, "", 10.0),
+    Watched(DIAGNOSTICS.key(), DIAGNOSTICS, "", 1.0),
+    Watched(EVENTS.key(), EVENTS, "", None),
+)
 """What the monitor itself publishes."""
 
 

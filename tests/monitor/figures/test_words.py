@@ -4,9 +4,9 @@ import json
 from dataclasses import replace
 
 from formation.ros2.messages import MAX_BYTES, encode
-from monitor.figures import Snapshot
-from monitor.metrics import Metrics
-from monitor.report import as_json, diagnostics, line
+from monitor.figures.metrics import Metrics
+from monitor.figures.snapshot import Snapshot
+from monitor.figures.words import as_json, diagnostics, line
 from tests.monitor.fleet import Fleet, command, hear, now, odometry, status
 
 

@@ -14,12 +14,12 @@ from formation.mission import Mission
 from formation.order import Order, Told
 from formation.topics import POSITION
 from formation.wire import BadMessage, Now, Sample
-from monitor.feed import freshness_limit
-from monitor.figures import Edge, Snapshot
-from monitor.heard import Heard, Tracked
-from monitor.keys import Watched, watched
-from monitor.rejections import Rejections
-from monitor.settling import Settling
+from monitor.figures.feed import freshness_limit
+from monitor.figures.heard import Heard, Tracked
+from monitor.figures.keys import Watched, watched
+from monitor.figures.rejections import Rejections
+from monitor.figures.settling import Settling
+from monitor.figures.snapshot import Edge, Snapshot
 
 Errors = Mapping[Edge, float | None]
 
@@ -66,20 +66,25 @@ class Metrics:
     def observe(self, now: Now) -> float | None:
         """Bring all robots to one moment and compare them: the formation error [m], None if not known.
 
-        Call it steadily: settling is judged by what it sees.
+        Call it steadily: settling is judged by what it sees, and by nothing else.
         """
-        return self._observe(now)[0]
+        moment, errors = self._compare(now, lambda robot: robot.place)
+        error = _sum(errors.values())
+        at = moment + now.mono - now.wall  # settling runs on the monotonic clock
+        if error is not None and at > (-math.inf if self._settling.last is None else self._settling.last):
+            self._settling.observe(at, error)
+        return error
 
     def snapshot(self, now: Now) -> Snapshot:
-        """Everything there is to know now."""
-        error, errors = self._observe(now)
+        """Everything there is to know now. To look changes nothing."""
+        errors = self._compare(now, lambda robot: robot.place)[1]
         start, until = self._settling.start, self._heard_until()
         own: dict[str, list[float | None]] = {}
         for edge, value in errors.items():
             own.setdefault(edge.robot, []).append(value)
         return Snapshot(
             elapsed=0.0 if start is None else now.mono - start,
-            formation_error=error,
+            formation_error=_sum(errors.values()),
             formation_error_true=_sum(self._compare(now, lambda robot: robot.truth)[1].values()),
             settled_at=self._settling.settled_at(until),
             converged=self._settling.converged(until),
@@ -105,14 +110,6 @@ class Metrics:
             raise BadMessage("unknown shape")
         if order.newer(heard, self.order):
             self.order = heard
-
-    def _observe(self, now: Now) -> tuple[float | None, Errors]:
-        moment, errors = self._compare(now, lambda robot: robot.place)
-        error = _sum(errors.values())
-        at = moment + now.mono - now.wall  # settling runs on the monotonic clock
-        if error is not None and at > (-math.inf if self._settling.last is None else self._settling.last):
-            self._settling.observe(at, error)
-        return error, errors
 
     def _compare(self, now: Now, which: Callable[[Heard], Tracked]) -> tuple[float, Errors]:
         """The moment of comparison [s, our system clock], and |z_ij - z*_ij| of each edge at it [m]."""

@@ -20,8 +20,8 @@ from formation.ros2 import messages
 from formation.ros2.messages import Displacement, Number, encode, type_hash
 from formation.topics import ALIVE, CMD_VEL, ERROR, ODOM, POSITION, TABLE
 from formation.wire import Sample
-from monitor.keys import OWN, watched
-from monitor.recorder import Recorder, RecordingError, stamp_of
+from monitor.figures.keys import OWN, watched
+from monitor.recording.recorder import Recorder, RecordingError, stamp_of
 from tests.monitor.fleet import EPOCH, Fleet, command, odometry, said, status
 
 TEXT, _ = read("six_robots")
@@ -186,8 +186,8 @@ import resource, sys
 from pathlib import Path
 from formation.mission_file import load, read
 from formation.wire import Sample
-from monitor.keys import OWN, watched
-from monitor.recorder import Recorder, RecordingError
+from monitor.figures.keys import OWN, watched
+from monitor.recording.recorder import Recorder, RecordingError
 from tests.monitor.fleet import odometry
 
 path, limit = Path(sys.argv[1]), int(sys.argv[2])
@@ -241,7 +241,7 @@ KILLED = """
 import sys
 from pathlib import Path
 from tests.monitor.fleet import odometry
-from tests.monitor.test_recorder import recorder
+from tests.monitor.recording.test_recorder import recorder
 
 recording = recorder(Path(sys.argv[1]))
 for i in range(195):

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from formation.wire import BadMessage
-from monitor.trajectory import Placed, Trajectory
+from monitor.figures.trajectory import Placed, Trajectory
 
 
 def along(*samples: tuple[float, complex, float], widest: float = 0.3) -> Trajectory:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from formation.ros2.messages import Diagnostics, Status
-from monitor.figures import KeyFigures, RobotFigures, Snapshot
+from monitor.figures.snapshot import KeyFigures, RobotFigures, Snapshot
 
 OK, WARNING, STALE = 0, 1, 3
 ROBOTS_PER_MESSAGE = 25

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from monitor.settling import BREAK, DWELL, Settling
+from monitor.figures.settling import BREAK, DWELL, Settling
 
 
 def observed(*errors: tuple[float, float]) -> Settling:

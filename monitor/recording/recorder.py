@@ -24,7 +24,7 @@ from mcap.writer import CompressionType, Writer
 from formation.ros2.messages import definition, type_hash
 from formation.transport.process import BadInput
 from formation.wire import Sample
-from monitor.keys import Watched
+from monitor.figures.keys import Watched
 
 CHUNK = 1024 * 1024
 """Longest chunk [bytes]. It is the flush that limits what can be lost; smaller ones would only make the index

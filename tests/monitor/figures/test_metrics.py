@@ -7,8 +7,8 @@ import pytest
 from formation.mission_file import load, parse, read
 from formation.topics import POSITION
 from formation.wire import Sample
-from monitor.figures import Edge
-from monitor.metrics import Metrics
+from monitor.figures.metrics import Metrics
+from monitor.figures.snapshot import Edge
 from tests.monitor.fleet import EPOCH, Fleet, hear, now
 
 

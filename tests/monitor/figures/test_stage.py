@@ -6,7 +6,7 @@ import pytest
 
 from formation.mission_file import load, parse, read
 from formation.transport import wiring
-from monitor.stage import given, usual
+from monitor.figures.stage import given, usual
 
 
 def test_by_default_they_are_where_formation_robot_puts_them() -> None:

@@ -20,10 +20,10 @@ from formation.ros2.messages import (
 )
 from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSE, POSITION, RELATIVE, STATUS
 from formation.wire import BadMessage, Now, Sample
-from monitor.feed import CLOCK_AGREES, Feed
-from monitor.figures import KeyFigures, RobotFigures
-from monitor.keys import Watched
-from monitor.trajectory import Placed, Trajectory
+from monitor.figures.feed import CLOCK_AGREES, Feed
+from monitor.figures.keys import Watched
+from monitor.figures.snapshot import KeyFigures, RobotFigures
+from monitor.figures.trajectory import Placed, Trajectory
 
 UNSEEN, SILENT = "unseen", "silent"
 FUTURE = 0.1

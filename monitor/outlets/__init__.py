@@ -1,0 +1,1 @@
+"""The same figures for the tools of others."""

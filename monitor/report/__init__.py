@@ -1,0 +1,1 @@
+"""A recording made into figures and a page for a paper."""
