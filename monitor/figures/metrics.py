@@ -20,6 +20,7 @@ from monitor.figures.keys import Watched, watched
 from monitor.figures.rejections import Rejections
 from monitor.figures.settling import Settling
 from monitor.figures.snapshot import Edge, Snapshot
+from monitor.figures.trajectory import Placed
 
 Errors = Mapping[Edge, float | None]
 
@@ -99,6 +100,13 @@ class Metrics:
             rejected=self.rejections.by_reason,
         )
 
+    def placed(self, now: Now, *, truly: bool = False) -> tuple[float, Mapping[str, Placed]]:
+        """The moment of comparison [s, our system clock], and where robots were at it, where that is known.
+
+        As the robots say themselves, or `truly`: as the simulated ones know. To look changes nothing.
+        """
+        return self._placed(now, lambda robot: robot.truth if truly else robot.place)
+
     @property
     def _shape(self) -> str:
         return self.order.shape if self.order else self._mission.first_shape
@@ -113,11 +121,8 @@ class Metrics:
 
     def _compare(self, now: Now, which: Callable[[Heard], Tracked]) -> tuple[float, Errors]:
         """The moment of comparison [s, our system clock], and |z_ij - z*_ij| of each edge at it [m]."""
-        tracked = {name: which(robot) for name, robot in self._robots.items()}
-        fresh = [name for name, one in tracked.items() if one.fresh(now.mono)]
-        moment = min((tracked[name].trajectory.latest for name in fresh), default=-math.inf)
-        placed = {name: tracked[name].trajectory.at(moment) for name in fresh}
-        slots = {name: self._mission.slot(name, self._shape) for name in fresh}
+        moment, placed = self._placed(now, which)
+        slots = {name: self._mission.slot(name, self._shape) for name in placed}
 
         def error(edge: Edge) -> float | None:
             here, there = placed.get(edge.robot), placed.get(edge.neighbour)
@@ -126,6 +131,13 @@ class Metrics:
             return abs(there.point - here.point - (slots[edge.neighbour] - slots[edge.robot]))
 
         return moment, {edge: error(edge) for edge in self._edges}
+
+    def _placed(self, now: Now, which: Callable[[Heard], Tracked]) -> tuple[float, dict[str, Placed]]:
+        tracked = {name: which(robot) for name, robot in self._robots.items()}
+        fresh = [name for name, one in tracked.items() if one.fresh(now.mono)]
+        moment = min((tracked[name].trajectory.latest for name in fresh), default=-math.inf)
+        places = {name: tracked[name].trajectory.at(moment) for name in fresh}
+        return moment, {name: place for name, place in places.items() if place is not None}
 
     def _heard_until(self) -> float:
         """When a position last arrived from anybody [s, monotonic]."""

@@ -228,3 +228,15 @@ def test_a_robot_that_speaks_once_a_second_does_not_keep_the_others_from_converg
     snapshot = metrics.snapshot(now(20.0))
     assert snapshot.converged
     assert snapshot.settled_at == 0.0
+
+
+def test_robots_are_shown_where_they_are_compared() -> None:
+    fleet = Fleet(away=lambda robot, _: 0.25j if robot == "robot3" else 0j)
+    metrics = heard(fleet, *fleet.positions(10.0, 11.0, without="robot5"))
+    moment, placed = metrics.placed(now(11.0))
+    assert 10.9 < moment - EPOCH <= 11.0
+    assert set(placed) == set(fleet.mission.names) - {"robot5"}
+    for name, place in placed.items():
+        assert place.moment == moment
+        assert place.point == pytest.approx(fleet.point(name, moment - EPOCH), abs=1e-9)
+    assert set(metrics.placed(now(11.0), truly=True)[1]) == {"robot1"}  # of the others no truth was heard
