@@ -25,6 +25,7 @@ from formation.ros2.messages import definition, type_hash
 from formation.transport.process import BadInput
 from formation.wire import Sample
 from monitor.figures.keys import Watched
+from monitor.recording.attached import SUFFIX, TYPE, packed
 
 CHUNK = 1024 * 1024
 """Longest chunk [bytes]. It is the flush that limits what can be lost; smaller ones would only make the index
@@ -76,7 +77,9 @@ class Recorder:
             self._writer = Writer(self._file, chunk_size=CHUNK, compression=CompressionType.LZ4)
             self._writer.start(profile="ros2", library=f"formation {version('formation')}")
             self._writer.add_metadata("formation", _about(mission, text, law))
-            self._channels = self._declare(keys)
+            self._schemas: dict[str, int] = {}
+            self._attached: dict[str, int] = {}
+            self._channels = {one.key: self._declare(one) for one in keys}
             self._writer.flush()  # type: ignore[no-untyped-call]
             self._good = self._file.tell()
         except OSError as error:
@@ -102,10 +105,12 @@ class Recorder:
         arrived = round(wall * 1e9)
         count = self._written[sample.key] + 1
         stamp = stamp_of(sample.payload) if stamped else None
+        sent, sequence = arrived if stamp is None else stamp, count & 0xFFFFFFFF
+        beside = None if sample.attachment is None else packed(sample.attachment)
         try:
-            self._writer.add_message(
-                number, arrived, sample.payload, arrived if stamp is None else stamp, count & 0xFFFFFFFF
-            )
+            if beside is not None:
+                self._writer.add_message(self._beside(sample.key), arrived, beside, sent, sequence)
+            self._writer.add_message(number, arrived, sample.payload, sent, sequence)
         except OSError as error:
             self._fail(error)
             return
@@ -133,19 +138,24 @@ class Recorder:
             except OSError as error:
                 self._fail(error)
 
-    def _declare(self, keys: Iterable[Watched]) -> dict[str, tuple[int, bool]]:
-        """Register every key; its channel's number and whether its messages begin with a stamp."""
-        schemas: dict[str, int] = {}
-        channels = {}
-        for one in keys:
-            ros_type = one.topic.type
-            text = definition(ros_type)
-            if ros_type not in schemas:
-                schemas[ros_type] = self._writer.register_schema(ros_type, "ros2msg", text.encode())
-            metadata = {"offered_qos_profiles": QOS, "topic_type_hash": type_hash(ros_type)}
-            number = self._writer.register_channel(f"/{one.key}", "cdr", schemas[ros_type], metadata)
-            channels[one.key] = number, text.lstrip().startswith("std_msgs/Header ")
-        return channels
+    def _declare(self, one: Watched) -> tuple[int, bool]:
+        """Its channel's number, and whether its messages begin with a stamp."""
+        number = self._register(one.key, one.topic.type)
+        return number, definition(one.topic.type).lstrip().startswith("std_msgs/Header ")
+
+    def _beside(self, key: str) -> int:
+        """The channel of what rides on `key`, which there is once something does."""
+        number = self._attached.get(key)
+        if number is None:
+            number = self._attached[key] = self._register(key + SUFFIX, TYPE)
+        return number
+
+    def _register(self, key: str, ros_type: str) -> int:
+        if ros_type not in self._schemas:
+            text = definition(ros_type).encode()
+            self._schemas[ros_type] = self._writer.register_schema(ros_type, "ros2msg", text)
+        metadata = {"offered_qos_profiles": QOS, "topic_type_hash": type_hash(ros_type)}
+        return self._writer.register_channel(f"/{key}", "cdr", self._schemas[ros_type], metadata)
 
     def _flush(self) -> None:
         try:

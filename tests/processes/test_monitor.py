@@ -25,6 +25,7 @@ from formation.topics import DIAGNOSTICS, ERROR, GROUND_TRUTH, ODOM, STATUS
 from formation.transport.bus import Bus, BusConfig
 from formation.wire import Sample
 from monitor.figures.keys import OWN, watched
+from monitor.recording.attached import SUFFIX
 from tests.monitor.fleet import Fleet, command, odometry, status
 from tests.processes.bus_tools import until
 from tests.processes.child import PATIENCE, Child, free_endpoint, started
@@ -108,7 +109,8 @@ def recorded(path: Path) -> dict[str, list[bytes]]:
     found: dict[str, list[bytes]] = {}
     with path.open("rb") as stream:
         for _, channel, message in make_reader(stream).iter_messages():
-            found.setdefault(channel.topic.removeprefix("/"), []).append(message.data)
+            if not channel.topic.endswith(SUFFIX):
+                found.setdefault(channel.topic.removeprefix("/"), []).append(message.data)
     return found
 
 
