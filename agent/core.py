@@ -16,7 +16,7 @@ from itertools import chain
 from agent import failsafe
 from agent.commander import AT_REST, Commander
 from agent.failsafe import Decision, Facts, State
-from agent.latch import LONGEST_REASON, Latch
+from agent.latch import Latch
 from agent.localisation import Localisation
 from agent.neighbourhood import Neighbour, Neighbourhood
 from agent.orders import Orders
@@ -24,7 +24,7 @@ from agent.status import Report, Surroundings, status
 from formation import order
 from formation.law import LAWS
 from formation.mission import Mission
-from formation.order import Told
+from formation.order import LONGEST_REASON, Told
 from formation.ros2.messages import Displacement, Odometry, Pose, decode, encode
 from formation.topics import ODOM, POSE, POSITION, RELATIVE, STATUS, Topic
 from formation.unicycle import Command

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from formation import order
-from formation.order import Do, Mode, Once, OperatorReply, OperatorRequest
-
-LONGEST_REASON = 120
-"""[characters]"""
+from formation.order import LONGEST_REASON, Do, Mode, Once, OperatorReply, OperatorRequest
 
 
 class Latch:
@@ -24,6 +21,8 @@ class Latch:
         return self._once.answer(request, lambda: self._obey(request.do, ordered))
 
     def _obey(self, wanted: Do, ordered: Mode) -> bytes:
+        if wanted == "shape":
+            return self.reply(ordered, ok=False, reason="the leader is who says what shape to take")
         if self.mode == "stop" and wanted in {"run", "hold"}:
             return self.reply(ordered, ok=False, reason="stopped: release it first")
         self.mode = wanted if wanted in {"stop", "hold"} else None

@@ -11,9 +11,10 @@ for the same robot, or a recording of the first, is told apart.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
 
 from formation.wire import BadMessage
 
@@ -26,8 +27,11 @@ LEADER_LOST = 1.0
 REMEMBERED = 64
 """So many requests are known when they are put again."""
 
+LONGEST_REASON = 120
+"""[characters]"""
+
 Mode = Literal["hold", "run", "stop"]
-Do = Literal["hold", "run", "stop", "release"]
+Do = Literal["hold", "run", "stop", "release", "shape"]
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
 Voice = Annotated[str, StringConstraints(max_length=64, pattern=r"^[A-Za-z0-9_.-]*$")]
@@ -63,8 +67,16 @@ class OperatorRequest(_Json):
     """What an operator asks of one robot. ``release`` ends a stop or hold that the operator asked for."""
 
     do: Do
+    shape: Name | None = None
+    """Which one the team is to take; with ``shape``, and with nothing else."""
     id: Voice = ""
     """Of one order, however often it is put: a repetition takes no effect a second time. Empty: unknown."""
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if (self.do == "shape") != (self.shape is not None):
+            raise PydanticCustomError("shape", "a shape belongs to the order 'shape', and to no other")
+        return self
 
 
 class OperatorReply(_Json):
@@ -73,7 +85,7 @@ class OperatorReply(_Json):
     robot: Name
     ok: bool
     mode: Mode
-    reason: Annotated[str, StringConstraints(max_length=120)] = ""
+    reason: Annotated[str, StringConstraints(max_length=LONGEST_REASON)] = ""
 
 
 class Once:
@@ -106,8 +118,8 @@ def newer(a: Order, b: Order | None) -> bool:
 
 
 def encode(value: Order | Told | OperatorRequest | OperatorReply) -> bytes:
-    """JSON, UTF-8."""
-    return value.model_dump_json().encode()
+    """JSON, UTF-8; what there is nothing to say of is left out, so that older robots understand a stop."""
+    return value.model_dump_json(exclude_none=True).encode()
 
 
 def decode(cls: type[J], data: bytes) -> J:

@@ -116,7 +116,7 @@ EVENTS = Topic(
 )  # fmt: skip
 ORDER = Topic(
     "order", "{robot}/order", "", "operator", "agent or leader (queryable)", "on demand", None,
-    "hold, run, stop or release, acknowledged one by one (JSON)",
+    "hold, run, stop, release or another shape, acknowledged one by one (JSON)",
 )  # fmt: skip
 
 TABLE: tuple[Topic, ...] = (

@@ -12,7 +12,17 @@ from collections.abc import Sequence
 
 from formation import order
 from formation.mission import Mission
-from formation.order import LEADER_LOST, Do, Mode, Once, OperatorReply, OperatorRequest, Order, Told
+from formation.order import (
+    LEADER_LOST,
+    LONGEST_REASON,
+    Do,
+    Mode,
+    Once,
+    OperatorReply,
+    OperatorRequest,
+    Order,
+    Told,
+)
 from formation.rate import Rate
 from formation.ros2.messages import Diagnostics, Pose, Status, encode
 from formation.route import Route
@@ -36,14 +46,16 @@ class Leader:
         """Messages that were not used, by key."""
         self._voice = voice
         self._route = Route.of(mission)
-        self._shape, self._fingerprint = mission.first_shape, mission.fingerprint
+        self.shape = mission.first_shape
+        """The shape that the team is to take: the one that was asked for last."""
+        self._shapes, self._fingerprint = tuple(mission.shapes), mission.fingerprint
         self._rate = Rate(mission.robots[mission.leader].rate)
         self._status_rate = Rate(STATUS_RATE)
         self._told: Mode = "hold" if hold else "run"
         self._holding = False  # an operator asked for it
         self._stopped = False  # latched until released
         self._once = Once()
-        self._in_force: Mode = "hold"  # the mode since the last step
+        self._in_force: tuple[Mode, str] = "hold", self.shape  # mode and shape since the last step
         self._stepped: float | None = None  # when that was [s, monotonic]
         self._term = 0
         self._beat = 0
@@ -71,7 +83,7 @@ class Leader:
         return "hold" if self._holding else self._told
 
     def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
-        """Go on along the route; a position when one is due, and at once when the mode has changed."""
+        """Go on along the route; a position when one is due, and at once when the order has changed."""
         self.dropped.update(sample.key for sample in inbox)
         changed = self._go_on(now)
         outbox = []
@@ -93,10 +105,22 @@ class Leader:
             request = order.decode(OperatorRequest, data)
         except BadMessage as bad:
             self.dropped["order"] += 1
-            return self._reply(ok=False, reason=str(bad)[:120])
-        return self._once.answer(request, lambda: self._obey(request.do))
+            return self._reply(ok=False, reason=str(bad))
+        return self._once.answer(request, lambda: self._obey(request))
 
-    def _obey(self, wanted: Do) -> bytes:
+    def _obey(self, request: OperatorRequest) -> bytes:
+        if request.shape is not None:
+            return self._take(request.shape)
+        return self._change(request.do)
+
+    def _take(self, shape: str) -> bytes:
+        """Another shape changes nothing else: who stands goes on standing, and takes it when he goes on."""
+        if shape not in self._shapes:
+            return self._reply(ok=False, reason=f"shape {shape!r}: must be one of {', '.join(self._shapes)}")
+        self.shape = shape
+        return self._reply(ok=True, reason=f"in shape {shape}")
+
+    def _change(self, wanted: Do) -> bytes:
         if self._stopped and wanted == "run":
             return self._reply(ok=False, reason="stopped: release it first")
         reason = ""
@@ -115,23 +139,25 @@ class Leader:
         return self._reply(ok=True, reason=reason)
 
     def _go_on(self, now: Now) -> bool:
-        """Spend the time since the last step in the mode that was in force; whether the mode now changes."""
+        """Spend the time since the last step in the mode that was in force; whether the order now changes."""
         first = self._stepped is None
         if self._stepped is None:
             self._term = int(now.wall * 1e9)
-        elif self._in_force == "run":
+        elif self._in_force[0] == "run":
             self.route_time += min(now.mono - self._stepped, LEADER_LOST)
-        changed = self.mode != self._in_force and not first
-        self._stepped, self._in_force = now.mono, self.mode
+        wanted = self.mode, self.shape
+        changed = wanted != self._in_force and not first
+        self._stepped, self._in_force = now.mono, wanted
         return changed
 
     def _reply(self, *, ok: bool, reason: str) -> bytes:
-        return order.encode(OperatorReply(robot=self.robot, ok=ok, mode=self.mode, reason=reason))
+        said = reason[:LONGEST_REASON]
+        return order.encode(OperatorReply(robot=self.robot, ok=ok, mode=self.mode, reason=said))
 
     def _position(self, now: Now) -> Outgoing:
         where, heading = self._route.position(self.route_time), self._route.heading(self.route_time)
         self._beat += 1
-        what = Order(term=self._term, beat=self._beat, mode=self.mode, shape=self._shape)
+        what = Order(term=self._term, beat=self._beat, mode=self.mode, shape=self.shape)
         told = Told(voice=self._voice, count=self._beat, order=what)
         return Outgoing(POSITION.key(self.robot), encode(Pose(now.wall, where, heading)), order.encode(told))
 
@@ -141,7 +167,7 @@ class Leader:
         values = {
             "state": self.mode,
             "reason": reason,
-            "shape": self._shape,
+            "shape": self.shape,
             "mission": self._fingerprint,
             "beat": str(self._beat),
             "route_time": f"{self.route_time:.3f}",

@@ -15,10 +15,12 @@ def lead(leader: Leader, process: Process) -> None:
     """Declare, wait for whoever watches, then lead until told to stop."""
 
     def answer(request: bytes) -> bytes:
-        before = leader.mode
+        mode, shape = leader.mode, leader.shape
         reply = leader.request(request)
-        if leader.mode != before:
-            _log.info("the operator changed %s to %s", before, leader.mode)
+        if leader.mode != mode:
+            _log.info("the operator changed %s to %s", mode, leader.mode)
+        if leader.shape != shape:
+            _log.info("the operator changed the shape from %s to %s", shape, leader.shape)
         return reply
 
     process.declare(leader)

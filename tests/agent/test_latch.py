@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from agent.latch import Latch
-from formation.order import REMEMBERED, Do, OperatorReply, OperatorRequest, decode, encode
+from formation.order import REMEMBERED, Do, Mode, OperatorReply, OperatorRequest, decode, encode
 
 
 def ask(latch: Latch, do: Do, of: str = "") -> OperatorReply:
@@ -33,3 +33,13 @@ def test_requests_without_a_name_or_with_another_one_are_each_obeyed(of: str) ->
         ask(latch, "release", of)
         assert latch.mode is None
     assert len(latch._once._answers) <= REMEMBERED
+
+
+def test_a_shape_is_not_an_agents_to_change_and_releases_nothing() -> None:
+    latch = Latch("robot1")
+    modes: tuple[Mode, ...] = ("stop", "hold")
+    for do in modes:
+        latch.mode = do
+        reply = decode(OperatorReply, latch.ask(encode(OperatorRequest(do="shape", shape="line")), "run"))
+        assert (reply.ok, latch.mode, reply.mode) == (False, do, do)
+        assert "leader" in reply.reason

@@ -16,12 +16,13 @@ from tests.formation.mutations import mutated
 ORDER = Order(term=1_763_687_000_000_000_000, beat=17, mode="run", shape="hexagon")
 FIELDS = json.loads(encode(ORDER))
 counts = st.integers(0, 2**63 - 1)
+shapes = st.from_regex(r"[A-Za-z0-9_.-]{1,64}", fullmatch=True)
 orders = st.builds(
     Order,
     term=counts,
     beat=counts,
     mode=st.sampled_from(["hold", "run", "stop"]),
-    shape=st.from_regex(r"[A-Za-z0-9_.-]{1,64}", fullmatch=True),
+    shape=shapes,
 )
 
 
@@ -35,6 +36,23 @@ def test_an_order_comes_back_as_it_was_sent(order: Order) -> None:
 @pytest.mark.parametrize("do", ["hold", "run", "stop", "release"])
 def test_a_request_comes_back_as_it_was_sent(do: Any) -> None:
     assert decode(OperatorRequest, encode(OperatorRequest(do=do))).do == do
+
+
+@given(shapes)
+def test_a_shape_comes_back_as_it_was_asked_for(shape: str) -> None:
+    data = encode(OperatorRequest(do="shape", shape=shape, id="i" * 64))
+    assert len(data) <= MAX_BYTES
+    assert decode(OperatorRequest, data).shape == shape
+
+
+@pytest.mark.parametrize("data", [b'{"do":"shape"}', b'{"do":"stop","shape":"line"}'])
+def test_a_shape_belongs_to_the_order_of_that_name(data: bytes) -> None:
+    with pytest.raises(BadMessage, match="OperatorRequest: a shape belongs to the order 'shape'"):
+        decode(OperatorRequest, data)
+
+
+def test_a_stop_says_nothing_that_a_robot_did_not_know_before_there_were_shapes() -> None:
+    assert json.loads(encode(OperatorRequest(do="stop", id="a"))) == {"do": "stop", "id": "a"}
 
 
 def test_the_longest_reply_fits() -> None:
@@ -123,7 +141,7 @@ def test_an_order_beyond_the_size_limit_is_refused_unread() -> None:
 
 
 def test_a_request_for_something_else_names_what_is_legal() -> None:
-    with pytest.raises(BadMessage, match=r"do: Input should be 'hold', 'run', 'stop' or 'release'"):
+    with pytest.raises(BadMessage, match=r"do: Input should be 'hold', 'run', 'stop', 'release' or 'shape'"):
         decode(OperatorRequest, b'{"do": "fly"}')
 
 
@@ -132,6 +150,7 @@ def test_mutated_orders_are_read_strictly_or_refused(cls: Any) -> None:
     corpus = [
         encode(ORDER),
         encode(OperatorRequest(do="stop")),
+        encode(OperatorRequest(do="shape", shape="line")),
         encode(OperatorReply(robot="robot2", ok=True, mode="stop", reason="operator")),
     ]
     rng = random.Random(f"fuzz {cls.__name__}")

@@ -21,6 +21,8 @@ name = "curved"
 leader = "ann"
 [shapes.line]
 bob = [-1.0, 0.0]
+[shapes.near]
+bob = [-0.5, 0.0]
 [robots.ann]
 start = { x = 2.0, y = -1.0, heading_deg = 10 }
 rate = 25
@@ -210,9 +212,71 @@ def test_a_corrected_system_clock_moves_the_stamps_and_not_the_leader(mission: M
     assert said.pose.position == pytest.approx(route.position(1.0), abs=1e-9)
 
 
+def test_the_shape_that_was_asked_for_last_counts_whatever_the_mode_becomes(mission: Mission) -> None:
+    leader, at = Leader(mission), 0.0
+    assert {one.order.shape for one in drive(leader, at, 1.0)} == {"line"}
+    reply = ask(leader, b'{"do":"shape","shape":"near"}')
+    assert (reply.ok, reply.mode, reply.reason) == (True, "run", "in shape near")
+    for do in ("hold", "stop", "release", "release", "run"):
+        assert ask(leader, f'{{"do":"{do}"}}'.encode()).ok
+        at += 1.0
+        assert {one.order.shape for one in drive(leader, at, 1.0)} == {"near"}
+    ask(leader, b'{"do":"shape","shape":"line"}')
+    assert {one.order.shape for one in drive(leader, at + 1.0, 1.0)} == {"line"}
+
+
+@pytest.mark.parametrize("mode", ["hold", "stop"])
+def test_another_shape_sets_nobody_going(mission: Mission, mode: str) -> None:
+    leader = Leader(mission)
+    drive(leader, 0.0, 1.0)
+    ask(leader, f'{{"do":"{mode}"}}'.encode())
+    reply = ask(leader, b'{"do":"shape","shape":"near"}')
+    assert (reply.ok, reply.mode) == (True, mode)
+    assert {one.order.mode for one in drive(leader, 1.0, 1.0)} == {mode}
+
+
+def test_an_unknown_shape_changes_nothing_and_the_legal_ones_are_named(mission: Mission) -> None:
+    leader = Leader(mission)
+    reply = ask(leader, b'{"do":"shape","shape":"circle"}')
+    assert (reply.ok, reply.reason) == (False, "shape 'circle': must be one of line, near")
+    assert {one.order.shape for one in drive(leader, 0.0, 1.0)} == {"line"}
+
+
+def test_a_refusal_that_would_be_too_long_is_cut(mission: Mission) -> None:
+    many = {f"s{number}" + "x" * 60: mission.shapes["line"] for number in range(20)}
+    reply = ask(Leader(mission.model_copy(update={"shapes": many})), b'{"do":"shape","shape":"circle"}')
+    assert not reply.ok
+
+
+def test_a_shape_that_is_put_again_does_not_undo_the_one_that_came_meanwhile(mission: Mission) -> None:
+    leader = Leader(mission)
+    ask(leader, b'{"do":"shape","shape":"near","id":"a"}')
+    ask(leader, b'{"do":"shape","shape":"line","id":"b"}')
+    assert ask(leader, b'{"do":"shape","shape":"near","id":"a"}').ok
+    assert leader.shape == "line"
+
+
+def test_a_changed_shape_is_on_its_way_with_the_next_step(mission: Mission) -> None:
+    leader = Leader(mission)
+    leader.step(Now(0.0, EPOCH), [])
+    ask(leader, b'{"do":"shape","shape":"near"}')
+    (said,) = positions(0.002, leader.step(Now(0.002, EPOCH), []))
+    assert said.order.shape == "near"
+
+
 @pytest.mark.parametrize(
     "request_",
-    [b"", b"stop", b'{"do":"fly"}', b"{}", b'{"do":"run","now":1}', b"\xff\x00", b"[" * 900, b"x" * 5000],
+    [
+        b"",
+        b"stop",
+        b'{"do":"fly"}',
+        b"{}",
+        b'{"do":"run","now":1}',
+        b'{"do":"shape"}',
+        b"\xff\x00",
+        b"[" * 900,
+        b"x" * 5000,
+    ],
 )
 def test_a_malformed_request_changes_nothing_and_is_answered_with_the_reason(
     mission: Mission, request_: bytes
