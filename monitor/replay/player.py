@@ -1,0 +1,183 @@
+"""Where one is in a recording that is played, and which of its messages are due: a clock that can be set.
+
+A position is a time of the recording [s, its recorder's system clock]. It follows a monotonic clock that the
+caller reads, as fast as is asked; it stands while paused. Who seeks forward passes over what lies between,
+who seeks back begins anew: the figures that live on all messages so far then have to be built again. From the
+beginning, or where that is more than a stretch, from a stretch before the position. Positions never run ahead
+of the messages: a player that cannot keep up falls behind and says by how much, instead of skipping.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple, Protocol
+
+from monitor.recording.reader import Recorded
+
+SLOWEST, FASTEST = 0.1, 100.0
+"""Speeds [s of the recording per s]."""
+HURRY = 0.5
+"""So far behind the player tries to catch up [s, real]; what is more is time lost."""
+
+
+class Film(Protocol):
+    """What is played."""
+
+    @property
+    def start(self) -> float:
+        """Time of the first message [s]."""
+
+    @property
+    def end(self) -> float:
+        """Time of the last message [s]."""
+
+    def messages(self, since: float) -> Iterator[Recorded]:
+        """Every message from the first one at or after `since` [s] on, in the order of the file."""
+
+
+class Due(NamedTuple):
+    """One message whose time has come."""
+
+    message: Recorded
+    aloud: bool
+    """Whether it is played; else it is passed over on the way to the position that was sought."""
+
+
+class Batch(NamedTuple):
+    """What is to be done now."""
+
+    anew: bool
+    """Whether figures begin anew before these messages."""
+    due: list[Due]
+
+
+class Player:
+    """Plays one film. Times called `mono` are of the caller's monotonic clock [s], and never go back."""
+
+    def __init__(
+        self,
+        film: Film,
+        mono: float,
+        *,
+        speed: float = 1.0,
+        paused: bool = False,
+        stretch: float = 600.0,
+        until: float = math.inf,
+    ) -> None:
+        """At the beginning of `film`, which counts as ending at `until` [s] if it goes on for longer.
+
+        `stretch` [s] of it are at most passed over on the way to a position. Raises ValueError for a speed
+        that cannot be.
+        """
+        self.start = film.start
+        self.end = max(min(film.end, until), film.start)
+        self.position = film.start
+        """How far it has come [s]: what lies before has been given out."""
+        self.built_from = film.start
+        """Since when the figures count [s]: later than the start after a seek into a long recording."""
+        self.speed = _checked(speed)
+        self.paused = paused
+        self.behind = 0.0
+        """How far the position is behind the clock just now [s, real]."""
+        self.lost = 0.0
+        """How much longer playing has taken than was asked, for want of time [s, real]."""
+        self._film, self._stretch = film, stretch
+        self._anchor = mono, film.start
+        self._target: float | None = None
+        self._anew = False
+        self._messages = film.messages(film.start)
+        self._next = next(self._messages, None)
+
+    @property
+    def seeking(self) -> bool:
+        """Whether it is still on its way to a position that was asked for."""
+        return self._target is not None
+
+    @property
+    def goal(self) -> float:
+        """The position, or the one that it is on its way to [s]."""
+        return self.position if self._target is None else self._target
+
+    @property
+    def finished(self) -> bool:
+        """Whether all has been given out."""
+        over = self._next is None or self._next.wall > self.end
+        return over and self.position >= self.end and not self.seeking
+
+    def pause(self) -> None:
+        """Stand where it is."""
+        self.paused, self.behind = True, 0.0
+
+    def play(self, mono: float) -> None:
+        """Go on from where it stands; at the end, from the beginning."""
+        if self.finished:
+            self.seek(self.start)
+        self.paused = False
+        self._anchor = mono, self.position
+
+    def set_speed(self, mono: float, speed: float) -> None:
+        """Go on at another speed. Raises ValueError for one that cannot be."""
+        self.speed, self.behind = _checked(speed), 0.0
+        self._anchor = mono, self.position
+
+    def seek(self, to: float) -> None:
+        """Go to a position [s], or the end that is nearest to it. Pausing and speed stay as they are."""
+        target = min(max(to, self.start), self.end)
+        near = self.position <= target <= self.position + self._stretch
+        if self._anew or (self.seeking and target < self.goal) or not near:
+            self._begin_anew(target)
+        self._target, self.behind = target, 0.0
+
+    def take(self, mono: float, most: int) -> Batch:
+        """What is due at `mono`, in order: at most `most` messages; if so many, ask again."""
+        anew, self._anew = self._anew, False
+        due: list[Due] = []
+        if self._target is not None:
+            due = self._pass_over(mono, self._target, most)
+        if not self.seeking and not self.paused:
+            due += self._play(mono, most - len(due))
+        return Batch(anew, due)
+
+    def _pass_over(self, mono: float, target: float, most: int) -> list[Due]:
+        due: list[Due] = []
+        while self._next is not None and self._next.wall < target and len(due) < most:
+            due.append(Due(self._pop(), aloud=False))
+        if len(due) < most:
+            self._target, self.position, self._anchor = None, target, (mono, target)
+        return due
+
+    def _play(self, mono: float, most: int) -> list[Due]:
+        since, begin = self._anchor
+        clock = min(begin + (mono - since) * self.speed, self.end)
+        due: list[Due] = []
+        while self._next is not None and self._next.wall <= clock and len(due) < most:
+            due.append(Due(self._pop(), aloud=True))
+        reached = clock
+        if self._next is not None and self._next.wall <= clock:  # more than can be taken now
+            reached = due[-1].message.wall if due else self.position
+        self.position = max(self.position, reached)
+        self.behind = (clock - self.position) / self.speed
+        if self.behind > HURRY:
+            self.lost += self.behind
+            self.behind, self._anchor = 0.0, (mono, self.position)
+        return due
+
+    def _pop(self) -> Recorded:
+        message = self._next
+        assert message is not None  # noqa: S101 - for the type checker: whoever pops has looked
+        self._next = next(self._messages, None)
+        return message
+
+    def _begin_anew(self, target: float) -> None:
+        since = self.start if target - self.start <= self._stretch else target - self._stretch
+        self._anew, self.built_from = True, since
+        self.position = since
+        self._messages = self._film.messages(since)
+        self._next = next(self._messages, None)
+
+
+def _checked(speed: float) -> float:
+    if not SLOWEST <= speed <= FASTEST:
+        raise ValueError(f"speed {speed:g}: must be from {SLOWEST:g} to {FASTEST:g}")
+    return speed
