@@ -34,12 +34,15 @@ class Feed:
         """Messages heard, the rejected ones included."""
         self.accepted = -math.inf
         """When the newest arrived that was not rejected [s, monotonic]."""
+        self.rejected = -math.inf
+        """When the newest arrived that was [s, monotonic]."""
         self.missed = 0
         """Periods without a message in gaps between stamps up to LONGEST_GAP: lost on the way, or skipped."""
         self._nominal = rate
         self._longest_gap = max(LONGEST_GAP, 5.0 / rate) if rate else 0.0
         self._arrivals: deque[float] = deque(maxlen=WINDOW)
         self._offsets: deque[float] = deque(maxlen=WINDOW)
+        self._gaps: deque[int] = deque(maxlen=WINDOW)
         self._stamp = -math.inf
         self._clock = 0.0
 
@@ -56,7 +59,9 @@ class Feed:
         """
         gap, self._stamp = stamp - self._stamp, stamp
         if self._nominal and 0.0 < gap <= self._longest_gap:
-            self.missed += max(round(gap * self._nominal) - 1, 0)
+            missed = max(round(gap * self._nominal) - 1, 0)
+            self.missed += missed
+            self._gaps.append(missed)
         self._offsets.append(wall - stamp)
         if len(self._offsets) < WINDOW or self.count % 8 == 0:
             self._clock = sorted(self._offsets)[len(self._offsets) // 2]
@@ -74,6 +79,12 @@ class Feed:
     def clock_agrees(self) -> bool:
         """Whether the sender's clock can be believed."""
         return CLOCK_AGREES[0] <= self._clock <= CLOCK_AGREES[1]
+
+    @property
+    def loss(self) -> float | None:
+        """Share of the newest periods that were missed; None before the second stamp."""
+        missed = sum(self._gaps)
+        return missed / (missed + len(self._gaps)) if self._gaps else None
 
     def silence(self, mono: float) -> float:
         """Time since the last message that was not rejected [s]; infinite before the first."""

@@ -28,6 +28,8 @@ from monitor.figures.trajectory import Placed, Trajectory
 UNSEEN, SILENT = "unseen", "silent"
 FUTURE = 0.1
 """A sample placed further than this ahead of its arrival is refused: it would outrank all that follow [s]."""
+SECOND_VOICE = "second voice "
+"""What an agent's status says of a neighbour for whom two processes speak begins so."""
 Handler = Callable[[Sample, float], None]
 
 
@@ -86,7 +88,15 @@ class Heard:
             heading_error=self._heading_error(now),
             rate=self.place.feed.rate(now.mono),
             keys={one.key: _figures(self._feeds[one.key], now) for one in self._keys},
+            rejected_age=_finite(now.mono - max(feed.rejected for feed in self._feeds.values())),
         )
+
+    def contests(self, now: Now) -> Iterator[str]:
+        """For whom this robot hears a second voice, as its newest status says."""
+        if self._status is not None and self._status[0].fresh(now.mono):
+            for what in self._status[1].values:
+                if what.startswith(SECOND_VOICE):
+                    yield what.removeprefix(SECOND_VOICE)
 
     def _state(self, now: Now) -> tuple[str, str]:
         if self._status is None:
@@ -169,7 +179,7 @@ def _note(feed: Feed, stamp: float, wall: float) -> None:
 
 def _figures(feed: Feed, now: Now) -> KeyFigures:
     return KeyFigures(
-        feed.count, feed.rate(now.mono), _finite(feed.silence(now.mono)), feed.missed, feed.clock
+        feed.count, feed.rate(now.mono), _finite(feed.silence(now.mono)), feed.missed, feed.clock, feed.loss
     )
 
 

@@ -61,6 +61,7 @@ class Metrics:
                 self._take_order(order.decode(Told, sample.attachment).order)
         except BadMessage as bad:
             self.rejections.count(sample.key, str(bad))
+            feed.rejected = sample.arrived
             return
         feed.accepted = sample.arrived
 
@@ -98,6 +99,7 @@ class Metrics:
             edges=errors,
             missed=sum(robot.missed() for robot in self._robots.values()),
             rejected=self.rejections.by_reason,
+            contested=frozenset(name for robot in self._robots.values() for name in robot.contests(now)),
         )
 
     def placed(self, now: Now, *, truly: bool = False) -> tuple[float, Mapping[str, Placed]]:

@@ -29,6 +29,8 @@ class KeyFigures:
     """Periods without a message in gaps of up to a second: lost on the way, or skipped by the sender."""
     clock: float | None
     """Median of arrival less stamp [s]: the sender's clock against ours plus the network's delay."""
+    loss: float | None = None
+    """Share of the newest periods that were missed; None before the second stamp."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +58,8 @@ class RobotFigures:
     """Of its positions [Hz]."""
     keys: Mapping[str, KeyFigures]
     """By key."""
+    rejected_age: float | None = None
+    """Since a message on one of its keys was last rejected [s]; None before the first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,3 +89,5 @@ class Snapshot:
     """Sum over all keys."""
     rejected: Mapping[str, int]
     """Messages that are not what they should be, by ``key: reason``."""
+    contested: frozenset[str] = frozenset()
+    """Robots for whom a second voice speaks, as their neighbours' statuses say."""

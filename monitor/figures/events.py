@@ -1,0 +1,209 @@
+"""What happens to a formation, in words: snapshots in, events out, without a clock.
+
+An event is a change between two looks. What flaps (a robot at the edge of the radio, an error at the bound)
+or floods (rubbish) is told a few times as it happens and then now and then, with a count, so that the list
+of events stays one that can be read.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from formation.mission import Mission
+from formation.ros2.messages import LogEntry
+from formation.wire import Now
+from monitor.figures.feed import freshness_limit
+from monitor.figures.snapshot import RobotFigures, Snapshot
+from monitor.figures.turns import Pace, Turns
+
+INFO, WARNING, ERROR = 20, 30, 40
+FORMATION = "formation"
+"""Whom an event is about, on the wire, that is about no robot."""
+LONGEST = 500
+"""Letters of an event's text, at most."""
+LOST = 1.0
+"""A robot whose position has been silent for longer is lost [s]; one that speaks slowly has its own limit."""
+UNSETTLED = 1.0
+"""What had settled has no longer when the error has been over the bound, or unknown, for so long [s], …"""
+RESTLESS = 5.0
+"""… or has gone over it again and again for so long [s]."""
+REJECTED = 10.0
+"""Rejected messages of one kind are told once in so long [s], …"""
+KINDS = 8
+"""… and of so many kinds in as long."""
+STATES = {
+    "run": ("ran", INFO),
+    "hold": ("held", WARNING),
+    "stop": ("stopped", WARNING),
+    "waiting": ("waiting", INFO),
+}
+"""What an agent (or the leader) says of itself, and the event that this makes."""
+READONLY = "readonly: would "
+
+
+class Event(NamedTuple):
+    """Something that happened."""
+
+    at: float
+    """[s, our system clock]"""
+    level: int
+    """20 for your information, 30 a warning, 40 an error."""
+    robot: str
+    """Whom it is about; empty for the formation."""
+    kind: str
+    """One word, such as ``joined``."""
+    text: str
+
+
+def to_message(event: Event) -> LogEntry:
+    """The event as it is published and recorded."""
+    return LogEntry(event.at, event.level, event.robot or FORMATION, event.text[:LONGEST], event.kind)
+
+
+def from_message(entry: LogEntry) -> Event:
+    """The event that `to_message` made a message of."""
+    robot = "" if entry.name == FORMATION else entry.name
+    return Event(entry.stamp, entry.level, robot, entry.kind, entry.text)
+
+
+class Events:
+    """What changes from look to look. Look steadily, several times a second."""
+
+    def __init__(self, mission: Mission) -> None:
+        self._robots = [_Robot(name, mission.robots[name].rate) for name in mission.names]
+        self._order = Turns()
+        self._settled = _Settled(mission.settled)
+        self._rejected = _Rejected(mission)
+
+    def see(self, now: Now, snapshot: Snapshot) -> list[Event]:
+        """What has happened since the last look."""
+        told = list(self._ordered(now, snapshot))
+        for robot in self._robots:
+            told += robot.see(now, snapshot.robots[robot.name], robot.name in snapshot.contested)
+        told += self._settled.see(now, snapshot)
+        told += self._rejected.see(now, snapshot)
+        return told
+
+    def _ordered(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
+        if snapshot.mode is None:
+            return
+        before = self._order.see(f"{snapshot.mode}, shape {snapshot.shape}", now.mono)
+        if before is not None:
+            level = INFO if snapshot.mode == "run" else WARNING
+            text = f"the leader orders {self._order.state}{_more(before)}"
+            yield Event(now.wall, level, "", "order", text)
+
+
+class _Robot:
+    """One robot: is it there, what is it doing, and who speaks for it."""
+
+    def __init__(self, name: str, rate: float) -> None:
+        self.name = name
+        self._limit = max(LOST, freshness_limit(rate))
+        self._joined, self._gone_since = False, 0.0
+        self._presence, self._state, self._voices = Turns("lost"), Turns(), Turns("one voice")
+
+    def see(self, now: Now, robot: RobotFigures, contested: bool) -> Iterator[Event]:
+        yield from self._there(now, robot)
+        yield from self._doing(now, robot)
+        before = self._voices.see("a second voice" if contested else "one voice", now.mono)
+        if before is not None:
+            level = ERROR if contested else INFO
+            text = f"its neighbours hear {self._voices.state} speak for it{_more(before)}"
+            yield Event(now.wall, level, self.name, "contested", text)
+
+    def _there(self, now: Now, robot: RobotFigures) -> Iterator[Event]:
+        lost = robot.age is None or robot.age > self._limit
+        if lost and robot.age is not None and self._presence.state != "lost":
+            self._gone_since = now.mono - robot.age
+        away = now.mono - self._gone_since
+        before = self._presence.see("lost" if lost else "there", now.mono)
+        if before is None:
+            return
+        more = _more(before)
+        if lost:
+            said = f"; said last: {robot.state}" if robot.state in STATES else ""
+            yield Event(now.wall, ERROR, self.name, "lost", f"silent for {robot.age:.1f} s{said}{more}")
+        elif self._joined:
+            yield Event(now.wall, INFO, self.name, "back", f"after {away:.1f} s of silence{more}")
+        else:
+            yield Event(now.wall, INFO, self.name, "joined", f"its position is heard{more}")
+        self._joined = True
+
+    def _doing(self, now: Now, robot: RobotFigures) -> Iterator[Event]:
+        kind, level = STATES.get(robot.state.removeprefix(READONLY), ("", 0))
+        if not kind:  # silent, or not heard of: that is told by its position
+            return
+        before = self._state.see(robot.state, now.mono)
+        if before is not None:
+            watching = "read only: " if robot.state.startswith(READONLY) else ""
+            text = f"{watching}{robot.reason or robot.state}{_more(before)}"
+            yield Event(now.wall, level, self.name, kind, text)
+
+
+class _Settled:
+    """Whether the formation stands, with room for an error that touches the bound."""
+
+    def __init__(self, bound: float) -> None:
+        self._bound = bound
+        self._stands = False
+        self._over_since = self._restless_since = math.inf
+        self._turns = Turns("unsettled")
+
+    def see(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
+        self._over_since = _since(snapshot.settled_at is None, self._over_since, now.mono)
+        self._restless_since = _since(not snapshot.converged, self._restless_since, now.mono)
+        over, restless = now.mono - self._over_since, now.mono - self._restless_since
+        if snapshot.converged:
+            self._stands = True
+        elif over >= UNSETTLED or restless >= RESTLESS:
+            self._stands = False
+        before = self._turns.see("settled" if self._stands else "unsettled", now.mono)
+        if before is not None:
+            yield self._event(now, snapshot, _more(before))
+
+    def _event(self, now: Now, snapshot: Snapshot, more: str) -> Event:
+        bound = f"the bound of {self._bound * 1e3:.0f} mm"
+        error = snapshot.formation_error
+        if self._stands:
+            text = f"under {bound} since {snapshot.settled_at:.1f} s{more}"
+            return Event(now.wall, INFO, "", "settled", text)
+        is_now = "the error is not known" if error is None else f"error {error * 1e3:.0f} mm, {bound}"
+        return Event(now.wall, WARNING, "", "unsettled", f"{is_now}{more}")
+
+
+class _Rejected:
+    """Messages that were not what they should be: the first of a kind at once, then only how many."""
+
+    def __init__(self, mission: Mission) -> None:
+        self._names = frozenset(mission.names)
+        self._told: dict[str, int] = {}
+        self._next: dict[str, float] = {}
+        self._pace = Pace(KINDS, REJECTED / KINDS)
+
+    def see(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
+        due = [
+            what
+            for what, count in snapshot.rejected.items()
+            if count > self._told.get(what, 0) and now.mono >= self._next.get(what, now.mono)
+        ]
+        for what in sorted(due, key=lambda one: self._next.get(one, 0.0)):  # who waits longest comes first
+            if not self._pace.may(now.mono):
+                return
+            count = snapshot.rejected[what] - self._told.get(what, 0)
+            self._told[what], self._next[what] = snapshot.rejected[what], now.mono + REJECTED
+            robot = what.partition("/")[0]
+            text = f"{what} ({count} messages)" if count > 1 else what
+            yield Event(now.wall, WARNING, robot if robot in self._names else "", "rejected", text)
+
+
+def _since(is_so: bool, since: float, at: float) -> float:
+    """Since when it is so [s]; infinite while it is not."""
+    return min(since, at) if is_so else math.inf
+
+
+def _more(before: int) -> str:
+    """What was not told before, in words."""
+    return f" ({before} changes before were not told)" if before else ""

@@ -1,0 +1,273 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from formation.mission_file import parse, read
+from formation.ros2.messages import Diagnostics, LogEntry, Status, decode, encode
+from formation.topics import EVENTS, STATUS
+from formation.wire import Sample
+from monitor.core import Monitor
+from monitor.figures.events import KINDS, LOST, REJECTED, Event, from_message, to_message
+from tests.monitor.fleet import EPOCH, Fleet, command, now, said, status
+
+
+class Watcher:
+    """A monitor that is shown what a test has happen, fifty times a second."""
+
+    def __init__(self, fleet: Fleet) -> None:
+        self.fleet = fleet
+        self.monitor = Monitor(fleet.mission)
+        self.told: list[Event] = []
+        self.at = 10.0
+
+    def see(self, until: float, samples: list[Sample]) -> list[Event]:
+        """Pass the time until `until`; what is told meanwhile."""
+        samples = sorted(samples, key=lambda sample: sample.arrived)
+        before = len(self.told)
+        while self.at < until - 1e-9:
+            self.at += 0.02
+            due = [sample for sample in samples if sample.arrived <= self.at]
+            samples = samples[len(due) :]
+            for out in self.monitor.step(now(self.at), due):
+                if out.key == EVENTS.key():
+                    self.told.append(from_message(decode(LogEntry, out.payload)))
+        return self.told[before:]
+
+    def drive(self, until: float, *more: Sample, without: str = "") -> list[Event]:
+        """As `see`, with everybody's positions but those of the robot `without`."""
+        return self.see(until, [*self.fleet.positions(self.at, until, without=without), *more])
+
+
+def of(events: list[Event], kind: str) -> list[Event]:
+    return [event for event in events if event.kind == kind]
+
+
+def watcher(away: Callable[[str, float], complex] | None = None) -> Watcher:
+    return Watcher(Fleet() if away is None else Fleet(away=away))
+
+
+def test_everybody_joins_once() -> None:
+    one = watcher()
+    joined = of(one.drive(20.0), "joined")
+    assert [event.robot for event in joined] == list(one.fleet.mission.names)
+    assert {event.level for event in joined} == {20}
+    assert joined[0].at == pytest.approx(10.1 + EPOCH, abs=0.1)
+
+
+def test_a_robot_that_falls_silent_is_lost_within_a_little_more_than_a_second() -> None:
+    one = watcher()
+    one.drive(15.0, status("robot3", 14.9, "run", "in formation control"))
+    (lost,) = of(one.drive(18.0, without="robot3"), "lost")
+    last = max(time for time in one.fleet.times("robot3", 10.0, 15.0))
+    assert LOST < lost.at - EPOCH - last <= 1.2
+    assert (lost.robot, lost.level) == ("robot3", 40)
+    assert lost.text.startswith("silent for 1.")
+    assert "said last: run" in lost.text
+
+
+def test_a_robot_that_comes_back_says_for_how_long_it_was_gone() -> None:
+    one = watcher()
+    one.drive(15.0)
+    one.drive(20.0, without="robot3")
+    (back,) = of(one.drive(21.0), "back")
+    assert (back.robot, back.level) == ("robot3", 20)
+    assert back.text == "after 5.1 s of silence"
+    assert not of(one.told, "joined")[len(one.fleet.mission.names) :]
+
+
+def test_who_was_never_heard_is_not_lost() -> None:
+    events = watcher().drive(20.0, without="robot5")
+    assert not of(events, "lost")
+    assert "robot5" not in {event.robot for event in of(events, "joined")}
+
+
+def test_a_robot_that_speaks_seldom_is_not_lost_between_two_words() -> None:
+    text, name = read("six_robots")
+    one = Watcher(Fleet(parse(text.replace("rate = 20", "rate = 1", 1), name)))
+    assert not of(one.drive(30.0), "lost")
+    last = max(time for time in one.fleet.times("robot3", 10.0, 30.0))
+    (lost,) = of(one.drive(40.0, without="robot3"), "lost")
+    assert 3.0 < lost.at - EPOCH - last <= 4.2
+
+
+def test_what_robots_say_of_themselves_is_told_when_it_changes() -> None:
+    one = watcher()
+    said_by_robot2 = [
+        ("waiting", "no order from the leader yet"),
+        ("run", "in formation control"),
+        ("run", "in formation control"),
+        ("hold", "odometry silent for 0.20 s"),
+        ("hold", "odometry silent for 0.70 s"),
+        ("stop", "stopped by the operator"),
+        ("run", "in formation control"),
+    ]
+    samples = [status("robot2", 10.5 + i / 2, *words) for i, words in enumerate(said_by_robot2)]
+    events = [event for event in one.drive(15.0, *samples) if event.robot == "robot2"]
+    assert [(event.kind, event.level, event.text) for event in events if event.kind != "joined"] == [
+        ("waiting", 20, "no order from the leader yet"),
+        ("ran", 20, "in formation control"),
+        ("held", 30, "odometry silent for 0.20 s"),
+        ("stopped", 30, "stopped by the operator"),
+        ("ran", 20, "in formation control"),
+    ]
+
+
+def test_a_robot_that_only_watches_says_so() -> None:
+    (event,) = of(watcher().drive(12.0, status("robot2", 10.5, "readonly: would run", "fine")), "ran")
+    assert event.text == "read only: fine"
+
+
+def test_a_robot_whose_status_stops_is_not_told_to_do_anything() -> None:
+    one = watcher()
+    one.drive(12.0, status("robot2", 10.5, "run", "fine"))
+    assert not [event for event in one.drive(20.0) if event.robot == "robot2"]
+    assert not [event for event in one.drive(21.0, status("robot2", 20.2, "run", "fine")) if event.robot]
+
+
+def test_orders_of_the_leader_and_its_shapes_are_told_when_they_change() -> None:
+    one = watcher()
+    (first,) = of(one.drive(12.0), "order")
+    assert (first.robot, first.level, first.text) == ("", 20, "the leader orders run, shape hexagon")
+    one.fleet.mode = "stop"
+    (second,) = of(one.drive(14.0), "order")
+    assert (second.level, second.text) == (30, "the leader orders stop, shape hexagon")
+
+
+def test_a_formation_that_stands_settles_once_and_an_error_that_touches_the_bound_does_not_undo_it() -> None:
+    one = watcher(lambda robot, t: 0.06j if robot == "robot6" and t % 3.0 < 0.15 and t > 15.0 else 0j)
+    (settled,) = of(one.drive(30.0), "settled")
+    assert settled.at - EPOCH == pytest.approx(12.1, abs=0.2)
+    assert (settled.robot, settled.level, settled.text) == (
+        "",
+        20,
+        "under the bound of 50 mm since 0.0 s",
+    )
+    assert not of(one.told, "unsettled")
+
+
+def test_a_formation_that_is_driven_apart_is_unsettled_and_settles_again() -> None:
+    one = watcher(lambda robot, t: 0.3 if robot == "robot6" and 15.0 < t < 20.0 else 0)
+    events = [event for event in one.drive(25.0) if event.kind in {"settled", "unsettled"}]
+    assert [event.kind for event in events] == ["settled", "unsettled", "settled"]
+    unsettled = events[1]
+    assert unsettled.at - EPOCH == pytest.approx(16.1, abs=0.2)
+    assert unsettled.text == "error 600 mm, the bound of 50 mm"
+    assert unsettled.level == 30
+
+
+def test_an_error_that_crosses_the_bound_again_and_again_is_unsettled_and_not_told_each_time() -> None:
+    one = watcher(lambda robot, t: 0.06j if robot == "robot6" and t % 1.0 < 0.4 and t > 15.0 else 0j)
+    events = [event.kind for event in one.drive(60.0) if event.kind in {"settled", "unsettled"}]
+    assert events == ["settled", "unsettled"]
+
+
+def test_a_formation_of_which_a_robot_is_lost_has_not_settled() -> None:
+    one = watcher()
+    one.drive(15.0)
+    (unsettled,) = of(one.drive(20.0, without="robot4"), "unsettled")
+    assert unsettled.text == "the error is not known"
+
+
+def test_the_end_of_a_run_unsettles_nothing() -> None:
+    one = watcher()
+    one.drive(15.0)
+    assert not of(one.see(30.0, []), "unsettled")
+
+
+def test_rejected_messages_are_told_at_once_and_then_by_the_count() -> None:
+    one = watcher()
+    one.drive(12.0)
+    bad = [command("robot2", 12.0 + i / 20, 0.1, 0.1)._replace(payload=b"rubbish") for i in range(500)]
+    events = of(one.drive(43.0, *bad), "rejected")
+    assert [event.at - EPOCH for event in events] == pytest.approx([12.1, 22.1, 32.1, 42.1], abs=0.2)
+    assert {(event.robot, event.level) for event in events} == {("robot2", 30)}
+    assert events[0].text.startswith("robot2/cmd_vel: geometry_msgs/msg/Twist: no CDR header")
+    counts = [int(event.text.partition(" (")[2].split()[0]) for event in events if " (" in event.text]
+    assert sum(counts) + len(events) - len(counts) == len(bad)  # every one is in some event
+
+
+def test_rubbish_of_many_kinds_does_not_flood_the_list_and_none_is_forgotten() -> None:
+    one = watcher()
+    rubbish = [
+        command("robot2", 12.0 + i / 50, 0.1, 0.1)._replace(
+            key=f"{robot}/{topic}", payload=bytes([0, 1, 0, 0]) + b"\xff" * kind
+        )
+        for i in range(500)
+        for robot in one.fleet.mission.followers
+        for topic, kind in (("odom", 3), ("cmd_vel", 5), ("position", 7), ("odom", 90), ("status", 8))
+    ]
+    events = of(one.drive(22.0, *rubbish), "rejected")
+    assert KINDS <= len(events) <= 2 * KINDS + 1
+    later = of(one.drive(22.0 + 4 * REJECTED), "rejected")
+    assert len({event.text.partition(" (")[0] for event in events + later}) == len(
+        one.monitor.metrics.rejections.by_reason
+    )
+
+
+def test_a_robot_at_the_edge_of_the_radio_is_told_now_and_then_with_a_count_and_in_the_end_as_it_is() -> None:
+    one = watcher()
+    one.drive(12.0)
+    for _ in range(30):  # gone for 1.5 s and back for one
+        one.drive(one.at + 1.5, without="robot3")
+        one.drive(one.at + 1.0)
+    flaps = [event for event in one.told if event.robot == "robot3" and event.kind in {"lost", "back"}]
+    assert 8 <= len(flaps) <= 6 + 75 / 10.0 + 1
+    assert any("changes before were not told" in event.text for event in flaps)
+    one.drive(one.at + 15.0, without="robot3")
+    assert [event for event in one.told if event.robot == "robot3"][-1].kind == "lost"
+
+
+def second_voice(robot: str, of_robot: str, at: float) -> Sample:
+    values = {"state": "run", "reason": "fine", f"second voice {of_robot}": "two agents speak for it"}
+    what = Status(f"{robot}: agent", 1, "run", robot, values)
+    return said(STATUS.key(robot), Diagnostics(at + EPOCH, (what,)), at)
+
+
+def test_a_second_voice_is_an_error_about_the_robot_that_it_speaks_for() -> None:
+    one = watcher()
+    doubled = [second_voice("robot4", "robot2", 12.0 + i / 2) for i in range(8)]
+    (event,) = of(one.drive(15.0, *doubled), "contested")
+    assert (event.robot, event.level) == ("robot2", 40)
+    assert event.text == "its neighbours hear a second voice speak for it"
+    (after,) = of(one.drive(19.0, status("robot4", 16.0, "run", "fine")), "contested")
+    assert (after.level, after.text) == (20, "its neighbours hear one voice speak for it")
+
+
+def test_what_others_note_joins_the_events_in_order_and_is_published_too() -> None:
+    one = watcher()
+    one.drive(12.0)
+    noted = Event(12.0 + EPOCH, 20, "", "operator", "stop: all 6 robots")
+    one.monitor.note(noted)
+    assert of(one.drive(12.1), "operator") == [noted]
+    assert [number for number, _ in one.monitor.events] == list(range(1, len(one.told) + 1))
+    assert [event[1:] for _, event in one.monitor.events] == [event[1:] for event in one.told]
+
+
+def test_an_event_reads_the_same_on_the_wire_whatever_is_in_its_text() -> None:
+    event = Event(1000.0, 30, "robot2", "rejected", "robot2/odom: \x1b[2J\udcff" + "long " * 1000)
+    back = from_message(decode(LogEntry, encode(to_message(event))))
+    assert back == event._replace(text=back.text)
+    assert back.text.startswith("robot2/odom:  [2J long")
+    assert len(back.text) == 500
+    assert from_message(to_message(event._replace(robot=""))).robot == ""
+
+
+def test_the_newest_thousand_are_kept() -> None:
+    one = watcher()
+    for i in range(1200):
+        one.monitor.note(Event(1010.0, 20, "", "operator", str(i)))
+    one.drive(10.1)
+    assert len(one.monitor.events) == 1000
+    assert one.monitor.events[-1].number >= 1200
+
+
+def test_a_look_at_a_snapshot_is_there_for_whoever_shows_it() -> None:
+    one = watcher()
+    one.drive(10.02)
+    first = one.monitor.snapshot
+    one.drive(12.0)
+    assert first is not one.monitor.snapshot
+    assert one.monitor.snapshot is not None
+    assert one.monitor.snapshot.mode == "run"
