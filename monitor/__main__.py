@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from datetime import datetime
+from importlib.metadata import version
 from pathlib import Path
 from typing import get_args
 
@@ -19,13 +21,18 @@ from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError
 from formation.transport.flags import bus_config, parser
 from formation.transport.mailbox import Mailbox
-from formation.transport.process import BadInput, Stop, run_process, say
+from formation.transport.process import BadInput, Stop, clocks, run_process, say
 from formation.transport.robot_bus import RobotBus
 from formation.transport.robot_buses import RobotBuses
 from monitor.core import Monitor
 from monitor.figures.keys import OWN, watched
 from monitor.figures.stage import given, usual
 from monitor.loop import CAPACITY, NAME, Watch
+from monitor.page import frames
+from monitor.page.opening import add_page_flags, opened
+from monitor.page.server import PageServer
+from monitor.page.showing import Showing
+from monitor.page.source import Source
 from monitor.recording.recorder import Recorder
 
 EXAMPLES = """\
@@ -36,6 +43,7 @@ EXAMPLES = """\
 """
 NODE = "formation_monitor"
 """What ROS calls it."""
+_log = logging.getLogger(__name__)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -54,6 +62,7 @@ def _watch(args: argparse.Namespace, stop: Stop) -> None:
     path = args.record or Path("recordings") / f"{mission.name}-{when:%Y%m%d-%H%M%S}.mcap"
     mailbox = Mailbox(CAPACITY)
     with ExitStack() as stack:
+        page = _page(args, mission, stack)
         bus = stack.enter_context(Bus(config, mailbox))
         recorder = None
         if not args.no_record:
@@ -66,11 +75,30 @@ def _watch(args: argparse.Namespace, stop: Stop) -> None:
         ros = None
         if args.ros:
             ros = stack.enter_context(RobotBus((args.ros,), ros_naming, mailbox, node=NODE))
-        one = Watch(Monitor(mission, stage), bus, recorder, truth, ros)
+        monitor = Monitor(mission, stage)
+        showing = None
+        if page is not None:
+            page.source.tell(recording=str(recorder.path) if recorder else None)
+            showing = Showing(mission, monitor, page.source)
+        one = Watch(monitor, bus, recorder, truth, ros, showing)
         one.declare()
-        say("ready", process=NAME)
+        say("ready", process=NAME, page=None if page is None else page.address)
         one.run(stop, snapshots=args.snapshots)
     say("summary", **one.summary())
+
+
+def _page(args: argparse.Namespace, mission: Mission, stack: ExitStack) -> PageServer | None:
+    """The page, served until the monitor ends. Raises BadInput."""
+    if args.no_page:
+        return None
+    about = frames.hello(mission, live=True, control=False, version=version("formation"))
+    try:
+        server = opened(args.page, Source(about, lambda: clocks().wall))
+    except OSError as error:
+        raise BadInput(f"--page {args.page}: {error.strerror}") from None
+    stack.enter_context(server)
+    _log.info("page: %s", server.address)
+    return server
 
 
 def _stage(args: argparse.Namespace, mission: Mission) -> dict[str, str]:
@@ -122,6 +150,7 @@ def _flags() -> argparse.ArgumentParser:
     flags.add_argument(
         "--snapshots", action="store_true", help="write JSON lines to stdout instead of lines for people"
     )
+    add_page_flags(flags)
     truth = flags.add_argument_group(
         "simulated robots (for ground truth; where there are none, none is known)"
     )

@@ -20,6 +20,7 @@ from formation.transport.robot_buses import RobotBuses
 from formation.wire import Now, Sample
 from monitor.core import Monitor
 from monitor.figures.words import as_json, line
+from monitor.page.showing import Showing
 from monitor.recording.recorder import Recorder
 
 NAME = "monitor"
@@ -44,10 +45,11 @@ class Watch:
         recorder: Recorder | None,
         stage: RobotBuses,
         ros: RobotBus | None = None,
+        page: Showing | None = None,
     ) -> None:
         """`stage` leads to simulated robots, `ros` to where ROS 2 wants the figures."""
         self._monitor, self._bus, self._recorder = monitor, bus, recorder
-        self._stage, self._ros = stage, ros
+        self._stage, self._ros, self._page = stage, ros, page
         self._linger = Linger()
 
     def declare(self) -> None:
@@ -70,6 +72,8 @@ class Watch:
         while not stop:
             now = clocks()
             self._pump(now)
+            if self._page is not None:
+                self._page.step(now, self._recorder)
             self._linger.tend(now.mono)
             if tell.tick(now.mono):
                 self._tell(now, snapshots=snapshots)

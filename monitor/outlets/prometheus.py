@@ -1,0 +1,149 @@
+"""The figures as Prometheus reads them: units in the names, who and what in the labels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, get_args
+
+from prometheus_client import CollectorRegistry
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+from prometheus_client.exposition import choose_encoder
+from prometheus_client.metrics_core import Metric
+from prometheus_client.registry import Collector
+
+from formation.order import Mode
+from monitor.figures.snapshot import KeyFigures, RobotFigures, Snapshot
+
+ROBOT: tuple[tuple[str, str, Callable[[RobotFigures], float | None]], ...] = (
+    ("error_meters", "Sum over the robot's edges of the formation error", lambda one: one.error),
+    ("speed_meters_per_second", "Commanded forward speed", lambda one: one.speed),
+    ("turn_rate_radians_per_second", "Commanded turn rate", lambda one: one.turn_rate),
+    ("speed_limit_ratio", "Commanded forward speed as a share of its limit", lambda one: one.speed_share),
+    ("turn_rate_limit_ratio", "Commanded turn rate as a share of its limit", lambda one: one.turn_share),
+    ("heading_error_radians", "Estimated less true heading", lambda one: one.heading_error),
+    ("position_age_seconds", "Since its last position arrived", lambda one: one.age),
+)
+"""Gauges of one robot: name after ``formation_robot_``, help, and where it stands."""
+KEY: tuple[tuple[str, str, Callable[[KeyFigures], float | None]], ...] = (
+    ("rate_hertz", "Messages per second of the newest few", lambda one: one.rate),
+    ("age_seconds", "Since the last message arrived", lambda one: one.age),
+    (
+        "clock_offset_seconds",
+        "Median of arrival less stamp: clocks, and the network's delay",
+        lambda one: one.clock,
+    ),
+)
+"""Gauges of one key."""
+
+
+def exposition(snapshot: Snapshot, recording: Mapping[str, Any] | None, accept: str) -> tuple[bytes, str]:
+    """The figures in the format that `accept` asks for, and what that is called.
+
+    `recording` is a frame's: path, bytes, seconds and failure, or None where nothing is recorded.
+    """
+    registry = CollectorRegistry()
+    registry.register(Figures(snapshot, recording))
+    encode, content_type = choose_encoder(accept)
+    return encode(registry), content_type
+
+
+class Figures(Collector):
+    """One snapshot. What is not known now is left out."""
+
+    def __init__(self, snapshot: Snapshot, recording: Mapping[str, Any] | None) -> None:
+        self._snapshot, self._recording = snapshot, recording
+
+    def collect(self) -> Iterator[Metric]:
+        """Every metric."""
+        yield from self._formation()
+        yield from self._edges()
+        yield from self._robots()
+        yield from self._keys()
+        if self._recording is not None:
+            yield from _recording(self._recording)
+
+    def _formation(self) -> Iterator[Metric]:
+        seen = self._snapshot
+        yield _gauge("formation_error_meters", "Sum over all edges", seen.formation_error)
+        yield _gauge("formation_error_true_meters", "The same from ground truth", seen.formation_error_true)
+        yield _gauge("formation_elapsed_seconds", "Since the error was first known", seen.elapsed)
+        yield _gauge(
+            "formation_settled_seconds", "When the error fell under the bound for good", seen.settled_at
+        )
+        yield _gauge("formation_converged", "1 if it has stayed there", float(seen.converged))
+        mode = GaugeMetricFamily("formation_mode", "1 for what the leader orders", labels=["mode"])
+        for one in get_args(Mode):
+            mode.add_metric([one], float(one == seen.mode))
+        yield mode
+        shape = GaugeMetricFamily("formation_shape", "1 for the shape in force", labels=["shape"])
+        shape.add_metric([seen.shape], 1.0)
+        yield shape
+        rejected = CounterMetricFamily(
+            "formation_messages_rejected",
+            "Messages that are not what they should be",
+            labels=["key", "reason"],
+        )
+        for what, count in seen.rejected.items():
+            key, _, reason = what.partition(": ")
+            rejected.add_metric([key, reason], count)
+        yield rejected
+
+    def _edges(self) -> Iterator[Metric]:
+        family = GaugeMetricFamily(
+            "formation_edge_error_meters", "Measured less desired displacement", labels=["robot", "edge"]
+        )
+        for (robot, neighbour), error in self._snapshot.edges.items():
+            if error is not None:
+                family.add_metric([robot, f"{robot}-{neighbour}"], error)
+        yield family
+
+    def _robots(self) -> Iterator[Metric]:
+        for name, what, of in ROBOT:
+            family = GaugeMetricFamily(f"formation_robot_{name}", what, labels=["robot"])
+            for robot, figures in self._snapshot.robots.items():
+                if (value := of(figures)) is not None:
+                    family.add_metric([robot], value)
+            yield family
+        state = GaugeMetricFamily(
+            "formation_robot_state", "1 for what it says of itself", labels=["robot", "state"]
+        )
+        for robot, figures in self._snapshot.robots.items():
+            state.add_metric([robot, figures.state], 1.0)
+        yield state
+
+    def _keys(self) -> Iterator[Metric]:
+        keys = [
+            (robot, key, figures)
+            for robot, one in self._snapshot.robots.items()
+            for key, figures in one.keys.items()
+            if figures.count
+        ]
+        received = CounterMetricFamily("formation_messages_received", "Heard", labels=["robot", "key"])
+        missed = CounterMetricFamily(
+            "formation_messages_missed",
+            "Periods without a message: lost, or skipped",
+            labels=["robot", "key"],
+        )
+        for robot, key, figures in keys:
+            received.add_metric([robot, key], figures.count)
+            missed.add_metric([robot, key], figures.missed)
+        yield from (received, missed)
+        for name, what, of in KEY:
+            family = GaugeMetricFamily(f"formation_key_{name}", what, labels=["robot", "key"])
+            for robot, key, figures in keys:
+                if (value := of(figures)) is not None:
+                    family.add_metric([robot, key], value)
+            yield family
+
+
+def _recording(recording: Mapping[str, Any]) -> Iterator[Metric]:
+    yield _gauge("formation_recording_bytes", "Size of the recording", recording.get("bytes"))
+    yield _gauge("formation_recording_seconds", "Length of the recording", recording.get("seconds"))
+    yield _gauge("formation_recording_failed", "1 if it is not", float(recording.get("failure") is not None))
+
+
+def _gauge(name: str, what: str, value: float | None) -> Metric:
+    family = GaugeMetricFamily(name, what)
+    if value is not None:
+        family.add_metric([], value)
+    return family

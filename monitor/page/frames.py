@@ -1,0 +1,156 @@
+"""What the page is sent: the mission once, and then the formation of one moment after another. Pure.
+
+A frame is rows of numbers without names, as it goes out ten times a second to everybody who looks; `FIELDS`
+says what stands where. Lengths [m], angles [rad], times [s, our system clock]. None is always: not known now.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from formation.mission import Mission
+from formation.topics import POSITION
+from formation.wire import Now
+from monitor.figures.events import Event
+from monitor.figures.health import Health, health
+from monitor.figures.metrics import Metrics
+from monitor.figures.snapshot import RobotFigures, Snapshot
+from monitor.figures.trajectory import Placed
+
+FIELDS = (
+    "x", "y", "heading", "point_x", "point_y", "slot_x", "slot_y", "error", "speed", "turn_rate",
+    "speed_share", "turn_rate_share", "age", "rate", "loss", "health", "state", "reason",
+    "true_x", "true_y", "heading_error", "health_why",
+)  # fmt: skip
+"""Columns of a robot's row: its centre, its control point, where that should be, and figures."""
+MILLI, TENTH_MILLI = 3, 4
+"""Digits behind the point that a page can show; a formation error is the only one that gets so small."""
+
+
+def hello(mission: Mission, *, live: bool, control: bool, version: str) -> dict[str, Any]:
+    """What does not change while the page is open. `control`: orders are taken from who has the token."""
+    index = {name: i for i, name in enumerate(mission.names)}
+    return {
+        "live": live,
+        "mission": mission.name,
+        "law": mission.law.kind,
+        "settled": mission.settled,
+        "control": control,
+        "version": version,
+        "robots": [_spec(mission, name) for name in mission.names],
+        "edges": [
+            [index[name], index[other]] for name in mission.names for other in mission.robots[name].neighbours
+        ],
+        "shapes": {
+            shape: [_xy(mission.slot(name, shape)) for name in mission.names] for shape in mission.shapes
+        },
+        "fields": list(FIELDS),
+    }
+
+
+def event(number: int, one: Event) -> dict[str, Any]:
+    """One thing that happened; `number` is the next after the one before."""
+    return {"n": number, **one._asdict(), "at": round(one.at, MILLI)}
+
+
+def frame(
+    mission: Mission,
+    metrics: Metrics,
+    now: Now,
+    *,
+    snapshot: Snapshot | None = None,
+    recording: Mapping[str, Any] | None = None,
+    replay: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """The formation at `now`; `snapshot` is the one of that moment, if it has been made already.
+
+    `recording` has path, bytes, seconds and failure; `replay` has t, start, end, speed and paused.
+    """
+    seen = snapshot or metrics.snapshot(now)
+    placed, truly = metrics.placed(now)[1], metrics.placed(now, truly=True)[1]
+    leader = placed.get(mission.leader)
+    rows = []
+    for name in mission.names:
+        slot = None if leader is None else leader.point + mission.slot(name, seen.shape)
+        well = health(name, seen.robots[name], mission.robots[name], contested=name in seen.contested)
+        rows.append(_row(mission, name, seen.robots[name], placed.get(name), truly.get(name), slot, well))
+    return {
+        "t": round(now.wall, MILLI),
+        "elapsed": _round(seen.elapsed),
+        "error": _round(seen.formation_error, TENTH_MILLI),
+        "true": _round(seen.formation_error_true, TENTH_MILLI),
+        "settled_at": _round(seen.settled_at),
+        "converged": seen.converged,
+        "mode": seen.mode,
+        "shape": seen.shape,
+        "missed": seen.missed,
+        "rejected": sum(seen.rejected.values()),
+        "recording": recording,
+        "r": rows,
+        "e": [_round(error, TENTH_MILLI) for error in seen.edges.values()],
+        **({} if replay is None else {"replay": replay}),
+    }
+
+
+def _spec(mission: Mission, name: str) -> dict[str, Any]:
+    robot = mission.robots[name]
+    return {
+        "name": name,
+        "leader": name == mission.leader,
+        "max_speed": robot.max_speed,
+        "max_turn_rate": robot.max_turn_rate,
+        "offset": _offset(mission, name),
+        "rate": robot.rate,
+    }
+
+
+def _row(
+    mission: Mission,
+    name: str,
+    robot: RobotFigures,
+    place: Placed | None,
+    truth: Placed | None,
+    slot: complex | None,
+    well: Health,
+) -> list[Any]:
+    offset = _offset(mission, name)
+    return [
+        *_xy(_centre(place, offset)),
+        None if place is None else _round(cmath.phase(place.heading)),
+        *_xy(None if place is None else place.point),
+        *_xy(slot),
+        _round(robot.error, TENTH_MILLI),
+        _round(robot.speed),
+        _round(robot.turn_rate),
+        _round(robot.speed_share),
+        _round(robot.turn_share),
+        _round(robot.age),
+        _round(robot.rate, 1),
+        _round(robot.keys[POSITION.key(name)].loss),
+        _round(well.share, 2),
+        robot.state,
+        robot.reason,
+        *_xy(_centre(truth, offset)),
+        _round(robot.heading_error),
+        well.why,
+    ]
+
+
+def _offset(mission: Mission, name: str) -> float:
+    """From the centre to the control point [m]; the leader is all control point."""
+    return 0.0 if name == mission.leader else mission.robots[name].control_point_offset
+
+
+def _centre(place: Placed | None, offset: float) -> complex | None:
+    return None if place is None else place.point - offset * place.heading
+
+
+def _xy(point: complex | None) -> list[float | None]:
+    return [None, None] if point is None else [_round(point.real), _round(point.imag)]
+
+
+def _round(value: float | None, digits: int = MILLI) -> float | None:
+    return None if value is None or not math.isfinite(value) else round(value, digits)

@@ -1,0 +1,205 @@
+"""What can be asked of the page's server, and how it is answered."""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import json
+from collections.abc import Collection, Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
+
+from monitor.figures.words import as_json
+from monitor.outlets.prometheus import exposition
+from monitor.page.guard import Message
+from monitor.page.source import Look, Source
+from monitor.page.stream import Streams
+
+if TYPE_CHECKING:
+    from monitor.page.server import Control, Replay
+
+ORDERS = ("stop", "hold", "run", "release", "shape")
+STEERING = ("pause", "play", "seek", "speed")
+LONGEST_BODY = 4096
+"""[bytes]"""
+LONGEST_CLICK = 64
+LARGEST = 1e12
+"""Of a number in a body."""
+READING = 5.0
+"""How long a body may take [s]."""
+AT_ONCE = 8
+"""Orders that may be under way; a stop must not stand in a queue behind them."""
+SITE = Path(str(files("monitor.page").joinpath("site")))
+NO_STORE = {"cache-control": "no-store"}
+
+
+def application(
+    source: Source, streams: Streams, control: Control | None, replay: Replay | None
+) -> Starlette:
+    """Everything that is served, without the gate before it."""
+    answers = Answers(streams)
+    routes: list[Route | Mount] = [
+        Route("/stream", streams, methods=["GET"]),
+        Route("/healthz", answers.health),
+        Route("/metrics", answers.metrics),
+        Route("/api/snapshot", answers.snapshot),
+    ]
+    if control is not None:
+        routes.append(Route("/api/order", Orders(source, control).order, methods=["POST"]))
+    if replay is not None:
+        routes.append(Route("/api/replay", Steering(replay).steer, methods=["POST"]))
+    routes.append(Mount("/", Site(directory=SITE, html=True, check_dir=False)))
+    return Starlette(routes=routes, exception_handlers={HTTPException: _say_why})
+
+
+class Answers:
+    """Figures of one moment, made when they are asked for."""
+
+    def __init__(self, streams: Streams) -> None:
+        self._streams = streams
+
+    async def health(self, _request: Request) -> Response:
+        """Whether anybody is there."""
+        return PlainTextResponse("ok\n", headers=NO_STORE)
+
+    async def metrics(self, request: Request) -> Response:
+        """For Prometheus."""
+        look = await self._look()
+        body, content_type = exposition(
+            look.snapshot, look.frame["recording"], request.headers.get("accept", "")
+        )
+        return Response(body, headers={**NO_STORE, "content-type": content_type})
+
+    async def snapshot(self, _request: Request) -> Response:
+        """For programs."""
+        look = await self._look()
+        return JSONResponse(as_json(look.snapshot), headers=NO_STORE)
+
+    async def _look(self) -> Look:
+        look = await self._streams.fresh()
+        if look is None:
+            raise HTTPException(503, "there are no figures just now")
+        return look
+
+
+class Orders:
+    """The operator's orders, from who has the token."""
+
+    def __init__(self, source: Source, control: Control) -> None:
+        self._source, self._control = source, control
+        self._under_way = 0
+
+    async def order(self, request: Request) -> Response:
+        """Give one and answer with what the robots answered."""
+        given = request.headers.get("authorization", "").removeprefix("Bearer ")
+        if not hmac.compare_digest(given.encode(), self._control.token.encode()):
+            raise HTTPException(401, "this needs the token of the page", {"www-authenticate": "Bearer"})
+        body = await _body(request)
+        do, shape = _one_of(body, "do", ORDERS), None
+        if do == "shape":
+            shape = _one_of(body, "shape", self._source.shapes)
+        if self._under_way >= AT_ONCE:
+            raise HTTPException(429, "too many orders at once", {"retry-after": "1"})
+        self._under_way += 1
+        try:
+            report = await asyncio.to_thread(
+                self._control.order, do, shape, click=_click(body), behind=_number(body, "behind")
+            )
+        except ValueError as error:
+            raise HTTPException(409, str(error)) from None
+        finally:
+            self._under_way -= 1
+        return JSONResponse(report, headers=NO_STORE)
+
+
+class Steering:
+    """Pause, play, seek and speed of a replay. It moves no robot, so it needs no token."""
+
+    def __init__(self, replay: Replay) -> None:
+        self._replay = replay
+
+    async def steer(self, request: Request) -> Response:
+        """Do it and answer with how the replay stands."""
+        body = await _body(request)
+        do, to = _one_of(body, "do", STEERING), _number(body, "to")
+        if to is None and do in {"seek", "speed"}:
+            raise HTTPException(400, f"to: {do} needs a number: a time [s], or how many times as fast")
+        try:
+            state = await asyncio.to_thread(self._replay.steer, do, to)
+        except ValueError as error:
+            raise HTTPException(400, str(error)) from None
+        return JSONResponse(state, headers=NO_STORE)
+
+
+class Site(StaticFiles):
+    """The page's own files; a browser asks each time whether they have changed."""
+
+    async def get_response(self, path: str, scope: Message) -> Response:
+        """One file."""
+        response = await super().get_response(path, scope)
+        response.headers["cache-control"] = "no-cache"
+        return response
+
+
+async def _body(request: Request) -> dict[str, Any]:
+    """A request's JSON object."""
+    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if kind != "application/json":  # what a form of a foreign page cannot send
+        raise HTTPException(415, "the body must be application/json")
+    data = bytearray()
+    try:
+        async with asyncio.timeout(READING):
+            async for piece in request.stream():
+                data += piece
+                if len(data) > LONGEST_BODY:
+                    raise HTTPException(413, f"the body must be at most {LONGEST_BODY} bytes")
+    except TimeoutError:
+        raise HTTPException(408, "the body did not come") from None
+    except ClientDisconnect:
+        raise HTTPException(400, "the body was cut off") from None
+    try:
+        body = json.loads(data)
+    except (ValueError, RecursionError):
+        body = None
+    if not isinstance(body, dict):
+        raise HTTPException(400, "the body must be a JSON object")
+    return body
+
+
+def _one_of(body: Mapping[str, Any], key: str, legal: Collection[str]) -> str:
+    value = body.get(key)
+    if not isinstance(value, str) or value not in legal:
+        raise HTTPException(400, f"{key}: must be one of {', '.join(legal)}")
+    return value
+
+
+def _number(body: Mapping[str, Any], key: str) -> float | None:
+    value = body.get(key)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= LARGEST:
+        raise HTTPException(400, f"{key}: must be a number")
+    return float(value)
+
+
+def _click(body: Mapping[str, Any]) -> str:
+    value = body.get("click", "")
+    if not isinstance(value, str) or len(value) > LONGEST_CLICK:
+        raise HTTPException(400, f"click: must be text of at most {LONGEST_CLICK} letters")
+    return value
+
+
+async def _say_why(_request: Request, error: Exception) -> Response:
+    if not isinstance(error, HTTPException):  # as starlette would have it typed
+        raise error
+    return JSONResponse(
+        {"error": error.detail}, error.status_code, headers={**NO_STORE, **(error.headers or {})}
+    )
