@@ -44,7 +44,13 @@ COMMANDS = {
     "deploy": Command("deploy.field.cli", FIELD, "bring a mission onto robots: certificates, bundles, push"),
     "doctor": Command("deploy.doctor.cli", FIELD, "what is wrong with a robot or a team, and what to do"),
 }
-EXTRAS = {"rich": "monitor", "mcap": "monitor", "matplotlib": "plot", "cryptography": "field"}
+EXTRAS = {
+    "rich": "monitor",
+    "mcap": "monitor",
+    "matplotlib": "plot",
+    "cryptography": "field",
+    "foxglove": "foxglove",
+}
 """The extra that brings a package which a robot does without."""
 
 EXAMPLES = """\

@@ -28,6 +28,7 @@ from monitor.core import Monitor
 from monitor.figures.keys import OWN, watched
 from monitor.figures.stage import given, usual
 from monitor.loop import CAPACITY, NAME, Watch
+from monitor.outlets.opening import OutletError, add_foxglove_flags, served, write_layout
 from monitor.page import frames
 from monitor.page.opening import add_page_flags, opened
 from monitor.page.server import PageServer
@@ -39,6 +40,7 @@ EXAMPLES = """\
   formation monitor six_robots
   formation monitor field.toml --record monday.mcap
   formation monitor field.toml --no-record -e tcp/192.168.1.11:7460 -e tcp/192.168.1.12:7460
+  formation monitor six_robots --foxglove
   formation monitor field.toml --ros tcp/127.0.0.1:7447 --ros-names rmw_zenoh
 """
 NODE = "formation_monitor"
@@ -49,12 +51,22 @@ _log = logging.getLogger(__name__)
 def main(argv: Sequence[str] | None = None) -> int:
     """Watch until told to stop; the exit code."""
     args = _flags().parse_args(argv)
-    return run_process(NAME, args, lambda stop: _watch(args, stop))
+    return run_process(NAME, args, lambda stop: _run(args, stop))
+
+
+def _run(args: argparse.Namespace, stop: Stop) -> None:
+    try:
+        _watch(args, stop)
+    except OutletError as error:
+        raise BadInput(str(error)) from None
 
 
 def _watch(args: argparse.Namespace, stop: Stop) -> None:
     text, source = read(args.mission)
     mission = parse(text, source)
+    if args.foxglove_layout is not None:
+        write_layout(args.foxglove_layout, mission)
+        return
     links = wiring.of_monitor(wiring.endpoints(mission))
     config = bus_config(args, mission, links, NAME)
     stage, ros_naming = _stage(args, mission), _ros_naming(args, mission)
@@ -80,9 +92,18 @@ def _watch(args: argparse.Namespace, stop: Stop) -> None:
         if page is not None:
             page.source.tell(recording=str(recorder.path) if recorder else None)
             showing = Showing(mission, monitor, page.source)
-        one = Watch(monitor, bus, recorder, truth, ros, showing)
+        foxglove = None
+        if args.foxglove is not None:
+            foxglove = stack.enter_context(served(args.foxglove, mission, (*watched(mission), *OWN)))
+            _log.info("foxglove: %s", foxglove.address)
+        one = Watch(monitor, bus, recorder, truth, ros, showing, foxglove)
         one.declare()
-        say("ready", process=NAME, page=None if page is None else page.address)
+        say(
+            "ready",
+            process=NAME,
+            page=None if page is None else page.address,
+            foxglove=None if foxglove is None else foxglove.address,
+        )
         one.run(stop, snapshots=args.snapshots)
     say("summary", **one.summary())
 
@@ -151,6 +172,7 @@ def _flags() -> argparse.ArgumentParser:
         "--snapshots", action="store_true", help="write JSON lines to stdout instead of lines for people"
     )
     add_page_flags(flags)
+    add_foxglove_flags(flags)
     truth = flags.add_argument_group(
         "simulated robots (for ground truth; where there are none, none is known)"
     )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
 from formation.rate import Rate
 from formation.transport.bus import Bus
@@ -35,6 +35,13 @@ LAST_CALL = 1.0
 _log = logging.getLogger(__name__)
 
 
+class Outlet(Protocol):
+    """Whoever else is told every message."""
+
+    def take(self, sample: Sample, wall: float) -> None:
+        """Take one, as received, that arrived at `wall` [s, our system clock]. Must not wait for anybody."""
+
+
 class Watch:
     """Pumps messages from the buses, which share one mailbox, into the recording and the figures."""
 
@@ -46,10 +53,11 @@ class Watch:
         stage: RobotBuses,
         ros: RobotBus | None = None,
         page: Showing | None = None,
+        outlet: Outlet | None = None,
     ) -> None:
-        """`stage` leads to simulated robots, `ros` to where ROS 2 wants the figures."""
+        """`stage` leads to simulated robots, `ros` to where ROS 2 wants the figures, `outlet` to others."""
         self._monitor, self._bus, self._recorder = monitor, bus, recorder
-        self._stage, self._ros, self._page = stage, ros, page
+        self._stage, self._ros, self._page, self._outlet = stage, ros, page, outlet
         self._linger = Linger()
 
     def declare(self) -> None:
@@ -118,11 +126,13 @@ class Watch:
         return len(inbox)
 
     def _record(self, samples: Sequence[Sample], now: Now) -> None:
-        if self._recorder is None:
-            return
         ahead = now.wall - now.mono
-        for sample in samples:
-            self._recorder.write(sample, sample.arrived + ahead)
+        if self._recorder is not None:
+            for sample in samples:
+                self._recorder.write(sample, sample.arrived + ahead)
+        if self._outlet is not None:
+            for sample in samples:
+                self._outlet.take(sample, sample.arrived + ahead)
 
     def _drain(self) -> None:
         end = heard = time.monotonic()
