@@ -8,7 +8,7 @@ from __future__ import annotations
 import secrets
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 from formation import order
 from formation.mission import Mission
@@ -35,19 +35,21 @@ class Answer(NamedTuple):
     """Round trip [ms]."""
 
 
-def addressed(mission: Mission, do: Do) -> tuple[str, ...]:
+def addressed(mission: Mission, do: str) -> tuple[str, ...]:
     """Who is asked to `do` it."""
     return mission.names if do in EVERYONE else (mission.leader,)
 
 
-def request_for(mission: Mission, do: Do, shape: str | None = None) -> OperatorRequest:
-    """A request with an id of its own. Raises ValueError for a shape that is missing, unknown or too much."""
+def request_for(mission: Mission, do: str, shape: str | None = None) -> OperatorRequest:
+    """A request with an id of its own. Raises ValueError for what cannot be asked; it names what can be."""
+    if do not in get_args(Do):
+        raise ValueError(f"{do!r}: must be one of {', '.join(get_args(Do))}")
     if do != "shape" and shape is not None:
         raise ValueError(f"{do}: takes no shape")
     if do == "shape" and shape not in mission.shapes:
         which = "shape" if shape is None else f"shape {shape!r}"
         raise ValueError(f"{which}: must be one of {', '.join(mission.shapes)}")
-    return OperatorRequest(do=do, shape=shape, id=secrets.token_hex(8))
+    return OperatorRequest.model_validate({"do": do, "shape": shape, "id": secrets.token_hex(8)})
 
 
 def ask(
@@ -120,6 +122,8 @@ def summary(request: OperatorRequest, asked: Sequence[str], answers: Mapping[str
     agree = sum(answer.reply.ok for answer in answers.values())
     what = request.do if request.shape is None else f"{request.do} {request.shape}"
     line = f"{what}: {agree} of {len(asked)} obey"
+    if answers:
+        line += f", slowest {max(answer.ms for answer in answers.values()):.0f} ms"
     return f"{line}; no answer from {', '.join(missing)}" if missing else line
 
 

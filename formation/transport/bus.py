@@ -48,7 +48,7 @@ class Bus:
     """A session on the bus. Use it as a context manager: an open session keeps the process from exiting.
 
     Methods are for one thread, the main one; only `wake` may be called from a signal handler or another
-    thread.
+    thread, and `ask` and `question` from any thread.
     """
 
     def __init__(self, config: BusConfig, mailbox: Mailbox | None = None, *, capacity: int = 1024) -> None:
@@ -193,6 +193,13 @@ class Bus:
         That is everybody linked whom this session has heard of by now, and who does not answer in time is
         simply missing. Must not ask what this very process answers.
         """
+        return self.question(key, payload, timeout)(timeout)
+
+    def question(self, key: str, payload: bytes, timeout: float) -> Callable[[float], list[Reply]]:
+        """Put it as `ask` does, but wait for nobody. To wait for the answers, call the result.
+
+        Of two questions to the same robot it hears that first which was put first.
+        """
         replies: list[Reply] = []
         done = threading.Event()
         start = time.perf_counter()
@@ -213,8 +220,12 @@ class Bus:
                 priority=zenoh.Priority.REAL_TIME,
                 express=True,
             )
-        done.wait(timeout)
-        return list(replies)
+
+        def answers(patience: float) -> list[Reply]:
+            done.wait(patience)
+            return list(replies)
+
+        return answers
 
     def tokens(self, expression: str, timeout: float) -> list[str]:
         """The liveliness tokens that match `expression` and that come in, at most `timeout` [s]."""

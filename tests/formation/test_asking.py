@@ -84,7 +84,7 @@ def test_who_is_released_is_called_that_and_a_leader_that_goes_on_says_so() -> N
     answers = {name: asking.Answer(reply, 2.0) for name, reply in said.items()}
     leader, robot, last = asking.words(OperatorRequest(do="release"), list(said), answers, 3.0).splitlines()
     assert (leader.split()[:2], robot.split()[:2]) == (["leader", "run"], ["robot1", "released"])
-    assert last == "release: 2 of 2 obey"
+    assert last == "release: 2 of 2 obey, slowest 2 ms"
 
 
 def test_what_is_over_is_not_asked_again() -> None:
@@ -109,6 +109,8 @@ def test_each_request_has_an_id_of_its_own_and_a_shape_is_one_of_the_missions() 
     for shape in (None, "circle", ""):
         with pytest.raises(ValueError, match="must be one of hexagon, wedge"):
             asking.request_for(SIX, "shape", shape)
+    with pytest.raises(ValueError, match="'fly': must be one of hold, run, stop, release, shape"):
+        asking.request_for(SIX, "fly")
     with pytest.raises(ValueError, match="hold: takes no shape"):
         asking.request_for(SIX, "hold", "wedge")
 
@@ -116,6 +118,6 @@ def test_each_request_has_an_id_of_its_own_and_a_shape_is_one_of_the_missions() 
 def test_what_the_answers_come_to_names_the_shape_and_who_is_missing() -> None:
     request = OperatorRequest(do="shape", shape="wedge")
     said = {"robot1": asking.Answer(OperatorReply(robot="robot1", ok=True, mode="run"), 2.0)}
-    assert asking.summary(request, ["robot1"], said) == "shape wedge: 1 of 1 obey"
+    assert asking.summary(request, ["robot1"], said) == "shape wedge: 1 of 1 obey, slowest 2 ms"
     assert asking.report(request, ["robot1"], said)["shape"] == "wedge"
     assert asking.summary(STOP, ["robot1"], {}) == "stop: 0 of 1 obey; no answer from robot1"

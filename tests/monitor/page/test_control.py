@@ -1,0 +1,262 @@
+"""The operator behind the page, and a team that hears him: agents' own latches and leader, in memory."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import pytest
+
+from agent.latch import Latch
+from formation.mission_file import load
+from formation.order import Mode
+from formation.topics import ORDER
+from formation.transport.bus import Reply
+from leader.core import Leader
+from monitor.figures.events import INFO, WARNING, Event
+from monitor.page import control, precedence
+from monitor.page.control import Operator
+from monitor.page.precedence import Overruled
+
+SIX = load("six_robots")
+
+
+class Team:
+    """Hears what is put, robot by robot, in the order in which it is put."""
+
+    def __init__(self) -> None:
+        self.leader = Leader(SIX)
+        self.latches = {name: Latch(name) for name in SIX.followers}
+        self.away: set[str] = set()
+        self.heard: list[str] = []
+        self.closed = False
+        self.changed = threading.Condition()
+
+    def question(self, key: str, payload: bytes, _: float) -> Callable[[float], Sequence[Reply]]:
+        with self.changed:
+            self.heard.append(payload.decode())
+            robots = SIX.names if key.startswith("*") else (key.partition("/")[0],)
+            here = [name for name in robots if name not in self.away]
+            replies = [Reply(ORDER.key(name), self._ask(name, payload), 1.5) for name in here]
+            self.changed.notify_all()
+        return lambda _: replies
+
+    def close(self) -> None:
+        self.closed = True
+
+    def leaders(self) -> Mode:
+        return self.leader.mode
+
+    def modes(self) -> dict[str, Mode | None]:
+        return {name: latch.mode for name, latch in self.latches.items()}
+
+    def wait_for(self, what: Callable[[], bool]) -> None:
+        with self.changed:
+            assert self.changed.wait_for(what, 20.0)
+
+    def _ask(self, name: str, payload: bytes) -> bytes:
+        if name == SIX.leader:
+            return self.leader.request(payload)
+        return self.latches[name].ask(payload, self.leader.mode)
+
+
+@pytest.fixture
+def team() -> Team:
+    return Team()
+
+
+@pytest.fixture
+def events() -> list[Event]:
+    return []
+
+
+@pytest.fixture
+def operator(team: Team, events: list[Event], monkeypatch: pytest.MonkeyPatch) -> Operator:
+    monkeypatch.setattr(precedence, "UNSEEN", 0.0)  # these tests look before they click
+    monkeypatch.setattr(precedence, "TWICE", 0.0)
+    return Operator(SIX, team, events.append)
+
+
+@pytest.fixture
+def pages() -> Iterator[ThreadPoolExecutor]:
+    with ThreadPoolExecutor(8) as pages:
+        yield pages
+
+
+def begun(
+    pages: ThreadPoolExecutor, operator: Operator, team: Team, do: str, **how: Any
+) -> Future[dict[str, Any]]:
+    """An order that is being asked, on a page of its own."""
+    before = len(team.heard)
+    given = pages.submit(operator.order, do, **how)
+    team.wait_for(lambda: len(team.heard) > before)
+    return given
+
+
+def test_a_stop_is_told_to_everybody_and_acknowledged_one_by_one(
+    operator: Operator, team: Team, events: list[Event]
+) -> None:
+    report = operator.order("stop")
+    assert set(report["robots"]) == set(SIX.names)
+    assert all(answer["ok"] and answer["mode"] == "stop" for answer in report["robots"].values())
+    assert (report["do"], report["missing"], team.leader.mode) == ("stop", [], "stop")
+    assert set(team.modes().values()) == {"stop"}
+    (event,) = events
+    assert (event.level, event.robot, event.kind) == (INFO, "", "operator")
+    assert event.text == "stop: 6 of 6 obey, slowest 2 ms"
+
+
+def test_hold_run_release_and_shape_reach_the_team_as_from_the_command_line(
+    operator: Operator, team: Team
+) -> None:
+    assert list(operator.order("hold")["robots"]) == [SIX.leader]
+    assert team.leaders() == "hold"
+    operator.order("run")
+    assert team.leaders() == "run"
+    report = operator.order("shape", "wedge")
+    assert (report["shape"], team.leader.shape) == ("wedge", "wedge")
+    operator.order("stop")
+    operator.order("release")
+    assert (team.leaders(), set(team.modes().values())) == ("run", {None})
+
+
+def test_who_cannot_be_reached_is_named(
+    team: Team, events: list[Event], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(control, "PATIENCE", 0.1)
+    team.away = {"robot3", "robot6"}
+    report = Operator(SIX, team, events.append, why="because").order("stop")
+    assert (report["missing"], report["why"]) == (["robot3", "robot6"], "because")
+    assert events[0].level == WARNING
+    assert "4 of 6 obey" in events[0].text
+    assert "no answer from robot3, robot6" in events[0].text
+
+
+def test_a_refusal_is_an_event_with_its_reason(operator: Operator, team: Team, events: list[Event]) -> None:
+    team.leader.request(b'{"do":"stop"}')
+    assert not operator.order("run")["robots"][SIX.leader]["ok"]
+    assert "robot1 refuses: stopped: release it first" in events[0].text
+
+
+def test_a_stop_goes_out_at_once_while_a_hold_waits_for_its_answer(
+    operator: Operator, team: Team, pages: ThreadPoolExecutor
+) -> None:
+    team.away = {SIX.leader}
+    hold = begun(pages, operator, team, "hold")
+    team.away = set()
+    before = time.monotonic()
+    operator.order("stop")
+    assert time.monotonic() - before < control.PATIENCE / 2
+    hold.result(20.0)
+    assert set(team.modes().values()) == {"stop"}
+
+
+def test_a_robot_that_comes_back_after_a_stop_never_hears_the_release_before_it(
+    operator: Operator, team: Team, pages: ThreadPoolExecutor
+) -> None:
+    operator.order("stop")
+    team.away = {"robot6"}
+    release = begun(pages, operator, team, "release")
+    stop = begun(pages, operator, team, "stop")
+    team.away = set()
+    assert stop.result(20.0)["missing"] == []
+    assert release.result(20.0)["missing"] == ["robot6"]
+    assert set(team.modes().values()) == {"stop"}
+    first = team.heard.index(team.heard[-1])
+    assert set(team.heard[first:]) == {team.heard[-1]}  # once it was put, nothing else
+
+
+def test_a_release_on_another_page_does_not_undo_a_stop_that_is_being_given(
+    operator: Operator, team: Team, pages: ThreadPoolExecutor
+) -> None:
+    team.away = {"robot6"}
+    stop = begun(pages, operator, team, "stop")
+    with pytest.raises(Overruled):
+        operator.order("release")
+    team.away = set()
+    assert stop.result(20.0)["missing"] == []
+    assert set(team.modes().values()) == {"stop"}
+
+
+def test_a_double_click_on_release_ends_the_stop_and_not_the_hold_below_it(
+    team: Team, events: list[Event], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(precedence, "UNSEEN", 0.0)
+    operator = Operator(SIX, team, events.append)
+    operator.order("hold")
+    operator.order("stop")
+    first, second = operator.order("release"), operator.order("release")
+    assert first is second
+    assert team.leader.mode == "hold"
+    assert [event.text.partition(":")[0] for event in events] == ["hold", "stop", "release"]
+
+
+def test_two_pages_that_click_at_once_wait_for_the_same_answers(
+    team: Team, pages: ThreadPoolExecutor, events: list[Event], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(precedence, "TWICE", 60.0)
+    operator = Operator(SIX, team, events.append)
+    team.away = {SIX.leader}
+    first = begun(pages, operator, team, "run")
+    second = pages.submit(operator.order, "run")
+    team.away = set()
+    assert first.result(20.0) is second.result(20.0)
+    assert len(events) == 1
+
+
+@pytest.mark.parametrize(
+    ("do", "shape", "said"),
+    [
+        ("fly", None, "must be one of hold, run, stop, release, shape"),
+        ("shape", "circle", "must be one of hexagon, wedge"),
+        ("shape", None, "must be one of hexagon, wedge"),
+        ("stop", "wedge", "takes no shape"),
+    ],
+)
+def test_what_cannot_be_ordered_is_not_asked(
+    operator: Operator, team: Team, do: str, shape: str | None, said: str
+) -> None:
+    with pytest.raises(ValueError, match=said):
+        operator.order(do, shape)
+    assert team.heard == []
+
+
+def test_every_start_has_another_token(team: Team, events: list[Event]) -> None:
+    tokens = {Operator(SIX, team, events.append).token for _ in range(20)}
+    assert len(tokens) == 20
+    assert min(map(len, tokens)) >= 43  # 256 bits
+
+
+def test_a_bus_that_fails_is_told_to_everybody_who_waits(
+    operator: Operator, team: Team, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object) -> Any:
+        raise RuntimeError("the bus is closed")
+
+    monkeypatch.setattr(team, "question", fails)
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match="closed"):
+            operator.order("hold")
+
+
+def test_who_looks_at_what_was_may_stop_and_hold_and_nothing_else(operator: Operator, team: Team) -> None:
+    seen = time.time() - 10.0
+    for do in ("run", "release"):
+        with pytest.raises(Overruled, match="shows what was 10 s ago"):
+            operator.order(do, seen=seen)
+    assert team.heard == []
+    assert operator.order("run", seen=time.time() + 5.0)["missing"] == []  # a clock that was set back
+    assert operator.order("stop", seen=seen)["missing"] == []
+
+
+def test_what_is_closed_asks_nobody_any_more(
+    operator: Operator, team: Team, pages: ThreadPoolExecutor
+) -> None:
+    team.away = {"robot6"}
+    stop = begun(pages, operator, team, "stop")
+    operator.close()
+    assert stop.result(20.0)["missing"] == ["robot6"]
+    assert team.closed

@@ -1,0 +1,169 @@
+"""Orders from several pages, and clicks that come twice: which is given, and which goes on being put."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from formation.order import OperatorRequest
+from monitor.page.precedence import RESTS, STALE, TWICE, UNSEEN, Given, Overruled, Precedence
+
+LATER = max(TWICE, UNSEEN) + 0.1
+
+
+def request(do: Any) -> OperatorRequest:
+    return OperatorRequest(do=do, shape="wedge" if do == "shape" else None)
+
+
+def give(orders: Precedence, do: str, now: float, **how: Any) -> Given:
+    return orders.give(request(do), now, **how)[0]
+
+
+def finished(one: Given) -> Given:
+    one.going = False
+    return one
+
+
+@pytest.mark.parametrize("do", ["hold", "run", "release", "shape"])
+def test_the_second_click_of_a_double_click_gives_no_second_order(do: str) -> None:
+    orders = Precedence()
+    first, new = orders.give(request(do), 0.0)
+    assert new
+    assert orders.give(request(do), 0.3) == (first, False)
+    finished(first)
+    assert orders.give(request(do), TWICE) == (first, False)
+    assert orders.give(request(do), TWICE + 0.1)[1]
+
+
+def test_what_is_asked_again_after_something_else_is_no_double_click() -> None:
+    orders = Precedence()
+    first = give(orders, "run", 0.0)
+    give(orders, "shape", 0.2)
+    again = give(orders, "run", 0.4)
+    assert again is not first
+
+
+def test_another_shape_is_another_wish() -> None:
+    orders = Precedence()
+    for number, shape in enumerate(("wedge", "hexagon", "wedge")):
+        assert orders.give(OperatorRequest(do="shape", shape=shape), 0.1 * number)[1]
+
+
+def test_every_stop_is_given() -> None:
+    orders = Precedence()
+    stops = [orders.give(request("stop"), 0.1 * number, click="same") for number in range(5)]
+    assert all(new for _, new in stops)
+    assert not any(one.over for one, _ in stops)
+
+
+def test_a_click_that_the_browser_sends_again_takes_effect_once_however_late() -> None:
+    orders = Precedence()
+    first = give(orders, "release", 0.0, click="a")
+    finished(first)
+    finished(give(orders, "stop", 20.0, click="b"))
+    assert orders.give(request("release"), 60.0, click="a") == (first, False)
+    assert orders.give(request("release"), 60.0, click="c")[1]
+
+
+def test_a_click_of_the_same_name_that_asks_for_something_else_is_another() -> None:
+    orders = Precedence()
+    give(orders, "run", 0.0, click="a")
+    assert orders.give(request("hold"), 10.0, click="a")[1]
+    assert orders.give(request("stop"), 20.0, click="a")[1]
+
+
+def test_a_stop_or_a_hold_ends_what_is_still_being_asked() -> None:
+    for rest in ("stop", "hold"):
+        orders = Precedence()
+        running = give(orders, "release", 0.0)
+        resting = give(orders, rest, 0.1)
+        assert (running.over, resting.over) == (True, False)
+
+
+@pytest.mark.parametrize("do", ["run", "release", "shape"])
+def test_nobody_is_set_going_against_a_stop_that_is_still_being_given(do: str) -> None:
+    orders = Precedence()
+    stop = give(orders, "stop", 0.0)
+    with pytest.raises(Overruled, match="not everybody has answered"):
+        give(orders, do, LATER)
+    assert not stop.over
+    finished(stop)
+    assert not give(orders, do, LATER).over
+
+
+@pytest.mark.parametrize("rest", sorted(RESTS))
+@pytest.mark.parametrize("do", ["run", "release", "shape"])
+def test_of_two_pages_with_different_wishes_the_one_that_stops_wins(rest: str, do: str) -> None:
+    orders = Precedence()
+    finished(give(orders, rest, 5.0))
+    with pytest.raises(Overruled, match="just now"):
+        give(orders, do, 5.0 + 0.9 * UNSEEN)
+    assert not give(orders, do, 5.0 + 1.1 * UNSEEN).over
+
+
+def test_who_shows_what_was_before_the_stop_has_not_seen_it() -> None:
+    orders = Precedence()
+    finished(give(orders, "stop", 5.0))
+    with pytest.raises(Overruled, match="just now"):
+        give(orders, "release", 7.5, behind=2.0)
+    assert not give(orders, "release", 7.5, behind=0.1).over
+
+
+def test_a_page_that_hangs_may_stop_and_hold_and_nothing_else() -> None:
+    orders = Precedence()
+    for do in ("run", "release", "shape"):
+        with pytest.raises(Overruled, match="shows what was 12 s ago"):
+            give(orders, do, 100.0, behind=12.0)
+    for do in ("hold", "stop"):
+        assert not give(orders, do, 101.0, behind=12.0).over
+
+
+def test_what_is_closed_is_put_no_more() -> None:
+    orders = Precedence()
+    one = give(orders, "hold", 0.0)
+    orders.close()
+    assert one.over
+
+
+wishes = st.tuples(
+    st.sampled_from(["stop", "hold", "run", "release", "shape"]),
+    st.floats(0.0, 2.0),  # since the wish before [s]
+    st.booleans(),  # whether that has been answered by now
+    st.sampled_from(["", "", "a", "b"]),
+    st.none() | st.floats(0.0, 2 * STALE),
+)
+
+
+@given(st.lists(wishes, max_size=30))
+def test_whatever_is_clicked_a_stop_goes_out_and_nothing_older_or_unseen_is_put_after_it(
+    clicks: list[tuple[str, float, bool, str, float | None]],
+) -> None:
+    orders, now, rested = Precedence(), 0.0, -100.0
+    asked: list[Given] = []
+    for do, wait, answered, click, behind in clicks:
+        now += wait
+        for one in asked if answered else []:
+            finished(one)
+        stopping = any(one.going and one.request.do == "stop" for one in asked)
+        try:
+            one, new = orders.give(request(do), now, click=click, behind=behind)
+        except Overruled:
+            assert do not in RESTS
+            continue
+        if not new:
+            assert one in asked
+            assert (one.request.do, do) != ("stop", "stop")
+            continue
+        if do in RESTS:
+            rested = now
+        else:
+            assert not stopping
+            assert now - rested >= UNSEEN
+            assert behind is None or behind <= STALE
+        asked.append(one)
+        put = [other for other in asked if other.going and not other.over]
+        assert put[-1] is one
+        assert all(other.request.do == "stop" for other in put[:-1])
