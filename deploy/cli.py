@@ -45,8 +45,7 @@ COMMANDS = {
     "doctor": Command("deploy.doctor.cli", FIELD, "what is wrong with a robot or a team, and what to do"),
 }
 EXTRAS = {
-    "rich": "monitor",
-    "mcap": "monitor",
+    **dict.fromkeys(("rich", "mcap", "starlette", "uvicorn", "prometheus_client"), "monitor"),
     "matplotlib": "plot",
     "cryptography": "field",
     "foxglove": "foxglove",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -36,12 +37,14 @@ def programs(
     record: Path,
     law: str | None = None,
     guards: bool = False,
+    page: Sequence[str] = (),
     patience: float = 30.0,
 ) -> tuple[Program, ...]:
     """Every process of `mission`, read from `source` by each of them, in the order of starting.
 
-    `parent` is the process whose death ends them all; `guards` adds one for each robot; `patience` [s] is how
-    long they wait for the monitor before they publish anything, so that the recording misses nothing.
+    `parent` is the process whose death ends them all; `guards` adds one for each robot; `page` are the
+    monitor's flags for its page; `patience` [s] is how long they wait for the monitor before they publish
+    anything, so that the recording misses nothing.
     """
 
     def program(name: str, part: Part, module: str, *flags: str, links: Links = NO_LINKS) -> Program:
@@ -65,7 +68,7 @@ def programs(
     law_flag = ("--law", law) if law else ()
     wait = ("--await-monitor", f"{patience:g}")
     stage = [word for name, end in where.robots.items() for word in ("--stage", f"{name}={end}")]
-    watch = ("--record", str(record), "--snapshots", *law_flag, *stage)
+    watch = ("--record", str(record), "--snapshots", *law_flag, *page, *stage)
     robots = Links(tuple(where.robots.values()), wiring.of_robots(mission, mission.followers, where).connect)
     return (
         program("monitor", "watch", "monitor", *watch, links=wiring.of_monitor(where)),

@@ -26,6 +26,7 @@ from deploy.refusal import Refusal
 from deploy.snapshot import Snapshot
 from deploy.table import LiveTable, PlainLines, View
 from formation.mission import Mission
+from monitor.page.flags import add_page_flags
 
 START_WITHIN = 30.0
 """How long the processes have to get ready [s]."""
@@ -35,6 +36,7 @@ EXAMPLES = """\
   formation run                            the paper's six robots
   formation run turtlebot3_pair --law paper
   formation run my_mission.toml --duration 60 --record today.mcap --json
+  formation run --control                  with buttons for orders on the page
 
 The first Ctrl-C stops the robots and then everything else; a second one does not wait for that.
 Exit code 0: the formation converged; 1: it did not, or a process failed; 2: nothing was started.
@@ -53,7 +55,7 @@ def main(arguments: Sequence[str]) -> int:
     """Run a mission; the exit code."""
     options = _options().parse_args(arguments)
     mission = read_mission(options.mission, options.law)
-    for package in ("rich", "mcap"):
+    for package in ("rich", "mcap", "starlette"):
         if find_spec(package) is None:
             raise ModuleNotFoundError(f"No module named {package!r}", name=package)
     record = _recording(mission, options.record)
@@ -70,13 +72,17 @@ def main(arguments: Sequence[str]) -> int:
             record=record,
             law=options.law,
             guards=options.guards,
+            page=_page_flags(options),
         )
         say = sys.stderr if options.json else sys.stdout
         print(_how_to_order(options.mission, ports), file=say, flush=True)
         progress = Progress(mission, duration, len(plan))
+        page = start(launcher, plan)
+        if page is not None:
+            print(f"Page: {page}", file=say, flush=True)
         try:
             with _view(options) as view:
-                conduct(launcher, plan, progress, view)
+                conduct(launcher, progress, view)
         except StartFailed as failure:
             logs.keep = True
             return _tell_failed_start(failure.child)
@@ -102,13 +108,27 @@ class Logs:
             shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def conduct(launcher: Launcher, plan: Sequence[Program], progress: Progress, view: View) -> None:
-    """Start, watch for as long as it is to last or until a signal, and stop. Raises StartFailed."""
-    view.show(progress)
+def start(launcher: Launcher, plan: Sequence[Program]) -> str | None:
+    """Start every process, and wait for the monitor to say where its page is; None if it serves none."""
     for program in plan:
         launcher.start(program)
+    watch = next((child for child in launcher.children if child.part == "watch"), None)
     deadline = time.monotonic() + START_WITHIN
-    while not launcher.interrupted and progress.ready < len(plan):
+    while watch is not None and not launcher.interrupted and time.monotonic() < deadline:
+        if any(child.died for child in launcher.children):
+            break
+        event = launcher.next(REFRESH)
+        if event is not None and event.child is watch and event.data["event"] == "ready":
+            page = event.data.get("page")
+            return page if isinstance(page, str) else None
+    return None
+
+
+def conduct(launcher: Launcher, progress: Progress, view: View) -> None:
+    """Watch what was started for as long as it is to last or until a signal, and stop. Raises StartFailed."""
+    view.show(progress)
+    deadline = time.monotonic() + START_WITHIN
+    while not launcher.interrupted and progress.ready < progress.processes:
         failed = [child for child in launcher.children if child.died]
         late = [child for child in launcher.children if not child.ready]
         if failed or (late and time.monotonic() > deadline):
@@ -153,9 +173,18 @@ def _options() -> argparse.ArgumentParser:
     options.add_argument(
         "--guards", action="store_true", help="a guard beside each robot, as in the field: one process more"
     )
+    add_page_flags(options)
     options.add_argument("--no-table", action="store_true", help="plain lines instead of the live table")
     options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
     return options
+
+
+def _page_flags(options: argparse.Namespace) -> list[str]:
+    """What the monitor is told of the page. Raises Refusal."""
+    if options.no_page and options.control:
+        raise Refusal("--control: gives orders by the page, which --no-page leaves out")
+    place = ["--page", str(options.page)] if options.page else []
+    return [*place, *["--no-page"] * options.no_page, *["--control"] * options.control]
 
 
 def _recording(mission: Mission, asked: Path | None) -> Path:

@@ -18,7 +18,7 @@ from formation.mission_file import parse, read
 from formation.ros2.naming import Naming
 from formation.transport import wiring
 from formation.transport.bus import Bus
-from formation.transport.bus_config import BusConfig, BusError
+from formation.transport.bus_config import BusConfig, BusError, parse_override
 from formation.transport.flags import bus_config, parser
 from formation.transport.mailbox import Mailbox
 from formation.transport.process import BadInput, Stop, clocks, run_process, say
@@ -30,7 +30,9 @@ from monitor.figures.stage import given, usual
 from monitor.loop import CAPACITY, NAME, Watch
 from monitor.outlets.opening import OutletError, add_foxglove_flags, served, write_layout
 from monitor.page import frames
-from monitor.page.opening import add_page_flags, opened
+from monitor.page.control import on_the_bus
+from monitor.page.flags import add_page_flags
+from monitor.page.opening import opened
 from monitor.page.server import PageServer
 from monitor.page.showing import Showing
 from monitor.page.source import Source
@@ -70,11 +72,13 @@ def _watch(args: argparse.Namespace, stop: Stop) -> None:
     links = wiring.of_monitor(wiring.endpoints(mission))
     config = bus_config(args, mission, links, NAME)
     stage, ros_naming = _stage(args, mission), _ros_naming(args, mission)
+    _needs_a_page(args)
     when = datetime.now().astimezone()
     path = args.record or Path("recordings") / f"{mission.name}-{when:%Y%m%d-%H%M%S}.mcap"
     mailbox = Mailbox(CAPACITY)
     with ExitStack() as stack:
-        page = _page(args, mission, stack)
+        monitor = Monitor(mission, stage)
+        page = _page(args, mission, monitor, stack)
         bus = stack.enter_context(Bus(config, mailbox))
         recorder = None
         if not args.no_record:
@@ -87,7 +91,6 @@ def _watch(args: argparse.Namespace, stop: Stop) -> None:
         ros = None
         if args.ros:
             ros = stack.enter_context(RobotBus((args.ros,), ros_naming, mailbox, node=NODE))
-        monitor = Monitor(mission, stage)
         showing = None
         if page is not None:
             page.source.tell(recording=str(recorder.path) if recorder else None)
@@ -101,20 +104,35 @@ def _watch(args: argparse.Namespace, stop: Stop) -> None:
         say(
             "ready",
             process=NAME,
-            page=None if page is None else page.address,
+            page=None if page is None else page.invitation,
             foxglove=None if foxglove is None else foxglove.address,
         )
         one.run(stop, snapshots=args.snapshots)
     say("summary", **one.summary())
 
 
-def _page(args: argparse.Namespace, mission: Mission, stack: ExitStack) -> PageServer | None:
-    """The page, served until the monitor ends. Raises BadInput."""
+def _page(
+    args: argparse.Namespace, mission: Mission, monitor: Monitor, stack: ExitStack
+) -> PageServer | None:
+    """The page, served until the monitor ends, with its operator. Raises BadInput and BusError."""
     if args.no_page:
         return None
-    about = frames.hello(mission, live=True, control=False, version=version("formation"))
+    control = None
+    if args.control:
+        control = on_the_bus(
+            mission, monitor.note, connect=args.connect, mode=args.mode, file=args.config,
+            own_file=args.control_config, overrides=[parse_override(text) for text in args.cfg],
+        )  # fmt: skip
+        stack.callback(control.close)
+    about = frames.hello(
+        mission,
+        live=True,
+        control=args.control,
+        law=args.law or mission.law.kind,
+        version=version("formation"),
+    )
     try:
-        server = opened(args.page, Source(about, lambda: clocks().wall))
+        server = opened(args.page, Source(about, lambda: clocks().wall), control)
     except OSError as error:
         raise BadInput(f"--page {args.page}: {error.strerror}") from None
     stack.enter_context(server)
@@ -146,6 +164,14 @@ def _ros_naming(args: argparse.Namespace, mission: Mission) -> Naming:
     return Naming.of_formation(args.ros_names or first.ros, domain)
 
 
+def _needs_a_page(args: argparse.Namespace) -> None:
+    """Raise BadInput for flags that say how to give orders where there is nothing to give them by."""
+    if args.control and args.no_page:
+        raise BadInput("--control: gives orders by the page, which --no-page leaves out")
+    if args.control_config is not None and not args.control:
+        raise BadInput("--control-config FILE: says how --control gives orders, which is missing")
+
+
 def _check(flag: str, endpoint: str) -> None:
     """Raise BadInput, in the name of `flag`, for an endpoint that cannot be dialled."""
     try:
@@ -171,7 +197,10 @@ def _flags() -> argparse.ArgumentParser:
     flags.add_argument(
         "--snapshots", action="store_true", help="write JSON lines to stdout instead of lines for people"
     )
-    add_page_flags(flags)
+    add_page_flags(flags).add_argument(
+        "--control-config", metavar="FILE", type=Path,
+        help="Zenoh configuration of the operator, with his certificate (default: the monitor's own)",
+    )  # fmt: skip
     add_foxglove_flags(flags)
     truth = flags.add_argument_group(
         "simulated robots (for ground truth; where there are none, none is known)"

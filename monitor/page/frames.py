@@ -30,13 +30,18 @@ MILLI, TENTH_MILLI = 3, 4
 """Digits behind the point that a page can show; a formation error is the only one that gets so small."""
 
 
-def hello(mission: Mission, *, live: bool, control: bool, version: str) -> dict[str, Any]:
-    """What does not change while the page is open. `control`: orders are taken from who has the token."""
+def hello(
+    mission: Mission, *, live: bool, control: bool, version: str, law: str | None = None
+) -> dict[str, Any]:
+    """What does not change while the page is open. `control`: orders are taken from who has the token.
+
+    `law` is the one in use, if it is not the mission's.
+    """
     index = {name: i for i, name in enumerate(mission.names)}
     return {
         "live": live,
         "mission": mission.name,
-        "law": mission.law.kind,
+        "law": law or mission.law.kind,
         "settled": mission.settled,
         "control": control,
         "version": version,

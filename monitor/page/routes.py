@@ -5,10 +5,13 @@ from __future__ import annotations
 import asyncio
 import hmac
 import json
-from collections.abc import Collection, Mapping
+import logging
+from collections.abc import Callable, Collection, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
@@ -17,6 +20,7 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
+from formation.order import Do
 from monitor.figures.words import as_json
 from monitor.outlets.prometheus import exposition
 from monitor.page.guard import Message
@@ -26,19 +30,19 @@ from monitor.page.stream import Streams
 if TYPE_CHECKING:
     from monitor.page.server import Control, Replay
 
-ORDERS = ("stop", "hold", "run", "release", "shape")
 STEERING = ("pause", "play", "seek", "speed")
 LONGEST_BODY = 4096
 """[bytes]"""
-LONGEST_CLICK = 64
+LONGEST_TEXT = 64
 LARGEST = 1e12
 """Of a number in a body."""
 READING = 5.0
 """How long a body may take [s]."""
-AT_ONCE = 8
-"""Orders that may be under way; a stop must not stand in a queue behind them."""
+AT_ONCE, STOPS = 16, 16
+"""Orders that may be under way, and stops on top of them: those never wait for others."""
 SITE = Path(str(files("monitor.page").joinpath("site")))
 NO_STORE = {"cache-control": "no-store"}
+_log = logging.getLogger(__name__)
 
 
 def application(
@@ -95,6 +99,7 @@ class Orders:
 
     def __init__(self, source: Source, control: Control) -> None:
         self._source, self._control = source, control
+        self._threads = ThreadPoolExecutor(AT_ONCE + STOPS, "order")
         self._under_way = 0
 
     async def order(self, request: Request) -> Response:
@@ -103,21 +108,27 @@ class Orders:
         if not hmac.compare_digest(given.encode(), self._control.token.encode()):
             raise HTTPException(401, "this needs the token of the page", {"www-authenticate": "Bearer"})
         body = await _body(request)
-        do, shape = _one_of(body, "do", ORDERS), None
+        do, shape = _one_of(body, "do", get_args(Do)), None
         if do == "shape":
             shape = _one_of(body, "shape", self._source.shapes)
-        if self._under_way >= AT_ONCE:
+        if self._under_way >= AT_ONCE + STOPS * (do == "stop"):
             raise HTTPException(429, "too many orders at once", {"retry-after": "1"})
+        order = partial(
+            self._control.order, do, shape, click=_text(body, "click"), seen=_number(body, "seen")
+        )
+        return JSONResponse(await self._give(order), headers=NO_STORE)
+
+    async def _give(self, order: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         self._under_way += 1
         try:
-            report = await asyncio.to_thread(
-                self._control.order, do, shape, click=_click(body), behind=_number(body, "behind")
-            )
+            return await asyncio.get_running_loop().run_in_executor(self._threads, order)
         except ValueError as error:
             raise HTTPException(409, str(error)) from None
+        except Exception as error:  # noqa: BLE001 - the page has to say so, whatever it was
+            _log.exception("an order of the page was not given")
+            raise HTTPException(500, f"the order was not given: {error}") from None
         finally:
             self._under_way -= 1
-        return JSONResponse(report, headers=NO_STORE)
 
 
 class Steering:
@@ -190,10 +201,10 @@ def _number(body: Mapping[str, Any], key: str) -> float | None:
     return float(value)
 
 
-def _click(body: Mapping[str, Any]) -> str:
-    value = body.get("click", "")
-    if not isinstance(value, str) or len(value) > LONGEST_CLICK:
-        raise HTTPException(400, f"click: must be text of at most {LONGEST_CLICK} letters")
+def _text(body: Mapping[str, Any], key: str) -> str:
+    value = body.get(key, "")
+    if not isinstance(value, str) or len(value) > LONGEST_TEXT:
+        raise HTTPException(400, f"{key}: must be text of at most {LONGEST_TEXT} letters")
     return value
 
 

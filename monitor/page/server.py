@@ -43,13 +43,13 @@ class Control(Protocol):
         """What a request has to bring to be obeyed."""
 
     def order(
-        self, do: str, shape: str | None, *, click: str = "", behind: float | None = None
+        self, do: str, shape: str | None = None, *, click: str = "", seen: float | None = None
     ) -> dict[str, Any]:
         """Give an order and wait for the answers, as `formation order --json` has them.
 
-        `click` is the page's own name of what somebody clicked, the same if it is sent twice; `behind` is how
-        old [s] that was which the page showed. Called in threads of the server, perhaps in several at once.
-        ValueError for what cannot be ordered just now.
+        `click` is the page's own name of what somebody clicked, the same if it is sent twice; `seen` is the
+        moment that the page showed [s, our system clock]. Called in threads of the server, perhaps in
+        several at once. ValueError for what cannot be ordered just now.
         """
 
 
@@ -75,6 +75,8 @@ class PageServer:
         self._socket = listening(bind)
         self.address = bind.url(self._socket.getsockname()[1])
         """Where the page is: ``http://HOST:PORT/``, with a host that a browser of this machine can dial."""
+        self.invitation = self.address + (f"#token={control.token}" if control else "")
+        """The same for the operator, with the token. A browser keeps what follows # to itself."""
         self._streams = Streams(source, self._hang_up)
         app = application(source, self._streams, control, replay)
         config = uvicorn.Config(

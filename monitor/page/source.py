@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from threading import Lock
 from typing import Any, NamedTuple
 
@@ -75,11 +75,11 @@ class Source:
     def observe(self, at: float, error: float | None) -> None:
         """Remember the formation error [m] of a moment [s]; twice a second is enough."""
         with self._lock:
-            self._history.append((round(at, 2), None if error is None else round(error, 4)))
+            self._history.append(_point(at, error))
 
     def note(self, event: Mapping[str, Any]) -> None:
         """Take an event: n, which only grows, at, level, robot, kind, text. Raises ValueError as `show`."""
-        chunk = _chunk("event", f"event-{event['n']}", _json(event))
+        chunk = _event_chunk(event)
         with self._lock:
             self._events.append((event["n"], event, chunk))
         self._wake()
@@ -89,11 +89,19 @@ class Source:
         with self._lock:
             self._about.update(about)
 
-    def restart(self) -> None:
-        """Forget history and events; everybody is greeted anew."""
+    def restart(
+        self,
+        history: Iterable[tuple[float, float | None]] = (),
+        events: Iterable[Mapping[str, Any]] = (),
+    ) -> None:
+        """Have these instead of the history and the events so far; everybody is greeted anew."""
+        points = [_point(*point) for point in history]
+        told = [(event["n"], event, _event_chunk(event)) for event in events]
         with self._lock:
             self._history.clear()
+            self._history.extend(points)
             self._events.clear()
+            self._events.extend(told)
             self.look = None
             self.epoch += 1
         self._wake()
@@ -135,6 +143,14 @@ def _nobody() -> None:
 
 def _json(value: Mapping[str, Any]) -> bytes:
     return json.dumps(value, separators=(",", ":"), allow_nan=False).encode()
+
+
+def _point(at: float, error: float | None) -> tuple[float, float | None]:
+    return round(at, 2), None if error is None else round(error, 4)
+
+
+def _event_chunk(event: Mapping[str, Any]) -> bytes:
+    return _chunk("event", f"event-{event['n']}", _json(event))
 
 
 def _chunk(kind: str, number: int | str, data: bytes) -> bytes:
