@@ -1,4 +1,4 @@
-"""A recording read again, message by message in the order of the file; a cut one as far as it goes."""
+"""A recording read again, message by message: all its parts in order, a cut one as far as it goes."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, NamedTuple
 
-from mcap.exceptions import McapError
-from mcap.records import Channel, Footer, McapRecord, Message, Metadata
-from mcap.stream_reader import StreamReader
+from mcap.opcode import Opcode
+from mcap.records import Channel, Metadata
 
 from formation.mission import Mission
 from formation.mission_file import MissionError, parse
 from formation.ros2.messages import Text, decode
 from formation.wire import BadMessage, Sample
 from monitor.recording.attached import SUFFIX
-
-ABOUT = "formation"
-"""Name of the metadata record that says what was recorded."""
+from monitor.recording.channels import ABOUT
+from monitor.recording.extent import Extent, extent_of
+from monitor.recording.rotation import siblings
+from monitor.recording.scan import contents, footer, records, understood
 
 
 class UnreadableError(ValueError):
@@ -38,69 +38,109 @@ class Recorded(NamedTuple):
 
 @dataclass(frozen=True)
 class Recording:
-    """What one file says of itself. Its messages are read anew by each call of `messages`."""
+    """What a recording says of itself. Its messages are read anew by each call of `messages`."""
 
     path: Path
+    """The file that was asked for."""
     about: Mapping[str, str]
     """Mission, law, versions: the metadata that the recorder wrote."""
     mission: Mission
     """Under the law that was in use."""
+    parts: tuple[Path, ...]
+    """Every file of it that is there, in order."""
 
     def messages(self) -> Iterator[Recorded]:
-        """Every message, attachments included, in the order of recording, up to where the file is cut."""
-        channels: dict[int, str] = {}
-        attached: dict[str, bytes] = {}
-        with self.path.open("rb") as file:
-            for record in _records(file):
-                if isinstance(record, Channel):
-                    channels[record.id] = record.topic.removeprefix("/")
-                elif isinstance(record, Message):
-                    key = channels[record.channel_id]
-                    if key.endswith(SUFFIX):
-                        attached[key.removesuffix(SUFFIX)] = _text(record.data)
-                        continue
-                    wall = record.log_time / 1e9
-                    sample = Sample(key, record.data, attached.pop(key, None), wall)
-                    yield Recorded(sample, wall, record.log_time)
+        """Every message of every part, attachments included, up to where one is cut."""
+        for part in self.parts:
+            with part.open("rb") as file:
+                yield from _messages(file)
 
     def is_cut(self) -> bool:
-        """Whether its end is missing: its recorder was killed, or is still at work."""
-        with self.path.open("rb") as file:
-            return not any(isinstance(record, Footer) for record in _records(file))
+        """Whether the end of a part is missing: its recorder was killed, or is still at work."""
+        return not all(map(is_whole, self.parts))
+
+    def extent(self) -> Extent:
+        """From when to when it goes, and how many messages there are."""
+        return sum((extent_of(part) for part in self.parts), Extent())
 
 
 def read(path: Path) -> Recording:
-    """Open a recording. Raises UnreadableError for what is none."""
-    about = _about(path)
+    """Open the recording that `path` is a part of. Raises UnreadableError for what is none."""
+    about = about_of(path)
     source = f"{path}: its mission"
     try:
         mission = parse(about["mission_file"], source)
     except MissionError as error:
         raise UnreadableError(str(error)) from None
     law = mission.law.model_copy(update={"kind": about.get("law", mission.law.kind)})
-    return Recording(path, about, mission.model_copy(update={"law": law}))
+    return Recording(path, about, mission.model_copy(update={"law": law}), _parts(path, about))
 
 
-def _about(path: Path) -> Mapping[str, str]:
+def about_of(path: Path) -> Mapping[str, str]:
+    """The metadata of one file. Raises UnreadableError."""
     try:
         with path.open("rb") as file:
-            for record in _records(file):
-                if (
-                    isinstance(record, Metadata)
-                    and record.name == ABOUT
-                    and "mission_file" in record.metadata
-                ):
-                    return dict(record.metadata)
+            for record in records(file):
+                if record.opcode != Opcode.METADATA:
+                    continue
+                found = understood(Metadata.read, record.body)
+                if found is not None and found.name == ABOUT and "mission_file" in found.metadata:
+                    metadata: dict[str, str] = found.metadata
+                    return metadata
     except OSError as error:
         raise UnreadableError(f"{path}: cannot be read: {error.strerror}") from None
     raise UnreadableError(f"{path}: is no recording that `formation` made")
 
 
-def _records(file: IO[bytes]) -> Iterator[McapRecord]:
-    try:
-        yield from StreamReader(file).records
-    except (McapError, EOFError, ValueError, RuntimeError):  # the rest was never written
-        return
+def is_whole(path: Path) -> bool:
+    """Whether a file was ended as it should."""
+    with path.open("rb") as file:
+        return footer(file) is not None
+
+
+def _parts(path: Path, about: Mapping[str, str]) -> tuple[Path, ...]:
+    """Every file of the same recording beside `path`; where two are the same part, the one asked for."""
+    if "recording" not in about:
+        return (path,)
+    found = {_number(about): path}
+    for other in siblings(path):
+        try:
+            theirs = about_of(other)
+        except UnreadableError:
+            continue
+        if theirs.get("recording") == about["recording"]:
+            found.setdefault(_number(theirs), other)
+    return tuple(found[number] for number in sorted(found))
+
+
+def _number(about: Mapping[str, str]) -> int:
+    text = about.get("part", "")
+    return int(text) if text.isdecimal() else 1
+
+
+def _messages(file: IO[bytes]) -> Iterator[Recorded]:
+    keys: dict[int, str] = {}
+    riding: dict[str, bytes] = {}
+    for record in records(file):
+        if record.opcode == Opcode.CHANNEL:
+            _learn(keys, [understood(Channel.read, record.body)])
+        if record.opcode != Opcode.CHUNK or (chunk := contents(record.body)) is None:
+            continue
+        _learn(keys, chunk.declared)
+        for message in chunk.messages:
+            key = keys.get(message.channel, "")
+            if key.endswith(SUFFIX):
+                riding[key.removesuffix(SUFFIX)] = _text(message.data)
+            elif key:
+                wall = message.logged / 1e9
+                sample = Sample(key, message.data, riding.pop(key, None), wall)
+                yield Recorded(sample, wall, message.logged)
+
+
+def _learn(keys: dict[int, str], channels: list[Channel] | list[Channel | None]) -> None:
+    for channel in channels:
+        if channel is not None:
+            keys[channel.id] = channel.topic.removeprefix("/")
 
 
 def _text(data: bytes) -> bytes:

@@ -1,50 +1,40 @@
 """The recording: everything heard, byte for byte, as a ROS 2 bag in MCAP.
 
-A recording must survive its recorder: every second the chunk is ended and handed to the operating system, so
-a process that is killed loses about a second. Such a file has no end; `mcap`'s StreamReader reads it.
+A recording must survive its recorder, and the machine's power: twice a second what was heard is handed to a
+thread that writes it and forces it to the disk, so that no more than a second is ever lost. Such a file has
+no end; `read` reads it all the same, and `formation recover` gives it one.
 """
 
 from __future__ import annotations
 
 import logging
-import os
 import struct
-import sys
-from collections import Counter
-from collections.abc import Iterable
-from contextlib import suppress
-from datetime import UTC, datetime
-from importlib.metadata import version
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from mcap.writer import CompressionType, Writer
-
-from formation.ros2.messages import definition, type_hash
+from formation.ros2.messages import definition
 from formation.transport.process import BadInput
 from formation.wire import Sample
 from monitor.figures.keys import Watched
 from monitor.recording.attached import SUFFIX, TYPE, packed
+from monitor.recording.channels import Channels, about
+from monitor.recording.chunk import Chunk
+from monitor.recording.disk import Disk, Notice
+from monitor.recording.rotation import Room, Rotation
 
 CHUNK = 1024 * 1024
-"""Longest chunk [bytes]. It is the flush that limits what can be lost; smaller ones would only make the index
-grow, which the writer holds in memory: at 6000 messages a second by 1.7 GB an hour at 64 KiB."""
-FLUSH_PERIOD = 1.0
-"""[s]"""
-PACKAGES = ("formation", "eclipse-zenoh", "mcap", "numpy", "pydantic", "rosbags")
-QOS = """\
-- history: 1
-  depth: 10
-  reliability: 2
-  durability: 2
-  deadline: {sec: 9223372036, nsec: 854775807}
-  lifespan: {sec: 9223372036, nsec: 854775807}
-  liveliness: 1
-  liveliness_lease_duration: {sec: 9223372036, nsec: 854775807}
-  avoid_ros_namespace_conventions: false
-"""
-"""What `ros2 bag play` offers: keep last 10, best effort, volatile. As numbers, which every ROS 2 reads."""
+"""Longest chunk [bytes]; reading one needs so much memory."""
+FLUSH_PERIOD = 0.5
+"""[s]. With it a loop that is late, or a disk that takes as long to write, still loses less than a second."""
+WAITING = 64 * 1024 * 1024
+"""How much may wait for a slow disk [bytes]: a minute of 6000 messages a second."""
+LATE = 2.0
+"""A disk that is so far behind is worth a word [s]."""
+PATIENCE = 20.0
+"""How long the end of a recording may take [s]."""
 _LITTLE, _BIG = struct.Struct("<iI"), struct.Struct(">iI")
 _log = logging.getLogger(__name__)
 
@@ -56,36 +46,36 @@ class RecordingError(BadInput):
 class Recorder:
     """One recording. Close it, best as a context manager; what fails after the beginning never raises."""
 
-    def __init__(self, path: Path, mission: str, text: str, law: str, keys: Iterable[Watched]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        mission: str,
+        text: str,
+        law: str,
+        keys: Iterable[Watched],
+        rotation: Rotation = Rotation(),  # noqa: B008 - it cannot be changed
+        room: Room = Room(),  # noqa: B008 - likewise
+    ) -> None:
         """Begin `path`, which must not exist, for `keys`. Raises RecordingError.
 
         `mission` is the mission's name, `text` its file and `law` the one in use; all go into the recording.
         """
         self.path = path
-        self.recorded: Counter[str] = Counter()
-        """Messages that have reached the file, by key."""
-        self.failure: str | None = None
-        """Why nothing is recorded any more."""
-        self._written: Counter[str] = Counter()
+        """The first part."""
+        self._channels = Channels()
+        self._keys = {one.key: self._declare(one) for one in keys}
+        self._attached: dict[str, int] = {}
+        self._sequence: Counter[str] = Counter()
+        self._chunk = Chunk()
+        self._waiting: deque[tuple[float, int]] = (
+            deque()
+        )  # when chunks were handed over, and how long they are
+        self._handed, self._dropped = 0, 0
         self._flush_due: float | None = None
+        self._is_late = self._is_full = self._is_closed = False
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = path.open("xb")
+            self._disk = Disk(path, about(mission, text, law), self._channels, rotation, room)
         except OSError as error:
-            raise RecordingError(_why(path, error)) from None
-        try:
-            self._writer = Writer(self._file, chunk_size=CHUNK, compression=CompressionType.LZ4)
-            self._writer.start(profile="ros2", library=f"formation {version('formation')}")
-            self._writer.add_metadata("formation", _about(mission, text, law))
-            self._schemas: dict[str, int] = {}
-            self._attached: dict[str, int] = {}
-            self._channels = {one.key: self._declare(one) for one in keys}
-            self._writer.flush()  # type: ignore[no-untyped-call]
-            self._good = self._file.tell()
-        except OSError as error:
-            self._abandon()
-            with suppress(OSError):
-                path.unlink()
             raise RecordingError(_why(path, error)) from None
 
     def __enter__(self) -> Self:
@@ -96,87 +86,122 @@ class Recorder:
     ) -> None:
         self.close()
 
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """Every part so far."""
+        return self._disk.paths
+
+    @property
+    def bytes(self) -> int:
+        """What has been written."""
+        return self._disk.bytes
+
+    @property
+    def recorded(self) -> Counter[str]:
+        """Messages that are on the disk, by key."""
+        counts = self._disk.counts
+        return Counter({key: counts[number] for key, (number, _) in self._keys.items() if counts[number]})
+
+    @property
+    def lost(self) -> int:
+        """Messages (with what rode on them) that could not be recorded."""
+        return self._dropped + self._disk.lost
+
+    @property
+    def failure(self) -> str | None:
+        """Why nothing is recorded just now."""
+        if self._is_full:
+            return "the disk is too slow"
+        if not self._is_closed and not self._disk.is_alive:
+            return "what writes the recording has ended"
+        return self._disk.failure
+
+    def notices(self) -> Iterator[Notice]:
+        """What has happened to the recording since this was asked last. It has been logged already."""
+        while self._disk.notices:
+            yield self._disk.notices.popleft()
+
     def write(self, sample: Sample, wall: float) -> None:
         """Record one message, as received, that arrived at `wall` [s, our system clock]."""
-        channel = self._channels.get(sample.key)
-        if channel is None or self.failure is not None:
+        known = self._keys.get(sample.key)
+        if known is None:
             return
-        number, stamped = channel
+        channel, stamped = known
         arrived = round(wall * 1e9)
-        count = self._written[sample.key] + 1
         stamp = stamp_of(sample.payload) if stamped else None
-        sent, sequence = arrived if stamp is None else stamp, count & 0xFFFFFFFF
-        beside = None if sample.attachment is None else packed(sample.attachment)
-        try:
+        sent = arrived if stamp is None else stamp
+        self._sequence[sample.key] += 1
+        sequence = self._sequence[sample.key] & 0xFFFFFFFF
+        if sample.attachment is not None:
+            beside = packed(sample.attachment)
             if beside is not None:
-                self._writer.add_message(self._beside(sample.key), arrived, beside, sent, sequence)
-            self._writer.add_message(number, arrived, sample.payload, sent, sequence)
-        except OSError as error:
-            self._fail(error)
-            return
-        self._written[sample.key] = count
+                self._chunk.add(self._beside(sample.key), sequence, arrived, sent, beside)
+        self._chunk.add(channel, sequence, arrived, sent, sample.payload)
+        if len(self._chunk.raw) > CHUNK:
+            self._hand_over(self._flush_due or 0.0)
 
     def flush(self, mono: float) -> None:
-        """Hand over to the operating system, if the last time was a period ago; `mono` [s]. Call it often."""
+        """Have it written, if the last time was a period ago; `mono` [s]. Call it often."""
         if self._flush_due is None:
             self._flush_due = mono + FLUSH_PERIOD
-        if mono < self._flush_due or self.failure is not None:
-            return
-        self._flush_due = mono + FLUSH_PERIOD
-        self._flush()
+        if mono >= self._flush_due:
+            self._flush_due = mono + FLUSH_PERIOD
+            self._hand_over(mono)
+            self._look(mono)
 
     def close(self) -> None:
         """Write the index and end the file. Doing so twice does no harm."""
-        if self._file.closed:
+        if self._is_closed:
             return
-        if self.failure is None:
-            self._flush()
-        if self.failure is None:
-            try:
-                self._writer.finish()  # type: ignore[no-untyped-call]
-                self._file.close()
-            except OSError as error:
-                self._fail(error)
+        self._hand_over(self._flush_due or 0.0)
+        self._is_closed = True
+        if not self._disk.close(PATIENCE):
+            _log.error("%s: the disk does not answer, the end of the recording is missing", self.paths[-1])
 
     def _declare(self, one: Watched) -> tuple[int, bool]:
         """Its channel's number, and whether its messages begin with a stamp."""
-        number = self._register(one.key, one.topic.type)
+        number = self._channels.register(one.key, one.topic.type)
         return number, definition(one.topic.type).lstrip().startswith("std_msgs/Header ")
 
     def _beside(self, key: str) -> int:
         """The channel of what rides on `key`, which there is once something does."""
         number = self._attached.get(key)
         if number is None:
-            number = self._attached[key] = self._register(key + SUFFIX, TYPE)
+            number = self._attached[key] = self._channels.register(key + SUFFIX, TYPE)
         return number
 
-    def _register(self, key: str, ros_type: str) -> int:
-        if ros_type not in self._schemas:
-            text = definition(ros_type).encode()
-            self._schemas[ros_type] = self._writer.register_schema(ros_type, "ros2msg", text)
-        metadata = {"offered_qos_profiles": QOS, "topic_type_hash": type_hash(ros_type)}
-        return self._writer.register_channel(f"/{key}", "cdr", self._schemas[ros_type], metadata)
+    def _hand_over(self, mono: float) -> None:
+        chunk = self._chunk
+        if not chunk.raw:
+            return
+        self._chunk = Chunk()
+        if self._is_full:
+            self._dropped += chunk.total
+            return
+        chunk.channels, chunk.handed = len(self._channels.channels), mono
+        self._waiting.append((mono, len(chunk.raw)))
+        self._handed += 1
+        self._disk.put(chunk)
 
-    def _flush(self) -> None:
-        try:
-            self._writer.flush()  # type: ignore[no-untyped-call]
-            self._good = self._file.tell()
-        except OSError as error:
-            self._fail(error)
-        else:
-            self.recorded = self._written.copy()
+    def _look(self, mono: float) -> None:
+        """How far behind the disk is."""
+        while len(self._waiting) > self._handed - self._disk.written:
+            self._waiting.popleft()
+        behind = mono - self._waiting[0][0] if self._waiting else 0.0
+        late = behind > LATE
+        if late and not self._is_late:
+            self._tell(logging.WARNING, f"the disk is slow: {behind:.1f} s of the recording wait for it")
+        self._is_late = late
+        full = sum(size for _, size in self._waiting) > (WAITING // 2 if self._is_full else WAITING)
+        if full and not self._is_full:
+            self._tell(logging.ERROR, f"nothing is recorded any more: the disk is {behind:.0f} s behind")
+        elif self._is_full and not full:
+            self._tell(logging.WARNING, "recording goes on: the disk has caught up")
+        self._is_full = full
 
-    def _fail(self, error: OSError) -> None:
-        """Keep what has reached the file whole, and say once that there will be no more."""
-        self.failure = error.strerror or str(error)
-        _log.error("nothing is recorded any more in %s: %s", self.path, self.failure)
-        self._abandon()
-        with suppress(OSError):
-            os.truncate(self.path, self._good)
-
-    def _abandon(self) -> None:
-        with suppress(OSError):
-            self._file.close()
+    def _tell(self, level: int, text: str) -> None:
+        _log.log(level, "%s", text)
+        self._disk.notices.append(Notice(level, text))
 
 
 def stamp_of(payload: bytes) -> int | None:
@@ -185,17 +210,6 @@ def stamp_of(payload: bytes) -> int | None:
         return None
     seconds, nanoseconds = (_LITTLE if payload[1] else _BIG).unpack_from(payload, 4)
     return seconds * 10**9 + nanoseconds if seconds >= 0 and nanoseconds < 10**9 else None
-
-
-def _about(mission: str, text: str, law: str) -> dict[str, str]:
-    return {
-        "mission": mission,
-        "mission_file": text,
-        "law": law,
-        "recorded_at": datetime.now(UTC).isoformat(timespec="seconds"),
-        "python": sys.version.split()[0],
-        **{name: version(name) for name in PACKAGES},
-    }
 
 
 def _why(path: Path, error: OSError) -> str:

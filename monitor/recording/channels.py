@@ -1,0 +1,67 @@
+"""What a recording is about, and the schemas and channels of its messages: the same in every part."""
+
+from __future__ import annotations
+
+import sys
+from datetime import UTC, datetime
+from importlib.metadata import version
+from uuid import uuid4
+
+from mcap.records import Channel, Schema
+
+from formation.ros2.messages import definition, type_hash
+
+ABOUT = "formation"
+"""Name of the metadata record that says what was recorded."""
+PACKAGES = ("formation", "eclipse-zenoh", "mcap", "numpy", "pydantic", "rosbags")
+QOS = """\
+- history: 1
+  depth: 10
+  reliability: 2
+  durability: 2
+  deadline: {sec: 9223372036, nsec: 854775807}
+  lifespan: {sec: 9223372036, nsec: 854775807}
+  liveliness: 1
+  liveliness_lease_duration: {sec: 9223372036, nsec: 854775807}
+  avoid_ros_namespace_conventions: false
+"""
+"""What `ros2 bag play` offers: keep last 10, best effort, volatile. As numbers, which every ROS 2 reads."""
+
+
+def about(mission: str, text: str, law: str) -> dict[str, str]:
+    """What every part says of the recording; `text` is the mission's file, `law` the one in use."""
+    return {
+        "recording": uuid4().hex,
+        "mission": mission,
+        "mission_file": text,
+        "law": law,
+        "recorded_at": datetime.now(UTC).isoformat(timespec="seconds"),
+        "python": sys.version.split()[0],
+        **{name: version(name) for name in PACKAGES},
+    }
+
+
+class Channels:
+    """Every channel so far, and its schema. It only ever grows, so another thread may read it too."""
+
+    def __init__(self) -> None:
+        self.channels: list[Channel] = []
+        """Number n stands at n - 1."""
+        self.schemas: list[Schema] = []
+        """Likewise."""
+        self._numbers: dict[str, int] = {}
+
+    def register(self, key: str, ros_type: str) -> int:
+        """A new channel's number, for messages of `ros_type` on `key`."""
+        schema = self._numbers.get(ros_type)
+        if schema is None:
+            schema = self._numbers[ros_type] = len(self.schemas) + 1
+            text = definition(ros_type).encode()
+            self.schemas.append(Schema(id=schema, name=ros_type, encoding="ros2msg", data=text))
+        metadata = {"offered_qos_profiles": QOS, "topic_type_hash": type_hash(ros_type)}
+        number = len(self.channels) + 1
+        channel = Channel(
+            id=number, topic=f"/{key}", message_encoding="cdr", schema_id=schema, metadata=metadata
+        )
+        self.channels.append(channel)
+        return number

@@ -1,0 +1,236 @@
+"""One file of a recording: MCAP, complete in itself, with all its schemas, channels and metadata.
+
+It is written here and not by `mcap`'s own Writer because that one forgets nothing: an index of some hundred
+megabytes an hour for 100 robots, which it keeps in memory as Python objects, and chunks which never reached a
+disk that was full. Its records are used; three readers of other people hold the result to the format.
+
+<https://mcap.dev/spec>: header, metadata, (chunk, its message indexes)*, end of data, summary, footer.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Callable, Mapping
+from importlib.metadata import version
+from pathlib import Path
+
+import lz4.frame  # type: ignore[import-untyped]
+import numpy as np
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Statistics,
+    SummaryOffset,
+)
+
+from monitor.recording.channels import ABOUT, Channels
+from monitor.recording.chunk import Chunk
+from monitor.recording.scan import MAGIC
+
+PROFILE = "ros2"
+CODEC = b"lz4"
+_CHUNK_HEAD = struct.Struct("<BQQQQII3sQ")
+CHUNK_HEAD = _CHUNK_HEAD.size - len(CODEC)
+"""Bytes of a chunk's record besides the name of the codec and what it compressed."""
+_INDEX_HEAD = struct.Struct("<BQHI")
+_FOOTER_HEAD = struct.Struct("<BQQQ")
+_sync = getattr(os, "fdatasync", os.fsync)
+
+
+class Part:
+    """A file being written. Whatever fails raises OSError and leaves the file as it was before."""
+
+    def __init__(self, path: Path, about: Mapping[str, str], channels: Channels) -> None:
+        """Create `path`, which must not exist, and have its folder know it for good."""
+        self.path = path
+        self.counts: Counter[int] = Counter()
+        """Messages by channel."""
+        self.start, self.end = 0, 0
+        """Log times of the first and the last message [ns]."""
+        self._channels, self._declared = channels, 0
+        self._indexes, self._chunks = bytearray(), 0
+        fresh = _make_folder(path.parent)
+        self._file = path.open("xb", buffering=0)
+        try:
+            top = MAGIC + packed(Header(profile=PROFILE, library=f"formation {version('formation')}"))
+            metadata = packed(Metadata(name=ABOUT, metadata=dict(about)))
+            self._metadata = MetadataIndex(offset=len(top), length=len(metadata), name=ABOUT)
+            self._put(top + metadata)
+            self.size = len(top) + len(metadata)
+            os.fsync(self._file.fileno())
+            for folder in fresh:
+                _sync_folder(folder)
+        except OSError:
+            self.discard()
+            raise
+
+    @property
+    def is_gone(self) -> bool:
+        """Whether somebody deleted the file."""
+        return os.fstat(self._file.fileno()).st_nlink == 0
+
+    @property
+    def whole_size(self) -> int:
+        """About how long it would be if it ended now [bytes]."""
+        return self.size + len(self._indexes) + 2 * self._metadata.offset + 200 * len(self._channels.channels)
+
+    def append(self, chunk: Chunk) -> None:
+        """Write a chunk and hand it to the operating system."""
+        declarations = self._declarations(chunk.channels)
+        raw = declarations + chunk.raw
+        self.append_packed(_chunk_record(chunk, raw), chunk, len(declarations), len(raw), CODEC.decode())
+        self._declared = chunk.channels
+
+    def append_packed(self, record: bytes, chunk: Chunk, shift: int, unpacked: int, codec: str) -> None:
+        """Write a chunk's whole record, and the indexes to the messages that it holds.
+
+        `chunk` says what these are; they stand `shift` bytes further back in it, and all of it is `unpacked`
+        bytes long before `codec` compressed it.
+        """
+        places, indexes = {}, bytearray()
+        for channel, entries in chunk.index.items():
+            table = np.array(entries, dtype="<u8")
+            table[1::2] += shift
+            places[channel] = self.size + len(record) + len(indexes)
+            length = table.nbytes
+            indexes += _INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + length, channel, length) + table.tobytes()
+        self._put(record + indexes)
+        self._indexes += packed(
+            ChunkIndex(
+                message_start_time=chunk.start, message_end_time=chunk.end,
+                chunk_start_offset=self.size, chunk_length=len(record),
+                message_index_offsets=places, message_index_length=len(indexes), compression=codec,
+                compressed_size=len(record) - CHUNK_HEAD - len(codec), uncompressed_size=unpacked,
+            )
+        )  # fmt: skip
+        self.size += len(record) + len(indexes)
+        self.start = min(self.start, chunk.start) if self._chunks else chunk.start
+        self.end = max(self.end, chunk.end)
+        self._chunks += 1
+        for channel in chunk.index:
+            self.counts[channel] += chunk.count(channel)
+
+    def sync(self) -> None:
+        """Return when all of it is on the disk itself."""
+        _sync(self._file.fileno())
+
+    def finish(self) -> None:
+        """Write the index and close the file; if that fails it is closed all the same."""
+        try:
+            late = self._declarations(len(self._channels.channels))
+            self._put(late + packed(DataEnd(data_section_crc=0)) + self._summary(self.size + len(late)))
+            os.fsync(self._file.fileno())
+        finally:
+            self._file.close()
+
+    def discard(self) -> None:
+        """Close the file and delete it: it has nothing worth keeping."""
+        self._file.close()
+        self.path.unlink(missing_ok=True)
+
+    def reserve(self, room: int) -> None:
+        """Raise OSError unless so many bytes more could be written: a quota is seen nowhere else."""
+        try:
+            os.posix_fallocate(self._file.fileno(), self.size, room)
+        finally:
+            self._file.truncate(self.size)
+
+    def _put(self, data: bytes | bytearray) -> None:
+        """Write all of `data` at the end, or nothing."""
+        before, view = self._file.tell(), memoryview(data)
+        try:
+            while view:
+                done = self._file.write(view)
+                if not done:
+                    raise OSError(errno.EIO, os.strerror(errno.EIO))
+                view = view[done:]
+        except OSError:
+            self._file.seek(before)
+            self._file.truncate()
+            raise
+
+    def _declarations(self, count: int) -> bytes:
+        """The channels which this file does not know yet, with their schemas."""
+        new = self._channels.channels[self._declared : count]
+        known = {one.schema_id for one in self._channels.channels[: self._declared]}
+        records = b""
+        for channel in new:
+            if channel.schema_id not in known:
+                records += packed(self._channels.schemas[channel.schema_id - 1])
+                known.add(channel.schema_id)
+            records += packed(channel)
+        return records
+
+    def _summary(self, end: int) -> bytes:
+        """All that comes after the data, which ends at `end`."""
+        base = end + len(packed(DataEnd(data_section_crc=0)))
+        groups = (
+            (Opcode.SCHEMA, b"".join(map(packed, self._channels.schemas))),
+            (Opcode.CHANNEL, b"".join(map(packed, self._channels.channels))),
+            (Opcode.STATISTICS, packed(self._statistics())),
+            (Opcode.CHUNK_INDEX, bytes(self._indexes)),
+            (Opcode.METADATA_INDEX, packed(self._metadata)),
+        )
+        body, offsets = bytearray(), b""
+        for opcode, records in groups:
+            if records:
+                start = base + len(body)
+                offsets += packed(SummaryOffset(opcode, start, len(records)))
+                body += records
+        places = base, base + len(body)
+        body += offsets
+        head = _FOOTER_HEAD.pack(Opcode.FOOTER, 20, *places)
+        return bytes(body) + packed(Footer(*places, summary_crc=zlib.crc32(head, zlib.crc32(body)))) + MAGIC
+
+    def _statistics(self) -> Statistics:
+        return Statistics(
+            message_count=self.counts.total(), schema_count=len(self._channels.schemas),
+            channel_count=len(self._channels.channels), attachment_count=0, metadata_count=1,
+            chunk_count=self._chunks, message_start_time=self.start, message_end_time=self.end,
+            channel_message_counts=dict(self.counts),
+        )  # fmt: skip
+
+
+def packed(record: McapRecord) -> bytes:
+    """One record as it stands in the file."""
+    builder = RecordBuilder()
+    write: Callable[[RecordBuilder], None] = record.write
+    write(builder)
+    data: bytes = builder.end()  # type: ignore[no-untyped-call]
+    return data
+
+
+def _chunk_record(chunk: Chunk, raw: bytes | bytearray) -> bytes:
+    data: bytes = lz4.frame.compress(raw)
+    length = _CHUNK_HEAD.size - 9 + len(data)
+    head = chunk.start, chunk.end, len(raw), zlib.crc32(raw), len(CODEC), CODEC, len(data)
+    return _CHUNK_HEAD.pack(Opcode.CHUNK, length, *head) + data
+
+
+def _make_folder(folder: Path) -> list[Path]:
+    """Make it and those above it where they are missing; every folder that has a new entry."""
+    changed = [folder]
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+        changed.append(folder)
+    changed[0].mkdir(parents=True, exist_ok=True)
+    return changed
+
+
+def _sync_folder(folder: Path) -> None:
+    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(number)
+    finally:
+        os.close(number)

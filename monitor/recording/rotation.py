@@ -1,0 +1,86 @@
+"""When a recording goes on in another file, what that is called, and what is left of the disk for others."""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import os
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+_SIZES = {"kB": 1e3, "MB": 1e6, "GB": 1e9, "KiB": 2.0**10, "MiB": 2.0**20, "GiB": 2.0**30}
+_TIMES = {"s": 1.0, "min": 60.0, "h": 3600.0}
+OFF = "off"
+
+
+class Rotation(NamedTuple):
+    """How far one part goes; None for as far as the recording."""
+
+    size: float | None = 2e9
+    """[bytes]. It bounds what a part's index takes in memory, and what one broken file takes along."""
+    time: float | None = None
+    """[s]"""
+
+    def is_due(self, size: int, age: float) -> bool:
+        """Whether a part of this `size` [bytes] and `age` [s] is to be ended."""
+        return (self.size is not None and size >= self.size) or (self.time is not None and age >= self.time)
+
+
+class Room(NamedTuple):
+    """How full a disk may become. Two limits, so that a disk which is just full does not make many parts."""
+
+    stop: int = 32_000_000
+    """Nothing is recorded with less than this free: others live there too [bytes]."""
+    resume: int = 128_000_000
+    """It goes on with this much free [bytes]."""
+
+
+def of_size(text: str) -> float | None:
+    """What `--rotate-size` means [bytes]; None for off."""
+    return _quantity(text, _SIZES, "100MB, 2GB", 1e5, "100kB")
+
+
+def of_time(text: str) -> float | None:
+    """What `--rotate-time` means [s]; None for off."""
+    return _quantity(text, _TIMES, "90s, 30min, 2h", 10.0, "10s")
+
+
+def part_path(first: Path, number: int) -> Path:
+    """Part 1 is NAME.mcap, part 2 NAME-2.mcap, and so on."""
+    return first if number == 1 else first.with_name(f"{first.stem}-{number}{first.suffix}")
+
+
+def siblings(path: Path) -> list[Path]:
+    """Files which by their names may be parts of the same recording as `path`, itself included."""
+    shorter = re.sub(r"-\d+$", "", path.stem)
+    fits = re.compile(
+        rf"({re.escape(path.stem)}|{re.escape(shorter)})(-\d+)?{re.escape(path.suffix)}", re.ASCII
+    )
+    try:
+        return sorted(one for one in path.parent.iterdir() if fits.fullmatch(one.name))
+    except OSError:
+        return [path]
+
+
+def need_room(folder: Path, room: int) -> None:
+    """Raise OSError if there is less than `room` [bytes] on the disk of `folder`."""
+    disk = os.statvfs(folder)
+    if disk.f_bavail * disk.f_frsize < room:
+        raise OSError(errno.ENOSPC, f"less than {room / 1e6:g} MB are left on the disk")
+
+
+def _quantity(text: str, units: dict[str, float], examples: str, lowest: float, least: str) -> float | None:
+    if text == OFF:
+        return None
+    found = re.fullmatch(r"(\d+(?:\.\d+)?) ?([A-Za-z]+)", text, re.ASCII)
+    unit = {name.lower(): value for name, value in units.items()}.get(found[2].lower()) if found else None
+    if found is None or unit is None:
+        names = ", ".join(units)
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: must be a number with a unit ({names}), as {examples}, or {OFF}"
+        )
+    value = float(found[1]) * unit
+    if value < lowest:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be at least {least}, or {OFF}")
+    return value

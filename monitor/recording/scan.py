@@ -1,0 +1,162 @@
+"""An MCAP file as it lies on the disk, up to where it is cut or damaged. Nothing in it can raise anything.
+
+`mcap`'s readers want an index or raise where it is missing, and build an object for each message.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from io import BytesIO
+from typing import IO, NamedTuple, TypeVar
+
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Footer, Schema
+from mcap.stream_reader import get_chunk_data_stream
+
+from monitor.recording.chunk import MESSAGE
+
+MAGIC = b"\x89MCAP0\r\n"
+_HEAD = struct.Struct("<BQ")
+_FOOTER = _HEAD.size + 20
+R = TypeVar("R")
+
+
+class Record(NamedTuple):
+    """One record of a file."""
+
+    opcode: int
+    at: int
+    """Where it begins [bytes from the file's start]."""
+    body: bytes
+    """What follows its length."""
+
+    @property
+    def end(self) -> int:
+        """Where the next one begins."""
+        return self.at + _HEAD.size + len(self.body)
+
+
+class Entry(NamedTuple):
+    """One message of a chunk."""
+
+    channel: int
+    sequence: int
+    logged: int
+    """[ns]"""
+    published: int
+    """[ns]"""
+    data: bytes
+
+
+class Contents(NamedTuple):
+    """What a chunk holds."""
+
+    declared: list[Channel]
+    schemas: list[Schema]
+    messages: list[Entry]
+    places: list[int]
+    """Where each message begins in the unpacked chunk [bytes]."""
+    unpacked: int
+    """How long the chunk is then [bytes]."""
+
+
+def records(file: IO[bytes]) -> Iterator[Record]:
+    """Every whole record from the start of `file`, until the footer or until what cannot be one."""
+    end = os.fstat(file.fileno()).st_size
+    file.seek(0)
+    if file.read(len(MAGIC)) != MAGIC:
+        return
+    at = len(MAGIC)
+    while len(head := file.read(_HEAD.size)) == _HEAD.size:
+        opcode, length = _HEAD.unpack(head)
+        if opcode == 0 or length > end - at - _HEAD.size:
+            return
+        body = file.read(length)
+        if len(body) < length:
+            return
+        yield Record(opcode, at, body)
+        at += _HEAD.size + length
+        if opcode == Opcode.FOOTER:
+            return
+
+
+def understood(read: Callable[[ReadDataStream], R], body: bytes) -> R | None:
+    """A record by its class's own `read`; None for one that is damaged."""
+    try:
+        return read(ReadDataStream(BytesIO(body)))
+    except (McapError, ValueError, struct.error):
+        return None
+
+
+def contents(body: bytes) -> Contents | None:
+    """What the chunk with this body holds; None if any of it is damaged."""
+    chunk = understood(Chunk.read, body)
+    try:
+        if chunk is None:
+            return None
+        stream, length = get_chunk_data_stream(chunk)
+        raw = stream.read(length)
+        if len(raw) != chunk.uncompressed_size or chunk.uncompressed_crc not in {0, zlib.crc32(raw)}:
+            return None
+        return _contents(raw)
+    except (McapError, ValueError, RuntimeError, MemoryError, struct.error):
+        return None
+
+
+def footer(file: IO[bytes]) -> Footer | None:
+    """The end of a file that is whole; None for one that has none."""
+    size = os.fstat(file.fileno()).st_size
+    if size < 2 * len(MAGIC) + _FOOTER:
+        return None
+    file.seek(size - _FOOTER - len(MAGIC))
+    tail = file.read()
+    if not tail.endswith(MAGIC) or _HEAD.unpack_from(tail) != (Opcode.FOOTER, 20):
+        return None
+    return understood(Footer.read, tail[_HEAD.size :])
+
+
+def summary(file: IO[bytes]) -> Iterator[Record]:
+    """The records of the index at the end; none if there is no such thing."""
+    end = footer(file)
+    if end is None or not end.summary_start:
+        return
+    file.seek(end.summary_start)
+    while len(head := file.read(_HEAD.size)) == _HEAD.size:
+        opcode, length = _HEAD.unpack(head)
+        if opcode == Opcode.FOOTER or length > 2**31:
+            return
+        yield Record(opcode, file.tell() - _HEAD.size, file.read(length))
+
+
+def _contents(raw: bytes) -> Contents:
+    """Raises ValueError or struct.error where `raw` is no row of records."""
+    found = Contents([], [], [], [], len(raw))
+    at = 0
+    while at < len(raw):
+        opcode, length = _HEAD.unpack_from(raw, at)
+        end = at + _HEAD.size + length
+        if end > len(raw):
+            raise ValueError("a record is longer than its chunk")
+        if opcode == Opcode.MESSAGE:
+            _, _, channel, sequence, logged, published = MESSAGE.unpack_from(raw, at)
+            data = raw[at + MESSAGE.size : end]
+            found.messages.append(Entry(channel, sequence, logged, published, data))
+            found.places.append(at)
+        elif opcode == Opcode.CHANNEL:
+            found.declared.append(_sure(Channel.read, raw[at + _HEAD.size : end]))
+        elif opcode == Opcode.SCHEMA:
+            found.schemas.append(_sure(Schema.read, raw[at + _HEAD.size : end]))
+        at = end
+    return found
+
+
+def _sure(read: Callable[[ReadDataStream], R], body: bytes) -> R:
+    record = understood(read, body)
+    if record is None:
+        raise ValueError("a record of a chunk is damaged")
+    return record
