@@ -60,6 +60,7 @@ def application(
         routes.append(Route("/api/order", Orders(source, control).order, methods=["POST"]))
     if replay is not None:
         routes.append(Route("/api/replay", Steering(replay).steer, methods=["POST"]))
+    routes.append(Route("/api/{rest:path}", answers.nothing, methods=["GET", "POST"]))
     routes.append(Mount("/", Site(directory=SITE, html=True, check_dir=False)))
     return Starlette(routes=routes, exception_handlers={HTTPException: _say_why})
 
@@ -73,6 +74,10 @@ class Answers:
     async def health(self, _request: Request) -> Response:
         """Whether anybody is there."""
         return PlainTextResponse("ok\n", headers=NO_STORE)
+
+    async def nothing(self, request: Request) -> Response:
+        """What this server, as it was started, does not do."""
+        raise HTTPException(404, f"there is no {request.url.path} here")
 
     async def metrics(self, request: Request) -> Response:
         """For Prometheus."""
@@ -104,8 +109,8 @@ class Orders:
 
     async def order(self, request: Request) -> Response:
         """Give one and answer with what the robots answered."""
-        given = request.headers.get("authorization", "").removeprefix("Bearer ")
-        if not hmac.compare_digest(given.encode(), self._control.token.encode()):
+        given, right = request.headers.get("authorization", ""), f"Bearer {self._control.token}"
+        if not hmac.compare_digest(given.encode(), right.encode()):
             raise HTTPException(401, "this needs the token of the page", {"www-authenticate": "Bearer"})
         body = await _body(request)
         do, shape = _one_of(body, "do", get_args(Do)), None

@@ -16,13 +16,13 @@ from types import TracebackType
 from typing import Any, Protocol, Self
 
 import uvicorn
-from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from monitor.page.address import Bind, listening
+from monitor.page.connection import Connection
 from monitor.page.guard import Guard, Message, names_of
 from monitor.page.routes import application
 from monitor.page.source import Source
-from monitor.page.stream import MOST, Streams
+from monitor.page.stream import Streams
 
 STARTING = 5.0
 """How long the thread has to come up [s]."""
@@ -81,9 +81,9 @@ class PageServer:
         app = application(source, self._streams, control, replay)
         config = uvicorn.Config(
             Guard(app, names_of(socket.gethostname(), bind.host)),
-            log_config=None, log_level="error", access_log=False, lifespan="off", ws="none", http="h11",
-            loop="asyncio", server_header=False, limit_concurrency=2 * MOST, timeout_keep_alive=IDLE,
-            h11_max_incomplete_event_size=LONGEST_HEAD,
+            log_config=None, log_level="error", access_log=False, lifespan="off", ws="none",
+            http=Connection, loop="asyncio", server_header=False, proxy_headers=False,
+            timeout_keep_alive=IDLE, h11_max_incomplete_event_size=LONGEST_HEAD,
         )  # fmt: skip
         self._server = uvicorn.Server(config)
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -119,6 +119,8 @@ class PageServer:
             _log.exception("the page is no longer served")
         finally:
             self._loop = None
+            self.source.wakes(None)
+            self.source.looking(0)
             self._up.set()
 
     async def _serve(self) -> None:
@@ -139,7 +141,7 @@ class PageServer:
 
     def _hang_up(self, request: Message) -> None:
         for one in list(self._server.server_state.connections):
-            if isinstance(one, H11Protocol) and one.client == request["client"]:
+            if isinstance(one, Connection) and one.client == request["client"]:
                 one.transport.abort()
 
     def _call(self, do: Callable[[], None]) -> None:

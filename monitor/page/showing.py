@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Mapping
-from contextlib import suppress
 from itertools import takewhile
 from typing import Any
 
@@ -30,12 +30,13 @@ class Showing:
     def __init__(self, mission: Mission, monitor: Monitor, source: Source) -> None:
         self._mission, self._monitor, self._source = mission, monitor, source
         self._history, self._complaints = Rate(HISTORY_RATE), Rate(COMPLAINTS)
-        self._files = _Files()
+        self._begun = math.inf
         self._shown: Snapshot | None = None
         self._told = 0
 
     def step(self, now: Now, recorder: Recorder | None) -> None:
         """Show what is new since the last step. Call it right after the monitor's."""
+        self._begun = min(self._begun, now.mono)
         try:
             self._events()
             self._frame(now, recorder)
@@ -58,30 +59,15 @@ class Showing:
         if self._history.tick(now.mono):
             self._source.observe(now.wall, snapshot.formation_error)
         if self._source.wanted:
-            recording = None if recorder is None else self._files.of(recorder, now)
-            frame = frames.frame(
-                self._mission, self._monitor.metrics, now, snapshot=snapshot, recording=recording
-            )
+            recording = _recording(recorder, now.mono - self._begun)
+            metrics = self._monitor.metrics
+            frame = frames.frame(self._mission, metrics, now, snapshot=snapshot, recording=recording)
             self._source.show(frame, snapshot)
 
 
-class _Files:
-    """How a recording stands, looked up once a second."""
-
-    def __init__(self) -> None:
-        self._rate = Rate(1.0)
-        self._begun: float | None = None
-        self._bytes = 0
-
-    def of(self, recorder: Recorder, now: Now) -> Mapping[str, Any]:
-        if self._begun is None:
-            self._begun = now.mono
-        if self._rate.tick(now.mono):
-            with suppress(OSError):  # somebody has moved it
-                self._bytes = recorder.path.stat().st_size
-        return {
-            "path": str(recorder.path),
-            "bytes": self._bytes,
-            "seconds": round(now.mono - self._begun, 1),
-            "failure": recorder.failure,
-        }
+def _recording(recorder: Recorder | None, seconds: float) -> Mapping[str, Any] | None:
+    """How a recording stands that was begun so many seconds ago."""
+    if recorder is None:
+        return None
+    path, failure = str(recorder.paths[-1]), recorder.failure
+    return {"path": path, "bytes": recorder.bytes, "seconds": round(seconds, 1), "failure": failure}

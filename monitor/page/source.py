@@ -19,6 +19,9 @@ HISTORY = 1200
 EVENTS = 200
 """Newest events that it is given."""
 
+AGAIN = b"retry: 1000\n"
+"""After so long a page dials again [ms]."""
+
 
 class Look(NamedTuple):
     """The formation of one moment, as it goes out."""
@@ -128,7 +131,7 @@ class Source:
             }
             last = self._events[-1][0] if self._events else -1
             epoch = self.epoch
-        return Greeting(_chunk("hello", f"hello-{epoch}", _json(hello)), epoch, last)
+        return Greeting(AGAIN + _chunk("hello", f"hello-{epoch}", _json(hello)), epoch, last)
 
     def events(self, after: int) -> tuple[int, bytes]:
         """The number of the newest event, and all that came after the one with number `after`."""

@@ -51,9 +51,11 @@ class Streams:
 
     async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
         """Serve one client until it goes."""
+        if scope["method"] == "HEAD":
+            await _answer(send, 200, HEADERS)
+            return
         if self._places >= MOST:
-            await send({"type": "http.response.start", "status": 503, "headers": [(b"retry-after", b"5")]})
-            await send({"type": "http.response.body", "body": b"too many are looking already\n"})
+            await _answer(send, 503, [(b"retry-after", b"5")], b"too many are looking already\n")
             return
         self._looking(streams=+1)
         gone = asyncio.create_task(_gone(receive))
@@ -120,6 +122,11 @@ class Streams:
         self._places += streams
         self._askers += askers
         self._source.looking(self._places + self._askers)
+
+
+async def _answer(send: Send, status: int, headers: list[tuple[bytes, bytes]], body: bytes = b"") -> None:
+    await send({"type": "http.response.start", "status": status, "headers": headers})
+    await send({"type": "http.response.body", "body": body})
 
 
 async def _send(send: Send, chunk: bytes) -> None:
