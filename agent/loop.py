@@ -7,15 +7,18 @@
 
 On the robot's side positions and status are ROS 2 topics, without the order. `ALIVE` is between an agent and
 its guard and stays there. An agent that is ``readonly`` sends its robot neither commands nor signs of life.
+What the fleet hears of a command carries its trace (`agent.trace`), made when the robot has long had it.
 """
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from agent.core import Agent
 from agent.status import Surroundings
+from agent.trace import Trace
 from formation.ros2.ros_names import address
 from formation.topics import ALIVE, CMD_VEL, ORDER, SCAN, STATUS
 from formation.transport.process import Process
@@ -23,6 +26,7 @@ from formation.wire import Now, Outgoing, Sample
 
 REFUSED_PERIOD = 0.5
 """[s]"""
+_log = logging.getLogger(__name__)
 
 
 class Sides:
@@ -30,6 +34,7 @@ class Sides:
 
     def __init__(self, agent: Agent, process: Process, *, readonly: bool) -> None:
         self._agent, self._process = agent, process
+        self._trace, self._warned = Trace(agent), False
         self._command = CMD_VEL.key(agent.robot)
         self._unspoken = frozenset((self._command, ALIVE.key(agent.robot)) if readonly else ())
         """What its robot is not told."""
@@ -76,14 +81,23 @@ class Sides:
             self._refused = self._process.bus.refused
         self._agent.aware(Surroundings(connected, routed, self._refused))
         self._inbox = inbox
-        commands = self._agent.act(now, [sample for sample in inbox if sample.key in self._heard])
+        heard = [sample for sample in inbox if sample.key in self._heard]
+        commands = self._agent.act(now, heard)
         yield from commands
         if commands:
             os.sched_yield()  # the thread that writes them to the socket may run before reports are made
         yield from self._agent.tell(now)
+        self._trace.stepped(now, connected, routed, heard)
+
+    def request(self, data: bytes) -> bytes:
+        """Answer an operator's request."""
+        reply = self._agent.request(data)
+        self._trace.asked(data)
+        return reply
 
     def halt(self, now: Now, reason: str) -> Iterable[Outgoing]:
         """The agent's last words."""
+        self._trace.halted(now)
         return self._agent.halt(now, reason)
 
     def send(self, outbox: Iterable[Outgoing]) -> None:
@@ -102,17 +116,25 @@ class Sides:
             if out.key not in self._urgent:
                 robot.publish(out.key, out.payload)
             elif out.key in self._fleet:
-                bus.publish(out.key, out.payload, out.attachment)
+                bus.publish(out.key, out.payload, self._traced() if out.key == self._command else None)
         inbox, self._inbox = self._inbox, ()
         for sample in inbox:
             if sample.key in self._repeated:
                 bus.publish(sample.key, sample.payload)
+
+    def _traced(self) -> bytes | None:
+        """The trace of the newest command; that there can be none is said once."""
+        trace = self._trace.attachment()
+        if self._trace.failures and not self._warned:
+            self._warned = True
+            _log.warning("a recording of this run cannot be verified everywhere: %s", self._trace.failure)
+        return trace
 
 
 def drive(agent: Agent, process: Process, *, readonly: bool) -> None:
     """Declare, wait for whoever watches, then drive the robot until told to stop."""
     sides = Sides(agent, process, readonly=readonly)
     sides.declare()
-    process.bus.answer(ORDER.key(agent.robot), agent.request)
+    process.bus.answer(ORDER.key(agent.robot), sides.request)
     process.ready(STATUS.key(agent.robot))
     process.run(sides, sides.send)

@@ -1,0 +1,246 @@
+"""All that an agent has learned, as plain JSON: `remember` takes it down, `recall` gives it to another.
+
+An agent's commands follow from its mission, its memory and what it hears from then on. What each class keeps
+is in one table: its memory, the parts that have a memory of their own, and what its construction settles
+for good. An attribute that stands nowhere in it fails a test.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+from agent.commander import Commander
+from agent.core import Agent
+from agent.failsafe import Decision, State
+from agent.latch import Latch
+from agent.localisation import Localisation
+from agent.neighbourhood import Neighbour, Neighbourhood
+from agent.odometer import Odometer
+from agent.orders import Orders
+from agent.overhead import Overhead, Sent
+from agent.status import Surroundings
+from agent.stream import Stream
+from agent.values import (
+    BadMemoryError,
+    Json,
+    Kind,
+    by_name,
+    count,
+    flag,
+    maybe,
+    model,
+    plane,
+    real,
+    recent,
+    record,
+    refuse,
+    row,
+    spoken,
+    text,
+    word,
+)
+from agent.voice import REMEMBERED, Voice
+from formation.neighbour import Track
+from formation.order import Once, Order, Told
+from formation.ros2.messages import Odometry, Pose
+from formation.unicycle import Command
+
+__all__ = ["KEPT", "BadMemoryError", "Json", "Kept", "recall", "remember"]
+
+
+class Kept(NamedTuple):
+    """What a class keeps, attribute by attribute."""
+
+    memory: Mapping[str, Kind]
+    """What it learns."""
+    parts: tuple[str, ...] = ()
+    """What has a memory of its own: one object, or a dict of them by name."""
+    construction: tuple[str, ...] = ()
+    """What is the same in all agents with this mission, robot, law and voice."""
+
+
+def _sent(numbers: Iterable[float]) -> Sent:
+    since, speed, turn_rate = numbers
+    return Sent(since, Command(speed, turn_rate))
+
+
+_COMMAND = row(Command._make, real, real)
+_ORDER = model(Order)
+_ODOMETRY = record(
+    Odometry, stamp=real, position=plane, heading=plane, speed=real, turn_rate=real, frame=text,
+    child_frame=text,
+)  # fmt: skip
+_SENT = Kind(  # hundreds of them: numbers of Python's own, and finite, so they are said as they are
+    lambda sent: [sent.since, *sent.command],
+    row(_sent, real, real, real).read,
+)
+_POSE = record(Pose, stamp=real, position=plane, heading=plane, frame=text)
+
+KEPT: Mapping[type, Kept] = {
+    Agent: Kept(
+        memory={
+            "dropped": by_name(count, Counter),
+            "last_dropped": by_name(text),
+            "decision": row(Decision._make, word(*State, of=State), text),
+            "_told": count,
+            "_surroundings": record(
+                Surroundings, connected=maybe(flag), routed=maybe(flag), refused=by_name(count)
+            ),
+            "_moved": flag,
+            "_integral": plane,
+            "_finite": flag,
+            "_status_due": real,
+            "_rest_due": real,
+        },
+        parts=("_here", "_neighbours", "_orders", "_commander", "_latch"),
+        construction=(
+            "robot",
+            "law_name",
+            "_mission",
+            "_spec",
+            "_readonly",
+            "_voice",
+            "_law",
+            "_own",
+            "_status_key",
+            "_position_key",
+            "_handlers",
+        ),
+    ),
+    Localisation: Kept(
+        memory={
+            "jumped": maybe(text),
+            "jumps": count,
+            "follows": flag,
+            "late": count,
+            "position": plane,
+            "_measured": plane,
+            "_estimate": plane,
+            "_before": maybe(row(tuple, real, plane, plane)),
+            "_calm": real,
+        },
+        parts=("stream", "_source"),
+        construction=("_printed", "_measures_heading", "_gain", "_limits", "_period", "_guessed"),
+    ),
+    Odometer: Kept(
+        memory={
+            "realigned": count,
+            "_rotation": plane,
+            "_origin": plane,
+            "_last": maybe(_ODOMETRY),
+            "_why": text,
+        },
+        construction=("_counts_from_start", "_limits"),
+    ),
+    Overhead: Kept(
+        memory={
+            "_last": maybe(_POSE),
+            "_sent": recent(_SENT),
+            "_unmoved": real,
+        },
+        construction=("_limits", "_reads_heading"),
+    ),
+    Stream: Kept(
+        memory={
+            "stamp": real,
+            "arrived": maybe(real),
+            "underway": real,
+            "_suspect": maybe(row(tuple, real, real)),
+        },
+        construction=("limit",),
+    ),
+    Neighbourhood: Kept(
+        memory={},
+        parts=("each",),
+        construction=("_mission", "_robot", "_carry", "_feed_forward", "_as_measured"),
+    ),
+    Neighbour: Kept(
+        memory={
+            "displacement": plane,
+            "_track": maybe(row(Track._make, real, plane, plane)),
+            "_unplaced": maybe(row(tuple, maybe(real))),
+        },
+        parts=("stream", "voice"),
+        construction=("name", "_offset", "_top_speed", "_filter"),
+    ),
+    Voice: Kept(
+        memory={
+            "contested": real,
+            "_bound": maybe(model(Told)),
+            "_heard": real,
+            "_leapt": maybe(row(tuple, count, real)),
+            "_former": recent(text, REMEMBERED),
+        },
+        construction=("limit", "_name", "_rate"),
+    ),
+    Orders: Kept(
+        memory={
+            "newest": maybe(_ORDER),
+            "rose": real,
+            "_heard": by_name(row(tuple, _ORDER, real)),
+        },
+        construction=("_shapes", "_rate"),
+    ),
+    Commander: Kept(
+        memory={"newest": _COMMAND, "remainder": _COMMAND, "_began": maybe(real)},
+        construction=("steps", "topics", "_stamped", "_cmd_vel", "_alive", "_quantiser"),
+    ),
+    Latch: Kept(
+        memory={"mode": maybe(word("hold", "run", "stop"))}, parts=("_once",), construction=("_robot",)
+    ),
+    Once: Kept(memory={"_answers": by_name(spoken)}),
+}
+"""What every class that an agent is made of keeps."""
+
+
+def remember(agent: Agent) -> dict[str, Json]:
+    """All that `agent` has learned."""
+    return _remember(agent)
+
+
+def recall(agent: Agent, memory: Json) -> None:
+    """Have `agent`, of the same mission, robot, law and voice, know what another has learned.
+
+    Raises BadMemoryError for what is no memory of such an agent; `agent` is then as it was.
+    """
+    learned = list(_learned(agent, memory, "memory"))
+    for thing, name, value in learned:
+        setattr(thing, name, value)
+
+
+def _remember(thing: Any) -> dict[str, Json]:
+    kept = KEPT[type(thing)]
+    said = {name.lstrip("_"): kind.said(getattr(thing, name)) for name, kind in kept.memory.items()}
+    for name in kept.parts:
+        part = getattr(thing, name)
+        said[name.lstrip("_")] = (
+            {key: _remember(one) for key, one in part.items()} if isinstance(part, dict) else _remember(part)
+        )
+    return said
+
+
+def _learned(thing: Any, said: Json, where: str) -> Iterator[tuple[Any, str, Any]]:
+    """Each attribute to set, of this thing and its parts: object, name and value. Raises BadMemoryError."""
+    kept = KEPT[type(thing)]
+    _check_names(said, where, {name.lstrip("_") for name in (*kept.memory, *kept.parts)})
+    for name, kind in kept.memory.items():
+        spelled = name.lstrip("_")
+        yield thing, name, kind.read(said[spelled], f"{where}.{spelled}")
+    for name in kept.parts:
+        part, spelled = getattr(thing, name), name.lstrip("_")
+        if not isinstance(part, dict):
+            yield from _learned(part, said[spelled], f"{where}.{spelled}")
+            continue
+        _check_names(said[spelled], f"{where}.{spelled}", set(part))
+        for key, one in part.items():
+            yield from _learned(one, said[spelled][key], f"{where}.{spelled}.{key}")
+
+
+def _check_names(said: Json, where: str, names: set[str]) -> None:
+    if type(said) is not dict:
+        refuse(said, where, "an object")
+    if odd := sorted(names ^ set(said)):
+        state = "is missing" if odd[0] in names else "is unknown to this agent"
+        raise BadMemoryError(f"{where}.{odd[0]}: {state}")
