@@ -95,14 +95,24 @@ class Fleet:
         core = self.leader if name == self.mission.leader else self.agents[name]
         return decode_order(OperatorReply, core.request(encode(OperatorRequest.model_validate({"do": do}))))
 
+    def take(self, shape: str) -> OperatorReply:
+        """Have the leader ask for another shape."""
+        request = OperatorRequest(do="shape", shape=shape)
+        return decode_order(OperatorReply, self.leader.request(encode(request)))
+
     def error(self) -> float:
-        """Formation error of the robots as they really are, now [m]."""
+        """Formation error of the robots as they really are, now, in the shape that is ordered [m]."""
+        slots = self.mission.slots(self.leader.shape)
+        return float(formation_error(self.mission.graph, np.array(self.points()), slots))
+
+    def points(self) -> list[complex]:
+        """The leader, and the robots' control points as they really are, now [m; world frame]."""
         points = [self._leader_position()]
         for name in self.mission.followers:
             robot = self.world._hosted[name]
             robot.go_to(self.now)
             points.append(robot.control_point)
-        return float(formation_error(self.mission.graph, np.array(points), self.mission.slots()))
+        return points
 
     def _leader_position(self) -> complex:
         moving = self.leader.mode == "run" and self.leader._stepped is not None

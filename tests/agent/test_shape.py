@@ -1,0 +1,132 @@
+"""Another shape while the team drives, or stands: production cores, a fake clock, a network in memory."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from formation.mission_file import load
+from leader.core import Leader
+from tests.agent.fleet import Fleet
+
+SIX = load("six_robots")
+AT_REST = (0.0, 0.0)
+
+
+def driving(seconds: float = 10.0, *, loss: float = 0.0) -> Fleet:
+    fleet = Fleet(SIX, loss=loss, seed=3)
+    fleet.run(seconds)
+    return fleet
+
+
+def within_limits(fleet: Fleet) -> bool:
+    return all(
+        abs(u) <= SIX.robots[name].max_speed and abs(w) <= SIX.robots[name].max_turn_rate
+        for name in SIX.followers
+        for _, u, w in fleet.commands[name]
+    )
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.3])
+def test_the_team_takes_another_shape_within_its_limits_and_goes_back(loss: float) -> None:
+    fleet = driving(loss=loss)
+    for shape in ("wedge", "hexagon"):
+        assert fleet.take(shape).ok
+        fleet.run(0.5)
+        assert fleet.error() > SIX.settled
+        fleet.run(9.5)
+        assert fleet.error() < SIX.settled
+    assert within_limits(fleet)
+
+
+def test_bodies_keep_their_distance_on_the_way_from_one_shipped_shape_to_the_other() -> None:
+    fleet, touching = driving(), 2.0 * SIX.robot.radius
+    for shape in ("wedge", "hexagon"):
+        fleet.take(shape)
+        for _ in range(100):
+            fleet.run(0.1)
+            bodies = [fleet.world._hosted[name].plant.position for name in SIX.followers]
+            assert min(abs(one - other) for one, other in combinations(bodies, 2)) > 2.0 * touching
+
+
+def test_everybody_follows_within_a_few_periods_and_goes_on_driving() -> None:
+    fleet = driving()
+    before = {name: len(fleet.commands[name]) for name in SIX.followers}
+    fleet.take("wedge")
+    fleet.run(0.5)
+    assert {agent._orders.newest.shape for agent in fleet.agents.values() if agent._orders.newest} == {
+        "wedge"
+    }
+    for name in SIX.followers:
+        assert all(command[1:] != AT_REST for command in fleet.commands[name][before[name] :])
+
+
+@pytest.mark.parametrize(("rest", "go"), [("hold", "run"), ("stop", "release")])
+def test_who_stands_takes_the_other_shape_only_when_he_is_let_go(rest: str, go: str) -> None:
+    fleet = driving()
+    asked = SIX.names if rest == "stop" else ("robot1",)
+    for name in asked:
+        assert fleet.ask(name, rest).ok
+    fleet.run(1.0)
+    before, where = {name: len(fleet.commands[name]) for name in SIX.followers}, fleet.points()
+    assert fleet.take("wedge").ok
+    fleet.run(3.0)
+    for name in SIX.followers:
+        assert {command[1:] for command in fleet.commands[name][before[name] :]} == {AT_REST}
+    assert fleet.points() == pytest.approx(where, abs=1e-3)
+    for name in asked:
+        assert fleet.ask(name, go).ok
+    fleet.run(10.0)
+    assert fleet.error() < SIX.settled
+    assert within_limits(fleet)
+
+
+def test_an_agent_that_starts_anew_takes_the_shape_of_the_others() -> None:
+    fleet = driving()
+    fleet.take("wedge")
+    fleet.run(5.0)
+    fleet.kill("robot5")
+    fleet.run(1.0)
+    fleet.agents["robot5"] = fleet.nodes["robot5"].core = fleet.new_agent("robot5")
+    fleet.revive("robot5")
+    fleet.run(10.0)
+    assert fleet.error() < SIX.settled
+
+
+def test_a_leader_that_starts_anew_begins_with_the_missions_first_shape_again() -> None:
+    fleet = driving()
+    fleet.take("wedge")
+    fleet.run(5.0)
+    fleet.kill("leader")
+    fleet.leader = fleet.nodes["leader"].core = Leader(SIX, voice="another")
+    fleet.revive("leader")
+    fleet.run(20.0)
+    shapes = {agent._orders.newest.shape for agent in fleet.agents.values() if agent._orders.newest}
+    assert shapes == {"hexagon"}
+    assert fleet.error() < SIX.settled
+
+
+orders = st.one_of(
+    st.sampled_from(["stop", "hold", "run", "release"]).map(lambda do: (do, None)),
+    st.sampled_from(["hexagon", "wedge"]).map(lambda shape: ("shape", shape)),
+)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.lists(st.tuples(orders, st.floats(0.01, 1.0)), max_size=12))
+def test_whatever_is_ordered_in_whatever_haste_no_command_exceeds_a_limit(
+    given_orders: list[tuple[tuple[str, str | None], float]],
+) -> None:
+    fleet = driving(3.0, loss=0.1)
+    for (do, shape), wait in given_orders:
+        if shape is not None:
+            fleet.take(shape)
+        for name in {"stop": SIX.names, "release": SIX.names, "shape": ()}.get(do, ("robot1",)):
+            fleet.ask(name, do)
+        fleet.run(wait)
+        if fleet.leader.mode == "stop" and wait > 0.2:
+            assert {fleet.last_command(name) for name in SIX.followers} == {AT_REST}
+    assert within_limits(fleet)
