@@ -35,6 +35,7 @@ COMMANDS = {
     "check": Command("deploy.check", HERE, "is this mission stable, how fast, how much delay does it bear?"),
     "simulate": Command("deploy.simulate", HERE, "many starts, faster than real time, without a network"),
     "order": Command("deploy.order", HERE, "hold, run, stop, release or reshape a running mission's robots"),
+    "recover": Command("deploy.recover", HERE, "make a recording whole that was cut off"),
     "missions": Command("deploy.shelf", HERE, "list the missions that are shipped"),
     "agent": Command("agent.__main__", ALONE, "control one robot"),
     "leader": Command("leader.__main__", ALONE, "go along the route and give the orders"),

@@ -46,10 +46,18 @@ class Channels:
 
     def __init__(self) -> None:
         self.channels: list[Channel] = []
-        """Number n stands at n - 1."""
         self.schemas: list[Schema] = []
-        """Likewise."""
         self._numbers: dict[str, int] = {}
+
+    def adopt(self, channel: Channel) -> None:
+        """Take over a channel of another file, with its number."""
+        if channel not in self.channels:
+            self.channels.append(channel)
+
+    def adopt_schema(self, schema: Schema) -> None:
+        """Likewise."""
+        if schema not in self.schemas:
+            self.schemas.append(schema)
 
     def register(self, key: str, ros_type: str) -> int:
         """A new channel's number, for messages of `ros_type` on `key`."""

@@ -90,7 +90,6 @@ class Part:
         declarations = self._declarations(chunk.channels)
         raw = declarations + chunk.raw
         self.append_packed(_chunk_record(chunk, raw), chunk, len(declarations), len(raw), CODEC.decode())
-        self._declared = chunk.channels
 
     def append_packed(self, record: bytes, chunk: Chunk, shift: int, unpacked: int, codec: str) -> None:
         """Write a chunk's whole record, and the indexes to the messages that it holds.
@@ -115,8 +114,10 @@ class Part:
             )
         )  # fmt: skip
         self.size += len(record) + len(indexes)
-        self.start = min(self.start, chunk.start) if self._chunks else chunk.start
-        self.end = max(self.end, chunk.end)
+        self._declared = chunk.channels
+        if chunk.index:
+            self.start = min(self.start, chunk.start) if self.counts else chunk.start
+            self.end = max(self.end, chunk.end)
         self._chunks += 1
         for channel in chunk.index:
             self.counts[channel] += chunk.count(channel)
@@ -167,8 +168,9 @@ class Part:
         records = b""
         for channel in new:
             if channel.schema_id not in known:
-                records += packed(self._channels.schemas[channel.schema_id - 1])
                 known.add(channel.schema_id)
+                schemas = self._channels.schemas
+                records += b"".join(packed(one) for one in schemas if one.id == channel.schema_id)
             records += packed(channel)
         return records
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,7 @@ from monitor.recording.attached import SUFFIX
 from monitor.recording.channels import ABOUT
 from monitor.recording.extent import Extent, extent_of
 from monitor.recording.rotation import siblings
-from monitor.recording.scan import contents, footer, records, understood
+from monitor.recording.scan import contents, ends_before, footer, records, summary, understood
 
 
 class UnreadableError(ValueError):
@@ -49,11 +50,15 @@ class Recording:
     parts: tuple[Path, ...]
     """Every file of it that is there, in order."""
 
-    def messages(self) -> Iterator[Recorded]:
-        """Every message of every part, attachments included, up to where one is cut."""
+    def messages(self, since: float = -math.inf) -> Iterator[Recorded]:
+        """Every message of every part, attachments included, up to where one is cut.
+
+        Those before `since` [s, system clock of the recorder] are passed over, by whole chunks, so that some
+        of them may still come.
+        """
         for part in self.parts:
             with part.open("rb") as file:
-                yield from _messages(file)
+                yield from _messages(file, since)
 
     def is_cut(self) -> bool:
         """Whether the end of a part is missing: its recorder was killed, or is still at work."""
@@ -118,15 +123,20 @@ def _number(about: Mapping[str, str]) -> int:
     return int(text) if text.isdecimal() else 1
 
 
-def _messages(file: IO[bytes]) -> Iterator[Recorded]:
-    keys: dict[int, str] = {}
+def _messages(file: IO[bytes], since: float) -> Iterator[Recorded]:
+    keys = {} if since == -math.inf else _indexed(file)
+    indexed = bool(keys)
     riding: dict[str, bytes] = {}
     for record in records(file):
         if record.opcode == Opcode.CHANNEL:
             _learn(keys, [understood(Channel.read, record.body)])
-        if record.opcode != Opcode.CHUNK or (chunk := contents(record.body)) is None:
+        if record.opcode != Opcode.CHUNK or (indexed and ends_before(record, since)):
+            continue
+        if (chunk := contents(record.body)) is None:
             continue
         _learn(keys, chunk.declared)
+        if ends_before(record, since):
+            continue
         for message in chunk.messages:
             key = keys.get(message.channel, "")
             if key.endswith(SUFFIX):
@@ -135,6 +145,15 @@ def _messages(file: IO[bytes]) -> Iterator[Recorded]:
                 wall = message.logged / 1e9
                 sample = Sample(key, message.data, riding.pop(key, None), wall)
                 yield Recorded(sample, wall, message.logged)
+
+
+def _indexed(file: IO[bytes]) -> dict[int, str]:
+    """The keys of all channels, from the index at the end; empty where there is none."""
+    keys: dict[int, str] = {}
+    for record in summary(file):
+        if record.opcode == Opcode.CHANNEL:
+            _learn(keys, [understood(Channel.read, record.body)])
+    return keys
 
 
 def _learn(keys: dict[int, str], channels: list[Channel] | list[Channel | None]) -> None:

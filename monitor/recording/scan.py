@@ -22,6 +22,7 @@ from monitor.recording.chunk import MESSAGE
 
 MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")
+_TIMES = struct.Struct("<QQ")  # of the first and the last message of a chunk [ns]
 _FOOTER = _HEAD.size + 20
 R = TypeVar("R")
 
@@ -34,6 +35,11 @@ class Record(NamedTuple):
     """Where it begins [bytes from the file's start]."""
     body: bytes
     """What follows its length."""
+
+    @property
+    def whole(self) -> bytes:
+        """As it stands in the file."""
+        return _HEAD.pack(self.opcode, len(self.body)) + self.body
 
     @property
     def end(self) -> int:
@@ -106,6 +112,11 @@ def contents(body: bytes) -> Contents | None:
         return _contents(raw)
     except (McapError, ValueError, RuntimeError, MemoryError, struct.error):
         return None
+
+
+def ends_before(chunk: Record, moment: float) -> bool:
+    """Whether all messages of a chunk arrived before `moment` [s]; False for one that is damaged."""
+    return len(chunk.body) >= _TIMES.size and _TIMES.unpack_from(chunk.body)[1] < moment * 1e9
 
 
 def footer(file: IO[bytes]) -> Footer | None:

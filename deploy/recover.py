@@ -1,0 +1,104 @@
+"""`formation recover`: makes a recording whole that was cut off, by a power cut, a kill or a full disk."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from deploy.arguments import as_json, parser
+from deploy.refusal import Refusal
+from monitor.recording.reader import UnreadableError
+from monitor.recording.recover import Found, recover
+
+EXAMPLES = """\
+  formation recover recordings/six-robots-20260801-101500.mcap
+  formation recover monday.mcap -o monday-whole.mcap
+
+The original is never touched. `formation report` and `formation replay` read a cut recording as it is;
+Foxglove, PlotJuggler and `ros2 bag` want a whole one.
+"""
+PATIENCE = 2.0
+"""Before it says how far it is, and from one time to the next [s]."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Recover one file; the exit code."""
+    args = _flags().parse_args(argv)
+    out = args.out or args.file.with_name(f"{args.file.stem}-recovered{args.file.suffix}")
+    try:
+        found = recover(args.file, out, _Progress(args.file))
+    except UnreadableError as error:
+        raise Refusal(str(error)) from None
+    except FileExistsError:
+        reason = "exists already, and a recording is never overwritten"
+        raise Refusal(f"{out}: {reason if out.exists() else f'{out.parent} is no folder'}") from None
+    except OSError as error:
+        raise Refusal(f"{args.file}: cannot be recovered to {out}: {error.strerror}") from None
+    if args.json:
+        print(as_json(_report(args.file, out, found)))
+    else:
+        print(_words(args.file, out, found))
+    return 0
+
+
+class _Progress:
+    """Says on stderr how far it is, where that takes long."""
+
+    def __init__(self, file: Path) -> None:
+        self._file, self._due = file, time.monotonic() + PATIENCE
+
+    def __call__(self, share: float) -> None:
+        now = time.monotonic()
+        if now >= self._due:
+            self._due = now + PATIENCE
+            print(f"formation: reading {self._file}: {share:.0%}", file=sys.stderr, flush=True)
+
+
+def _report(file: Path, out: Path, found: Found) -> dict[str, Any]:
+    return {
+        "file": str(file),
+        "whole": found.is_whole,
+        "recovered": None if found.is_whole else str(out),
+        "messages": found.extent.counts.total(),
+        "start": found.extent.start,
+        "end": found.extent.end,
+        "unreadable_bytes": found.unreadable,
+        "damaged_stretches": found.damaged,
+    }
+
+
+def _words(file: Path, out: Path, found: Found) -> str:
+    extent = found.extent
+    span = ""
+    if extent.start is not None and extent.end is not None:
+        span = f" from {_time(extent.start)} to {_time(extent.end)} ({extent.duration:.1f} s)"
+    what = f"{extent.counts.total()} messages{span}"
+    if found.is_whole:
+        return f"{file} is whole: {what}. Nothing was written."
+    lines = [f"{file} was cut off. {what} are in {out}."]
+    if found.unreadable:
+        lines.append(f"lost: its last {found.unreadable} bytes, which were not written to their end")
+    if found.damaged:
+        lines.append(f"lost: {found.damaged} stretches of up to half a second, which are damaged")
+    lines.append("lost: what was heard after that, within a second of the end")
+    return "\n".join(lines)
+
+
+def _time(seconds: float) -> str:
+    return f"{datetime.fromtimestamp(seconds).astimezone():%Y-%m-%d %H:%M:%S.%f}"[:-3]
+
+
+def _flags() -> Any:
+    flags = parser(
+        "recover", "Make a recording whole that was cut off. The original is never touched.", EXAMPLES
+    )
+    flags.add_argument("file", metavar="FILE", type=Path, help="the recording: an MCAP file of `formation`'s")
+    flags.add_argument(
+        "-o", "--out", metavar="OUT", type=Path, help="where to (default: FILE with -recovered in its name)"
+    )
+    flags.add_argument("--json", action="store_true", help="one line of JSON instead of words")
+    return flags

@@ -1,0 +1,101 @@
+"""A recording that was cut off made whole: what can be read of it, in a new file with an index and an end."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from mcap.opcode import Opcode
+from mcap.records import Chunk as ChunkRecord
+
+from monitor.recording.channels import Channels
+from monitor.recording.chunk import Chunk
+from monitor.recording.extent import Extent, extent_of
+from monitor.recording.part import Part
+from monitor.recording.reader import about_of
+from monitor.recording.scan import Contents, Record, contents, footer, records, understood
+
+Tell = Callable[[float], None]
+"""Is told how much of the file has been read, from 0 to 1."""
+
+
+class Found(NamedTuple):
+    """What there is to be read in a file, and what not."""
+
+    is_whole: bool
+    """It has its end, and nothing in it is damaged."""
+    extent: Extent
+    unreadable: int
+    """Bytes at its end that are nothing whole."""
+    damaged: int
+    """Stretches of it that are there and cannot be read."""
+
+
+def recover(path: Path, out: Path, tell: Tell = lambda _: None) -> Found:
+    """Write what can be read of `path` to `out`, which must not exist; nothing if it is whole already.
+
+    Raises UnreadableError for what is no recording, OSError for what cannot be read or written: then there is
+    no `out`.
+    """
+    about = about_of(path)
+    whole = _examine(path, tell)
+    if whole is not None:
+        return whole
+    channels = Channels()
+    part = Part(out, {**about, "recovered_from": path.name}, channels)
+    try:
+        damaged, end = _copy(path, part, channels, tell)
+        part.finish()
+    except BaseException:
+        part.discard()
+        raise
+    return Found(False, extent_of(out), path.stat().st_size - end, damaged)
+
+
+def _examine(path: Path, tell: Tell) -> Found | None:
+    """None unless it is whole; only a file that has its end is worth reading for that."""
+    with path.open("rb") as file:
+        if footer(file) is None:
+            return None
+        size = path.stat().st_size
+        for record in records(file):
+            tell(record.end / size)
+            if record.opcode == Opcode.CHUNK and contents(record.body) is None:
+                return None
+            if record.opcode == Opcode.FOOTER:
+                return Found(True, extent_of(path), 0, 0)
+    return None
+
+
+def _copy(path: Path, part: Part, channels: Channels, tell: Tell) -> tuple[int, int]:
+    """Chunk by chunk, as they are; how many could not be, and where what can be read ends."""
+    damaged, end, size = 0, 0, max(path.stat().st_size, 1)
+    with path.open("rb") as file:
+        for record in records(file):
+            tell(record.end / size)
+            end = size if record.opcode == Opcode.FOOTER else record.end
+            if record.opcode != Opcode.CHUNK:
+                continue
+            found = contents(record.body)
+            if found is None:
+                damaged += 1
+            else:
+                _append(part, channels, record, found)
+    return damaged, end
+
+
+def _append(part: Part, channels: Channels, record: Record, found: Contents) -> None:
+    for schema in found.schemas:
+        channels.adopt_schema(schema)
+    for channel in found.declared:
+        channels.adopt(channel)
+    chunk = Chunk(channels=len(channels.channels))
+    for message, place in zip(found.messages, found.places, strict=True):
+        chunk.index.setdefault(message.channel, array("Q")).extend((message.logged, place))
+    times = [message.logged for message in found.messages]
+    chunk.start, chunk.end = min(times, default=0), max(times, default=0)
+    whole = understood(ChunkRecord.read, record.body)
+    codec = "" if whole is None else whole.compression
+    part.append_packed(record.whole, chunk, 0, found.unpacked, codec)
