@@ -35,7 +35,10 @@ COMMANDS = {
     "check": Command("deploy.check", HERE, "is this mission stable, how fast, how much delay does it bear?"),
     "simulate": Command("deploy.simulate", HERE, "many starts, faster than real time, without a network"),
     "order": Command("deploy.order", HERE, "hold, run, stop, release or reshape a running mission's robots"),
+    "watch": Command("deploy.watch", HERE, "a table of any running fleet in the terminal"),
+    "replay": Command("deploy.replay", HERE, "play a recording to the live page, and onto keys of its own"),
     "recover": Command("deploy.recover", HERE, "make a recording whole that was cut off"),
+    "report": Command("deploy.report", HERE, "a recording as a page and figures; two, side by side"),
     "missions": Command("deploy.shelf", HERE, "list the missions that are shipped"),
     "agent": Command("agent.__main__", ALONE, "control one robot"),
     "leader": Command("leader.__main__", ALONE, "go along the route and give the orders"),
@@ -47,7 +50,7 @@ COMMANDS = {
 }
 EXTRAS = {
     **dict.fromkeys(("rich", "mcap", "starlette", "uvicorn", "prometheus_client"), "monitor"),
-    "matplotlib": "plot",
+    "matplotlib": "plot", "jinja2": "plot",
     "cryptography": "field",
     "foxglove": "foxglove",
 }
@@ -59,6 +62,8 @@ examples:
   formation check two_chains             what the eigenvalues say of a mission
   formation simulate six_robots --runs 100 --seed 1
   formation order six_robots stop        in a second terminal, while it runs
+  formation watch six_robots             and what that does, in a third
+  formation replay recordings/six.mcap   what happened, once more
   formation agent my_mission.toml --robot robot2
 
 MISSION is a TOML file or the name of a shipped mission. `formation COMMAND --help` says more.

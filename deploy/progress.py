@@ -1,12 +1,19 @@
-"""A run as far as it has come: what there is to be shown of it."""
+"""A run as far as it has come, or a fleet as far as it was watched: what there is to be shown of it."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, field
 
 from deploy.snapshot import Snapshot
 from formation.mission import Mission
+from monitor.figures.events import Event
+
+ERRORS = 7200
+"""Values of the formation error that a picture is made of: half an hour at four a second."""
+EVENTS = 50
+"""Newest events that are kept: more than a terminal has lines."""
 
 
 @dataclass(slots=True)
@@ -14,16 +21,21 @@ class Progress:
     """The run so far."""
 
     mission: Mission
-    duration: float
-    """[s]"""
-    processes: int
+    duration: float | None = None
+    """[s]; None without an end."""
+    processes: int = 0
+    """Of the run; none where a fleet is only watched."""
     phase: str = "starting"
     ready: int = 0
     elapsed: float = 0.0
-    """[s] since all were ready."""
+    """[s] since all were ready, or since the watching began."""
+    note: str = ""
+    """What to say as long as there is no snapshot."""
     snapshot: Snapshot | None = None
-    errors: list[float] = field(default_factory=list)
+    errors: deque[float] = field(default_factory=lambda: deque(maxlen=ERRORS))
     """Formation error of every snapshot so far [m]."""
+    events: deque[Event] = field(default_factory=lambda: deque(maxlen=EVENTS))
+    """What has happened, the newest last."""
     dead: dict[str, str] = field(default_factory=dict)
     """Processes that ended unasked, and how."""
     dead_robots: set[str] = field(default_factory=set)
@@ -33,6 +45,11 @@ class Progress:
     def settled(self) -> bool:
         """Whether the formation error is under the mission's bound just now."""
         return self.snapshot is not None and self.snapshot.error < self.mission.settled
+
+    @property
+    def left(self) -> float:
+        """How much of it is to come [s]."""
+        return math.inf if self.duration is None else self.duration - self.elapsed
 
     def see(self, snapshot: Snapshot) -> None:
         """Take a snapshot of the monitor's."""

@@ -24,7 +24,7 @@ from deploy.ports import Ports
 from deploy.progress import Progress
 from deploy.refusal import Refusal
 from deploy.snapshot import Snapshot
-from deploy.table import LiveTable, PlainLines, View
+from deploy.views import LiveTable, PlainLines, View, in_a_terminal
 from formation.mission import Mission
 from monitor.page.flags import add_page_flags
 
@@ -137,8 +137,8 @@ def conduct(launcher: Launcher, progress: Progress, view: View) -> None:
         _watch(launcher, progress, view, REFRESH)
     begin = time.monotonic()
     progress.phase = "running"
-    while not launcher.interrupted and progress.elapsed < progress.duration:
-        _watch(launcher, progress, view, min(REFRESH, progress.duration - progress.elapsed))
+    while not launcher.interrupted and progress.left > 0.0:
+        _watch(launcher, progress, view, min(REFRESH, progress.left))
         progress.elapsed = time.monotonic() - begin
     progress.phase = "stopping"
     view.show(progress)
@@ -211,7 +211,7 @@ def _how_to_order(source: str, ports: Ports) -> str:
 def _view(options: argparse.Namespace) -> View:
     if options.json:
         return PlainLines(sys.stderr)
-    if options.no_table or not sys.stdout.isatty() or os.environ.get("TERM", "dumb") == "dumb":
+    if options.no_table or not in_a_terminal(sys.stdout):
         return PlainLines(sys.stdout)
     return LiveTable(sys.stdout)
 

@@ -1,22 +1,21 @@
-"""What `formation run` shows while it runs: a live table in a terminal, plain lines elsewhere."""
+"""The table that `formation run` and `formation watch` show: one robot a line, and below it the formation."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
-from types import TracebackType
-from typing import Literal, Protocol, Self, TextIO
+from typing import Literal
 
-from rich.console import Console, Group, RenderableType
-from rich.live import Live
+from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from deploy.progress import Progress
 from deploy.snapshot import RobotNow
 from deploy.units import metres, seconds
+from monitor.figures.events import Event
 
 BLOCKS = "▁▂▃▄▅▆▇█"
 ASCII_BLOCKS = "_.-:=+*#"
@@ -24,7 +23,14 @@ SATURATED = 0.995
 """Share of a limit from which a command counts as at its limit."""
 LATE = 0.5
 """Age of a position that deserves a look [s]."""
-COLOURS = {"run": "green", "hold": "yellow", "stop": "red", "waiting": "cyan", "dead": "bold red"}
+COLOURS = {
+    "run": "green", "hold": "yellow", "stop": "red", "waiting": "cyan", "dead": "bold red",
+    "silent": "bold red", "unseen": "dim",
+}  # fmt: skip
+LEVELS = {20: "dim", 30: "yellow", 40: "bold red"}
+"""Styles of events."""
+MOST_EVENTS = 8
+"""Lines for events, if there is room for so many."""
 COLUMNS = {
     "robot": 8, "state": 7, "error": 7, "u [m/s]": 12, "ω [rad/s]": 12, "θ error": 7, "age": 6,
 }  # fmt: skip
@@ -33,107 +39,27 @@ NAME_APART = sum(COLUMNS.values()) - COLUMNS["robot"] + 2 * (len(COLUMNS) - 1)
 """Width of all columns but the first, with the spaces between them."""
 NUMBERS = ("error", "θ error", "age")
 """Columns that stand right."""
-LINE_EVERY = 2.0
-"""[s]"""
 ECHO = len("^C")
 """Columns left free behind the last line, where a terminal shows that Ctrl-C was pressed. Without them that
 would take one more line, and the table be drawn anew below its own title."""
 
 
-class View(Protocol):
-    """Something that shows the progress; a context manager."""
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
-
-    def show(self, progress: Progress) -> None:
-        """Show it as it is now."""
+def states(of_robots: Iterable[str]) -> str:
+    """How many are in which state: ``5 run, 1 hold``."""
+    known = [state for state in of_robots if state]
+    return ", ".join(f"{known.count(state)} {state}" for state in dict.fromkeys(known))
 
 
-class LiveTable:
-    """A table that changes in place, on a terminal."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._console = Console(file=stream, highlight=False)
-        self._live = Live(console=self._console, auto_refresh=False, transient=False)
-
-    def __enter__(self) -> Self:
-        self._live.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._live.stop()
-
-    def show(self, progress: Progress) -> None:
-        """Draw it anew."""
-        size = self._console.size
-        ascii_only = not (self._console.encoding or "").lower().startswith("utf")
-        self._live.update(draw(progress, size.width, size.height, ascii_only=ascii_only), refresh=True)
-
-
-class PlainLines:
-    """A line every two seconds, and one for each thing that happens."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
-        self._last = 0.0
-        self._told: set[str] = set()
-        self._phase = ""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
-
-    def show(self, progress: Progress) -> None:
-        """Write what is new."""
-        for name, how in progress.dead.items():
-            if name not in self._told:
-                self._told.add(name)
-                self._say(f"{name} {how}")
-        changed, self._phase = progress.phase != self._phase, progress.phase
-        if changed and progress.phase == "running":
-            self._last = time.monotonic()  # there is nothing to tell yet
-        elif changed:
-            self._say(
-                f"{progress.mission.name}: {progress.phase} {progress.processes} processes"
-                if progress.phase == "starting"
-                else f"{progress.phase} after {progress.elapsed:.1f} s"
-            )
-        if progress.phase == "running" and time.monotonic() - self._last >= LINE_EVERY:
-            self._last = time.monotonic()
-            self._say(line(progress))
-
-    def _say(self, text: str) -> None:
-        print(text, file=self._stream, flush=True)
-
-
-def line(progress: Progress) -> str:
-    """The run so far in one line."""
-    head = f"{progress.elapsed:5.1f} of {progress.duration:g} s"
-    if progress.snapshot is None:
-        return f"{head}  no word from the monitor yet"
-    states = [robot.state for robot in progress.snapshot.robots.values() if robot.state]
-    counts = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
-    return (
-        f"{head}  error {metres(progress.snapshot.error)}{'  settled' if progress.settled else ''}  {counts}"
-    )
+def happened(event: Event) -> str:
+    """An event in one line."""
+    at = time.strftime("%H:%M:%S", time.localtime(event.at))
+    return f"{at}  {f'{event.robot}: ' if event.robot else ''}{event.text}"
 
 
 def draw(progress: Progress, width: int, height: int, *, ascii_only: bool = False) -> RenderableType:
-    """The table, at most `height` lines of `width` columns."""
+    """The table, at most `height` lines of `width` columns; below it, where there is room, what happened."""
     if progress.snapshot is None:
-        text = "waiting for the monitor's first figures" if progress.phase == "running" else progress.phase
-        return Text(
-            f"{progress.mission.name}: {text}, {progress.ready} of {progress.processes} processes ready"
-        )
+        return Text(_beginning(progress))
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim", pad_edge=False)
     for title, least in COLUMNS.items():
         side: Literal["left", "right"] = "right" if title in NUMBERS else "left"
@@ -143,7 +69,31 @@ def draw(progress: Progress, width: int, height: int, *, ascii_only: bool = Fals
     for name in names:
         table.add_row(*_row(progress, name, width - NAME_APART, ascii_only=ascii_only))
     heading = Text(f"{progress.mission.name}, {progress.mission.law.kind} law", style="bold")
-    return Group(heading, table, *([Text(left_out, style="dim")] if left_out else []), *footer)
+    room = height - 3 - len(names) - bool(left_out) - len(footer)
+    return Group(
+        heading,
+        table,
+        *([Text(left_out, style="dim")] if left_out else []),
+        *footer,
+        *_events(progress, width, room),
+    )
+
+
+def _beginning(progress: Progress) -> str:
+    """What there is to say before the first snapshot."""
+    if progress.note:
+        return f"{progress.mission.name}: {progress.note}"
+    waits = "waiting for the monitor's first figures" if progress.phase == "running" else progress.phase
+    return f"{progress.mission.name}: {waits}, {progress.ready} of {progress.processes} processes ready"
+
+
+def _events(progress: Progress, width: int, room: int) -> list[Text]:
+    """The newest events, in at most `room` lines."""
+    newest = list(progress.events)[-min(room, MOST_EVENTS) :] if room > 0 else []
+    lines = [Text(happened(event), style=LEVELS.get(event.level, "")) for event in newest]
+    for text in lines:
+        text.truncate(width - 1 - ECHO)
+    return lines
 
 
 def _chosen(progress: Progress, room: int) -> tuple[Sequence[str], str]:
@@ -211,17 +161,23 @@ def _footer(progress: Progress, width: int, *, ascii_only: bool) -> list[Text]:
     first.append(sparkline(progress.errors, room, ASCII_BLOCKS if ascii_only else BLOCKS), style="cyan")
     first.append(mark, style="bold green")
 
+    lines = [first, _clock(progress, width, ascii_only=ascii_only)]
+    lines += [Text(f"{name} {how}", style="bold red") for name, how in progress.dead.items()]
+    return lines
+
+
+def _clock(progress: Progress, width: int, *, ascii_only: bool) -> Text:
+    if progress.duration is None:
+        return Text(f"watched for {progress.elapsed:.0f} s, Ctrl-C ends it", style="dim")
     clock = f"{progress.elapsed:.0f} of {progress.duration:g} s "
     if progress.phase != "running":
         clock += f"({progress.phase}) "
     room = max(8, width - len(clock) - 1 - ECHO)
     done = min(room, round(room * progress.elapsed / progress.duration))
-    second = Text(clock)
-    second.append(("#" if ascii_only else "━") * done, style="green")
-    second.append(("." if ascii_only else "╌") * (room - done), style="dim")
-    lines = [first, second]
-    lines += [Text(f"{name} {how}", style="bold red") for name, how in progress.dead.items()]
-    return lines
+    text = Text(clock)
+    text.append(("#" if ascii_only else "━") * done, style="green")
+    text.append(("." if ascii_only else "╌") * (room - done), style="dim")
+    return text
 
 
 def sparkline(values: Sequence[float], width: int, blocks: str = BLOCKS) -> str:

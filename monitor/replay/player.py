@@ -139,6 +139,15 @@ class Player:
             due += self._play(mono, most - len(due))
         return Batch(anew, due)
 
+    def idle(self, mono: float) -> float:
+        """How long nothing will be due, unless somebody steers [s, real]; infinite while paused."""
+        if self.seeking:
+            return 0.0
+        if self._next is None or self.paused:
+            return math.inf
+        since, begin = self._anchor
+        return max(since + (self._next.wall - begin) / self.speed - mono, 0.0)
+
     def _pass_over(self, mono: float, target: float, most: int) -> list[Due]:
         due: list[Due] = []
         while self._next is not None and self._next.wall < target and len(due) < most:

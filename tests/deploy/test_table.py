@@ -12,8 +12,9 @@ from rich.console import Console
 
 from deploy.progress import Progress
 from deploy.snapshot import RobotNow, Snapshot
-from deploy.table import ASCII_BLOCKS, BLOCKS, LiveTable, PlainLines, draw, line, sparkline
+from deploy.table import ASCII_BLOCKS, BLOCKS, draw, sparkline
 from deploy.units import metres, seconds
+from deploy.views import LiveTable, PlainLines, line
 from formation.mission import Mission
 from formation.mission_file import load
 
@@ -164,7 +165,7 @@ def test_lines_for_a_log_come_every_two_seconds_and_when_something_happens(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     clock = [100.0]
-    monkeypatch.setattr("deploy.table.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("deploy.views.time.monotonic", lambda: clock[0])
     stream = io.StringIO()
     view = PlainLines(stream)
     now = progress()

@@ -1,0 +1,132 @@
+"""What `formation replay` shows: two lines that change in a terminal, a line now and then elsewhere."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import TextIO
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.text import Text
+
+from deploy.table import states
+from deploy.units import metres
+from monitor.figures.snapshot import Snapshot
+from monitor.replay.loop import Standing
+
+KEYS = "space pause/play   ←/→ 5 s   +/- speed   q quit"
+ASCII_KEYS = "space pause/play   left/right 5 s   +/- speed   q quit"
+DRIFT = 0.1
+"""A drift that is worth saying [s]."""
+PLAIN_PERIOD = 2.0
+"""Between two plain lines [s]."""
+Look = Callable[[], Snapshot]
+
+
+class Bar:
+    """Two lines at the bottom of a terminal."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._console = Console(file=stream, highlight=False)
+        self._live = Live(console=self._console, auto_refresh=False, transient=False)
+
+    def start(self) -> None:
+        """Begin to draw."""
+        self._live.start()
+
+    def stop(self) -> None:
+        """Leave what was drawn last."""
+        self._live.stop()
+
+    def show(self, standing: Standing, look: Look) -> None:
+        """Draw how it stands; `look` gives the figures."""
+        ascii_only = not (self._console.encoding or "").lower().startswith("utf")
+        picture = draw(standing, look(), self._console.size.width, ascii_only=ascii_only)
+        self._live.update(picture, refresh=True)
+
+
+class Lines:
+    """A line every two seconds."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._due = -math.inf
+
+    def start(self) -> None:
+        """Begin."""
+
+    def stop(self) -> None:
+        """End."""
+
+    def show(self, standing: Standing, look: Look) -> None:
+        """Write how it stands, if the last time was two seconds ago; `look` gives the figures."""
+        now = time.monotonic()
+        if now < self._due or standing.seeking:
+            return
+        self._due = now + PLAIN_PERIOD
+        print(line(standing, look()), file=self._stream, flush=True)
+
+
+def line(standing: Standing, snapshot: Snapshot) -> str:
+    """How it stands, in one line."""
+    parts = [
+        f"{clock(standing.position - standing.start)} of {clock(standing.end - standing.start)}",
+        f"{standing.speed:g}x" + (" paused" if standing.paused else ""),
+        f"error {metres(snapshot.formation_error)}",
+        states(robot.state for robot in snapshot.robots.values()),
+        *remarks(standing),
+    ]
+    return "  ".join(parts)
+
+
+def draw(standing: Standing, snapshot: Snapshot, width: int, *, ascii_only: bool = False) -> RenderableType:
+    """The same for a terminal of `width` columns, with a bar and the keys that steer."""
+    sign = _sign(standing, ascii_only=ascii_only)
+    head = Text(f"{sign} {clock(standing.position - standing.start)} ", style="bold")
+    tail = f" {clock(standing.end - standing.start)}  {standing.speed:g}x  "
+    tail += f"error {metres(snapshot.formation_error):>7}  "
+    tail += states(robot.state for robot in snapshot.robots.values())
+    room = max(8, min(60, width - head.cell_len - len(tail) - 1))
+    length = standing.end - standing.start
+    share = (standing.position - standing.start) / length if length > 0.0 else 1.0
+    done = round(room * share)
+    head.append(("#" if ascii_only else "━") * done, style="green not bold")
+    head.append(("." if ascii_only else "╌") * (room - done), style="dim not bold")
+    head.append(tail, style="not bold")
+    head.truncate(width - 1)
+    below = Text(ASCII_KEYS if ascii_only else KEYS, style="dim")
+    for remark in remarks(standing):
+        below.append(f"   {remark}", style="yellow not dim")
+    below.truncate(width - 1)
+    return Group(head, below)
+
+
+def remarks(standing: Standing) -> list[str]:
+    """What is not as one would expect."""
+    found = []
+    if standing.counted_from > standing.start:
+        found.append(f"settling and counts since {clock(standing.counted_from - standing.start)}")
+    if standing.drift > DRIFT:
+        found.append(f"{standing.drift:.1f} s late")
+    if standing.skipped:
+        found.append(f"{standing.skipped} messages came too late to be said")
+    return found
+
+
+def clock(seconds: float) -> str:
+    """A time of a recording: ``1:05.3``, ``1:02:03.4``."""
+    tenths = round(max(seconds, 0.0) * 10)
+    minutes, rest = divmod(tenths, 600)
+    hours, minutes = divmod(minutes, 60)
+    text = f"{minutes:02d}" if hours else f"{minutes}"
+    return f"{f'{hours}:' if hours else ''}{text}:{rest // 10:02d}.{rest % 10}"
+
+
+def _sign(standing: Standing, *, ascii_only: bool) -> str:
+    if standing.seeking:
+        return "..." if ascii_only else "»"
+    if standing.paused or standing.finished:
+        return "||" if ascii_only else "⏸"
+    return ">" if ascii_only else "▶"

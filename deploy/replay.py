@@ -1,0 +1,288 @@
+"""`formation replay`: a recording played to the live page, and onto Zenoh under another prefix."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import socket
+import sys
+from collections.abc import Sequence
+from contextlib import ExitStack, closing
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from deploy.arguments import as_json, number, parser
+from deploy.keys import Keys
+from deploy.playing import Bar, Lines, clock, line
+from deploy.refusal import Refusal
+from deploy.views import in_a_terminal
+from formation.rate import Rate
+from formation.transport.bus import Bus
+from formation.transport.bus_config import MODES, BusConfig, BusError, parse_override
+from formation.transport.linger import Linger
+from formation.transport.process import Stop, clocks
+from formation.transport.wiring import AGENT_PORT
+from monitor.page import frames
+from monitor.page.address import PORT
+from monitor.page.flags import add_page_flags
+from monitor.page.opening import opened
+from monitor.page.server import PageServer
+from monitor.page.source import Source
+from monitor.recording.reader import Recording, UnreadableError, read
+from monitor.replay.echo import Echo
+from monitor.replay.film import Film
+from monitor.replay.loop import Replay
+from monitor.replay.player import FASTEST, SLOWEST, Player
+from monitor.replay.prefix import DEFAULT, checked
+
+HOST, LISTEN_PORT = "127.0.0.1", AGENT_PORT - 1
+"""Where whoever wants to hear the messages dials, unless told otherwise."""
+SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+JUMP = 5.0
+"""What an arrow key jumps [s of the recording]."""
+REFRESH = 5.0
+"""[Hz]"""
+EXAMPLES = """\
+  formation replay recordings/monday.mcap
+  formation replay monday.mcap --speed 10 --start 60
+  formation replay monday.mcap --paused --page 0.0.0.0:8460
+  formation replay monday.mcap --no-page -l tcp/127.0.0.1:7500    every message on replay/<its key>
+
+In a terminal: space pauses, arrow keys jump 5 s, + and - change the speed, q ends it. It stays at the end for
+as long as there is a page to look at. Exit code 0: it was played, or ended with q; 2: nothing was played.
+"""
+
+
+class Opened(NamedTuple):
+    """A recording that can be played, and from where to where it is to be."""
+
+    recording: Recording
+    film: Film
+    begin: float
+    """[s, the recorder's system clock]"""
+    until: float
+    """The same."""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Play a recording; the exit code."""
+    options = _options().parse_args(arguments)
+    one = _open(options)
+    prefix = None if options.no_zenoh else _prefix(options, one)
+    with ExitStack() as stack:
+        stop = stack.enter_context(Stop())
+        bus = None if prefix is None else stack.enter_context(_bus(options))
+        echo = None
+        if bus is not None and prefix is not None:
+            echo = Echo(one.recording.mission, prefix, bus.advertise, bus.publish)
+        player = Player(
+            one.film, clocks().mono, speed=options.speed, paused=options.paused, stretch=one.film.stretch,
+            until=one.until,
+        )  # fmt: skip
+        if one.begin > one.film.start:
+            player.seek(one.begin)
+        source = None if options.no_page else _source(one, player)
+        replay = Replay(one.recording.mission, player, source, echo, one.begin if options.loop else None)
+        if source is not None:
+            page = stack.enter_context(_page(options, source, replay))
+            _say(options, f"page: {page.address}")
+        if prefix is not None:
+            _say(options, f"every message on {prefix}/…{_where(options)}")
+        _play(options, replay, stop, stack)
+    if options.json:
+        print(as_json(_report(one, prefix, replay, stop)), flush=True)
+    return 130 if stop.reason == "SIGINT" else 0
+
+
+def _play(options: argparse.Namespace, replay: Replay, stop: Stop, stack: ExitStack) -> None:
+    """Until the end, or somebody wants it to end."""
+    keys = stack.enter_context(Keys())
+    drawn = in_a_terminal(sys.stdout) and not options.json
+    view = Bar(sys.stdout) if drawn else Lines(sys.stderr if options.json else sys.stdout)
+    stays = drawn and not options.no_page
+    refresh, linger = Rate(REFRESH), Linger()
+    view.start()
+    try:
+        while not stop:
+            pause = replay.turn()
+            mono = clocks().mono
+            linger.tend(mono)
+            ended = replay.standing.finished and not stays
+            if refresh.tick(mono) or ended:
+                view.show(replay.standing, lambda: replay.snapshot)
+            if ended or not all(press(replay, key) for key in keys.wait(pause)):
+                return
+    finally:
+        view.stop()
+        if not drawn:
+            _say(options, line(replay.standing, replay.snapshot))
+
+
+def press(replay: Replay, key: str) -> bool:
+    """Do what a key asks for; whether to go on."""
+    now = replay.standing
+    if key == "space":
+        replay.step("play" if now.paused or now.finished else "pause")
+    elif key in {"left", "right"}:
+        replay.step("seek", now.position + (JUMP if key == "right" else -JUMP))
+    elif key in {"+", "="}:
+        replay.step("speed", min((one for one in SPEEDS if one > now.speed), default=FASTEST))
+    elif key == "-":
+        replay.step("speed", max((one for one in SPEEDS if one < now.speed), default=SLOWEST))
+    return key not in {"q", "Q"}
+
+
+def _open(options: argparse.Namespace) -> Opened:
+    """The recording. Raises Refusal for what is none, or does not have the stretch that is asked for."""
+    try:
+        recording = read(options.file)
+        film = Film(recording)
+    except UnreadableError as error:
+        raise Refusal(str(error)) from None
+    length = film.end - film.start
+    if options.start > length:
+        raise Refusal(f"--start {options.start:g}: the recording is over after {length:.1f} s")
+    if options.until <= options.start:
+        raise Refusal(f"--until {options.until:g}: must be later than --start {options.start:g}")
+    if recording.is_cut():
+        _say(options, f"{options.file} is cut: it is played as far as it goes, {clock(length)}")
+    return Opened(recording, film, film.start + options.start, film.start + options.until)
+
+
+def _prefix(options: argparse.Namespace, one: Opened) -> str:
+    try:
+        return checked(options.prefix, one.recording.mission)
+    except ValueError as error:
+        raise Refusal(f"--prefix {error}") from None
+
+
+def _bus(options: argparse.Namespace) -> Bus:
+    """A session that only whoever dials it hears, unless flags say otherwise. Raises Refusal."""
+    linked = options.listen or options.connect or options.mode == "client"
+    if not linked and options.config is None:
+        options.listen = [f"tcp/{HOST}:{_free_port()}"]
+    try:
+        return Bus(
+            BusConfig(
+                listen=tuple(options.listen),
+                connect=tuple(options.connect),
+                mode=options.mode,
+                config_file=options.config,
+                overrides=tuple(parse_override(text) for text in options.cfg),
+                name="replay",
+            )
+        )
+    except BusError as error:
+        raise Refusal(str(error)) from None
+
+
+def _free_port() -> int:
+    """The usual port, or another one where that is taken."""
+    for port in (LISTEN_PORT, 0):
+        with closing(socket.socket()) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind((HOST, port))
+            except OSError:
+                continue
+            return int(probe.getsockname()[1])
+    raise Refusal(f"there is no free port at {HOST} for the messages: name one with -l, or say --no-zenoh")
+
+
+def _where(options: argparse.Namespace) -> str:
+    ends = [f"listens at {end}" for end in options.listen] + [f"dials {end}" for end in options.connect]
+    return f"; {', '.join(ends)}" if ends else ""
+
+
+def _source(one: Opened, player: Player) -> Source:
+    about = frames.hello(one.recording.mission, live=False, control=False, version=version("formation"))
+    return Source({**about, "recording": str(one.recording.path)}, lambda: player.goal)
+
+
+def _page(options: argparse.Namespace, source: Source, replay: Replay) -> PageServer:
+    try:
+        page = opened(options.page, source, replay=replay)
+    except OSError as error:
+        raise Refusal(f"--page {options.page.host}:{options.page.port}: {error.strerror}") from None
+    if options.page is None and f":{PORT}/" not in page.address:
+        _say(options, f"port {PORT} is taken, so the page is at another")
+    return page
+
+
+def _report(one: Opened, prefix: str | None, replay: Replay, stop: Stop) -> dict[str, Any]:
+    standing, snapshot = replay.standing, replay.snapshot
+    return {
+        "recording": str(one.recording.path),
+        "mission": one.recording.mission.name,
+        "length": one.film.end - one.film.start,
+        "position": standing.position - standing.start,
+        "finished": standing.finished,
+        "interrupted": bool(stop),
+        "played": standing.played,
+        "prefix": prefix,
+        "said": standing.said,
+        "skipped": standing.skipped,
+        "drift": standing.drift,
+        "formation_error": snapshot.final_error,
+        "settling_time": snapshot.settled_at,
+        "converged": snapshot.converged,
+    }
+
+
+def _say(options: argparse.Namespace, text: str) -> None:
+    print(text, file=sys.stderr if options.json else sys.stdout, flush=True)
+
+
+def _options() -> argparse.ArgumentParser:
+    options = parser(
+        "replay",
+        "Play a recording: to the live page, and onto Zenoh keys that no robot listens to.",
+        EXAMPLES,
+    )
+    options.add_argument(
+        "file", metavar="FILE", type=Path, help="the recording, MCAP; a cut one plays as well"
+    )
+    options.add_argument(
+        "--speed", type=number(SLOWEST, FASTEST), default=1.0, metavar="X",
+        help=f"{SLOWEST:g} to {FASTEST:g} (default 1)",
+    )  # fmt: skip
+    options.add_argument(
+        "--start", type=number(0.0), default=0.0, metavar="S", help="begin so far into the recording [s]"
+    )
+    options.add_argument(
+        "--until", type=number(0.0), default=math.inf, metavar="S", help="end so far into the recording [s]"
+    )
+    options.add_argument(
+        "--paused", action="store_true", help="wait at the beginning until somebody plays it"
+    )
+    options.add_argument("--loop", action="store_true", help="begin again at the end, for ever")
+    options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
+    add_page_flags(options, control=False)
+    links = options.add_argument_group(
+        "the messages on Zenoh, each as recorded, with what rode on it",
+        f"By default whoever dials tcp/{HOST}:{LISTEN_PORT} hears them; if that is taken, another is said.",
+    )
+    links.add_argument("--no-zenoh", action="store_true", help="say nothing there")
+    links.add_argument(
+        "--prefix", default=DEFAULT, metavar="WORD",
+        help=f"what keys begin with (default {DEFAULT}); no word that live keys begin with",
+    )  # fmt: skip
+    links.add_argument("-m", "--mode", choices=MODES, help="Zenoh session mode (default: peer)")
+    links.add_argument(
+        "-l",
+        "--listen",
+        metavar="ENDPOINT",
+        action="append",
+        default=[],
+        help="accept links there; repeatable",
+    )
+    links.add_argument(
+        "-e", "--connect", metavar="ENDPOINT", action="append", default=[], help="dial that; repeatable"
+    )
+    links.add_argument("-c", "--config", metavar="FILE", type=Path, help="Zenoh configuration file (JSON5)")
+    links.add_argument(
+        "--cfg", metavar="KEY:VALUE", action="append", default=[],
+        help="one Zenoh setting, which outranks all others; repeatable",
+    )  # fmt: skip
+    return options

@@ -1,0 +1,125 @@
+"""How a run or a fleet is shown: a table that changes in place in a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import os
+import time
+from itertools import takewhile
+from types import TracebackType
+from typing import Protocol, Self, TextIO
+
+from rich.console import Console
+from rich.live import Live
+
+from deploy.progress import Progress
+from deploy.table import draw, happened, states
+from deploy.units import metres
+from monitor.figures.events import Event
+
+LINE_EVERY = 2.0
+"""[s]"""
+
+
+class View(Protocol):
+    """Something that shows the progress; a context manager."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def show(self, progress: Progress) -> None:
+        """Show it as it is now."""
+
+
+class LiveTable:
+    """A table that changes in place, on a terminal."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._console = Console(file=stream, highlight=False)
+        self._live = Live(console=self._console, auto_refresh=False, transient=False)
+
+    def __enter__(self) -> Self:
+        self._live.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._live.stop()
+
+    def show(self, progress: Progress) -> None:
+        """Draw it anew."""
+        size = self._console.size
+        ascii_only = not (self._console.encoding or "").lower().startswith("utf")
+        self._live.update(draw(progress, size.width, size.height, ascii_only=ascii_only), refresh=True)
+
+
+class PlainLines:
+    """A line every two seconds, and one for each thing that happens."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._last = 0.0
+        self._told: set[str] = set()
+        self._phase = ""
+        self._note = ""
+        self._event: Event | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def show(self, progress: Progress) -> None:
+        """Write what is new."""
+        for name, how in progress.dead.items():
+            if name not in self._told:
+                self._told.add(name)
+                self._say(f"{name} {how}")
+        changed, self._phase = progress.phase != self._phase, progress.phase
+        if changed and progress.phase == "running":
+            self._last = time.monotonic()  # there is nothing to tell yet
+        elif changed:
+            self._say(
+                f"{progress.mission.name}: {progress.phase} {progress.processes} processes"
+                if progress.phase == "starting"
+                else f"{progress.phase} after {progress.elapsed:.1f} s"
+            )
+        if progress.phase == "running" and time.monotonic() - self._last >= LINE_EVERY:
+            self._last = time.monotonic()
+            self._say(line(progress))
+        if progress.snapshot is None and progress.note != self._note:
+            self._note = progress.note
+            self._say(f"{progress.mission.name}: {self._note}")
+        self._tell_events(progress)
+
+    def _tell_events(self, progress: Progress) -> None:
+        news = takewhile(lambda event: event is not self._event, reversed(progress.events))
+        for event in list(news)[::-1]:
+            self._say(happened(event))
+            self._event = event
+
+    def _say(self, text: str) -> None:
+        print(text, file=self._stream, flush=True)
+
+
+def in_a_terminal(stream: TextIO) -> bool:
+    """Whether what is written there can be changed afterwards."""
+    return stream.isatty() and os.environ.get("TERM", "dumb") != "dumb"
+
+
+def line(progress: Progress) -> str:
+    """The run so far in one line."""
+    of = "" if progress.duration is None else f" of {progress.duration:g}"
+    head = f"{progress.elapsed:5.1f}{of} s"
+    if progress.snapshot is None:
+        said = progress.note.partition("\n")[0]
+        return f"{head}  {said or 'no word from the monitor yet'}"
+    counts = states(robot.state for robot in progress.snapshot.robots.values())
+    return (
+        f"{head}  error {metres(progress.snapshot.error)}{'  settled' if progress.settled else ''}  {counts}"
+    )
