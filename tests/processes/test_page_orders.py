@@ -1,0 +1,110 @@
+"""Orders from the page to six real robots' agents: who acknowledges, and what robots then really do."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import signal
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from tests.processes.driven import SIX, Page, Team, driving
+
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
+EVERYBODY = set(SIX.names)
+
+
+@pytest.fixture(scope="module")
+def team(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Team]:
+    with driving(tmp_path_factory.mktemp("page") / "run.mcap", "--control") as team:
+        yield team
+
+
+@pytest.fixture
+def page(team: Team) -> Iterator[Page]:
+    """The page of a team that drives, before the test and after it."""
+    assert team.witness.drive()
+    yield team.page
+    for do in ("release", "run"):
+        team.page.until_taken(do)
+    team.page.until(lambda seen: bool(seen["converged"]) and seen["mode"] == "run")
+
+
+def test_a_stop_is_acknowledged_by_all_and_they_stand_until_they_are_released(team: Team, page: Page) -> None:
+    report = page.obeyed("stop")
+    assert set(report["robots"]) == EVERYBODY
+    assert {one["mode"] for one in report["robots"].values()} == {"stop"}
+    page.until(lambda seen: all(one["state"] == "stop" for one in seen["robots"].values()))
+    assert team.witness.stand()
+    assert page.order("run").status_code == 409  # so soon after a stop nobody has seen it
+    assert not page.until_taken("run")["robots"]["robot1"]["ok"]
+    assert team.witness.stand()
+    page.until_taken("release")
+    page.until(lambda _: team.witness.drive())
+    said = [one["text"] for one in page.events() if one["kind"] == "operator"]
+    assert any(text.startswith("stop: 6 of 6 obey, slowest ") for text in said)
+
+
+def test_held_robots_stand_and_run_when_they_are_told_to(team: Team, page: Page) -> None:
+    assert set(page.obeyed("hold")["robots"]) == {"robot1"}
+    page.until(lambda seen: seen["mode"] == "hold" and team.witness.stand())
+    page.until_taken("run")
+    page.until(lambda _: team.witness.drive())
+
+
+def test_another_shape_is_taken_and_the_figures_are_that_shapes(team: Team, page: Page) -> None:
+    for shape in ("wedge", "hexagon"):
+        report = page.obeyed("shape", shape=shape)
+        assert report["robots"]["robot1"]["reason"] == f"in shape {shape}"
+        changed = page.until(lambda seen, shape=shape: seen["shape"] == shape)  # type: ignore[misc]
+        assert changed["formation_error"] is None or changed["formation_error"] > SIX.settled
+        page.until(lambda seen: bool(seen["converged"]))
+        assert team.witness.drive()
+
+
+def test_without_the_token_nobody_stops_and_nobody_is_told_why_it_was_wrong(team: Team, page: Page) -> None:
+    for token in ("", "x", page.token[:-1], page.token + "x", secrets.token_urlsafe(32)):
+        answer = page.order("stop", token=token)
+        assert answer.status_code == 401
+        assert page.token not in answer.text
+    assert team.witness.drive()
+    assert {one["state"] for one in page.snapshot()["robots"].values()} == {"run"}
+
+
+def test_who_does_not_answer_is_named_and_stops_by_what_the_others_tell_it(team: Team, page: Page) -> None:
+    hung = team.children["agent robot6"].pid
+    os.kill(hung, signal.SIGSTOP)
+    try:
+        report = page.order("stop").json()
+    finally:
+        os.kill(hung, signal.SIGCONT)
+    assert report["missing"] == ["robot6"]
+    assert set(report["robots"]) == EVERYBODY - {"robot6"}
+    (said,) = [one["text"] for one in page.events()[-20:] if "no answer" in one["text"]]
+    assert said.endswith("; no answer from robot6")
+    page.until(lambda seen: seen["robots"]["robot6"]["state"] == "stop")
+    assert team.witness.stand()
+
+
+def test_a_click_that_is_sent_twice_takes_effect_once(team: Team, page: Page) -> None:
+    page.obeyed("stop")
+    page.until_taken("release", click="c")
+    page.until(lambda _: team.witness.drive())
+    page.obeyed("stop")
+    again = page.order("release", click="c")  # as a browser may, whose line broke
+    assert again.is_success
+    assert team.witness.stand()
+    page.until_taken("release")
+
+
+def test_of_many_pages_that_click_at_once_the_one_that_stops_wins(team: Team, page: Page) -> None:
+    with ThreadPoolExecutor(12) as pages:
+        others = [pages.submit(page.order, do) for do in ("run", "release", "hold", "run", "release")]
+        stop = pages.submit(page.obeyed, "stop")
+        others += [pages.submit(page.order, do) for do in ("release", "run", "hold", "release", "run")]
+        assert set(stop.result()["robots"]) == EVERYBODY
+        assert {one.result().status_code for one in others} <= {200, 409}
+    assert team.witness.stand()
+    assert {one["state"] for one in page.snapshot()["robots"].values()} == {"stop"}
