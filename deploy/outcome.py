@@ -43,6 +43,8 @@ class Outcome:
         bad = [child for child in self.children if not ended_well(child)]
         failure = self.monitor.get("recording_failure")
         unrecorded = [f"monitor stopped recording: {failure}"] if failure else []
+        if lacking := self.monitor.get("recording_lost"):
+            unrecorded.append(f"the recording lacks {lacking} messages that the monitor heard")
         return [
             f"{child.name} {how_it_ended(child)}{' during the run' if child.died else ''}" for child in bad
         ] + unrecorded

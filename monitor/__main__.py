@@ -37,6 +37,7 @@ from monitor.page.server import PageServer
 from monitor.page.showing import Showing
 from monitor.page.source import Source
 from monitor.recording.recorder import Recorder
+from monitor.recording.rotation import Rotation, add_rotation_flags
 
 EXAMPLES = """\
   formation monitor six_robots
@@ -83,8 +84,9 @@ def _watch(args: argparse.Namespace, stop: Stop) -> None:
         recorder = None
         if not args.no_record:
             keys = (*watched(mission), *OWN)
+            rotation = Rotation(args.rotate_size, args.rotate_time)
             recorder = stack.enter_context(
-                Recorder(path, mission.name, text, args.law or mission.law.kind, keys)
+                Recorder(path, mission.name, text, args.law or mission.law.kind, keys, rotation)
             )
         truth = RobotBuses(mission, stage, mailbox, node=NODE, awaited=bool(args.stage))
         stack.callback(truth.close)
@@ -197,6 +199,7 @@ def _flags() -> argparse.ArgumentParser:
     flags.add_argument(
         "--snapshots", action="store_true", help="write JSON lines to stdout instead of lines for people"
     )
+    add_rotation_flags(flags)
     add_page_flags(flags).add_argument(
         "--control-config", metavar="FILE", type=Path,
         help="Zenoh configuration of the operator, with his certificate (default: the monitor's own)",

@@ -19,6 +19,7 @@ from formation.transport.robot_bus import RobotBus
 from formation.transport.robot_buses import RobotBuses
 from formation.wire import Now, Sample
 from monitor.core import Monitor
+from monitor.figures.events import Event
 from monitor.figures.words import as_json, line
 from monitor.page.showing import Showing
 from monitor.recording.recorder import Recorder
@@ -108,6 +109,8 @@ class Watch:
             "recorded": dict(self._recorder.recorded) if self._recorder else {},
             "recording": str(self._recorder.path) if self._recorder else None,
             "recording_failure": self._recorder.failure if self._recorder else None,
+            "recording_lost": self._recorder.lost if self._recorder else 0,
+            "recording_parts": [str(path) for path in self._recorder.paths] if self._recorder else [],
             "formation_error": snapshot.final_error,
             "settling_time": snapshot.settled_at,
             "converged": snapshot.converged,
@@ -123,6 +126,8 @@ class Watch:
             self._record([Sample(out.key, out.payload, out.attachment, now.mono)], now)
         if self._recorder is not None:
             self._recorder.flush(now.mono)
+            for notice in self._recorder.notices():
+                self._monitor.note(Event(now.wall, notice.level, "", "recording", notice.text))
         return len(inbox)
 
     def _record(self, samples: Sequence[Sample], now: Now) -> None:

@@ -114,13 +114,19 @@ class Disk:
                 self._lose(self._part)
             if self._part is None:
                 self._resume(chunk.handed)
-            elif self._rotation.is_due(self._part.whole_size, chunk.handed - (self._begun or chunk.handed)):
+            elif self._is_due(self._part, chunk):
                 self._end()
                 self._begin()
             self._append(chunk)
         except OSError as error:
             self.lost += chunk.total
             self._fail(error, chunk.handed)
+
+    def _is_due(self, part: Part, chunk: Chunk) -> bool:
+        """Whether a chunk belongs to the next part already; every part has one."""
+        if self._begun is None:
+            return False
+        return self._rotation.is_due(part.whole_size + len(chunk.raw), chunk.handed - self._begun)
 
     def _append(self, chunk: Chunk) -> None:
         if self._part is None:  # it is not time yet to try again

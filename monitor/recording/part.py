@@ -60,6 +60,7 @@ class Part:
         """Log times of the first and the last message [ns]."""
         self._channels, self._declared = channels, 0
         self._indexes, self._chunks = bytearray(), 0
+        self._known, self._kinds_size = 0, 0
         fresh = _make_folder(path.parent)
         self._file = path.open("xb", buffering=0)
         try:
@@ -83,7 +84,11 @@ class Part:
     @property
     def whole_size(self) -> int:
         """About how long it would be if it ended now [bytes]."""
-        return self.size + len(self._indexes) + 2 * self._metadata.offset + 200 * len(self._channels.channels)
+        if self._known != len(self._channels.channels):
+            self._known = len(self._channels.channels)
+            kinds = (*self._channels.schemas, *self._channels.channels)
+            self._kinds_size = sum(len(packed(one)) for one in kinds)
+        return self.size + self._kinds_size + len(self._indexes) + 10 * self._known + 1000
 
     def append(self, chunk: Chunk) -> None:
         """Write a chunk and hand it to the operating system."""

@@ -23,7 +23,7 @@ from monitor.recording.attached import SUFFIX, TYPE, packed
 from monitor.recording.channels import Channels, about
 from monitor.recording.chunk import Chunk
 from monitor.recording.disk import Disk, Notice
-from monitor.recording.rotation import Room, Rotation
+from monitor.recording.rotation import ROOM, ROTATION, Room, Rotation
 
 CHUNK = 1024 * 1024
 """Longest chunk [bytes]; reading one needs so much memory."""
@@ -53,8 +53,8 @@ class Recorder:
         text: str,
         law: str,
         keys: Iterable[Watched],
-        rotation: Rotation = Rotation(),  # noqa: B008 - it cannot be changed
-        room: Room = Room(),  # noqa: B008 - likewise
+        rotation: Rotation = ROTATION,
+        room: Room = ROOM,
     ) -> None:
         """Begin `path`, which must not exist, for `keys`. Raises RecordingError.
 

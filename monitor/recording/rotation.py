@@ -24,7 +24,7 @@ class Rotation(NamedTuple):
 
     def is_due(self, size: int, age: float) -> bool:
         """Whether a part of this `size` [bytes] and `age` [s] is to be ended."""
-        return (self.size is not None and size >= self.size) or (self.time is not None and age >= self.time)
+        return (self.size is not None and size > self.size) or (self.time is not None and age >= self.time)
 
 
 class Room(NamedTuple):
@@ -36,6 +36,9 @@ class Room(NamedTuple):
     """It goes on with this much free [bytes]."""
 
 
+ROTATION, ROOM = Rotation(), Room()
+
+
 def of_size(text: str) -> float | None:
     """What `--rotate-size` means [bytes]; None for off."""
     return _quantity(text, _SIZES, "100MB, 2GB", 1e5, "100kB")
@@ -44,6 +47,19 @@ def of_size(text: str) -> float | None:
 def of_time(text: str) -> float | None:
     """What `--rotate-time` means [s]; None for off."""
     return _quantity(text, _TIMES, "90s, 30min, 2h", 10.0, "10s")
+
+
+def add_rotation_flags(to: argparse.ArgumentParser) -> None:
+    """The flags that say when a recording goes on in another file: rotate_size and rotate_time."""
+    group = to.add_argument_group("long recordings (NAME.mcap, NAME-2.mcap, …, each complete in itself)")
+    group.add_argument(
+        "--rotate-size", metavar="SIZE", type=of_size, default=ROTATION.size,
+        help=f"go on in another file after so much, such as 500MB, or {OFF} (default: 2GB)",
+    )  # fmt: skip
+    group.add_argument(
+        "--rotate-time", metavar="TIME", type=of_time, default=ROTATION.time,
+        help=f"go on in another file after so long, such as 90s, 30min, 2h, or {OFF} (default: {OFF})",
+    )  # fmt: skip
 
 
 def part_path(first: Path, number: int) -> Path:

@@ -24,15 +24,22 @@ from monitor.figures.keys import OWN, watched
 from monitor.recording.attached import SUFFIX
 from monitor.recording.reader import read as read_back
 from monitor.recording.recorder import Recorder, RecordingError, stamp_of
+from monitor.recording.rotation import ROOM, ROTATION, Room, Rotation
 from tests.monitor.fleet import EPOCH, Fleet, command, odometry, said, status
 
 TEXT, _ = read("six_robots")
 STORE = get_typestore(Stores.EMPTY)
 
 
-def recorder(path: Path, mission: Mission | None = None, text: str = TEXT) -> Recorder:
+def recorder(
+    path: Path,
+    mission: Mission | None = None,
+    text: str = TEXT,
+    rotation: Rotation = ROTATION,
+    room: Room = ROOM,
+) -> Recorder:
     mission = mission or load("six_robots")
-    return Recorder(path, mission.name, text, "paper", (*watched(mission), *OWN))
+    return Recorder(path, mission.name, text, "paper", (*watched(mission), *OWN), rotation, room)
 
 
 def a_bit_of_everything() -> list[Sample]:
