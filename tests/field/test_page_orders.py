@@ -1,0 +1,125 @@
+"""Orders from the page in a secured field: the operator's certificate stops the team, no other does."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from tests.field.namespaces import Running, until
+from tests.field.team import VICTIM, Team, driving
+
+pytestmark = [pytest.mark.namespaces, pytest.mark.processes]
+HERE = {"leader", "robot1", VICTIM}
+ALL = HERE | {"robot3"}
+ORDER = """
+import json, sys, urllib.error, urllib.request
+address, token, body = sys.argv[1:]
+headers = {"authorization": "Bearer " + token, "content-type": "application/json"}
+request = urllib.request.Request(address + "api/order", body.encode(), headers)
+try:
+    with urllib.request.urlopen(request, timeout=20.0) as answer:
+        print(json.dumps([answer.status, json.load(answer)]))
+except urllib.error.HTTPError as error:
+    print(json.dumps([error.code, {}]))
+"""
+
+
+@pytest.fixture(scope="module")
+def team(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Team]:
+    with driving(tmp_path_factory.mktemp("team")) as team:
+        yield team
+
+
+class Answer(NamedTuple):
+    status: int
+    report: dict[str, Any]
+
+    @property
+    def obeyed(self) -> set[str]:
+        return {name for name, one in self.report["robots"].items() if one["ok"]}
+
+
+class Page:
+    """The page of a monitor at the desk."""
+
+    def __init__(self, team: Team, monitor: Running) -> None:
+        self._team, self._monitor = team, monitor
+        self.address, _, self.token = monitor.event("ready")["page"].partition("#token=")
+
+    def order(self, do: str, token: str = "") -> Answer:
+        """Given at the desk, where the page is served."""
+        body = json.dumps({"do": do})
+        command = (sys.executable, "-c", ORDER, self.address, token or self.token, body)
+        return Answer(*json.loads(self._team.desk_computer.run(*command).stdout))
+
+    def hears_everybody(self) -> bool:
+        said = self._monitor.events("snapshot")
+        return bool(said) and all(said[-1]["robots"][name]["state"] == "run" for name in HERE)
+
+
+@contextmanager
+def monitored(team: Team, *flags: str) -> Iterator[Page]:
+    watching = ("-c", str(team.desk.file("monitor")), "--no-record", "--snapshots", "--page", "127.0.0.1:0")
+    monitor = team.desk_computer.start(*team.formation("monitor", *watching, "--control", *flags))
+    page = Page(team, monitor)
+    until(page.hears_everybody, what="the monitor hears everybody")
+    try:
+        yield page
+    finally:
+        assert monitor.stop() == 0
+
+
+def as_operator(team: Team) -> tuple[str, str]:
+    return "--control-config", str(team.desk.file("operator"))
+
+
+def stands(team: Team) -> bool:
+    return all(command[1:] == (0.0, 0.0) for command in team.commands(since=time.monotonic() - 0.5))
+
+
+def test_with_the_operators_certificate_the_page_stops_the_team_and_lets_it_go(team: Team) -> None:
+    before = team.refused()
+    with monitored(team, *as_operator(team)) as page:
+        since = time.monotonic()
+        stop = page.order("stop")
+        assert (stop.status, stop.obeyed, stop.report["missing"]) == (200, HERE, ["robot3"])
+        until(lambda: "stop" in team.states(since), what="the victim says that it is stopped")
+        until(lambda: stands(team), what="the victim stands")
+        until(lambda: page.order("release").status == 200, what="a release is taken")
+        until(team.settled, 60.0, "the victim drives straight again")
+    assert team.refused() == before
+
+
+def test_with_another_token_nobody_stops(team: Team) -> None:
+    with monitored(team, *as_operator(team)) as page:
+        assert page.order("stop", "x" * len(page.token)).status == 401
+        time.sleep(1.0)
+        assert team.settled()
+
+
+def test_with_its_own_certificate_a_monitor_stops_nobody_and_says_what_is_missing(team: Team) -> None:
+    with monitored(team) as page:
+        stop = page.order("stop")
+        assert (stop.status, stop.obeyed, set(stop.report["missing"])) == (200, set(), ALL)
+        assert "--control-config FILE" in stop.report["why"]
+        assert team.settled()
+
+
+def test_with_the_certificate_of_a_robot_the_page_stops_nobody_and_names_what_to_look_at(
+    team: Team, tmp_path: Path
+) -> None:
+    text = team.desk.file("operator").read_text()
+    thief = tmp_path / "thief.json5"
+    thief.write_text(text.replace(f"{team.desk.folder}/operator/", f"{team.desk.folder}/robot1/"))
+    with monitored(team, "--control-config", str(thief)) as page:
+        stop = page.order("stop")
+        assert (stop.status, stop.obeyed) == (200, set())
+        assert "is the certificate in --control-config his?" in stop.report["why"]
+        assert team.settled()
