@@ -1,0 +1,241 @@
+"""`formation replay FILE --verify`: would today's agents have commanded what the recorded ones did?"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from agent.verify.core import Verification
+from agent.verify.verdict import TOLERANCE, Comparison, Input, Stretch, Told, Verdict
+from deploy.arguments import as_json, number, parser, read_mission
+from deploy.refusal import Refusal
+from deploy.simulate import Bar
+from formation.law import LAWS
+from formation.mission import Mission
+from formation.mission_file import parse
+from monitor.recording.reader import Recorded, Recording, UnreadableError, read
+
+EXAMPLES = """\
+  formation replay recordings/monday.mcap --verify
+  formation replay monday.mcap --verify --mission changed.toml    what would other gains have commanded?
+  formation replay monday.mcap --verify --json
+
+Exit code 0: no command differs; 1: at least one does; 2: there was nothing to compare.
+"""
+SHOWN = 5
+"""So many stretches of a robot are told one by one; --json has them all."""
+
+
+class Ran(NamedTuple):
+    """What was verified, and what came of it."""
+
+    recording: Recording
+    mission: Mission
+    changed: bool
+    """Whether it is another mission than the recorded one."""
+    verdicts: dict[str, Verdict]
+    start: float
+    """Of the recording [s, the recorder's system clock]."""
+    length: float
+    """[s]"""
+    took: float
+    """[s]"""
+
+    @property
+    def compared(self) -> int:
+        """Commands of all robots."""
+        return sum(one.compared for one in self.verdicts.values())
+
+    @property
+    def first(self) -> tuple[str, Comparison] | None:
+        """The first command of the whole team that differs, and whose it is."""
+        firsts = [(name, one.first) for name, one in self.verdicts.items() if one.first is not None]
+        return min(firsts, key=lambda found: found[1].wall, default=None)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Verify a recording; the exit code."""
+    options = _options().parse_args(arguments)
+    try:
+        recording = read(options.file)
+        ran = run(recording, options.mission, options.law, options.tolerance)
+    except UnreadableError as error:
+        raise Refusal(str(error)) from None
+    except OSError as error:
+        raise Refusal(f"{options.file}: cannot be read: {error.strerror}") from None
+    print("\n".join(words(ran)))
+    if options.json:
+        print(as_json(report(ran)))
+    if not ran.compared:
+        return 2
+    return 0 if ran.first is None else 1
+
+
+def run(recording: Recording, changed: str | None, law: str | None, tolerance: float) -> Ran:
+    """Have today's agents live through a recording. Raises Refusal for a mission that is none."""
+    mission = recording.mission if changed is None else read_mission(changed)
+    verification = Verification(mission, law, tolerance)
+    begin, extent = time.monotonic(), recording.extent()
+    start, length = extent.start or 0.0, extent.duration
+    with ExitStack() as stack:
+        bar = stack.enter_context(Bar(f"verifying {recording.path.name}"))
+        for message in _told(recording, bar, start, length):
+            verification.take(message.sample, message.wall)
+        verification.close()
+    took = time.monotonic() - begin
+    return Ran(recording, mission, changed is not None, verification.verdicts, start, length, took)
+
+
+def _told(recording: Recording, bar: Bar, start: float, length: float) -> Iterator[Recorded]:
+    for count, message in enumerate(recording.messages()):
+        if count % 1000 == 0 and length > 0.0:
+            bar.at((message.wall - start) / length)
+        yield message
+
+
+def words(ran: Ran) -> Iterator[str]:
+    """What came of it, for people."""
+    verdicts = ran.verdicts.values()
+    yield f"{ran.recording.path}: {ran.mission.name}, {len(verdicts)} agents, {ran.length:.1f} s"
+    width = max(map(len, ran.verdicts)) + 2
+    for one in verdicts:
+        yield f"  {one.robot:<{width}}{_verdict(one)}"
+        yield from (f"  {'':<{width}}{line}" for line in _details(one, ran.start))
+    yield from (f"  note: {note}" for note in _notes(ran))
+    pace = f"took {ran.took:.1f} s, {ran.length / ran.took:.0f} times faster than the run"
+    if not ran.compared:
+        yield f"nothing could be compared; {pace}"
+    elif ran.first is None:
+        yield f"no difference in {ran.compared} commands; {pace}"
+    else:
+        robot, first = ran.first
+        yield f"the first command that differs is {robot}'s at {first.wall - ran.start:.3f} s; {pace}"
+
+
+def _verdict(one: Verdict) -> str:
+    if not one.commands:
+        return "no command in the recording"
+    compared = f"{one.compared} of {one.commands} commands compared"
+    if not one.compared:
+        return compared
+    if one.exact == one.compared:
+        return f"{compared}, equal to the last bit"
+    off = f"by {one.most_off[0]:.3g} m/s and {one.most_off[1]:.3g} rad/s at most"
+    if one.differing:
+        return f"{compared}, {one.differing} DIFFER, {off}"
+    return f"{compared}, {one.exact} equal to the last bit, the rest off {off}"
+
+
+def _details(one: Verdict, start: float) -> Iterator[str]:
+    if one.first is not None:
+        yield f"first at {one.first.wall - start:.3f} s, command {one.first.number} of its agent:"
+        yield f"  recorded {_command(one.first.recorded)}"
+        yield f"  computed {_command(one.first.computed)}, {one.first.decision}"
+        yield f"  after {', '.join(map(_input, one.first.inputs[-SHOWN:])) or 'no message'}"
+    for stretch in one.unjudged[:SHOWN]:
+        yield _stretch(stretch, start)
+    if len(one.unjudged) > SHOWN:
+        yield f"… and {len(one.unjudged) - SHOWN} more stretches that were not judged"
+
+
+def _command(told: Told | None) -> str:
+    return "none" if told is None else f"u {told.speed:+.9f} m/s, ω {told.turn_rate:+.9f} rad/s"
+
+
+def _input(heard: Input) -> str:
+    return f"{heard.key} ({heard.age * 1e3:.1f} ms)"
+
+
+def _stretch(one: Stretch, start: float) -> str:
+    many = "1 command" if one.commands == 1 else f"{one.commands} commands"
+    span = f"{one.since - start:.1f} s"
+    if one.commands > 1:
+        span = f"{one.since - start:.1f} to {one.until - start:.1f} s"
+    return f"not judged: {many}, {span}: {one.reason}"
+
+
+def _notes(ran: Ran) -> Iterator[str]:
+    if ran.recording.is_cut():
+        yield "the recording is cut: it was read as far as it goes"
+    if ran.changed:
+        return
+    recorded = parse(ran.recording.about["mission_file"]).fingerprint  # without the law of that run
+    others = [one.robot for one in ran.verdicts.values() if one.missions - {recorded}]
+    if others:
+        yield f"the agents of {', '.join(others)} drove by another mission than the recorded one"
+
+
+def report(ran: Ran) -> dict[str, Any]:
+    """What came of it, for a script. Times are seconds into the recording."""
+    return {
+        "recording": str(ran.recording.path),
+        "mission": ran.mission.name,
+        "length": ran.length,
+        "took": ran.took,
+        "compared": ran.compared,
+        "exact": sum(one.exact for one in ran.verdicts.values()),
+        "differing": sum(one.differing for one in ran.verdicts.values()),
+        "first": None if ran.first is None else {"robot": ran.first[0], **_first(ran.first[1], ran.start)},
+        "notes": list(_notes(ran)),
+        "robots": {name: _robot(one, ran.start) for name, one in ran.verdicts.items()},
+    }
+
+
+def _robot(one: Verdict, start: float) -> dict[str, Any]:
+    return {
+        "commands": one.commands,
+        "compared": one.compared,
+        "exact": one.exact,
+        "differing": one.differing,
+        "most_off": {"speed": one.most_off[0], "turn_rate": one.most_off[1]},
+        "first": None if one.first is None else _first(one.first, start),
+        "not_judged": [
+            {
+                "since": stretch.since - start,
+                "until": stretch.until - start,
+                "commands": stretch.commands,
+                "reason": stretch.reason,
+            }
+            for stretch in one.unjudged
+        ],
+    }
+
+
+def _first(one: Comparison, start: float) -> dict[str, Any]:
+    def command(told: Told | None) -> dict[str, float] | None:
+        return None if told is None else {"speed": told.speed, "turn_rate": told.turn_rate}
+
+    return {
+        "at": one.wall - start,
+        "command": one.number,
+        "recorded": command(one.recorded),
+        "computed": command(one.computed),
+        "decision": one.decision,
+        "inputs": [{"key": heard.key, "age": heard.age} for heard in one.inputs],
+    }
+
+
+def _options() -> argparse.ArgumentParser:
+    options = parser(
+        "replay FILE --verify",
+        "Have today's agents live through a recording, and compare what they command.",
+        EXAMPLES,
+    )
+    options.add_argument("file", metavar="FILE", type=Path, help="the recording; any part of it")
+    options.add_argument("--verify", action="store_true", help=argparse.SUPPRESS)
+    options.add_argument(
+        "--mission", metavar="MISSION", help="go by this mission instead of the recorded one"
+    )
+    options.add_argument(
+        "--law", choices=list(LAWS), help="the control law, instead of the one that was used"
+    )
+    options.add_argument(
+        "--tolerance", type=number(0.0), default=TOLERANCE, metavar="X",
+        help=f"how far off a command still counts as the same [m/s; rad/s] (default {TOLERANCE:g})",
+    )  # fmt: skip
+    options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
+    return options

@@ -1,0 +1,291 @@
+"""What rides on the fleet's side of a command: all that the agent went by, and never a reason to fail."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+from agent import trace
+from agent.core import Agent
+from agent.memory import recall, remember
+from agent.trace import LONGEST, MEMORY_PERIOD, MOST, Trace, checksum
+from agent.verify.traced import BadTraceError, Step, read
+from formation.mission_file import load
+from formation.order import Order, Told
+from formation.order import encode as encode_order
+from formation.ros2.messages import MAX_BYTES, Odometry, Pose, Text, decode, encode
+from formation.topics import CMD_VEL, ODOM, POSITION
+from formation.wire import Now, Sample
+from tests.agent.missions import with_robots
+from tests.agent.recorded import Looped, RecordedFleet, Recording
+
+SIX = load("six_robots")
+KEY = CMD_VEL.key("robot3")
+HELD = [ODOM.key("robot3"), POSITION.key("robot1"), POSITION.key("robot2")]
+
+
+def now(mono: float) -> Now:
+    return Now(mono, 1.7e9 + mono)
+
+
+def odometry(mono: float, attachment: bytes | None = None) -> Sample:
+    payload = encode(Odometry(1.7e9 + mono, 0.1 * mono + 0j, 1 + 0j, 0.1, 0.0))
+    return Sample(ODOM.key("robot3"), payload, attachment, mono)
+
+
+def position(mono: float, count: int, robot: str = "robot1") -> Sample:
+    told = Told(voice="v", count=count, order=Order(term=1, beat=count, mode="run", shape="hexagon"))
+    payload = encode(Pose(1.7e9 + mono, 1 + 0.1 * mono + 0j, 1 + 0j))
+    return Sample(POSITION.key(robot), payload, encode_order(told), mono)
+
+
+class Setting:
+    """One agent in its loop."""
+
+    def __init__(self, agent: Agent | None = None, *, readonly: bool = False) -> None:
+        self.agent = agent or Agent(SIX, "robot3", voice="abc", readonly=readonly)
+        self.record: Recording = []
+        self.loop = Looped(self.agent, self.record, readonly=readonly)
+
+    def turn(self, mono: float, *inbox: Sample) -> Any:
+        """The trace of the command that this step led to; None if it led to none, or has none."""
+        self.record.clear()
+        self.loop.step(now(mono), inbox)
+        return self.trace()
+
+    def trace(self) -> Any:
+        attachments = [sample.attachment for sample, _ in self.record if sample.key == KEY]
+        return json.loads(attachments[0]) if attachments and attachments[0] is not None else None
+
+
+def test_a_command_carries_every_step_since_the_one_before_with_its_clocks_and_messages() -> None:
+    setting = Setting()
+    assert setting.turn(1.0)["n"] == 1  # at rest, because there is nothing to go by yet
+    assert setting.turn(1.01, position(1.009, 1)) is None
+    assert setting.turn(1.02) is None
+    seen = odometry(1.029)
+    said = setting.turn(1.03, seen)
+    assert said == {
+        "n": 2,
+        "voice": "abc",
+        "steps": [
+            [1.01, 1.7e9 + 1.01, [[1, checksum(position(1.009, 1)), 1.009]]],
+            [1.02, 1.7e9 + 1.02, []],
+            [1.03, 1.7e9 + 1.03, [[0, checksum(seen), 1.029]]],
+        ],
+    }
+
+
+def test_the_first_one_says_what_the_agent_is_and_knows() -> None:
+    setting = Setting(readonly=True)
+    said = setting.turn(1.0)
+    assert said["agent"] == {"law": "field", "readonly": True, "mission": SIX.fingerprint, "keys": HELD}
+    assert said["memory"] == json.loads(json.dumps(remember(setting.agent)))
+
+
+def test_every_five_seconds_it_says_again_what_it_knows_and_that_is_after_the_command() -> None:
+    setting = Setting()
+    setting.turn(1.0)
+    moment, told = 1.0, []
+    for _ in range(450):
+        moment += 0.05
+        said = setting.turn(moment, odometry(moment))
+        if "memory" in said:
+            told.append(moment)
+            other = Agent(SIX, "robot3", voice="abc")
+            recall(other, said["memory"])
+            assert remember(other) == remember(setting.agent)
+    assert [after - before for before, after in pairwise(told)] == pytest.approx(
+        [MEMORY_PERIOD] * 3, abs=0.06
+    )
+
+
+def test_what_ros_lets_ride_on_odometry_does_not_count_and_what_rides_between_robots_does() -> None:
+    assert checksum(odometry(1.0)) == checksum(odometry(1.0, b"ROS's own"))
+    assert checksum(position(1.0, 1)) != checksum(position(1.0, 2))
+
+
+def test_the_link_with_the_robot_is_told_where_it_has_changed() -> None:
+    setting = Setting()
+    assert setting.turn(1.0)["steps"] == [[1.0, 1.7e9 + 1.0, [], [True, True]]]
+    assert setting.turn(1.1)["steps"] == [[1.1, 1.7e9 + 1.1, []]]
+    setting.loop.robot.connected = False
+    assert setting.turn(1.2)["steps"] == [[1.2, 1.7e9 + 1.2, [], [False, None]]]
+
+
+def test_an_operators_request_is_told_between_the_steps_and_one_that_says_nothing_is_not() -> None:
+    setting = Setting()
+    setting.turn(1.0)
+    for request in (b'{"do":"stop"}', b"\xff\xfe", b"x" * 2000):
+        setting.loop.sides.request(request)
+    assert setting.turn(1.1)["steps"] == ['{"do":"stop"}', [1.1, 1.7e9 + 1.1, []]]
+
+
+def test_the_last_words_carry_a_trace_as_well() -> None:
+    setting = Setting()
+    setting.turn(1.0)
+    setting.record.clear()
+    setting.loop.halt(now(1.2), "SIGTERM")
+    assert setting.trace() == {"n": 2, "voice": "abc", "steps": [], "halt": [1.2, 1.7e9 + 1.2]}
+
+
+def test_on_the_robots_side_nothing_rides() -> None:
+    setting = Setting()
+    said = list[tuple[str, bytes | None]]()
+
+    def publish(key: str, _payload: bytes, attachment: bytes | None = None) -> None:
+        said.append((key, attachment))
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(setting.loop.robot, "publish", publish)
+        setting.turn(1.0, odometry(1.0))
+    assert KEY in dict(said)
+    assert {attachment for _, attachment in said} == {None}
+
+
+def test_the_command_is_with_the_robot_before_the_trace_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    setting = Setting()
+    at_the_robot = list[list[str]]()
+    original = Trace.attachment
+
+    def made(self: Trace) -> bytes | None:
+        at_the_robot.append([out.key for out in setting.loop.robot.said])
+        return original(self)
+
+    monkeypatch.setattr(Trace, "attachment", made)
+    setting.turn(1.0, odometry(1.0))
+    assert [KEY in keys for keys in at_the_robot] == [True]
+
+
+def test_a_flood_is_given_up_and_the_next_command_begins_anew_with_what_the_agent_knows() -> None:
+    setting = Setting()
+    setting.turn(1.0)
+    flood = [position(1.1, number) for number in range(MOST + 1)]
+    said = setting.turn(2.2, *flood)
+    assert "steps" not in said
+    assert "messages between two commands" in said["gap"]
+    assert said["memory"] == json.loads(json.dumps(remember(setting.agent)))
+    assert setting.turn(2.3)["steps"] == [[2.3, 1.7e9 + 2.3, []]]
+
+
+def test_a_flood_that_does_not_end_has_the_agent_say_what_it_knows_once_a_second_at_most() -> None:
+    setting = Setting()
+    remembered = 0
+    for tick in range(80):
+        moment = 1.0 + 0.06 * tick
+        flood = [position(moment, number) for number in range(MOST + 1)]
+        remembered += "memory" in setting.turn(moment, *flood)
+    assert remembered == 5
+
+
+def test_minutes_without_a_command_hold_no_more_than_so_much() -> None:
+    one = Trace(Agent(SIX, "robot3"))
+    for tick in range(10_000):
+        one.stepped(now(0.01 * tick), True, True, [position(0.01 * tick, tick)])
+        one.asked(b'{"do":"hold"}')
+        assert len(one._steps) <= MOST
+    said = one.attachment()
+    assert said is not None
+    assert "gap" in json.loads(said)
+
+
+def test_a_message_longer_than_any_that_is_read_is_not_held_on_to() -> None:
+    setting = Setting()
+    setting.turn(1.0)
+    said = setting.turn(1.1, Sample(POSITION.key("robot1"), b"x" * (MAX_BYTES + 1), None, 1.1))
+    assert "longer than any that is read" in said["gap"]
+    assert "gap" not in setting.turn(1.2)
+
+
+def test_a_recording_can_keep_whatever_rides() -> None:
+    """On a std_msgs/String, whose text has to be printable and not too long."""
+    setting = Setting()
+    setting.turn(1.0)
+    for _ in range(64):
+        setting.loop.sides.request(('{"do":"' + "ä\t\x7f\u2028" * 250).encode()[:1024])
+    setting.record.clear()
+    setting.loop.step(now(1.1), [])
+    attachment = next(sample.attachment for sample, _ in setting.record if sample.key == KEY)
+    assert attachment is not None
+    assert len(attachment) <= LONGEST
+    text = attachment.decode("ascii")
+    assert "at most" in json.loads(text)["gap"]
+    assert text.isprintable()
+    assert decode(Text, encode(Text(text))).text == text
+
+
+def test_a_memory_too_long_to_be_told_is_left_out_and_the_steps_are_told_all_the_same(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(trace, "LONGEST", 800)
+    setting = Setting()
+    with caplog.at_level(logging.WARNING):
+        said = setting.turn(1.0)
+        setting.turn(7.0)
+    assert said["steps"]
+    assert said["agent"]
+    assert "memory" not in said
+    assert len(caplog.messages) == 1
+    assert "cannot be verified everywhere" in caplog.text
+
+
+@pytest.mark.parametrize("fails", ["checksum", "remember", "_encode"])
+def test_a_trace_that_cannot_be_made_keeps_no_command_from_going_out_and_is_said_once(
+    fails: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    sound, broken = Setting(), Setting()
+
+    def fail(*_: Any) -> Any:
+        raise RuntimeError("something nobody thought of")
+
+    def commands(setting: Setting, moments: Sequence[float]) -> list[bytes]:
+        said = []
+        for moment in moments:
+            setting.turn(moment, position(moment, int(100 * moment)), odometry(moment))
+            said += [out.payload for out, _ in setting.record if out.key == KEY]
+        return said
+
+    first, then = [1.0, 1.05, 1.1], [2.2, 2.25]
+    expected = commands(sound, first), commands(sound, then)
+    with caplog.at_level(logging.WARNING):
+        with monkeypatch.context() as patched:
+            patched.setattr(trace, fails, fail)
+            assert commands(broken, first) == expected[0]
+        assert commands(broken, then) == expected[1]
+    assert [message.count("something nobody thought of") for message in caplog.messages] == [1]
+    told = read(next(sample.attachment or b"" for sample, _ in broken.record if sample.key == KEY))
+    assert told.n == 5
+    assert told.gap == ""
+
+
+def test_what_is_told_is_read_to_the_last_bit() -> None:
+    fleet = RecordedFleet(with_robots("turtlebot3_pair", localisation="external"))
+    fleet.run(6.0)
+    traces = [s.attachment for s, _ in fleet.record if s.key.endswith(CMD_VEL.name) and s.attachment]
+    assert len(traces) > 100
+    for attachment in traces:
+        said, told = json.loads(attachment), read(attachment)
+        assert told.memory == said.get("memory")
+        for step, one in zip(said["steps"], told.steps, strict=True):
+            assert isinstance(one, Step)
+            assert [one.mono, one.wall, [list(heard) for heard in one.heard]] == step[:3]
+
+
+@pytest.mark.parametrize(
+    "attachment",
+    [
+        b"", b"\xff", b"[]", b"{}", b'{"n": -1, "voice": ""}', b'{"n": 1, "voice": "", "steps": [[1.0]]}',
+        b'{"n": 1, "voice": "", "steps": [[NaN, 1.0, []]]}', b'{"n": 1, "voice": "", "halt": [1.0]}',
+        b'{"n": 1, "voice": "", "steps": [[1.0, 1.0, [[0, 1.5, 1.0]]]]}', b'{"n": 1, "voice": "", "x": 1}',
+        b'{"n": 1e999, "voice": ""}', b"[" * 60_000, b'{"n": 1, "voice": "", "memory": ' + b"[" * 60_000,
+    ],
+)  # fmt: skip
+def test_what_is_no_trace_is_refused_in_one_line(attachment: bytes) -> None:
+    with pytest.raises(BadTraceError) as refused:
+        read(attachment)
+    assert "\n" not in str(refused.value)
