@@ -14,10 +14,14 @@ from rich.text import Text
 from deploy.table import states
 from deploy.units import metres
 from monitor.figures.snapshot import Snapshot
-from monitor.replay.loop import Standing
+from monitor.replay.loop import Replay, Standing
+from monitor.replay.player import FASTEST, SLOWEST
 
 KEYS = "space pause/play   ←/→ 5 s   +/- speed   q quit"
 ASCII_KEYS = "space pause/play   left/right 5 s   +/- speed   q quit"
+SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+JUMP = 5.0
+"""What an arrow key jumps [s of the recording]."""
 DRIFT = 0.1
 """A drift that is worth saying [s]."""
 PLAIN_PERIOD = 2.0
@@ -67,6 +71,20 @@ class Lines:
             return
         self._due = now + PLAIN_PERIOD
         print(line(standing, look()), file=self._stream, flush=True)
+
+
+def press(replay: Replay, key: str) -> bool:
+    """Do what a key asks for; whether to go on."""
+    now = replay.standing
+    if key == "space":
+        replay.step("play" if now.paused or now.finished else "pause")
+    elif key in {"left", "right"}:
+        replay.step("seek", now.position + (JUMP if key == "right" else -JUMP))
+    elif key in {"+", "="}:
+        replay.step("speed", min((one for one in SPEEDS if one > now.speed), default=FASTEST))
+    elif key == "-":
+        replay.step("speed", max((one for one in SPEEDS if one < now.speed), default=SLOWEST))
+    return key not in {"q", "Q"}
 
 
 def line(standing: Standing, snapshot: Snapshot) -> str:

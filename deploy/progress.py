@@ -54,5 +54,6 @@ class Progress:
     def see(self, snapshot: Snapshot) -> None:
         """Take a snapshot of the monitor's."""
         self.snapshot = snapshot
+        self.events.extend(snapshot.events)
         if math.isfinite(snapshot.error):
             self.errors.append(snapshot.error)

@@ -8,13 +8,14 @@ import socket
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from deploy.arguments import as_json, number, parser
 from deploy.keys import Keys
-from deploy.playing import Bar, Lines, clock, line
+from deploy.playing import Bar, Lines, clock, line, press
 from deploy.refusal import Refusal
 from deploy.views import in_a_terminal
 from formation.rate import Rate
@@ -38,9 +39,6 @@ from monitor.replay.prefix import DEFAULT, checked
 
 HOST, LISTEN_PORT = "127.0.0.1", AGENT_PORT - 1
 """Where whoever wants to hear the messages dials, unless told otherwise."""
-SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
-JUMP = 5.0
-"""What an arrow key jumps [s of the recording]."""
 REFRESH = 5.0
 """[Hz]"""
 EXAMPLES = """\
@@ -66,7 +64,12 @@ class Opened(NamedTuple):
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Play a recording; the exit code."""
+    """Play a recording, or verify it; the exit code."""
+    if "--verify" in arguments:
+        code: int = import_module("deploy.verify").main(
+            arguments
+        )  # which needs the agents, as playing does not
+        return code
     options = _options().parse_args(arguments)
     one = _open(options)
     prefix = None if options.no_zenoh else _prefix(options, one)
@@ -117,20 +120,6 @@ def _play(options: argparse.Namespace, replay: Replay, stop: Stop, stack: ExitSt
         view.stop()
         if not drawn:
             _say(options, line(replay.standing, replay.snapshot))
-
-
-def press(replay: Replay, key: str) -> bool:
-    """Do what a key asks for; whether to go on."""
-    now = replay.standing
-    if key == "space":
-        replay.step("play" if now.paused or now.finished else "pause")
-    elif key in {"left", "right"}:
-        replay.step("seek", now.position + (JUMP if key == "right" else -JUMP))
-    elif key in {"+", "="}:
-        replay.step("speed", min((one for one in SPEEDS if one > now.speed), default=FASTEST))
-    elif key == "-":
-        replay.step("speed", max((one for one in SPEEDS if one < now.speed), default=SLOWEST))
-    return key not in {"q", "Q"}
 
 
 def _open(options: argparse.Namespace) -> Opened:
@@ -257,6 +246,10 @@ def _options() -> argparse.ArgumentParser:
         "--paused", action="store_true", help="wait at the beginning until somebody plays it"
     )
     options.add_argument("--loop", action="store_true", help="begin again at the end, for ever")
+    options.add_argument(
+        "--verify", action="store_true",
+        help="play nothing: would today's agents have commanded the same? `--verify --help` says more",
+    )  # fmt: skip
     options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
     add_page_flags(options, control=False)
     links = options.add_argument_group(

@@ -161,7 +161,9 @@ def _footer(progress: Progress, width: int, *, ascii_only: bool) -> list[Text]:
     first.append(sparkline(progress.errors, room, ASCII_BLOCKS if ascii_only else BLOCKS), style="cyan")
     first.append(mark, style="bold green")
 
-    lines = [first, _clock(progress, width, ascii_only=ascii_only)]
+    lines = [first]
+    if progress.duration is not None or progress.phase == "running":
+        lines.append(_clock(progress, width, ascii_only=ascii_only))
     lines += [Text(f"{name} {how}", style="bold red") for name, how in progress.dead.items()]
     return lines
 

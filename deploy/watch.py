@@ -98,11 +98,10 @@ class Watcher:
         """Have `progress` tell of it."""
         progress.elapsed = self.elapsed
         if self.heard:
-            progress.see(Snapshot.of(snapshot_as_json(snapshot)))
-        for number, event in self._monitor.events:
-            if number > self._told:
-                progress.events.append(event)
-                self._told = number
+            news = [one for one in self._monitor.events if one.number > self._told]
+            self._told = news[-1].number if news else self._told
+            seen = Snapshot.of(snapshot_as_json(snapshot))
+            progress.see(seen._replace(events=tuple(one.event for one in news)))
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -176,7 +175,7 @@ def _once(watcher: Watcher, options: argparse.Namespace, stop: Stop) -> int:
         snapshot = watcher.look()
     if stop:
         return 130
-    progress = Progress(watcher.mission, phase="running")
+    progress = Progress(watcher.mission, phase="over")
     watcher.show(progress, snapshot)
     progress.events.clear()  # all that is there was news a moment ago
     if not watcher.heard:

@@ -60,6 +60,7 @@ class Watch:
         self._monitor, self._bus, self._recorder = monitor, bus, recorder
         self._stage, self._ros, self._page, self._outlet = stage, ros, page, outlet
         self._linger = Linger()
+        self._told = 0  # number of the newest event that was said with a snapshot
 
     def declare(self) -> None:
         """Declare all that is published and listened to. Raises BusError."""
@@ -151,6 +152,14 @@ class Watch:
         snapshot = self._monitor.metrics.snapshot(now)
         failure = self._recorder.failure if self._recorder else None
         if snapshots:
-            say("snapshot", **as_json(snapshot), overflowed=self._bus.overflowed, recording_failure=failure)
+            news = [one for one in self._monitor.events if one.number > self._told]
+            self._told = news[-1].number if news else self._told
+            say(
+                "snapshot",
+                **as_json(snapshot),
+                events=[one.event._asdict() for one in news],
+                overflowed=self._bus.overflowed,
+                recording_failure=failure,
+            )
         else:
             _log.info("%s%s", line(snapshot), f"  NOT RECORDING: {failure}" if failure else "")
