@@ -5,11 +5,15 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
 
 from tests.needs import PROGRAMS, missing
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 # The same examples every time, and no time limit for one: a busy machine is not a counter-example.
 # To look for new ones: pytest --hypothesis-profile=search
@@ -24,6 +28,15 @@ def in_a_terminal() -> Iterator[None]:
     before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     yield
     signal.signal(signal.SIGHUP, before)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """A browser for all tests of a module; not of a session, for meanwhile no other event loop can run."""
+    from tests.monitor.page.served import browsing
+
+    with browsing() as one:
+        yield one
 
 
 @pytest.hookimpl(trylast=True)

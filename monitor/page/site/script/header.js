@@ -1,0 +1,77 @@
+/** The first thing to be read: how the formation stands, whether it is recorded, and whether all this is true now. */
+
+import { byId, setAttribute, setHidden, setText } from "./dom.js";
+import * as format from "./format.js";
+
+const STALE = 1.5; // from this age on figures are not called live [s]
+
+export class Header {
+  constructor(model, stream) {
+    this.model = model;
+    this.stream = stream;
+    this.stale = false;
+  }
+
+  greet() {
+    const { hello } = this.model;
+    setText(byId("mission"), hello.mission);
+    setText(byId("law"), `${hello.law} law`);
+    document.title = `${hello.mission} – formation`;
+    setText(byId("version"), hello.version ? `formation ${hello.version}` : "");
+  }
+
+  update() {
+    const { frame, hello } = this.model;
+    if (!frame) return;
+    setText(byId("elapsed"), format.span(frame.elapsed));
+    setText(byId("error"), frame.error === null ? "unknown" : format.length(frame.error));
+    setText(byId("true-error"), frame.true === null ? "" : `true ${format.length(frame.true)}`);
+    setAttribute(byId("error"), "data-tone", frame.converged ? "good" : frame.error === null ? "bad" : "plain");
+    setText(byId("settled"), settled(frame, hello.settled));
+    setText(byId("mode"), frame.mode ?? format.UNKNOWN);
+    setText(byId("shape"), frame.shape ?? format.UNKNOWN);
+    setText(byId("bad-messages"), `${frame.missed} missed · ${frame.rejected} rejected`);
+    this.showRecording(frame.recording);
+  }
+
+  showRecording(recording) {
+    const failure = recording?.failure ?? null;
+    setHidden(byId("recording-failure"), failure === null);
+    if (failure !== null) setText(byId("recording-failure-text"), failure);
+    setAttribute(byId("recording"), "data-tone", failure !== null ? "bad" : recording ? "good" : "plain");
+    setText(byId("recording"), recording ? `${failure === null ? "●" : "✖"} ${format.span(recording.seconds)}` : "off");
+    setText(byId("recording-size"), recording ? (failure === null ? format.bytes(recording.bytes) : "NOT RECORDING") : "");
+    byId("recording").title = recording?.path ?? "nothing is recorded";
+  }
+
+  /** Whether what is shown is true now; called by a timer, for silence brings no message. */
+  watch() {
+    const { age, open } = this.stream;
+    const paused = open && this.model.frame?.replay?.paused === true;
+    const stale = age !== null && age > STALE && !paused;
+    if (stale !== this.stale) {
+      this.stale = stale;
+      document.body.classList.toggle("stale", stale);
+      setText(byId("stale-said"), stale ? "No data is coming: what you see is old." : "Data is coming again.");
+    }
+    setHidden(byId("stale"), !stale);
+    if (stale) setText(byId("stale-age"), `${age.toFixed(1)} s`);
+    const state = this.state(stale, paused);
+    setText(byId("connection"), state.text);
+    setAttribute(byId("connection"), "data-tone", state.tone);
+  }
+
+  state(stale, paused) {
+    const replayed = this.model.hello && !this.model.hello.live;
+    if (!this.stream.open) return { text: this.stream.age === null ? "◌ connecting …" : "✕ reconnecting …", tone: "bad" };
+    if (stale) return { text: "✕ no data", tone: "bad" };
+    if (this.stream.age === null) return { text: "◌ waiting for data", tone: "warn" };
+    if (replayed) return { text: paused ? "Ⅱ recording, paused" : "▶ recording", tone: "warn" };
+    return { text: "● live", tone: "good" };
+  }
+}
+
+function settled(frame, bound) {
+  if (frame.settled_at === null) return `not yet (< ${format.length(bound)})`;
+  return frame.converged ? `at ${frame.settled_at.toFixed(1)} s` : `since ${frame.settled_at.toFixed(1)} s`;
+}

@@ -1,0 +1,73 @@
+/** What the page knows: the newest frame, trails, the error over time, events. Nothing here grows for ever. */
+
+import { Robot } from "./robot.js";
+import { Series } from "./ring.js";
+
+const HISTORY = 2400; // values of the formation error …
+const HISTORY_STEP = 0.24; // … and seconds between two: ten minutes
+const EVENTS = 500;
+const REWOUND = 0.5; // a frame that is so much older than the last one comes from a recording wound back [s]
+
+export class Model {
+  constructor() {
+    this.hello = null;
+    this.frame = null;
+    this.robots = [];
+    this.edges = [];
+    this.error = new Series(HISTORY, HISTORY_STEP);
+    this.events = [];
+    this.chosen = null; // the robot that the operator looks at
+    this.frames = 0;
+  }
+
+  /** A connection begins: what it says replaces what was known, but not where robots have been. */
+  greet(hello) {
+    const same = this.hello && names(this.hello) === names(hello) && this.hello.mission === hello.mission;
+    this.hello = hello;
+    this.edges = hello.edges;
+    if (!same) {
+      const columns = new Map(hello.fields.map((name, index) => [name, index]));
+      this.robots = hello.robots.map((spec, index) => new Robot(spec, index, columns));
+      this.chosen = null;
+      this.frame = null;
+    }
+    if (!hello.live) this.robots.forEach((robot) => robot.trail.clear()); // a recording was wound to elsewhere
+    this.error.clear();
+    for (const [time, value] of hello.history) this.error.push(time, value);
+    this.events = hello.events.slice(-EVENTS);
+  }
+
+  take(frame) {
+    if (this.frame && frame.t < this.frame.t - REWOUND) this.rewind(frame.t);
+    this.frame = frame;
+    this.frames += 1;
+    this.robots.forEach((robot, index) => robot.take(frame.r[index]));
+    this.error.push(frame.t, frame.error);
+  }
+
+  note(event) {
+    const last = this.events[this.events.length - 1];
+    if (last && event.n <= last.n) return; // repeated after a reconnection
+    this.events.push(event);
+    if (this.events.length > 1.2 * EVENTS) this.events.splice(0, this.events.length - EVENTS);
+  }
+
+  rewind(time) {
+    this.error.rewind(time);
+    this.events = this.events.filter((event) => event.at <= time);
+    for (const robot of this.robots) robot.trail.clear();
+  }
+
+  /** When the formation's own time was 0 [s, the server's clock]. */
+  get origin() {
+    return this.frame ? this.frame.t - (this.frame.elapsed ?? 0) : 0;
+  }
+
+  choose(name) {
+    this.chosen = this.chosen === name ? null : name;
+  }
+}
+
+function names(hello) {
+  return hello.robots.map((robot) => robot.name).join(" ");
+}

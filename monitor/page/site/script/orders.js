@@ -1,0 +1,139 @@
+/** Orders to the fleet, and who acknowledged them. Shown only where the page was started with --control. */
+
+import { byId, make, setAttribute, setHidden, setText } from "./dom.js";
+import { forget, keep, token } from "./token.js";
+
+const TWICE = 1000; // Escape twice within so long stops [ms]
+const ARMED = 4000; // what sets robots moving wants a second press within so long [ms]
+const PATIENCE = 8000; // an answer of the page's own server takes no longer [ms]
+
+export class Orders {
+  constructor(model) {
+    this.model = model;
+    this.escaped = -Infinity;
+    this.armed = null;
+    this.shape = byId("order-shape");
+    for (const button of document.querySelectorAll("button[data-do]")) {
+      button.addEventListener("click", () => this.press(button));
+    }
+    byId("token-form").addEventListener("submit", (event) => this.enter(event));
+    document.addEventListener("keydown", (event) => this.key(event));
+  }
+
+  get allowed() {
+    return this.model.hello?.control === true;
+  }
+
+  greet() {
+    setHidden(byId("orders"), !this.allowed);
+    if (!this.allowed) return;
+    const shapes = Object.keys(this.model.hello.shapes);
+    const chosen = this.shape.value;
+    this.shape.replaceChildren(...shapes.map((name) => make("option", { value: name }, name)));
+    if (shapes.includes(chosen)) this.shape.value = chosen;
+    setHidden(this.shape.parentElement, shapes.length < 2);
+    this.showToken();
+  }
+
+  showToken(wrong = false) {
+    setHidden(byId("token-form"), token() !== "");
+    setHidden(byId("order-buttons"), token() === "");
+    setHidden(byId("token-wrong"), !wrong);
+  }
+
+  enter(event) {
+    event.preventDefault();
+    keep(byId("token").value);
+    byId("token").value = "";
+    this.showToken();
+    if (token()) document.querySelector('button[data-do="stop"]').focus();
+  }
+
+  /** Escape, twice: the stop of who has no hand free for a mouse. */
+  key(event) {
+    if (event.key !== "Escape" || event.repeat || !this.allowed) return;
+    const now = performance.now();
+    if (now - this.escaped < TWICE) this.give("stop");
+    this.escaped = now - this.escaped < TWICE ? -Infinity : now;
+  }
+
+  /** Stop and hold act at once; what sets robots moving asks back. */
+  press(button) {
+    const what = button.dataset.do;
+    if (what === "stop" || what === "hold" || this.armed === button) {
+      this.disarm();
+      this.give(what);
+      return;
+    }
+    this.disarm();
+    this.armed = button;
+    button.classList.add("armed");
+    setText(button.querySelector(".again"), "press again");
+    this.timer = setTimeout(() => this.disarm(), ARMED);
+  }
+
+  disarm() {
+    clearTimeout(this.timer);
+    if (!this.armed) return;
+    this.armed.classList.remove("armed");
+    setText(this.armed.querySelector(".again"), "");
+    this.armed = null;
+  }
+
+  async give(what) {
+    const body = { do: what, click: click(), seen: this.model.frame?.t ?? null };
+    if (what === "shape") body.shape = this.shape.value;
+    this.tell("asking", `${what}: asking …`);
+    try {
+      const answer = await fetch("api/order", {
+        method: "POST",
+        headers: { "Content-Type": "application/json", Authorization: `Bearer ${token()}` },
+        body: JSON.stringify(body),
+        signal: AbortSignal.timeout(PATIENCE),
+      });
+      await this.hear(what, answer);
+    } catch {
+      this.tell("bad", `${what}: NOT SENT, the monitor cannot be reached. Use the emergency stop on the robots.`);
+    }
+  }
+
+  async hear(what, answer) {
+    if (answer.status === 401) {
+      forget();
+      this.showToken(true);
+      this.tell("bad", `${what}: REFUSED, the token is not right`);
+      return;
+    }
+    const told = await answer.json().catch(() => ({}));
+    if (!answer.ok) this.tell("bad", `${what}: REFUSED, ${told.error ?? told.detail ?? `answer ${answer.status}`}`);
+    else this.acknowledge(what, told);
+  }
+
+  /** Who obeyed, in how many milliseconds; who refused, and why; who did not answer at all, first. */
+  acknowledge(what, { robots, missing, why }) {
+    const named = Object.entries(robots);
+    const obeyed = named.filter(([, one]) => one.ok);
+    const sound = obeyed.length === named.length && !missing.length;
+    const sum = `${what}: ${obeyed.length} of ${named.length + missing.length} obey`;
+    const slowest = Math.max(0, ...named.map(([, one]) => one.ms));
+    this.tell(sound ? "good" : "bad", sound ? `${sum}, the slowest after ${slowest.toFixed(0)} ms` : sum);
+    const items = [
+      ...(why ? [make("li", { "data-tone": "warn" }, why)] : []),
+      ...missing.map((name) => make("li", { "data-tone": "bad" }, `✕ ${name} NO ANSWER`)),
+      ...named.filter(([, one]) => !one.ok).map(([name, one]) => make("li", { "data-tone": "bad" }, `✕ ${name} REFUSED: ${one.reason}`)),
+      ...obeyed.map(([name, one]) => make("li", { "data-tone": "good" }, `✓ ${name} ${one.mode} ${one.ms.toFixed(0)} ms`)),
+    ];
+    byId("acknowledgements").replaceChildren(...items);
+  }
+
+  tell(tone, text) {
+    byId("acknowledgements").replaceChildren();
+    setAttribute(byId("order-result"), "data-tone", tone);
+    setText(byId("order-result"), text);
+  }
+}
+
+/** A name of this press of a button, so that one that is sent twice counts once. */
+function click() {
+  return [...crypto.getRandomValues(new Uint8Array(12))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+}

@@ -1,0 +1,60 @@
+/** The bar that moves through a recording: play and pause, speed, and where. */
+
+import { byId, setAttribute, setHidden, setText } from "./dom.js";
+import * as format from "./format.js";
+
+export class ReplayBar {
+  constructor(model) {
+    this.model = model;
+    this.slider = byId("replay-at");
+    this.held = false;
+    byId("replay-play").addEventListener("click", () => this.toggle());
+    byId("replay-speed").addEventListener("change", (event) => this.ask("speed", Number(event.target.value)));
+    this.slider.addEventListener("input", () => {
+      this.held = true;
+      this.showTime(Number(this.slider.value));
+    });
+    this.slider.addEventListener("change", () => {
+      this.held = false;
+      this.ask("seek", this.now.start + Number(this.slider.value));
+    });
+  }
+
+  get now() {
+    return this.model.frame?.replay ?? null;
+  }
+
+  greet() {
+    setHidden(byId("replay"), this.model.hello.live);
+  }
+
+  toggle() {
+    if (this.now) this.ask(this.now.paused ? "play" : "pause");
+  }
+
+  async ask(what, to) {
+    const body = JSON.stringify(to === undefined ? { do: what } : { do: what, to });
+    const answer = await fetch("api/replay", { method: "POST", headers: { "Content-Type": "application/json" }, body })
+      .catch(() => null);
+    setText(byId("replay-said"), answer?.ok ? "" : `${what}: not obeyed`);
+  }
+
+  update() {
+    const { now } = this;
+    if (!now) return;
+    const whole = now.end - now.start;
+    setAttribute(this.slider, "max", whole.toFixed(1));
+    setText(byId("replay-play"), now.paused ? "▶ Play" : "Ⅱ Pause");
+    const speed = byId("replay-speed");
+    if (document.activeElement !== speed) speed.value = String(now.speed);
+    if (this.held) return;
+    this.slider.value = (now.t - now.start).toFixed(1);
+    this.showTime(now.t - now.start);
+  }
+
+  showTime(seconds) {
+    const text = `${format.span(seconds)} of ${format.span(this.now ? this.now.end - this.now.start : null)}`;
+    setText(byId("replay-time"), text);
+    setAttribute(this.slider, "aria-valuetext", text);
+  }
+}

@@ -1,0 +1,58 @@
+/** The line to the monitor. It dials again by itself, whatever went wrong, and knows how long it has heard nothing. */
+
+const SILENCE = 6000; // an open line that says nothing for so long is thought to be dead [ms] …
+const LOOK = 500; // … which is looked at so often [ms]
+const AGAIN = 1000; // between two attempts [ms]
+
+export class Stream {
+  /** `handlers` has a function for each kind of event: hello, frame, event. */
+  constructor(address, handlers) {
+    this.address = address;
+    this.handlers = handlers;
+    this.heard = performance.now(); // when anything last came
+    this.framed = null; // when a frame last came
+    this.dialled = -Infinity;
+    this.open = false;
+    this.source = null;
+    this.dial();
+    setInterval(() => this.watch(), LOOK);
+  }
+
+  dial() {
+    this.hangUp();
+    this.dialled = this.heard = performance.now();
+    this.source = new EventSource(this.address);
+    this.source.onerror = () => {
+      this.open = false;
+    };
+    for (const [kind, handle] of Object.entries(this.handlers)) {
+      this.source.addEventListener(kind, (message) => this.receive(kind, handle, message));
+    }
+  }
+
+  hangUp() {
+    this.open = false;
+    if (this.source) this.source.close();
+  }
+
+  receive(kind, handle, message) {
+    this.heard = performance.now();
+    this.open = true;
+    const said = JSON.parse(message.data);
+    if (kind === "frame") this.framed = this.heard;
+    handle(said);
+  }
+
+  /** A browser gives up for good where the server answers wrongly, and waits for ever on a line that was cut. */
+  watch() {
+    const now = performance.now();
+    const closed = this.source.readyState === EventSource.CLOSED;
+    const dead = now - this.heard > SILENCE;
+    if ((closed || dead) && now - this.dialled > AGAIN) this.dial();
+  }
+
+  /** Age of the newest frame [s]; null before the first. */
+  get age() {
+    return this.framed === null ? null : (performance.now() - this.framed) / 1000;
+  }
+}
