@@ -69,6 +69,7 @@ class Disk:
         self._name = 0  # the number that the newest part's name bears
         self._part: Part | None = None
         self._begin()
+        self._tell(logging.INFO, f"recording into {path}")
         self._thread = threading.Thread(target=self._work, name="recording", daemon=True)
         self._thread.start()
 
@@ -142,7 +143,9 @@ class Disk:
             self._begin()
             self._part.append(chunk)
         if self._begun is None:
-            self._begun = chunk.handed
+            self._begun, self.failure = chunk.handed, None
+            if len(self.paths) > 1:
+                self._tell(logging.INFO, f"recording goes on in {self._part.path}")
 
     def _begin(self, room: int | None = None) -> None:
         """Begin a part; after a failure `room` must be free for it [bytes]. Raises OSError."""
@@ -158,7 +161,6 @@ class Disk:
             raise
         self._part, self._name, self._begun = part, name, None
         self.paths = (*self.paths, part.path)
-        self._tell(logging.INFO, f"recording {'goes on in' if previous else 'into'} {part.path}")
 
     def _create(self, about: Mapping[str, str]) -> tuple[Part, int]:
         """The next part, under the next name that is free; the first one has no choice."""
@@ -174,7 +176,6 @@ class Disk:
         """Where there is no part, when it is time: go on in a new one."""
         if now >= self._retry:
             self._begin(self._room.resume if self.failure else None)
-            self.failure = None
 
     def _force(self, chunks: list[Chunk]) -> None:
         """Have the disk itself hold what was written, and only then call it recorded."""
@@ -218,6 +219,10 @@ class Disk:
         """Leave behind what is whole, and say once that there will be no more for a while."""
         fresh = self.failure is None
         self.failure, self._retry = error.strerror or str(error), now + RETRY
+        if self._part is not None and self._begun is None and len(self.paths) > 1:
+            with suppress(OSError):
+                self._part.discard()
+            self._part, self._name, self.paths = None, self._name - 1, self.paths[:-1]
         self._end()
         if fresh:
             again = f"it is tried again every {RETRY:g} s"

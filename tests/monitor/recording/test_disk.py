@@ -1,0 +1,234 @@
+from __future__ import annotations
+
+import errno
+import logging
+import os
+import shutil
+import threading
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from monitor.recording import recorder as recorder_module
+from monitor.recording.part import Part
+from monitor.recording.reader import is_whole, read
+from monitor.recording.recorder import Recorder, RecordingError
+from monitor.recording.rotation import Room
+from tests.monitor.fleet import EPOCH, command
+from tests.monitor.recording.disks import feed, in_a_file, in_memory, run, settle
+from tests.monitor.recording.test_recorder import recorder
+from tests.processes.bus_tools import until
+
+SMALL = Room(stop=400_000, resume=1_500_000)
+
+
+def walls(path: Path) -> list[float]:
+    return [round(one.wall - 1000.0, 1) for one in read(path).messages()]
+
+
+def tenths(start: float, end: float) -> list[float]:
+    return [tick / 10 for tick in range(round(start * 10), round(end * 10))]
+
+
+def why(recording: Recorder) -> str | None:
+    """Why nothing is recorded just now."""
+    return recording.failure
+
+
+def levels(recording: Recorder) -> list[int]:
+    return [notice.level for notice in recording.notices()]
+
+
+@pytest.mark.mounts
+def test_a_full_disk_ends_the_part_and_one_with_room_again_begins_another() -> None:
+    with in_memory(4_000_000) as folder:
+        filler = folder / "filler"
+        with recorder(folder / "run.mcap", room=SMALL) as recording:
+            feed(recording, 10.0, 20.0)
+            assert why(recording) is None
+            filler.write_bytes(bytes(3_700_000))
+            feed(recording, 20.0, 25.0)
+            assert why(recording) == "less than 0.4 MB are left on the disk"
+            feed(recording, 25.0, 31.0)
+            assert is_whole(recording.paths[0])
+            assert recording.lost > 0
+            filler.write_bytes(bytes(3_000_000))  # between the limits: it does not begin again at once
+            feed(recording, 31.0, 52.0)
+            assert why(recording) is not None
+            assert len(recording.paths) == 1
+            filler.unlink()
+            feed(recording, 52.0, 75.0)
+            assert why(recording) is None
+            assert levels(recording) == [logging.INFO, logging.ERROR, logging.INFO]
+        kept = walls(folder / "run.mcap")
+        assert [path.name for path in recording.paths] == ["run.mcap", "run-2.mcap"]
+        assert all(map(is_whole, recording.paths))
+        assert kept[:95] == tenths(10.0, 19.5)
+        assert kept[-110:] == tenths(64.0, 75.0)
+        assert recording.lost == 2 * (650 - len(kept))  # each with what rode on it
+
+
+@pytest.mark.mounts
+def test_a_disk_that_is_full_to_the_last_block_leaves_what_is_whole(tmp_path: Path) -> None:
+    with in_a_file(tmp_path / "disk", 20) as folder:
+        with recorder(folder / "run.mcap", room=Room(stop=0, resume=10**9)) as recording:
+            feed(recording, 10.0, 12.0)
+            with (folder / "filler").open("wb", buffering=0) as file:
+                for piece in (100_000, 512):
+                    with suppress(OSError):
+                        while file.write(bytes(piece)):
+                            pass
+            feed(recording, 12.0, 60.0)
+            assert why(recording) == os.strerror(errno.ENOSPC)
+        kept = walls(folder / "run.mcap")
+        assert kept == tenths(10.0, 60.0)[: len(kept)]
+        assert len(kept) == sum(recording.recorded.values()) >= 15
+
+
+@pytest.mark.mounts
+def test_a_disk_that_turns_read_only_ends_the_recording_and_nothing_else(tmp_path: Path) -> None:
+    with in_a_file(tmp_path / "disk", 20) as folder:
+        with recorder(folder / "run.mcap", room=Room(0, 0)) as recording:
+            feed(recording, 10.0, 12.0)
+            run("mount", "-o", "remount,abort", folder)  # as ext4 does on an error of the disk
+            feed(recording, 12.0, 40.0)
+            assert why(recording) in {os.strerror(errno.EROFS), os.strerror(errno.EIO)}
+        assert set(tenths(10.0, 11.5)) <= set(walls(folder / "run.mcap"))
+
+
+@pytest.mark.mounts
+def test_a_disk_without_room_is_one_clear_error_at_the_start() -> None:
+    with in_memory(300_000) as folder:
+        with pytest.raises(
+            RecordingError, match=r"cannot be written: less than 0\.4 MB are left on the disk"
+        ):
+            recorder(folder / "run.mcap", room=SMALL)
+        assert not list(folder.iterdir())
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EROFS])
+def test_whatever_the_disk_refuses_it_is_said_once_and_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, number: int
+) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    caplog.set_level(logging.INFO)
+    with recorder(tmp_path / "run.mcap") as recording:
+        feed(recording, 10.0, 15.0)
+        with monkeypatch.context() as broken:
+            broken.setattr(Part, "append", refuse)
+            feed(recording, 15.0, 50.0)
+        assert why(recording) == os.strerror(number)
+        feed(recording, 50.0, 75.0)
+        assert why(recording) is None
+    assert caplog.text.count("nothing is recorded any more") == 1
+    assert caplog.text.count("goes on in") == len(recording.paths) - 1
+    kept = walls(tmp_path / "run.mcap")
+    assert kept[:45] == tenths(10.0, 14.5)
+    assert kept[-130:] == tenths(62.0, 75.0)
+
+
+def test_a_part_that_was_deleted_is_lost_and_the_rest_is_not(tmp_path: Path) -> None:
+    folder = tmp_path / "recordings"
+    with recorder(folder / "run.mcap") as recording:
+        feed(recording, 10.0, 15.0)
+        shutil.rmtree(folder)
+        feed(recording, 15.0, 20.0)
+        assert why(recording) is None
+        assert levels(recording) == [logging.INFO, logging.ERROR, logging.INFO]
+    assert [path.name for path in folder.iterdir()] == ["run-2.mcap"]
+    kept = walls(folder / "run-2.mcap")
+    assert kept[-50:] == tenths(15.0, 20.0)
+    assert sum(recording.recorded.values()) == len(kept)
+
+
+def test_a_part_that_was_moved_is_written_to_its_end(tmp_path: Path) -> None:
+    with recorder(tmp_path / "run.mcap") as recording:
+        feed(recording, 10.0, 15.0)
+        (tmp_path / "run.mcap").rename(tmp_path / "moved.mcap")
+        feed(recording, 15.0, 20.0)
+    assert walls(tmp_path / "moved.mcap") == tenths(10.0, 20.0)
+
+
+class Stuck:
+    """A disk that answers when it is let."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.let = threading.Event()
+        sync = Part.sync
+
+        def wait(part: Part) -> None:
+            self.let.wait()
+            sync(part)
+
+        monkeypatch.setattr(Part, "sync", wait)
+
+
+def test_a_disk_that_hangs_holds_nobody_up_and_catches_up_in_one_go(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    stuck = Stuck(monkeypatch)
+    with recorder(tmp_path / "run.mcap") as recording:
+        for tick in range(100, 300):
+            recording.flush(tick / 10)
+            feed_one(recording, tick / 10)
+        assert why(recording) is None
+        assert not recording.recorded  # nothing is called recorded that the disk has not confirmed
+        assert caplog.text.count("the disk is slow") == 1
+        stuck.let.set()
+        settle(recording)
+        recording.flush(31.0)
+    assert walls(tmp_path / "run.mcap") == tenths(10.0, 30.0)
+
+
+def test_a_disk_that_hangs_for_too_long_does_not_fill_the_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(recorder_module, "WAITING", 5_000)
+    stuck = Stuck(monkeypatch)
+    with recorder(tmp_path / "run.mcap") as recording:
+        for tick in range(100, 400):
+            feed_one(recording, tick / 10)
+            recording.flush(tick / 10)
+        assert why(recording) == "the disk is too slow"
+        assert sum(size for _, size in recording._waiting) < 6_000
+        stuck.let.set()
+        settle(recording)
+        feed(recording, 40.0, 45.0)
+        assert why(recording) is None
+        assert levels(recording)[-1] == logging.WARNING
+    kept = walls(tmp_path / "run.mcap")
+    assert kept[-40:] == tenths(41.0, 45.0)
+    assert recording.lost == 2 * (350 - len(kept))
+    assert caplog.text.count("nothing is recorded any more") == 1
+
+
+def test_a_disk_that_never_answers_does_not_keep_the_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(recorder_module, "PATIENCE", 0.05)
+    stuck = Stuck(monkeypatch)
+    recording = recorder(tmp_path / "run.mcap")
+    feed_one(recording, 10.0)
+    recording.close()
+    assert "does not answer" in caplog.text
+    stuck.let.set()
+    until(lambda: not recording._disk.is_alive)
+    assert walls(tmp_path / "run.mcap") == [10.0]
+
+
+def test_parts_begun_after_a_failure_are_whole_too(tmp_path: Path) -> None:
+    with recorder(tmp_path / "run.mcap") as recording:
+        feed(recording, 10.0, 12.0)
+        (tmp_path / "run.mcap").unlink()
+        feed(recording, 12.0, 14.0)
+    with (tmp_path / "run-2.mcap").open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        assert len(list(reader.iter_messages())) >= 20 * 2
+
+
+def feed_one(recording: Recorder, at: float) -> None:
+    recording.write(command("robot2", at, 0.1, 0.2)._replace(attachment=b"{}"), at + EPOCH)
