@@ -1,0 +1,219 @@
+"""What a page's clients can cost the monitor: slow ones, many, silent ones, and the end with all there."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import ExitStack
+from typing import Any
+
+import httpx
+import psutil
+import pytest
+
+from monitor.page import source as module
+from monitor.page.server import PageServer
+from tests.monitor.page.looking import PLAIN, SEEN, dial, looking, serving, source, until
+from tests.monitor.page.test_server import BEARER, TOKEN, Orders, asked
+
+REQUEST = b"GET /stream HTTP/1.1\r\nHost: localhost\r\n\r\n"
+LARGE = {"t": 0.0, "recording": None, "filling": 100_000 * "x"}
+"""A frame as of 700 robots."""
+
+
+def asleep(server: PageServer) -> socket.socket:
+    """A page that is open on a phone that sleeps: it reads nothing."""
+    one = socket.socket()
+    one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    host, _, port = server.address.removeprefix("http://").rstrip("/").rpartition(":")
+    one.connect((host, int(port)))
+    one.sendall(REQUEST)
+    return one
+
+
+def show(server: PageServer, number: int) -> None:
+    server.source.show({**LARGE, "t": float(number)}, SEEN)
+
+
+def closed(one: socket.socket) -> bool:
+    """Whether the other side has hung up; waits for it."""
+    try:
+        while one.recv(65536):
+            pass
+    except ConnectionError:
+        pass
+    return True
+
+
+def test_a_client_that_sleeps_holds_up_nobody_and_nothing_is_queued_for_it() -> None:
+    with serving() as server, looking(server) as events, asleep(server):
+        next(events)
+        until(lambda: server.source._looking == 2)
+        before = psutil.Process().memory_info().rss
+        for number in range(500):
+            show(server, number)
+            assert next(events).data["t"] == number  # who reads gets every one
+        grown = psutil.Process().memory_info().rss - before
+    assert grown < 15_000_000  # of the 50 MB that it did not read
+
+
+def test_a_client_that_wakes_up_goes_on_with_what_is_new() -> None:
+    with serving() as server, asleep(server) as sleeper:
+        until(lambda: server.source.wanted)
+        for number in range(500):
+            show(server, number)
+            time.sleep(0.001)
+        reader = sleeper.makefile("rb")
+        times: list[float] = []
+        while not times or times[-1] != 499.0:
+            line = reader.readline()
+            if line.startswith(b'data: {"t":'):
+                times.append(float(line[11:].partition(b",")[0]))
+        reader.close()
+    assert times == sorted(times)
+    assert len(times) < 30  # what lay in buffers, and then the newest
+
+
+def test_a_client_that_takes_nothing_for_long_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("monitor.page.stream.PATIENCE", 0.2)
+    with serving() as server, asleep(server) as sleeper:
+        until(lambda: server.source.wanted)
+        number = 0
+        while server.source.wanted:
+            show(server, number := number + 1)
+            time.sleep(0.01)
+        assert closed(sleeper)
+
+
+def test_only_so_many_may_look_and_who_leaves_makes_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("monitor.page.stream.MOST", 3)
+    with serving() as server, ExitStack() as stack:
+        people = [stack.enter_context(looking(server)) for _ in range(2)]
+        with looking(server) as events:
+            assert {next(one).kind for one in (events, *people)} == {"hello"}
+            refused = httpx.get(server.address + "stream", verify=PLAIN)
+            assert (refused.status_code, refused.headers["retry-after"]) == (503, "5")
+            assert httpx.get(server.address + "healthz", verify=PLAIN).status_code == 200
+        until(lambda: server.source._looking == 2)
+        assert next(stack.enter_context(looking(server))).kind == "hello"
+
+
+def test_many_look_and_everybody_sees_the_newest_frame() -> None:
+    with serving() as server, ExitStack() as stack:
+        people = [stack.enter_context(looking(server)) for _ in range(64)]
+        for events in people:
+            assert next(events).kind == "hello"
+        show(server, 7)
+        assert [next(events).data["t"] for events in people] == 64 * [7.0]
+
+
+def test_connections_are_not_taken_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("monitor.page.connection.MOST", 4)
+    with serving() as server, ExitStack() as stack:
+        for _ in range(4):
+            stack.enter_context(asleep(server))
+        until(lambda: server.source._looking == 4)
+        with dial(server) as fifth:
+            assert closed(fifth)
+
+
+@pytest.mark.parametrize("words", [b"", b"GET / HT", b"POST /healthz HTTP/1.1\r\nHost: local"])
+def test_who_dials_and_asks_nothing_is_hung_up_on(words: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("monitor.page.connection.ASKING", 0.1)
+    with serving() as server, dial(server) as one:
+        one.sendall(words)
+        assert closed(one)
+
+
+def test_who_looks_is_not_taken_for_one_who_asks_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("monitor.page.connection.ASKING", 0.02)
+    monkeypatch.setattr("monitor.page.stream.IDLE", 0.02)
+    with serving() as server, dial(server) as one:
+        one.sendall(REQUEST)
+        heard = b""
+        while heard.count(b"\n:\n") < 20:  # signs of life, far beyond that time
+            heard += one.recv(65536).replace(b"\r", b"")
+
+
+def test_a_body_that_does_not_come_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("monitor.page.routes.READING", 0.1)
+    head = (
+        "POST /api/order HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+        f"Authorization: Bearer {TOKEN}\r\nContent-Length: 100\r\n\r\n"
+    )
+    with serving(control=Orders()) as server, dial(server) as one:
+        one.sendall(head.encode())
+        assert one.recv(65536).startswith(b"HTTP/1.1 408 ")
+
+
+def test_rubbish_gets_no_further_than_the_door(caplog: pytest.LogCaptureFixture) -> None:
+    with serving() as server:
+        for words in (b"\x16\x03\x01\x02\x00\x01\x00\x01", b"\n\n\n\0\0\0" * 100, b"GET " + 100_000 * b"a"):
+            with dial(server) as one:
+                with ExitStack() as stack:
+                    stack.callback(one.shutdown, socket.SHUT_WR)
+                    one.sendall(words)
+                assert closed(one)
+        assert httpx.get(server.address + "healthz", verify=PLAIN).status_code == 200
+    assert caplog.records == []
+
+
+def test_it_stops_within_a_second_whoever_looks_or_sleeps() -> None:
+    with ExitStack() as stack:
+        server = stack.enter_context(serving())
+        people = [stack.enter_context(looking(server)) for _ in range(8)]
+        for _ in range(8):
+            stack.enter_context(asleep(server))
+            stack.enter_context(dial(server))
+        until(lambda: server.source._looking == 16)
+        for number in range(50):
+            show(server, number)
+            assert [next(one).kind for one in people] == 8 * ["frame" if number else "hello"]
+            time.sleep(0.01)
+        begin = time.monotonic()
+        server.stop()
+        assert time.monotonic() - begin < 1.0
+        assert not server._thread.is_alive()
+        with pytest.raises(ConnectionRefusedError):
+            dial(server).close()
+
+
+def test_an_order_under_way_does_not_hold_up_the_end() -> None:
+    orders = Orders()
+    orders.hold.clear()
+    with serving(control=orders) as server:
+
+        def ask() -> None:
+            with pytest.raises(httpx.HTTPError):
+                asked(server, "api/order", {"do": "run"}, **BEARER)
+
+        asking = threading.Thread(target=ask)
+        asking.start()
+        until(lambda: bool(orders.given))
+        begin = time.monotonic()
+        server.stop()
+        assert time.monotonic() - begin < 1.0
+        asking.join()
+        orders.hold.set()
+
+
+def test_a_frame_for_everybody_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+    whole = module._json
+
+    def making(value: Mapping[str, Any]) -> bytes:
+        made.append(1)
+        return whole(value)
+
+    monkeypatch.setattr(module, "_json", making)
+    with serving(source()) as server, ExitStack() as stack:
+        people = [stack.enter_context(looking(server)) for _ in range(5)]
+        for events in people:
+            next(events)
+        made.clear()
+        show(server, 1)
+        for events in people:
+            next(events)
+    assert made == [1]
