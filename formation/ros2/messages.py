@@ -8,7 +8,7 @@ that is not upright) is one BadMessage.
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self, TypeVar, cast
 
@@ -25,7 +25,7 @@ from rosbags.typesys.stores.ros2_jazzy import rcl_interfaces__msg__Log as RosLog
 from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__Float64 as RosFloat64
 from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__String as RosString
 
-from formation.ros2 import ros
+from formation.ros2 import quick, ros
 from formation.ros2.ros import definition, type_hash
 from formation.wire import BadMessage
 
@@ -250,6 +250,13 @@ class Text:
 Message = Odometry | Twist | TwistStamped | Pose | Displacement | Number | Diagnostics | LogEntry | Text
 M = TypeVar("M", Odometry, Twist, TwistStamped, Pose, Displacement, Number, Diagnostics, LogEntry, Text)
 
+_QUICK: dict[type, Callable[[bytes], tuple[Any, ...] | None]] = {
+    Odometry: quick.odometry,
+    Pose: quick.pose,
+    Twist: quick.twist,
+    TwistStamped: quick.twist_stamped,
+}
+
 
 def encode(message: Message) -> bytes:
     """CDR, little endian. Raises BadMessage for what no receiver would accept."""
@@ -262,6 +269,14 @@ def encode(message: Message) -> bytes:
 
 def decode(cls: type[M], payload: bytes) -> M:
     """The `cls` in `payload`, CDR of either byte order. Raises BadMessage, nothing else, if it is not one."""
+    reader = _QUICK.get(cls)
+    if reader is not None and (fields := reader(payload)) is not None:
+        return cls(*fields)
+    return _decode_any(cls, payload)
+
+
+def _decode_any(cls: type[M], payload: bytes) -> M:
+    """The same for whatever form the message has."""
     if len(payload) > MAX_BYTES:
         raise BadMessage(f"{cls.ROS_TYPE}: {len(payload)} bytes, at most {MAX_BYTES} are read")
     # 00, byte order, 00, number of padding bytes at the end of the payload

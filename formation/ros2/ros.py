@@ -31,6 +31,7 @@ MAX_SPEED = 1e3
 """[m/s] and [rad/s]"""
 MAX_TILT = 0.2
 """Roll and pitch together [rad]: beyond it a planar heading means nothing."""
+_MAX_TILT = math.sin(MAX_TILT / 2.0) ** 2
 UNIT_TOLERANCE = 0.01
 """How far the length of a heading or a quaternion may be from 1."""
 
@@ -111,16 +112,21 @@ def to_pose(position: complex, heading: complex) -> RosPose:
 def from_pose(pose: RosPose) -> tuple[complex, complex]:
     """Position [m] and heading e^{iθ}, unit."""
     q = pose.orientation
-    x, y, z, w = q.x, q.y, q.z, q.w
+    heading = heading_of(q.x, q.y, q.z, q.w)
+    return from_point("position", pose.position), heading
+
+
+def heading_of(x: float, y: float, z: float, w: float) -> complex:
+    """e^{iθ}, unit, of a geometry_msgs/Quaternion that turns about z, or nearly so."""
     tilt = x * x + y * y  # sin² of half the angle between the robot's z axis and the world's
     norm = tilt + z * z + w * w
     if not abs(norm - 1.0) <= 2.0 * UNIT_TOLERANCE:
         raise BadMessage(f"orientation has length {math.sqrt(norm):g}, must be 1")
-    if tilt > math.sin(MAX_TILT / 2.0) ** 2:
+    if tilt > _MAX_TILT:
         angle = 2.0 * math.asin(min(1.0, math.sqrt(tilt)))
         raise BadMessage(f"robot is tilted by {angle:.2f} rad, must be at most {MAX_TILT}")
     heading = complex(norm - 2.0 * (y * y + z * z), 2.0 * (w * z + x * y))
-    return from_point("position", pose.position), heading / abs(heading)
+    return heading / abs(heading)
 
 
 def to_twist(speed: float, turn_rate: float) -> RosTwist:
