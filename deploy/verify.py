@@ -162,6 +162,8 @@ def _notes(ran: Ran) -> Iterator[str]:
     if ran.recording.is_cut():
         yield "the recording is cut: it was read as far as it goes"
     if ran.changed:
+        if left_out := sorted(set(ran.recording.mission.followers) - set(ran.verdicts)):
+            yield f"left out, because {ran.mission.name} has no such follower: {', '.join(left_out)}"
         return
     recorded = parse(ran.recording.about["mission_file"]).fingerprint  # without the law of that run
     others = [one.robot for one in ran.verdicts.values() if one.missions - {recorded}]
