@@ -111,6 +111,7 @@ class Agent:
     def act(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
         """The first half of a step, whose result need not wait for the second: learn, decide, command."""
         interval, moved = None, False
+        self._latch.aware(now)
         for sample in inbox:
             try:
                 handle = self._handlers.get(sample.key)

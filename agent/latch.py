@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from formation import order
 from formation.order import LONGEST_REASON, Do, Mode, Once, OperatorReply, OperatorRequest
+from formation.wire import Now
 
 
 class Latch:
@@ -18,7 +19,15 @@ class Latch:
     def ask(self, data: bytes, ordered: Mode) -> bytes:
         """Answer a request; `ordered` is what the leader wants. Raises BadMessage for what is no request."""
         request = order.decode(OperatorRequest, data)
-        return self._once.answer(request, lambda: self._obey(request.do, ordered))
+        return self._once.answer(
+            request,
+            lambda: self._obey(request.do, ordered),
+            lambda reason: self.reply(ordered, ok=False, reason=reason),
+        )
+
+    def aware(self, now: Now) -> None:
+        """Learn the time, by which requests are told that others have overtaken."""
+        self._once.now = now.mono
 
     def _obey(self, wanted: Do, ordered: Mode) -> bytes:
         if wanted == "shape":

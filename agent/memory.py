@@ -190,7 +190,7 @@ KEPT: Mapping[type, Kept] = {
     Latch: Kept(
         memory={"mode": maybe(word("hold", "run", "stop"))}, parts=("_once",), construction=("_robot",)
     ),
-    Once: Kept(memory={"_answers": by_name(spoken)}),
+    Once: Kept(memory={"now": real, "_rested": real, "_answers": by_name(spoken)}),
 }
 """What every class that an agent is made of keeps."""
 

@@ -27,6 +27,12 @@ LEADER_LOST = 1.0
 REMEMBERED = 64
 """So many requests are known when they are put again."""
 
+RESTS = frozenset({"stop", "hold"})
+"""What brings robots to rest."""
+
+STEPS = 0.25
+"""Who is asked knows the time by its newest step, which may be so old [s]."""
+
 LONGEST_REASON = 120
 """[characters]"""
 
@@ -71,6 +77,8 @@ class OperatorRequest(_Json):
     """Which one the team is to take; with ``shape``, and with nothing else."""
     id: Voice = ""
     """Of one order, however often it is put: a repetition takes no effect a second time. Empty: unknown."""
+    age: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    """Since it was put for the first time [s]."""
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -89,24 +97,38 @@ class OperatorReply(_Json):
 
 
 class Once:
-    """Obeys each request once: operators repeat theirs until all have answered.
+    """Obeys each request once, and none that a stop or a hold has overtaken.
 
-    A release that is put again must undo neither the hold below the stop nor a stop that came meanwhile.
+    Operators repeat theirs until all have answered. A release that is put again must undo neither the hold
+    below the stop nor a stop that came meanwhile; and one that was put before a stop, and is heard after it,
+    was meant for something else.
     """
 
     def __init__(self) -> None:
+        self.now = float("-inf")
+        """When the newest step was [s, monotonic]."""
+        self._rested = float("-inf")  # when a stop or a hold was heard last
         self._answers: dict[str, bytes] = {}
 
-    def answer(self, request: OperatorRequest, obey: Callable[[], bytes]) -> bytes:
-        """What ``obey()`` answers, or has answered to the same request before."""
+    def answer(
+        self, request: OperatorRequest, obey: Callable[[], bytes], refuse: Callable[[str], bytes]
+    ) -> bytes:
+        """What ``obey()`` answers, or answered to the same request before; ``refuse(why)`` if overtaken."""
         if request.id in self._answers:
             return self._answers[request.id]
-        reply = obey()
+        overtaken = self._overtaken(request)
+        reply = refuse("asked for before the newest stop or hold: ask again") if overtaken else obey()
         if request.id:
             self._answers[request.id] = reply
             if len(self._answers) > REMEMBERED:
                 self._answers.pop(next(iter(self._answers)))
         return reply
+
+    def _overtaken(self, request: OperatorRequest) -> bool:
+        if request.do in RESTS:
+            self._rested = self.now
+            return False
+        return request.age > 0.0 and self.now - self._rested < request.age + STEPS
 
 
 J = TypeVar("J", Order, Told, OperatorRequest, OperatorReply)
@@ -118,8 +140,8 @@ def newer(a: Order, b: Order | None) -> bool:
 
 
 def encode(value: Order | Told | OperatorRequest | OperatorReply) -> bytes:
-    """JSON, UTF-8; what there is nothing to say of is left out, so that older robots understand a stop."""
-    return value.model_dump_json(exclude_none=True).encode()
+    """JSON, UTF-8; what is as it always was is left out, so that older robots understand a stop."""
+    return value.model_dump_json(exclude_defaults=True).encode()
 
 
 def decode(cls: type[J], data: bytes) -> J:

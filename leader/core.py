@@ -106,7 +106,9 @@ class Leader:
         except BadMessage as bad:
             self.dropped["order"] += 1
             return self._reply(ok=False, reason=str(bad))
-        return self._once.answer(request, lambda: self._obey(request))
+        return self._once.answer(
+            request, lambda: self._obey(request), lambda reason: self._reply(ok=False, reason=reason)
+        )
 
     def _obey(self, request: OperatorRequest) -> bytes:
         if request.shape is not None:
@@ -148,6 +150,7 @@ class Leader:
         wanted = self.mode, self.shape
         changed = wanted != self._in_force and not first
         self._stepped, self._in_force = now.mono, wanted
+        self._once.now = now.mono
         return changed
 
     def _reply(self, *, ok: bool, reason: str) -> bytes:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, get_args
 
 from formation import order
 from formation.mission import Mission
-from formation.order import Do, OperatorReply, OperatorRequest
+from formation.order import RESTS, Do, OperatorReply, OperatorRequest
 from formation.topics import ORDER
 from formation.transport.bus import Reply
 from formation.wire import BadMessage
@@ -66,11 +66,10 @@ def ask(
     by its id it is known as the same. Once it is `over` it is not put any more.
     """
     key = ORDER.key(robots[0]) if len(robots) == 1 else ORDER.pattern.format(robot="*")
-    payload = order.encode(request)
     answers: dict[str, Answer] = {}
-    deadline = time.monotonic() + seconds
-    while (left := deadline - time.monotonic()) > 0.0 and not over():
-        for name, answer in _read(put(key, payload, min(left, ROUND))):
+    began = time.monotonic()
+    while (left := began + seconds - time.monotonic()) > 0.0 and not over():
+        for name, answer in _read(put(key, _aged(request, seconds - left), min(left, ROUND))):
             if name in robots:
                 answers.setdefault(name, answer)
         if len(answers) == len(robots):
@@ -125,6 +124,12 @@ def summary(request: OperatorRequest, asked: Sequence[str], answers: Mapping[str
     if answers:
         line += f", slowest {max(answer.ms for answer in answers.values()):.0f} ms"
     return f"{line}; no answer from {', '.join(missing)}" if missing else line
+
+
+def _aged(request: OperatorRequest, age: float) -> bytes:
+    """The request as it is put when it is so old [s]; a stop counts however old it is."""
+    aged = {} if request.do in RESTS else {"age": round(age, 2)}
+    return order.encode(request.model_copy(update=aged))
 
 
 def _verdict(do: Do, reply: OperatorReply) -> str:

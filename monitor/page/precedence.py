@@ -13,10 +13,8 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any
 
-from formation.order import REMEMBERED, Do, OperatorRequest
+from formation.order import REMEMBERED, RESTS, Do, OperatorRequest
 
-RESTS = frozenset({"stop", "hold"})
-"""What brings robots to rest; all else may set them going."""
 TWICE = 1.0
 """The same once more within so long is the second click of one wish [s]."""
 UNSEEN = 1.0

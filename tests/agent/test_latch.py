@@ -6,6 +6,7 @@ import pytest
 
 from agent.latch import Latch
 from formation.order import REMEMBERED, Do, Mode, OperatorReply, OperatorRequest, decode, encode
+from formation.wire import Now
 
 
 def ask(latch: Latch, do: Do, of: str = "") -> OperatorReply:
@@ -43,3 +44,29 @@ def test_a_shape_is_not_an_agents_to_change_and_releases_nothing() -> None:
         reply = decode(OperatorReply, latch.ask(encode(OperatorRequest(do="shape", shape="line")), "run"))
         assert (reply.ok, latch.mode, reply.mode) == (False, do, do)
         assert "leader" in reply.reason
+
+
+@pytest.mark.parametrize("rest", ["stop", "hold"])
+def test_a_release_that_was_asked_for_before_a_stop_and_is_heard_after_it_lets_nobody_go(rest: Do) -> None:
+    latch = Latch("robot1")
+    latch.aware(Now(100.0, 0.0))
+    ask(latch, rest)
+    latch.aware(Now(110.0, 0.0))
+    late = OperatorRequest(do="release", id="late", age=10.5)
+    for _ in range(2):  # it is put again, and goes on being too late
+        reply = decode(OperatorReply, latch.ask(encode(late), "run"))
+        assert (reply.ok, latch.mode) == (False, rest)
+        assert "before the newest stop" in reply.reason
+        latch.aware(Now(200.0, 0.0))
+    assert ask(latch, "release").ok
+    assert latch.mode is None
+
+
+def test_a_release_that_was_asked_for_after_the_stop_counts_however_late_it_is_heard() -> None:
+    latch = Latch("robot1")
+    latch.aware(Now(100.0, 0.0))
+    ask(latch, "stop")
+    latch.aware(Now(110.0, 0.0))
+    late = OperatorRequest(do="release", id="late", age=9.5)
+    assert decode(OperatorReply, latch.ask(encode(late), "run")).ok
+    assert latch.mode is None

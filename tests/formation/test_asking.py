@@ -121,3 +121,19 @@ def test_what_the_answers_come_to_names_the_shape_and_who_is_missing() -> None:
     assert asking.summary(request, ["robot1"], said) == "shape wedge: 1 of 1 obey, slowest 2 ms"
     assert asking.report(request, ["robot1"], said)["shape"] == "wedge"
     assert asking.summary(STOP, ["robot1"], {}) == "stop: 0 of 1 obey; no answer from robot1"
+
+
+def test_an_order_that_sets_robots_going_says_how_old_it_is_and_a_stop_is_never_too_old() -> None:
+    for do, ages in (("release", True), ("run", True), ("stop", False), ("hold", False)):
+        heard: list[OperatorRequest] = []
+
+        def put(
+            _key: str, payload: bytes, _timeout: float, heard: list[OperatorRequest] = heard
+        ) -> list[Reply]:
+            heard.append(order.decode(OperatorRequest, payload))
+            return []
+
+        asking.ask(put, ["robot1"], asking.request_for(SIX, do), 0.2)
+        assert heard[0].age == 0.0
+        assert (heard[-1].age > 0.1) == ages
+        assert [one.age for one in heard] == sorted(one.age for one in heard)

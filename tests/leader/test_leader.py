@@ -179,6 +179,19 @@ def test_a_release_that_is_put_again_does_not_undo_what_was_asked_before_or_mean
     assert {one.order.mode for one in drive(leader, 1.0, 1.0)} == {"stop"}
 
 
+@pytest.mark.parametrize(("rest", "go"), [("stop", "release"), ("hold", "release"), ("hold", "run")])
+def test_what_sets_the_team_going_does_not_count_if_a_stop_or_a_hold_came_between(
+    mission: Mission, rest: str, go: str
+) -> None:
+    leader = Leader(mission)
+    drive(leader, 0.0, 10.0)
+    ask(leader, f'{{"do":"{rest}"}}'.encode())
+    drive(leader, 10.0, 5.0)
+    late = ask(leader, f'{{"do":"{go}","id":"a","age":5.5}}'.encode())  # put before the rest, heard after it
+    assert (late.ok, late.mode) == (False, rest)
+    assert ask(leader, f'{{"do":"{go}","id":"b","age":4.0}}'.encode()).mode == "run"
+
+
 def test_release_of_a_stop_goes_back_to_what_it_was_told_before(mission: Mission) -> None:
     running, waiting = Leader(mission), Leader(mission, hold=True)
     for leader, mode in ((running, "run"), (waiting, "hold")):

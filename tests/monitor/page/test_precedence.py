@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.order import OperatorRequest
-from monitor.page.precedence import RESTS, STALE, TWICE, UNSEEN, Given, Overruled, Precedence
+from formation.order import RESTS, OperatorRequest
+from monitor.page.precedence import STALE, TWICE, UNSEEN, Given, Overruled, Precedence
 
 LATER = max(TWICE, UNSEEN) + 0.1
 
