@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, cast
 
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
 
 from monitor.figures.snapshot import Snapshot
 from monitor.page.address import Bind
@@ -40,6 +40,29 @@ def browsing() -> Iterator[Browser]:
             yield browser
         finally:
             browser.close()
+
+
+@contextmanager
+def watched(browser: Browser, address: str, *, tolerated: str = "", **context: Any) -> Iterator[Page]:
+    """`address` in a window of its own, in which nothing may go wrong but what is `tolerated`."""
+    wrong: list[str] = []
+
+    def said(message: ConsoleMessage) -> None:
+        if message.type in {"error", "warning"}:
+            wrong.append(message.text)
+
+    own = browser.new_context(**context)
+    page = own.new_page()
+    page.set_default_timeout(1000.0 * PATIENCE)
+    page.on("console", said)
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    try:
+        page.goto(address)
+        until(page, "globalThis.formation?.model.hello")
+        yield page
+    finally:
+        own.close()
+    assert not [text for text in wrong if not tolerated or tolerated not in text]
 
 
 def until(page: Page, expression: str, patience: float = PATIENCE) -> Any:

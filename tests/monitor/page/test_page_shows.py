@@ -1,0 +1,184 @@
+"""The live page in a real browser: what it shows, and that it does not show old data as if live."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser, Page
+
+from tests.monitor.page.scene import Scene, event
+from tests.monitor.page.served import Served, served, until, watched
+
+pytestmark = pytest.mark.browser
+SIX = 6
+ROW = '[data-robot="{}"]'
+
+
+@pytest.fixture
+def six() -> Iterator[Served]:
+    """Six robots that drive."""
+    with served(Scene(SIX)) as one:
+        one.play()
+        yield one
+
+
+def test_robots_move_and_the_error_falls(browser: Browser, six: Served) -> None:
+    with watched(browser, six.address) as page:
+        until(page, "formation.model.frames > 3")
+        before = page.evaluate("formation.model.robots.map((robot) => [robot.place.x, robot.place.y])")
+        picture = page.evaluate("document.getElementById('map').toDataURL()")
+        error = page.evaluate("formation.model.frame.error")
+        until(page, f"formation.model.frame.error < {0.5 * error}")
+        after = page.evaluate("formation.model.robots.map((robot) => [robot.place.x, robot.place.y])")
+        assert all(one != other for one, other in zip(before, after, strict=True))
+        assert page.evaluate("document.getElementById('map').toDataURL()") != picture
+        assert page.inner_text("#error").endswith(" m")
+        assert page.inner_text("#mission") == "6-robots"
+        assert page.locator("#robot-rows tr").count() == SIX
+        assert "live" in page.inner_text("#connection")
+
+
+def test_a_lost_robot_is_named_in_words_with_its_age(browser: Browser, six: Served) -> None:
+    with watched(browser, six.address) as page:
+        until(page, "formation.model.frames > 3")
+        six.scene.silent["robot5"] = six.scene.time
+        row = page.locator(ROW.format("robot5"))
+        row.locator("td.state", has_text="lost").wait_for()
+        assert " s" in row.locator("td.age").inner_text()
+        assert "health 0 %: no position for" in (row.locator(".battery").get_attribute("aria-label") or "")
+        assert page.evaluate("formation.model.robots[4].place !== null")  # drawn where it was last
+        assert "lost: robot5" in (page.get_attribute("#map", "aria-label") or "")
+        del six.scene.silent["robot5"]
+        row.locator("td.state", has_text="run").wait_for()
+
+
+def test_a_saturated_command_is_marked_by_a_word(browser: Browser) -> None:
+    with served(Scene(SIX)) as still, watched(browser, still.address) as page:
+        still.feed()
+        until(page, "formation.model.frame")
+        saturated = page.evaluate(
+            "formation.model.robots.filter((one) => one.command('turn_rate').saturated).map(({name}) => name)"
+        )
+        assert saturated
+        for name in saturated:
+            mark = page.locator(ROW.format(name)).locator("td.turn_rate .bar-mark")
+            mark.filter(has_text="max").wait_for()
+
+
+def test_when_nothing_comes_the_page_says_so_within_two_seconds_and_recovers(
+    browser: Browser, six: Served
+) -> None:
+    with watched(browser, six.address) as page:
+        until(page, "formation.model.frames > 3")
+        assert not page.is_visible("#stale")
+        six.hush()
+        quiet = time.monotonic()
+        page.wait_for_selector("#stale", state="visible")
+        assert 1.0 < time.monotonic() - quiet < 3.0
+        said = float(page.inner_text("#stale-age").removesuffix(" s"))
+        assert 1.4 < said < 3.5
+        assert "grayscale" in page.evaluate("getComputedStyle(document.querySelector('main')).filter")
+        assert "no data" in page.inner_text("#connection")
+        six.feed()
+        page.wait_for_selector("#stale", state="hidden")
+        assert "live" in page.inner_text("#connection")
+
+
+def test_it_reconnects_by_itself_when_the_server_is_back(browser: Browser) -> None:
+    with served(Scene(SIX)) as first:
+        port = int(first.address.rsplit(":", 1)[1].strip("/"))
+        first.play()
+        with watched(browser, first.address, tolerated="net::ERR") as page:
+            until(page, "formation.model.frames > 3")
+            first.close()
+            page.wait_for_selector("#stale", state="visible")
+            assert "reconnecting" in page.inner_text("#connection")
+            with served(Scene(SIX), port=port) as second:
+                second.play()
+                page.wait_for_selector("#stale", state="hidden")
+                until(page, "formation.model.frame.elapsed < 20")
+                assert "live" in page.inner_text("#connection")
+                assert page.locator("#robot-rows tr").count() == SIX
+
+
+def test_events_come_newest_first_and_can_be_filtered(browser: Browser, six: Served) -> None:
+    six.note(event(0, 0.0, "joined", "robot2", "joined"))
+    with watched(browser, six.address) as page:
+        six.note(event(1, 1.0, "lost", "robot5", "no position for 1.0 s", 40))
+        six.note(event(2, 2.0, "held", "robot3", "no neighbour is fresh", 30))
+        items = page.locator("#event-list li")
+        items.nth(2).wait_for()
+        assert [text.splitlines()[-1] for text in items.all_inner_texts()] == [
+            "robot3: no neighbour is fresh", "robot5: no position for 1.0 s", "robot2: joined",
+        ]  # fmt: skip
+        assert page.get_attribute("#event-list", "aria-live") == "polite"
+        page.check("#event-grave")
+        assert items.count() == 2
+        page.fill("#event-filter", "robot5")
+        assert items.count() == 1
+        assert items.locator('[role="img"]').get_attribute("aria-label") == "error"
+
+
+def test_what_robots_say_is_text_and_nothing_else(browser: Browser, six: Served) -> None:
+    nasty = "<img src=x onerror=\"document.title='taken'\">"
+    six.scene.state["robot2"] = ("hold", nasty)
+    six.note(event(1, 1.0, "held", nasty, nasty, 30))
+    with watched(browser, six.address) as page:
+        page.locator("#event-list li").first.wait_for()
+        page.locator(ROW.format("robot2")).locator(".reason", has_text="<img").wait_for()
+        assert page.locator("img").count() == 0
+        assert page.title() != "taken"
+
+
+def test_a_hundred_robots_are_sorted_worst_first_and_found_by_name(browser: Browser) -> None:
+    with served(Scene(100)) as crowd, watched(browser, crowd.address) as page:
+        crowd.scene.silent["robot42"] = 0.0
+        crowd.play()
+        first = page.locator("#robot-rows tr").first
+        first.filter(has_text="robot42").wait_for()
+        assert "1 lost" in page.inner_text("#robot-count")
+        _headers_stick(page)
+        page.click('th[data-sort="name"] button')
+        first.filter(has_text="robot1").wait_for()
+        assert page.get_attribute('th[data-sort="name"]', "aria-sort") == "ascending"
+        page.fill("#robot-filter", "robot77")
+        until(
+            page, "[...document.querySelectorAll('#robot-rows tr')].filter((row) => !row.hidden).length === 1"
+        )
+        before = page.evaluate("formation.model.frames")
+        begin = time.monotonic()
+        until(page, f"formation.model.frames >= {before + 20}")
+        assert 20 / (time.monotonic() - begin) > 5.0  # Hz
+
+
+def _headers_stick(page: Page) -> None:
+    """The table scrolls under its head."""
+    where = "document.querySelector('#robot-table th').getBoundingClientRect().top"
+    before = page.evaluate(where)
+    page.evaluate("document.querySelector('#robots .scroll').scrollTop = 500")
+    assert page.evaluate("document.querySelector('#robots .scroll').scrollTop") == 500
+    assert page.evaluate(where) == before
+
+
+def test_a_tap_on_a_robot_chooses_it_and_a_drag_ends_following(browser: Browser) -> None:
+    with served(Scene(SIX)) as still, watched(browser, still.address) as page:
+        still.feed(3)
+        until(page, "formation.view.camera.placed")
+        x, y = page.evaluate(
+            "((c, r) => [c.sx(r.place.x), c.sy(r.place.y)])(formation.view.camera, formation.model.robots[1])"
+        )
+        page.locator("#map").click(position={"x": x, "y": y})
+        chosen = page.locator(ROW.format("robot2")).locator(".robot-name")
+        assert chosen.get_attribute("aria-pressed") == "true"
+        assert page.get_attribute("#follow", "aria-pressed") == "true"
+        box = page.locator("#map").bounding_box()
+        assert box is not None
+        page.mouse.move(box["x"] + 100, box["y"] + 200)
+        page.mouse.down()
+        page.mouse.move(box["x"] + 180, box["y"] + 220, steps=4)
+        page.mouse.up()
+        assert page.get_attribute("#follow", "aria-pressed") == "false"
+        page.click("#follow")
+        assert page.get_attribute("#follow", "aria-pressed") == "true"
