@@ -1,7 +1,7 @@
 """The thread that writes a recording, so that a slow or full disk is never waited for by who watches.
 
-It is given chunks and nothing else. They are written and forced to the disk before the next ones are taken,
-which by then may be several: they share one forcing. What the disk refuses is said, and tried again later.
+It is given chunks and nothing else; another thread forces to the disk what this one has written. What the
+disk refuses is said, and tried again later.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import errno
 import logging
 import threading
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
 from itertools import count
@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 from monitor.recording.channels import Channels
 from monitor.recording.chunk import Chunk
+from monitor.recording.forcing import NOTHING, Forcer, Mark
 from monitor.recording.part import Part
 from monitor.recording.rotation import Room, Rotation, need_room, part_path
 
@@ -51,20 +52,17 @@ class Disk:
         """Why nothing is recorded just now."""
         self.paths: tuple[Path, ...] = ()
         """Every part so far."""
-        self.counts: Counter[int] = Counter()
-        """Messages that are on the disk, by channel."""
         self.lost = 0
         """Messages that are not and will not be."""
-        self.bytes = 0
-        """What all parts hold together."""
         self.written = 0
         """Chunks dealt with, in one way or the other."""
         self.notices: deque[Notice] = deque(maxlen=100)
         self._first, self._about, self._channels = path, about, channels
         self._rotation, self._room = rotation, room
         self._queue: SimpleQueue[Chunk | None] = SimpleQueue()
-        self._settled: Counter[int] = Counter()  # of the parts before this one
-        self._settled_bytes, self._retry = 0, 0.0
+        self._forcer = Forcer()
+        self._ended = NOTHING  # the parts before this one
+        self._retry = 0.0
         self._begun: float | None = None  # when this part was given its first chunk [s, monotonic]
         self._name = 0  # the number that the newest part's name bears
         self._part: Part | None = None
@@ -77,6 +75,11 @@ class Disk:
     def is_alive(self) -> bool:
         """Whether somebody takes what is put."""
         return self._thread.is_alive()
+
+    @property
+    def safe(self) -> Mark:
+        """So far it is on the disk itself, and survives a power cut."""
+        return self._forcer.safe
 
     def put(self, chunk: Chunk) -> None:
         """Have a chunk written."""
@@ -96,9 +99,10 @@ class Disk:
             chunks = [one for one in batch if one is not None]
             for chunk in chunks:
                 self._keep(chunk)
+                self.written += 1
             self._force(chunks)
-            self.written += len(chunks)
         self._end()
+        self._forcer.close()
 
     def _next(self) -> list[Chunk | None]:
         """Everything that waits, at least one."""
@@ -178,16 +182,15 @@ class Disk:
             self._begin(self._room.resume if self.failure else None)
 
     def _force(self, chunks: list[Chunk]) -> None:
-        """Have the disk itself hold what was written, and only then call it recorded."""
+        """Have the disk itself hold what was written; only then is it called recorded."""
         if self._part is None:
+            self._forcer.confirm(self._ended._replace(number=self.written))
             return
+        counts, size = self._ended.counts + self._part.counts, self._ended.size + self._part.size
         try:
-            self._part.sync()
+            self._forcer.ask(self._part, Mark(self.written, counts, size))
         except OSError as error:  # nobody knows what of it is there: what comes goes elsewhere
             self._fail(error, chunks[-1].handed if chunks else 0.0)
-        else:
-            self.counts = self._settled + self._part.counts
-            self.bytes = self._settled_bytes + self._part.size
 
     def _end(self) -> None:
         """End this part, whole if that can be done."""
@@ -201,9 +204,9 @@ class Disk:
                 self._tell(
                     logging.WARNING, f"{part.path} has no index, for it cannot be ended: {error.strerror}"
                 )
-        self._settled += part.counts
-        self._settled_bytes += part.size
-        self.counts, self.bytes = self._settled.copy(), self._settled_bytes
+        counts, size = self._ended.counts + part.counts, self._ended.size + part.size
+        self._ended = Mark(self.written, counts, size)
+        self._forcer.confirm(self._ended)
 
     def _lose(self, part: Part) -> None:
         """Somebody deleted the file: what it held is lost, the rest need not be."""
@@ -211,8 +214,8 @@ class Disk:
         with suppress(OSError):
             part.finish()
         self.lost += part.counts.total()
-        self.counts, self.bytes = self._settled.copy(), self._settled_bytes
         self._retry = 0.0
+        self._forcer.confirm(self._ended._replace(number=self.written))
         self._tell(logging.ERROR, f"{part.path} was deleted, with the {part.counts.total()} messages in it")
 
     def _fail(self, error: OSError, now: float) -> None:

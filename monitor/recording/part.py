@@ -12,6 +12,7 @@ from __future__ import annotations
 import errno
 import os
 import struct
+import threading
 import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -59,6 +60,7 @@ class Part:
         self.start, self.end = 0, 0
         """Log times of the first and the last message [ns]."""
         self._channels, self._declared = channels, 0
+        self._forcing = threading.Lock()
         self._indexes, self._chunks = bytearray(), 0
         self._known, self._kinds_size = 0, 0
         fresh = _make_folder(path.parent)
@@ -128,8 +130,10 @@ class Part:
             self.counts[channel] += chunk.count(channel)
 
     def sync(self) -> None:
-        """Return when all of it is on the disk itself."""
-        _sync(self._file.fileno())
+        """Return when all of it is on the disk itself, as an ended part is. For a thread of its own."""
+        with self._forcing:
+            if not self._file.closed:
+                _sync(self._file.fileno())
 
     def finish(self) -> None:
         """Write the index and close the file; if that fails it is closed all the same."""
@@ -138,11 +142,11 @@ class Part:
             self._put(late + packed(DataEnd(data_section_crc=0)) + self._summary(self.size + len(late)))
             os.fsync(self._file.fileno())
         finally:
-            self._file.close()
+            self._close()
 
     def discard(self) -> None:
         """Close the file and delete it: it has nothing worth keeping."""
-        self._file.close()
+        self._close()
         self.path.unlink(missing_ok=True)
 
     def reserve(self, room: int) -> None:
@@ -151,6 +155,10 @@ class Part:
             os.posix_fallocate(self._file.fileno(), self.size, room)
         finally:
             self._file.truncate(self.size)
+
+    def _close(self) -> None:
+        with self._forcing:
+            self._file.close()
 
     def _put(self, data: bytes | bytearray) -> None:
         """Write all of `data` at the end, or nothing."""

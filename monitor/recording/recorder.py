@@ -67,9 +67,8 @@ class Recorder:
         self._attached: dict[str, int] = {}
         self._sequence: Counter[str] = Counter()
         self._chunk = Chunk()
-        self._waiting: deque[tuple[float, int]] = (
-            deque()
-        )  # when chunks were handed over, and how long they are
+        self._waiting: deque[int] = deque()  # how long those chunks are that were not written yet
+        self._unsafe: deque[float] = deque()  # when those were handed over that a power cut would take
         self._handed, self._dropped = 0, 0
         self._flush_due: float | None = None
         self._is_late = self._is_full = self._is_closed = False
@@ -94,12 +93,12 @@ class Recorder:
     @property
     def bytes(self) -> int:
         """What has been written."""
-        return self._disk.bytes
+        return self._disk.safe.size
 
     @property
     def recorded(self) -> Counter[str]:
         """Messages that are on the disk, by key."""
-        counts = self._disk.counts
+        counts = self._disk.safe.counts
         return Counter({key: counts[number] for key, (number, _) in self._keys.items() if counts[number]})
 
     @property
@@ -179,7 +178,8 @@ class Recorder:
             self._dropped += chunk.total
             return
         chunk.channels, chunk.handed = len(self._channels.channels), mono
-        self._waiting.append((mono, len(chunk.raw)))
+        self._waiting.append(len(chunk.raw))
+        self._unsafe.append(mono)
         self._handed += 1
         self._disk.put(chunk)
 
@@ -187,12 +187,14 @@ class Recorder:
         """How far behind the disk is."""
         while len(self._waiting) > self._handed - self._disk.written:
             self._waiting.popleft()
-        behind = mono - self._waiting[0][0] if self._waiting else 0.0
-        late = behind > LATE
-        if late and not self._is_late:
-            self._tell(logging.WARNING, f"the disk is slow: {behind:.1f} s of the recording wait for it")
-        self._is_late = late
-        full = sum(size for _, size in self._waiting) > (WAITING // 2 if self._is_full else WAITING)
+        while len(self._unsafe) > self._handed - self._disk.safe.number:
+            self._unsafe.popleft()
+        behind = mono - self._unsafe[0] if self._unsafe else 0.0
+        if behind > LATE and not self._is_late:
+            lost = f"a power cut would take the last {behind:.1f} s"
+            self._tell(logging.WARNING, f"the disk is slow: {lost}")
+        self._is_late = behind > LATE
+        full = sum(self._waiting) > (WAITING // 2 if self._is_full else WAITING)
         if full and not self._is_full:
             self._tell(logging.ERROR, f"nothing is recorded any more: the disk is {behind:.0f} s behind")
         elif self._is_full and not full:

@@ -156,45 +156,57 @@ def test_a_part_that_was_moved_is_written_to_its_end(tmp_path: Path) -> None:
 class Stuck:
     """A disk that answers when it is let."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, what: str) -> None:
         self.let = threading.Event()
-        sync = Part.sync
+        honest = getattr(Part, what)
 
-        def wait(part: Part) -> None:
+        def wait(part: Part, *rest: object) -> None:
             self.let.wait()
-            sync(part)
+            honest(part, *rest)
 
-        monkeypatch.setattr(Part, "sync", wait)
+        monkeypatch.setattr(Part, what, wait)
 
 
-def test_a_disk_that_hangs_holds_nobody_up_and_catches_up_in_one_go(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+@pytest.mark.parametrize("what", ["sync", "append"])
+def test_a_disk_that_hangs_holds_nobody_up_and_catches_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, what: str
 ) -> None:
-    stuck = Stuck(monkeypatch)
+    stuck = Stuck(monkeypatch, what)
     with recorder(tmp_path / "run.mcap") as recording:
         for tick in range(100, 300):
             recording.flush(tick / 10)
             feed_one(recording, tick / 10)
         assert why(recording) is None
         assert not recording.recorded  # nothing is called recorded that the disk has not confirmed
-        assert caplog.text.count("the disk is slow") == 1
+        assert caplog.text.count("the disk is slow: a power cut would take the last 2.5 s") == 1
         stuck.let.set()
-        settle(recording)
+        until(lambda: recording._disk.safe.number == recording._handed)
         recording.flush(31.0)
+        assert sum(recording.recorded.values()) > 150
     assert walls(tmp_path / "run.mcap") == tenths(10.0, 30.0)
+
+
+def test_what_is_written_is_safe_from_a_kill_though_forcing_it_hangs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stuck = Stuck(monkeypatch, "sync")
+    with recorder(tmp_path / "run.mcap") as recording:
+        feed(recording, 10.0, 20.0)
+        assert walls(tmp_path / "run.mcap") == tenths(10.0, 19.6)
+        stuck.let.set()
 
 
 def test_a_disk_that_hangs_for_too_long_does_not_fill_the_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(recorder_module, "WAITING", 5_000)
-    stuck = Stuck(monkeypatch)
+    stuck = Stuck(monkeypatch, "append")
     with recorder(tmp_path / "run.mcap") as recording:
         for tick in range(100, 400):
             feed_one(recording, tick / 10)
             recording.flush(tick / 10)
         assert why(recording) == "the disk is too slow"
-        assert sum(size for _, size in recording._waiting) < 6_000
+        assert sum(recording._waiting) < 6_000
         stuck.let.set()
         settle(recording)
         feed(recording, 40.0, 45.0)
@@ -206,11 +218,28 @@ def test_a_disk_that_hangs_for_too_long_does_not_fill_the_memory(
     assert caplog.text.count("nothing is recorded any more") == 1
 
 
+def test_a_disk_that_fails_to_force_gets_a_new_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_: Part) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    with recorder(tmp_path / "run.mcap") as recording:
+        with monkeypatch.context() as broken:
+            broken.setattr(Part, "sync", refuse)
+            feed(recording, 10.0, 15.0)
+            until(lambda: recording._disk._forcer._error is not None or why(recording) is not None)
+        feed(recording, 15.0, 16.0)
+        assert why(recording) == os.strerror(errno.EIO)
+        feed(recording, 30.0, 35.0)
+        assert why(recording) is None
+        assert len(recording.paths) == 2
+    assert walls(tmp_path / "run.mcap")[-40:] == tenths(31.0, 35.0)
+
+
 def test_a_disk_that_never_answers_does_not_keep_the_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(recorder_module, "PATIENCE", 0.05)
-    stuck = Stuck(monkeypatch)
+    stuck = Stuck(monkeypatch, "append")
     recording = recorder(tmp_path / "run.mcap")
     feed_one(recording, 10.0)
     recording.close()
