@@ -80,5 +80,5 @@ def test_no_key_is_spelled_outside_the_table() -> None:
     assert len(sources) > 20
     for path in sources:
         if path.name != "topics.py":
-            text = path.read_text()
+            text = path.read_text().replace('"/api/', '"')  # what a browser asks for is no key
             assert [key for key in spelled if key in text] == [], path
