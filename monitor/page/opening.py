@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import logging
-
 from monitor.page.address import PORT, Bind, is_taken
 from monitor.page.server import Control, PageServer, Replay
 from monitor.page.source import Source
-
-_log = logging.getLogger(__name__)
 
 
 def opened(
@@ -23,5 +19,10 @@ def opened(
     except OSError as error:
         if asked is not None or not is_taken(error):
             raise
-    _log.info("port %d is taken, so the page is at another", PORT)
     return PageServer(Bind(port=0), source, control, replay)
+
+
+def words(asked: Bind | None, server: PageServer) -> str:
+    """Where the page is, for a log: without the token, and with a word if it is not where it usually is."""
+    usual = asked is not None or server.address == Bind().url(PORT)
+    return server.address if usual else f"{server.address} (port {PORT} is taken)"

@@ -92,9 +92,11 @@ def watching(*flags: str) -> Iterator[tuple[Child, Actor]]:
     with (
         Bus(BusConfig(listen=(end,))) as bus,
         router(stage_end) as stage,
-        started("monitor", "six_robots", "-e", end, "--stage", stage_end, *flags) as child,
+        started("monitor", "six_robots", "-e", end, "--stage", stage_end, "--no-page", *flags) as child,
     ):
-        assert child.event("ready") == {"event": "ready", "process": "monitor"}
+        assert child.event("ready") == {
+            "event": "ready", "process": "monitor", "page": None, "foxglove": None,
+        }  # fmt: skip
         actor = Actor(bus, stage)
         actor.wait_for_the_monitor()
         yield child, actor
@@ -264,7 +266,9 @@ def test_without_simulated_robots_no_truth_is_known_and_nobody_complains(flags: 
     end = free_endpoint()
     with (
         Bus(BusConfig(listen=(end,))) as bus,
-        started("monitor", "six_robots", "-e", end, "--no-record", "--snapshots", *flags) as child,
+        started(
+            "monitor", "six_robots", "-e", end, "--no-record", "--no-page", "--snapshots", *flags
+        ) as child,
     ):
         child.event("ready")
         actor = Actor(bus, bus)

@@ -70,10 +70,11 @@ def until(condition: Callable[[], bool]) -> None:
 
 
 @contextmanager
-def looking(server: PageServer) -> Iterator[Iterator[Heard]]:
-    """A page that is open: its events as they come."""
+def looking(page: PageServer | str) -> Iterator[Iterator[Heard]]:
+    """A page that is open, of a server or at an address: its events as they come."""
+    address = page if isinstance(page, str) else page.address
     with (
-        httpx.Client(base_url=server.address, timeout=PATIENCE, verify=PLAIN) as client,
+        httpx.Client(base_url=address, timeout=PATIENCE, verify=PLAIN) as client,
         client.stream("GET", "/stream") as response,
     ):
         assert response.status_code == 200

@@ -12,7 +12,7 @@ import httpx
 import pytest
 
 from monitor.page.address import Bind
-from monitor.page.opening import opened
+from monitor.page.opening import opened, words
 from monitor.page.server import PageServer
 from tests.monitor.page.looking import ANY, PLAIN, SEEN, looking, serving, source, until
 from tests.processes.child import PATIENCE
@@ -288,16 +288,16 @@ def test_a_replay_is_steered_without_a_token_for_it_moves_no_robot() -> None:
     assert player.wishes[:3] == [("pause", None), ("seek", 12.0), ("speed", 0.5)]
 
 
-def test_two_pages_side_by_side_have_ports_of_their_own(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_two_pages_side_by_side_have_ports_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
     with serving() as first:
         port = int(first.address.rstrip("/").rpartition(":")[2])
+        monkeypatch.setattr("monitor.page.opening.PORT", port)
         monkeypatch.setattr("monitor.page.opening.Bind", lambda port=port: Bind(port=port))
-        with caplog.at_level(logging.INFO), opened(None, source()) as second:
+        assert words(None, first) == first.address
+        with opened(None, source()) as second:
             assert asked(second, "healthz").status_code == 200
+            assert words(None, second) == f"{second.address} (port {port} is taken)"
         assert second.address != first.address
-        assert "is taken" in caplog.text
         with pytest.raises(OSError, match="in use"):
             opened(Bind(port=port), source())
         assert asked(first, "healthz").status_code == 200
