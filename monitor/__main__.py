@@ -30,9 +30,10 @@ from monitor.figures.stage import given, usual
 from monitor.loop import CAPACITY, NAME, Watch
 from monitor.outlets.opening import OutletError, add_foxglove_flags, served, write_layout
 from monitor.page import frames
+from monitor.page.address import Bind
 from monitor.page.control import on_the_bus
 from monitor.page.flags import add_page_flags
-from monitor.page.opening import opened
+from monitor.page.opening import opened, words
 from monitor.page.server import PageServer
 from monitor.page.showing import Showing
 from monitor.page.source import Source
@@ -103,6 +104,9 @@ def _watch(args: argparse.Namespace, stop: Stop) -> None:
             _log.info("foxglove: %s", foxglove.address)
         one = Watch(monitor, bus, recorder, truth, ros, showing, foxglove)
         one.declare()
+        if page is not None:
+            page.start()
+            _log.info("page: %s", words(args.page, page))
         say(
             "ready",
             process=NAME,
@@ -116,7 +120,7 @@ def _watch(args: argparse.Namespace, stop: Stop) -> None:
 def _page(
     args: argparse.Namespace, mission: Mission, monitor: Monitor, stack: ExitStack
 ) -> PageServer | None:
-    """The page, served until the monitor ends, with its operator. Raises BadInput and BusError."""
+    """The page, not yet served, with its operator. Raises BadInput and BusError."""
     if args.no_page:
         return None
     control = None
@@ -136,9 +140,8 @@ def _page(
     try:
         server = opened(args.page, Source(about, lambda: clocks().wall), control)
     except OSError as error:
-        raise BadInput(f"--page {args.page}: {error.strerror}") from None
-    stack.enter_context(server)
-    _log.info("page: %s", server.address)
+        raise BadInput(f"--page {args.page or Bind()}: {error.strerror}") from None
+    stack.callback(server.stop)
     return server
 
 
