@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import sys
-import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from deploy.arguments import add_mission, as_json, number, parser, read_mission, whole
+from deploy.bar import Bar
 from deploy.refusal import Refusal
 from deploy.units import metres
 from formation.mission import Mission
@@ -24,8 +22,6 @@ from monitor.report.panels import draw
 
 MOST_RUNS = 100_000
 """All runs go in step, and their robots have to fit into memory together."""
-PATIENCE = 2.0
-"""From this on a simulation shows how far it is [s]."""
 EXAMPLES = """\
   formation simulate six_robots                          one run, from the mission's own starts
   formation simulate six_robots --runs 400 --law paper   many, from random starts; compare the laws
@@ -102,36 +98,6 @@ def report(mission: Mission, options: argparse.Namespace, result: Result) -> dic
     """The result for a script."""
     plot = {} if options.plot is None else {"plot": str(options.plot)}
     return {"mission": mission.name, "law": result.law, "seed": options.seed, **result.summary(), **plot}
-
-
-class Bar:
-    """A progress bar on a terminal's stderr, for what takes longer than `PATIENCE`. A context manager."""
-
-    def __init__(self, title: str) -> None:
-        self._title = title
-        self._begin = time.monotonic()
-        self._wanted = sys.stderr.isatty() and find_spec("rich") is not None
-        self._stack = ExitStack()
-        self._progress: Any = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
-
-    def at(self, share: float) -> None:
-        """Show that `share` of the work is done."""
-        if not self._wanted:
-            return
-        if self._progress is None:
-            if time.monotonic() - self._begin < PATIENCE:
-                return
-            console = import_module("rich.console").Console(stderr=True)
-            kind = import_module("rich.progress").Progress
-            self._progress = self._stack.enter_context(kind(console=console, transient=True))
-            self._progress.add_task(self._title, total=1.0)
-        self._progress.update(self._progress.task_ids[0], completed=share)
 
 
 def _body(mission: Mission, options: argparse.Namespace) -> Body:

@@ -10,7 +10,7 @@ import pytest
 from formation.mission_file import load
 from formation.simulation.history import History
 from formation.simulation.simulate import simulate
-from monitor.report import panels
+from monitor.report import drawing, panels
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +69,6 @@ def test_without_matplotlib_the_error_says_what_to_install(
 
 
 def test_the_figure_ends_well_after_the_formation_has_formed(history: History) -> None:
-    span = panels._span(history)
+    span = drawing.span(history.time, history.error)
     assert 5.0 <= span <= 10.0
     assert history.error[np.searchsorted(history.time, span) - 1] < 0.01 * history.error.max()

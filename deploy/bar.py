@@ -1,0 +1,43 @@
+"""A progress bar for what takes long: on a terminal, and nowhere else."""
+
+from __future__ import annotations
+
+import sys
+import time
+from contextlib import ExitStack
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any, Self
+
+PATIENCE = 2.0
+"""From this on it is shown how far something is [s]."""
+
+
+class Bar:
+    """A progress bar on a terminal's stderr, for what takes longer than `PATIENCE`. A context manager."""
+
+    def __init__(self, title: str) -> None:
+        self._title = title
+        self._begin = time.monotonic()
+        self._wanted = sys.stderr.isatty() and find_spec("rich") is not None
+        self._stack = ExitStack()
+        self._progress: Any = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def at(self, share: float) -> None:
+        """Show that `share` of the work is done."""
+        if not self._wanted:
+            return
+        if self._progress is None:
+            if time.monotonic() - self._begin < PATIENCE:
+                return
+            console = import_module("rich.console").Console(stderr=True)
+            kind = import_module("rich.progress").Progress
+            self._progress = self._stack.enter_context(kind(console=console, transient=True))
+            self._progress.add_task(self._title, total=1.0)
+        self._progress.update(self._progress.task_ids[0], completed=share)

@@ -1,0 +1,168 @@
+"""`formation report`: a recording, or two beside each other, as one page and as figures for a paper."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from deploy import check
+from deploy.arguments import as_json, number, parser
+from deploy.bar import Bar
+from deploy.refusal import Refusal
+from formation.stability.analysis import analyse
+from monitor.recording.reader import Recording, UnreadableError, read
+from monitor.report import figures
+from monitor.report.compare import differences
+from monitor.report.gather import Run, gather
+from monitor.report.page import Told, labels, page
+from monitor.report.summary import as_json as numbers
+from monitor.report.summary import notices, verdict
+from monitor.report.view import View
+
+READING = 0.6
+"""Share of the work that reading is; the rest is drawing."""
+EXAMPLES = """\
+  formation report recordings/monday.mcap                        monday.html beside it
+  formation report monday.mcap --figures figures                 and every panel, for a paper
+  formation report field.mcap paper.mcap -o laws.html            two runs, side by side
+
+A recording that was cut off is read as far as it goes. One of several parts may be named by any of them.
+Exit code 0: the page is made; 2: it could not be.
+"""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Make a report; the exit code."""
+    options = _options().parse_args(arguments)
+    recordings = [_open(path) for path in (options.file, options.second) if path is not None]
+    out = _out(options.out, recordings)
+    with Bar("report") as bar:
+        runs = [
+            _gather(recording, bar, (READING * i / len(recordings), READING * (i + 1) / len(recordings)))
+            for i, recording in enumerate(recordings)
+        ]
+        told = [Told(run, check.words(run.mission, analyse(run.mission))) for run in runs]
+        bar.at(READING)
+        made = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
+        _write(out, page(told, options.until, made))
+        bar.at(0.5 * (1.0 + READING))
+        drawn = _figures(options, runs) if options.figures is not None else []
+    print(_words(runs, out, drawn, options.figures))
+    if options.json:
+        print(as_json(_json(runs, out, drawn)))
+    return 0
+
+
+def _open(path: Path) -> Recording:
+    try:
+        return read(path)
+    except UnreadableError as error:
+        raise Refusal(str(error)) from None
+
+
+def _gather(recording: Recording, bar: Bar, shares: tuple[float, float]) -> Run:
+    """Read it all, which takes the work from the first to the second of `shares`. Raises Refusal."""
+
+    def progress(_count: int, wall: float) -> None:
+        done = (wall - begin) / duration
+        bar.at(shares[0] + (shares[1] - shares[0]) * min(max(done, 0.0), 1.0))
+
+    try:
+        extent = recording.extent()
+        begin, duration = extent.start or 0.0, extent.duration or 1.0
+        return gather(recording, progress)
+    except OSError as error:
+        raise Refusal(f"{recording.path}: cannot be read: {error.strerror}") from None
+
+
+def _out(asked: Path | None, recordings: Sequence[Recording]) -> Path:
+    """Where the page goes. Raises Refusal for what would destroy a recording."""
+    first = recordings[0].path
+    stem = "-and-".join(recording.path.stem for recording in recordings)
+    path: Path = asked or first.with_name(f"{stem}.html")
+    if path.is_dir():
+        raise Refusal(f"-o {path}: is a folder; name a file")
+    mine = {part.resolve() for recording in recordings for part in (recording.path, *recording.parts)}
+    if path.resolve() in mine:
+        raise Refusal(f"-o {path}: is the recording itself; name another file")
+    return path
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise Refusal(f"-o {path}: cannot be written: {error.strerror}") from None
+
+
+def _figures(options: argparse.Namespace, runs: Sequence[Run]) -> list[Path]:
+    """Every figure as a file; of two runs each in a folder of its own."""
+    view = View.of(runs, options.until)
+    folder: Path = options.figures
+    try:
+        if len(runs) == 1:
+            return figures.write(folder, runs[0], view, options.format)
+        paths = figures.write_overlay(
+            folder, dict(zip(labels(runs), runs, strict=True)), view, options.format
+        )
+        for letter, run in zip("ab", runs, strict=True):
+            paths += figures.write(folder / letter, run, view, options.format)
+    except OSError as error:
+        raise Refusal(f"--figures {folder}: {error.filename or folder}: {error.strerror}") from None
+    return paths
+
+
+def _words(runs: Sequence[Run], out: Path, drawn: Sequence[Path], folder: Path | None) -> str:
+    lines = []
+    for name, run in zip(labels(runs), runs, strict=True):
+        lines.append(f"{name}: {verdict(run)}")
+        lines += [f"  {notice}" for notice in notices(run, cut=run.recording.is_cut())]
+    if len(runs) == 2 and differences(runs[0].mission, runs[1].mission):
+        lines.append("  These are different missions; the page says where they differ.")
+    lines.append(f"  page             {out}")
+    if folder is not None:
+        lines.append(f"  figures          {len(drawn)} files in {folder}")
+    return "\n".join(lines)
+
+
+def _json(runs: Sequence[Run], out: Path, drawn: Sequence[Path]) -> dict[str, Any]:
+    same = not differences(runs[0].mission, runs[-1].mission)
+    return {
+        "report": str(out),
+        "figures": [str(path) for path in drawn],
+        "same_mission": same,
+        "runs": [numbers(run) for run in runs],
+    }
+
+
+def _formats(text: str) -> list[str]:
+    chosen = [one.strip().lower() for one in text.split(",") if one.strip()]
+    if not chosen or set(chosen) - set(figures.FORMATS):
+        raise argparse.ArgumentTypeError(f"{text!r}: must be one or more of {', '.join(figures.FORMATS)}")
+    return list(dict.fromkeys(chosen))
+
+
+def _options() -> argparse.ArgumentParser:
+    options = parser("report", "A recording as one page that loads nothing, and as figures.", EXAMPLES)
+    options.add_argument("file", type=Path, metavar="FILE", help="a recording, MCAP")
+    options.add_argument("second", type=Path, metavar="FILE2", nargs="?", help="one more, to compare with")
+    options.add_argument(
+        "-o", dest="out", type=Path, metavar="OUT", help="the page (default: FILE, as .html)"
+    )
+    options.add_argument(
+        "--figures", type=Path, metavar="DIR", help="write every figure into this folder, too"
+    )
+    options.add_argument(
+        "--format", type=_formats, default=["png", "svg"], metavar="F,...",
+        help="of these figures: png, svg, pdf (default png,svg)",
+    )  # fmt: skip
+    options.add_argument(
+        "--until", type=number(0.0, open_below=True), metavar="S",
+        help="last moment of the panels [s] (default: what it takes to see the formation form)",
+    )  # fmt: skip
+    options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
+    return options

@@ -1,0 +1,212 @@
+"""What the panels of a figure are drawn with: arrays in, lines on axes out.
+
+Colours can be told apart by the colour-blind (after Okabe and Ito), and so can lines without colour, by their
+dashes. With many robots colours run along the graph. Letters are 8 pt at the size that figures are made for.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from formation.plane import ComplexArray, FloatArray, unit
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C6D1F")
+DASHES: tuple[Any, ...] = (
+    "-", (0, (5, 1.2)), (0, (5, 1.2, 1, 1.2)), (0, (1.6, 0.9)), (0, (8, 1.5)),
+    (0, (5, 1, 1, 1, 1, 1)), (0, (3, 1)),
+)  # fmt: skip
+FORMATION = "#1F4E79"
+INK = "#000000"
+FAINT = "#707070"
+MANY = 40
+"""From so many robots on, they are not named one by one, and their lines become a picture in an SVG."""
+STYLE: dict[Any, Any] = {
+    "font.sans-serif": ["DejaVu Sans", "Verdana", "Helvetica", "Arial"],
+    "font.size": 8.0,
+    "axes.titlesize": 8.0,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.6,
+    "axes.grid": True,
+    "grid.color": "#E4E4E4",
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.0,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "legend.frameon": False,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "svg.fonttype": "none",
+    "pdf.fonttype": 42,
+}
+
+
+class Look(NamedTuple):
+    """Of one robot's lines."""
+
+    colour: Any
+    dashes: Any = "-"
+
+
+def looks(followers: int) -> list[Look]:
+    """Of every follower, in the mission's order."""
+    if followers <= len(PALETTE):
+        return [Look(*both) for both in zip(PALETTE, DASHES, strict=True)][:followers]
+    from matplotlib import colormaps  # noqa: PLC0415 - only who draws needs it
+
+    return [Look(tuple(colour)) for colour in colormaps["viridis"](np.linspace(0.0, 0.88, followers))]
+
+
+def short(names: Sequence[str]) -> list[str]:
+    """Names as they fit beside a point: their numbers, if that is all in which they differ."""
+    parts = [re.fullmatch(r"(\D*)(\d+)", name) for name in names]
+    if all(parts) and len({part[1] for part in parts if part}) == 1:
+        return [part[2] for part in parts if part]
+    return list(names)
+
+
+def graph(
+    axes: Axes,
+    names: Sequence[str],
+    edges: Iterable[tuple[int, int]],
+    points: ComplexArray,
+    robots: Sequence[Look],
+) -> None:
+    """Who measures whom, drawn at `points` [m], from the leader, who is the first of `names`."""
+    if not np.isfinite(points).all():
+        points = np.exp(2j * np.pi * np.arange(len(points)) / len(points))
+    many, middle = len(points) > MANY, complex(points.mean())
+    size = 3.0 if many else 7.0
+    for i, j in edges:
+        arrow = {
+            "arrowstyle": "-|>",
+            "color": FAINT,
+            "linewidth": 0.7,
+            "shrinkA": size / 2,
+            "shrinkB": size / 2,
+        }
+        axes.annotate("", xy(points[j]), xy(points[i]), arrowprops=arrow)
+    for i, point in enumerate(points):
+        colour = INK if i == 0 else robots[i - 1].colour
+        axes.plot(point.real, point.imag, "o", color=colour, markersize=size, zorder=3)
+        if not many:
+            out = unit(point - middle, 1j)
+            axes.annotate(
+                names[i], xy(point), xytext=(9.0 * out.real, 9.0 * out.imag), textcoords="offset points",
+                ha=("left", "center", "right")[1 - round(out.real)], va="center", fontsize=7, zorder=4,
+            )  # fmt: skip
+    axes.set(xlabel="$x$ from the leader [m]", ylabel="$y$ from the leader [m]")
+    equal(axes, 0.2)
+
+
+def ways(axes: Axes, centres: ComplexArray, names: Sequence[str], robots: Sequence[Look]) -> None:
+    """Ways of the centres [m; world frame], shape (T, N), the leader's dotted; a number where each begins."""
+    many = len(names) > MANY
+    axes.plot(centres[:, 0].real, centres[:, 0].imag, color=INK, linewidth=0.9, linestyle=":")
+    for way, look in zip(centres.T[1:], robots, strict=True):
+        axes.plot(
+            way.real, way.imag, color=look.colour, linestyle=look.dashes, linewidth=0.8, rasterized=many
+        )
+    for way, name, colour in zip(
+        centres.T, short(names), [INK, *(look.colour for look in robots)], strict=True
+    ):
+        known = way[np.isfinite(way)]
+        if known.size and not many:
+            axes.plot(known[0].real, known[0].imag, "o", color=colour, markersize=2.2)
+            axes.annotate(
+                name, xy(known[0]), xytext=(-3, 3), textcoords="offset points", ha="right", fontsize=7,
+                color=colour,
+            )  # fmt: skip
+    axes.set(xlabel="$x$ [m]", ylabel="$y$ [m]")
+    equal(axes)
+
+
+def formations(axes: Axes, points: ComplexArray, edges: Iterable[tuple[int, int]]) -> None:
+    """The formation of control points [m; world frame] at a few moments, shape (M, N): the first one grey."""
+    edges = list(edges)
+    for number, marks in enumerate(points):
+        first, strength = number == 0, 0.35 + 0.65 * number / max(len(points) - 1, 1)
+        line: dict[str, Any] = {
+            "color": "#9A9A9A" if first else FORMATION,
+            "alpha": 1.0 if first else strength,
+        }
+        for i, j in edges:
+            ends = marks[[i, j]]
+            axes.plot(ends.real, ends.imag, linewidth=0.6 if first else 0.9, **line)
+        axes.plot(marks.real, marks.imag, "o", markersize=2.0, **line)
+
+
+def moments(times: Iterable[float]) -> str:
+    """A few moments [s] as a title names them."""
+    return ", ".join(f"{time:.0f}" if time >= 99.95 else f"{round(time, 1):g}" for time in times) + " s"
+
+
+def limits(axes: Axes, values: FloatArray) -> None:
+    """Dashed lines at ± each of `values`, and room for them."""
+    for limit in np.unique(values):
+        for sign in (-1.0, 1.0):
+            axes.axhline(sign * limit, color="#606060", linewidth=0.8, linestyle="--", zorder=1)
+    axes.set_ylim(-1.12 * values.max(), 1.12 * values.max())
+
+
+def falling(axes: Axes, least: float, most: float) -> None:
+    """A logarithmic scale that shows an error [m] from `most` down to `least`, but not for ever."""
+    axes.set_yscale("log")
+    if 0.0 < most < np.inf:
+        axes.set_ylim(max(least, 1e-6 * most, 1e-5) / 2.0, 2.0 * most)
+
+
+def span(time: FloatArray, error: FloatArray) -> float:
+    """Until when a run is worth looking at [s]: well after the error last left one per cent of its peak.
+
+    After the last moment at which the error was known there is nothing to be seen.
+    """
+    known = np.flatnonzero(np.isfinite(error))
+    if not known.size:
+        return float(time[-1]) if time.size else 0.0
+    time, error = time[: known[-1] + 1], error[: known[-1] + 1]
+    big = np.flatnonzero(np.nan_to_num(error, nan=np.inf) > 0.01 * np.nanmax(error[np.isfinite(error)]))
+    last = time[big[-1]] if big.size else time[0]
+    return float(np.clip(np.ceil(2.0 * last), min(5.0, time[-1]), time[-1]))
+
+
+def equal(axes: Axes, margin: float = 0.08) -> None:
+    """One metre is as long in x as in y, with room for marks and words at the border."""
+    axes.set_aspect("equal", adjustable="datalim")
+    box = axes.dataLim
+    if np.isfinite(box.extents).all():
+        axes.update_datalim(box.padded(margin * max(box.width, box.height)).get_points())
+    axes.margins(0.0)
+    axes.autoscale_view()
+
+
+def unjoined(angles: FloatArray) -> FloatArray:
+    """Angles with a gap where they wrap around, so that no line is drawn across."""
+    apart = angles.copy()
+    apart[1:][np.abs(np.diff(angles, axis=0)) > np.pi] = np.nan
+    return apart
+
+
+def legend(names: Sequence[str], robots: Sequence[Look]) -> list[Any]:
+    """Handles that name the leader and the followers; of many, a few."""
+    from matplotlib.lines import Line2D  # noqa: PLC0415
+
+    chosen = range(len(robots)) if len(robots) <= 14 else (0, len(robots) // 2, len(robots) - 1)
+    handles: list[Any] = [Line2D([], [], color=INK, linestyle=":", label=names[0])]
+    handles += [
+        Line2D([], [], color=robots[i].colour, linestyle=robots[i].dashes, label=names[i + 1]) for i in chosen
+    ]
+    return [*handles, Line2D([], [], color="#606060", linestyle="--", linewidth=0.8, label="limits")]
+
+
+def xy(point: complex) -> tuple[float, float]:
+    """A point as matplotlib takes it."""
+    return float(point.real), float(point.imag)

@@ -1,0 +1,162 @@
+"""The figures of a recording: the panels of the paper's Fig. 2 and Fig. 3, alone and together.
+
+Each panel is one column of a paper wide and its letters are 8 pt there. What is not known a panel says.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Mapping, Sequence
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+from monitor.report import drawing, parts
+from monitor.report.drawing import FAINT, STYLE
+from monitor.report.gather import Run
+from monitor.report.parts import PANELS, Panel
+from monitor.report.view import View
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FIG2, FIG3 = PANELS[:6], PANELS[1:4]
+COLUMN, PAGE = 3.5, 7.1
+"""Width of one column and of both [inches]."""
+FORMATS = ("png", "svg", "pdf")
+DPI = 300
+MARKED = 40
+"""Orders that are marked in the figure of a whole recording."""
+Made = TypeVar("Made", bound="Callable[..., Figure]")
+
+
+def _styled(make: Made) -> Made:
+    """A function that makes a figure, in our style and nobody else's."""
+
+    @wraps(make)
+    def styled(*args: Any, **kwargs: Any) -> Figure:
+        import matplotlib as mpl  # noqa: PLC0415 - only who draws needs it
+
+        with mpl.rc_context(STYLE):
+            return make(*args, **kwargs)
+
+    return cast("Made", styled)
+
+
+@_styled
+def panel(run: Run, view: View, which: Panel, width: float = COLUMN) -> Figure:
+    """One panel with the names of its lines."""
+    figure = _figure(width, which.height)
+    axes = figure.subplots()
+    axes.set_title(which.title)
+    which.draw(axes, run, view)
+    if which.draw not in {parts.graph, parts.error}:
+        _legend(figure, run, 4, limits=which.draw in {parts.speeds, parts.turn_rates})
+    return figure
+
+
+@_styled
+def fig2(run: Run, view: View) -> Figure:
+    """Six panels over both columns, as the paper's Fig. 2."""
+    figure = _figure(PAGE, 7.4)
+    grid: Any = figure.subplots(3, 2, height_ratios=(1.35, 1.0, 1.0))
+    for axes, which in zip(grid.flat, FIG2, strict=True):
+        axes.set_title(which.title)
+        which.draw(axes, run, view)
+    _legend(figure, run, 7)
+    return figure
+
+
+@_styled
+def fig3(run: Run, view: View) -> Figure:
+    """Trajectories, heading errors and formation error in one column, as the paper's Fig. 3."""
+    figure = _figure(COLUMN, 6.6)
+    grid: Any = figure.subplots(3, 1, height_ratios=(1.5, 1.0, 1.0))
+    for axes, which, letter in zip(grid, FIG3, "abc", strict=True):
+        axes.set_title(f"({letter}){which.title[3:]}")
+        which.draw(axes, run, view)
+    _legend(figure, run, 4, limits=False)
+    return figure
+
+
+@_styled
+def whole(run: Run) -> Figure:
+    """The formation error from the first message to the last, with what the leader ordered."""
+    figure = _figure(PAGE, 2.1)
+    axes = figure.subplots()
+    begin, end = (run.begin - run.start, run.end - run.start) if run.messages else (0.0, 0.0)
+    axes.set_title("Formation error over the whole recording")
+    parts.error(axes, run, View.of([run], end))
+    axes.set_xlim(begin, max(end, begin + 0.1))
+    shapes = len(run.mission.shapes) > 1
+    for order in run.orders[:MARKED]:
+        axes.axvline(order.at - run.start, color=FAINT, linewidth=0.7)
+        axes.annotate(
+            f"{order.mode}, {order.shape}" if shapes else order.mode, (order.at - run.start, 0.03),
+            xycoords=("data", "axes fraction"), xytext=(2, 0), textcoords="offset points", rotation=90,
+            fontsize=6.5, color=FAINT,
+        )  # fmt: skip
+    return figure
+
+
+@_styled
+def overlay(runs: Mapping[str, Run], view: View) -> Figure:
+    """Formation errors of several runs on the same axes; what each is called, by the run."""
+    figure = _figure(PAGE, 2.7)
+    axes = figure.subplots()
+    axes.set_title("Formation error")
+    parts.overlaid(axes, runs, view)
+    figure.legend(loc="outside lower center", ncols=4, handlelength=2.6)
+    return figure
+
+
+def written(figure: Figure, suffix: str) -> bytes:
+    """The figure as a file of this format. What is written does not depend on when."""
+    import matplotlib as mpl  # noqa: PLC0415
+
+    metadata: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(suffix, {})
+    file = io.BytesIO()
+    with mpl.rc_context({**STYLE, "svg.hashsalt": "formation"}):
+        figure.savefig(file, format=suffix, dpi=DPI, metadata=metadata)
+    return file.getvalue()
+
+
+def write(folder: Path, run: Run, view: View, formats: Sequence[str]) -> list[Path]:
+    """Every figure of one run into `folder`, which is made; their paths. Raises OSError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    figures = {"fig2": fig2(run, view), "fig3": fig3(run, view), "whole": whole(run)}
+    figures |= {which.name: panel(run, view, which) for which in PANELS}
+    return _save(folder, figures, formats)
+
+
+def write_overlay(folder: Path, runs: Mapping[str, Run], view: View, formats: Sequence[str]) -> list[Path]:
+    """What compares several runs into `folder`, which is made; the paths. Raises OSError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    return _save(folder, {"overlay": overlay(runs, view)}, formats)
+
+
+def _save(folder: Path, figures: Mapping[str, Figure], formats: Sequence[str]) -> list[Path]:
+    paths = []
+    for name, figure in figures.items():
+        for suffix in formats:
+            paths.append(folder / f"{name}.{suffix}")
+            paths[-1].write_bytes(written(figure, suffix))
+    return paths
+
+
+def _figure(width: float, height: float) -> Figure:
+    from matplotlib.figure import Figure  # noqa: PLC0415 - only who draws needs it
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def _legend(figure: Figure, run: Run, columns: int, *, limits: bool = True) -> None:
+    handles = drawing.legend(run.mission.names, drawing.looks(len(run.mission.followers)))
+    handles = handles if limits else handles[:-1]
+    figure.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=min(len(handles), columns),
+        handlelength=2.2,
+        fontsize=7,
+    )

@@ -1,0 +1,55 @@
+"""What happened in a recording: the monitor's events, and what the leader ordered."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from formation.order import Mode
+from formation.ros2.messages import LogEntry, decode
+from formation.topics import EVENTS
+from formation.wire import BadMessage
+from monitor.figures.events import Event, from_message
+from monitor.figures.metrics import Metrics
+
+MOST = 2000
+"""Events, and changes of the order, that are kept; more are only counted."""
+
+
+class Ordered(NamedTuple):
+    """What the leader wanted from this moment on."""
+
+    at: float
+    """[s, the recorder's clock]"""
+    mode: Mode
+    shape: str
+
+
+class Story:
+    """Collects what happens."""
+
+    def __init__(self) -> None:
+        self.events: list[Event] = []
+        self.orders: list[Ordered] = []
+        self.untold = 0
+        """Events that were not kept."""
+
+    def take(self, key: str, payload: bytes) -> None:
+        """Take a message, if it tells of an event."""
+        if key != EVENTS.key():
+            return
+        try:
+            entry = decode(LogEntry, payload)
+        except BadMessage:
+            return
+        if len(self.events) < MOST:
+            self.events.append(from_message(entry))
+        else:
+            self.untold += 1
+
+    def look(self, wall: float, metrics: Metrics) -> None:
+        """See whether the order has changed by `wall` [s]."""
+        order = metrics.order
+        if order is None or len(self.orders) >= MOST:
+            return
+        if not self.orders or self.orders[-1][1:] != (order.mode, order.shape):
+            self.orders.append(Ordered(wall, order.mode, order.shape))
