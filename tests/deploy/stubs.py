@@ -14,10 +14,10 @@ PRELUDE = """
 import json, os, signal, sys, time
 def say(event, **more): print(json.dumps({"event": event, **more}), flush=True)
 def on_term(act): signal.signal(signal.SIGTERM, lambda *_: act())
-def until_told(then=""):
+def until_told(then="", **more):
     told = []
     on_term(lambda: told.append(1))
-    say("ready"); exec(then)
+    say("ready", **more); exec(then)
     while not told: time.sleep(0.01)
 """
 GOOD = "until_told(); say('summary', published={'a/odom': 3}); sys.exit(0)"

@@ -64,11 +64,23 @@ class Runner:
         self._folder, self._monkeypatch, self._capsys = folder, monkeypatch, capsys
         monkeypatch.setattr("deploy.launch.COAST", 0.01)
         monkeypatch.setattr("tempfile.tempdir", str(folder))
+        self.asked: dict[str, Any] = {}
+        """What the process table was asked for."""
 
-    def __call__(self, *stubs: Program, flags: Sequence[str] = ("--json",), duration: float = 0.3) -> Ran:
-        self._monkeypatch.setattr(run, "programs", lambda *_, **__: stubs)
-        record = self._folder / "recordings" / "a.mcap"
-        line = ["run", "turtlebot3_pair", "--duration", str(duration), "--record", str(record), *flags]
+    def __call__(
+        self,
+        *stubs: Program,
+        flags: Sequence[str] = ("--json",),
+        duration: float = 0.3,
+        record: str = "a.mcap",
+    ) -> Ran:
+        def programs(*_: object, **asked: Any) -> tuple[Program, ...]:
+            self.asked = asked
+            return stubs
+
+        self._monkeypatch.setattr(run, "programs", programs)
+        path = self._folder / "recordings" / record
+        line = ["run", "turtlebot3_pair", "--duration", str(duration), "--record", str(path), *flags]
         return Ran(cli.main(line), *self._capsys.readouterr())
 
 
@@ -118,6 +130,55 @@ def test_without_json_the_summary_is_for_people(ran: Runner) -> None:
     assert "a.mcap" in done.out
     assert "{" not in done.out
     assert done.err == ""
+
+
+def test_where_the_page_is_stands_before_the_table(ran: Runner) -> None:
+    invitation = "http://127.0.0.1:8460/#token=secret"
+    serves = monitor().replace("until_told(", f"until_told(page={invitation!r}, then=")
+    done = ran(*good(serves), flags=("--control",))
+    assert done.code == 0
+    hint, page, table = done.out.splitlines()[:3]
+    assert hint.startswith("Ctrl-C ends it.")
+    assert page == f"Page: {invitation}"
+    assert table.startswith("turtlebot3-pair: starting")
+    machine = ran(*good(serves), record="b.mcap")
+    assert f"Page: {invitation}\n" in machine.err
+    assert "Page:" not in machine.out
+
+
+def test_a_monitor_without_a_page_holds_up_nothing(ran: Runner) -> None:
+    done = ran(*good(), flags=("--no-page",))
+    assert done.code == 0
+    assert "Page:" not in done.out
+
+
+@pytest.mark.parametrize(
+    ("flags", "passed"),
+    [
+        ((), []),
+        (("--no-page",), ["--no-page"]),
+        (("--control",), ["--control"]),
+        (("--page", "8470", "--control"), ["--page", "127.0.0.1:8470", "--control"]),
+    ],
+)
+def test_the_monitor_is_told_of_the_page_what_the_run_was_told(
+    ran: Runner, flags: tuple[str, ...], passed: list[str]
+) -> None:
+    ran(*good(), flags=("--json", *flags))
+    assert ran.asked["page"] == passed
+    mission = load("turtlebot3_pair")
+    with Ports(mission) as ports:
+        plan = programs(mission, "pair", ports.endpoints, parent=1, record=Path("a.mcap"), page=passed)
+    argv = {one.name: list(one.argv) for one in plan}
+    assert [word for word in argv.pop("monitor") if word in passed] == passed
+    assert not [word for words in argv.values() for word in words if word in passed]
+
+
+def test_orders_by_a_page_that_is_not_served_are_refused(ran: Runner) -> None:
+    done = ran(*good(), flags=("--no-page", "--control"))
+    assert (done.code, done.out) == (2, "")
+    assert "--no-page leaves out" in done.err
+    assert ran(*good(), flags=("--page", "desk")).code == 2
 
 
 def test_a_run_that_did_not_converge_is_exit_code_1(ran: Runner) -> None:
