@@ -21,6 +21,8 @@ UNSEEN = 1.0
 """Who asks for something so soon after a stop or a hold has not seen it yet [s]."""
 STALE = 3.0
 """A page that shows what was so long ago does not show what is [s]."""
+LONG = 3600.0
+"""Longer ago than anybody counts [s]: a page that has not seen anything yet shows the year 1970."""
 
 
 class Overruled(ValueError):  # noqa: N818 - nothing is wrong with the order; it comes at the wrong moment
@@ -90,7 +92,8 @@ class Precedence:
     def _seen(self, wanted: Do, now: float, behind: float | None) -> None:
         """Refuse what may set robots going for somebody who does not see how they are."""
         if behind is not None and behind > STALE:
-            raise Overruled(f"{wanted}: this page shows what was {behind:.0f} s ago; look again first")
+            ago = f"{behind:.0f} s ago" if behind < LONG else "long ago"
+            raise Overruled(f"{wanted}: this page shows what was {ago}; look again first")
         for one in self._given:
             if one.going and one.request.do == "stop":
                 raise Overruled(f"{wanted}: a stop is being given, and not everybody has answered it yet")

@@ -14,7 +14,7 @@ export class Orders {
     this.armed = null;
     this.shape = byId("order-shape");
     for (const button of document.querySelectorAll("button[data-do]")) {
-      button.addEventListener("click", () => this.press(button));
+      button.addEventListener("click", (event) => this.press(button, event.detail > 1));
     }
     byId("token-form").addEventListener("submit", (event) => this.enter(event));
     document.addEventListener("keydown", (event) => this.key(event));
@@ -57,9 +57,10 @@ export class Orders {
     this.escaped = now - this.escaped < TWICE ? -Infinity : now;
   }
 
-  /** Stop and hold act at once; what sets robots moving asks back. */
-  press(button) {
+  /** Stop and hold act at once; what sets robots moving asks back, and a double click is no answer to that. */
+  press(button, hasty = false) {
     const what = button.dataset.do;
+    if (hasty && this.armed === button) return;
     if (what === "stop" || what === "hold" || this.armed === button) {
       this.disarm();
       this.give(what);
@@ -81,7 +82,8 @@ export class Orders {
   }
 
   async give(what) {
-    const body = { do: what, click: click(), seen: this.model.frame?.t ?? null };
+    const seen = this.model.frame?.t ?? 0; // who has seen nothing yet may stop and hold
+    const body = { do: what, click: click(), seen };
     if (what === "shape") body.shape = this.shape.value;
     this.tell("asking", `${what}: asking …`);
     try {
