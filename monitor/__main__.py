@@ -33,7 +33,7 @@ from monitor.page import frames
 from monitor.page.address import Bind
 from monitor.page.control import on_the_bus
 from monitor.page.flags import add_page_flags
-from monitor.page.opening import opened, words
+from monitor.page.opening import EXPOSED, opened, words
 from monitor.page.server import PageServer
 from monitor.page.showing import Showing
 from monitor.page.source import Source
@@ -107,6 +107,8 @@ def _watch(args: argparse.Namespace, stop: Stop) -> None:
         if page is not None:
             page.start()
             _log.info("page: %s", words(args.page, page))
+            if args.control and args.page and not args.page.is_of_this_machine:
+                _log.warning("%s", EXPOSED)
         say(
             "ready",
             process=NAME,

@@ -12,6 +12,9 @@ HOST, PORT = "127.0.0.1", 8460
 SEND_BUFFER = 64 * 1024
 """What the system may hold back for one client [bytes]: old frames, if it is slow."""
 BACKLOG = 64
+EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104 - what somebody may ask for
+ELSEWHERE = ("192.0.2.1", 9)
+"""Nobody: an address that is kept for examples."""
 
 
 class Bind(NamedTuple):
@@ -45,8 +48,8 @@ class Bind(NamedTuple):
             return self.host == "localhost"
 
     def url(self, port: int) -> str:
-        """What a browser of this machine dials when `port` is listened on."""
-        host = {"0.0.0.0": HOST, "::": "::1"}.get(self.host, self.host)  # noqa: S104 - that is the question
+        """What a browser dials when `port` is listened on; where everybody may, one elsewhere too."""
+        host = _outward() if self.host in EVERYWHERE else self.host
         return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
 
 
@@ -71,3 +74,13 @@ def listening(bind: Bind) -> socket.socket:
 def is_taken(error: OSError) -> bool:
     """Whether the port is somebody else's."""
     return error.errno == errno.EADDRINUSE
+
+
+def _outward() -> str:
+    """Our address as others see it, or of this machine alone if it is in no network. Nothing is sent."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(ELSEWHERE)
+        except OSError:
+            return HOST
+        return str(probe.getsockname()[0])

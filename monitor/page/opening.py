@@ -6,6 +6,11 @@ from monitor.page.address import PORT, Bind, is_taken
 from monitor.page.server import Control, PageServer, Replay
 from monitor.page.source import Source
 
+EXPOSED = (
+    "whoever can read this network's traffic can read the page's token, and then stop and drive the robots"
+)
+"""What is to be known of orders by a page that others can reach."""
+
 
 def opened(
     asked: Bind | None, source: Source, control: Control | None = None, replay: Replay | None = None

@@ -5,6 +5,7 @@ import socket
 import pytest
 
 from monitor.page.address import Bind, is_taken, listening
+from tests.processes.child import PATIENCE
 
 EVERYWHERE = "0.0.0.0"  # noqa: S104 - it is read here, and nothing listens on it
 
@@ -37,13 +38,35 @@ def test_what_is_none_is_refused_with_an_example(text: str) -> None:
     ("bind", "url"),
     [
         (Bind("127.0.0.1", 0), "http://127.0.0.1:81/"),
-        (Bind(EVERYWHERE, 0), "http://127.0.0.1:81/"),
-        (Bind("::", 0), "http://[::1]:81/"),
+        (Bind("::1", 0), "http://[::1]:81/"),
         (Bind("desk", 0), "http://desk:81/"),
     ],
 )
 def test_a_browser_of_this_machine_gets_an_address_that_it_can_dial(bind: Bind, url: str) -> None:
     assert bind.url(81) == url
+
+
+@pytest.mark.parametrize("everywhere", [EVERYWHERE, "::"])
+def test_a_page_for_everybody_is_called_by_an_address_that_is_listened_on(everywhere: str) -> None:
+    with listening(Bind(everywhere, 0)) as one:
+        port = one.getsockname()[1]
+        host, _, told = Bind(everywhere, 0).url(port).removeprefix("http://").rstrip("/").rpartition(":")
+        assert told == str(port)
+        socket.create_connection((host, port), timeout=PATIENCE).close()
+
+
+def test_without_a_network_it_is_called_by_this_machines_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("monitor.page.address.ELSEWHERE", ("255.255.255.255", 9))  # no route without leave
+    assert Bind(EVERYWHERE, 0).url(81) == "http://127.0.0.1:81/"
+
+
+@pytest.mark.parametrize(
+    ("host", "own"),
+    [("127.0.0.1", True), ("127.9.9.9", True), ("::1", True), ("localhost", True), ("desk", False),
+     (EVERYWHERE, False), ("::", False), ("192.168.1.2", False)],
+)  # fmt: skip
+def test_it_is_known_whether_others_can_reach_it(host: str, own: bool) -> None:
+    assert Bind(host).is_of_this_machine is own
 
 
 def test_a_port_that_is_taken_is_told_from_an_address_that_is_not_ours() -> None:
