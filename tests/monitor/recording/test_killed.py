@@ -1,0 +1,118 @@
+"""Recorders that are killed at any moment, under load: no more than a second of what they had is missing.
+
+Measured by the clock of the one that is killed, so that it does not matter how busy this machine is.
+"""
+
+from __future__ import annotations
+
+import mmap
+import random
+import signal
+import struct
+import subprocess
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from formation.wire import Now, Sample
+from monitor.recording.reader import is_whole, read
+from monitor.recording.recover import recover
+from tests.monitor.fleet import EPOCH, command, odometry
+from tests.monitor.recording.test_recorder import recorder
+from tests.processes.bus_tools import until
+
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
+RATE = 1000
+"""Messages a second, every second one with an attachment."""
+AT_ONCE, ROUNDS = 4, 5
+LOSS = 1.0
+"""What a kill may take [s]."""
+NOTE = struct.Struct("<qd")
+"""How many messages a recorder has been given, and when the last one was."""
+
+
+class Notes:
+    """What a process leaves behind of itself when it is killed: a few bytes shared through a file."""
+
+    def __init__(self, path: Path) -> None:
+        if not path.exists():
+            path.write_bytes(bytes(NOTE.size))
+        with path.open("r+b") as file:
+            self._map = mmap.mmap(file.fileno(), NOTE.size)
+
+    def write(self, count: int, when: float) -> None:
+        NOTE.pack_into(self._map, 0, count, when)
+
+    def read(self) -> tuple[int, float]:
+        count, when = NOTE.unpack_from(self._map)
+        return count, when
+
+
+def main(path: Path) -> None:
+    """Record a thousand messages a second until somebody puts an end to it, and keep notes of it."""
+    notes = Notes(path.with_suffix(".notes"))
+    with recorder(path) as recording:
+        start, count = time.monotonic(), 0
+        while True:
+            now = Now(time.monotonic(), 0.0)
+            for number in range(count, int((now.mono - start) * RATE)):
+                recording.write(message(number), now.mono + EPOCH)
+                count = number + 1
+            notes.write(count, now.mono)
+            recording.flush(now.mono)
+            time.sleep(0.02)
+
+
+def message(number: int) -> Sample:
+    """The message with this number, counted from 0."""
+    if number % 2:
+        return odometry(f"robot{2 + number % 5}", number / RATE)
+    return command("robot3", number / RATE, 0.1, number / RATE)._replace(attachment=b'{"n": %d}' % number)
+
+
+def test_a_kill_at_any_of_twenty_moments_costs_no_more_than_a_second(tmp_path: Path) -> None:
+    choice = random.Random(20)
+    losses = [loss for turn in range(ROUNDS) for loss in killed(tmp_path / str(turn), choice)]
+    print("lost", sorted(round(loss, 2) for loss in losses))
+    assert len(losses) == AT_ONCE * ROUNDS
+    assert max(losses) <= LOSS
+
+
+def killed(folder: Path, choice: random.Random) -> list[float]:
+    """Several recorders, each killed at a moment of its own; what each lost [s]."""
+    folder.mkdir()
+    paths = [folder / f"{number}.mcap" for number in range(AT_ONCE)]
+    with ExitStack() as stack:
+        children = [stack.enter_context(started(path)) for path in paths]
+        moments = {path: choice.uniform(0.7, 3.0) for path in paths}
+        for path, child in sorted(zip(paths, children, strict=True), key=lambda pair: moments[pair[0]]):
+            until(lambda at=path: given(at) > moments[at] * RATE)  # type: ignore[misc]
+            child.send_signal(signal.SIGKILL)
+            child.wait()
+    return [lost(path) for path in paths]
+
+
+def started(path: Path) -> subprocess.Popen[bytes]:
+    code = f"from pathlib import Path; from {__name__} import main; main(Path({str(path)!r}))"
+    return subprocess.Popen([sys.executable, "-c", code], cwd=Path(__file__).parents[3])
+
+
+def given(path: Path) -> int:
+    notes = path.with_suffix(".notes")
+    return Notes(notes).read()[0] if notes.exists() and notes.stat().st_size == NOTE.size else 0
+
+
+def lost(path: Path) -> float:
+    """How old the oldest message was that is missing, when the last one was given [s]; 0 if none is."""
+    count, when = Notes(path.with_suffix(".notes")).read()
+    out = path.with_name(f"{path.stem}-recovered.mcap")
+    assert not is_whole(path)
+    assert not recover(path, out).is_whole
+    kept = list(read(path).messages())
+    assert list(read(out).messages()) == kept
+    assert [one.sample[:3] for one in kept] == [message(number)[:3] for number in range(len(kept))]
+    assert count > 500
+    return when + EPOCH - kept[-1].wall if len(kept) < count else 0.0
