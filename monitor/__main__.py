@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import logging
 import sys
 from collections.abc import Sequence
@@ -49,6 +50,9 @@ EXAMPLES = """\
 """
 NODE = "formation_monitor"
 """What ROS calls it."""
+TURN = 0.0005
+"""After so long a busy thread lets another one in [s]. What takes a message from the network needs only
+microseconds, but at Python's 5 ms would have to wait as long for each of them while figures are made."""
 _log = logging.getLogger(__name__)
 
 
@@ -115,6 +119,8 @@ def _watch(args: argparse.Namespace, stop: Stop) -> None:
             page=None if page is None else page.invitation,
             foxglove=None if foxglove is None else foxglove.address,
         )
+        sys.setswitchinterval(TURN)
+        gc.freeze()  # what stands by now is never looked through again
         one.run(stop, snapshots=args.snapshots)
     say("summary", **one.summary())
 

@@ -43,6 +43,7 @@ class Feed:
         self._arrivals: deque[float] = deque(maxlen=WINDOW)
         self._offsets: deque[float] = deque(maxlen=WINDOW)
         self._gaps: deque[int] = deque(maxlen=WINDOW)
+        self._lately = 0  # the sum of these
         self._stamp = -math.inf
         self._clock = 0.0
 
@@ -61,6 +62,9 @@ class Feed:
         if self._nominal and 0.0 < gap <= self._longest_gap:
             missed = max(round(gap * self._nominal) - 1, 0)
             self.missed += missed
+            if len(self._gaps) == WINDOW:
+                self._lately -= self._gaps[0]
+            self._lately += missed
             self._gaps.append(missed)
         self._offsets.append(wall - stamp)
         if len(self._offsets) < WINDOW or self.count % 8 == 0:
@@ -83,8 +87,7 @@ class Feed:
     @property
     def loss(self) -> float | None:
         """Share of the newest periods that were missed; None before the second stamp."""
-        missed = sum(self._gaps)
-        return missed / (missed + len(self._gaps)) if self._gaps else None
+        return self._lately / (self._lately + len(self._gaps)) if self._gaps else None
 
     def silence(self, mono: float) -> float:
         """Time since the last message that was not rejected [s]; infinite before the first."""

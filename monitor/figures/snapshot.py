@@ -16,11 +16,10 @@ class Edge(NamedTuple):
     neighbour: str
 
 
-@dataclass(frozen=True, slots=True)
-class KeyFigures:
+class KeyFigures(NamedTuple):
     """One key as it is heard."""
 
-    count: int
+    count: int  # type: ignore[assignment]  # not what tuples call so
     rate: float | None
     """[Hz]"""
     age: float | None

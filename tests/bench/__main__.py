@@ -15,7 +15,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from tests.bench import bench_agent, bench_law, bench_simulate, bench_step
+from tests.bench import bench_agent, bench_law, bench_monitor, bench_simulate, bench_step
 from tests.bench.figures import rounded
 
 LIBRARIES = ("eclipse-zenoh", "numpy", "pydantic", "rosbags")
@@ -38,6 +38,11 @@ class Part(NamedTuple):
 PARTS = (
     Part("The edge: one agent at 50 Hz", bench_agent, ("--rounds", "1", "--seconds", "5")),
     Part("One step of an agent", bench_step),
+    Part(
+        "The monitor: a hundred robots",
+        bench_monitor,
+        ("--rounds", "1", "--seconds", "5", "--step-seconds", "5"),
+    ),
     Part("One step of the mathematics", bench_law),
     Part("The simulation", bench_simulate),
 )

@@ -1,4 +1,4 @@
-"""Many robots' voices: what their agents tell the fleet, as bytes and as often as they do, for a monitor to hear.
+"""Many robots' voices: what their agents tell the fleet, as bytes and as often, for a monitor to hear.
 
 python -m tests.bench.crowd PLAN
 
@@ -115,7 +115,8 @@ class Voice:
         """As long as an agent's with two neighbours, and now and then with its memory."""
         step = f"[{wall:.9f},{wall:.9f},[[0,{self._count * 7919 % 2**32},{wall:.9f}]]]"
         memory = f',"memory":"{"m" * MEMORY}"' if (self._count + self.number) % 100 == 0 else ""
-        return f'{{"n":{self._count},"voice":"{self.number:016x}","steps":[{step},{step},{step}]{memory}}}'.encode()
+        about = f'"n":{self._count},"voice":"{self.number:016x}"'
+        return f'{{{about},"steps":[{step},{step},{step}]{memory}}}'.encode()
 
     def _status(self, wall: float) -> bytes:
         values = {
@@ -127,8 +128,10 @@ class Voice:
         return encode(Diagnostics(wall, (said,)))
 
 
-def speak(voices: Sequence[tuple[Bus, Voice]], rate: float, phase: float, seconds: float) -> tuple[int, float]:
-    """Speak for so long, everybody once a period, one after the other; periods begun, and the worst delay [s].
+def speak(
+    voices: Sequence[tuple[Bus, Voice]], rate: float, phase: float, seconds: float
+) -> tuple[int, float]:
+    """Speak for so long, everybody once a period in turn; how many periods, and the worst delay [s].
 
     What could not be said in time is said late, not left out.
     """
@@ -142,7 +145,8 @@ def speak(voices: Sequence[tuple[Bus, Voice]], rate: float, phase: float, second
             time.sleep(wait)
         worst = max(worst, -wait)
         bus, voice = voices[turn % len(voices)]
-        for said in voice.period(epoch + due, due):
+        since = time.monotonic() - start
+        for said in voice.period(epoch + since, since):
             bus.publish(said.key, said.payload, said.attachment)
     return turns, worst
 

@@ -73,7 +73,7 @@ def test_lost_messages_count_as_long_as_they_are_recent() -> None:
 
 def test_a_wrong_clock_costs_health() -> None:
     figures = well()
-    wrong = replace(figures, keys={**figures.keys, KEY: replace(figures.keys[KEY], clock=900.0)})
+    wrong = replace(figures, keys={**figures.keys, KEY: figures.keys[KEY]._replace(clock=900.0)})
     assert of(wrong) == Health(0.6, "its clock is 900.0 s off")
 
 
