@@ -8,6 +8,7 @@ import socket
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
+from functools import partial
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
@@ -39,6 +40,8 @@ from monitor.replay.prefix import DEFAULT, checked
 
 HOST, LISTEN_PORT = "127.0.0.1", AGENT_PORT - 1
 """Where whoever wants to hear the messages dials, unless told otherwise."""
+GIVEN_UP = ("transport/link/tx/queue/congestion_control/block/wait_before_close", "1000000")
+"""A listener that takes nothing for a second has its link closed [us]."""
 REFRESH = 5.0
 """[Hz]"""
 EXAMPLES = """\
@@ -78,7 +81,7 @@ def main(arguments: Sequence[str]) -> int:
         bus = None if prefix is None else stack.enter_context(_bus(options))
         echo = None
         if bus is not None and prefix is not None:
-            echo = Echo(one.recording.mission, prefix, bus.advertise, bus.publish)
+            echo = Echo(one.recording.mission, prefix, partial(bus.advertise, waits=True), bus.publish)
         player = Player(
             one.film, clocks().mono, speed=options.speed, paused=options.paused, stretch=one.film.stretch,
             until=one.until,
@@ -158,7 +161,7 @@ def _bus(options: argparse.Namespace) -> Bus:
                 connect=tuple(options.connect),
                 mode=options.mode,
                 config_file=options.config,
-                overrides=tuple(parse_override(text) for text in options.cfg),
+                overrides=(GIVEN_UP, *(parse_override(text) for text in options.cfg)),
                 name="replay",
             )
         )

@@ -30,6 +30,7 @@ _PRIORITY = {
     "data": zenoh.Priority.DATA,
     "background": zenoh.Priority.BACKGROUND,
 }
+_CONGESTION = {False: zenoh.CongestionControl.DROP, True: zenoh.CongestionControl.BLOCK}
 CLOSE_LIMIT = 1.5
 """How long `Bus.close` may take [s]: a little longer than the lease of a peer that hangs."""
 _log = logging.getLogger(__name__)
@@ -76,8 +77,12 @@ class Bus:
     ) -> None:
         self.close()
 
-    def advertise(self, topic: Topic, key: str) -> None:
-        """Declare that this process will publish `key`, with the topic's quality of service."""
+    def advertise(self, topic: Topic, key: str, *, waits: bool = False) -> None:
+        """Declare that this process will publish `key`, with the topic's quality of service.
+
+        If it `waits`, publishing takes as long as the slowest listener that has not been given up: that is
+        for no process that steers anything.
+        """
         if topic.qos is None:
             raise BusError(f"topic {topic.name!r} is a queryable: it is answered, not published")
         if key in self._publishers:
@@ -85,7 +90,7 @@ class Bus:
         with named(key):
             self._publishers[key] = self._live.declare_publisher(
                 key,
-                congestion_control=zenoh.CongestionControl.DROP,
+                congestion_control=_CONGESTION[waits],
                 priority=_PRIORITY[topic.qos.priority],
                 express=topic.qos.express,
             )

@@ -17,7 +17,10 @@ class Echo:
     """Where the messages of one mission go."""
 
     def __init__(self, mission: Mission, prefix: str, advertise: Advertise, publish: Publish) -> None:
-        """`advertise` and `publish` are a bus's; every key that the mission has is declared now."""
+        """`advertise` and `publish` are a bus's; every key that the mission has is declared now.
+
+        A bus that waits for slow listeners loses nothing: then it is the player that falls behind.
+        """
         self.said = 0
         self._prefix, self._advertise, self._publish = prefix, advertise, publish
         self._keys: set[str] = set()

@@ -1,7 +1,8 @@
 """A recording on its way to the page and onto the bus, in turns of a few hundredths of a second.
 
 Whoever steers does so from any thread; what is asked is done at the beginning of the next turn. The figures
-have precedence: messages that come too late to be in time are in the figures, but are not said any more.
+have precedence: of a recording that is played faster than this machine can, all messages are in the figures,
+but those that come late are not said any more.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ BATCH = 100
 SHORTEST, LONGEST = 0.001, 0.02
 """Between two turns [s]."""
 LATE = 0.2
-"""A message that comes later than this is not said any more [s, real]."""
+"""Faster than it was, a message that comes later than this is not said any more [s, real]."""
 FRAMES = 10.0
 """[Hz]"""
 ANSWER = 2.0
@@ -171,7 +172,8 @@ class Replay:
         while (mono := time.monotonic()) < end:
             lost = self._player.lost
             batch = self._player.take(mono, BATCH)
-            late = self._player.behind > LATE or self._player.lost > lost
+            behind = self._player.behind > LATE or self._player.lost > lost
+            late = behind and self._player.speed > 1.0
             if batch.anew:
                 self._picture = Picture(self._mission)
             for message, aloud in batch.due:

@@ -1,0 +1,164 @@
+"""`formation replay` for real: a run is recorded, and played to a page and to somebody who listens."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from formation.transport.bus import Bus, BusConfig
+from formation.wire import Sample
+from monitor.figures.keys import OWN
+from monitor.recording.reader import Recorded, read
+from tests.processes.bus_tools import until
+from tests.processes.child import free_endpoint
+from tests.processes.replayed import Replayed, Run, command, drive, replaying
+
+pytestmark = pytest.mark.processes
+Said = list[tuple[bytes, bytes | None]]
+QUIET = 0.003
+"""So far from the frames that are compared is every message: it is in both or in none [s]."""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return drive(tmp_path_factory.mktemp("run"), 8.0)
+
+
+@pytest.fixture(scope="module")
+def messages(run: Run) -> list[Recorded]:
+    return list(read(run.path).messages())
+
+
+def by_key(samples: list[Sample]) -> dict[str, Said]:
+    found: dict[str, Said] = defaultdict(list)
+    for sample in samples:
+        found[sample.key].append((sample.payload, sample.attachment))
+    return dict(found)
+
+
+def hear_something(bus: Bus, replay: Replayed) -> None:
+    """Play the beginning until it is heard, so that afterwards nothing is missed; then stand there again."""
+    replay.told("play")
+    until(lambda: bool(bus.received))
+    replay.told("pause")
+    replay.told("seek", 0.0)
+    quiet = time.monotonic()
+    while bus.wait(0.5):  # whatever is still on its way
+        bus.drain()
+        assert time.monotonic() < quiet + 10.0
+
+
+def test_everybody_who_listens_hears_every_message_byte_for_byte_with_what_rode_on_it(
+    run: Run, messages: list[Recorded]
+) -> None:
+    end = free_endpoint()
+    with (
+        replaying(run.path, "--paused", "-l", end) as replay,
+        Bus(BusConfig(connect=(end,)), capacity=100_000) as bus,
+    ):
+        bus.subscribe("**")
+        hear_something(bus, replay)
+        start = time.monotonic()
+        replay.told("play")
+        result = replay.result()
+        took = time.monotonic() - start
+        heard = bus.drain()
+    assert {sample.key.partition("/")[0] for sample in heard} == {"replay"}
+    played = by_key([one.sample for one in messages])
+    came = by_key([one._replace(key=one.key.removeprefix("replay/")) for one in heard])
+    assert {key: len(said) for key, said in came.items()} == {key: len(said) for key, said in played.items()}
+    assert came == played
+    assert any(attachment for _, attachment in played["robot1/position"])
+    assert took > messages[-1].wall - messages[0].wall - 0.1
+    assert (result["finished"], result["skipped"]) == (True, 0)
+    assert replay.process.returncode == 0
+
+
+def quiet_frames(run: Run, messages: list[Recorded]) -> list[dict[str, Any]]:
+    """Live frames with a known error and no message near them."""
+    own = {one.key for one in OWN}  # which are said at the very time of a frame
+    walls = [one.wall for one in messages if one.sample.key not in own]
+
+    def is_quiet(at: float) -> bool:
+        return not any(abs(wall - at) < QUIET for wall in walls)
+
+    return [one for one in run.frames if one["error"] is not None and is_quiet(one["t"])]
+
+
+def test_the_page_shows_at_a_time_what_the_live_page_showed_then(run: Run, messages: list[Recorded]) -> None:
+    comparable = quiet_frames(run, messages)
+    assert len(comparable) >= 6
+    assert max(one["error"] for one in comparable) > 1.0  # it moves
+    chosen = comparable[:: max(1, len(comparable) // 7)]
+    with replaying(run.path, "--paused", "-l", free_endpoint()) as replay:
+        for live in [*chosen, *reversed(chosen)]:  # forwards and backwards
+            hello, frame = replay.picture(live["t"] + 0.001)
+            assert frame["replay"]["paused"]
+            assert frame["replay"]["t"] == frame["t"]
+            for name in ("mode", "shape", "converged", "missed", "rejected"):
+                assert frame[name] == live[name], name
+            for name in ("error", "true", "elapsed", "settled_at", "e"):
+                assert frame[name] == pytest.approx(live[name], abs=0.0021), name
+            for shown, was in zip(frame["r"], live["r"], strict=True):
+                for field, a, b in zip(hello["fields"], shown, was, strict=True):
+                    expected = b if b is None or isinstance(b, str) else pytest.approx(b, abs=0.0021)
+                    if field not in {"rate", "health", "health_why", "reason"}:
+                        assert a == expected, (field, live["t"])
+        assert (hello["live"], hello["control"], hello["mission"]) == (False, False, run.hello["mission"])
+        assert hello["recording"] == str(run.path)
+        assert replay.interrupt()["interrupted"]
+    assert replay.process.returncode == 130
+
+
+def test_a_seek_brings_the_error_and_the_events_so_far_and_nothing_of_later(run: Run) -> None:
+    first, last = run.frames[0]["t"], run.frames[-10]["t"]  # before the recording ends
+    with replaying(run.path, "--paused", "--no-zenoh") as replay:
+        late, _ = replay.picture(last)
+        assert len({event["kind"] for event in late["events"]} & {"joined", "ran", "settled"}) == 3
+        assert len(late["history"]) > (last - first)
+        early, _ = replay.picture(first + 2.0)
+    assert [event for event in late["events"] if event["at"] < first + 2.0] == early["events"]
+    assert all(at <= first + 2.0 for at, _ in early["history"])
+    assert early["history"] == late["history"][: len(early["history"])]
+
+
+def test_what_cannot_be_is_answered_with_what_can(run: Run) -> None:
+    with replaying(run.path, "--paused", "--no-zenoh") as replay:
+        answer = replay.steer("speed", 1000.0)
+        assert answer.status_code == 400
+        assert "from 0.1 to 100" in answer.json()["error"]
+        assert replay.steer("seek").status_code == 400
+        assert replay.told("speed", 0.5)["speed"] == 0.5
+        standing = replay.told("seek", 1e12)
+        assert standing["t"] == standing["end"]
+
+
+def test_a_recording_that_was_cut_is_played_as_far_as_it_goes(run: Run, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    whole = run.path.read_bytes()
+    cut.write_bytes(whole[: len(whole) // 2])
+    with command(
+        "replay", cut.name, "--no-page", "--no-zenoh", "--speed", "100", "--json", folder=tmp_path
+    ) as one:
+        out, err = one.communicate(timeout=60.0)
+    result = json.loads(out.splitlines()[-1])
+    assert one.returncode == 0
+    assert "cut.mcap is cut" in err
+    assert (result["finished"], result["prefix"]) == (True, None)
+    assert 0 < result["played"] < len(list(read(run.path).messages()))
+
+
+def test_the_verdict_of_a_recording_is_that_of_the_run(run: Run, tmp_path: Path) -> None:
+    flags = ("--no-page", "--no-zenoh", "--speed", "100", "--json")
+    with command("replay", str(run.path), *flags, folder=tmp_path) as one:
+        out, _ = one.communicate(timeout=60.0)
+    result = json.loads(out.splitlines()[-1])
+    assert result["converged"] == run.result["converged"]
+    assert result["formation_error"] == pytest.approx(run.result["formation_error"], abs=1e-9)
+    assert result["settling_time"] == pytest.approx(run.result["settling_time"], abs=1e-5)
+    assert result["played"] == run.result["recorded"]
