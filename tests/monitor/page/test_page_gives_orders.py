@@ -1,0 +1,185 @@
+"""The page's buttons: who sees them, what they send, and what is said of the answers."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page
+
+from tests.monitor.page.scene import EPOCH, Scene
+from tests.monitor.page.served import Served, served, until, watched
+
+pytestmark = pytest.mark.browser
+TOKEN = "a-token-for-tests"  # noqa: S105 - nobody is kept out by it
+POST = "fetch('api/order', {method: 'POST', body: '{}'}).then((answer) => answer.status)"
+REFUSED = "status of 401"
+"""What a browser writes to its console about that."""
+
+
+class Fleet:
+    """Remembers what it was told; the fourth robot does not answer, the fifth refuses."""
+
+    token = TOKEN
+
+    def __init__(self) -> None:
+        self.told: list[tuple[str, str | None]] = []
+        self.seen: list[float | None] = []
+        self.clicks: set[str] = set()
+
+    def order(
+        self, do: str, shape: str | None = None, *, click: str = "", seen: float | None = None
+    ) -> dict[str, Any]:
+        """What `formation order --json` says."""
+        self.told.append((do, shape))
+        self.seen.append(seen)
+        self.clicks.add(click)
+        robots = {
+            f"robot{number}": {"ok": number != 5, "mode": do, "reason": "not now" * (number == 5), "ms": 1.0}
+            for number in (1, 2, 3, 5, 6)
+        }
+        return {"do": do, "robots": robots, "missing": ["robot4"]}
+
+
+class Player:
+    """A replay that remembers what it was told."""
+
+    def __init__(self) -> None:
+        self.told: list[tuple[str, float | None]] = []
+
+    def steer(self, do: str, to: float | None) -> dict[str, Any]:
+        """It obeys."""
+        self.told.append((do, to))
+        return {}
+
+
+@pytest.fixture
+def fleet() -> Fleet:
+    return Fleet()
+
+
+@pytest.fixture
+def controlled(fleet: Fleet) -> Iterator[Served]:
+    with served(Scene(6, control=True), fleet) as one:
+        one.play()
+        yield one
+
+
+@contextmanager
+def invited(browser: Browser, one: Served) -> Iterator[Page]:
+    with watched(browser, f"{one.address}#token={TOKEN}") as page:
+        page.wait_for_selector('[data-do="stop"]', state="visible")
+        yield page
+
+
+def test_without_control_there_are_no_buttons_and_no_shortcut(browser: Browser) -> None:
+    with served(Scene(6)) as plain, watched(browser, plain.address, tolerated="status of 40") as page:
+        plain.feed()
+        until(page, "formation.model.frames > 0")
+        assert not page.is_visible("#orders")
+        posts = []
+        page.on("request", lambda request: posts.append(request.url))
+        for _ in range(2):
+            page.keyboard.press("Escape")
+        assert page.evaluate(POST) in {404, 405}
+        assert posts == [f"{plain.address}api/order"]
+
+
+def test_the_token_leaves_the_address_at_once_and_stays_with_the_tab(
+    browser: Browser, controlled: Served
+) -> None:
+    with invited(browser, controlled) as page:
+        assert page.url == controlled.address
+        page.reload()
+        page.wait_for_selector('[data-do="stop"]', state="visible")
+
+
+def test_stop_takes_one_tap_and_who_did_not_obey_stands_first(
+    browser: Browser, controlled: Served, fleet: Fleet
+) -> None:
+    with invited(browser, controlled) as page:
+        until(page, "formation.model.frames > 0")
+        page.click('[data-do="stop"]')
+        said = page.locator("#acknowledgements li")
+        said.nth(5).wait_for()
+        assert fleet.told == [("stop", None)]
+        assert said.all_inner_texts()[:3] == [
+            "✕ robot4 NO ANSWER", "✕ robot5 REFUSED: not now", "✓ robot1 stop 1 ms",
+        ]  # fmt: skip
+        assert page.inner_text("#order-result") == "stop: 4 of 6 obey"
+        assert page.get_attribute("#order-result", "data-tone") == "bad"
+        assert fleet.seen[0] == pytest.approx(EPOCH + controlled.scene.time, abs=30.0)
+
+
+def test_escape_twice_stops_and_once_does_not(browser: Browser, controlled: Served, fleet: Fleet) -> None:
+    with invited(browser, controlled) as page:
+        page.keyboard.press("Escape")
+        page.wait_for_timeout(1100)
+        page.keyboard.press("Escape")
+        assert fleet.told == []
+        page.keyboard.press("Escape")
+        page.locator("#acknowledgements li").first.wait_for()
+        assert fleet.told == [("stop", None)]
+
+
+def test_what_sets_robots_moving_is_asked_back(browser: Browser, controlled: Served, fleet: Fleet) -> None:
+    with invited(browser, controlled) as page:
+        for do in ("run", "release", "shape"):
+            before = len(fleet.told)
+            if do == "shape":
+                page.select_option("#order-shape", "line")
+            button = page.locator(f'[data-do="{do}"]')
+            button.click()
+            assert "press again" in button.inner_text()
+            assert len(fleet.told) == before
+            button.click()
+            page.locator("#order-result", has_text=f"{do}: 4 of 6").wait_for()
+        assert fleet.told == [("run", None), ("release", None), ("shape", "line")]
+        assert len(fleet.clicks) == 3  # each press has a name of its own
+        page.click('[data-do="hold"]')
+        page.locator("#order-result", has_text="hold: 4 of 6").wait_for()
+
+
+def test_a_wrong_token_is_refused_and_asked_for_again(
+    browser: Browser, controlled: Served, fleet: Fleet
+) -> None:
+    with watched(browser, controlled.address, tolerated=REFUSED) as page:
+        assert page.is_visible("#token-form")
+        assert not page.is_visible('[data-do="stop"]')
+        page.fill("#token", "guessed")
+        page.keyboard.press("Enter")
+        page.click('[data-do="stop"]')
+        page.wait_for_selector("#token-wrong", state="visible")
+        assert "REFUSED" in page.inner_text("#order-result")
+        assert fleet.told == []
+        page.fill("#token", TOKEN)
+        page.keyboard.press("Enter")
+        page.click('[data-do="stop"]')
+        page.locator("#acknowledgements li").first.wait_for()
+        assert fleet.told == [("stop", None)]
+
+
+def test_an_order_that_reaches_nobody_is_shouted(browser: Browser, controlled: Served) -> None:
+    with watched(browser, f"{controlled.address}#token={TOKEN}", tolerated="net::ERR") as page:
+        controlled.close()
+        page.click('[data-do="stop"]')
+        page.locator("#order-result", has_text="NOT SENT").wait_for()
+        assert "emergency stop" in page.inner_text("#order-result")
+
+
+def test_a_replay_is_paused_hurried_and_wound(browser: Browser) -> None:
+    player = Player()
+    with served(Scene(6, live=False), replay=player) as one, watched(browser, one.address) as page:
+        one.feed(20)
+        page.locator("#replay-time", has_text="0:02 of 0:30").wait_for()
+        assert "recording" in page.inner_text("#connection")
+        page.click("#replay-play")
+        page.select_option("#replay-speed", "5")
+        page.locator("#replay-at").fill("12.5")
+        deadline = time.monotonic() + 10.0
+        while len(player.told) < 3 and time.monotonic() < deadline:
+            page.wait_for_timeout(20)
+        assert sorted(player.told) == [("pause", None), ("seek", EPOCH + 12.5), ("speed", 5.0)]

@@ -1,0 +1,69 @@
+"""A page that is left open does not grow."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import pytest
+from playwright.sync_api import Browser, CDPSession, Page
+
+from tests.monitor.page.scene import Scene, event
+from tests.monitor.page.served import Served, served, watched
+
+pytestmark = pytest.mark.browser
+MINUTE = 600
+"""Frames."""
+AT_ONCE = 25
+"""Frames made before the page is asked whether it has taken them."""
+
+
+class Size(NamedTuple):
+    """What a page takes up, after its garbage was collected."""
+
+    heap: int
+    """[bytes]"""
+    nodes: int
+    """Of the document and of what was taken out of it and is still held."""
+    listeners: int
+
+
+def size(page: Page, debugger: CDPSession) -> Size:
+    """The least of some, for now and then a picture is just being made."""
+    return min(once(page, debugger) for _ in range(5))
+
+
+def once(page: Page, debugger: CDPSession) -> Size:
+    page.wait_for_timeout(200)
+    debugger.send("HeapProfiler.collectGarbage")
+    counted = debugger.send("Memory.getDOMCounters")
+    heap = debugger.send("Runtime.getHeapUsage")["usedSize"]
+    return Size(heap, counted["nodes"], counted["jsEventListeners"])
+
+
+def feed(page: Page, one: Served, minutes: float) -> None:
+    """As fast as the page takes it; something happens twice a second."""
+    taken, wanted = 0, round(minutes * MINUTE)
+    before = page.evaluate("formation.model.frames")
+    while taken < wanted:
+        one.feed()
+        number = round(10 * one.scene.time)
+        if number % 5 == 0:
+            level = 20 + 10 * (number % 3)
+            one.note(event(number, one.scene.time, "held", "robot2", f"for the {number}th time", level))
+        if number % AT_ONCE == 0:
+            taken = page.evaluate("formation.model.frames") - before
+
+
+@pytest.mark.timeout(240)
+def test_ten_minutes_take_no_more_memory_than_two(browser: Browser) -> None:
+    with served(Scene(6)) as one, watched(browser, one.address) as page:
+        debugger = page.context.new_cdp_session(page)
+        feed(page, one, 2)
+        early = size(page, debugger)
+        feed(page, one, 8)
+        late = size(page, debugger)
+        assert page.locator("#event-list li").count() == 200
+    # Ten minutes of the error and some hundred events are kept, and no more: those are the difference.
+    assert late.heap - early.heap < 400_000
+    assert late.nodes <= early.nodes + 100
+    assert late.listeners <= early.listeners + 5
