@@ -21,7 +21,7 @@ from formation.transport.bus import Bus, Reply
 from formation.transport.bus_config import BusConfig
 from formation.transport.wiring import Links
 from monitor.figures.events import INFO, WARNING, Event
-from monitor.page.precedence import Given, Precedence
+from monitor.page.precedence import Given, Overruled, Precedence
 
 PATIENCE = 3.0
 """How long everybody has to answer [s]."""
@@ -84,6 +84,7 @@ class Operator:
         """Who has it may give orders; another one at every start."""
         self._mission, self._line, self._note, self._why = mission, line, note, why
         self._precedence = Precedence()
+        self._leader_stopped = True  # if everybody was to stop
         self._lock = Lock()  # held while a question is put, but never while its answers are waited for
 
     def order(
@@ -97,6 +98,8 @@ class Operator:
         """
         request = asking.request_for(self._mission, do, shape)
         behind = None if seen is None else max(time.time() - seen, 0.0)
+        if do == "release" and not self._leader_stopped:
+            raise Overruled(f"release: {self._mission.leader} has not heard the stop, stop once more first")
         with self._lock:
             given, new = self._precedence.give(request, time.monotonic(), click=click, behind=behind)
         if new:
@@ -113,6 +116,8 @@ class Operator:
         asked, put = asking.addressed(self._mission, given.request.do), partial(self._put, given)
         try:
             answers = asking.ask(put, asked, given.request, PATIENCE, over=lambda: given.over)
+            if given.request.do == "stop":  # else a release would end what its order was before: a hold
+                self._leader_stopped = self._mission.leader in answers
             self._note(_event(time.time(), given, asked, answers))
             given.report.set_result(self._report(given, asked, answers))
         except Exception as error:  # noqa: BLE001 - whoever waits for the report has to hear of it

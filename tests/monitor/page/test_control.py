@@ -194,6 +194,22 @@ def test_a_double_click_on_release_ends_the_stop_and_not_the_hold_below_it(
     assert [event.text.partition(":")[0] for event in events] == ["hold", "stop", "release"]
 
 
+def test_a_release_does_not_end_the_hold_of_a_leader_that_never_heard_the_stop(
+    operator: Operator, team: Team, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(control, "PATIENCE", 0.1)
+    operator.order("hold")
+    team.away = {SIX.leader}
+    operator.order("stop")
+    team.away = set()
+    with pytest.raises(Overruled, match="robot1 has not heard the stop"):
+        operator.order("release")
+    assert team.leaders() == "hold"
+    operator.order("stop")
+    operator.order("release")
+    assert (team.leaders(), set(team.modes().values())) == ("hold", {None})
+
+
 def test_two_pages_that_click_at_once_wait_for_the_same_answers(
     team: Team, pages: ThreadPoolExecutor, events: list[Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
