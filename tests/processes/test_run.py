@@ -10,11 +10,9 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import psutil
 import pytest
@@ -24,46 +22,11 @@ from formation.mission import Mission
 from formation.mission_file import load, read
 from formation.ros2.messages import Diagnostics, Pose, TwistStamped, decode
 from formation.topics import CMD_VEL, DIAGNOSTICS, ERROR, GROUND_TRUTH, ODOM, POSITION, STATUS, command_topic
+from tests.processes.launched import result_of, started, wait_until_running
 
 pytestmark = pytest.mark.processes
 AT_REST = 1e-3
 """[m/s] and [rad/s]"""
-
-
-@contextmanager
-def started(*arguments: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
-    """`formation run ARGUMENTS --json` in a session of its own."""
-    command = [sys.executable, "-m", "deploy", "run", *arguments, "--json"]
-    with subprocess.Popen(
-        command,
-        cwd=folder,
-        env={**os.environ, "TMPDIR": str(folder)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    ) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
-def wait_until_running(process: subprocess.Popen[str], seconds: float) -> list[psutil.Process]:
-    """Read what it says until it has run for so long; its children then."""
-    assert process.stderr is not None
-    for text in process.stderr:
-        words = text.split()
-        if "error" in words and float(words[0]) >= seconds:
-            return psutil.Process(process.pid).children(recursive=True)
-    raise AssertionError(f"it ended with exit code {process.wait()} before {seconds} s")
-
-
-def result_of(process: subprocess.Popen[str]) -> dict[str, Any]:
-    out, _ = process.communicate(timeout=90.0)
-    result = json.loads(out.splitlines()[-1])
-    assert isinstance(result, dict)
-    return result
 
 
 def topics_of(mission: Mission) -> dict[str, str]:

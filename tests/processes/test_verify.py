@@ -1,0 +1,183 @@
+"""Recordings of real runs, lived through again by today's agents: bar 5 of watching."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import psutil
+import pytest
+
+from deploy.verify import main
+from formation.mission_file import read as text_of
+from formation.topics import CMD_VEL
+from monitor.recording.reader import read
+from tests.processes.child import PATIENCE
+from tests.processes.launched import result_of, started, wait_until_running
+
+pytestmark = pytest.mark.processes
+MISSIONS = ("six_robots", "turtlebot3_pair")
+GAINS = {
+    "k_p": ("k_p = 2.0", "k_p = 2.1"),
+    "k_i": ("k_i = ", "k_i = 1"),
+    "observer gain": ("[law] ", "[law]\nobserver_gain = 7 #"),
+    "velocity filter": ("[law] ", "[law]\nvelocity_filter = 0.2 #"),
+    "control point": ("control_point_offset = 0.", "control_point_offset = 0.01"),
+    "anti-windup": ("[law] ", "[law]\nanti_windup = 0.5 #"),
+    "integral band": ("[law] ", "[law]\nintegral_band = 0.02 #"),
+    "integral decay": ("[law] ", "[law]\nintegral_decay = 0.5 #"),
+}
+
+
+def verified(recording: Path, *flags: str) -> tuple[int, str, dict[str, Any]]:
+    """Exit code of `formation replay FILE --verify`, what people read, and what programs do."""
+    said = io.StringIO()
+    with redirect_stdout(said):
+        code = main([str(recording), "--verify", "--json", *flags])
+    *lines, last = said.getvalue().splitlines()
+    result: dict[str, Any] = json.loads(last)
+    return code, "\n".join(lines), result
+
+
+def commands(recording: Path) -> dict[str, int]:
+    """How many of each robot are in a recording."""
+    one = read(recording)
+    counts = Counter(message.sample.key for message in one.messages())
+    return {name: counts[CMD_VEL.key(name)] for name in one.mission.followers}
+
+
+def recorded(folder: Path, *arguments: str) -> Path:
+    """The recording of a short run."""
+    with started(*arguments, "--duration", "8", "--record", "run.mcap", folder=folder) as process:
+        result_of(process)
+    return folder / "run.mcap"
+
+
+@pytest.fixture(scope="module", params=MISSIONS)
+def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+    """A mission, and the recording of a run of it."""
+    return request.param, recorded(tmp_path_factory.mktemp("run"), request.param)
+
+
+def whole(recording: Path) -> None:
+    """Every command of every robot has been compared, and is the same to the last bit."""
+    code, text, result = verified(recording)
+    assert code == 0, text
+    assert {name: one["exact"] for name, one in result["robots"].items()} == commands(recording), text
+    assert min(commands(recording).values()) > 100
+
+
+def test_every_command_of_a_real_run_is_computed_again_to_the_last_bit(run: tuple[str, Path]) -> None:
+    whole(run[1])
+
+
+def test_so_it_is_under_the_law_as_printed(tmp_path: Path) -> None:
+    whole(recorded(tmp_path, "six_robots", "--law", "paper"))
+
+
+@pytest.mark.parametrize(("old", "new"), GAINS.values(), ids=GAINS)
+def test_with_one_gain_changed_the_first_command_that_differs_is_named(
+    run: tuple[str, Path], old: str, new: str, tmp_path: Path
+) -> None:
+    mission, recording = run
+    text, _ = text_of(mission)
+    changed = text.replace("[law]\n", "[law] \n").replace(old, new)
+    assert changed != text
+    (tmp_path / "changed.toml").write_text(changed)
+    code, said, result = verified(recording, "--mission", str(tmp_path / "changed.toml"))
+    assert code == 1, said
+    first = result["first"]
+    assert f"the first command that differs is {first['robot']}'s at {first['at']:.3f} s" in said
+    assert first["recorded"] != first["computed"]
+    assert result["compared"] == sum(commands(recording).values())
+
+
+class Eventful(NamedTuple):
+    """A run with orders, and an agent that was killed and replaced; recorded whole, and from later on."""
+
+    whole: Path
+    late: Path
+
+
+@contextmanager
+def like(process: psutil.Process, *also: str, **instead: str) -> Iterator[subprocess.Popen[bytes]]:
+    """Another such process, with some flags set differently."""
+    line = process.cmdline()
+    for flag, value in {"parent": str(os.getpid()), **instead}.items():
+        line[line.index(f"--{flag}") + 1] = value
+    with subprocess.Popen(
+        [*line, *also], cwd=process.cwd(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    ) as other:
+        try:
+            yield other
+            other.send_signal(signal.SIGTERM)
+            other.wait(PATIENCE)
+        finally:
+            other.kill()
+
+
+def elapsed(process: subprocess.Popen[str]) -> float:
+    """How long it has run, by the next line that it says [s]."""
+    assert process.stderr is not None
+    return next(float(line.split()[0]) for line in process.stderr if "error" in line.split())
+
+
+@pytest.fixture(scope="module")
+def eventful(tmp_path_factory: pytest.TempPathFactory) -> Eventful:
+    folder = tmp_path_factory.mktemp("eventful")
+    whole, late = folder / "run.mcap", folder / "late.mcap"
+    with started("turtlebot3_pair", "--duration", "100", "--record", "run.mcap", folder=folder) as process:
+        assert process.stderr is not None
+        links = process.stderr.readline().partition("another terminal: ")[2].split()[4:]
+        children = wait_until_running(process, 2.0)
+        by_module = {(*child.cmdline()[3:4], *child.cmdline()[6:7]): child for child in children}
+        monitor = next(one for (module, *_), one in by_module.items() if module == "monitor")
+        victim = by_module["agent", "robot2"]
+        with like(monitor, "--no-page", record=str(late)):
+            for do in ("hold", "run", "stop", "release"):
+                command = [sys.executable, "-m", "deploy", "order", "turtlebot3_pair", do, *links]
+                subprocess.run(command, check=True, timeout=60.0, stdout=subprocess.DEVNULL)
+            victim.kill()
+            with like(victim):
+                wait_until_running(process, elapsed(process) + 6.0)
+        process.send_signal(signal.SIGTERM)
+        result_of(process)
+    return Eventful(whole, late)
+
+
+def test_orders_and_an_agent_that_took_the_place_of_a_killed_one_are_lived_through(
+    eventful: Eventful,
+) -> None:
+    code, text, result = verified(eventful.whole)
+    assert code == 0, text
+    for name, one in result["robots"].items():
+        assert one["exact"] == commands(eventful.whole)[name] - cut_short(one), text
+
+
+def cut_short(robot: dict[str, Any]) -> int:
+    """One if an agent was killed when it had said its last command, and not yet what odometry led to it."""
+    last = [one for one in robot["not_judged"] if "robot2/odom that its agent heard" in one["reason"]]
+    robot["not_judged"] = [one for one in robot["not_judged"] if one not in last]
+    assert [one["commands"] for one in last] in ([], [1])
+    return len(last)
+
+
+def test_a_monitor_that_came_later_can_judge_from_the_agents_next_memory_on(eventful: Eventful) -> None:
+    code, text, result = verified(eventful.late)
+    assert code == 0, text
+    for name, one in result["robots"].items():
+        assert one["exact"] == one["compared"] > 100, text
+        cut = cut_short(one)
+        (stretch,) = one["not_judged"]
+        assert stretch["commands"] == commands(eventful.late)[name] - one["compared"] - cut
+        assert "beginning is not in the recording" in stretch["reason"]
+        assert stretch["until"] < 7.0
