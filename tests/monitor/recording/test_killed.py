@@ -51,9 +51,9 @@ class Notes:
         return count, when
 
 
-def main(path: Path) -> None:
-    """Record a thousand messages a second until somebody puts an end to it, and keep notes of it."""
-    notes = Notes(path.with_suffix(".notes"))
+def main(path: Path, about: Path) -> None:
+    """Record a thousand messages a second until somebody puts an end to it, with notes `about` it."""
+    notes = Notes(about)
     with recorder(path) as recording:
         start, count = time.monotonic(), 0
         while True:
@@ -86,28 +86,33 @@ def killed(folder: Path, choice: random.Random) -> list[float]:
     folder.mkdir()
     paths = [folder / f"{number}.mcap" for number in range(AT_ONCE)]
     with ExitStack() as stack:
-        children = [stack.enter_context(started(path)) for path in paths]
+        children = [stack.enter_context(started(path, notes_of(path))) for path in paths]
         moments = {path: choice.uniform(0.7, 3.0) for path in paths}
         for path, child in sorted(zip(paths, children, strict=True), key=lambda pair: moments[pair[0]]):
-            until(lambda at=path: given(at) > moments[at] * RATE)  # type: ignore[misc]
+            until(lambda at=path: given(notes_of(at)) > moments[at] * RATE)  # type: ignore[misc]
             child.send_signal(signal.SIGKILL)
             child.wait()
     return [lost(path) for path in paths]
 
 
-def started(path: Path) -> subprocess.Popen[bytes]:
-    code = f"from pathlib import Path; from {__name__} import main; main(Path({str(path)!r}))"
+def started(path: Path, about: Path) -> subprocess.Popen[bytes]:
+    where = f"Path({str(path)!r}), Path({str(about)!r})"
+    code = f"from pathlib import Path; from {__name__} import main; main({where})"
     return subprocess.Popen([sys.executable, "-c", code], cwd=Path(__file__).parents[3])
 
 
-def given(path: Path) -> int:
-    notes = path.with_suffix(".notes")
-    return Notes(notes).read()[0] if notes.exists() and notes.stat().st_size == NOTE.size else 0
+def notes_of(path: Path) -> Path:
+    return path.with_suffix(".notes")
+
+
+def given(about: Path) -> int:
+    """How many messages a recorder has been given."""
+    return Notes(about).read()[0] if about.exists() and about.stat().st_size == NOTE.size else 0
 
 
 def lost(path: Path) -> float:
     """How old the oldest message was that is missing, when the last one was given [s]; 0 if none is."""
-    count, when = Notes(path.with_suffix(".notes")).read()
+    count, when = Notes(notes_of(path)).read()
     out = path.with_name(f"{path.stem}-recovered.mcap")
     assert not is_whole(path)
     assert not recover(path, out).is_whole

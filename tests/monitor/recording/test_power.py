@@ -1,0 +1,57 @@
+"""The power is cut while it records: what the disk itself holds then has all but the last second.
+
+The disk is a file, mounted as an ext4. What its blocks hold at some moment is what is in that file, which is
+copied while the recorder runs; what only the operating system has is not there.
+"""
+
+from __future__ import annotations
+
+import random
+import shutil
+import time
+from pathlib import Path
+
+import pytest
+
+from monitor.recording.reader import read
+from tests.monitor.fleet import EPOCH
+from tests.monitor.recording.disks import in_a_file, mounted, run
+from tests.monitor.recording.test_killed import Notes, given, message, started
+from tests.processes.bus_tools import until
+
+pytestmark = [pytest.mark.mounts, pytest.mark.processes, pytest.mark.timeout(300)]
+CUTS = 10
+LOSS = 1.0
+"""What a power cut may take [s], besides what the disk takes to write."""
+
+
+def test_a_power_cut_at_any_moment_costs_no_more_than_a_second(tmp_path: Path) -> None:
+    image, choice, losses = tmp_path / "disk", random.Random(4), list[tuple[float, float]]()
+    with in_a_file(image, 64) as folder:
+        path = folder / "new" / "folders" / "run.mcap"
+        child = started(path, tmp_path / "notes")
+        try:
+            until(lambda: given(tmp_path / "notes") > 2000)
+            for number in range(CUTS):
+                time.sleep(choice.uniform(0.1, 0.7))
+                losses.append(cut(image, tmp_path / f"cut{number}", tmp_path / "notes"))
+        finally:
+            child.kill()
+            child.wait()
+    print("lost, and while the disk was copied", [(f"{lost:.2f}", f"{took:.3f}") for lost, took in losses])
+    assert max(lost for lost, _ in losses) <= LOSS
+
+
+def cut(image: Path, copy: Path, notes: Path) -> tuple[float, float]:
+    """Take what the disk holds now; how much is missing of what the recorder had, how long it took [s]."""
+    count, when = Notes(notes).read()
+    begun = time.monotonic()
+    run("cp", "--sparse=always", image, copy)
+    took = time.monotonic() - begun
+    with mounted("-o", "loop", copy) as folder:
+        kept = list(read(folder / "new" / "folders" / "run.mcap").messages())
+        shutil.rmtree(folder / "new")
+    copy.unlink()
+    assert [one.sample[:3] for one in kept] == [message(number)[:3] for number in range(len(kept))]
+    assert len(kept) > 500
+    return (when + EPOCH - kept[-1].wall if len(kept) < count else 0.0), took
