@@ -18,7 +18,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from textwrap import fill
@@ -102,14 +102,12 @@ class Look:
         """Read until told to end, or hung up on."""
         where = urlsplit(self.address)
         connection = http.client.HTTPConnection(str(where.hostname), where.port, timeout=PATIENCE)
-        connection.request("GET", "/stream")
-        stream = connection.getresponse()
-        while not self.ended:
-            line = stream.readline()
-            if not line:
-                return
-            if line.startswith(b"event: frame"):
-                self.frames.append(time.monotonic())
+        with closing(connection):
+            connection.request("GET", "/stream")
+            with connection.getresponse() as stream:
+                while not self.ended and (line := stream.readline()):
+                    if line.startswith(b"event: frame"):
+                        self.frames.append(time.monotonic())
 
     def rates(self, start: float, end: float) -> list[int]:
         """Updates in each whole second of an interval [s, monotonic]."""
@@ -117,28 +115,28 @@ class Look:
         return [seconds.count(second) for second in range(int(end - start))]
 
 
-def plans(rate: float) -> list[dict[str, Any]]:
+def plans(rate: float, links: int) -> list[dict[str, Any]]:
     """Who speaks where: every link has as many robots as the others."""
     everybody = list(enumerate(names(ROBOTS)))
-    links = [everybody[i :: SPEAKERS * LINKS] for i in range(SPEAKERS * LINKS)]
+    linked = [everybody[i :: SPEAKERS * links] for i in range(SPEAKERS * links)]
     ends: set[str] = set()
-    while len(ends) < len(links):
+    while len(ends) < len(linked):
         ends.add(free_endpoint())
     return [
         {
             "rate": rate,
             "phase": i / SPEAKERS,
-            "robots": {ends.pop(): link for link in links[i::SPEAKERS]},
+            "robots": {ends.pop(): link for link in linked[i::SPEAKERS]},
         }
         for i in range(SPEAKERS)
     ]
 
 
-def one_run(rate: float, seconds: float, folder: Path) -> dict[str, float]:
+def one_run(rate: float, seconds: float, folder: Path, links: int = LINKS) -> dict[str, float]:
     """A monitor from its start to its end, and what became of every message."""
     file, recording = folder / "crowd.toml", folder / f"{time.monotonic_ns()}.mcap"
     file.write_text(mission(ROBOTS, rate))
-    speakers = plans(rate)
+    speakers = plans(rate, links)
     dial = [word for plan in speakers for end in plan["robots"] for word in ("-e", end)]
     flags = ["--no-stage", "--page", "127.0.0.1:0", "--record", str(recording), "--log-level", "error"]
     with ExitStack() as stack:
@@ -230,11 +228,12 @@ def section(found: dict[str, Any]) -> str:
     ]  # fmt: skip
     verdict = "met" if not lost and lowest >= PAGE else "falls short"
     words = (
-        f"{ROBOTS} robots at {RATE:g} Hz, {TOPICS} topics each (odometry, commands with their trace, positions",
-        "with the order), besides those every robot's status and the leader; over loopback, recorded, with a",
-        f"page open, for {found['seconds']:g} s. Of {bar['sent']['median']:,.0f} messages {lost:,.0f} were",
-        f"lost, and the page got {lowest:.0f} updates in its worst second (wanted: none lost, {PAGE:g} a",
-        f"second): **{verdict}**. The highest rate without loss that was tried is {best:,.0f} messages a second.",
+        f"{ROBOTS} robots at {RATE:g} Hz, {TOPICS} topics each (odometry, commands with their trace,",
+        "positions with the order), besides those every robot's status and the leader; over loopback,",
+        f"recorded, with a page open, for {found['seconds']:g} s. Of {bar['sent']['median']:,.0f} messages",
+        f"{lost:,.0f} were lost, and the page got {lowest:.0f} updates in its worst second (wanted: none",
+        f"lost, {PAGE:g} a second): **{verdict}**. The highest rate without loss that was tried is {best:,.0f} messages a",
+        "second.",
     )
     how = (
         f"The robots are {SPEAKERS} processes on the same cores, every robot with a link of its own. Lost is",

@@ -27,6 +27,8 @@ def rounded(tree: Any) -> Any:
     """The same tree with five significant digits, which is more than any of these numbers has."""
     if isinstance(tree, dict):
         return {key: rounded(value) for key, value in tree.items()}
+    if isinstance(tree, list):
+        return [rounded(value) for value in tree]
     return float(f"{tree:.5g}") if isinstance(tree, float) else tree
 
 

@@ -1,0 +1,22 @@
+"""A hundred robots at a rate that any machine bears; tests/bench/bench_monitor.py drives it higher."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.bench.bench_monitor import ROBOTS, TOPICS, one_run
+
+pytestmark = pytest.mark.processes
+RATE, SECONDS, LINKS = 5.0, 4.0, 5
+
+
+def test_of_a_hundred_robots_every_message_is_recorded_while_somebody_looks_at_the_page(
+    tmp_path: Path,
+) -> None:
+    run = one_run(RATE, SECONDS, tmp_path, LINKS)
+    assert run["sent"] >= ROBOTS * RATE * TOPICS * SECONDS
+    assert (run["lost"], run["overflowed"], run["rejected"]) == (0.0, 0.0, 0.0)
+    assert run["received"] == run["sent"]
+    assert run["page_mean"] > 2.0
