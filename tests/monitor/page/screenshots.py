@@ -7,13 +7,15 @@ nothing comes any more.
 from __future__ import annotations
 
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from playwright.sync_api import Browser, Page
 
 from tests.monitor.page.scene import Scene, event
-from tests.monitor.page.served import Served, browsing, served, until
+from tests.monitor.page.served import Served, browsing, served, until, watched
+from tests.processes.launched import started
 
 Theme = Literal["light", "dark"]
 DESK, PHONE, WALL = (1280, 800), (390, 844), (1920, 1080)
@@ -137,16 +139,35 @@ def _act(page_server: Served, page: Page, shot: Shot) -> None:
         page.click('[data-do="stop"]')
         page.wait_for_selector("#acknowledgements li")
         page_server.feed(5)
-    page.wait_for_timeout(2600 if shot.stale else 700)
     if not shot.stale:
-        page_server.feed()
-        page.wait_for_timeout(150)
+        page_server.play(0.2)
+    page.wait_for_timeout(2600 if shot.stale else 700)
+
+
+def of_a_run(browser: Browser, folder: Path) -> None:
+    """Two pictures of a real run, for the README."""
+    with (
+        tempfile.TemporaryDirectory() as scratch,
+        started("six_robots", "--control", "--page", "127.0.0.1:0", folder=Path(scratch)) as process,
+    ):
+        assert process.stderr is not None
+        address = next(line for line in process.stderr if line.startswith("Page: ")).split()[1]
+        desk: Any = {"viewport": {"width": 1280, "height": 760}, "color_scheme": "light"}
+        phone: Any = {"viewport": {"width": 390, "height": 760}, "color_scheme": "dark"}
+        with (
+            watched(browser, address, **desk) as one,
+            watched(browser, address.partition("#")[0], device_scale_factor=1.5, **phone) as other,
+        ):
+            until(one, "formation.model.frame?.elapsed > 3.2")
+            one.screenshot(path=folder / "page_six_robots.png")
+            other.screenshot(path=folder / "page_phone.png")
 
 
 def main(folder: Path) -> None:
     """Make all pictures."""
     folder.mkdir(parents=True, exist_ok=True)
     with browsing() as browser:
+        of_a_run(browser, folder)
         for shot in SHOTS:
             print(take(browser, shot, folder))
 

@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from tests.monitor.page.scene import Scene, event
-from tests.monitor.page.served import Served, served, until, watched
+from tests.monitor.page.served import NO_SNAPSHOT, Served, served, until, watched
 
 pytestmark = pytest.mark.browser
 WIDTHS = ((360, 740), (390, 844), (820, 1180), (1024, 768), (1280, 800), (1920, 1080), (3840, 2160))
@@ -94,6 +94,22 @@ def test_nothing_sticks_out_at_any_width(browser: Browser, crowd: Served, width:
             page.locator("#acknowledgements li", has_text="NO ANSWER").wait_for()
             assert page.evaluate(STICKS_OUT) == [], tab
             assert page.evaluate("document.documentElement.scrollHeight <= innerHeight")
+
+
+@pytest.mark.parametrize("width", [360, 390, 1000, 1280])
+def test_the_longest_figures_have_room(browser: Browser, width: int) -> None:
+    scene = Scene(6, control=True)
+    long = scene.frame() | {
+        "elapsed": 35999.0, "error": 88.88, "true": 88.88, "settled_at": 35999.9, "converged": True,
+        "mode": "stop", "missed": 99999, "rejected": 9999,
+    }  # fmt: skip
+    long["recording"] |= {"seconds": 35999.0, "bytes": 987_654_321, "failure": "No space left on device"}
+    viewport = {"width": width, "height": 740}
+    with served(scene, Nobody()) as one, watched(browser, one.address, viewport=viewport) as page:
+        one.source.show(long, NO_SNAPSHOT)
+        page.locator("#elapsed", has_text="9:59:59").wait_for()
+        assert page.is_visible("#token-form")
+        assert page.evaluate(STICKS_OUT) == []
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -68,7 +68,7 @@ export class ErrorChart {
     return {
       width: this.host.clientWidth,
       height: this.host.clientHeight,
-      padding: [14 * unit, 10 * unit, 0, 0],
+      padding: [14 * unit, 18 * unit, 0, 0],
       legend: { show: false },
       cursor: { y: false, drag: { x: false, y: false }, points: { size: 7 } },
       scales: { x: { time: false }, y: this.logarithmic ? { distr: 3, range: logRange } : { range: linearRange } },

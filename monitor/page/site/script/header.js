@@ -66,7 +66,7 @@ export class Header {
     if (!this.stream.open) return { text: this.stream.age === null ? "◌ connecting …" : "✕ reconnecting …", tone: "bad" };
     if (stale) return { text: "✕ no data", tone: "bad" };
     if (this.stream.age === null) return { text: "◌ waiting for data", tone: "warn" };
-    if (replayed) return { text: paused ? "Ⅱ recording, paused" : "▶ recording", tone: "warn" };
+    if (replayed) return { text: paused ? "Ⅱ replay, paused" : "▶ replay", tone: "warn" };
     return { text: "● live", tone: "good" };
   }
 }

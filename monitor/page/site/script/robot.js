@@ -52,7 +52,7 @@ export class Robot {
 
   get why() {
     const reason = this.get("reason") ?? "";
-    return this.lost ? `no position for ${this.get("age").toFixed(1)} s` : reason;
+    return this.lost ? `no position for ${this.get("age").toFixed(1)}\u00a0s` : reason;
   }
 
   get slot() {
