@@ -157,8 +157,7 @@ class Player:
         return due
 
     def _play(self, mono: float, most: int) -> list[Due]:
-        since, begin = self._anchor
-        clock = min(begin + (mono - since) * self.speed, self.end)
+        clock = self._clock(mono)
         due: list[Due] = []
         while self._next is not None and self._next.wall <= clock and len(due) < most:
             due.append(Due(self._pop(), aloud=True))
@@ -166,11 +165,18 @@ class Player:
         if self._next is not None and self._next.wall <= clock:  # more than can be taken now
             reached = due[-1].message.wall if due else self.position
         self.position = max(self.position, reached)
-        self.behind = (clock - self.position) / self.speed
-        if self.behind > HURRY:
-            self.lost += self.behind
-            self.behind, self._anchor = 0.0, (mono, self.position)
         return due
+
+    def _clock(self, mono: float) -> float:
+        """The position that is due, set back to the next message where that has waited for too long."""
+        since, begin = self._anchor
+        clock = min(begin + (mono - since) * self.speed, self.end)
+        waits = self.position if self._next is None else max(self._next.wall, self.position)
+        self.behind = max(clock - waits, 0.0) / self.speed
+        if self.behind > HURRY and self._next is not None:
+            self.lost += self.behind
+            self.behind, self._anchor, clock = 0.0, (mono, waits), min(waits, clock)
+        return clock
 
     def _pop(self) -> Recorded:
         message = self._next

@@ -50,6 +50,15 @@ def numbers(due: Sequence[Due]) -> list[int]:
     return [int(one.message.sample.payload) for one in due]
 
 
+def played(player: Player, since: float, until: float) -> list[Due]:
+    """Everything that comes from one time of the clock to another."""
+    found: list[Due] = []
+    steps = round((until - since) / 0.1)
+    for step in range(steps + 1):
+        found += player.take(since + (until - since) * step / max(steps, 1), MANY).due
+    return found
+
+
 def all_due(player: Player, mono: float) -> list[Due]:
     """Everything that is due, and whatever passing over takes."""
     found = player.take(mono, MANY).due
@@ -70,13 +79,13 @@ def test_speed_is_that_of_the_recording_against_the_clock() -> None:
     player = Player(reel(), 0.0, speed=4.0)
     assert numbers(player.take(0.25, MANY).due) == [0, 1, 2, 3, 4]
     player.set_speed(0.25, 0.5)
-    player.take(1.25, MANY)
+    played(player, 0.25, 1.25)
     assert player.position == pytest.approx(START + 1.5)
 
 
 def test_what_is_paused_stands_and_goes_on_where_it_stood() -> None:
     player = Player(reel(), 0.0)
-    player.take(1.0, MANY)
+    played(player, 0.0, 1.0)
     player.pause()
     assert player.take(50.0, MANY).due == []
     assert player.position == START + 1.0
@@ -98,7 +107,7 @@ def test_a_seek_forward_passes_over_what_lies_between_and_plays_from_there() -> 
 
 def test_a_seek_back_begins_anew_from_the_beginning() -> None:
     player = Player(reel(), 0.0)
-    player.take(8.0, MANY)
+    played(player, 0.0, 8.0)
     player.seek(START + 2.0)
     batch = player.take(8.0, MANY)
     assert batch.anew
@@ -143,7 +152,7 @@ def test_a_seek_ends_at_the_ends_of_the_recording() -> None:
 
 def test_who_plays_at_the_end_begins_again() -> None:
     player = Player(reel(), 0.0)
-    assert len(player.take(20.0, MANY).due) == 41
+    assert len(played(player, 0.0, 10.0)) == 41
     assert player.finished
     player.play(30.0)
     batch = player.take(30.0, MANY)
@@ -153,31 +162,42 @@ def test_who_plays_at_the_end_begins_again() -> None:
 
 def test_it_may_end_before_the_recording_does() -> None:
     player = Player(reel(), 0.0, until=START + 3.1)
-    assert numbers(player.take(20.0, MANY).due) == list(range(13))
+    assert numbers(played(player, 0.0, 4.0)) == list(range(13))
     assert player.finished
     assert player.position == START + 3.1
 
 
 def test_what_is_not_taken_in_time_is_not_skipped_and_the_delay_is_told() -> None:
     player = Player(reel(), 0.0, speed=2.0)
-    assert numbers(player.take(2.0, 5).due) == [0, 1, 2, 3, 4]
-    assert player.position == START + 1.0
-    assert player.lost == pytest.approx(1.5)
-    assert numbers(player.take(2.0, MANY).due) == []
-    assert numbers(player.take(2.2, MANY).due) == [5]
+    assert numbers(player.take(0.3, 2).due) == [0, 1]
+    assert player.position == START + 0.25
+    assert numbers(player.take(3.0, MANY).due) == [2]  # and not five seconds at once
+    assert player.position == START + 0.5
+    assert player.lost == pytest.approx(3.0 - 0.25)
+    assert numbers(player.take(3.125, MANY).due) == [3]
 
 
 def test_a_short_delay_is_caught_up_with() -> None:
     player = Player(reel(), 0.0)
-    player.take(0.4, 1)
-    assert player.behind == pytest.approx(0.4)
-    assert numbers(player.take(0.5, MANY).due) == [1, 2]
-    assert (player.behind, player.lost) == (0.0, 0.0)
+    player.take(0.0, MANY)
+    assert numbers(player.take(0.6, 1).due) == [1]
+    assert player.behind == pytest.approx(0.35)
+    assert numbers(player.take(0.7, MANY).due) == [2]
+    assert player.behind == pytest.approx(0.2)
+    assert numbers(player.take(0.8, MANY).due) == [3]
+    assert player.behind == pytest.approx(0.05)
+    assert player.lost == 0.0
+
+
+def test_a_stretch_without_messages_is_no_delay() -> None:
+    player = Player(Reel([START, START + 5.0]), 0.0)
+    assert numbers(played(player, 0.0, 5.1)) == [0, 1]
+    assert player.lost == 0.0
 
 
 def test_messages_that_are_out_of_order_in_the_file_come_as_they_stand_there() -> None:
     player = Player(Reel([START, START + 1.0, START + 0.99, START + 2.0]), 0.0)
-    assert numbers(player.take(1.0, MANY).due) == [0, 1, 2]
+    assert numbers(played(player, 0.0, 1.0)) == [0, 1, 2]
 
 
 def test_one_message_is_a_recording() -> None:

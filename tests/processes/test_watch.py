@@ -1,0 +1,112 @@
+"""`formation watch` for real: beside a run and its monitor, several at once, and with nobody there."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import pytest
+
+from formation.mission_file import load
+from tests.processes.child import PATIENCE, free_endpoint
+from tests.processes.replayed import command
+
+pytestmark = pytest.mark.processes
+SIX = load("six_robots")
+
+
+@contextmanager
+def running(folder: Path) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
+    """Six robots that run, and the flags that lead to them: their ports may be others than usual."""
+    arguments = ("run", "six_robots", "--duration", "300", "--no-page", "--json", "--record", "run.mcap")
+    with command(*arguments, folder=folder) as process:
+        assert process.stderr is not None
+        flags: list[str] = []
+        for line in process.stderr:
+            if "formation order" in line:
+                flags = re.findall(r"-e|tcp/\S+", line)
+            if "6 run" in line:
+                yield process, flags
+                return
+    raise AssertionError("they did not come to run")
+
+
+def watched(*flags: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    with command("watch", "six_robots", *flags, folder=folder) as process:
+        out, err = process.communicate(timeout=PATIENCE)
+    return subprocess.CompletedProcess([], process.returncode, out, err)
+
+
+def lines_of_json(stream: IO[str]) -> Iterator[dict[str, Any]]:
+    for line in stream:
+        yield json.loads(line)
+
+
+def test_several_watch_beside_the_monitor_and_see_who_is_lost(tmp_path: Path) -> None:
+    with running(tmp_path) as (run, flags), ExitStack() as stack:
+        watchers = [
+            stack.enter_context(command("watch", "six_robots", "--json", *flags, folder=tmp_path))
+            for _ in range(2)
+        ]
+        for watcher in watchers:
+            assert watcher.stdout is not None
+            assert next(filter(lambda seen: seen["all_run"], lines_of_json(watcher.stdout)))
+
+        table = watched("--once", *flags, folder=tmp_path)
+        assert table.returncode == 0, table.stderr
+        assert table.stdout.splitlines()[0] == "six-robots, field law"
+        rows = [line.split() for line in table.stdout.splitlines()[2:8]]
+        assert [row[0] for row in rows] == list(SIX.names)
+        assert {row[1] if row[1] != "(leader)" else row[2] for row in rows} == {"run"}
+        one = watched("--once", "--json", *flags, folder=tmp_path)
+        seen = json.loads(one.stdout)
+        assert (one.returncode, seen["all_run"], seen["mission"]) == (0, True, "six-robots")
+        assert seen["formation_error"] is not None
+
+        for watcher in watchers:
+            watcher.send_signal(signal.SIGINT)
+            assert watcher.wait(PATIENCE) == 0
+        run.send_signal(signal.SIGINT)
+        out, _ = run.communicate(timeout=60.0)
+        result = json.loads(out.splitlines()[-1])
+        assert result["lost"] == 0  # the real monitor has missed nothing
+        assert all(child["exit"] == 0 for child in result["processes"].values())
+
+
+def test_a_fleet_that_stands_is_no_fleet_that_runs(tmp_path: Path) -> None:
+    with running(tmp_path) as (_, flags):
+        with command("order", "six_robots", "stop", *flags, folder=tmp_path) as order:
+            assert order.wait(PATIENCE) == 0
+        stopped = watched("--once", "--json", *flags, folder=tmp_path)
+    assert stopped.returncode == 1
+    assert not json.loads(stopped.stdout)["all_run"]
+
+
+@pytest.mark.parametrize("flags", [[], ["--json"]])
+def test_when_nobody_answers_it_says_what_to_try(flags: list[str], tmp_path: Path) -> None:
+    end = free_endpoint()
+    nobody = watched("--once", "-e", end, *flags, folder=tmp_path)
+    assert nobody.returncode == 1
+    assert nobody.stderr.startswith(f"six-robots: nobody answers at {end}\n")
+    assert "formation run six_robots" in nobody.stderr
+    assert "-c FILE" in nobody.stderr
+    assert not nobody.stdout or not json.loads(nobody.stdout)["all_run"]
+
+
+def test_who_watches_for_nobody_is_told_so_and_goes_on_waiting(tmp_path: Path) -> None:
+    with command("watch", "six_robots", "-e", free_endpoint(), folder=tmp_path) as process:
+        assert process.stdout is not None
+        said = [process.stdout.readline() for _ in range(2)]
+        assert said[0] == "six-robots: looking for the robots …\n"
+        while "nobody answers" not in said[-1]:
+            said.append(process.stdout.readline())
+            assert said[-1], "it ended"
+        assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE) == 0
