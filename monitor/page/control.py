@@ -18,7 +18,7 @@ from formation.mission import Mission
 from formation.transport import asking, wiring
 from formation.transport.asking import OPERATOR, Answer
 from formation.transport.bus import Bus, Reply
-from formation.transport.bus_config import BusConfig
+from formation.transport.bus_config import BusConfig, BusError
 from formation.transport.wiring import Links
 from monitor.figures.events import INFO, WARNING, Event
 from monitor.page.precedence import Given, Overruled, Precedence
@@ -59,7 +59,11 @@ def on_the_bus(
     why = ""
     if wiring.under_certificates(connect or implied.connect):
         why = OTHERS_PAPERS if own_file else NO_PAPERS
-    return Operator(mission, Bus(config), note, why)
+    try:
+        return Operator(mission, Bus(config), note, why)
+    except BusError as error:
+        flag = "--control-config" if own_file else "--config"
+        raise BusError(str(error).replace("--config", flag)) from None
 
 
 class Line(Protocol):

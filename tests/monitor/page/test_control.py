@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,6 +16,7 @@ from formation.mission_file import load
 from formation.order import Mode
 from formation.topics import ORDER
 from formation.transport.bus import Reply
+from formation.transport.bus_config import BusError
 from leader.core import Leader
 from monitor.figures.events import INFO, WARNING, Event
 from monitor.page import control, precedence
@@ -266,6 +268,14 @@ def test_who_looks_at_what_was_may_stop_and_hold_and_nothing_else(operator: Oper
     assert team.heard == []
     assert operator.order("run", seen=time.time() + 5.0)["missing"] == []  # a clock that was set back
     assert operator.order("stop", seen=seen)["missing"] == []
+
+
+def test_a_configuration_that_is_not_there_is_named_by_its_flag(tmp_path: Path, events: list[Event]) -> None:
+    missing = tmp_path / "operator.json5"
+    with pytest.raises(BusError, match=r"^--control-config .*operator\.json5"):
+        control.on_the_bus(SIX, events.append, own_file=missing)
+    with pytest.raises(BusError, match=r"^--config .*operator\.json5"):
+        control.on_the_bus(SIX, events.append, file=missing)
 
 
 def test_what_is_closed_asks_nobody_any_more(
