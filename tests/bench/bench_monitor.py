@@ -232,8 +232,8 @@ def section(found: dict[str, Any]) -> str:
         "positions with the order), besides those every robot's status and the leader; over loopback,",
         f"recorded, with a page open, for {found['seconds']:g} s. Of {bar['sent']['median']:,.0f} messages",
         f"{lost:,.0f} were lost, and the page got {lowest:.0f} updates in its worst second (wanted: none",
-        f"lost, {PAGE:g} a second): **{verdict}**. The highest rate without loss that was tried is {best:,.0f} messages a",
-        "second.",
+        f"lost, {PAGE:g} a second): **{verdict}**. The highest rate without loss that was tried is",
+        f"{best:,.0f} messages a second.",
     )
     how = (
         f"The robots are {SPEAKERS} processes on the same cores, every robot with a link of its own. Lost is",
