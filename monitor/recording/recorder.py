@@ -30,7 +30,7 @@ CHUNK = 1024 * 1024
 FLUSH_PERIOD = 0.5
 """[s]. With it a loop that is late, or a disk that takes as long to write, still loses less than a second."""
 WAITING = 64 * 1024 * 1024
-"""How much may wait for a slow disk [bytes]: a minute of 6000 messages a second."""
+"""How much may wait for a slow disk [bytes]: 25 s of 6000 messages a second."""
 LATE = 2.0
 """A disk that is so far behind is worth a word [s]."""
 PATIENCE = 20.0
