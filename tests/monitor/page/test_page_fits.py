@@ -96,6 +96,27 @@ def test_nothing_sticks_out_at_any_width(browser: Browser, crowd: Served, width:
             assert page.evaluate("document.documentElement.scrollHeight <= innerHeight")
 
 
+@pytest.mark.parametrize("width", [360, 1280])
+def test_the_longest_names_and_reasons_have_room(browser: Browser, width: int) -> None:
+    scene = Scene(6, control=True)
+    long = "x" * 64
+    hello = scene.hello() | {"mission": long, "shapes": {long: [], "line": []}}
+    hello["robots"][2]["name"] = long
+    scene.hello = lambda: hello  # type: ignore[method-assign]
+    scene.state["robot4"] = ("readonly: would hold", "no two odometry messages within 0.15 s " * 4)
+    viewport = {"width": width, "height": 800}
+    with (
+        served(scene, Nobody()) as one,
+        watched(browser, f"{one.address}#token=x", viewport=viewport) as page,
+    ):
+        one.feed(5)
+        page.locator('[data-robot="robot4"] .reason', has_text="odometry").wait_for(state="attached")
+        for tab in TABS if width < 1000 else TABS[:1]:
+            if width < 1000:
+                page.click(f'[data-shows="{tab}"]')
+            assert page.evaluate(STICKS_OUT) == [], tab
+
+
 @pytest.mark.parametrize("width", [360, 390, 1000, 1280])
 def test_the_longest_figures_have_room(browser: Browser, width: int) -> None:
     scene = Scene(6, control=True)

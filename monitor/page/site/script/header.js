@@ -47,8 +47,8 @@ export class Header {
   /** Whether what is shown is true now; called by a timer, for silence brings no message. */
   watch() {
     const { age, open } = this.stream;
-    const paused = open && this.model.frame?.replay?.paused === true;
-    const stale = age !== null && age > STALE && !paused;
+    const replayed = this.model.hello?.live === false; // which may stand still, or be wound, for as long as it likes
+    const stale = age !== null && age > STALE && !(replayed && open);
     if (stale !== this.stale) {
       this.stale = stale;
       document.body.classList.toggle("stale", stale);
@@ -56,17 +56,18 @@ export class Header {
     }
     setHidden(byId("stale"), !stale);
     if (stale) setText(byId("stale-age"), `${age.toFixed(1)} s`);
-    const state = this.state(stale, paused);
+    const state = this.state(stale);
     setText(byId("connection"), state.text);
     setAttribute(byId("connection"), "data-tone", state.tone);
   }
 
-  state(stale, paused) {
-    const replayed = this.model.hello && !this.model.hello.live;
+  state(stale) {
+    const { replay } = this.model.frame ?? {};
     if (!this.stream.open) return { text: this.stream.age === null ? "◌ connecting …" : "✕ reconnecting …", tone: "bad" };
     if (stale) return { text: "✕ no data", tone: "bad" };
     if (this.stream.age === null) return { text: "◌ waiting for data", tone: "warn" };
-    if (replayed) return { text: paused ? "Ⅱ replay, paused" : "▶ replay", tone: "warn" };
+    if (replay?.finished) return { text: "■ replay, at its end", tone: "warn" };
+    if (replay) return { text: replay.paused ? "Ⅱ replay, paused" : "▶ replay", tone: "warn" };
     return { text: "● live", tone: "good" };
   }
 }

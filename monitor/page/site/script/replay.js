@@ -1,6 +1,6 @@
 /** The bar that moves through a recording: play and pause, speed, and where. */
 
-import { byId, setAttribute, setHidden, setText } from "./dom.js";
+import { byId, make, setAttribute, setHidden, setText } from "./dom.js";
 import * as format from "./format.js";
 
 export class ReplayBar {
@@ -24,12 +24,16 @@ export class ReplayBar {
     return this.model.frame?.replay ?? null;
   }
 
+  get stands() {
+    return this.now.paused || this.now.finished === true;
+  }
+
   greet() {
     setHidden(byId("replay"), this.model.hello.live);
   }
 
   toggle() {
-    if (this.now) this.ask(this.now.paused ? "play" : "pause");
+    if (this.now) this.ask(this.stands ? "play" : "pause");
   }
 
   async ask(what, to) {
@@ -44,12 +48,21 @@ export class ReplayBar {
     if (!now) return;
     const whole = now.end - now.start;
     setAttribute(this.slider, "max", whole.toFixed(1));
-    setText(byId("replay-play"), now.paused ? "▶ Play" : "Ⅱ Pause");
-    const speed = byId("replay-speed");
-    if (document.activeElement !== speed) speed.value = String(now.speed);
+    setText(byId("replay-play"), this.stands ? "▶ Play" : "Ⅱ Pause");
+    this.showSpeed(now.speed);
     if (this.held) return;
     this.slider.value = (now.t - now.start).toFixed(1);
     this.showTime(now.t - now.start);
+  }
+
+  /** One that was asked for on the command line may not be among those offered here. */
+  showSpeed(speed) {
+    const choice = byId("replay-speed");
+    if (document.activeElement === choice || choice.value === String(speed)) return;
+    if (![...choice.options].some((option) => option.value === String(speed))) {
+      choice.append(make("option", { value: String(speed) }, `${speed} ×`));
+    }
+    choice.value = String(speed);
   }
 
   showTime(seconds) {
