@@ -19,7 +19,7 @@ import uvicorn
 
 from monitor.page.address import Bind, listening
 from monitor.page.connection import Connection
-from monitor.page.guard import Guard, Message, names_of
+from monitor.page.guard import App, Guard, Message, Receive, Send, names_of
 from monitor.page.routes import application
 from monitor.page.source import Source
 from monitor.page.stream import Streams
@@ -80,7 +80,7 @@ class PageServer:
         self._streams = Streams(source, self._hang_up)
         app = application(source, self._streams, control, replay)
         config = uvicorn.Config(
-            Guard(app, names_of(socket.gethostname(), bind.host)),
+            _cut_off_quietly(Guard(app, names_of(socket.gethostname(), bind.host))),
             log_config=None, log_level="error", access_log=False, lifespan="off", ws="none",
             http=Connection, loop="asyncio", server_header=False, proxy_headers=False,
             timeout_keep_alive=IDLE, h11_max_incomplete_event_size=LONGEST_HEAD,
@@ -149,3 +149,13 @@ class PageServer:
         if (loop := self._loop) is not None:
             with suppress(RuntimeError):  # it has closed its loop meanwhile
                 loop.call_soon_threadsafe(do)
+
+
+def _cut_off_quietly(app: App) -> App:
+    """`app`, but requests that are under way when the server ends are no errors."""
+
+    async def serve(scope: Message, receive: Receive, send: Send) -> None:
+        with suppress(asyncio.CancelledError):
+            await app(scope, receive, send)
+
+    return serve

@@ -160,7 +160,7 @@ def test_rubbish_gets_no_further_than_the_door(caplog: pytest.LogCaptureFixture)
     assert caplog.records == []
 
 
-def test_it_stops_within_a_second_whoever_looks_or_sleeps() -> None:
+def test_it_stops_within_a_second_whoever_looks_or_sleeps(caplog: pytest.LogCaptureFixture) -> None:
     with ExitStack() as stack:
         server = stack.enter_context(serving())
         people = [stack.enter_context(looking(server)) for _ in range(8)]
@@ -178,9 +178,10 @@ def test_it_stops_within_a_second_whoever_looks_or_sleeps() -> None:
         assert not server._thread.is_alive()
         with pytest.raises(ConnectionRefusedError):
             dial(server).close()
+    assert caplog.records == []
 
 
-def test_an_order_under_way_does_not_hold_up_the_end() -> None:
+def test_an_order_under_way_does_not_hold_up_the_end(caplog: pytest.LogCaptureFixture) -> None:
     orders = Orders()
     orders.hold.clear()
     with serving(control=orders) as server:
@@ -197,6 +198,7 @@ def test_an_order_under_way_does_not_hold_up_the_end() -> None:
         assert time.monotonic() - begin < 1.0
         asking.join()
         orders.hold.set()
+    assert caplog.records == []
 
 
 def test_a_frame_for_everybody_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
