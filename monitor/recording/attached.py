@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import struct
 
-from formation.ros2.messages import MAX_BYTES, Text
+from formation.ros2.messages import MAX_BYTES, Text, decode
+from formation.wire import BadMessage
 
 SUFFIX = "/attached"
 TYPE = Text.ROS_TYPE
@@ -28,3 +29,13 @@ def packed(attachment: bytes) -> bytes | None:
     if not printable or _HEAD.size + len(attachment) >= MAX_BYTES:
         return None
     return _HEAD.pack(_CDR, len(attachment) + 1) + attachment + b"\0"
+
+
+def unpacked(data: bytes) -> bytes:
+    """The attachment in a recorded message; empty if there is none in it. The inverse of `packed`."""
+    if len(data) > _HEAD.size and data[-1] == 0 and _HEAD.unpack_from(data) == (_CDR, len(data) - _HEAD.size):
+        return data[_HEAD.size : -1]
+    try:
+        return decode(Text, data).text.encode()  # somebody else wrote it anew
+    except BadMessage:
+        return b""

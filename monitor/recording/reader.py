@@ -13,9 +13,8 @@ from mcap.records import Channel, Metadata
 
 from formation.mission import Mission
 from formation.mission_file import MissionError, parse
-from formation.ros2.messages import Text, decode
-from formation.wire import BadMessage, Sample
-from monitor.recording.attached import SUFFIX
+from formation.wire import Sample
+from monitor.recording.attached import SUFFIX, unpacked
 from monitor.recording.channels import ABOUT
 from monitor.recording.extent import Extent, extent_of
 from monitor.recording.rotation import siblings
@@ -140,7 +139,7 @@ def _messages(file: IO[bytes], since: float) -> Iterator[Recorded]:
         for message in chunk.messages:
             key = keys.get(message.channel, "")
             if key.endswith(SUFFIX):
-                riding[key.removesuffix(SUFFIX)] = _text(message.data)
+                riding[key.removesuffix(SUFFIX)] = unpacked(message.data)
             elif key:
                 wall = message.logged / 1e9
                 sample = Sample(key, message.data, riding.pop(key, None), wall)
@@ -160,10 +159,3 @@ def _learn(keys: dict[int, str], channels: list[Channel] | list[Channel | None])
     for channel in channels:
         if channel is not None:
             keys[channel.id] = channel.topic.removeprefix("/")
-
-
-def _text(data: bytes) -> bytes:
-    try:
-        return decode(Text, data).text.encode()
-    except BadMessage:
-        return b""

@@ -11,7 +11,7 @@ from formation.mission_file import load
 from formation.ros2.messages import Text, decode, encode
 from formation.topics import CMD_VEL, POSITION
 from formation.wire import Sample
-from monitor.recording.attached import packed
+from monitor.recording.attached import packed, unpacked
 from monitor.recording.reader import read
 from tests.monitor.fleet import EPOCH, Fleet, command
 from tests.monitor.recording.test_recorder import recorder
@@ -28,6 +28,18 @@ def test_an_attachment_becomes_a_string_of_ros_2(text: str) -> None:
     data = packed(text.encode())
     assert data == encode(Text(text))
     assert decode(Text, data) == Text(text)
+    assert unpacked(data) == text.encode()
+
+
+@given(data=st.binary(max_size=40))
+def test_what_is_no_string_has_no_attachment(data: bytes) -> None:
+    assert isinstance(unpacked(data), bytes)
+    assert unpacked(b"\0\1\0\0\xff\0\0\0" + data) == b""
+
+
+def test_a_string_that_others_wrote_has_one() -> None:
+    assert unpacked(bytes.fromhex("00000000 00000003") + b"hi\0") == b"hi"
+    assert unpacked(bytes.fromhex("00010001 03000000") + b"hi\0\0") == b"hi"
 
 
 def test_what_is_no_text_is_left_out() -> None:
