@@ -84,6 +84,8 @@ class Run:
     untold: int
     """Events that there was no room for."""
     orders: tuple[Ordered, ...]
+    apart: float
+    """By how much the monitor's own settling time was longer when it last told it [s]; NaN: it told none."""
 
     @property
     def mission(self) -> Mission:
@@ -146,6 +148,7 @@ class _Gatherer:
         self._looked = self._shown = -math.inf
         self._start: float | None = None
         self._settled_at: float | None = None
+        self._now_settled: float | None = None
 
     def take(self, message: Recorded) -> None:
         key, payload, wall = message.sample.key, message.sample.payload, message.wall
@@ -162,6 +165,7 @@ class _Gatherer:
             if key in self._commands:
                 self._commands[key].take(payload, wall)
         self._story.take(key, payload)
+        self._story.check(key, payload, self._now_settled)
         if key == ERROR.key() or wall - self._looked > LOOK:
             self._look(Now(wall, wall))
 
@@ -197,6 +201,7 @@ class _Gatherer:
             events=tuple(self._story.events),
             untold=self._story.untold,
             orders=tuple(self._story.orders),
+            apart=self._story.apart,
         )
 
     def _robot(self, name: str, *, settled: bool) -> Robot:
@@ -217,6 +222,7 @@ class _Gatherer:
         self._story.look(now.wall, metrics)
         if self._start is None and snapshot.formation_error is not None and snapshot.elapsed > 0.0:
             self._start = now.wall - snapshot.elapsed
+        self._now_settled = snapshot.settled_at
         if snapshot.settled_at is not None and snapshot.settled_at != self._settled_at:
             self._settled_at = snapshot.settled_at
             for judge in self._all_judges():

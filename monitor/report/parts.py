@@ -88,7 +88,7 @@ def error(axes: Axes, run: Run, view: View) -> None:
         ).set_in_layout(False)  # fmt: skip
     if len(axes.lines) > 2:
         axes.legend(
-            loc="upper right", fontsize=7, frameon=True, edgecolor="none", facecolor="white", framealpha=0.85
+            loc="best", fontsize=7, frameon=True, edgecolor="none", facecolor="white", framealpha=0.85
         )
 
 

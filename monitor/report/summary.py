@@ -12,6 +12,8 @@ from monitor.report.gather import Run
 from monitor.report.judging import Measured
 from monitor.report.traffic import Key
 
+APART = 0.01
+"""A settling time that differs more from the monitor's own is worth a word [s]."""
 BEFORE = 1.0
 """Who falls silent so much earlier than the others was lost [s]."""
 
@@ -117,6 +119,11 @@ def notices(run: Run, *, cut: bool) -> Iterator[str]:
     wrong = sorted({key.robot for key in run.keys if key.clock is not None and not _agrees(key.clock)})
     if wrong:
         yield f"Clocks differ from the recorder's: {_listed(wrong)}. Their delays contain the difference."
+    if abs(run.apart) > APART:
+        yield (
+            "The recorder's system clock was set during the run: times here are off by up to"
+            f" {words.milliseconds(abs(run.apart))}."
+        )
     if run.untold:
         yield f"{words.whole(run.untold)} more events were recorded than are listed here."
 

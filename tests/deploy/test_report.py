@@ -1,0 +1,99 @@
+"""`formation report`: what it refuses, writes and prints. The page itself is tested where it is made."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from deploy.cli import main
+from tests.monitor.fleet import Fleet
+from tests.monitor.report.recordings import coming_in, record, talk
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("run") / "monday.mcap"
+    record(path, talk(Fleet(away=coming_in), 9.0))
+    return path
+
+
+def test_the_page_stands_beside_the_recording_and_the_last_line_is_json(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["report", str(recording), "--json"]) == 0
+    out = capsys.readouterr().out
+    result = json.loads(out.splitlines()[-1])
+    assert result["report"] == str(recording.with_suffix(".html"))
+    (run,) = result["runs"]
+    assert 4.0 < run["settling_time"] < 8.0
+    assert run["converged"] is True
+    assert run["robots"]["robot2"]["error_rms"] > 0.0
+    text = recording.with_suffix(".html").read_text(encoding="utf-8")
+    assert "six-robots, field law: nothing speaks against it" in text  # what check says
+    assert f"{run['settling_time']:.2f} s" in text
+    assert "Converged" in out
+
+
+def test_figures_are_written_in_the_formats_that_are_asked_for(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flags = ["-o", str(tmp_path / "page.html"), "--figures", str(tmp_path / "f"), "--format", "pdf", "--json"]
+    assert main(["report", str(recording), *flags]) == 0
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert {Path(path).suffix for path in result["figures"]} == {".pdf"}
+    assert (tmp_path / "f" / "fig2.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_two_recordings_are_compared_and_their_figures_kept_apart(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record(tmp_path / "other.mcap", talk(Fleet(away=coming_in), 6.0), law="paper")
+    flags = ["-o", str(tmp_path / "page.html"), "--figures", str(tmp_path / "f"), "--format", "svg"]
+    assert main(["report", str(recording), str(tmp_path / "other.mcap"), *flags]) == 0
+    out = capsys.readouterr().out
+    assert "A: six-robots, field law" in out
+    assert "B: six-robots, paper law" in out
+    assert {path.name for path in (tmp_path / "f").iterdir()} == {"a", "b", "overlay.svg"}
+
+
+def test_a_cut_recording_is_reported_and_said_to_be_cut(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cut = tmp_path / "cut.mcap"
+    data = recording.read_bytes()
+    cut.write_bytes(data[: 2 * len(data) // 3])
+    assert main(["report", str(cut)]) == 0
+    assert "is cut" in capsys.readouterr().out
+    assert "This recording is cut" in cut.with_suffix(".html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("flags", "named"),
+    [
+        (["{missing}"], "cannot be read: No such file"),
+        (["{text}"], "is no recording that `formation` made"),
+        (["{run}", "{text}"], "is no recording that `formation` made"),
+        (["{run}", "-o", "{run}"], "is the recording itself; name another file"),
+        (["{run}", "-o", "{folder}"], "is a folder; name a file"),
+        (["{run}", "-o", "{text}/page.html"], "cannot be written"),
+        (["{run}", "-o", "{folder}/p.html", "--figures", "{text}"], "--figures"),
+        (["{run}", "--format", "gif"], "must be one or more of png, svg, pdf"),
+        (["{run}", "--until", "0"], "above 0"),
+        ([], "FILE"),
+    ],
+)
+def test_what_cannot_be_reported_is_refused_in_a_line(
+    flags: list[str], named: str, recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "text.txt").write_text("no recording")
+    places = {
+        "run": recording, "missing": tmp_path / "no.mcap", "text": tmp_path / "text.txt", "folder": tmp_path,
+    }  # fmt: skip
+    before = recording.read_bytes()
+    assert main(["report", *(flag.format(**places) for flag in flags)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert named in err
+    assert recording.read_bytes() == before

@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from monitor.report import drawing, figures, parts
+from monitor.report.gather import Run
+from monitor.report.view import View
+from tests.monitor.fleet import Fleet
+from tests.monitor.report.recordings import coming_in, gathered, record, talk
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    path = tmp_path_factory.mktemp("run") / "run.mcap"
+    record(path, talk(Fleet(away=coming_in), 12.0))
+    return gathered(path)
+
+
+def test_every_panel_is_a_file_of_its_own_and_both_figures_of_the_paper_are_there(
+    run: Run, tmp_path: Path
+) -> None:
+    paths = figures.write(tmp_path / "new" / "folder", run, View.of([run]), ["svg"])
+    names = {path.stem for path in paths}
+    assert names == {"fig2", "fig3", "whole", *(panel.name for panel in parts.PANELS)}
+    for path in paths:
+        assert path.read_text(encoding="utf-8").startswith("<?xml")
+    fig2 = (tmp_path / "new" / "folder" / "fig2.svg").read_text(encoding="utf-8")
+    for letter in "abcdef":
+        assert f"({letter})" in fig2
+
+
+@pytest.mark.parametrize(("suffix", "start"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
+def test_a_figure_is_written_alike_each_time(run: Run, suffix: str, start: bytes) -> None:
+    view = View.of([run])
+    once, again = (figures.written(figures.panel(run, view, parts.PANELS[3]), suffix) for _ in range(2))
+    assert once.startswith(start)
+    assert once == again
+
+
+def test_letters_are_eight_points_in_a_column_and_lines_differ_without_colour(run: Run) -> None:
+    figure = figures.panel(run, View.of([run]), parts.PANELS[5])
+    assert figure.get_figwidth() == 3.5
+    lines = [line for line in figure.axes[0].lines if len(line.get_xdata()) > 10]  # type: ignore[arg-type]
+    assert len({str(line.get_linestyle()) + str(vars(line)["_dash_pattern"]) for line in lines}) == 5
+    assert {label.get_fontsize() for label in figure.axes[0].get_xticklabels()} == {8.0}
+
+
+def test_the_view_ends_well_after_the_formation_has_formed_or_where_it_is_told_to(run: Run) -> None:
+    assert 8.0 <= View.of([run]).until <= 12.0
+    assert View.of([run], 3.0).until == 3.0
+
+
+def test_runs_that_are_compared_have_the_same_axes(run: Run, tmp_path: Path) -> None:
+    record(tmp_path / "far.mcap", talk(Fleet(away=lambda r, t: 4.0 * coming_in(r, t)), 12.0))
+    far = gathered(tmp_path / "far.mcap")
+    view = View.of([run, far])
+    for which in parts.PANELS[1:]:
+        first, second = (figures.panel(one, view, which).axes[0] for one in (run, far))
+        assert first.get_xlim() == second.get_xlim()
+        assert first.get_ylim() == second.get_ylim()
+
+
+def test_names_are_numbers_where_these_are_all_they_differ_in() -> None:
+    assert drawing.short(["robot1", "robot10", "robot11"]) == ["1", "10", "11"]
+    assert drawing.short(["leader", "robot1"]) == ["leader", "robot1"]
+
+
+def test_lines_of_a_hundred_robots_become_a_picture_in_the_svg(run: Run) -> None:
+    assert not re.search(
+        "<image", figures.written(figures.panel(run, View.of([run]), parts.PANELS[5]), "svg").decode()
+    )
+    assert len(drawing.looks(100)) == 100
