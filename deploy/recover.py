@@ -79,7 +79,7 @@ def _words(file: Path, out: Path, found: Found) -> str:
     what = f"{extent.counts.total()} messages{span}"
     if found.is_whole:
         return f"{file} is whole: {what}. Nothing was written."
-    lines = [f"{file} was cut off. {what} are in {out}."]
+    lines = [f"{file} was cut off, or is still being written. {what} are in {out}."]
     if found.unreadable:
         lines.append(f"lost: its last {found.unreadable} bytes, which were not written to their end")
     if found.damaged:

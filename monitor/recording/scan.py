@@ -147,13 +147,14 @@ def summary(file: IO[bytes]) -> Iterator[Record]:
 def _contents(raw: bytes) -> Contents:
     """Raises ValueError or struct.error where `raw` is no row of records."""
     found = Contents([], [], [], [], len(raw))
+    message = int(Opcode.MESSAGE)  # of which there are thousands
     at = 0
     while at < len(raw):
         opcode, length = _HEAD.unpack_from(raw, at)
         end = at + _HEAD.size + length
         if end > len(raw):
             raise ValueError("a record is longer than its chunk")
-        if opcode == Opcode.MESSAGE:
+        if opcode == message:
             _, _, channel, sequence, logged, published = MESSAGE.unpack_from(raw, at)
             data = raw[at + MESSAGE.size : end]
             found.messages.append(Entry(channel, sequence, logged, published, data))
