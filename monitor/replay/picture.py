@@ -22,6 +22,8 @@ from monitor.page.source import HISTORY as MOST_HISTORY
 from monitor.recording.reader import Recorded
 from monitor.recording.rerun import Rerun
 
+_ERROR, _EVENTS = ERROR.key(), EVENTS.key()
+
 
 class End(NamedTuple):
     """How far a picture goes."""
@@ -70,9 +72,9 @@ class Picture:
         self._rerun.take(message)
         sample = message.sample
         try:
-            if sample.key == ERROR.key() and self._rate.tick(message.wall):
+            if sample.key == _ERROR and self._rate.tick(message.wall):
                 self.history.append((message.wall, decode(Number, sample.payload).value))
-            elif sample.key == EVENTS.key():
+            elif sample.key == _EVENTS:
                 self._happened += 1
                 event = from_message(decode(LogEntry, sample.payload))
                 self.events.append(Numbered(self._happened, event))

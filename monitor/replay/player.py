@@ -170,13 +170,15 @@ class Player:
     def _clock(self, mono: float) -> float:
         """The position that is due, set back to the next message where that has waited for too long."""
         since, begin = self._anchor
-        clock = min(begin + (mono - since) * self.speed, self.end)
-        waits = self.position if self._next is None else max(self._next.wall, self.position)
-        self.behind = max(clock - waits, 0.0) / self.speed
-        if self.behind > HURRY and self._next is not None:
-            self.lost += self.behind
-            self.behind, self._anchor, clock = 0.0, (mono, waits), min(waits, clock)
-        return clock
+        clock = begin + (mono - since) * self.speed
+        self.behind = 0.0
+        if self._next is not None and self._next.wall <= self.end:
+            waits = max(self._next.wall, self.position)
+            self.behind = max(clock - waits, 0.0) / self.speed
+            if self.behind > HURRY:
+                self.lost += self.behind
+                self.behind, self._anchor, clock = 0.0, (mono, waits), waits
+        return min(clock, self.end)
 
     def _pop(self) -> Recorded:
         message = self._next

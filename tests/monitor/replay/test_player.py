@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from formation.wire import Sample
 from monitor.recording.reader import Recorded
-from monitor.replay.player import FASTEST, SLOWEST, Due, Player
+from monitor.replay.player import FASTEST, HURRY, SLOWEST, Due, Player
 
 START = 1000.0
 PERIOD = 0.25
@@ -175,6 +175,15 @@ def test_what_is_not_taken_in_time_is_not_skipped_and_the_delay_is_told() -> Non
     assert player.position == START + 0.5
     assert player.lost == pytest.approx(3.0 - 0.25)
     assert numbers(player.take(3.125, MANY).due) == [3]
+
+
+def test_a_delay_is_told_in_full_though_the_end_is_near() -> None:
+    player = Player(reel(), 0.0, speed=100.0)
+    took = 0.0
+    while not player.finished:
+        player.take(took, 2)
+        took += 0.25
+    assert player.lost + player.behind == pytest.approx(took - 10.0 / 100.0, abs=HURRY)
 
 
 def test_a_short_delay_is_caught_up_with() -> None:
