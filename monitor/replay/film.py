@@ -10,7 +10,7 @@ from monitor.recording.reader import Recorded, Recording, UnreadableError
 REBUILT = 50_000
 """So many messages are passed over without anybody having to wait for long: in one to three seconds."""
 SHORTEST = 8.0
-"""Of this much the figures of a moment are made, settling and counts aside [s]. It is as much of 100 robots."""
+"""Of this much the figures of a moment are made, settling and counts aside [s]."""
 
 
 class Film:
