@@ -153,10 +153,10 @@ def of_a_run(browser: Browser, folder: Path) -> None:
         assert process.stderr is not None
         address = next(line for line in process.stderr if line.startswith("Page: ")).split()[1]
         desk: Any = {"viewport": {"width": 1280, "height": 760}, "color_scheme": "light"}
-        phone: Any = {"viewport": {"width": 390, "height": 760}, "color_scheme": "dark"}
+        phone: Any = {"viewport": {"width": 390, "height": 844}, "color_scheme": "dark"}
         with (
             watched(browser, address, **desk) as one,
-            watched(browser, address.partition("#")[0], device_scale_factor=1.5, **phone) as other,
+            watched(browser, address, device_scale_factor=1.5, **phone) as other,
         ):
             until(one, "formation.model.frame?.elapsed > 3.2")
             one.screenshot(path=folder / "page_six_robots.png")

@@ -43,8 +43,13 @@ def browsing() -> Iterator[Browser]:
 
 
 @contextmanager
-def watched(browser: Browser, address: str, *, tolerated: str = "", **context: Any) -> Iterator[Page]:
-    """`address` in a window of its own, in which nothing may go wrong but what is `tolerated`."""
+def watched(
+    browser: Browser, address: str, *, tolerated: str = "", before: str = "", **context: Any
+) -> Iterator[Page]:
+    """`address` in a window of its own, in which nothing may go wrong but what is `tolerated`.
+
+    `before` is run there before anything of the page is.
+    """
     wrong: list[str] = []
 
     def said(message: ConsoleMessage) -> None:
@@ -52,6 +57,8 @@ def watched(browser: Browser, address: str, *, tolerated: str = "", **context: A
             wrong.append(message.text)
 
     own = browser.new_context(**context)
+    if before:
+        own.add_init_script(before)
     page = own.new_page()
     page.set_default_timeout(1000.0 * PATIENCE)
     page.on("console", said)

@@ -3,6 +3,7 @@
 import { byId, setAttribute, setText } from "./dom.js";
 import * as format from "./format.js";
 import { colour } from "./palette.js";
+import { recall, remember } from "./store.js";
 
 const LEAST = 1e-4; // where a logarithmic scale ends below [m]
 const SYMBOLS = { lost: "✕", stopped: "■", held: "Ⅱ", ran: "▶", back: "↩", settled: "✓", unsettled: "✓̸", order: "◆", operator: "◆", recording: "●" };
@@ -15,7 +16,7 @@ export class ErrorChart {
     this.model = model;
     this.host = host;
     this.plot = null;
-    this.logarithmic = localStorage.getItem(KEY) !== "no";
+    this.logarithmic = recall("localStorage", KEY) !== "no";
     this.button = byId("log-scale");
     this.button.addEventListener("click", () => this.toggle());
     setAttribute(this.button, "aria-pressed", String(this.logarithmic));
@@ -24,7 +25,7 @@ export class ErrorChart {
 
   toggle() {
     this.logarithmic = !this.logarithmic;
-    localStorage.setItem(KEY, this.logarithmic ? "yes" : "no");
+    remember("localStorage", KEY, this.logarithmic ? "yes" : "no");
     setAttribute(this.button, "aria-pressed", String(this.logarithmic));
     this.rebuild();
   }

@@ -34,7 +34,8 @@ export function share(value) {
 /** 1:02:03 or 2:03 */
 export function span(seconds) {
   if (seconds === null || seconds === undefined) return UNKNOWN;
-  const whole = Math.max(0, Math.floor(seconds));
+  if (seconds < 0) return `−${span(-seconds)}`;
+  const whole = Math.floor(seconds);
   const parts = [Math.floor(whole / 3600), Math.floor(whole / 60) % 60, whole % 60];
   const [hours, minutes, rest] = parts;
   const tail = `${String(rest).padStart(2, "0")}`;

@@ -8,6 +8,7 @@ import { Model } from "./model.js";
 import { Orders } from "./orders.js";
 import { readPalette } from "./palette.js";
 import { ReplayBar } from "./replay.js";
+import { remember } from "./store.js";
 import { Stream } from "./stream.js";
 import { RobotTable } from "./table.js";
 import { takeFromAddress } from "./token.js";
@@ -100,11 +101,10 @@ function describe() {
 function setTheme(theme) {
   if (theme === "auto") {
     delete document.documentElement.dataset.theme;
-    localStorage.removeItem("formation-theme");
   } else {
     document.documentElement.dataset.theme = theme;
-    localStorage.setItem("formation-theme", theme);
   }
+  remember("localStorage", "formation-theme", theme);
   setText(byId("theme"), `${{ auto: "◐", light: "☀", dark: "☾" }[theme]} ${theme}`);
   repaint();
 }

@@ -1,5 +1,7 @@
 /** The word that allows to give orders. It comes in the address after #, which browsers send to nobody. */
 
+import { recall, remember } from "./store.js";
+
 const KEY = "formation-token";
 
 /** Take the token out of the address bar, so that nobody reads or bookmarks it; it stays with this tab. */
@@ -11,13 +13,13 @@ export function takeFromAddress() {
 }
 
 export function token() {
-  return sessionStorage.getItem(KEY) ?? "";
+  return recall("sessionStorage", KEY) ?? "";
 }
 
 export function keep(word) {
-  sessionStorage.setItem(KEY, word.trim());
+  remember("sessionStorage", KEY, word.trim());
 }
 
 export function forget() {
-  sessionStorage.removeItem(KEY);
+  remember("sessionStorage", KEY, null);
 }
