@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any, Literal
 
 import pytest
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser
 
 from tests.monitor.page.scene import Scene, event
 from tests.monitor.page.served import NO_SNAPSHOT, Served, served, until, watched
@@ -188,44 +188,9 @@ def test_everything_is_reached_by_the_tab_key_and_the_focus_is_seen(browser: Bro
         assert len({name for name in reached if not name.startswith("<body")}) >= wanted
 
 
-def test_the_map_is_moved_by_keys_and_follows_again(browser: Browser, crowd: Served) -> None:
-    where = "[formation.view.camera.x, formation.view.camera.y, formation.view.camera.scale]"
-    with shown(browser, crowd) as page:
-        until(page, "formation.view.camera.placed")
-        page.focus("#map")
-        start = page.evaluate(where)
-        page.keyboard.press("ArrowLeft")
-        page.keyboard.press("+")
-        moved = page.evaluate(where)
-        assert moved[0] < start[0]
-        assert moved[2] > start[2]
-        assert page.get_attribute("#follow", "aria-pressed") == "false"
-        page.keyboard.press("0")
-        assert page.get_attribute("#follow", "aria-pressed") == "true"
-        until(page, f"Math.abs(formation.view.camera.scale - {start[2]}) < 1e-6")
-
-
 def test_the_first_tab_offers_to_skip_to_the_robots(browser: Browser, crowd: Served) -> None:
     with shown(browser, crowd) as page:
         page.keyboard.press("Tab")
         assert page.evaluate("document.activeElement.className") == "skip"
         page.keyboard.press("Enter")
         assert page.evaluate("document.activeElement.id") == "robots"
-
-
-def test_who_wants_no_motion_sees_none(browser: Browser) -> None:
-    with served(Scene(6)) as one, watched(browser, one.address, reduced_motion="reduce") as page:
-        one.feed(2)
-        until(page, "formation.view.camera.placed")
-        one.feed()
-        until(page, "formation.model.frames >= 2")
-        _centred(page)
-
-
-def _centred(page: Page) -> None:
-    """The camera is where the formation is, without having travelled."""
-    until(
-        page,
-        "((c, r) => Math.abs(c.x - (Math.min(...r) + Math.max(...r)) / 2) < 1e-6)(formation.view.camera,"
-        " formation.model.robots.flatMap((one) => [one.place.x, one.slot.x]))",
-    )

@@ -172,25 +172,3 @@ def test_a_browser_that_may_remember_nothing_shows_it_all(browser: Browser, six:
         page.click("#log-scale")
         page.click("#theme")
         assert page.locator("#robot-rows tr").count() == SIX
-
-
-def test_a_tap_on_a_robot_chooses_it_and_a_drag_ends_following(browser: Browser) -> None:
-    with served(Scene(SIX)) as still, watched(browser, still.address) as page:
-        still.feed(3)
-        until(page, "formation.view.camera.placed")
-        x, y = page.evaluate(
-            "((c, r) => [c.sx(r.place.x), c.sy(r.place.y)])(formation.view.camera, formation.model.robots[1])"
-        )
-        page.locator("#map").click(position={"x": x, "y": y})
-        chosen = page.locator(ROW.format("robot2")).locator(".robot-name")
-        assert chosen.get_attribute("aria-pressed") == "true"
-        assert page.get_attribute("#follow", "aria-pressed") == "true"
-        box = page.locator("#map").bounding_box()
-        assert box is not None
-        page.mouse.move(box["x"] + 100, box["y"] + 200)
-        page.mouse.down()
-        page.mouse.move(box["x"] + 180, box["y"] + 220, steps=4)
-        page.mouse.up()
-        assert page.get_attribute("#follow", "aria-pressed") == "false"
-        page.click("#follow")
-        assert page.get_attribute("#follow", "aria-pressed") == "true"
