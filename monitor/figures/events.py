@@ -124,8 +124,10 @@ class _Robot:
             return
         more = _more(before)
         if lost:
-            said = f"; said last: {robot.state}" if robot.state in STATES else ""
-            yield Event(now.wall, ERROR, self.name, "lost", f"silent for {robot.age:.1f} s{said}{more}")
+            stands = self._state.state in {"hold", "stop"}
+            said = f"; said last: {self._state.state}" if self._state.state else ""
+            text = f"silent for {robot.age:.1f} s{said}{more}"
+            yield Event(now.wall, WARNING if stands else ERROR, self.name, "lost", text)
         elif self._joined:
             yield Event(now.wall, INFO, self.name, "back", f"after {away:.1f} s of silence{more}")
         else:

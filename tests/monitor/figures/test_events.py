@@ -67,6 +67,14 @@ def test_a_robot_that_falls_silent_is_lost_within_a_little_more_than_a_second() 
     assert "said last: run" in lost.text
 
 
+def test_a_robot_that_said_it_stands_before_it_fell_silent_is_no_more_than_a_warning() -> None:
+    one = watcher()
+    one.drive(15.0, status("robot3", 14.9, "stop", "SIGTERM"))
+    (lost,) = of(one.drive(18.0, without="robot3"), "lost")
+    assert lost.level == 30
+    assert lost.text.endswith("said last: stop")
+
+
 def test_a_robot_that_comes_back_says_for_how_long_it_was_gone() -> None:
     one = watcher()
     one.drive(15.0)
