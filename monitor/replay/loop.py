@@ -149,12 +149,12 @@ class Replay:
         Returns after little more than `TURN`.
         """
         self._obey()
-        if self._again_from is not None and self._player.finished and not self._player.paused:
-            self._player.seek(self._again_from)
         was_seeking = self._player.seeking
         self._feed()
         if self._source is not None and not self._player.seeking:
             self._show(self._source, anew=was_seeking)
+        if self._again_from is not None and self._player.finished and not self._player.paused:
+            self._player.seek(self._again_from)
         return min(max(self._player.idle(time.monotonic()), SHORTEST), LONGEST)
 
     def _obey(self) -> None:

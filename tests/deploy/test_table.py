@@ -12,11 +12,12 @@ from rich.console import Console
 
 from deploy.progress import Progress
 from deploy.snapshot import RobotNow, Snapshot
-from deploy.table import ASCII_BLOCKS, BLOCKS, draw, sparkline
+from deploy.table import ASCII_BLOCKS, BLOCKS, draw, happened, sparkline
 from deploy.units import metres, seconds
 from deploy.views import LiveTable, PlainLines, line
 from formation.mission import Mission
 from formation.mission_file import load
+from monitor.figures.events import Event
 
 RUNNING = RobotNow("run", 0.12, 0.75, -0.4, math.radians(-3.0), 0.031)
 
@@ -137,6 +138,81 @@ def test_before_the_first_snapshot_it_says_what_it_waits_for() -> None:
 def test_a_terminal_without_unicode_gets_plain_signs() -> None:
     text = "\n".join(picture(progress(), ascii_only=True))
     assert not set(text) & set(BLOCKS + "━╌")
+
+
+LOST = Event(1_700_000_000.0, 40, "robot4", "lost", "silent for 1.0 s; said last: run")
+SETTLED = Event(1_700_000_001.0, 20, "", "settled", "under the bound of 50 mm since 3.6 s")
+
+
+def test_what_happens_stands_below_the_table_the_newest_last() -> None:
+    now = progress()
+    before = picture(now)
+    now.events += [LOST, SETTLED]
+    lines = picture(now)
+    assert lines[: len(before)] == before
+    assert lines[len(before) :] == [happened(LOST), happened(SETTLED)]
+    assert happened(LOST)[8:] == "  robot4: silent for 1.0 s; said last: run"
+    assert happened(SETTLED)[8:] == "  under the bound of 50 mm since 3.6 s"
+
+
+@pytest.mark.parametrize("height", [8, 10, 11, 12, 24])
+@pytest.mark.parametrize("width", [60, 80])
+def test_events_take_the_room_that_is_left_and_no_more(height: int, width: int) -> None:
+    now = progress()
+    now.events += [LOST._replace(text=f"{number} " + "long " * 50) for number in range(60)]
+    lines = picture(now, width, height)
+    assert len(lines) <= height - 1
+    assert len(lines[-1] + "^C") < max(width, 80)
+    told = [text for text in lines if "robot4: " in text]
+    assert len(told) == max(0, min(height - 1 - 10, 8))
+    assert all("robot4: 59 " in text for text in told[-1:])
+
+
+def test_events_come_with_the_snapshots_and_strange_ones_are_left_out() -> None:
+    events = [LOST._asdict(), "rubbish", {"at": None}, {**SETTLED._asdict(), "text": 5}, SETTLED._asdict()]
+    now = progress()
+    now.see(Snapshot.of({"formation_error": 1.0, "robots": {}, "events": events}))
+    assert list(now.events) == [LOST, SETTLED]
+    assert Snapshot.of({"events": 3}).events == ()
+
+
+def test_a_fleet_that_is_watched_has_no_end_to_wait_for() -> None:
+    now = progress()
+    now.duration = None
+    assert picture(now)[-1] == "watched for 12 s, Ctrl-C ends it"
+    assert line(now).startswith(" 12.0 s  error 1.25 m")
+    now.phase = "over"
+    assert picture(now)[-1].startswith("error")
+
+
+def test_a_robot_that_is_gone_is_seen_at_once() -> None:
+    gone = picture(progress(robots={"robot2": RobotNow("silent", age=4.0)}))
+    assert row(gone, "robot2").split() == ["robot2", "silent", "-", "-", "-", "-", "4", "s"]
+
+
+def test_while_nobody_answers_it_says_so_instead_of_showing_an_empty_table() -> None:
+    now = Progress(load("six_robots"), phase="running", note="nobody answers at tcp/x\n  try this")
+    assert picture(now) == ["six-robots: nobody answers at tcp/x", "  try this"]
+    assert line(now) == "  0.0 s  nobody answers at tcp/x"
+
+
+def test_lines_for_a_log_tell_each_event_and_each_note_once() -> None:
+    stream = io.StringIO()
+    view = PlainLines(stream)
+    now = Progress(load("six_robots"), phase="running", note="looking")
+    view.show(now)
+    view.show(now)
+    now.note = "nobody answers"
+    view.show(now)
+    now.see(Snapshot(1.0, {}, (LOST,)))
+    view.show(now)
+    now.see(Snapshot(1.0, {}, (SETTLED, LOST._replace())))
+    view.show(now)
+    view.show(now)
+    assert stream.getvalue().splitlines() == [
+        "six-robots: looking", "six-robots: nobody answers",
+        happened(LOST), happened(SETTLED), happened(LOST),
+    ]  # fmt: skip
 
 
 class Terminal(io.StringIO):
