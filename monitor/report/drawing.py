@@ -153,7 +153,7 @@ def limits(axes: Axes, values: FloatArray) -> None:
     """Dashed lines at ± each of `values`, and room for them."""
     for limit in np.unique(values):
         for sign in (-1.0, 1.0):
-            axes.axhline(sign * limit, color="#606060", linewidth=0.8, linestyle="--", zorder=1)
+            axes.axhline(sign * limit, color="#606060", linewidth=0.8, linestyle="--", zorder=1.8)
     axes.set_ylim(-1.12 * values.max(), 1.12 * values.max())
 
 

@@ -49,7 +49,7 @@ def trajectories(axes: Axes, run: Run, view: View) -> None:
     axes.set_title(f"{axes.get_title(loc='left')}; formation at {drawing.moments(time[moments])}", loc="left")
     if view.box is not None:
         low, high = view.box
-        axes.set_aspect("equal", adjustable="box")
+        axes.set_aspect("equal", adjustable="box", anchor="W")
         axes.set(xlim=(low.real, high.real), ylim=(low.imag, high.imag))
 
 
@@ -84,7 +84,7 @@ def error(axes: Axes, run: Run, view: View) -> None:
         early = settled < 0.5 * sum(axes.get_xlim())
         axes.annotate(
             f"under {words.bound(bound)} from {settled:.2f} s", (settled, bound), fontsize=7,
-            xytext=(4 if early else -4, 3), textcoords="offset points", ha="left" if early else "right",
+            xytext=(4, 3) if early else (-4, -9), textcoords="offset points", ha="left" if early else "right",
         ).set_in_layout(False)  # fmt: skip
     if len(axes.lines) > 2:
         axes.legend(
@@ -99,7 +99,7 @@ def robot_errors(axes: Axes, run: Run, view: View) -> None:
         _unknown(axes, "never known")
         return
     _lines(axes, run, lambda i: _positive(*run.errors.line(i)), view)
-    drawing.falling(axes, 0.1 * view.error[0], view.error[1])
+    drawing.falling(axes, view.error[0] / (2.0 * len(run.robots)), view.error[1])
 
 
 def speeds(axes: Axes, run: Run, view: View) -> None:
