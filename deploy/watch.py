@@ -42,7 +42,7 @@ REFRESH, TELL = 4.0, 1.0
 """Of the table, and of JSON lines [Hz]."""
 NOBODY = 3.0
 """So long nobody has answered before that is said [s]: links take up to a second."""
-COMPLETE = 3.0
+COMPLETE = 5.0
 """How long --once waits for a picture that is complete [s]."""
 SILENT = 1.0
 """[s] without a position, after which a robot does not count as running."""

@@ -1,0 +1,33 @@
+"""`formation watch` at the desk of a team under certificates."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.field.team import Team, driving
+
+pytestmark = [pytest.mark.processes, pytest.mark.namespaces, pytest.mark.timeout(300)]
+
+
+def watched(team: Team, *flags: str) -> tuple[int, str, str]:
+    """One look: exit code, output, errors."""
+    done = team.desk_computer.run(*team.formation("watch", "--once", *flags))
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_the_team_shows_itself_to_who_has_the_monitors_certificate_and_to_nobody_else(tmp_path: Path) -> None:
+    with driving(tmp_path) as team:
+        code, out, errors = watched(team, "--json", "-c", str(team.desk.file("monitor")))
+        states = {name: robot["state"] for name, robot in json.loads(out)["robots"].items()}
+        here = ("leader", "robot1", "robot2")
+        assert states == {**dict.fromkeys(here, "run"), "robot3": "unseen"}, errors  # which is not here
+        assert code == 1
+
+        code, out, errors = watched(team)
+        assert (code, out) == (1, "")
+        assert "nobody answers at tls/" in errors
+        assert "-c FILE" in errors
+        assert team.states(0.0) - {"waiting", "hold"} == {"run"}  # none of which has disturbed anybody
