@@ -126,6 +126,7 @@ def start(launcher: Launcher, plan: Sequence[Program]) -> str | None:
 
 def conduct(launcher: Launcher, progress: Progress, view: View) -> None:
     """Watch what was started for as long as it is to last or until a signal, and stop. Raises StartFailed."""
+    progress.ready = sum(child.ready for child in launcher.children)
     view.show(progress)
     deadline = time.monotonic() + START_WITHIN
     while not launcher.interrupted and progress.ready < progress.processes:

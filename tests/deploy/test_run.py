@@ -225,8 +225,8 @@ def test_a_process_that_dies_does_not_end_the_run_but_is_named(ran: Runner) -> N
 
 
 def test_without_the_monitors_last_word_nothing_is_claimed(ran: Runner) -> None:
-    dies = program("say('ready'); time.sleep(0.1); os.kill(os.getpid(), signal.SIGKILL)", "monitor", "watch")
-    done = ran(dies, *good()[1:])
+    dies = program("say('ready'); time.sleep(2.0); os.kill(os.getpid(), signal.SIGKILL)", "monitor", "watch")
+    done = ran(dies, *good()[1:], duration=3.0)
     assert done.code == 1
     result = done.result
     assert (result["converged"], result["formation_error"], result["lost"]) == (False, None, None)
