@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,6 +13,7 @@ from playwright.sync_api import Browser, Page
 
 from tests.monitor.page.scene import EPOCH, Scene
 from tests.monitor.page.served import Served, served, until, watched
+from tests.processes.child import PATIENCE
 
 pytestmark = pytest.mark.browser
 TOKEN = "a-token-for-tests"  # noqa: S105 - nobody is kept out by it
@@ -29,6 +31,8 @@ class Fleet:
         self.told: list[tuple[str, str | None]] = []
         self.seen: list[float | None] = []
         self.clicks: set[str] = set()
+        self.slow: dict[str, threading.Event] = {}
+        """What an order waits for before it is answered."""
 
     def order(
         self, do: str, shape: str | None = None, *, click: str = "", seen: float | None = None
@@ -37,6 +41,8 @@ class Fleet:
         self.told.append((do, shape))
         self.seen.append(seen)
         self.clicks.add(click)
+        if do in self.slow:
+            self.slow[do].wait(PATIENCE)
         robots = {
             f"robot{number}": {"ok": number != 5, "mode": do, "reason": "not now" * (number == 5), "ms": 1.0}
             for number in (1, 2, 3, 5, 6)
@@ -123,6 +129,20 @@ def test_escape_twice_stops_and_once_does_not(browser: Browser, controlled: Serv
         page.keyboard.press("Escape")
         page.locator("#acknowledgements li").first.wait_for()
         assert fleet.told == [("stop", None)]
+
+
+def test_a_late_answer_to_an_older_order_does_not_hide_that_of_a_stop(
+    browser: Browser, controlled: Served, fleet: Fleet
+) -> None:
+    fleet.slow["hold"] = threading.Event()
+    with invited(browser, controlled) as page:
+        with page.expect_response(lambda one: "hold" in (one.request.post_data or "")):
+            page.click('[data-do="hold"]')
+            page.click('[data-do="stop"]')
+            page.locator("#order-result", has_text="stop: 4 of 6").wait_for()
+            fleet.slow["hold"].set()
+        page.wait_for_timeout(100)
+        assert page.inner_text("#order-result") == "stop: 4 of 6 obey"
 
 
 def test_what_sets_robots_moving_is_asked_back(browser: Browser, controlled: Served, fleet: Fleet) -> None:

@@ -5,13 +5,14 @@ import { forget, keep, token } from "./token.js";
 
 const TWICE = 1000; // Escape twice within so long stops [ms]
 const ARMED = 4000; // what sets robots moving wants a second press within so long [ms]
-const PATIENCE = 8000; // an answer of the page's own server takes no longer [ms]
+const PATIENCE = 5000; // an answer of the page's own server takes no longer [ms]
 
 export class Orders {
   constructor(model) {
     this.model = model;
     this.escaped = -Infinity;
     this.armed = null;
+    this.turn = 0;
     this.shape = byId("order-shape");
     for (const button of document.querySelectorAll("button[data-do]")) {
       button.addEventListener("click", (event) => this.press(button, event.detail > 1));
@@ -85,6 +86,7 @@ export class Orders {
     const seen = this.model.frame?.t ?? 0; // who has seen nothing yet may stop and hold
     const body = { do: what, click: click(), seen };
     if (what === "shape") body.shape = this.shape.value;
+    const turn = (this.turn += 1);
     this.tell("asking", `${what}: asking …`);
     try {
       const answer = await fetch("api/order", {
@@ -93,20 +95,22 @@ export class Orders {
         body: JSON.stringify(body),
         signal: AbortSignal.timeout(PATIENCE),
       });
-      await this.hear(what, answer);
-    } catch {
-      this.tell("bad", `${what}: NOT SENT, the monitor cannot be reached. Use the emergency stop on the robots.`);
+      const told = await answer.json().catch(() => ({}));
+      // what came of an older order hides nothing that is newer; what came of a stop is always shown
+      if (turn === this.turn || what === "stop") this.hear(what, answer, told);
+    } catch (error) {
+      const text = error.name === "TimeoutError" ? "NO ANSWER from the monitor" : "NOT SENT, the monitor cannot be reached";
+      this.tell("bad", `${what}: ${text}. Use the emergency stop on the robots.`);
     }
   }
 
-  async hear(what, answer) {
+  hear(what, answer, told) {
     if (answer.status === 401) {
       forget();
       this.showToken(true);
       this.tell("bad", `${what}: REFUSED, the token is not right`);
       return;
     }
-    const told = await answer.json().catch(() => ({}));
     if (!answer.ok) this.tell("bad", `${what}: REFUSED, ${told.error ?? told.detail ?? `answer ${answer.status}`}`);
     else this.acknowledge(what, told);
   }
