@@ -12,7 +12,8 @@ import struct
 import subprocess
 import sys
 import time
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
@@ -22,7 +23,7 @@ from monitor.recording.reader import is_whole, read
 from monitor.recording.recover import recover
 from tests.monitor.fleet import EPOCH, command, odometry
 from tests.monitor.recording.test_recorder import recorder
-from tests.processes.bus_tools import until
+from tests.processes.child import PATIENCE
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
 RATE = 1000
@@ -89,20 +90,34 @@ def killed(folder: Path, choice: random.Random) -> list[float]:
         children = [stack.enter_context(started(path, notes_of(path))) for path in paths]
         moments = {path: choice.uniform(0.7, 3.0) for path in paths}
         for path, child in sorted(zip(paths, children, strict=True), key=lambda pair: moments[pair[0]]):
-            until(lambda at=path: given(notes_of(at)) > moments[at] * RATE)  # type: ignore[misc]
+            wait_until_given(notes_of(path), moments[path] * RATE)
             child.send_signal(signal.SIGKILL)
             child.wait()
     return [lost(path) for path in paths]
 
 
-def started(path: Path, about: Path) -> subprocess.Popen[bytes]:
+@contextmanager
+def started(path: Path, about: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """A process that records `path` with notes `about` it, and is killed at the end."""
     where = f"Path({str(path)!r}), Path({str(about)!r})"
     code = f"from pathlib import Path; from {__name__} import main; main({where})"
-    return subprocess.Popen([sys.executable, "-c", code], cwd=Path(__file__).parents[3])
+    with subprocess.Popen([sys.executable, "-c", code], cwd=Path(__file__).parents[3]) as child:
+        try:
+            yield child
+        finally:
+            child.kill()
 
 
 def notes_of(path: Path) -> Path:
     return path.with_suffix(".notes")
+
+
+def wait_until_given(about: Path, messages: float) -> None:
+    """Wait until a recorder has been given so many: a busy machine takes a while even to start it."""
+    deadline = time.monotonic() + 4 * PATIENCE
+    while given(about) <= messages:
+        assert time.monotonic() < deadline, f"{given(about)} messages, not {messages}"
+        time.sleep(0.01)
 
 
 def given(about: Path) -> int:

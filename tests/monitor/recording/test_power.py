@@ -16,8 +16,7 @@ import pytest
 from monitor.recording.reader import read
 from tests.monitor.fleet import EPOCH
 from tests.monitor.recording.disks import in_a_file, mounted, run
-from tests.monitor.recording.test_killed import Notes, given, message, started
-from tests.processes.bus_tools import until
+from tests.monitor.recording.test_killed import Notes, message, started, wait_until_given
 
 pytestmark = [pytest.mark.mounts, pytest.mark.processes, pytest.mark.timeout(300)]
 CUTS = 10
@@ -29,15 +28,11 @@ def test_a_power_cut_at_any_moment_costs_no_more_than_a_second(tmp_path: Path) -
     image, choice, losses = tmp_path / "disk", random.Random(4), list[tuple[float, float]]()
     with in_a_file(image, 64) as folder:
         path = folder / "new" / "folders" / "run.mcap"
-        child = started(path, tmp_path / "notes")
-        try:
-            until(lambda: given(tmp_path / "notes") > 2000)
+        with started(path, tmp_path / "notes"):
+            wait_until_given(tmp_path / "notes", 2000)
             for number in range(CUTS):
                 time.sleep(choice.uniform(0.1, 0.7))
                 losses.append(cut(image, tmp_path / f"cut{number}", tmp_path / "notes"))
-        finally:
-            child.kill()
-            child.wait()
     print("lost, and while the disk was copied", [(f"{lost:.2f}", f"{took:.3f}") for lost, took in losses])
     assert max(lost for lost, _ in losses) <= LOSS
 
