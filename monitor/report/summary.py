@@ -38,7 +38,8 @@ def items(run: Run) -> Iterator[Item]:
     """Everything that one number says of a run."""
     yield Item("settling_time", "settling time", run.snapshot.settled_at, words.seconds)
     yield Item("formation_error", "final formation error", run.snapshot.final_error, words.length)
-    yield Item("formation_error_true", "final true error", run.true_error.final, words.length)
+    true = None if run.snapshot.final_error is None else run.true_error.final
+    yield Item("formation_error_true", "final true error", true, words.length)
     yield from _measured("error", "formation error", run.error, words.length)
     for index, what in enumerate(("u", "ω")):
         shares = [robot.saturated[index] for robot in run.robots.values()]

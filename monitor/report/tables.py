@@ -20,6 +20,7 @@ TERMS = (
     ("RMS", "√(mean of e²) over the moments at which the error was published (10 Hz) and known."),
     ("greatest", "the greatest |e| over the same moments."),
     ("settled", "since the settling time: since then the formation error has stayed under the bound."),
+    ("final", "the newest that was known; of the formation, only if it was known at the end."),
     ("settling time", "counts from the first moment at which the formation error was known."),
     ("at its limit", "share of commands with u, or ω, at 99.5 % of the robot's limit or more."),
     ("heading error", "estimated less true heading; the truth only simulated robots tell."),
@@ -61,7 +62,8 @@ def robots(run: Run) -> Table:
             *map(words.share, robot.saturated),
         ]
         rows.append((*cells, *_heading(robot.heading)) if run.truth else tuple(cells))
-    everybody = ["formation", *_measured(run.error), "", ""]
+    everybody = ["formation", *_measured(run.error)][:-1]  # who was lost before the end leaves it unknown
+    everybody += [words.length(run.snapshot.final_error), "", ""]
     rows.append((*everybody, "", "") if run.truth else tuple(everybody))
     if run.true_error.whole.count:
         rows.append(("formation, in truth", *_measured(run.true_error), "", "", "", ""))

@@ -44,11 +44,14 @@ class View:
 
 
 def _until(run: Run) -> float:
+    """Until when a run is worth looking at [s]: past its settling, or all of it if it did not settle."""
+    seen = run.ways.time[np.isfinite(run.ways.points).any(axis=1)]
+    last, settled = float(seen[-1]) if seen.size else 0.0, run.snapshot.settled_at
+    if settled is None or not run.known:
+        return last
     time, values = run.formation.line(0)
-    if run.known:
-        shown = time >= 0.0
-        return drawing.span(time[shown], values[shown])
-    return max(run.end - run.start, 0.0) if run.messages else 0.0
+    shown = time >= 0.0
+    return min(max(drawing.span(time[shown], values[shown]), float(np.ceil(1.4 * settled))), last)
 
 
 def _error_range(runs: Sequence[Run], until: float) -> tuple[float, float]:

@@ -79,6 +79,8 @@ def ratio(value: float | None) -> str:
     """How many times as much: × 7.72."""
     if value is None or not math.isfinite(value):
         return UNKNOWN
+    if 0.0 < value < 0.0995:
+        return f"× {value:.3f}" if value >= 0.0005 else "× <0.001"
     return f"× {_three(value)}" if value < 999.5 else f"× {value:,.0f}"
 
 

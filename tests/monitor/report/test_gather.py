@@ -10,6 +10,7 @@ from formation.mission_file import read
 from formation.topics import CMD_VEL, POSITION
 from monitor.report import summary
 from monitor.report.gather import Run
+from monitor.report.view import View
 from tests.monitor.fleet import Fleet, command
 from tests.monitor.report.recordings import START, coming_in, gathered, record, talk
 
@@ -103,6 +104,9 @@ def test_a_robot_that_is_lost_midway_makes_the_end_unknown_and_is_named(tmp_path
     assert summary.lost_robots(run.keys)[0][1] == pytest.approx(6.0, abs=0.1)
     assert "robot5" in " ".join(summary.notices(run, cut=False))
     assert any(event.kind == "lost" and event.robot == "robot5" for event in run.events)
+    numbers = {item.name: item.value for item in summary.items(run)}
+    assert (numbers["formation_error"], numbers["formation_error_true"]) == (None, None)
+    assert View.of([run]).until > 11.0  # what did not settle is shown to its end
     way = run.ways.points[run.ways.time > 7.0]
     assert np.isnan(way[:, 4]).all()
     assert np.isfinite(way[:, 3]).all()

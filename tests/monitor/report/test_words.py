@@ -37,6 +37,9 @@ from monitor.report import words
         (words.size, 903_800, "903.8 kB"),
         (words.ratio, 7.72, "× 7.72"),
         (words.ratio, 32253.4, "× 32,253"),
+        (words.ratio, 0.0437, "× 0.044"),
+        (words.ratio, 0.0001, "× <0.001"),
+        (words.ratio, 0.0, "× 0"),
     ],
 )
 def test_a_quantity_is_written_for_people(
