@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import math
-import socket
 import sys
 from collections.abc import Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from functools import partial
 from importlib import import_module
 from importlib.metadata import version
@@ -18,13 +17,11 @@ from deploy.arguments import as_json, number, parser
 from deploy.keys import Keys
 from deploy.playing import Bar, Lines, clock, line, press
 from deploy.refusal import Refusal
+from deploy.replay_bus import add_links, session, where
 from deploy.views import in_a_terminal
 from formation.rate import Rate
-from formation.transport.bus import Bus
-from formation.transport.bus_config import MODES, BusConfig, BusError, parse_override
 from formation.transport.linger import Linger
 from formation.transport.process import Stop, clocks
-from formation.transport.wiring import AGENT_PORT
 from monitor.page import frames
 from monitor.page.address import PORT
 from monitor.page.flags import add_page_flags
@@ -36,12 +33,8 @@ from monitor.replay.echo import Echo
 from monitor.replay.film import Film
 from monitor.replay.loop import Replay
 from monitor.replay.player import FASTEST, SLOWEST, Player
-from monitor.replay.prefix import DEFAULT, checked
+from monitor.replay.prefix import checked
 
-HOST, LISTEN_PORT = "127.0.0.1", AGENT_PORT - 1
-"""Where whoever wants to hear the messages dials, unless told otherwise."""
-GIVEN_UP = ("transport/link/tx/queue/congestion_control/block/wait_before_close", "1000000")
-"""A listener that takes nothing for a second has its link closed [us]."""
 REFRESH = 5.0
 """[Hz]"""
 EXAMPLES = """\
@@ -78,7 +71,7 @@ def main(arguments: Sequence[str]) -> int:
     prefix = None if options.no_zenoh else _prefix(options, one)
     with ExitStack() as stack:
         stop = stack.enter_context(Stop())
-        bus = None if prefix is None else stack.enter_context(_bus(options))
+        bus = None if prefix is None else stack.enter_context(session(options))
         echo = None
         if bus is not None and prefix is not None:
             echo = Echo(one.recording.mission, prefix, partial(bus.advertise, waits=True), bus.publish)
@@ -94,7 +87,7 @@ def main(arguments: Sequence[str]) -> int:
             page = stack.enter_context(_page(options, source, replay))
             _say(options, f"page: {page.address}")
         if prefix is not None:
-            _say(options, f"every message on {prefix}/…{_where(options)}")
+            _say(options, f"every message on {prefix}/…{where(options)}")
         _play(options, replay, stop, stack)
     if options.json:
         print(as_json(_report(one, prefix, replay, stop)), flush=True)
@@ -147,44 +140,6 @@ def _prefix(options: argparse.Namespace, one: Opened) -> str:
         return checked(options.prefix, one.recording.mission)
     except ValueError as error:
         raise Refusal(f"--prefix {error}") from None
-
-
-def _bus(options: argparse.Namespace) -> Bus:
-    """A session that only whoever dials it hears, unless flags say otherwise. Raises Refusal."""
-    linked = options.listen or options.connect or options.mode == "client"
-    if not linked and options.config is None:
-        options.listen = [f"tcp/{HOST}:{_free_port()}"]
-    try:
-        return Bus(
-            BusConfig(
-                listen=tuple(options.listen),
-                connect=tuple(options.connect),
-                mode=options.mode,
-                config_file=options.config,
-                overrides=(GIVEN_UP, *(parse_override(text) for text in options.cfg)),
-                name="replay",
-            )
-        )
-    except BusError as error:
-        raise Refusal(str(error)) from None
-
-
-def _free_port() -> int:
-    """The usual port, or another one where that is taken."""
-    for port in (LISTEN_PORT, 0):
-        with closing(socket.socket()) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            try:
-                probe.bind((HOST, port))
-            except OSError:
-                continue
-            return int(probe.getsockname()[1])
-    raise Refusal(f"there is no free port at {HOST} for the messages: name one with -l, or say --no-zenoh")
-
-
-def _where(options: argparse.Namespace) -> str:
-    ends = [f"listens at {end}" for end in options.listen] + [f"dials {end}" for end in options.connect]
-    return f"; {', '.join(ends)}" if ends else ""
 
 
 def _source(one: Opened, player: Player) -> Source:
@@ -255,30 +210,5 @@ def _options() -> argparse.ArgumentParser:
     )  # fmt: skip
     options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
     add_page_flags(options, control=False)
-    links = options.add_argument_group(
-        "the messages on Zenoh, each as recorded, with what rode on it",
-        f"By default whoever dials tcp/{HOST}:{LISTEN_PORT} hears them; if that is taken, another is said.",
-    )
-    links.add_argument("--no-zenoh", action="store_true", help="say nothing there")
-    links.add_argument(
-        "--prefix", default=DEFAULT, metavar="WORD",
-        help=f"what keys begin with (default {DEFAULT}); no word that live keys begin with",
-    )  # fmt: skip
-    links.add_argument("-m", "--mode", choices=MODES, help="Zenoh session mode (default: peer)")
-    links.add_argument(
-        "-l",
-        "--listen",
-        metavar="ENDPOINT",
-        action="append",
-        default=[],
-        help="accept links there; repeatable",
-    )
-    links.add_argument(
-        "-e", "--connect", metavar="ENDPOINT", action="append", default=[], help="dial that; repeatable"
-    )
-    links.add_argument("-c", "--config", metavar="FILE", type=Path, help="Zenoh configuration file (JSON5)")
-    links.add_argument(
-        "--cfg", metavar="KEY:VALUE", action="append", default=[],
-        help="one Zenoh setting, which outranks all others; repeatable",
-    )  # fmt: skip
+    add_links(options)
     return options
