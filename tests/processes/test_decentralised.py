@@ -43,7 +43,10 @@ class Team:
 def running(record: Path) -> Iterator[Team]:
     with ExitStack() as stack:
         where = stack.enter_context(Ports(SIX)).endpoints
-        plan = programs(SIX, "six_robots", where, parent=os.getpid(), record=record, patience=PATIENCE)
+        flags = ("--no-page",)  # a page is no part of the fleet: the test looks at its sockets
+        plan = programs(
+            SIX, "six_robots", where, parent=os.getpid(), record=record, page=flags, patience=PATIENCE
+        )
         children = {}
         for program in plan:
             module, *arguments = program.argv[program.argv.index("-m") + 1 :]
