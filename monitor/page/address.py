@@ -60,7 +60,8 @@ def listening(bind: Bind) -> socket.socket:
     )[0]
     one = socket.socket(family, kind, protocol)
     try:
-        one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # connections of the last run may linger
+        if bind.port:  # connections of the last run may linger; who asks for any port wants one of his own
+            one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         one.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)  # clients inherit it
         one.bind(address)
         one.listen(BACKLOG)
