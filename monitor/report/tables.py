@@ -66,7 +66,9 @@ def robots(run: Run) -> Table:
     everybody += [words.length(run.snapshot.final_error), "", ""]
     rows.append((*everybody, "", "") if run.truth else tuple(everybody))
     if run.true_error.whole.count:
-        rows.append(("formation, in truth", *_measured(run.true_error), "", "", "", ""))
+        true = None if run.snapshot.final_error is None else run.true_error.final
+        told = [*_measured(run.true_error)][:-1]
+        rows.append(("formation, in truth", *told, words.length(true), "", "", "", ""))
     return Table(
         "Errors and saturation",
         (*heads, "RMS heading error", "greatest, settled") if run.truth else heads,
