@@ -64,6 +64,7 @@ def listening(bind: Bind) -> socket.socket:
             one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         one.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)  # clients inherit it
         one.bind(address)
+        one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # nor shall ours be in the way of the next
         one.listen(BACKLOG)
         one.setblocking(False)
     except OSError:
