@@ -151,8 +151,11 @@ class Replay:
         self._obey()
         was_seeking = self._player.seeking
         self._feed()
-        if self._source is not None and not self._player.seeking:
-            self._show(self._source, anew=was_seeking)
+        if self._source is not None:
+            if self._player.seeking:
+                self._bridge(self._source)
+            else:
+                self._show(self._source, anew=was_seeking)
         if self._again_from is not None and self._player.finished and not self._player.paused:
             self._player.seek(self._again_from)
         return min(max(self._player.idle(time.monotonic()), SHORTEST), LONGEST)
@@ -186,6 +189,12 @@ class Replay:
                         self._echo.say(message.sample)
             if len(batch.due) < BATCH:
                 return
+
+    def _bridge(self, source: Source) -> None:
+        """On the way to a position: what was shown last, and where this leads, for who looks meanwhile."""
+        last = source.look
+        if last is not None and source.wanted and self._frames.tick(time.monotonic()):
+            source.show({**last.frame, "replay": self.standing.as_json()}, last.snapshot)
 
     def _show(self, source: Source, *, anew: bool) -> None:
         picture = self._picture

@@ -21,7 +21,7 @@ from monitor.recording.reader import Recorded
 from monitor.replay import loop
 from monitor.replay.echo import Echo
 from monitor.replay.loop import Replay
-from monitor.replay.player import Player
+from monitor.replay.player import Batch, Player
 from tests.monitor.fleet import EPOCH, Fleet
 
 SIX = load("six_robots")
@@ -129,6 +129,32 @@ def test_where_it_stands_is_in_every_frame_also_while_it_is_paused(clock: Clock)
     turns(replay, clock, 1.0)
     assert source.look is not None
     assert 8 <= source.look.number - number <= 11
+
+
+def test_on_the_way_to_a_position_what_was_shown_last_says_where_it_leads(
+    clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source, player = page(), Player(Reel(), 0.0, paused=True)
+    replay = Replay(SIX, player, source)
+    turns(replay, clock, 0.2)
+    before = shown(source)
+
+    def one_by_one(mono: float, _most: int) -> Batch:
+        return Player.take(player, mono, 1)
+
+    monkeypatch.setattr(player, "take", one_by_one)
+    replay.step("seek", BEGIN + 1.0)
+    seen = []
+    while replay.standing.seeking:
+        clock.now += 0.11
+        replay.turn()
+        seen.append(shown(source))
+    arrived = seen.pop()
+    assert len(seen) > 20
+    for frame in seen:
+        assert (frame["replay"]["seeking"], frame["replay"]["t"]) == (True, BEGIN + 1.0)
+        assert {**frame, "replay": before["replay"]} == before
+    assert (arrived["replay"]["seeking"], arrived["t"]) == (False, BEGIN + 1.0)
 
 
 def test_at_its_end_it_begins_again_if_it_is_to(clock: Clock) -> None:
