@@ -34,7 +34,7 @@ REJECTED = 10.0
 KINDS = 8
 """… and of so many kinds in as long."""
 STATES = {
-    "run": ("ran", INFO),
+    "run": ("runs", INFO),
     "hold": ("held", WARNING),
     "stop": ("stopped", WARNING),
     "waiting": ("waiting", INFO),

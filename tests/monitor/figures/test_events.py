@@ -115,15 +115,15 @@ def test_what_robots_say_of_themselves_is_told_when_it_changes() -> None:
     events = [event for event in one.drive(15.0, *samples) if event.robot == "robot2"]
     assert [(event.kind, event.level, event.text) for event in events if event.kind != "joined"] == [
         ("waiting", 20, "no order from the leader yet"),
-        ("ran", 20, "in formation control"),
+        ("runs", 20, "in formation control"),
         ("held", 30, "odometry silent for 0.20 s"),
         ("stopped", 30, "stopped by the operator"),
-        ("ran", 20, "in formation control"),
+        ("runs", 20, "in formation control"),
     ]
 
 
 def test_a_robot_that_only_watches_says_so() -> None:
-    (event,) = of(watcher().drive(12.0, status("robot2", 10.5, "readonly: would run", "fine")), "ran")
+    (event,) = of(watcher().drive(12.0, status("robot2", 10.5, "readonly: would run", "fine")), "runs")
     assert event.text == "read only: fine"
 
 
