@@ -27,7 +27,7 @@ class Latch:
 
     def aware(self, now: Now) -> None:
         """Learn the time, by which requests are told that others have overtaken."""
-        self._once.now = now.mono
+        self._once.aware(now.mono)
 
     def _obey(self, wanted: Do, ordered: Mode) -> bytes:
         if wanted == "shape":

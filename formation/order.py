@@ -107,8 +107,16 @@ class Once:
     def __init__(self) -> None:
         self.now = float("-inf")
         """When the newest step was [s, monotonic]."""
-        self._rested = float("-inf")  # when a stop or a hold was heard last
+        self._rested = float("-inf")  # when a stop or a hold was heard last; infinite: since the newest step
         self._answers: dict[str, bytes] = {}
+
+    def aware(self, mono: float) -> None:
+        """A step is taken [s, monotonic]. What was heard since the one before counts as heard only now.
+
+        Before the first step nobody knows the time, and after one that took long nobody knows it well: a stop
+        that was heard then must not be taken for an older one than it is.
+        """
+        self.now, self._rested = mono, min(self._rested, mono)
 
     def answer(
         self, request: OperatorRequest, obey: Callable[[], bytes], refuse: Callable[[str], bytes]
@@ -126,7 +134,7 @@ class Once:
 
     def _overtaken(self, request: OperatorRequest) -> bool:
         if request.do in RESTS:
-            self._rested = self.now
+            self._rested = float("inf")
             return False
         return request.age > 0.0 and self.now - self._rested < request.age + STEPS
 

@@ -150,7 +150,7 @@ class Leader:
         wanted = self.mode, self.shape
         changed = wanted != self._in_force and not first
         self._stepped, self._in_force = now.mono, wanted
-        self._once.now = now.mono
+        self._once.aware(now.mono)
         return changed
 
     def _reply(self, *, ok: bool, reason: str) -> bytes:

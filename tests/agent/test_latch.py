@@ -66,7 +66,26 @@ def test_a_release_that_was_asked_for_after_the_stop_counts_however_late_it_is_h
     latch = Latch("robot1")
     latch.aware(Now(100.0, 0.0))
     ask(latch, "stop")
+    latch.aware(Now(100.2, 0.0))
     latch.aware(Now(110.0, 0.0))
     late = OperatorRequest(do="release", id="late", age=9.5)
     assert decode(OperatorReply, latch.ask(encode(late), "run")).ok
     assert latch.mode is None
+
+
+@pytest.mark.parametrize("steps", [(), (0.0, 50.0)])
+def test_a_stop_heard_before_the_first_step_or_after_a_long_one_is_no_older_than_it_may_be(
+    steps: tuple[float, ...],
+) -> None:
+    latch = Latch("robot1")
+    for mono in steps:
+        latch.aware(Now(mono, 0.0))
+    ask(latch, "stop")  # at 99.9: the agent has just begun, or hung
+    late = OperatorRequest(do="release", id="late", age=5.0)  # put at 97, when nobody was to be stopped
+    assert not decode(OperatorReply, latch.ask(encode(late), "run")).ok
+    for mono in (100.0, 102.0):
+        latch.aware(Now(mono, 0.0))
+    assert not decode(OperatorReply, latch.ask(encode(late.model_copy(update={"id": "b"})), "run")).ok
+    assert latch.mode == "stop"
+    latch.aware(Now(106.0, 0.0))
+    assert decode(OperatorReply, latch.ask(encode(late.model_copy(update={"id": "c"})), "run")).ok
