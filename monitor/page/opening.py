@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from monitor.page.address import PORT, Bind, is_taken
-from monitor.page.server import Control, PageServer, Replay
+from monitor.page.seams import Control, Replay
+from monitor.page.server import PageServer
 from monitor.page.source import Source
 
 EXPOSED = (

@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any, get_args
 
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
@@ -24,11 +24,9 @@ from formation.order import Do
 from monitor.figures.words import as_json
 from monitor.outlets.prometheus import exposition
 from monitor.page.guard import Message
+from monitor.page.seams import Control, Replay
 from monitor.page.source import Look, Source
 from monitor.page.stream import Streams
-
-if TYPE_CHECKING:
-    from monitor.page.server import Control, Replay
 
 STEERING = ("pause", "play", "seek", "speed")
 LONGEST_BODY = 4096

@@ -13,7 +13,7 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Self
 
 import uvicorn
 
@@ -21,6 +21,7 @@ from monitor.page.address import Bind, listening
 from monitor.page.connection import Connection
 from monitor.page.guard import App, Guard, Message, Receive, Send, names_of
 from monitor.page.routes import application
+from monitor.page.seams import Control, Replay
 from monitor.page.source import Source
 from monitor.page.stream import Streams
 
@@ -33,34 +34,6 @@ IDLE = 5
 LONGEST_HEAD = 16 * 1024
 """Of a request [bytes]."""
 _log = logging.getLogger(__name__)
-
-
-class Control(Protocol):
-    """Who carries an operator's orders to the fleet."""
-
-    @property
-    def token(self) -> str:
-        """What a request has to bring to be obeyed."""
-
-    def order(
-        self, do: str, shape: str | None = None, *, click: str = "", seen: float | None = None
-    ) -> dict[str, Any]:
-        """Give an order and wait for the answers, as `formation order --json` has them.
-
-        `click` is the page's own name of what somebody clicked, the same if it is sent twice; `seen` is the
-        moment that the page showed [s, our system clock]. Called in threads of the server, perhaps in
-        several at once. ValueError for what cannot be ordered just now.
-        """
-
-
-class Replay(Protocol):
-    """Who plays a recording."""
-
-    def steer(self, do: str, to: float | None) -> dict[str, Any]:
-        """Pause, play, seek to a time [s, system clock], or set the speed; how it stands then.
-
-        Called in threads of the server. ValueError for what cannot be.
-        """
 
 
 class PageServer:

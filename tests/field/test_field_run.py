@@ -87,7 +87,7 @@ def test_a_robot_is_reached_at_its_agents_port_and_nowhere_else(team: Deployed) 
     for name in team.mission.names:
         own = {} if name == team.mission.leader else {"127.0.0.1:7447"}
         assert listening(team.computers[name]) == {f"{team.computers[name].address}:7460", *own}
-    assert not listening(team.desk)
+    assert listening(team.desk) == {"127.0.0.1:8460"}, "but for the page, which it shows to itself alone"
 
 
 def test_the_monitor_hears_every_robot_at_its_rate(team: Deployed) -> None:

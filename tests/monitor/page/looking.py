@@ -17,7 +17,8 @@ from monitor.figures.metrics import Metrics
 from monitor.figures.snapshot import Snapshot
 from monitor.page import frames
 from monitor.page.address import Bind
-from monitor.page.server import Control, PageServer, Replay
+from monitor.page.seams import Control, Replay
+from monitor.page.server import PageServer
 from monitor.page.source import Source
 from tests.monitor.fleet import Fleet, hear, now
 from tests.processes.child import PATIENCE

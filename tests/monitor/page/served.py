@@ -12,7 +12,8 @@ from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
 
 from monitor.figures.snapshot import Snapshot
 from monitor.page.address import Bind
-from monitor.page.server import Control, PageServer, Replay
+from monitor.page.seams import Control, Replay
+from monitor.page.server import PageServer
 from monitor.page.source import Source
 from tests.monitor.page.scene import Scene
 from tests.needs import path_of
