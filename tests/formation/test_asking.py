@@ -42,6 +42,15 @@ def test_a_question_is_put_again_until_everybody_has_answered() -> None:
     assert fleet.keys == ["*/order"] * 3
 
 
+def test_the_first_answer_of_a_robot_counts_and_not_what_it_says_to_the_repetition() -> None:
+    late = reply("robot1", mode="hold")._replace(ms=400.0)
+    answers = asking.ask(
+        Fleet([reply("robot1")], [late, reply("robot2")]).ask, ["robot1", "robot2"], STOP, 10.0
+    )
+    assert answers["robot1"].ms == 1.5
+    assert answers["robot1"].reply.mode == "stop"
+
+
 def test_one_robot_is_asked_by_its_own_key() -> None:
     fleet = Fleet([reply("robot1")])
     asking.ask(fleet.ask, ["robot1"], STOP, 10.0)

@@ -18,6 +18,7 @@ from tests.processes.child import PATIENCE
 pytestmark = pytest.mark.browser
 TOKEN = "a-token-for-tests"  # noqa: S105 - nobody is kept out by it
 POST = "fetch('api/order', {method: 'POST', body: '{}'}).then((answer) => answer.status)"
+ESCAPE = "document.dispatchEvent(new KeyboardEvent('keydown', {key: 'Escape'}))"
 REFUSED = "status of 401"
 """What a browser writes to its console about that."""
 
@@ -126,7 +127,7 @@ def test_escape_twice_stops_and_once_does_not(browser: Browser, controlled: Serv
         page.wait_for_timeout(1100)
         page.keyboard.press("Escape")
         assert fleet.told == []
-        page.keyboard.press("Escape")
+        page.evaluate(ESCAPE)  # at once, however busy this machine is
         page.locator("#acknowledgements li").first.wait_for()
         assert fleet.told == [("stop", None)]
 
