@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -9,7 +10,7 @@ from formation.ros2.messages import Diagnostics, LogEntry, Status, decode, encod
 from formation.topics import EVENTS, STATUS
 from formation.wire import Sample
 from monitor.core import Monitor
-from monitor.figures.events import KINDS, LOST, REJECTED, Event, from_message, to_message
+from monitor.figures.events import KINDS, LOST, REJECTED, Event, Events, from_message, to_message
 from tests.monitor.fleet import EPOCH, Fleet, command, now, said, status
 
 
@@ -212,6 +213,18 @@ def test_rubbish_of_many_kinds_does_not_flood_the_list_and_none_is_forgotten() -
     assert len({event.text.partition(" (")[0] for event in events + later}) == len(
         one.monitor.metrics.rejections.by_reason
     )
+
+
+def test_of_many_kinds_that_flood_all_have_their_turn() -> None:
+    one = watcher()
+    one.drive(12.0)
+    quiet = one.monitor.metrics.snapshot(now(12.0))
+    events, told = Events(one.fleet.mission), set[str]()
+    for look in range(400):
+        flood = {f"robot2/odom: {kind}": 1 + look for kind in range(2 * KINDS + 4)}
+        seen = events.see(now(12.0 + look / 10), replace(quiet, rejected=flood))
+        told |= {event.text.partition(" (")[0] for event in seen if event.kind == "rejected"}
+    assert told == set(flood)
 
 
 def test_a_robot_at_the_edge_of_the_radio_is_told_now_and_then_with_a_count_and_in_the_end_as_it_is() -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from formation.topics import POSITION
+from monitor.figures.feed import freshness_limit
 from monitor.figures.health import Health, health
 from monitor.figures.metrics import Metrics
 from monitor.figures.snapshot import RobotFigures
@@ -44,6 +45,15 @@ def test_health_ebbs_away_with_silence_and_is_gone_when_the_robot_is_lost() -> N
     assert 0.0 < shares[2] < shares[1] < 1.0
     assert shares[3:] == [0.0, 0.0]
     assert of(replace(figures, age=60.0)).why == "silent for 60.0 s"
+
+
+def test_a_robot_that_speaks_slowly_may_be_silent_for_longer() -> None:
+    slow = SPEC.model_copy(update={"rate": 1.0})
+    limit = freshness_limit(slow.rate)
+    shares = [
+        health("robot3", replace(well(), age=share * limit, rate=1.0), slow).share for share in (1, 1.5, 2)
+    ]
+    assert shares == [1.0, pytest.approx(0.5), 0.0]
 
 
 def test_half_the_promised_rate_is_about_half_the_health() -> None:
