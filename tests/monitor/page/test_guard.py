@@ -76,11 +76,12 @@ def answered(method: str = "GET", path: str = "/", **headers: str) -> tuple[int,
     async def receive() -> Message:
         raise AssertionError("the gate does not read")
 
+    where, _, query = path.partition("?")
     scope: dict[str, Any] = {
         "type": "http",
         "method": method,
-        "raw_path": path.encode(),
-        "query_string": b"",
+        "raw_path": where.encode(),
+        "query_string": query.encode(),
         "headers": [(name.encode(), value.encode("latin-1")) for name, value in headers.items()],
     }
     asyncio.run(Guard(app, NAMES)(scope, receive, send))
@@ -98,7 +99,8 @@ def test_what_is_ours_is_let_through_and_what_is_not_is_not() -> None:
     assert (
         answered("GET", host="desk", origin="http://attacker.example")[0] == 299
     )  # browsers keep it from him
-    assert answered(path="/" + 2000 * "a", host="desk")[0] == 414
+    for path in ("/" + 2000 * "a", "/?" + 2000 * "a"):
+        assert answered(path=path, host="desk")[0] == 414
 
 
 @pytest.mark.parametrize("host", ["desk", "attacker.example"])
@@ -108,6 +110,8 @@ def test_every_answer_tells_browsers_to_run_nothing_that_is_not_ours(host: str) 
     assert "unsafe" not in headers["content-security-policy"]
     assert "frame-ancestors 'none'" in headers["content-security-policy"]
     assert headers["x-content-type-options"] == "nosniff"
+    assert headers["x-frame-options"] == "DENY"
     assert headers["referrer-policy"] == "no-referrer"
+    assert headers["cross-origin-opener-policy"] == "same-origin"
     assert headers["cross-origin-resource-policy"] == "same-origin"
     assert "access-control-allow-origin" not in headers

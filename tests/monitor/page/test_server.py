@@ -265,7 +265,11 @@ def test_a_stop_does_not_wait_behind_other_orders(monkeypatch: pytest.MonkeyPatc
         orders.hold.set()
         for one in asking:
             one.join()
-    assert [do for do, *_ in orders.given] == ["run", "run", "run", "stop"]
+        # and when they are over, however they ended, there is room again
+        orders.error = ValueError("not now")
+        for _ in range(4):
+            assert asked(server, "api/order", {"do": "run"}, **BEARER).status_code == 409
+    assert [do for do, *_ in orders.given][:4] == ["run", "run", "run", "stop"]
 
 
 def test_a_replay_is_steered_without_a_token_for_it_moves_no_robot() -> None:
