@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from agent.latch import Latch
-from formation.order import REMEMBERED, Do, Mode, OperatorReply, OperatorRequest, decode, encode
+from formation.order import REMEMBERED, STEPS, Do, Mode, OperatorReply, OperatorRequest, decode, encode
 from formation.wire import Now
 
 
@@ -71,6 +71,17 @@ def test_a_release_that_was_asked_for_after_the_stop_counts_however_late_it_is_h
     late = OperatorRequest(do="release", id="late", age=9.5)
     assert decode(OperatorReply, latch.ask(encode(late), "run")).ok
     assert latch.mode is None
+
+
+def test_a_release_so_close_after_the_stop_that_nobody_knows_which_was_first_lets_nobody_go() -> None:
+    latch = Latch("robot1")
+    latch.aware(Now(100.0, 0.0))
+    ask(latch, "stop")
+    latch.aware(Now(100.1, 0.0))
+    latch.aware(Now(110.0, 0.0))
+    for age, ok in ((9.9 - 0.8 * STEPS, False), (9.9 - 1.2 * STEPS, True)):
+        late = OperatorRequest(do="release", id=f"at{age:g}", age=age)
+        assert decode(OperatorReply, latch.ask(encode(late), "run")).ok is ok
 
 
 @pytest.mark.parametrize("steps", [(), (0.0, 50.0)])
