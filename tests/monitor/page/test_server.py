@@ -75,6 +75,8 @@ def test_a_page_is_greeted_and_then_gets_frames_and_events_as_they_come() -> Non
         assert next(events) == ("1", "frame", FRAME)
         server.source.note(HAPPENED)
         assert next(events) == ("event-1", "event", HAPPENED)
+        server.source.show(FRAME, SEEN)
+        assert next(events) == ("2", "frame", FRAME)  # and the first one has not come again meanwhile
 
 
 def test_who_comes_later_gets_the_newest_frame_at_once_and_no_event_twice() -> None:
