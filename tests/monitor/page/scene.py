@@ -31,6 +31,8 @@ class Scene:
         self.silent: dict[str, float] = {}
         """Since when a robot has said nothing [s]."""
         self.state = dict.fromkeys(self.names, ("run", "in formation control"))
+        self.replay: dict[str, Any] = {"speed": 1.0, "paused": False}
+        """What a frame says of the replay, but for its times."""
         self._live, self._control = live, control
         self._slots = _hexagon() if count == 6 else _block(count)
         draw = random.Random(count)
@@ -100,7 +102,7 @@ class Scene:
         }  # fmt: skip
 
     def _replay(self) -> dict[str, Any]:
-        return {"t": self.now, "start": EPOCH, "end": EPOCH + 30.0, "speed": 1.0, "paused": False}
+        return {"t": self.now, "start": EPOCH, "end": EPOCH + 30.0, **self.replay}
 
     def _gone(self, n: int) -> bool:
         return self.time - self.silent.get(self.names[n], math.inf) > LOST

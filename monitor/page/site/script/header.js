@@ -17,6 +17,8 @@ export class Header {
     setText(byId("mission"), hello.mission);
     setText(byId("law"), `${hello.law} law`);
     document.title = `${hello.mission} – formation`;
+    setText(byId("stale-word"), hello.live ? "✕ NOT LIVE." : "✕ THE REPLAY HAS STOPPED.");
+    if (!hello.live) this.showPlayed(hello.recording);
     setText(byId("version"), hello.version ? `formation ${hello.version}` : "");
   }
 
@@ -31,7 +33,7 @@ export class Header {
     setText(byId("mode"), frame.mode ?? format.UNKNOWN);
     setText(byId("shape"), frame.shape ?? format.UNKNOWN);
     setText(byId("bad-messages"), `${frame.missed} missed · ${frame.rejected} rejected`);
-    this.showRecording(frame.recording);
+    if (hello.live) this.showRecording(frame.recording);
   }
 
   showRecording(recording) {
@@ -44,11 +46,19 @@ export class Header {
     byId("recording").title = recording?.path ?? "nothing is recorded";
   }
 
+  /** A replay records nothing: what it plays stands there. */
+  showPlayed(path) {
+    setText(byId("recording"), `▶ ${path ? path.split(/[\\/]/).pop() : "a recording"}`);
+    setAttribute(byId("recording"), "data-tone", "plain");
+    byId("recording").title = path ? `played: ${path}` : "";
+  }
+
   /** Whether what is shown is true now; called by a timer, for silence brings no message. */
   watch() {
     const { age, open } = this.stream;
-    const replayed = this.model.hello?.live === false; // which may stand still, or be wound, for as long as it likes
-    const stale = age !== null && age > STALE && !(replayed && open);
+    const { replay } = this.model.frame ?? {};
+    const stands = open && (replay?.paused || replay?.finished); // nothing of it gets old
+    const stale = age !== null && age > STALE && !stands;
     if (stale !== this.stale) {
       this.stale = stale;
       document.body.classList.toggle("stale", stale);
@@ -66,6 +76,7 @@ export class Header {
     if (!this.stream.open) return { text: this.stream.age === null ? "◌ connecting …" : "✕ reconnecting …", tone: "bad" };
     if (stale) return { text: "✕ no data", tone: "bad" };
     if (this.stream.age === null) return { text: "◌ waiting for data", tone: "warn" };
+    if (replay?.seeking) return { text: "… replay, seeking", tone: "warn" };
     if (replay?.finished) return { text: "■ replay, at its end", tone: "warn" };
     if (replay) return { text: replay.paused ? "Ⅱ replay, paused" : "▶ replay", tone: "warn" };
     return { text: "● live", tone: "good" };

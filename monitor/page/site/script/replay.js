@@ -3,6 +3,8 @@
 import { byId, make, setAttribute, setHidden, setText } from "./dom.js";
 import * as format from "./format.js";
 
+const LATE = 0.5; // what a replay has taken longer than was asked, from when on it is worth saying [s]
+
 export class ReplayBar {
   constructor(model) {
     this.model = model;
@@ -50,6 +52,8 @@ export class ReplayBar {
     setAttribute(this.slider, "max", whole.toFixed(1));
     setText(byId("replay-play"), this.stands ? "▶ Play" : "Ⅱ Pause");
     this.showSpeed(now.speed);
+    setAttribute(byId("replay"), "aria-busy", String(now.seeking === true));
+    setText(byId("replay-remarks"), remarks(now));
     if (this.held) return;
     this.slider.value = (now.t - now.start).toFixed(1);
     this.showTime(now.t - now.start);
@@ -70,4 +74,13 @@ export class ReplayBar {
     setText(byId("replay-time"), text);
     setAttribute(this.slider, "aria-valuetext", text);
   }
+}
+
+/** What is not as one would expect, in the words of the terminal. */
+function remarks({ start, counted_from: counted, drift, skipped }) {
+  const found = [];
+  if (counted > start) found.push(`settling, elapsed time and counts since ${format.span(counted - start)} only`);
+  if (drift > LATE) found.push(`${drift.toFixed(1)} s late`);
+  if (skipped > 0) found.push(`${skipped} messages came too late to be said`);
+  return found.length ? `▲ ${found.join(" · ")}` : "";
 }
