@@ -16,7 +16,7 @@ from monitor.figures.snapshot import Snapshot
 
 HISTORY = 1200
 """Values of the formation error that a new page is given: ten minutes at two a second."""
-EVENTS = 200
+EVENTS = 500
 """Newest events that it is given."""
 
 AGAIN = b"retry: 1000\n"

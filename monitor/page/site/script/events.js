@@ -1,9 +1,10 @@
 /** What happened, newest first. */
 
+import { lines, sum } from "./bursts.js";
 import { byId, make, setHidden } from "./dom.js";
 import * as format from "./format.js";
 
-const SHOWN = 200;
+const SHOWN = 200; // lines
 const SYMBOLS = { 20: "•", 30: "▲", 40: "✖" };
 const LEVELS = { 20: "information", 30: "warning", 40: "error" };
 
@@ -13,21 +14,59 @@ export class EventList {
     this.list = byId("event-list");
     this.filter = byId("event-filter");
     this.grave = byId("event-grave");
-    this.filter.addEventListener("input", () => this.rebuild());
-    this.grave.addEventListener("change", () => this.rebuild());
+    this.shown = new Map(); // items by what is in them
+    this.outdated = false;
+    this.filter.addEventListener("input", () => this.show());
+    this.grave.addEventListener("change", () => this.show());
   }
 
+  /** Other events than those so far. */
   rebuild() {
-    const wanted = this.model.events.filter((event) => this.matches(event)).slice(-SHOWN);
-    this.list.replaceChildren(...wanted.reverse().map(item));
+    this.list.replaceChildren();
+    this.shown.clear();
+    this.show();
+  }
+
+  add() {
+    this.outdated = true;
+  }
+
+  update() {
+    if (this.outdated) this.show();
+  }
+
+  /** Items that stay are not touched: who reads them aloud would begin anew. */
+  show() {
+    this.outdated = false;
+    const wanted = lines(this.model.events.filter((event) => this.matches(event))).slice(0, SHOWN);
+    const opened = this.opened();
+    this.keepOnly(new Set(wanted.map(name)));
+    let next = this.list.firstElementChild;
+    for (const events of wanted) {
+      const known = this.shown.get(name(events));
+      if (known && known === next) next = next.nextElementSibling;
+      else this.list.insertBefore(known ?? this.item(events, opened), next);
+    }
     setHidden(byId("event-none"), wanted.length > 0);
   }
 
-  add(event) {
-    if (!this.matches(event)) return;
-    this.list.prepend(item(event));
-    while (this.list.childElementCount > SHOWN) this.list.lastElementChild.remove();
-    setHidden(byId("event-none"), true);
+  /** Numbers with which the lines begin that have been opened. */
+  opened() {
+    return new Set([...this.list.querySelectorAll("details[open]")].map((one) => one.dataset.first));
+  }
+
+  keepOnly(wanted) {
+    for (const [key, element] of this.shown) {
+      if (wanted.has(key)) continue;
+      element.remove();
+      this.shown.delete(key);
+    }
+  }
+
+  item(events, opened) {
+    const element = item(events, opened.has(String(events[0].n)));
+    this.shown.set(name(events), element);
+    return element;
   }
 
   matches(event) {
@@ -37,11 +76,29 @@ export class EventList {
   }
 }
 
-function item(event) {
+/** What a line is known by: a burst that grows is another one. */
+function name(events) {
+  return `${events[0].n} ${events[events.length - 1].n} ${events.length}`;
+}
+
+function item(events, open) {
+  const [event] = events;
   const level = event.level >= 40 ? 40 : event.level >= 30 ? 30 : 20;
   const symbol = make("span", { class: "symbol", role: "img", "aria-label": LEVELS[level] }, SYMBOLS[level]);
   const time = make("time", { datetime: new Date(1000 * event.at).toISOString() }, format.clock(event.at));
-  const text = event.robot && !event.text.startsWith(event.robot) ? `${event.robot}: ${event.text}` : event.text;
   const what = make("span", { class: "kind" }, event.kind);
-  return make("li", { "data-level": String(level) }, time, symbol, what, make("span", { class: "text" }, text));
+  const text = events.length > 1 ? many(events, open) : make("span", { class: "text" }, one(event));
+  return make("li", { "data-level": String(level) }, time, symbol, what, text);
+}
+
+function one(event) {
+  return event.robot && !event.text.startsWith(event.robot) ? `${event.robot}: ${event.text}` : event.text;
+}
+
+function many(events, open) {
+  const each = make("ul", {}, ...events.map((event) => make("li", {}, one(event))));
+  const first = String(events[0].n);
+  const whole = make("details", { class: "text", "data-first": first }, make("summary", {}, sum(events)), each);
+  whole.open = open;
+  return whole;
 }

@@ -51,7 +51,7 @@ const stream = new Stream("stream", {
   },
   event: (event) => {
     model.note(event);
-    events.add(event);
+    events.add();
   },
 });
 const header = new Header(model, stream);
@@ -78,6 +78,7 @@ function show(now) {
 }
 
 function catchUp(now) {
+  events.update();
   if (due("table", now, TABLE_EVERY)) table.update();
   if (due("chart", now, CHART_EVERY)) {
     chart.update();

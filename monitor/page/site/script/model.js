@@ -5,7 +5,7 @@ import { Series } from "./ring.js";
 
 const HISTORY = 2400; // values of the formation error …
 const HISTORY_STEP = 0.24; // … and seconds between two: ten minutes
-const EVENTS = 300;
+const EVENTS = 500;
 const REWOUND = 0.5; // a frame that is so much older than the last one comes from a recording wound back [s]
 
 export class Model {
