@@ -12,6 +12,7 @@ from playwright.sync_api import Browser, Page
 
 from formation.mission_file import load
 from tests.monitor.page.served import until, watched
+from tests.processes.child import PATIENCE
 from tests.processes.launched import started, wait_until_running
 
 pytestmark = [pytest.mark.processes, pytest.mark.browser, pytest.mark.timeout(240)]
@@ -98,12 +99,18 @@ def _the_others_stop(page: Page) -> None:
     assert {text.split()[1] for text in texts} == set(SIX.names)
     until(page, f"{STATES}.filter((word) => word === 'stop').length === {len(SIX.names) - 1}")
     page.locator("#event-list li", has_text="operator").first.wait_for()
-    page.wait_for_timeout(500)  # what they had been told before has come to its end
+    deadline = time.monotonic() + PATIENCE
+    while not _stand(page):
+        assert time.monotonic() < deadline, "they do not stand"
+
+
+def _stand(page: Page) -> bool:
+    """Whether no follower moves for a second."""
     before = page.evaluate(PLACES)
     until(page, f"formation.model.frame.t > {page.evaluate('formation.model.frame.t') + 1.0}")
     after = page.evaluate(PLACES)
     followers = range(1, len(SIX.names))
-    assert all(abs(after[n][k] - before[n][k]) < 0.005 for n in followers for k in (0, 1))
+    return all(abs(after[n][k] - before[n][k]) < 0.005 for n in followers for k in (0, 1))
 
 
 def test_without_control_the_page_of_a_run_only_shows(browser: Browser, tmp_path: Path) -> None:
