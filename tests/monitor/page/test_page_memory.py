@@ -13,7 +13,7 @@ from tests.monitor.page.served import Served, served, watched
 pytestmark = pytest.mark.browser
 MINUTE = 600
 """Frames."""
-AT_ONCE = 25
+AT_ONCE = 50
 """Frames made before the page is asked whether it has taken them."""
 
 
