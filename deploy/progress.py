@@ -57,3 +57,7 @@ class Progress:
         self.events.extend(snapshot.events)
         if math.isfinite(snapshot.error):
             self.errors.append(snapshot.error)
+
+    def lose_sight(self) -> None:
+        """Nobody measures any more: nothing is known now, and what was is not shown as if it were."""
+        self.snapshot = Snapshot(math.nan, {})

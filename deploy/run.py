@@ -155,6 +155,8 @@ def _watch(launcher: Launcher, progress: Progress, view: View, timeout: float) -
         if child.died and child.name not in progress.dead:
             progress.dead[child.name] = how_it_ended(child)
             progress.dead_robots.update(child.robots)
+            if child.part == "watch":
+                progress.lose_sight()
     view.show(progress)
 
 

@@ -51,9 +51,10 @@ def states(of_robots: Iterable[str]) -> str:
 
 
 def happened(event: Event) -> str:
-    """An event in one line."""
+    """An event in one line, with its kind: a text such as "under the bound" does not say that it settled."""
     at = time.strftime("%H:%M:%S", time.localtime(event.at))
-    return f"{at}  {f'{event.robot}: ' if event.robot else ''}{event.text}"
+    about = " ".join(word for word in (event.robot, event.kind) if word)
+    return f"{at}  {about}: {event.text}" if about else f"{at}  {event.text}"
 
 
 def draw(progress: Progress, width: int, height: int, *, ascii_only: bool = False) -> RenderableType:

@@ -119,6 +119,8 @@ def line(progress: Progress) -> str:
     if progress.snapshot is None:
         said = progress.note.partition("\n")[0]
         return f"{head}  {said or 'no word from the monitor yet'}"
+    if not progress.snapshot.robots:
+        return f"{head}  nothing is known: nobody measures any more"
     counts = states(robot.state for robot in progress.snapshot.robots.values())
     return (
         f"{head}  error {metres(progress.snapshot.error)}{'  settled' if progress.settled else ''}  {counts}"

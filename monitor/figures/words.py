@@ -36,11 +36,12 @@ def line(snapshot: Snapshot) -> str:
     error = "unknown" if snapshot.formation_error is None else f"{snapshot.formation_error * 100:.2f} cm"
     if snapshot.formation_error_true is not None:
         error += f" (true {snapshot.formation_error_true * 100:.2f} cm)"
+    settled = None if snapshot.formation_error is None else snapshot.settled_at
     states = Counter(robot.state for robot in snapshot.robots.values())
     parts = [
         f"{snapshot.elapsed:6.1f} s",
         f"error {error}",
-        "" if snapshot.settled_at is None else f"settled at {snapshot.settled_at:.1f} s",
+        "" if settled is None else f"settled at {settled:.1f} s",
         ", ".join(f"{count} {state}" for state, count in states.items()),
         *(
             f"{name} silent for {robot.age:.1f} s"

@@ -130,6 +130,20 @@ def test_with_more_robots_than_lines_those_in_trouble_are_shown_and_the_rest_cou
     assert any(text.startswith("and ") and "more" in text for text in lines)
 
 
+def test_when_nobody_measures_any_more_old_figures_are_not_shown_as_if_they_were_new() -> None:
+    now = progress()
+    now.see(now.snapshot._replace(error=0.001) if now.snapshot else Snapshot(0.001, {}))
+    now.dead["monitor"] = "was killed (SIGKILL)"
+    now.lose_sight()
+    assert not now.settled
+    assert line(now) == " 12.0 of 30 s  nothing is known: nobody measures any more"
+    lines = picture(now)
+    assert row(lines, "robot3").split() == ["robot3", "-", "-", "-", "-", "-", "-"]
+    assert row(lines, "error").split()[1] == "-"
+    assert "settled" not in "\n".join(lines)
+    assert "monitor was killed (SIGKILL)" in lines
+
+
 def test_before_the_first_snapshot_it_says_what_it_waits_for() -> None:
     now = Progress(load("six_robots"), 30.0, 8, ready=3)
     assert picture(now) == ["six-robots: starting, 3 of 8 processes ready"]
@@ -151,8 +165,8 @@ def test_what_happens_stands_below_the_table_the_newest_last() -> None:
     lines = picture(now)
     assert lines[: len(before)] == before
     assert lines[len(before) :] == [happened(LOST), happened(SETTLED)]
-    assert happened(LOST)[8:] == "  robot4: silent for 1.0 s; said last: run"
-    assert happened(SETTLED)[8:] == "  under the bound of 50 mm since 3.6 s"
+    assert happened(LOST)[8:] == "  robot4 lost: silent for 1.0 s; said last: run"
+    assert happened(SETTLED)[8:] == "  settled: under the bound of 50 mm since 3.6 s"
 
 
 @pytest.mark.parametrize("height", [8, 10, 11, 12, 24])
@@ -163,9 +177,9 @@ def test_events_take_the_room_that_is_left_and_no_more(height: int, width: int) 
     lines = picture(now, width, height)
     assert len(lines) <= height - 1
     assert len(lines[-1] + "^C") < max(width, 80)
-    told = [text for text in lines if "robot4: " in text]
+    told = [text for text in lines if "robot4 lost: " in text]
     assert len(told) == max(0, min(height - 1 - 10, 8))
-    assert all("robot4: 59 " in text for text in told[-1:])
+    assert all("robot4 lost: 59 " in text for text in told[-1:])
 
 
 def test_events_come_with_the_snapshots_and_strange_ones_are_left_out() -> None:
