@@ -44,7 +44,7 @@ COMMANDS = {
     "leader": Command("leader.__main__", ALONE, "go along the route and give the orders"),
     "guard": Command("agent.robots.guard.__main__", ALONE, "stop one robot when its agent falls silent"),
     "robot": Command("agent.robots.__main__", ALONE, "simulate one robot or several"),
-    "monitor": Command("monitor.__main__", ALONE, "measure and record; moves nothing"),
+    "monitor": Command("monitor.__main__", ALONE, "measure, record and show on a page"),
     "deploy": Command("deploy.field.cli", FIELD, "bring a mission onto robots: certificates, bundles, push"),
     "doctor": Command("deploy.doctor.cli", FIELD, "what is wrong with a robot or a team, and what to do"),
 }

@@ -27,7 +27,7 @@ EXAMPLES = """\
   formation order my_mission.toml stop -e tcp/192.168.1.11:7460 -e tcp/192.168.1.12:7460
   formation order my_mission.toml stop -c operator/zenoh.json5      with the operator's certificate
 
-Exit code 0: everyone asked has obeyed; 1: somebody did not answer, or refused.
+Exit code 0: everyone asked has obeyed; 1: somebody did not answer, or refused; 2: nobody was asked.
 """
 
 

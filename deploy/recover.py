@@ -18,8 +18,8 @@ EXAMPLES = """\
   formation recover recordings/six-robots-20260801-101500.mcap
   formation recover monday.mcap -o monday-whole.mcap
 
-The original is never touched. `formation report` and `formation replay` read a cut recording as it is;
-Foxglove, PlotJuggler and `ros2 bag` want a whole one.
+`formation report` and `formation replay` read a cut recording as it is; Foxglove, PlotJuggler and `ros2 bag`
+want a whole one. Exit code 0: there is a whole one now, or it was; 2: nothing was written.
 """
 PATIENCE = 2.0
 """Before it says how far it is, and from one time to the next [s]."""

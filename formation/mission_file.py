@@ -58,7 +58,9 @@ def read(mission: str | Path) -> tuple[str, str]:
         raise MissionError(
             f"{mission}: no such file, and no shipped mission of that name ({names})"
         ) from None
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise MissionError(f"{mission}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
         raise MissionError(f"{mission}: cannot be read as UTF-8 text: {error}") from None
 
 

@@ -46,6 +46,7 @@ EXAMPLES = """\
   formation monitor field.toml --record monday.mcap
   formation monitor field.toml --no-record -e tcp/192.168.1.11:7460 -e tcp/192.168.1.12:7460
   formation monitor six_robots --foxglove
+  formation monitor field.toml --page 0.0.0.0:8460 --control --control-config operator.json5
   formation monitor field.toml --ros tcp/127.0.0.1:7447 --ros-names rmw_zenoh
 """
 NODE = "formation_monitor"
@@ -195,7 +196,9 @@ def _check(flag: str, endpoint: str) -> None:
 
 def _flags() -> argparse.ArgumentParser:
     flags = parser(
-        "monitor", "Measure and record a fleet. It publishes nothing that a robot listens to.", EXAMPLES
+        "monitor",
+        "Measure a fleet, record it and show it on a page. It moves no robot, but for orders with --control.",
+        EXAMPLES,
     )
     file = flags.add_mutually_exclusive_group()
     file.add_argument(
