@@ -11,6 +11,7 @@ from typing import IO, NamedTuple
 from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata
 
+from formation.law import LAWS
 from formation.mission import Mission
 from formation.mission_file import MissionError, parse
 from formation.wire import Sample
@@ -76,7 +77,12 @@ def read(path: Path) -> Recording:
         mission = parse(about["mission_file"], source)
     except MissionError as error:
         raise UnreadableError(str(error)) from None
-    law = mission.law.model_copy(update={"kind": about.get("law", mission.law.kind)})
+    except RecursionError:
+        raise UnreadableError(f"{source} is nested too deeply") from None
+    kind = about.get("law", mission.law.kind)
+    if kind not in LAWS:
+        raise UnreadableError(f"{path}: its law is {kind[:40]!r}; must be one of {', '.join(LAWS)}")
+    law = mission.law.model_copy(update={"kind": kind})
     return Recording(path, about, mission.model_copy(update={"law": law}), _parts(path, about))
 
 
@@ -119,7 +125,7 @@ def _parts(path: Path, about: Mapping[str, str]) -> tuple[Path, ...]:
 
 def _number(about: Mapping[str, str]) -> int:
     text = about.get("part", "")
-    return int(text) if text.isdecimal() else 1
+    return int(text) if text.isdecimal() and len(text) < 10 else 1
 
 
 def _messages(file: IO[bytes], since: float) -> Iterator[Recorded]:

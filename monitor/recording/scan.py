@@ -12,15 +12,19 @@ from collections.abc import Callable, Iterator
 from io import BytesIO
 from typing import IO, NamedTuple, TypeVar
 
+import lz4.frame  # type: ignore[import-untyped]
+import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, Schema
-from mcap.stream_reader import get_chunk_data_stream
 
 from monitor.recording.chunk import MESSAGE
 
 MAGIC = b"\x89MCAP0\r\n"
+LONGEST = 256 * 1024 * 1024
+"""Of a record, and of a chunk when it is unpacked [bytes]. Ours have a megabyte and one message; what says
+that it is longer is damaged, or made to use up our memory."""
 _HEAD = struct.Struct("<BQ")
 _TIMES = struct.Struct("<QQ")  # of the first and the last message of a chunk [ns]
 _FOOTER = _HEAD.size + 20
@@ -80,7 +84,7 @@ def records(file: IO[bytes]) -> Iterator[Record]:
     at = len(MAGIC)
     while len(head := file.read(_HEAD.size)) == _HEAD.size:
         opcode, length = _HEAD.unpack(head)
-        if opcode == 0 or length > end - at - _HEAD.size:
+        if opcode == 0 or length > min(LONGEST, end - at - _HEAD.size):
             return
         body = file.read(length)
         if len(body) < length:
@@ -95,7 +99,7 @@ def understood(read: Callable[[ReadDataStream], R], body: bytes) -> R | None:
     """A record by its class's own `read`; None for one that is damaged."""
     try:
         return read(ReadDataStream(BytesIO(body)))
-    except (McapError, ValueError, struct.error):
+    except (McapError, ValueError, OverflowError, struct.error):
         return None
 
 
@@ -105,12 +109,11 @@ def contents(body: bytes) -> Contents | None:
     try:
         if chunk is None:
             return None
-        stream, length = get_chunk_data_stream(chunk)
-        raw = stream.read(length)
+        raw = _unpacked(chunk)
         if len(raw) != chunk.uncompressed_size or chunk.uncompressed_crc not in {0, zlib.crc32(raw)}:
             return None
         return _contents(raw)
-    except (McapError, ValueError, RuntimeError, MemoryError, struct.error):
+    except (zstandard.ZstdError, ValueError, RuntimeError, MemoryError, EOFError, struct.error):
         return None
 
 
@@ -139,9 +142,24 @@ def summary(file: IO[bytes]) -> Iterator[Record]:
     file.seek(end.summary_start)
     while len(head := file.read(_HEAD.size)) == _HEAD.size:
         opcode, length = _HEAD.unpack(head)
-        if opcode == Opcode.FOOTER or length > 2**31:
+        if opcode == Opcode.FOOTER or length > LONGEST:
             return
         yield Record(opcode, file.tell() - _HEAD.size, file.read(length))
+
+
+def _unpacked(chunk: Chunk) -> bytes:
+    """Its records, and at most a byte more than it says. Raises what its codec does, or ValueError."""
+    size = chunk.uncompressed_size
+    if size > LONGEST:
+        raise ValueError("a chunk is longer than any that is read")
+    match chunk.compression:
+        case "":
+            return chunk.data
+        case "lz4":
+            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1))
+        case "zstd":
+            return zstandard.ZstdDecompressor().stream_reader(chunk.data).read(size + 1)
+    raise ValueError("a chunk is packed in a way that nobody knows")
 
 
 def _contents(raw: bytes) -> Contents:
@@ -152,8 +170,8 @@ def _contents(raw: bytes) -> Contents:
     while at < len(raw):
         opcode, length = _HEAD.unpack_from(raw, at)
         end = at + _HEAD.size + length
-        if end > len(raw):
-            raise ValueError("a record is longer than its chunk")
+        if opcode == 0 or end > len(raw):
+            raise ValueError("no record, or one that is longer than its chunk")
         if opcode == message:
             _, _, channel, sequence, logged, published = MESSAGE.unpack_from(raw, at)
             data = raw[at + MESSAGE.size : end]
