@@ -144,8 +144,9 @@ def test_a_refusal_is_an_event_with_its_reason(operator: Operator, team: Team, e
 
 
 def test_a_stop_goes_out_at_once_while_a_hold_waits_for_its_answer(
-    operator: Operator, team: Team, pages: ThreadPoolExecutor
+    operator: Operator, team: Team, pages: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(control, "PATIENCE", 20.0)
     team.away = {SIX.leader}
     hold = begun(pages, operator, team, "hold")
     team.away = set()

@@ -64,7 +64,7 @@ def test_a_lost_robot_is_named_in_words_with_its_age(browser: Browser, six: Serv
         assert " s" in row.locator("td.age").inner_text()
         assert "health 0 %: no position for" in (row.locator(".battery").get_attribute("aria-label") or "")
         assert page.evaluate("formation.model.robots[4].place !== null")  # drawn where it was last
-        assert "lost: robot5" in (page.get_attribute("#map", "aria-label") or "")
+        page.locator('#map[aria-label*="lost: robot5"]').wait_for()
         del six.scene.silent["robot5"]
         row.locator("td.state", has_text="run").wait_for()
 
@@ -116,6 +116,35 @@ def test_it_reconnects_by_itself_when_the_server_is_back(browser: Browser) -> No
                 until(page, "formation.model.frame.elapsed < 20")
                 assert "live" in page.inner_text("#connection")
                 assert page.locator("#robot-rows tr").count() == SIX
+
+
+def test_an_open_line_that_says_nothing_is_dialled_again(browser: Browser, six: Served) -> None:
+    with watched(browser, six.address) as page:
+        until(page, "formation.model.frames > 3")
+        six.hush()  # the line is still there
+        six.scene.time += 10.0
+        dialled = page.evaluate("formation.stream.dialled")
+        until(page, f"formation.stream.dialled > {dialled}")
+        until(page, "formation.stream.open")
+        assert page.evaluate("formation.stream.age") > 5.0  # for what it is greeted with is old
+        assert page.is_visible("#stale")
+        six.feed()
+        page.wait_for_selector("#stale", state="hidden")
+
+
+def test_a_page_that_is_opened_while_the_monitor_hangs_shows_nothing_as_if_it_were_now(
+    browser: Browser, six: Served
+) -> None:
+    six.hush()
+    six.feed()
+    six.scene.time += 10.0
+    with watched(browser, six.address) as page:
+        until(page, "formation.stream.open")
+        assert page.evaluate("formation.model.frame") is None
+        assert "waiting for data" in page.inner_text("#connection")
+        six.feed()
+        until(page, "formation.model.frame")
+        page.locator("#connection", has_text="live").wait_for()
 
 
 def test_events_come_newest_first_and_can_be_filtered(browser: Browser, six: Served) -> None:

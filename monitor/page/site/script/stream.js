@@ -3,6 +3,7 @@
 const SILENCE = 6000; // an open line that says nothing for so long is thought to be dead [ms] …
 const LOOK = 500; // … which is looked at so often [ms]
 const AGAIN = 1000; // between two attempts [ms]
+const OLD = 1.5; // a server whose monitor hangs greets with the last frame it was given, so long ago [s]
 
 export class Stream {
   /** `handlers` has a function for each kind of event: hello, frame, event. */
@@ -11,6 +12,7 @@ export class Stream {
     this.handlers = handlers;
     this.heard = performance.now(); // when anything last came
     this.framed = null; // when a frame last came
+    this.greeted = null; // what time it was there, until the first frame after that [s, the server's clock]
     this.dialled = -Infinity;
     this.open = false;
     this.source = null;
@@ -39,7 +41,13 @@ export class Stream {
     this.heard = performance.now();
     this.open = true;
     const said = JSON.parse(message.data);
-    if (kind === "frame") this.framed = this.heard;
+    if (kind === "hello") this.greeted = said.live ? said.now : null;
+    if (kind === "frame") {
+      const old = this.greeted !== null && this.greeted - said.t > OLD;
+      this.greeted = null;
+      if (old) return; // it is not what is now
+      this.framed = this.heard;
+    }
     handle(said);
   }
 
