@@ -55,7 +55,9 @@ def application(
         Route("/api/snapshot", answers.snapshot),
     ]
     if control is not None:
-        routes.append(Route("/api/order", Orders(source, control).order, methods=["POST"]))
+        orders = Orders(source, control)
+        routes.append(Route("/api/order", orders.order, methods=["POST"]))
+        routes.append(Route("/api/order", orders.may, methods=["GET"]))
     if replay is not None:
         routes.append(Route("/api/replay", Steering(replay).steer, methods=["POST"]))
     routes.append(Route("/api/{rest:path}", answers.nothing, methods=["GET", "POST"]))
@@ -105,11 +107,14 @@ class Orders:
         self._threads = ThreadPoolExecutor(AT_ONCE + STOPS, "order")
         self._under_way = 0
 
+    async def may(self, request: Request) -> Response:
+        """Whether who asks could give orders: known before the order that must not be refused."""
+        self._know(request)
+        return Response(status_code=204, headers=NO_STORE)
+
     async def order(self, request: Request) -> Response:
         """Give one and answer with what the robots answered."""
-        given, right = request.headers.get("authorization", ""), f"Bearer {self._control.token}"
-        if not hmac.compare_digest(given.encode(), right.encode()):
-            raise HTTPException(401, "this needs the token of the page", {"www-authenticate": "Bearer"})
+        self._know(request)
         body = await _body(request)
         do, shape = _one_of(body, "do", get_args(Do)), None
         if do == "shape":
@@ -120,6 +125,12 @@ class Orders:
             self._control.order, do, shape, click=_text(body, "click"), seen=_number(body, "seen")
         )
         return JSONResponse(await self._give(order), headers=NO_STORE)
+
+    def _know(self, request: Request) -> None:
+        """Refuse who does not have the token."""
+        given, right = request.headers.get("authorization", ""), f"Bearer {self._control.token}"
+        if not hmac.compare_digest(given.encode(), right.encode()):
+            raise HTTPException(401, "this needs the token of the page", {"www-authenticate": "Bearer"})
 
     async def _give(self, order: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         self._under_way += 1

@@ -172,15 +172,28 @@ def test_a_wrong_token_is_refused_and_asked_for_again(
         assert not page.is_visible('[data-do="stop"]')
         page.fill("#token", "guessed")
         page.keyboard.press("Enter")
-        page.click('[data-do="stop"]')
-        page.wait_for_selector("#token-wrong", state="visible")
-        assert "REFUSED" in page.inner_text("#order-result")
-        assert fleet.told == []
+        page.wait_for_selector("#token-wrong", state="visible")  # before an order has shown it
+        assert not page.is_visible('[data-do="stop"]')
         page.fill("#token", TOKEN)
         page.keyboard.press("Enter")
         page.click('[data-do="stop"]')
         page.locator("#acknowledgements li").first.wait_for()
         assert fleet.told == [("stop", None)]
+
+
+def test_a_token_that_became_wrong_is_noticed_at_an_order_and_at_a_new_start(
+    browser: Browser, controlled: Served, fleet: Fleet
+) -> None:
+    with watched(browser, f"{controlled.address}#token={TOKEN}", tolerated=REFUSED) as page:
+        page.wait_for_selector('[data-do="stop"]', state="visible")
+        fleet.token = "of-another-start"  # noqa: S105 - as above
+        page.click('[data-do="stop"]')
+        page.wait_for_selector("#token-wrong", state="visible")
+        assert "REFUSED" in page.inner_text("#order-result")
+        assert fleet.told == []
+    with watched(browser, f"{controlled.address}#token={TOKEN}", tolerated=REFUSED) as page:
+        page.wait_for_selector("#token-wrong", state="visible")
+        assert not page.is_visible('[data-do="stop"]')
 
 
 def test_an_order_that_reaches_nobody_is_shouted(browser: Browser, controlled: Served) -> None:

@@ -174,6 +174,8 @@ def test_an_order_needs_the_token() -> None:
             assert answer.status_code == 401
             assert answer.headers["www-authenticate"] == "Bearer"
             assert TOKEN not in answer.text
+            assert asked(server, "api/order", **wrong).status_code == 401
+        assert asked(server, "api/order", **BEARER).status_code == 204  # may order, and has not
         assert orders.given == []
         assert asked(server, "api/order", {"do": "stop"}, **BEARER).json() == {
             "do": "stop", "robots": {"robot1": {"ok": True}}, "missing": [],

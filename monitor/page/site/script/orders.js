@@ -34,6 +34,7 @@ export class Orders {
     if (shapes.includes(chosen)) this.shape.value = chosen;
     setHidden(this.shape.parentElement, shapes.length < 2);
     this.showToken();
+    this.check();
   }
 
   showToken(wrong = false) {
@@ -48,6 +49,18 @@ export class Orders {
     byId("token").value = "";
     this.showToken();
     if (token()) document.querySelector('button[data-do="stop"]').focus();
+    this.check();
+  }
+
+  /** Is the token right? A monitor that was started anew has another, and a stop is no moment to find out. */
+  async check() {
+    const asked = token();
+    if (!asked) return;
+    const headers = { Authorization: `Bearer ${asked}` };
+    const answer = await fetch("api/order", { headers, signal: AbortSignal.timeout(PATIENCE) }).catch(() => null);
+    if (answer?.status !== 401 || token() !== asked) return;
+    forget();
+    this.showToken(true);
   }
 
   /** Escape, twice: the stop of who has no hand free for a mouse. */
