@@ -50,7 +50,8 @@ COMMANDS = {
 }
 EXTRAS = {
     **dict.fromkeys(("rich", "mcap", "starlette", "uvicorn", "prometheus_client"), "monitor"),
-    "matplotlib": "plot", "jinja2": "plot",
+    "matplotlib": "plot",
+    "jinja2": "plot",
     "cryptography": "field",
     "foxglove": "foxglove",
 }
