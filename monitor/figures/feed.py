@@ -71,6 +71,10 @@ class Feed:
             self._clock = sorted(self._offsets)[len(self._offsets) // 2]
         return stamp if self.clock_agrees else stamp + self._clock
 
+    def forget_clock(self) -> None:
+        """Learn the sender's clock against ours anew, as after ours was set."""
+        self._offsets.clear()
+
     @property
     def clock(self) -> float | None:
         """Median of arrival less stamp [s]: the sender's clock against ours, plus the network's delay.

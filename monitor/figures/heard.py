@@ -68,6 +68,13 @@ class Heard:
             feed = self._feeds[one.key]
             yield one.key, feed, self._handler(one, feed)
 
+    def clock_was_set(self) -> None:
+        """Our system clock was, by which moments and senders' clocks are told."""
+        for feed in self._feeds.values():
+            feed.forget_clock()
+        for one in (self.place, self.truth):
+            one.trajectory.forget()
+
     def missed(self) -> int:
         """Sum over all keys."""
         return sum(feed.missed for feed in self._feeds.values())

@@ -23,6 +23,8 @@ from monitor.figures.snapshot import Edge, Snapshot
 from monitor.figures.trajectory import Placed
 
 Errors = Mapping[Edge, float | None]
+SET = 1.0
+"""By more our system clock goes ahead or back only if somebody sets it [s]; what is less passes by itself."""
 
 
 class Metrics:
@@ -45,6 +47,7 @@ class Metrics:
             key: (feed, handle) for robot in self._robots.values() for key, feed, handle in robot.routes()
         }
         self._leads = POSITION.key(mission.leader)
+        self._ahead = math.inf  # our system clock before the monotonic one [s]
         self._settling = Settling(mission.settled, slowest)
 
     def take(self, sample: Sample, wall: float) -> None:
@@ -53,6 +56,11 @@ class Metrics:
         if feed is None:
             self.rejections.count("elsewhere", "unknown key")
             return
+        ahead = wall - sample.arrived
+        if abs(ahead - self._ahead) > SET:
+            for robot in self._robots.values():
+                robot.clock_was_set()
+        self._ahead = ahead
         feed.heard(sample.arrived)
         try:
             if handle is not None:

@@ -40,6 +40,10 @@ class Trajectory:
             raise BadMessage("stamp is not later than the one before")
         self._samples.append(placed)
 
+    def forget(self) -> None:
+        """Begin anew, as after our system clock was set: what was is not comparable with what comes."""
+        self._samples.clear()
+
     def at(self, moment: float) -> Placed | None:
         """Where it was: linear between two samples, the heading by the arc. None where that is not known."""
         later = None

@@ -240,3 +240,17 @@ def test_robots_are_shown_where_they_are_compared() -> None:
         assert place.moment == moment
         assert place.point == pytest.approx(fleet.point(name, moment - EPOCH), abs=1e-9)
     assert set(metrics.placed(now(11.0), truly=True)[1]) == {"robot1"}  # of the others no truth was heard
+
+
+@pytest.mark.parametrize("hours", [-1.0, 1.0])
+def test_robots_are_still_seen_when_our_clock_was_set(hours: float) -> None:
+    fleet = Fleet()
+    metrics = Metrics(fleet.mission)
+    hear(metrics, fleet.positions(10.0, 12.0))
+    before = metrics.snapshot(now(12.0))
+    for sample in fleet.positions(12.0, 14.0):
+        metrics.take(sample, sample.arrived + EPOCH + 3600.0 * hours)
+    after = metrics.snapshot(now(14.0)._replace(wall=14.0 + EPOCH + 3600.0 * hours))
+    assert before.formation_error == pytest.approx(0.0, abs=1e-6)
+    assert after.formation_error == pytest.approx(0.0, abs=1e-6)
+    assert not after.rejected
