@@ -126,7 +126,7 @@ class Recorder:
         if known is None:
             return
         channel, stamped = known
-        arrived = round(wall * 1e9)
+        arrived = max(round(wall * 1e9), 0)  # in the first seconds of 1970 clocks may be set
         stamp = stamp_of(sample.payload) if stamped else None
         sent = arrived if stamp is None else stamp
         self._sequence[sample.key] += 1

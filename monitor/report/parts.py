@@ -108,7 +108,8 @@ def speeds(axes: Axes, run: Run, view: View) -> None:
     _commands(axes, run, view, 0)
     leader, time = run.ways.centres[:, 0], run.ways.time
     if np.isfinite(leader).sum() > 2:
-        speed = np.abs(np.gradient(leader, time))
+        with np.errstate(divide="ignore", invalid="ignore"):  # a gap's two ends have one time, and no place
+            speed = np.abs(np.gradient(leader, time))
         axes.plot(time, speed, color=INK, linewidth=0.8, linestyle=":")
 
 

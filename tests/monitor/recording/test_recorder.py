@@ -298,3 +298,10 @@ def readable(path: Path) -> list[Message]:
         records.extend(StreamReader(stream, emit_chunks=False).records)
     assert {Schema, Channel} <= {type(record) for record in records}
     return [record for record in records if isinstance(record, Message)]
+
+
+def test_a_clock_that_was_just_set_to_the_beginning_of_time_ends_nothing(tmp_path: Path) -> None:
+    with recorder(tmp_path / "run.mcap") as recording:
+        recording.write(odometry("robot2", 10.0), -0.02)
+        recording.write(odometry("robot2", 10.0), 1.0)
+    assert [one.ns for one in read_back(tmp_path / "run.mcap").messages()] == [0, 10**9]

@@ -73,3 +73,13 @@ def test_lines_of_a_hundred_robots_become_a_picture_in_the_svg(run: Run) -> None
         "<image", figures.written(figures.panel(run, View.of([run]), parts.PANELS[5]), "svg").decode()
     )
     assert len(drawing.looks(100)) == 100
+
+
+def test_a_run_in_which_nobody_was_heard_for_a_while_is_drawn_with_a_gap(tmp_path: Path) -> None:
+    said = [one for one in talk(Fleet(), 12.0) if not 13.0 < one.arrived < 18.0]
+    record(tmp_path / "gap.mcap", said)
+    run = gathered(tmp_path / "gap.mcap")
+    panel = next(one for one in parts.PANELS if one.name == "forward_speeds")
+    times = run.ways.time
+    assert any(times[1:] == times[:-1])  # of the gap's beginning, which once divided by zero aloud
+    assert figures.written(figures.panel(run, View.of([run]), panel), "svg").startswith(b"<?xml")
