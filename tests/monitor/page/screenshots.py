@@ -95,6 +95,8 @@ def take(browser: Browser, shot: Shot, folder: Path) -> Path:
     scene = Scene(shot.robots, live=shot.live, control=shot.control)
     control = Obedient(scene) if shot.control else None
     with served(scene, control, None if shot.live else Still()) as page_server:
+        if not shot.live:
+            page_server.source.tell(recording="recordings/scene.mcap")
         context = browser.new_context(
             viewport={"width": shot.size[0], "height": shot.size[1]},
             color_scheme=shot.theme,
@@ -144,8 +146,8 @@ def _act(page_server: Served, page: Page, shot: Shot) -> None:
     page.wait_for_timeout(2600 if shot.stale else 700)
 
 
-def of_a_run(browser: Browser, folder: Path) -> None:
-    """Two pictures of a real run, for the README."""
+def of_a_run(browser: Browser, folder: Path) -> int:
+    """Two pictures of a real run, for the README; how many messages a busy machine has missed until then."""
     with (
         tempfile.TemporaryDirectory() as scratch,
         started("six_robots", "--control", "--page", "127.0.0.1:0", folder=Path(scratch)) as process,
@@ -161,13 +163,14 @@ def of_a_run(browser: Browser, folder: Path) -> None:
             until(one, "formation.model.frame?.elapsed > 3.2")
             one.screenshot(path=folder / "page_six_robots.png")
             other.screenshot(path=folder / "page_phone.png")
+            return int(other.evaluate("formation.model.frame.missed"))
 
 
 def main(folder: Path) -> None:
     """Make all pictures."""
     folder.mkdir(parents=True, exist_ok=True)
     with browsing() as browser:
-        of_a_run(browser, folder)
+        print(f"page_six_robots.png, page_phone.png: {of_a_run(browser, folder)} messages missed")
         for shot in SHOTS:
             print(take(browser, shot, folder))
 
