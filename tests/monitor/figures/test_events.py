@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -10,7 +12,8 @@ from formation.ros2.messages import Diagnostics, LogEntry, Status, decode, encod
 from formation.topics import EVENTS, STATUS
 from formation.wire import Sample
 from monitor.core import Monitor
-from monitor.figures.events import KINDS, LOST, REJECTED, Event, Events, from_message, to_message
+from monitor.figures.events import KINDS, LOST, REJECTED, STATES, Event, Events, from_message, to_message
+from monitor.page import routes
 from tests.monitor.fleet import EPOCH, Fleet, command, now, said, status
 
 
@@ -292,3 +295,10 @@ def test_a_look_at_a_snapshot_is_there_for_whoever_shows_it() -> None:
     assert first is not one.monitor.snapshot
     assert one.monitor.snapshot is not None
     assert one.monitor.snapshot.mode == "run"
+
+
+def test_the_pages_chart_marks_what_robots_do_by_the_names_that_it_has_here() -> None:
+    script = Path(routes.__file__).with_name("site") / "script" / "chart.js"
+    (symbols,) = (line for line in script.read_text().splitlines() if line.startswith("const SYMBOLS"))
+    marked = set(re.findall(r"(\w+): ", symbols))
+    assert {kind for kind, _ in STATES.values()} - {"waiting"} <= marked
