@@ -25,6 +25,8 @@ class Outcome:
     """[s] from when all were ready."""
     logs: Path
     interrupted: bool = False
+    record: Path | None = None
+    """Where the monitor was told to record to."""
 
     @property
     def monitor(self) -> Mapping[str, Any]:
@@ -103,6 +105,8 @@ class Outcome:
             yield "formation error", self._error()
             yield "recording", str(self.monitor.get("recording"))
             yield "messages", f"{_total(self.monitor, 'recorded')} recorded, {self.lost or 'none'} lost"
+        elif self.record is not None and self.record.exists():
+            yield "recording", f"{self.record}, cut; formation report and replay read it as far as it goes"
         yield "processes", f"{len(self.children)}{'' if self.faults else ', all ended as they should'}"
         yield from (("", fault) for fault in self.faults)
         if self.faults:

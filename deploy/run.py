@@ -86,7 +86,9 @@ def main(arguments: Sequence[str]) -> int:
         except StartFailed as failure:
             logs.keep = True
             return _tell_failed_start(failure.child)
-        outcome = Outcome(mission, launcher.children, progress.elapsed, logs.folder, launcher.interrupted)
+        outcome = Outcome(
+            mission, launcher.children, progress.elapsed, logs.folder, launcher.interrupted, record
+        )
         logs.keep = bool(outcome.faults)
         return _tell(outcome, as_object=options.json)
 

@@ -33,9 +33,9 @@ def as_json(snapshot: Snapshot) -> dict[str, Any]:
 
 def line(snapshot: Snapshot) -> str:
     """The formation in one line."""
-    error = "unknown" if snapshot.formation_error is None else f"{snapshot.formation_error * 100:.2f} cm"
+    error = "unknown" if snapshot.formation_error is None else _length(snapshot.formation_error)
     if snapshot.formation_error_true is not None:
-        error += f" (true {snapshot.formation_error_true * 100:.2f} cm)"
+        error += f" (true {_length(snapshot.formation_error_true)})"
     settled = None if snapshot.formation_error is None else snapshot.settled_at
     states = Counter(robot.state for robot in snapshot.robots.values())
     parts = [
@@ -123,6 +123,10 @@ def _robot(robot: RobotFigures) -> dict[str, Any]:
         "heading_error": _round(robot.heading_error, 5),
         "rate": _round(robot.rate, 2),
     }
+
+
+def _length(metres: float) -> str:
+    return f"{metres * 1e3:.1f} mm" if abs(metres) < 1.0 else f"{metres:.2f} m"
 
 
 def _round(value: float | None, digits: int) -> float | None:

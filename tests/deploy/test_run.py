@@ -231,6 +231,17 @@ def test_without_the_monitors_last_word_nothing_is_claimed(ran: Runner) -> None:
     result = done.result
     assert (result["converged"], result["formation_error"], result["lost"]) == (False, None, None)
     assert "monitor was killed" in done.err
+    assert "nobody measures any more" in done.err
+    assert "recording  " not in done.err  # for there is none
+
+
+def test_what_a_monitor_that_was_killed_has_recorded_is_named(ran: Runner, tmp_path: Path) -> None:
+    file = tmp_path / "recordings" / "cut.mcap"
+    dies = "say('ready'); time.sleep(0.2); os.kill(os.getpid(), signal.SIGKILL)"
+    leaves = f"open({str(file)!r}, 'wb').close(); {dies}"
+    done = ran(program(leaves, "monitor", "watch"), *good()[1:], duration=0.8, record=file.name)
+    assert done.code == 1
+    assert f"{file}, cut; formation report and replay read it" in done.err
 
 
 def test_a_process_that_cannot_start_ends_the_run_before_it_begins(ran: Runner, tmp_path: Path) -> None:

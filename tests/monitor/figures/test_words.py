@@ -28,7 +28,7 @@ def test_a_snapshot_is_json_before_anything_is_known() -> None:
 
 
 def test_the_line_for_people_says_what_is_unknown_and_who_is_silent() -> None:
-    assert "error 0.00 cm" in line(snapshot())
+    assert "error 0.0 mm" in line(snapshot())
     assert "6 run" in line(snapshot())
     fleet = Fleet()
     metrics = Metrics(fleet.mission)
