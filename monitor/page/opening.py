@@ -29,6 +29,8 @@ def opened(
 
 
 def words(asked: Bind | None, server: PageServer) -> str:
-    """Where the page is, for a log: without the token, and with a word if it is not where it usually is."""
+    """Where the page is, for a log: the token is left out, where it is said is not."""
     usual = asked is not None or server.address == Bind().url(PORT)
-    return server.address if usual else f"{server.address} (port {PORT} is taken)"
+    where = server.address if usual else f"{server.address} (port {PORT} is taken)"
+    invites = server.invitation != server.address
+    return f"{where}; to give orders, the address with #token= in the ready line" if invites else where

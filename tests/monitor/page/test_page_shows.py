@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from tests.monitor.page.scene import Scene, event
-from tests.monitor.page.served import Served, served, until, watched
+from tests.monitor.page.served import NO_SNAPSHOT, Served, served, until, watched
 
 pytestmark = pytest.mark.browser
 SIX = 6
@@ -53,6 +53,17 @@ def test_robots_move_and_the_error_falls(browser: Browser, six: Served) -> None:
         assert page.inner_text("#mission") == "6-robots"
         assert page.locator("#robot-rows tr").count() == SIX
         assert "live" in page.inner_text("#connection")
+
+
+def test_what_had_settled_before_all_fell_silent_is_not_shown_as_good(browser: Browser) -> None:
+    with served(Scene(SIX)) as one, watched(browser, one.address) as page:
+        verdict = {"settled_at": 3.6, "converged": True}  # outlives what it was about
+        one.source.show({**one.scene.step(), **verdict, "error": 0.001}, NO_SNAPSHOT)
+        page.locator('#error[data-tone="good"]').wait_for()
+        assert page.inner_text("#settled") == "at 3.6 s"
+        one.source.show({**one.scene.step(), **verdict, "error": None}, NO_SNAPSHOT)
+        page.locator('#error[data-tone="bad"]', has_text="unknown").wait_for()
+        assert page.inner_text("#settled") == "was, at 3.6 s"
 
 
 def test_a_lost_robot_is_named_in_words_with_its_age(browser: Browser, six: Served) -> None:

@@ -188,6 +188,8 @@ def test_an_order_needs_the_token() -> None:
 def test_the_operator_is_invited_with_the_token_where_no_server_sees_it() -> None:
     with serving(control=Orders()) as server:
         assert server.invitation == f"{server.address}#token={TOKEN}"
+        told = words(Bind(), server)
+        assert told == f"{server.address}; to give orders, the address with #token= in the ready line"
     with serving() as server:
         assert server.invitation == server.address
 

@@ -28,7 +28,7 @@ export class Header {
     setText(byId("elapsed"), format.span(frame.elapsed));
     setText(byId("error"), frame.error === null ? "unknown" : format.length(frame.error));
     setText(byId("true-error"), frame.true === null ? "" : `true ${format.length(frame.true)}`);
-    setAttribute(byId("error"), "data-tone", frame.converged ? "good" : frame.error === null ? "bad" : "plain");
+    setAttribute(byId("error"), "data-tone", frame.error === null ? "bad" : frame.converged ? "good" : "plain");
     setText(byId("settled"), settled(frame, hello.settled));
     setText(byId("mode"), frame.mode ?? format.UNKNOWN);
     setText(byId("shape"), frame.shape ?? format.UNKNOWN);
@@ -85,5 +85,6 @@ export class Header {
 
 function settled(frame, bound) {
   if (frame.settled_at === null) return `not yet (< ${format.length(bound)})`;
+  if (frame.error === null) return `was, at ${frame.settled_at.toFixed(1)} s`; // before all fell silent
   return frame.converged ? `at ${frame.settled_at.toFixed(1)} s` : `since ${frame.settled_at.toFixed(1)} s`;
 }
