@@ -11,6 +11,7 @@ from monitor.recording.recover import recover
 from monitor.recording.rotation import Rotation, of_size, of_time, siblings
 from tests.monitor.fleet import EPOCH, Fleet
 from tests.monitor.recording.test_recorder import recorder
+from tests.processes.bus_tools import until
 
 ROTATION = Rotation(time=2.0)
 
@@ -104,6 +105,32 @@ def test_recordings_of_the_same_day_are_not_taken_for_each_other(tmp_path: Path)
     for name in names:
         assert read(tmp_path / name).parts == (tmp_path / name,)
     assert len(siblings(tmp_path / "day-2.mcap")) == 5
+
+
+def test_a_later_part_of_another_recording_is_no_part_of_this_one(
+    parts: tuple[Path, ...], tmp_path: Path
+) -> None:
+    folder = tmp_path / "other"
+    with recorder(folder / "run.mcap"):
+        pass
+    parts[1].rename(folder / "run-2.mcap")
+    assert read(folder / "run.mcap").parts == (folder / "run.mcap",)
+    assert read(folder / "run-2.mcap").parts == (folder / "run-2.mcap",)
+
+
+def test_what_counts_as_recorded_never_gets_less_at_a_seam(tmp_path: Path) -> None:
+    counted, sizes = [0], [0]
+    with recorder(tmp_path / "run.mcap", rotation=ROTATION) as recording:
+        for sample in Fleet().positions(10.0, 16.0):
+            recording.write(sample, sample.arrived + EPOCH)
+            recording.flush(sample.arrived)
+            until(lambda: recording._disk.safe.number == recording._handed)
+            counted.append(recording.recorded.total())
+            sizes.append(recording.bytes)
+        assert len(recording.paths) > 2
+    assert counted == sorted(counted)
+    assert counted[-1] > 0.8 * len(Fleet().positions(10.0, 16.0))
+    assert sizes == sorted(sizes)
 
 
 def test_a_part_never_overwrites_what_is_there(tmp_path: Path) -> None:
