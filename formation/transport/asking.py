@@ -67,14 +67,15 @@ def ask(
     """
     key = ORDER.key(robots[0]) if len(robots) == 1 else ORDER.pattern.format(robot="*")
     answers: dict[str, Answer] = {}
-    began = time.monotonic()
+    began, age = time.monotonic(), 0.0
     while (left := began + seconds - time.monotonic()) > 0.0 and not over():
-        for name, answer in _read(put(key, _aged(request, seconds - left), min(left, ROUND))):
+        for name, answer in _read(put(key, _aged(request, age), min(left, ROUND))):
             if name in robots:
                 answers.setdefault(name, answer)
         if len(answers) == len(robots):
             break
         time.sleep(pause)
+        age = time.monotonic() - began
     return answers
 
 
@@ -146,4 +147,5 @@ def _read(replies: Iterable[Reply]) -> Iterable[tuple[str, Answer]]:
         except BadMessage:
             continue  # whoever says that is no robot of ours
         if reply.key == ORDER.key(said.robot):
-            yield said.robot, Answer(said, reply.ms)
+            reason = "".join(c if c.isprintable() else " " for c in said.reason)  # it goes to terminals
+            yield said.robot, Answer(said.model_copy(update={"reason": reason}), reply.ms)

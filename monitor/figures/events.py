@@ -21,6 +21,8 @@ from monitor.figures.turns import Pace, Turns
 INFO, WARNING, ERROR = 20, 30, 40
 FORMATION = "formation"
 """Whom an event is about, on the wire, that is about no robot."""
+LAST = 2.0**31 - 2.0
+"""The last second that a stamp can say, however an operator's clock is set."""
 LONGEST = 500
 """Letters of an event's text, at most."""
 LOST = 1.0
@@ -59,7 +61,8 @@ class Event(NamedTuple):
 
 def to_message(event: Event) -> LogEntry:
     """The event as it is published and recorded."""
-    return LogEntry(event.at, event.level, event.robot or FORMATION, event.text[:LONGEST], event.kind)
+    at = min(max(event.at, 0.0), LAST)
+    return LogEntry(at, event.level, event.robot or FORMATION, event.text[:LONGEST], event.kind)
 
 
 def from_message(entry: LogEntry) -> Event:

@@ -146,3 +146,12 @@ def test_an_order_that_sets_robots_going_says_how_old_it_is_and_a_stop_is_never_
         assert heard[0].age == 0.0
         assert (heard[-1].age > 0.1) == ages
         assert [one.age for one in heard] == sorted(one.age for one in heard)
+
+
+def test_what_a_robot_says_cannot_steer_the_terminal_that_shows_it() -> None:
+    said = OperatorReply(robot="robot1", ok=False, mode="stop", reason="\x1b[2J\x1b]0;all obey\x07no\n")
+    rude = Reply("robot1/order", order.encode(said), 2.0)
+    answers = asking.ask(Fleet([rude]).ask, ["robot1"], STOP, 10.0)
+    first, *_ = asking.words(STOP, ["robot1"], answers, 1.0).splitlines()
+    assert "REFUSED" in first
+    assert first.isprintable()

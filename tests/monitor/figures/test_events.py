@@ -302,3 +302,11 @@ def test_the_pages_chart_marks_what_robots_do_by_the_names_that_it_has_here() ->
     (symbols,) = (line for line in script.read_text().splitlines() if line.startswith("const SYMBOLS"))
     marked = set(re.findall(r"(\w+): ", symbols))
     assert {kind for kind, _ in STATES.values()} - {"waiting"} <= marked
+
+
+@pytest.mark.parametrize("at", [-1.0, 2.0**31, 1e12])
+def test_an_event_by_a_clock_that_no_stamp_can_tell_ends_nobody(at: float) -> None:
+    monitor = Monitor(Fleet().mission)
+    monitor.note(Event(at, 20, "", "operator", "stop: 6 of 6 obey"))
+    published = [out for out in monitor.step(now(10.0), []) if out.key == EVENTS.key()]
+    assert [decode(LogEntry, out.payload).text for out in published] == ["stop: 6 of 6 obey"]
