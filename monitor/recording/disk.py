@@ -126,6 +126,10 @@ class Disk:
         except OSError as error:
             self.lost += chunk.total
             self._fail(error, chunk.handed)
+        except Exception as error:  # noqa: BLE001 - one odd chunk must not end the recording
+            _log.exception("a chunk cannot be written")
+            self.lost += chunk.total
+            self._fail(OSError(str(error)), chunk.handed)
 
     def _is_due(self, part: Part, chunk: Chunk) -> bool:
         """Whether a chunk belongs to the next part already; every part has one."""
