@@ -164,6 +164,20 @@ def test_what_sets_robots_moving_is_asked_back(browser: Browser, controlled: Ser
         page.locator("#order-result", has_text="hold: 4 of 6").wait_for()
 
 
+def test_a_button_that_asks_back_asks_no_longer_once_another_is_pressed_or_time_has_passed(
+    browser: Browser, controlled: Served, fleet: Fleet
+) -> None:
+    with invited(browser, controlled) as page:
+        page.click('[data-do="run"]')
+        page.click('[data-do="release"]')
+        assert "press again" not in page.locator('[data-do="run"]').inner_text()
+        asking = "document.querySelector('[data-do=\"release\"] .again').textContent"
+        until(page, f"{asking} === ''")
+        for do in ("run", "release"):
+            page.click(f'[data-do="{do}"]')
+        assert fleet.told == []
+
+
 def test_a_wrong_token_is_refused_and_asked_for_again(
     browser: Browser, controlled: Served, fleet: Fleet
 ) -> None:

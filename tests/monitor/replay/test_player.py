@@ -116,6 +116,18 @@ def test_a_seek_back_begins_anew_from_the_beginning() -> None:
     assert numbers(player.take(8.3, MANY).due) == [9]
 
 
+def test_a_seek_back_while_one_forward_is_under_way_leaves_nothing_of_later() -> None:
+    player = Player(reel(), 0.0)
+    player.take(0.0, MANY)
+    player.seek(START + 9.0)
+    assert numbers(player.take(0.1, 30).due) == list(range(1, 31))  # as far as 7.5 s
+    player.seek(START + 2.0)
+    batch = player.take(0.2, MANY)
+    assert batch.anew
+    assert numbers(batch.due) == list(range(9))
+    assert player.position == START + 2.0
+
+
 def test_in_a_long_recording_figures_are_built_from_a_stretch_before() -> None:
     film = reel(100.0)
     player = Player(film, 0.0, stretch=10.0)

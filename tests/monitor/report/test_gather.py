@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from formation.mission_file import read
+from formation.mission_file import parse, read
 from formation.topics import CMD_VEL, POSITION
 from monitor.report import summary
 from monitor.report.gather import Run
@@ -85,11 +85,30 @@ def test_a_command_that_answers_no_odometry_is_not_timed(tmp_path: Path) -> None
 
 
 def test_saturation_is_the_share_of_commands_at_the_limit(tmp_path: Path) -> None:
-    said = [command("robot2", START + 0.05 * i, 1.5 if i < 30 else 0.2, -1.5) for i in range(120)]
+    nearly = 0.95 * parse(read("six_robots")[0], "a test").robots["robot2"].max_speed
+    said = [command("robot2", START + 0.05 * i, 1.5 if i < 30 else nearly, -1.5) for i in range(120)]
     record(tmp_path / "run.mcap", said)
     run = gathered(tmp_path / "run.mcap")
     assert run.robots["robot2"].saturated == (0.25, 1.0)
     assert run.robots["robot3"].saturated == (None, None)
+
+
+def test_no_line_is_drawn_across_a_time_in_which_nothing_was_commanded(tmp_path: Path) -> None:
+    said = [command("robot2", START + 0.05 * i + (2.0 if i > 20 else 0.0), 0.2, 0.1) for i in range(40)]
+    record(tmp_path / "run.mcap", said)
+    run = gathered(tmp_path / "run.mcap")
+    assert [bool(gap) for gap in np.isnan(run.commands["robot2"].low[:, 0])] == [i == 21 for i in range(41)]
+
+
+def test_a_robots_centre_is_its_control_points_offset_away_and_the_leaders_is_its_point(run: Run) -> None:
+    apart = np.abs(run.ways.points - run.ways.centres)
+    offsets = [run.mission.robots[name].control_point_offset for name in run.mission.followers]
+    assert apart[-1] == pytest.approx([0.0, *offsets])
+
+
+def test_who_falls_silent_with_all_others_is_not_lost(tmp_path: Path) -> None:
+    record(tmp_path / "run.mcap", [*talk(Fleet(), 3.0), command("robot2", START + 8.0, 0.0, 0.0)])
+    assert summary.lost_robots(gathered(tmp_path / "run.mcap").keys) == []
 
 
 def test_a_robot_that_is_lost_midway_makes_the_end_unknown_and_is_named(tmp_path: Path) -> None:
@@ -163,12 +182,16 @@ def test_rejected_messages_are_counted_and_kept_out_of_the_delays(tmp_path: Path
     said = talk(Fleet(), 2.0)
     bad = [said[40]._replace(key=POSITION.key("robot2"), payload=b"rubbish", arrived=said[40].arrived + 1e-4)]
     bad += [said[41]._replace(key=CMD_VEL.key("robot2"), payload=b"rubbish", arrived=said[41].arrived + 1e-4)]
+    bad += [
+        Fleet().position("robot3", START + 8.0)._replace(arrived=said[42].arrived + 1e-4)
+    ]  # ahead of time
     record(tmp_path / "run.mcap", sorted([*said, *bad], key=lambda sample: sample.arrived))
     run = gathered(tmp_path / "run.mcap")
     keys = {key.key: key for key in run.keys}
-    assert keys[POSITION.key("robot2")].rejected == 1
-    assert keys[CMD_VEL.key("robot2")].rejected == 1
-    assert sum(run.snapshot.rejected.values()) == 2
+    for key in (POSITION.key("robot2"), CMD_VEL.key("robot2"), POSITION.key("robot3")):
+        assert keys[key].rejected == 1
+    assert sum(run.snapshot.rejected.values()) == 3
+    assert run.late["position"].count == sum(key.startswith("position", 7) for key, *_ in said)
 
 
 def test_the_longest_silence_of_a_key_is_found_and_when_it_was(tmp_path: Path) -> None:
