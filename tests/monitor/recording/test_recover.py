@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import errno
+import os
 import random
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +12,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from formation.wire import Sample
+from monitor.recording.part import Part
 from monitor.recording.reader import Recorded, UnreadableError, is_whole, read
 from monitor.recording.recover import recover
 from tests.monitor.fleet import EPOCH, Fleet, odometry
@@ -78,6 +81,19 @@ def test_recovering_twice_changes_nothing(tmp_path: Path, whole: bytes) -> None:
     recover(tmp_path / "run.mcap", tmp_path / "out.mcap")
     assert recover(tmp_path / "out.mcap", tmp_path / "again.mcap").is_whole
     assert not (tmp_path / "again.mcap").exists()
+
+
+def test_where_it_cannot_be_written_to_its_end_nothing_is_left(
+    tmp_path: Path, whole: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_: Part) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    (tmp_path / "run.mcap").write_bytes(whole[: len(whole) // 2])
+    monkeypatch.setattr(Part, "finish", refuse)
+    with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):
+        recover(tmp_path / "run.mcap", tmp_path / "out.mcap")
+    assert [path.name for path in tmp_path.iterdir()] == ["run.mcap"]
 
 
 def test_cut_at_any_byte_it_is_read_as_far_as_it_goes_and_recovered(tmp_path: Path, whole: bytes) -> None:
