@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
@@ -125,6 +126,8 @@ def _verdict(one: Verdict) -> str:
     if one.exact == one.compared:
         return f"{compared}, equal to the last bit"
     off = f"by {one.most_off[0]:.3g} m/s and {one.most_off[1]:.3g} rad/s at most"
+    if one.differing and not math.isfinite(max(one.most_off)):  # one of the two gave no command
+        return f"{compared}, {one.differing} DIFFER"
     if one.differing:
         return f"{compared}, {one.differing} DIFFER, {off}"
     return f"{compared}, {one.exact} equal to the last bit, the rest off {off}"

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from agent.verify.verdict import Verdict
 from deploy import replay, verify
 from deploy.refusal import Refusal
 from formation.mission_file import load, read
@@ -172,3 +174,8 @@ def test_a_mission_of_other_robots_compares_nothing_and_says_whom_it_left_out(
 ) -> None:
     assert verify.main([str(file), "--verify", "--mission", "two_chains"]) == 2
     assert "no such follower: robot1, robot2" in capsys.readouterr().out
+
+
+def test_of_a_command_that_one_of_the_two_did_not_give_no_distance_is_said() -> None:
+    silent = Verdict("robot2", commands=139, compared=139, differing=139, most_off=(math.inf, math.inf))
+    assert verify._verdict(silent) == "139 of 139 commands compared, 139 DIFFER"
