@@ -33,4 +33,4 @@ def words(asked: Bind | None, server: PageServer) -> str:
     usual = asked is not None or server.address == Bind().url(PORT)
     where = server.address if usual else f"{server.address} (port {PORT} is taken)"
     invites = server.invitation != server.address
-    return f"{where}; to give orders, the address with #token= in the ready line" if invites else where
+    return f"{where}; to give orders, the one in the ready line" if invites else where

@@ -136,7 +136,7 @@ def test_a_page_for_orders_is_opened_by_its_whole_address_and_the_token_is_in_no
             assert next(events).data["control"] is True
         child.signal(signal.SIGTERM)
         assert child.wait() == 0
-        assert f"page: {page}\n" in child.errors
+        assert f"page: {page}; to give orders, the one in the ready line\n" in child.errors
         assert token not in child.errors
 
 

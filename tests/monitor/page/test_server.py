@@ -189,7 +189,7 @@ def test_the_operator_is_invited_with_the_token_where_no_server_sees_it() -> Non
     with serving(control=Orders()) as server:
         assert server.invitation == f"{server.address}#token={TOKEN}"
         told = words(Bind(), server)
-        assert told == f"{server.address}; to give orders, the address with #token= in the ready line"
+        assert told == f"{server.address}; to give orders, the one in the ready line"
     with serving() as server:
         assert server.invitation == server.address
 
