@@ -67,3 +67,24 @@ def test_ten_minutes_take_no_more_memory_than_two(browser: Browser) -> None:
     assert late.heap - early.heap < 400_000
     assert late.nodes <= early.nodes + 100
     assert late.listeners <= early.listeners + 5
+
+
+RINGS = """async () => {
+  const { Series, Trail } = await import('./script/ring.js');
+  const [trail, series, seen] = [new Trail(3), new Series(10, 1), []];
+  for (let n = 0; n < 100; n += 1) {
+    trail.push(n, -n);
+    series.push(n, 2 * n);
+  }
+  trail.each((x, y) => seen.push([x, y]));
+  return [seen, series.times, series.values];
+}"""
+
+
+def test_lists_that_are_full_keep_the_newest_in_their_order(browser: Browser) -> None:
+    with served(Scene(6)) as one, watched(browser, one.address) as page:
+        points, times, values = page.evaluate(RINGS)
+    assert points == [[97, -97], [98, -98], [99, -99]]
+    assert 10 <= len(times) <= 12
+    assert times == list(range(100 - len(times), 100))
+    assert values == [2 * time for time in times]
