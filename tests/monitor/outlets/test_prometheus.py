@@ -63,6 +63,8 @@ def test_every_key_has_its_counts_rate_and_age() -> None:
     received = {one.labels["key"]: one.value for one in found["formation_messages_received"].samples}
     assert received["robot2/position"] == 20.0
     assert "robot2/scan" not in received  # never heard
+    missed = {one.labels["key"]: one.value for one in found["formation_messages_missed"].samples}
+    assert missed["robot2/position"] == 0.0
     rejected = found["formation_messages_rejected"].samples
     assert [(sample.labels["reason"], sample.value) for sample in rejected] == [("unknown key", 1.0)]
 
