@@ -118,6 +118,18 @@ def test_the_truth_is_shown_where_it_is_known() -> None:
     assert (without["true_x"], without["true_y"], without["heading_error"]) == (None, None, None)
 
 
+def test_slots_are_those_of_the_shape_in_force() -> None:
+    fleet = Fleet()
+    fleet.shape = "wedge"
+    one = frame(MISSION, heard(fleet), now(11.0))
+    assert one["shape"] == "wedge"
+    leader = rows(one)["robot1"]
+    for name, row in rows(one).items():
+        away = complex(row["slot_x"] - leader["slot_x"], row["slot_y"] - leader["slot_y"])
+        slot = MISSION.slot(name, "wedge") - MISSION.slot("robot1", "wedge")
+        assert away == pytest.approx(slot, abs=2e-3)
+
+
 def test_what_is_not_known_now_is_null_and_never_an_old_value() -> None:
     one = frame(MISSION, heard(Fleet(), without="robot5"), now(11.0))
     row = rows(one)["robot5"]
