@@ -287,3 +287,16 @@ def test_what_is_closed_asks_nobody_any_more(
     operator.close()
     assert stop.result(20.0)["missing"] == ["robot6"]
     assert team.closed
+
+
+def test_who_clicks_once_more_hears_of_a_failure_as_well(
+    team: Team, events: list[Event], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object) -> Callable[[float], Sequence[Reply]]:
+        raise OSError("the line is broken")
+
+    monkeypatch.setattr(team, "question", fails)
+    operator = Operator(SIX, team, events.append)
+    for _ in range(2):
+        with pytest.raises(OSError, match="the line is broken"):
+            operator.order("hold", click="c")
