@@ -10,7 +10,7 @@ from typing import get_args
 from deploy.arguments import as_json, number, parser, read_mission
 from deploy.doctor import files
 from deploy.refusal import Refusal
-from deploy.waiting import waiting
+from deploy.terminal.waiting import waiting
 from formation.mission import Mission
 from formation.order import Do
 from formation.transport import asking, wiring

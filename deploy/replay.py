@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from deploy.arguments import as_json, number, parser
-from deploy.keys import Keys
-from deploy.playing import Bar, Lines, clock, line, press
 from deploy.refusal import Refusal
 from deploy.replay_bus import add_links, session, where
-from deploy.views import in_a_terminal
+from deploy.terminal.keys import Keys
+from deploy.terminal.playing import Bar, Lines, clock, line, press
+from deploy.terminal.views import in_a_terminal
 from formation.rate import Rate
 from formation.transport.linger import Linger
 from formation.transport.process import Stop, clocks

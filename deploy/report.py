@@ -10,8 +10,8 @@ from typing import Any
 
 from deploy import check
 from deploy.arguments import as_json, number, parser
-from deploy.bar import Bar
 from deploy.refusal import Refusal
+from deploy.terminal.bar import Bar
 from formation.stability.analysis import analyse
 from monitor.recording.reader import Recording, UnreadableError, read
 from monitor.report import figures

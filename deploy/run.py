@@ -17,14 +17,14 @@ from types import TracebackType
 from typing import Self
 
 from deploy.arguments import add_mission, as_json, number, parser, read_mission
-from deploy.launch import Child, Launcher
-from deploy.outcome import Outcome, ended_well, how_it_ended
-from deploy.plan import Program, programs
-from deploy.ports import Ports
-from deploy.progress import Progress
+from deploy.local.launch import Child, Launcher
+from deploy.local.outcome import Outcome, ended_well, how_it_ended
+from deploy.local.plan import Program, programs
+from deploy.local.ports import Ports
 from deploy.refusal import Refusal
-from deploy.snapshot import Snapshot
-from deploy.views import LiveTable, PlainLines, View, in_a_terminal
+from deploy.terminal.progress import Progress
+from deploy.terminal.snapshot import Snapshot
+from deploy.terminal.views import LiveTable, PlainLines, View, in_a_terminal
 from formation.mission import Mission
 from monitor.page.flags import add_page_flags
 

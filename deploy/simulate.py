@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from deploy.arguments import add_mission, as_json, number, parser, read_mission, whole
-from deploy.bar import Bar
 from deploy.refusal import Refusal
-from deploy.units import metres
+from deploy.terminal.bar import Bar
+from deploy.terminal.units import metres
 from formation.mission import Mission
 from formation.simulation.body import PROFILES, Body
 from formation.simulation.ensemble import Options

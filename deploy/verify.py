@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 from agent.verify.core import Verification
 from agent.verify.verdict import TOLERANCE, Comparison, Input, Stretch, Told, Verdict
 from deploy.arguments import as_json, number, parser, read_mission
-from deploy.bar import Bar
 from deploy.refusal import Refusal
+from deploy.terminal.bar import Bar
 from formation.law import LAWS
 from formation.mission import Mission
 from formation.mission_file import parse

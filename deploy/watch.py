@@ -18,11 +18,11 @@ from typing import Any
 from rich.console import Console
 
 from deploy.arguments import add_mission, as_json, parser, read_mission
-from deploy.progress import Progress
 from deploy.refusal import Refusal
-from deploy.snapshot import Snapshot
-from deploy.table import draw
-from deploy.views import LiveTable, PlainLines, View, in_a_terminal
+from deploy.terminal.progress import Progress
+from deploy.terminal.snapshot import Snapshot
+from deploy.terminal.table import draw
+from deploy.terminal.views import LiveTable, PlainLines, View, in_a_terminal
 from formation.mission import Mission
 from formation.rate import Rate
 from formation.transport import wiring

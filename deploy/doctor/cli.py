@@ -20,7 +20,7 @@ from deploy.doctor.odometry import ODOMETRY
 from deploy.doctor.robot_link import GUARD, ROBOT_LINK
 from deploy.field.fleet import PREFIX
 from deploy.refusal import Refusal
-from deploy.waiting import waiting
+from deploy.terminal.waiting import waiting
 from formation.mission import Mission
 from formation.transport.wiring import endpoints, under_certificates
 

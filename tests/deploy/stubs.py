@@ -7,7 +7,7 @@ import time
 
 import psutil
 
-from deploy.plan import Part, Program
+from deploy.local.plan import Part, Program
 
 READY = "say('ready')"
 PRELUDE = """

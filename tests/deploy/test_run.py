@@ -13,9 +13,9 @@ from typing import Any, NamedTuple, get_args
 import pytest
 
 from deploy import cli, run
-from deploy.launch import GRACE, STOP_ORDER
-from deploy.plan import Part, Program, programs
-from deploy.ports import Ports
+from deploy.local.launch import GRACE, STOP_ORDER
+from deploy.local.plan import Part, Program, programs
+from deploy.local.ports import Ports
 from formation.mission_file import load
 from monitor.figures.stage import given
 from tests.deploy.stubs import GOOD, READY, is_gone, program
@@ -62,7 +62,7 @@ class Runner:
         self, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
     ) -> None:
         self._folder, self._monkeypatch, self._capsys = folder, monkeypatch, capsys
-        monkeypatch.setattr("deploy.launch.COAST", 0.01)
+        monkeypatch.setattr("deploy.local.launch.COAST", 0.01)
         monkeypatch.setattr("tempfile.tempdir", str(folder))
         self.asked: dict[str, Any] = {}
         """What the process table was asked for."""
@@ -260,7 +260,7 @@ def test_bad_input_that_only_a_process_finds_is_exit_code_2_too(ran: Runner) -> 
 
 def test_a_process_that_never_gets_ready_ends_the_run(ran: Runner, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "START_WITHIN", 0.5)
-    monkeypatch.setattr("deploy.launch.GRACE", {**GRACE, "control": 0.2})
+    monkeypatch.setattr("deploy.local.launch.GRACE", {**GRACE, "control": 0.2})
     done = ran(*good(), program("time.sleep(600)", "agent robot2", "control"))
     assert done.code == 1
     assert "agent robot2 was not ready within 0.5 s" in done.err

@@ -120,7 +120,8 @@ def test_a_plot_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
 def test_what_takes_long_shows_how_far_it_is_on_a_terminal_and_only_there() -> None:
     code = """
 import sys
-from deploy import bar, simulate
+from deploy import simulate
+from deploy.terminal import bar
 bar.PATIENCE = 0.0
 sys.exit(simulate.main(["turtlebot3_pair", "--runs", "3", "--horizon", "8"]))
 """

@@ -12,8 +12,8 @@ from typing import Any
 
 import httpx
 
-from deploy.plan import programs
-from deploy.ports import Ports
+from deploy.local.plan import programs
+from deploy.local.ports import Ports
 from formation.mission_file import load
 from formation.ros2.messages import Pose, decode
 from formation.topics import GROUND_TRUTH

@@ -14,8 +14,8 @@ from typing import Any
 import psutil
 import pytest
 
-from deploy.plan import programs
-from deploy.ports import Ports
+from deploy.local.plan import programs
+from deploy.local.ports import Ports
 from formation.mission import Mission
 from formation.mission_file import load
 from formation.ros2.messages import Pose, Twist, decode

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from deploy.launch import Child
-from deploy.units import metres
+from deploy.local.launch import Child
+from deploy.terminal.units import metres
 from formation.mission import Mission
 from formation.topics import GROUND_TRUTH
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 import pytest
 
-from deploy.ports import Ports
+from deploy.local.ports import Ports
 from formation.mission import Mission
 from formation.mission_file import load
 from formation.transport import wiring
@@ -134,7 +134,7 @@ def test_no_simulated_robot_takes_the_place_of_a_ros_2_router(
 def test_a_launcher_that_is_killed_holds_nothing() -> None:
     code = """
 import time
-from deploy.ports import Ports
+from deploy.local.ports import Ports
 from formation.mission_file import load
 ports = Ports(load("turtlebot3_pair"))
 print(ports.endpoints.agents["robot1"], ports.as_in_mission, flush=True)

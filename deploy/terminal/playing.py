@@ -11,8 +11,8 @@ from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.text import Text
 
-from deploy.table import states
-from deploy.units import metres
+from deploy.terminal.table import states
+from deploy.terminal.units import metres
 from monitor.figures.snapshot import Snapshot
 from monitor.replay.loop import Replay, Standing
 from monitor.replay.player import FASTEST, SLOWEST

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from deploy.launch import COAST, STOP_ORDER, Child, Event, Launcher
-from deploy.plan import Part, Program
+from deploy.local.launch import COAST, STOP_ORDER, Child, Event, Launcher
+from deploy.local.plan import Part, Program
 from tests.deploy.stubs import DEAF, GOOD, READY, is_gone, program
 
 
@@ -74,7 +74,7 @@ def test_a_child_that_dies_by_itself_is_told_from_one_that_was_asked_to_end(laun
 def test_a_child_that_ignores_the_request_is_killed_when_its_time_is_up(
     launcher: Launcher, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("deploy.launch.GRACE", dict.fromkeys(STOP_ORDER, 0.3))
+    monkeypatch.setattr("deploy.local.launch.GRACE", dict.fromkeys(STOP_ORDER, 0.3))
     child = launcher.start(program(DEAF))
     wait_until(launcher, lambda: child.ready)
     begin = time.monotonic()
@@ -86,7 +86,7 @@ def test_a_child_that_ignores_the_request_is_killed_when_its_time_is_up(
 def test_what_a_killed_child_started_is_killed_with_it(
     launcher: Launcher, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("deploy.launch.GRACE", dict.fromkeys(STOP_ORDER, 0.1))
+    monkeypatch.setattr("deploy.local.launch.GRACE", dict.fromkeys(STOP_ORDER, 0.1))
     code = "import subprocess; p = subprocess.Popen(['sleep', '600']); say('started', pid=p.pid);" + DEAF
     child = launcher.start(program(code))
     events = wait_until(launcher, lambda: child.ready)
@@ -147,7 +147,7 @@ def test_the_first_signal_only_counts_and_wakes_whoever_waits(launcher: Launcher
 
 
 def test_a_second_signal_kills_what_does_not_end(launcher: Launcher, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("deploy.launch.TWICE", 0.0)
+    monkeypatch.setattr("deploy.local.launch.TWICE", 0.0)
     child = launcher.start(program(DEAF))
     wait_until(launcher, lambda: child.ready)
     os.kill(os.getpid(), signal.SIGINT)
@@ -189,8 +189,8 @@ def test_children_that_watch_their_parent_end_when_the_launcher_is_killed_outrig
     code = f"""
 import os, sys, time
 from pathlib import Path
-from deploy.launch import Launcher
-from deploy.plan import Program
+from deploy.local.launch import Launcher
+from deploy.local.plan import Program
 watcher = f"import os, time\\nwhile os.getppid() == {{os.getpid()}}: time.sleep(0.05)"
 with Launcher(Path({str(tmp_path)!r})) as launcher:
     child = launcher.start(Program("watcher", "control", (sys.executable, "-c", watcher)))

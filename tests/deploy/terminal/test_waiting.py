@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from deploy.waiting import waiting
+from deploy.terminal.waiting import waiting
 
 
 @pytest.mark.parametrize(

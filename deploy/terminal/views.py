@@ -11,9 +11,9 @@ from typing import Protocol, Self, TextIO
 from rich.console import Console
 from rich.live import Live
 
-from deploy.progress import Progress
-from deploy.table import draw, happened, states
-from deploy.units import metres
+from deploy.terminal.progress import Progress
+from deploy.terminal.table import draw, happened, states
+from deploy.terminal.units import metres
 from monitor.figures.events import Event
 
 LINE_EVERY = 2.0

@@ -10,11 +10,11 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from deploy.progress import Progress
-from deploy.snapshot import RobotNow, Snapshot
-from deploy.table import ASCII_BLOCKS, BLOCKS, draw, happened, sparkline
-from deploy.units import metres, seconds
-from deploy.views import LiveTable, PlainLines, line
+from deploy.terminal.progress import Progress
+from deploy.terminal.snapshot import RobotNow, Snapshot
+from deploy.terminal.table import ASCII_BLOCKS, BLOCKS, draw, happened, sparkline
+from deploy.terminal.units import metres, seconds
+from deploy.terminal.views import LiveTable, PlainLines, line
 from formation.mission import Mission
 from formation.mission_file import load
 from monitor.figures.events import Event
@@ -255,7 +255,7 @@ def test_lines_for_a_log_come_every_two_seconds_and_when_something_happens(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     clock = [100.0]
-    monkeypatch.setattr("deploy.views.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("deploy.terminal.views.time.monotonic", lambda: clock[0])
     stream = io.StringIO()
     view = PlainLines(stream)
     now = progress()

@@ -12,9 +12,9 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from deploy.progress import Progress
-from deploy.snapshot import RobotNow
-from deploy.units import metres, seconds
+from deploy.terminal.progress import Progress
+from deploy.terminal.snapshot import RobotNow
+from deploy.terminal.units import metres, seconds
 from monitor.figures.events import Event
 
 BLOCKS = "▁▂▃▄▅▆▇█"

@@ -15,8 +15,8 @@ from typing import TextIO
 import pytest
 from rich.console import Console
 
-from deploy.keys import Keys, named
-from deploy.playing import Lines, clock, draw, line, press
+from deploy.terminal.keys import Keys, named
+from deploy.terminal.playing import Lines, clock, draw, line, press
 from formation.mission_file import load
 from formation.wire import Now
 from monitor.figures.metrics import Metrics
@@ -72,7 +72,7 @@ def test_a_recording_of_one_moment_is_shown_as_over() -> None:
 
 def test_lines_for_a_log_come_every_two_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     now = [100.0]
-    monkeypatch.setattr("deploy.playing.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("deploy.terminal.playing.time.monotonic", lambda: now[0])
     stream = io.StringIO()
     view = Lines(stream)
     for tick in range(50):

@@ -6,7 +6,7 @@ import math
 from collections import deque
 from dataclasses import dataclass, field
 
-from deploy.snapshot import Snapshot
+from deploy.terminal.snapshot import Snapshot
 from formation.mission import Mission
 from monitor.figures.events import Event
 

@@ -21,7 +21,7 @@ from queue import Empty, SimpleQueue
 from types import FrameType, TracebackType
 from typing import Any, NamedTuple, Self
 
-from deploy.plan import Part, Program
+from deploy.local.plan import Part, Program
 
 STOP_ORDER: tuple[Part, ...] = ("control", "guard", "body", "watch")
 """Agents and leader first: their last words are zero velocity, which the others still have to hear."""
