@@ -70,6 +70,8 @@ def parse(text: str, name: str = "mission") -> Mission:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise MissionError(f"{name}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise MissionError(f"{name}: not a mission: lists or tables a thousand deep") from None
     try:
         return Mission.model_validate(data)
     except ValidationError as error:

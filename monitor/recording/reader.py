@@ -77,8 +77,6 @@ def read(path: Path) -> Recording:
         mission = parse(about["mission_file"], source)
     except MissionError as error:
         raise UnreadableError(str(error)) from None
-    except RecursionError:
-        raise UnreadableError(f"{source} is nested too deeply") from None
     kind = about.get("law", mission.law.kind)
     if kind not in LAWS:
         raise UnreadableError(f"{path}: its law is {kind[:40]!r}; must be one of {', '.join(LAWS)}")

@@ -150,3 +150,8 @@ def test_a_robots_own_table_outranks_the_defaults() -> None:
     mission = parse(text)
     assert mission.robots["robot2"].max_speed == 0.5
     assert mission.robots["robot3"].max_speed == 1.5
+
+
+def test_what_is_nested_without_end_is_refused_in_a_line() -> None:
+    with pytest.raises(MissionError, match=r"^deep\.toml: not a mission: .* deep$"):
+        parse("name = " + "[" * 20_000 + "]" * 20_000, "deep.toml")

@@ -15,6 +15,7 @@ from agent.latch import Latch
 from formation.mission_file import load
 from formation.order import Mode
 from formation.topics import ORDER
+from formation.transport import asking
 from formation.transport.bus import Reply
 from formation.transport.bus_config import BusError
 from leader.core import Leader
@@ -300,3 +301,23 @@ def test_who_clicks_once_more_hears_of_a_failure_as_well(
     for _ in range(2):
         with pytest.raises(OSError, match="the line is broken"):
             operator.order("hold", click="c")
+
+
+def test_an_order_that_something_newer_overtakes_at_the_door_is_not_put(
+    operator: Operator, team: Team, pages: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at_the_door, put = threading.Event(), operator._put
+
+    def held_up(*question: Any) -> Sequence[Reply]:
+        at_the_door.set()
+        return put(*question)
+
+    monkeypatch.setattr(operator, "_put", held_up)
+    with operator._lock:
+        given, _ = operator._precedence.give(asking.request_for(SIX, "run"), 0.0)
+        run = pages.submit(operator._give, given)  # looks whether it is over, and then waits for the lock
+        assert at_the_door.wait(20.0)
+        operator._precedence.give(asking.request_for(SIX, "stop"), 1.0)
+    run.result(20.0)
+    assert given.over
+    assert not team.heard

@@ -113,6 +113,7 @@ def test_many_look_and_everybody_sees_the_newest_frame() -> None:
 
 def test_connections_are_not_taken_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("monitor.page.connection.MOST", 4)
+    monkeypatch.setattr("monitor.page.connection.ASKING", 1e6)  # nobody is hung up on for saying nothing
     with serving() as server, ExitStack() as stack:
         for _ in range(4):
             stack.enter_context(asleep(server))
