@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import signal
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -105,6 +106,8 @@ class Outcome:
             yield "formation error", self._error()
             yield "recording", str(self.monitor.get("recording"))
             yield "messages", f"{_total(self.monitor, 'recorded')} recorded, {self.lost or 'none'} lost"
+            if recording := self.monitor.get("recording"):
+                yield "its figures", f"formation report {shlex.quote(str(recording))}"
         elif self.record is not None and self.record.exists():
             yield "recording", f"{self.record}, cut; formation report and replay read it as far as it goes"
         yield "processes", f"{len(self.children)}{'' if self.faults else ', all ended as they should'}"
