@@ -107,7 +107,7 @@ def test_the_longest_names_and_reasons_have_room(browser: Browser, width: int) -
     viewport = {"width": width, "height": 800}
     with (
         served(scene, Nobody()) as one,
-        watched(browser, f"{one.address}#token=x", viewport=viewport) as page,
+        watched(browser, f"{one.address}#token=secret", viewport=viewport) as page,
     ):
         one.feed(5)
         page.locator('[data-robot="robot4"] .reason', has_text="odometry").wait_for(state="attached")
