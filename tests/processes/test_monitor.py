@@ -209,7 +209,7 @@ def test_people_get_a_line_every_two_seconds_instead(tmp_path: Path) -> None:
         child.event("summary")
         lines = [line for line in child.errors.splitlines() if "error" in line]
     assert 2 <= len(lines) <= 3
-    assert "error 0.00 cm" in lines[-1]
+    assert "error 0.0 mm" in lines[-1]
     assert "6 run" in lines[-1]
 
 

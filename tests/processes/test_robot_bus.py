@@ -177,7 +177,7 @@ def test_a_guard_beside_the_agent_hears_it_and_commands_without_hiding_that_the_
     guard = stack.enter_context(RobotBus((endpoint,), naming, at_guard, node="formation_guard"))
     guard.advertise(CMD_VEL, COMMAND)
     guard.subscribe(ALIVE, LIFE)
-    until(lambda: bool(agent.routed(LIFE)))
+    until(lambda: bool(agent.routed(LIFE)) and guard.connected)
     assert agent.routed(COMMAND) is False
     assert guard.routed(COMMAND) is False
     with node(endpoint, "client") as robot:

@@ -14,7 +14,6 @@ from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import psutil
 import pytest
 
 from deploy.verify import main
@@ -109,13 +108,13 @@ class Eventful(NamedTuple):
 
 
 @contextmanager
-def like(process: psutil.Process, *also: str, **instead: str) -> Iterator[subprocess.Popen[bytes]]:
-    """Another such process, with some flags set differently."""
-    line = process.cmdline()
+def like(line: list[str], folder: Path, *also: str, **instead: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A process with such a command line, with some flags set differently."""
+    line = line.copy()
     for flag, value in {"parent": str(os.getpid()), **instead}.items():
         line[line.index(f"--{flag}") + 1] = value
     with subprocess.Popen(
-        [*line, *also], cwd=process.cwd(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [*line, *also], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     ) as other:
         try:
             yield other
@@ -139,16 +138,18 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Eventful:
         assert process.stderr is not None
         links = process.stderr.readline().partition("another terminal: ")[2].split()[4:]
         children = wait_until_running(process, 2.0)
-        by_module = {(*child.cmdline()[3:4], *child.cmdline()[6:7]): child for child in children}
-        monitor = next(one for (module, *_), one in by_module.items() if module == "monitor")
-        victim = by_module["agent", "robot2"]
-        with like(monitor, "--no-page", record=str(late)):
+        lines = {child.pid: child.cmdline() for child in children}
+        monitor = next(line for line in lines.values() if line[3] == "monitor")
+        victim, agent = next(
+            (pid, line) for pid, line in lines.items() if line[3] == "agent" and line[6] == "robot2"
+        )
+        with like(monitor, folder, "--no-page", record=str(late)):
             for do in ("hold", "run", "stop", "release"):
                 command = [sys.executable, "-m", "deploy", "order", "turtlebot3_pair", do, *links]
                 subprocess.run(command, check=True, timeout=60.0, stdout=subprocess.DEVNULL)
-            victim.kill()
-            with like(victim):
-                wait_until_running(process, elapsed(process) + 6.0)
+            os.kill(victim, signal.SIGKILL)
+            with like(agent, folder):
+                wait_until_running(process, elapsed(process) + 8.0)
         process.send_signal(signal.SIGTERM)
         result_of(process)
     return Eventful(whole, late)
@@ -175,7 +176,7 @@ def test_a_monitor_that_came_later_can_judge_from_the_agents_next_memory_on(even
     code, text, result = verified(eventful.late)
     assert code == 0, text
     for name, one in result["robots"].items():
-        assert one["exact"] == one["compared"] > 100, text
+        assert one["exact"] == one["compared"] > 50, text  # a memory comes every 5 s, and 8 s are recorded
         cut = cut_short(one)
         (stretch,) = one["not_judged"]
         assert stretch["commands"] == commands(eventful.late)[name] - one["compared"] - cut
