@@ -16,7 +16,8 @@ from formation.order import Do
 from formation.transport import asking, wiring
 from formation.transport.asking import OPERATOR
 from formation.transport.bus import Bus
-from formation.transport.bus_config import MODES, BusConfig, BusError, parse_override
+from formation.transport.bus_config import BusConfig, BusError
+from formation.transport.flags import add_zenoh, bus_config
 from formation.transport.wiring import Links
 
 EXAMPLES = """\
@@ -85,23 +86,7 @@ def _options() -> argparse.ArgumentParser:
     links = options.add_argument_group(
         "links (without -e and endpoints in FILE those that the mission implies)"
     )
-    links.add_argument("-m", "--mode", choices=MODES, help="Zenoh session mode (default: peer)")
-    links.add_argument(
-        "-e",
-        "--connect",
-        metavar="ENDPOINT",
-        action="append",
-        default=[],
-        help="endpoint of an agent or the leader to dial; repeatable",
-    )
-    links.add_argument("-c", "--config", metavar="FILE", type=Path, help="Zenoh configuration file (JSON5)")
-    links.add_argument(
-        "--cfg",
-        metavar="KEY:VALUE",
-        action="append",
-        default=[],
-        help="one Zenoh setting, which outranks all others; repeatable",
-    )
+    add_zenoh(links, connect="endpoint of an agent or the leader to dial; repeatable")
     return options
 
 
@@ -114,13 +99,4 @@ def _not_the_operators(config: Path | None) -> str:
 
 def _config(options: argparse.Namespace, mission: Mission, asked: Iterable[str]) -> BusConfig:
     where = wiring.endpoints(mission).agents
-    implied = Links((), tuple(where[name] for name in asked))
-    return BusConfig(
-        connect=tuple(options.connect),
-        implied=None if options.connect else implied,
-        mode=options.mode,
-        namespace=mission.team or "",
-        config_file=options.config,
-        overrides=tuple(parse_override(text) for text in options.cfg),
-        name=OPERATOR,
-    )
+    return bus_config(options, mission, Links((), tuple(where[name] for name in asked)), OPERATOR)

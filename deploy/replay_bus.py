@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import socket
 from contextlib import closing
-from pathlib import Path
 
 from deploy.refusal import Refusal
 from formation.transport.bus import Bus
-from formation.transport.bus_config import MODES, BusConfig, BusError, parse_override
+from formation.transport.bus_config import BusConfig, BusError, parse_override
+from formation.transport.flags import add_zenoh
 from formation.transport.wiring import AGENT_PORT
 from monitor.replay.prefix import DEFAULT
 
@@ -30,23 +30,7 @@ def add_links(options: argparse.ArgumentParser) -> None:
         "--prefix", default=DEFAULT, metavar="WORD",
         help=f"what keys begin with (default {DEFAULT}); no word that live keys begin with",
     )  # fmt: skip
-    links.add_argument("-m", "--mode", choices=MODES, help="Zenoh session mode (default: peer)")
-    links.add_argument(
-        "-l",
-        "--listen",
-        metavar="ENDPOINT",
-        action="append",
-        default=[],
-        help="accept links there; repeatable",
-    )
-    links.add_argument(
-        "-e", "--connect", metavar="ENDPOINT", action="append", default=[], help="dial that; repeatable"
-    )
-    links.add_argument("-c", "--config", metavar="FILE", type=Path, help="Zenoh configuration file (JSON5)")
-    links.add_argument(
-        "--cfg", metavar="KEY:VALUE", action="append", default=[],
-        help="one Zenoh setting, which outranks all others; repeatable",
-    )  # fmt: skip
+    add_zenoh(links, connect="dial that; repeatable", listen="accept links there; repeatable")
 
 
 def session(options: argparse.Namespace) -> Bus:

@@ -12,7 +12,6 @@ import sys
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -27,7 +26,8 @@ from formation.mission import Mission
 from formation.rate import Rate
 from formation.transport import wiring
 from formation.transport.bus import Bus
-from formation.transport.bus_config import MODES, BusConfig, BusError, parse_override
+from formation.transport.bus_config import BusConfig, BusError
+from formation.transport.flags import add_zenoh, bus_config
 from formation.transport.linger import Linger
 from formation.transport.mailbox import Mailbox
 from formation.transport.process import Stop, clocks
@@ -213,16 +213,7 @@ def _view(options: argparse.Namespace) -> View:
 
 
 def _config(options: argparse.Namespace, mission: Mission) -> BusConfig:
-    links = wiring.of_monitor(wiring.endpoints(mission))
-    return BusConfig(
-        connect=tuple(options.connect),
-        implied=None if options.connect else links,
-        mode=options.mode,
-        namespace=mission.team or "",
-        config_file=options.config,
-        overrides=tuple(parse_override(text) for text in options.cfg),
-        name="watch",
-    )
+    return bus_config(options, mission, wiring.of_monitor(wiring.endpoints(mission)), "watch")
 
 
 def _options() -> argparse.ArgumentParser:
@@ -238,14 +229,5 @@ def _options() -> argparse.ArgumentParser:
     links = options.add_argument_group(
         "links (without -e and endpoints in FILE those that the mission implies)"
     )
-    links.add_argument("-m", "--mode", choices=MODES, help="Zenoh session mode (default: peer)")
-    links.add_argument(
-        "-e", "--connect", metavar="ENDPOINT", action="append", default=[],
-        help="endpoint of an agent or the leader to dial; repeatable",
-    )  # fmt: skip
-    links.add_argument("-c", "--config", metavar="FILE", type=Path, help="Zenoh configuration file (JSON5)")
-    links.add_argument(
-        "--cfg", metavar="KEY:VALUE", action="append", default=[],
-        help="one Zenoh setting, which outranks all others; repeatable",
-    )  # fmt: skip
+    add_zenoh(links, connect="endpoint of an agent or the leader to dial; repeatable")
     return options

@@ -65,6 +65,21 @@ def bus_config(args: argparse.Namespace, mission: Mission, default: Links, name:
     )
 
 
+def add_zenoh(links: argparse._ArgumentGroup, *, connect: str, listen: str = "") -> None:
+    """Add the flags Zenoh users know; `connect` and `listen` say what -e is for, and -l if it has one."""
+    links.add_argument("-m", "--mode", choices=MODES, help="Zenoh session mode (default: peer)")
+    links.add_argument("-e", "--connect", metavar="ENDPOINT", action="append", default=[], help=connect)
+    if listen:
+        links.add_argument("-l", "--listen", metavar="ENDPOINT", action="append", default=[], help=listen)
+    else:
+        links.set_defaults(listen=[])
+    links.add_argument("-c", "--config", metavar="FILE", type=Path, help="Zenoh configuration file (JSON5)")
+    links.add_argument(
+        "--cfg", metavar="KEY:VALUE", action="append", default=[],
+        help="one Zenoh setting, which outranks all others, such as transport/link/tx/lease:2000; repeatable",
+    )  # fmt: skip
+
+
 def add_robot_connect(flags: argparse.ArgumentParser) -> None:
     """Add ``--robot-connect``, for a process that is a client of one robot's router."""
     flags.add_argument(
@@ -90,20 +105,11 @@ def _add_links(flags: argparse.ArgumentParser) -> None:
     links = flags.add_argument_group(
         "links with the fleet (without -l, -e and endpoints in FILE those that the mission implies)"
     )
-    links.add_argument("-m", "--mode", choices=MODES, help="Zenoh session mode (default: peer)")
-    links.add_argument(
-        "-e", "--connect", metavar="ENDPOINT", action="append", default=[],
-        help="endpoint to dial, such as tcp/192.168.1.12:7447; repeatable",
-    )  # fmt: skip
-    links.add_argument(
-        "-l", "--listen", metavar="ENDPOINT", action="append", default=[],
-        help="endpoint to accept links on; repeatable",
-    )  # fmt: skip
-    links.add_argument("-c", "--config", metavar="FILE", type=Path, help="Zenoh configuration file (JSON5)")
-    links.add_argument(
-        "--cfg", metavar="KEY:VALUE", action="append", default=[],
-        help="one Zenoh setting, which outranks all others, such as transport/link/tx/lease:2000; repeatable",
-    )  # fmt: skip
+    add_zenoh(
+        links,
+        connect="endpoint to dial, such as tcp/192.168.1.12:7447; repeatable",
+        listen="endpoint to accept links on; repeatable",
+    )
     links.add_argument(
         "--no-multicast-scouting", action="store_true", help="accepted; multicast is always off"
     )

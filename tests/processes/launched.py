@@ -1,4 +1,4 @@
-"""`formation run` as a process, for as long as a test looks at it."""
+"""`formation` as a process, for as long as a test looks at it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +15,13 @@ import psutil
 
 
 @contextmanager
-def started(*arguments: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
-    """`formation run ARGUMENTS --json` in a session of its own."""
-    command = [sys.executable, "-m", "deploy", "run", *arguments, "--json"]
+def command(*arguments: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """`formation ARGUMENTS`, killed at the end if it still lives."""
     with subprocess.Popen(
-        command,
+        [sys.executable, "-m", "deploy", *arguments],
         cwd=folder,
         env={**os.environ, "TMPDIR": str(folder)},
+        stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -31,6 +31,11 @@ def started(*arguments: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
             yield process
         finally:
             process.kill()
+
+
+def started(*arguments: str, folder: Path) -> AbstractContextManager[subprocess.Popen[str]]:
+    """`formation run ARGUMENTS --json` in a session of its own."""
+    return command("run", *arguments, "--json", folder=folder)
 
 
 def wait_until_running(process: subprocess.Popen[str], seconds: float) -> list[psutil.Process]:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import ssl
 import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -18,6 +16,7 @@ import httpx
 import pytest
 
 from tests.processes.child import PATIENCE
+from tests.processes.launched import command
 
 PLAIN = ssl.create_default_context()
 """Nothing here is under TLS, but httpx would read all certificates of the machine for each client."""
@@ -38,25 +37,6 @@ class Run(NamedTuple):
     frames: list[dict[str, Any]]
     """Of its live page."""
     result: dict[str, Any]
-
-
-@contextmanager
-def command(*arguments: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
-    """`formation ARGUMENTS`, killed at the end if it still lives."""
-    with subprocess.Popen(
-        [sys.executable, "-m", "deploy", *arguments],
-        cwd=folder,
-        env={**os.environ, "TMPDIR": str(folder)},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    ) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
 
 
 def drive(folder: Path, seconds: float) -> Run:

@@ -16,7 +16,8 @@ from monitor.figures.keys import OWN
 from monitor.recording.reader import Recorded, read
 from tests.processes.bus_tools import until
 from tests.processes.child import free_endpoint
-from tests.processes.replayed import Replayed, Run, command, drive, replaying
+from tests.processes.launched import command
+from tests.processes.replayed import Replayed, Run, drive, replaying
 
 pytestmark = pytest.mark.processes
 Said = list[tuple[bytes, bytes | None]]

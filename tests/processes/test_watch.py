@@ -15,7 +15,7 @@ import pytest
 
 from formation.mission_file import load
 from tests.processes.child import PATIENCE, free_endpoint
-from tests.processes.replayed import command
+from tests.processes.launched import command
 
 pytestmark = pytest.mark.processes
 SIX = load("six_robots")

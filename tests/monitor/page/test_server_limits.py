@@ -16,8 +16,8 @@ import pytest
 from monitor.page import server as server_module
 from monitor.page import source as module
 from monitor.page.server import PageServer
+from tests.monitor.page.asking import BEARER, TOKEN, Orders, asked
 from tests.monitor.page.looking import PLAIN, SEEN, dial, looking, serving, source, until
-from tests.monitor.page.test_server import BEARER, TOKEN, Orders, asked
 from tests.processes.child import PATIENCE
 
 REQUEST = b"GET /stream HTTP/1.1\r\nHost: localhost\r\n\r\n"

@@ -1,0 +1,66 @@
+"""The process table: which processes a mission has on this machine, and who is linked with whom."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import get_args
+
+from deploy.local.launch import GRACE, STOP_ORDER
+from deploy.local.plan import Part, programs
+from deploy.local.ports import Ports
+from formation.mission_file import load
+from monitor.figures.stage import given
+
+
+def flags_of(argv: Sequence[str], flag: str) -> list[str]:
+    return [argv[i + 1] for i, word in enumerate(argv) if word == flag]
+
+
+def test_the_process_table_has_one_process_per_agent_and_links_along_the_graph_only() -> None:
+    mission = load("six_robots")
+    with Ports(mission) as ports:
+        where = ports.endpoints
+        plan = programs(mission, "six_robots", where, parent=4711, record=Path("a.mcap"), law="paper")
+    table = {one.name: one.argv for one in plan}
+    assert list(table) == ["monitor", "robots", "leader", *(f"agent {robot}" for robot in mission.followers)]
+    agent = table["agent robot4"]
+    assert set(flags_of(agent, "-e")) == {where.agents["robot2"], where.agents["robot3"]}
+    assert flags_of(agent, "-l") == [where.agents["robot4"]]
+    assert flags_of(agent, "--robot-connect") == [where.robots["robot4"]]
+    assert flags_of(agent, "--law") == ["paper"]
+    assert flags_of(table["robots"], "-l") == list(where.robots.values())
+    assert flags_of(table["robots"], "-e") == []
+    assert set(flags_of(table["monitor"], "-e")) == set(where.agents.values())
+    stage = given(mission, flags_of(table["monitor"], "--stage"))
+    assert stage == where.robots
+    assert all(flags_of(one.argv, "--parent") == ["4711"] for one in plan)
+    assert all("--await-monitor" in one.argv for one in plan if one.name != "monitor")
+
+
+def test_guards_stand_beside_the_robots_when_they_are_wanted_and_end_between_agents_and_robots() -> None:
+    mission = load("turtlebot3_pair")
+    with Ports(mission) as ports:
+        where = ports.endpoints
+        plan = programs(mission, "pair", where, parent=1, record=Path("a.mcap"), guards=True)
+    guards = {one.name: one for one in plan if one.part == "guard"}
+    assert list(guards) == ["guard robot1", "guard robot2"]
+    argv = guards["guard robot2"].argv
+    assert argv[3:] == (
+        "agent.robots.guard", "pair", "--robot", "robot2", "--robot-connect", where.robots["robot2"],
+        "--parent", "1",
+    )  # fmt: skip
+    assert STOP_ORDER.index("control") < STOP_ORDER.index("guard") < STOP_ORDER.index("body")
+    assert set(STOP_ORDER) == set(get_args(Part)) == set(GRACE)
+
+
+def test_a_simulated_sensor_that_looks_at_the_leader_is_linked_with_it() -> None:
+    mission = load("turtlebot3_pair")
+    robots = {
+        name: robot.model_copy(update={"measurement": "local"}) for name, robot in mission.robots.items()
+    }
+    local = mission.model_copy(update={"robots": robots})
+    with Ports(local) as ports:
+        plan = programs(local, "pair", ports.endpoints, parent=1, record=Path("a.mcap"))
+        argv = next(one.argv for one in plan if one.name == "robots")
+        assert argv[argv.index("-e") + 1] == ports.endpoints.agents["leader"]
