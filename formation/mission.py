@@ -13,68 +13,16 @@ from functools import cached_property
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Discriminator,
-    Field,
-    StringConstraints,
-    Tag,
-    model_validator,
-)
+from pydantic import BeforeValidator, Field, model_validator
 
 from formation import mission_rules
 from formation.endpoint import Endpoint
 from formation.graph import Graph
-from formation.law import Gains, Limits
+from formation.law import Gains
+from formation.legs import Leg, Waypoints
 from formation.plane import ComplexArray
-
-NAME, TITLE = r"^[a-z][a-z0-9_]*$", r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
-Name = Annotated[str, StringConstraints(pattern=NAME, max_length=64)]
-Title = Annotated[str, StringConstraints(pattern=TITLE, max_length=64)]
-Positive = Annotated[float, Field(gt=0.0, le=1e9)]
-NotNegative = Annotated[float, Field(ge=0.0, le=1e9)]
-Speed = Annotated[float, Field(gt=0.0, le=1e3)]
-"""[m/s] or [rad/s], as far as a message may carry it."""
-Metres = Annotated[float, Field(ge=-1e5, le=1e5)]
-
-Namespace = Annotated[str, StringConstraints(max_length=128)]
-"""ROS namespace without its leading slash; which spellings are legal is one of the rules."""
-Ros = Literal["ros2dds", "rmw_zenoh"]
-"""How ROS 2 reaches Zenoh: through zenoh-bridge-ros2dds, or natively by rmw_zenoh."""
-
-
-def _tuple(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
-
-
-Point = Annotated[tuple[Metres, Metres], BeforeValidator(_tuple)]
-"""x, y [m]."""
-
-
-class Table(BaseModel):
-    """A table of the mission file: frozen, unknown keys refused, nothing coerced, every number finite."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class Start(Table):
-    """Where a robot's centre starts [world frame]."""
-
-    x: Metres
-    y: Metres
-    heading_deg: float = 0.0
-
-    @property
-    def position(self) -> complex:
-        """Centre [m; world frame]."""
-        return complex(self.x, self.y)
-
-    @property
-    def heading(self) -> complex:
-        """Unit complex heading [world frame]."""
-        return cmath.rect(1.0, math.radians(self.heading_deg))
+from formation.robot_spec import RobotDefaults, RobotSpec
+from formation.tables import Name, NotNegative, Point, Positive, Table, Title, as_tuple
 
 
 class LawSpec(Table):
@@ -99,101 +47,6 @@ class LawSpec(Table):
     def gains(self) -> Gains:
         """The parameters as `formation.law` takes them."""
         return Gains(self.k_p, self.k_i, self.anti_windup, self.integral_band, self.integral_decay)
-
-
-class RobotDefaults(Table):
-    """[robot]: what every robot has unless its own table says otherwise."""
-
-    control_point_offset: Positive = 0.1
-    """L [m]."""
-    max_speed: Speed = 1.0
-    """u_max [m/s]."""
-    max_turn_rate: Speed = 1.5
-    """ω_max [rad/s]."""
-    radius: Positive = 0.1
-    """Of a circle around the centre that holds the body [m]."""
-    rate: Annotated[float, Field(ge=1.0, le=200.0)] = 20.0
-    """Positions of its own, by odometry or from outside, and therefore control, per second [Hz]."""
-    cmd_vel: Literal["twist", "twist_stamped"] = "twist"
-    measurement: Literal["network", "local"] = "network"
-    """Neighbours' positions over the network, or displacements from a sensor on the robot."""
-    robot_endpoint: Endpoint | None = None
-    """Where the robot itself listens: its ROS 2 bridge or router, or the simulated robot."""
-    ros: Ros = "ros2dds"
-    domain: Annotated[int, Field(ge=0, le=232)] = 0
-    """ROS domain id; rmw_zenoh writes it into every key, a bridge has it in its own configuration."""
-    namespace: Namespace | None = None
-    """ROS namespace of the robot's topics; by default the robot's name, "" for none."""
-    localisation: Literal["odometry", "external"] = "odometry"
-    """Where the robot's position comes from: its odometry, or a camera or motion capture above the field."""
-    heading: Literal["observer", "measured"] = "observer"
-    """Heading estimated from positions, or taken from where the position comes from."""
-    odometry_frame: Literal["world", "start"] = "world"
-    """Whether odometry counts in the world frame, or from where the robot was switched on: the start pose."""
-    speed_step: NotNegative = 0.0
-    """The robot cuts commands to multiples of this, which error feedback makes up for [m/s]; 0 for none."""
-    turn_rate_step: NotNegative = 0.0
-    """[rad/s]"""
-
-
-class RobotSpec(RobotDefaults):
-    """[robots.NAME]: one robot."""
-
-    neighbours: Annotated[tuple[Name, ...], BeforeValidator(_tuple)] = ()
-    start: Start
-    first_heading_deg: float | None = None
-    """First guess of the heading observer; by default the leader's first heading."""
-    endpoint: Endpoint | None = None
-    """Where this robot's agent (or the leader) listens."""
-
-    @property
-    def limits(self) -> Limits:
-        """The limits as `formation.law` takes them."""
-        return Limits(self.control_point_offset, self.max_speed, self.max_turn_rate)
-
-    @property
-    def top_speed(self) -> float:
-        """Fastest the control point can move [m/s]."""
-        return math.hypot(self.max_speed, self.control_point_offset * self.max_turn_rate)
-
-
-class Straight(Table):
-    """A leg of constant velocity; without a duration it goes on for ever."""
-
-    speed: NotNegative
-    heading_deg: float
-    duration: Positive | None = None
-
-
-class Circle(Table):
-    """A leg along a circle that starts in the direction of travel and turns left or right."""
-
-    radius: Annotated[float, Field(ge=0.001, le=1e6)]
-    speed: Positive
-    heading_deg: float | None = None
-    """Direction at the start; by default as the leg before ended, else 0."""
-    turn: Literal["left", "right"] = "left"
-    duration: Positive | None = None
-
-
-class Waypoints(Table):
-    """Legs of constant speed through points of the world frame, the first from wherever the leader is."""
-
-    waypoints: Annotated[tuple[Point, ...], BeforeValidator(_tuple), Field(min_length=1)]
-    speed: Positive
-
-
-def _kind_of_leg(leg: Any) -> str:
-    keys = leg if isinstance(leg, dict) else vars(leg)
-    return "waypoints" if "waypoints" in keys else "circle" if "radius" in keys else "straight"
-
-
-Leg = Annotated[
-    Annotated[Straight, Tag("straight")]
-    | Annotated[Circle, Tag("circle")]
-    | Annotated[Waypoints, Tag("waypoints")],
-    Discriminator(_kind_of_leg),
-]
 
 
 class SimulatedRobot(Table):
@@ -229,6 +82,22 @@ class SimulationSpec(Table):
     """[s]"""
 
 
+class Standby(Table):
+    """[standbys.NAME]: a process that takes the leader's place when it is gone; first listed, first to."""
+
+    endpoint: Endpoint | None = None
+    """Where it listens."""
+
+
+class Together(Table):
+    """[together]: the leader slows, and waits, while the formation is torn."""
+
+    error: Positive
+    """Longest edge error at which it stands; from half of that on it slows [m]."""
+    patience: Positive | None = None
+    """It waits at most so long for the same robots, then goes on without them [s]; by default for ever."""
+
+
 class Mission(Table):
     """Everything every process needs to know, and nothing that changes while it runs."""
 
@@ -242,11 +111,17 @@ class Mission(Table):
     """Formation error under which the formation counts as settled, summed over edges [m]."""
     shape: Name | None = None
     """The shape to start with; by default the first."""
+    turning: bool = False
+    """Whether shapes turn with the leader; slots are then relative to its heading, x ahead, y to the left."""
+    takeover: Annotated[float, Field(ge=0.4, le=60.0)] = 1.0
+    """Within about so long a standby takes the place of a leader that has fallen silent [s]."""
     law: LawSpec = LawSpec()
     robot: RobotDefaults = RobotDefaults()
     shapes: dict[Name, dict[Name, Point]] = Field(min_length=1)
     robots: dict[Name, RobotSpec] = Field(min_length=2)
-    route: Annotated[tuple[Leg, ...], BeforeValidator(_tuple), Field(min_length=1)]
+    route: Annotated[tuple[Leg, ...], BeforeValidator(as_tuple), Field(min_length=1)]
+    standbys: dict[Name, Standby] = Field(default={}, max_length=63)
+    together: Together | None = None
     simulated_robot: SimulatedRobot = SimulatedRobot()
     simulation: SimulationSpec = SimulationSpec()
 
@@ -280,6 +155,11 @@ class Mission(Table):
     def followers(self) -> tuple[str, ...]:
         """The followers as the file lists them."""
         return tuple(name for name in self.robots if name != self.leader)
+
+    @cached_property
+    def candidates(self) -> tuple[str, ...]:
+        """Who may lead, by rank: the leader's own process, then the standbys as the file lists them."""
+        return (self.leader, *self.standbys)
 
     @cached_property
     def fingerprint(self) -> str:

@@ -6,31 +6,30 @@ import tomllib
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, BeforeValidator, Field, ValidationError
 from pydantic_core import ErrorDetails
 
-from formation.mission import (
-    NAME,
-    TITLE,
-    Circle,
-    LawSpec,
-    Mission,
-    RobotDefaults,
-    RobotSpec,
-    SimulatedRobot,
-    SimulationSpec,
-    Start,
-    Straight,
-    Waypoints,
-)
+from formation.legs import Circle, Leg, Straight, Waypoints
+from formation.mission import LawSpec, Mission, SimulatedRobot, SimulationSpec, Standby, Together
+from formation.robot_spec import RobotDefaults, RobotSpec, Start
+from formation.tables import NAME, TITLE, Table, as_tuple
 
 SPELLINGS = {
     NAME: "a small letter, and then small letters, digits and _ only",
     TITLE: "a letter or digit, and then letters, digits, - and _ only",
 }
 """What a pattern asks for, in words."""
+
+
+class RouteFile(Table):
+    """A file that holds a route and nothing else."""
+
+    route: Annotated[tuple[Leg, ...], BeforeValidator(as_tuple), Field(min_length=1)]
+
+
+T = TypeVar("T", Mission, RouteFile)
 
 
 class MissionError(ValueError):
@@ -66,29 +65,44 @@ def read(mission: str | Path) -> tuple[str, str]:
 
 def parse(text: str, name: str = "mission") -> Mission:
     """The mission in TOML `text`; `name` is the file to blame. Raises MissionError."""
+    return _validated(Mission, _toml(text, name), name)
+
+
+def parse_route(text: str, name: str = "route") -> tuple[Leg, ...]:
+    """The ``[[route]]`` in TOML `text`, which may be a mission's; `name` is to blame. Raises MissionError."""
+    data = _toml(text, name)
+    if not data.keys().isdisjoint({"robots", "shapes"}):
+        return _validated(Mission, data, name).route
+    return _validated(RouteFile, data, name).route
+
+
+def _toml(text: str, name: str) -> dict[str, Any]:
     try:
-        data = tomllib.loads(text)
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise MissionError(f"{name}: not valid TOML: {error}") from None
     except RecursionError:
         raise MissionError(f"{name}: not a mission: lists or tables a thousand deep") from None
+
+
+def _validated(cls: type[T], data: dict[str, Any], name: str) -> T:
     try:
-        return Mission.model_validate(data)
+        return cls.model_validate(data)
     except ValidationError as error:
-        raise MissionError(f"{name}: {_sentence(error)}") from None
+        raise MissionError(f"{name}: {_sentence(error, cls)}") from None
 
 
-def _sentence(error: ValidationError) -> str:
+def _sentence(error: ValidationError, whole: type[BaseModel]) -> str:
     details = error.errors(include_url=False)
     # an unknown key explains the missing one beside it, so it comes first
     first = min(details, key=lambda detail: detail["type"] != "extra_forbidden")
     # a wrong default is wrong again in every robot that inherits it: that is one mistake
     distinct = {(detail["loc"][-1:], repr(detail["input"])) for detail in details}
     others = f" (and {len(distinct) - 1} more)" if len(distinct) > 1 else ""
-    return f"{_explain(first)}{others}"
+    return f"{_explain(first, whole)}{others}"
 
 
-def _explain(detail: ErrorDetails) -> str:
+def _explain(detail: ErrorDetails, whole: type[BaseModel]) -> str:
     context: Mapping[str, Any] = detail.get("ctx", {})
     # the tag of a leg's kind, and the mark of a bad key, are pydantic's and not the file's
     place = [part for part in detail["loc"] if part not in {"straight", "circle", "waypoints", "[key]"}]
@@ -97,11 +111,11 @@ def _explain(detail: ErrorDetails) -> str:
         case "mission":
             return f"{context['key']} = {_value(context['value'])}: {context['legal']}"
         case "extra_forbidden":
-            legal = f"unknown key {key}; legal here: {_keys_beside(detail['loc'])}"
+            legal = f"unknown key {key}; legal here: {_keys_beside(detail['loc'], whole)}"
         case "missing" if isinstance(place[-1], int):
             legal = f"{key.rpartition('.')[0]} = {value}: should be [x, y], two numbers in metres"
         case "missing":
-            legal = f"{key} is missing; legal here: {_keys_beside(detail['loc'])}"
+            legal = f"{key} is missing; legal here: {_keys_beside(detail['loc'], whole)}"
         case "string_pattern_mismatch":
             legal = f"{key} = {value}: should be {SPELLINGS[context['pattern']]}"
         case _:
@@ -116,18 +130,20 @@ def _value(value: Any) -> str:
     return text if len(text) <= 80 else text[:77] + "..."
 
 
-def _keys_beside(loc: tuple[int | str, ...]) -> str:
-    """The keys that the table which holds the last part of `loc` may have."""
+def _keys_beside(loc: tuple[int | str, ...], whole: type[BaseModel]) -> str:
+    """The keys that the table which holds the last part of `loc` may have, in a file that is a `whole`."""
     tables: dict[str, type[BaseModel]] = {
         "law": LawSpec,
         "robot": RobotDefaults,
         "simulated_robot": SimulatedRobot,
         "simulation": SimulationSpec,
         "robots": RobotSpec,
+        "standbys": Standby,
+        "together": Together,
         "start": Start,
         "straight": Straight,
         "circle": Circle,
         "waypoints": Waypoints,
     }
     named = [tables[str(part)] for part in loc[:-1] if part in tables]
-    return ", ".join((named[-1] if named else Mission).model_fields)
+    return ", ".join((named[-1] if named else whole).model_fields)

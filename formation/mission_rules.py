@@ -14,6 +14,13 @@ if TYPE_CHECKING:
     from formation.mission import Mission
 
 
+VISITORS = ("monitor", "operator")
+"""What the processes are called that belong to no robot."""
+
+TOLD = 4
+"""So many positions a follower tells in a takeover at least, or a leader's lease ends between two of them."""
+
+
 class Violation(NamedTuple):
     """One thing that is not legal: where, what stands there, and what may stand there."""
 
@@ -33,27 +40,39 @@ def leader_is_a_robot(mission: Mission) -> Iterator[Violation]:
     """The leader has a table under [robots] and measures nobody."""
     if mission.leader not in mission.robots:
         yield Violation("leader", mission.leader, f"must be one of the robots: {_list(mission.robots)}")
-    elif mission.robots[mission.leader].neighbours:
-        yield Violation(
-            f"robots.{mission.leader}.neighbours",
-            list(mission.robots[mission.leader].neighbours),
-            "must be empty: the leader follows its route, not a neighbour",
-        )
+        return
+    leader = mission.robots[mission.leader]
+    for key, others in (
+        ("neighbours", leader.neighbours),
+        ("fallback_neighbours", leader.fallback_neighbours),
+    ):
+        if others:
+            yield Violation(
+                f"robots.{mission.leader}.{key}",
+                list(others),
+                "must be empty: the leader follows its route, not a neighbour",
+            )
 
 
 def neighbours_exist(mission: Mission) -> Iterator[Violation]:
-    """Neighbours are known, different from the robot itself, and listed once."""
+    """Neighbours, and those to fall back on, are known, different from the robot itself, and listed once."""
     for name, robot in mission.robots.items():
-        key = f"robots.{name}.neighbours"
-        for position, other in enumerate(robot.neighbours):
-            if other == name:
-                yield Violation(
-                    key, other, f"a robot cannot be its own neighbour; choose from {_others(mission, name)}"
-                )
-            if other not in mission.robots:
-                yield Violation(key, other, f"unknown robot; choose from {_others(mission, name)}")
-            if other in robot.neighbours[:position]:
-                yield Violation(key, other, "listed twice; each neighbour counts once")
+        for key, others in (
+            ("neighbours", robot.neighbours),
+            ("fallback_neighbours", robot.fallback_neighbours),
+        ):
+            for position, other in enumerate(others):
+                problem = None
+                if other == name:
+                    problem = f"a robot cannot be its own neighbour; choose from {_others(mission, name)}"
+                elif other not in mission.robots:
+                    problem = f"unknown robot; choose from {_others(mission, name)}"
+                elif other in others[:position]:
+                    problem = "listed twice; each neighbour counts once"
+                elif others is not robot.neighbours and other in robot.neighbours:
+                    problem = "is a neighbour already; fallback_neighbours are for when all of those are lost"
+                if problem is not None:
+                    yield Violation(f"robots.{name}.{key}", other, problem)
 
 
 def tree_from_the_leader(mission: Mission) -> Iterator[Violation]:
@@ -121,19 +140,41 @@ def starts_do_not_touch(mission: Mission) -> Iterator[Violation]:
         )
 
 
-def agents_listen_apart(mission: Mission) -> Iterator[Violation]:
-    """No two agents listen on one endpoint: whoever dials one of them would reach the other."""
-    taken: dict[str, str] = {}
-    for name, robot in mission.robots.items():
-        if robot.endpoint is None:
-            continue
-        if robot.endpoint in taken:
+def standbys_have_names_of_their_own(mission: Mission) -> Iterator[Violation]:
+    """A standby is a process beside all others: nobody else goes by its name."""
+    for name in mission.standbys:
+        if name in mission.robots:
             yield Violation(
-                f"robots.{name}.endpoint",
-                robot.endpoint,
-                f"must be a robot's own; {taken[robot.endpoint]} has the same",
+                f"standbys.{name}", name, "is a robot's name; a standby is no robot and has its own"
             )
-        taken[robot.endpoint] = name
+        if name in VISITORS:
+            yield Violation(f"standbys.{name}", name, f"must be another name: the {name} goes by this one")
+
+
+def followers_answer_within_a_takeover(mission: Mission) -> Iterator[Violation]:
+    """Voices come with positions: who tells them too rarely keeps nobody a leader."""
+    slowest = min(mission.followers, key=lambda name: mission.robots[name].rate)
+    least = TOLD / mission.robots[slowest].rate
+    if mission.standbys and mission.takeover < least:
+        yield Violation(
+            "takeover",
+            mission.takeover,
+            f"must be at least {least:.3g} s, in which {slowest} tells its position {TOLD} times",
+        )
+
+
+def agents_listen_apart(mission: Mission) -> Iterator[Violation]:
+    """No two processes listen on one endpoint: whoever dials one of them would reach the other."""
+    taken: dict[str, str] = {}
+    tables = {f"robots.{name}": (name, robot.endpoint) for name, robot in mission.robots.items()}
+    tables |= {f"standbys.{name}": (name, standby.endpoint) for name, standby in mission.standbys.items()}
+    for table, (name, endpoint) in tables.items():
+        if endpoint is None:
+            continue
+        if endpoint in taken:
+            own = "a robot's own" if table.startswith("robots.") else "the standby's own"
+            yield Violation(f"{table}.endpoint", endpoint, f"must be {own}; {taken[endpoint]} has the same")
+        taken[endpoint] = name
 
 
 def namespaces_are_ros_names(mission: Mission) -> Iterator[Violation]:
@@ -195,6 +236,8 @@ RULES = (
     leader_slower_than_followers,
     only_the_last_leg_is_endless,
     starts_do_not_touch,
+    standbys_have_names_of_their_own,
+    followers_answer_within_a_takeover,
     agents_listen_apart,
     namespaces_are_ros_names,
     ros_names_are_a_robots_own,

@@ -10,53 +10,102 @@ for the same robot, or a recording of the first, is told apart.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Annotated, Literal, Self, TypeVar
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Annotated, ClassVar, Literal, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    ValidationError,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
+from formation.legs import Leg
+from formation.tables import as_tuple
 from formation.wire import BadMessage
 
 MAX_BYTES = 1024
-"""Longest order, request or reply that is read at all."""
+"""Longest order, reply or ballot that is read at all."""
+
+MAX_REQUEST = 16_384
+"""Longest request: it may carry a route [bytes]."""
 
 LEADER_LOST = 1.0
 """Silence of the leader's beat after which it counts as gone, and everybody stands still [s]."""
-
-REMEMBERED = 64
-"""So many requests are known when they are put again."""
-
-RESTS = frozenset({"stop", "hold"})
-"""What brings robots to rest."""
-
-STEPS = 0.25
-"""Who is asked knows the time by its newest step, which may be so old [s]."""
 
 LONGEST_REASON = 120
 """[characters]"""
 
 Mode = Literal["hold", "run", "stop"]
-Do = Literal["hold", "run", "stop", "release", "shape"]
+Do = Literal["hold", "run", "stop", "release", "shape", "rotate", "scale", "speed", "route"]
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
 Voice = Annotated[str, StringConstraints(max_length=64, pattern=r"^[A-Za-z0-9_.-]*$")]
+Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
+Scale = Annotated[float, Field(allow_inf_nan=False, ge=1e-3, le=1e3)]
+Share = Annotated[float, Field(allow_inf_nan=False, ge=0.0, le=1.0)]
+
+
+Legs = Annotated[tuple[Leg, ...], BeforeValidator(as_tuple), Field(min_length=1, max_length=500)]
 
 
 class _Json(BaseModel):
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
+    longest: ClassVar[int] = MAX_BYTES
+
+
+class Slots(_Json):
+    """Where slots are while they are on their way, or turn: `formation.figure.Figure`."""
+
+    mix: dict[Name, Share] = Field(min_length=1, max_length=8)
+    """Each shape's share; they sum to 1."""
+    rotation: Number = 0.0
+    """Counter-clockwise [rad; world frame]."""
+    scale: Scale = 1.0
+
+
+class Place(_Json):
+    """Where the leader is."""
+
+    x: Number
+    y: Number
+    """[m; world frame]"""
+    heading: Number
+    """Direction of travel [rad; world frame]."""
 
 
 class Order(_Json):
-    """What the leader wants of the team."""
+    """What the leader wants of the team, and all that a successor needs to go on from here."""
 
     term: Count
-    """When this leader took over [ns, its system clock]: a new leader outranks the old one."""
+    """Of whom it is: a new leader outranks the old one. [ns] of its system clock or a little more, see
+    `formation.election`."""
     beat: Count
     """Counts the leader's periods within its term."""
     mode: Mode
     shape: Name
     """Name of the mission's shape to hold."""
+    rotation: Number = 0.0
+    """By which the shape is to be turned, as it is drawn or from the leader's heading [rad]."""
+    scale: Scale = 1.0
+    """By which it is to be larger than it is drawn."""
+    slots: Slots | None = None
+    """Where the slots are by now; None: in `shape`, `rotation` and `scale`."""
+    told: Literal["hold", "run"] = "run"
+    """What is in force once nothing is left to release."""
+    holding: bool = False
+    """Whether a hold is to be released before that."""
+    route: Voice = ""
+    """Which route the leader is on; empty for the mission's own."""
+    time: Annotated[float, Field(ge=0.0, le=1e9)] = 0.0
+    """How long it has been on it [s]."""
+    place: Place | None = None
+    """Where it is."""
 
 
 class Told(_Json):
@@ -67,14 +116,42 @@ class Told(_Json):
     count: Count
     """Positions told by this voice so far: what was said before cannot be said again."""
     order: Order | None = None
+    aside: bool = False
+    """It does not follow, or not closely yet: who has another neighbour is better off without it."""
+    promise: Count = 0
+    """Newest term that it has promised its voice to; where there are standbys."""
+    echo: Count = 0
+    """Newest ballot of that term that it has heard."""
+
+
+class Ballot(_Json):
+    """Asks every follower for its voice in a term, and keeps it: see `formation.election`."""
+
+    term: Count
+    number: Count
+    """Counts the ballots of a term."""
+    standing: Literal["candidate", "leader", "leaving"]
+    """``leaving``: whoever promised this term is free at once."""
 
 
 class OperatorRequest(_Json):
     """What an operator asks of one robot. ``release`` ends a stop or hold that the operator asked for."""
 
+    longest: ClassVar[int] = MAX_REQUEST
     do: Do
     shape: Name | None = None
     """Which one the team is to take; with ``shape``, and with nothing else."""
+    degrees: Annotated[float, Field(ge=-3600.0, le=3600.0, allow_inf_nan=False)] | None = None
+    """With ``rotate``: by how much the shape is to be turned from how it is drawn, counter-clockwise. With
+    ``speed``: where to, as a mission's ``heading_deg``."""
+    factor: Scale | None = None
+    """With ``scale``: by how much the shape is to be larger than it is drawn."""
+    speed: Annotated[float, Field(ge=0.0, le=1e3, allow_inf_nan=False)] | None = None
+    """With ``speed``: of the leader, from where it is [m/s]."""
+    legs: (
+        Annotated[tuple[Leg, ...], BeforeValidator(as_tuple), Field(min_length=1, max_length=500)] | None
+    ) = None
+    """With ``route``: where the leader is to go from where it is."""
     id: Voice = ""
     """Of one order, however often it is put: a repetition takes no effect a second time. Empty: unknown."""
     age: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
@@ -82,9 +159,23 @@ class OperatorRequest(_Json):
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
-        if (self.do == "shape") != (self.shape is not None):
-            raise PydanticCustomError("shape", "a shape belongs to the order 'shape', and to no other")
+        for name in ("shape", "degrees", "factor", "speed", "legs"):
+            if (getattr(self, name) is not None) != (name in TAKES.get(self.do, ())):
+                wanted = " and ".join(TAKES.get(self.do, ())) or "nothing"
+                raise PydanticCustomError("takes", f"{self.do} takes {wanted}")
         return self
+
+
+TAKES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "shape": ("shape",),
+        "rotate": ("degrees",),
+        "scale": ("factor",),
+        "speed": ("speed", "degrees"),
+        "route": ("legs",),
+    }
+)
+"""What belongs to a request; nothing to those that are not here."""
 
 
 class OperatorReply(_Json):
@@ -94,52 +185,11 @@ class OperatorReply(_Json):
     ok: bool
     mode: Mode
     reason: Annotated[str, StringConstraints(max_length=LONGEST_REASON)] = ""
+    leads: bool | None = None
+    """Whether it is in charge; None for who never is."""
 
 
-class Once:
-    """Obeys each request once, and none that a stop or a hold has overtaken.
-
-    Operators repeat theirs until all have answered. A release that is put again must undo neither the hold
-    below the stop nor a stop that came meanwhile; and one that was put before a stop, and is heard after it,
-    was meant for something else.
-    """
-
-    def __init__(self) -> None:
-        self.now = float("-inf")
-        """When the newest step was [s, monotonic]."""
-        self._rested = float("-inf")  # when a stop or a hold was heard last; infinite: since the newest step
-        self._answers: dict[str, bytes] = {}
-
-    def aware(self, mono: float) -> None:
-        """A step is taken [s, monotonic]. What was heard since the one before counts as heard only now.
-
-        Before the first step nobody knows the time, and after one that took long nobody knows it well: a stop
-        that was heard then must not be taken for an older one than it is.
-        """
-        self.now, self._rested = mono, min(self._rested, mono)
-
-    def answer(
-        self, request: OperatorRequest, obey: Callable[[], bytes], refuse: Callable[[str], bytes]
-    ) -> bytes:
-        """What ``obey()`` answers, or answered to the same request before; ``refuse(why)`` if overtaken."""
-        if request.id in self._answers:
-            return self._answers[request.id]
-        overtaken = self._overtaken(request)
-        reply = refuse("asked for before the newest stop or hold: ask again") if overtaken else obey()
-        if request.id:
-            self._answers[request.id] = reply
-            if len(self._answers) > REMEMBERED:
-                self._answers.pop(next(iter(self._answers)))
-        return reply
-
-    def _overtaken(self, request: OperatorRequest) -> bool:
-        if request.do in RESTS:
-            self._rested = float("inf")
-            return False
-        return request.age > 0.0 and self.now - self._rested < request.age + STEPS
-
-
-J = TypeVar("J", Order, Told, OperatorRequest, OperatorReply)
+J = TypeVar("J", Order, Told, Ballot, OperatorRequest, OperatorReply)
 
 
 def newer(a: Order, b: Order | None) -> bool:
@@ -147,15 +197,15 @@ def newer(a: Order, b: Order | None) -> bool:
     return b is None or (a.term, a.beat) > (b.term, b.beat)
 
 
-def encode(value: Order | Told | OperatorRequest | OperatorReply) -> bytes:
+def encode(value: Order | Told | Ballot | OperatorRequest | OperatorReply) -> bytes:
     """JSON, UTF-8; what is as it always was is left out, so that older robots understand a stop."""
     return value.model_dump_json(exclude_defaults=True).encode()
 
 
 def decode(cls: type[J], data: bytes) -> J:
     """Read `data` strictly. Raises BadMessage, and nothing else, for anything that is not exactly a `cls`."""
-    if len(data) > MAX_BYTES:
-        raise BadMessage(f"{cls.__name__}: {len(data)} bytes, at most {MAX_BYTES} are read")
+    if len(data) > cls.longest:
+        raise BadMessage(f"{cls.__name__}: {len(data)} bytes, at most {cls.longest} are read")
     try:
         return cls.model_validate_json(data)
     except ValidationError as error:

@@ -20,7 +20,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from formation.mission import Circle, Mission, Straight, Waypoints
+from formation.legs import Circle, Straight, Waypoints
+from formation.mission import Mission
 from formation.plane import ComplexArray, FloatArray
 from formation.unicycle import advance
 

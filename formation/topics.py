@@ -116,12 +116,22 @@ EVENTS = Topic(
 )  # fmt: skip
 ORDER = Topic(
     "order", "{robot}/order", "", "operator", "agent or leader (queryable)", "on demand", None,
-    "hold, run, stop, release or another shape, acknowledged one by one (JSON)",
+    "hold, run, stop, release, another figure or course, acknowledged one by one (JSON)",
+)  # fmt: skip
+
+BALLOT = Topic(
+    "ballot", "{robot}/ballot", "std_msgs/msg/String", "leader or standby", "agents and other standbys",
+    "10-20 Hz, with standbys", Qos("data", express=True),
+    "asks for the followers' voices in a term, and keeps them (JSON); they answer with their positions",
+)  # fmt: skip
+COURSE = Topic(
+    "course", "{robot}/course", "std_msgs/msg/String", "who leads", "standbys", "1 Hz, with standbys", Qos(),
+    "the route that the leader is on, for whoever takes its place (JSON)",
 )  # fmt: skip
 
 TABLE: tuple[Topic, ...] = (
     ODOM, CMD_VEL, POSITION, SCAN, RELATIVE, POSE, ALIVE, STATUS, GROUND_TRUTH, ERROR, DIAGNOSTICS, EVENTS,
-    ORDER,
+    BALLOT, COURSE, ORDER,
 )  # fmt: skip
 
 

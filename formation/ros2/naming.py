@@ -22,7 +22,8 @@ from formation.ros2.tokens import Token, dds_type
 from formation.topics import CMD_VEL, TABLE, Topic, command_topic
 
 if TYPE_CHECKING:
-    from formation.mission import Mission, Ros
+    from formation.mission import Mission
+    from formation.tables import Ros
 
 _ATTACHMENT = struct.Struct("<qqB16s")
 

@@ -68,7 +68,7 @@ class RosNames:
     def of(cls, mission: Mission, robot: str) -> RosNames:
         """The names that `mission` gives to `robot`. KeyError for one that it does not have."""
         spec = mission.robots[robot]
-        return cls(robot, robot if spec.namespace is None else spec.namespace, spec.neighbours)
+        return cls(robot, robot if spec.namespace is None else spec.namespace, spec.measurable)
 
     def name(self, topic: Topic, other: str = "") -> str:
         """ROS name of one of this robot's topics, without leading slash."""

@@ -17,10 +17,11 @@ import numpy as np
 from formation import heading as observers
 from formation.heading import Travel
 from formation.law import LAWS, Limits, Measured
-from formation.mission import Mission, RobotSpec
+from formation.mission import Mission
 from formation.neighbour import FRESH_PERIODS
 from formation.plane import ComplexArray, rotation, unit
 from formation.quantiser import Quantiser
+from formation.robot_spec import RobotSpec
 from formation.route import Route
 from formation.simulation.body import Body
 from formation.simulation.links import Heard, Links, Mask, Terms

@@ -17,6 +17,7 @@ from formation.plane import ComplexArray
 from formation.route import Route
 from formation.simulation.simulate import simulate
 from formation.stability import feasibility, spectrum
+from formation.stability.losses import useless_fallbacks
 
 GROWTH = 2.0
 """Amplification of the last robots over that of the first that deserves a warning."""
@@ -94,7 +95,7 @@ def analyse(mission: Mission, law: str | None = None) -> Analysis:
         peaks = spectrum.amplification(graph, gains.k_p, gains.k_i, forward)
     margin = spectrum.delay_margin(mu, gains.k_p, gains.k_i)
     settling = settling_time(mission, law)
-    warnings = [*feasibility.warnings(mission), *_shaky(mission, margin, peaks)]
+    warnings = [*feasibility.warnings(mission), *useless_fallbacks(mission), *_shaky(mission, margin, peaks)]
     if settling is None:
         horizon = mission.simulation.horizon
         warnings.append(f"from its own starts the formation does not settle within {horizon:g} s ({law} law)")

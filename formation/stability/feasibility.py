@@ -10,8 +10,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from formation.figure import Figure
 from formation.graph import Graph
-from formation.mission import Circle, Mission
+from formation.intent import swings_too_fast
+from formation.legs import Circle
+from formation.mission import Mission
 from formation.plane import ComplexArray
 from formation.simulation.body import Body
 from formation.stability.spacing import too_close
@@ -25,6 +28,7 @@ def problems(mission: Mission) -> Iterator[str]:
     yield from _too_fast(mission)
     yield from _too_tight(mission)
     yield from _slots_touch(mission)
+    yield from _swing_too_fast(mission)
 
 
 def warnings(mission: Mission) -> Iterator[str]:
@@ -107,6 +111,14 @@ def _slots_touch(mission: Mission) -> Iterator[str]:
                 f"shapes.{shape}: the slots of {first} and {second} are {distance:.3g} m apart; "
                 f"must be over {radii[i] + radii[j]:g} m (both radii)"
             )
+
+
+def _swing_too_fast(mission: Mission) -> Iterator[str]:
+    """Shapes that turn with the leader, on the circles of its route."""
+    for shape in mission.shapes:
+        why = swings_too_fast(mission, Figure(((shape, 1.0),)), mission.route)
+        if why is not None:
+            yield f"shapes.{shape}: {why}"
 
 
 def _little_reserve(mission: Mission) -> Iterator[str]:

@@ -1,20 +1,27 @@
-"""An operator's word to robots: put until each has answered, and what they answered, for people and programs.
+"""An operator's word to robots: put to each until it has answered.
 
 The command line and the live page give their orders through this and nothing else.
+
+A question is put again and again without waiting for the answers to the one before, so each robot hears it as
+soon as it is linked: nobody waits for one that cannot be reached, or that is linked and says nothing.
 """
 
 from __future__ import annotations
 
 import secrets
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple, get_args
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Protocol, get_args
 
-from formation import order
+from pydantic import ValidationError
+
+from formation import intent, order
 from formation.mission import Mission
-from formation.order import RESTS, Do, OperatorReply, OperatorRequest
+from formation.once import RESTS
+from formation.order import MAX_REQUEST, TAKES, Do, OperatorReply, OperatorRequest
+from formation.outcome import Answer, Asked, Outcome
 from formation.topics import ORDER
-from formation.transport.bus import Reply
+from formation.transport.question import Reply
 from formation.wire import BadMessage
 
 OPERATOR = "operator"
@@ -22,109 +29,152 @@ OPERATOR = "operator"
 EVERYONE = ("stop", "release")
 """Told to each robot directly; all else is the leader's, whose order travels with the positions."""
 ROUND = 0.5
-"""How long one question waits for all its answers before it is put again [s]."""
-Ask = Callable[[str, bytes, float], Sequence[Reply]]
-"""`formation.transport.bus.Bus.ask`."""
+"""How long a question waits for its answer before it is put again [s]."""
+AGAIN = 0.02
+"""When a question is put again that reached nobody, or was answered by one who does not lead [s]."""
+LONGEST_PAUSE = 0.05
+"""So soon another follows one that somebody has not answered [s]."""
+LOOK = 0.002
+"""How often we look for answers [s]; each has the time at which it came."""
+LINGER = 0.1
+"""How long the others who may lead have to answer once all that count have [s]."""
+_CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
+"""Goes on while a laptop sleeps, so that what it puts after that is as old as it is."""
 
 
-class Answer(NamedTuple):
-    """One robot's answer."""
+class Question(Protocol):
+    """One that was put: `formation.transport.question.Question`."""
 
-    reply: OperatorReply
-    ms: float
-    """Round trip [ms]."""
+    @property
+    def replies(self) -> Sequence[Reply]:
+        """Those that have come so far."""
+
+    @property
+    def over(self) -> bool:
+        """Whether no more will come."""
 
 
-def addressed(mission: Mission, do: str) -> tuple[str, ...]:
+Put = Callable[[str, bytes, float], Question]
+"""`formation.transport.bus.Bus.question`."""
+
+
+def addressed(mission: Mission, do: str) -> Asked:
     """Who is asked to `do` it."""
-    return mission.names if do in EVERYONE else (mission.leader,)
+    return Asked(mission.candidates, mission.followers if do in EVERYONE else ())
 
 
-def request_for(mission: Mission, do: str, shape: str | None = None) -> OperatorRequest:
-    """A request with an id of its own. Raises ValueError for what cannot be asked; it names what can be."""
+def request_for(mission: Mission, do: str, **what: Any) -> OperatorRequest:
+    """A request with an id of its own. Raises ValueError for what cannot be asked; it names what can be.
+
+    `what` belongs to it, as `formation.order.TAKES` has it. Who leads may refuse more: he knows the figure.
+    """
     if do not in get_args(Do):
         raise ValueError(f"{do!r}: must be one of {', '.join(get_args(Do))}")
-    if do != "shape" and shape is not None:
-        raise ValueError(f"{do}: takes no shape")
-    if do == "shape" and shape not in mission.shapes:
-        which = "shape" if shape is None else f"shape {shape!r}"
-        raise ValueError(f"{which}: must be one of {', '.join(mission.shapes)}")
-    return OperatorRequest.model_validate({"do": do, "shape": shape, "id": secrets.token_hex(8)})
+    what, takes = {name: value for name, value in what.items() if value is not None}, TAKES.get(do, ())
+    for name in what:
+        if name not in takes:
+            raise ValueError(f"{do}: takes no {name}")
+    if do == "shape" and not what.get("shape"):
+        raise ValueError(f"shape: must be one of {', '.join(mission.shapes)}")
+    try:
+        request = OperatorRequest.model_validate({"do": do, **what, "id": secrets.token_hex(8)})
+    except ValidationError as error:
+        raise ValueError(f"{do}: {_plain(error)}") from None
+    if why := intent.refusal(mission, request):
+        raise ValueError(why)
+    if len(order.encode(request)) > MAX_REQUEST:
+        raise ValueError(f"{do}: too long, at most {MAX_REQUEST} bytes are sent")
+    return request
 
 
 def ask(
-    put: Ask,
-    robots: Sequence[str],
+    put: Put,
+    asked: Asked,
     request: OperatorRequest,
     seconds: float,
-    pause: float = 0.02,
     over: Callable[[], bool] = lambda: False,
-) -> dict[str, Answer]:
-    """Ask `robots` until each has answered, for at most `seconds`; the answers there are, by robot.
+) -> Outcome:
+    """Ask until everybody who counts has answered, for at most `seconds`; what came of it.
 
     A question reaches who is linked at that moment, and links take a moment, so it is put again and again:
     by its id it is known as the same. Once it is `over` it is not put any more.
     """
-    key = ORDER.key(robots[0]) if len(robots) == 1 else ORDER.pattern.format(robot="*")
-    answers: dict[str, Answer] = {}
-    began, age = time.monotonic(), 0.0
-    while (left := began + seconds - time.monotonic()) > 0.0 and not over():
-        for name, answer in _read(put(key, _aged(request, age), min(left, ROUND))):
-            if name in robots:
-                answers.setdefault(name, answer)
-        if len(answers) == len(robots):
-            break
-        time.sleep(pause)
-        age = time.monotonic() - began
-    return answers
+    began, outcome = _now(), Outcome(request, asked, {}, time.time(), seconds)
+    talks = {key: _Talk() for key in _keys(asked)}
+    settled = None
+    while True:
+        age = _now() - began
+        for talk in talks.values():
+            for question, put_at in talk.open():
+                _take(outcome, question.replies, put_at)
+        if settled is None and not outcome.missing:
+            settled = age
+        if outcome.whole or age >= seconds or over() or (settled is not None and age >= settled + LINGER):
+            return outcome
+        wanted = _keys(asked, outcome.unsettled)
+        for key, talk in talks.items():
+            if key in wanted and talk.due(age):
+                talk.put(put(key, _aged(request, age), min(seconds - age, ROUND)), age)
+        time.sleep(LOOK)
 
 
-def obeyed(asked: Sequence[str], answers: Mapping[str, Answer]) -> bool:
-    """Whether all have."""
-    return all(name in answers and answers[name].reply.ok for name in asked)
+def _keys(asked: Asked, of: Sequence[str] | None = None) -> list[str]:
+    """What to put a question on: one for everybody, or one for each of who may lead.
+
+    Not one for each of many: a robot whose link is being made is sent all of them, and its Zenoh answers what
+    is not for it on the very thread that sends, which a burst stops for seconds.
+    """
+    if asked.each:
+        return [ORDER.pattern.format(robot="*")]
+    return [ORDER.key(name) for name in (asked.candidates if of is None else of)]
 
 
-def report(request: OperatorRequest, asked: Iterable[str], answers: Mapping[str, Answer]) -> dict[str, Any]:
-    """The answers for a program."""
-    robots = {
-        name: {
-            "ok": answer.reply.ok,
-            "mode": answer.reply.mode,
-            "reason": answer.reply.reason,
-            "ms": round(answer.ms, 3),
-        }
-        for name, answer in answers.items()
-    }
-    missing = [name for name in asked if name not in answers]
-    what = request.model_dump(include={"do", "shape"}, exclude_none=True)
-    return {**what, "robots": robots, "missing": missing}
+class _Talk:
+    """The questions on one key.
+
+    That one is not over does not mean that all have heard it: it may wait for somebody whose link is half
+    made. So another follows soon, and then less often.
+    """
+
+    def __init__(self) -> None:
+        self._open: list[tuple[Question, float]] = []
+        self._newest, self._pause = -LONGEST_PAUSE, AGAIN
+
+    def due(self, age: float) -> bool:
+        """Whether to ask (again), so long [s] after the first question to anybody."""
+        heard_by_nobody = all(question.over for question, _ in self._open)
+        return age >= self._newest + (AGAIN if heard_by_nobody else self._pause)
+
+    def put(self, question: Question, age: float) -> None:
+        """It was asked."""
+        self._pause = min(2.0 * self._pause, LONGEST_PAUSE) if self._open else 2.0 * AGAIN
+        self._open.append((question, age))
+        self._newest = age
+
+    def open(self) -> list[tuple[Question, float]]:
+        """Questions and when they were put; each is there once more after it is over."""
+        told, self._open = self._open, [one for one in self._open if not one[0].over]
+        return told
 
 
-def words(
-    request: OperatorRequest, asked: Sequence[str], answers: Mapping[str, Answer], seconds: float
-) -> str:
-    """The answers for people, a robot a line, and what they come to."""
-    lines = []
-    for name in asked:
-        answer = answers.get(name)
-        if answer is None:
-            text = f"NO ANSWER within {seconds:g} s"
-        else:
-            verdict = _verdict(request.do, answer.reply)
-            text = f"{verdict:<8}{answer.ms:7.1f} ms  {answer.reply.reason}"
-        lines.append(f"  {name:<12}{text}".rstrip())
-    return "\n".join([*lines, summary(request, asked, answers)])
+def _take(outcome: Outcome, replies: Sequence[Reply], put_at: float) -> None:
+    """Keep the first answer of each; of whoever may lead, the first in which it leads."""
+    for said, ms in _read(replies):
+        known = outcome.answers.get(said.robot)
+        waits = known is not None and known.reply.leads is False and said.leads is not False
+        if said.robot in outcome.asked.names and (known is None or waits):
+            outcome.answers[said.robot] = Answer(said, put_at * 1e3 + ms)
 
 
-def summary(request: OperatorRequest, asked: Sequence[str], answers: Mapping[str, Answer]) -> str:
-    """What the answers come to, in a line."""
-    missing = [name for name in asked if name not in answers]
-    agree = sum(answer.reply.ok for answer in answers.values())
-    what = request.do if request.shape is None else f"{request.do} {request.shape}"
-    line = f"{what}: {agree} of {len(asked)} obey"
-    if answers:
-        line += f", slowest {max(answer.ms for answer in answers.values()):.0f} ms"
-    return f"{line}; no answer from {', '.join(missing)}" if missing else line
+def _plain(error: ValidationError) -> str:
+    first = error.errors(include_url=False, include_context=False)[0]
+    where = ".".join(str(part) for part in first["loc"])
+    said = first["msg"].replace("Input should be", "must be")
+    return f"{where} = {first['input']!r}: {said}" if where else said
+
+
+def _now() -> float:
+    return time.clock_gettime(_CLOCK)
 
 
 def _aged(request: OperatorRequest, age: float) -> bytes:
@@ -133,19 +183,12 @@ def _aged(request: OperatorRequest, age: float) -> bytes:
     return order.encode(request.model_copy(update=aged))
 
 
-def _verdict(do: Do, reply: OperatorReply) -> str:
-    if not reply.ok:
-        return "REFUSED"
-    # a robot that was released stands until it hears the leader, and says so
-    return "released" if (do, reply.mode) == ("release", "stop") else reply.mode
-
-
-def _read(replies: Iterable[Reply]) -> Iterable[tuple[str, Answer]]:
-    for reply in replies:
+def _read(replies: Sequence[Reply]) -> Iterator[tuple[OperatorReply, float]]:
+    for reply in list(replies):  # more may come meanwhile
         try:
             said = order.decode(OperatorReply, reply.payload)
         except BadMessage:
             continue  # whoever says that is no robot of ours
         if reply.key == ORDER.key(said.robot):
             reason = "".join(c if c.isprintable() else " " for c in said.reason)  # it goes to terminals
-            yield said.robot, Answer(said.model_copy(update={"reason": reason}), reply.ms)
+            yield said.model_copy(update={"reason": reason}), reply.ms

@@ -13,17 +13,18 @@ import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable
 from types import TracebackType
-from typing import NamedTuple, Self
+from typing import Self
 
 import zenoh
 
 from formation.topics import Topic
-from formation.transport.bus_config import ONE_THREAD, BusConfig, BusError
+from formation.transport.bus_config import THREADS, BusConfig, BusError
 from formation.transport.mailbox import Mailbox
+from formation.transport.question import Question, Reply
 from formation.transport.session import closed, named, opened, refusals_of, setting, settings_of
 from formation.wire import Outgoing, Sample
 
-__all__ = ["Bus", "BusConfig", "BusError", "Reply", "setting"]
+__all__ = ["Bus", "BusConfig", "BusError", "setting"]
 
 _PRIORITY = {
     "real_time": zenoh.Priority.REAL_TIME,
@@ -31,18 +32,18 @@ _PRIORITY = {
     "background": zenoh.Priority.BACKGROUND,
 }
 _CONGESTION = {False: zenoh.CongestionControl.DROP, True: zenoh.CongestionControl.BLOCK}
+# What may be dropped goes by a link that drops, where there is one (an endpoint with ``?rel=0``): over TCP
+# what is lost comes later, and holds up for seconds what comes after it.
+_RELIABILITY = {False: zenoh.Reliability.BEST_EFFORT, True: zenoh.Reliability.RELIABLE}
 CLOSE_LIMIT = 1.5
 """How long `Bus.close` may take [s]: a little longer than the lease of a peer that hangs."""
+_LEFT: list[threading.Thread] = []
 _log = logging.getLogger(__name__)
 
 
-class Reply(NamedTuple):
-    """One answer to `Bus.ask`."""
-
-    key: str
-    payload: bytes
-    ms: float
-    """Round trip [ms]."""
+def still_closing() -> bool:
+    """Whether a session is being closed in the background: an interpreter that ends just then may abort."""
+    return any(thread.is_alive() for thread in _LEFT)
 
 
 class Bus:
@@ -64,7 +65,7 @@ class Bus:
         """Messages that arrived on this bus, by key, overflowed ones included."""
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
-        os.environ.setdefault("ZENOH_RUNTIME", ONE_THREAD)
+        os.environ.setdefault("ZENOH_RUNTIME", THREADS)
         settings = settings_of(config)
         self._refusals = refusals_of(settings)
         self._session: zenoh.Session | None = opened(settings, config.name)
@@ -93,6 +94,7 @@ class Bus:
                 congestion_control=_CONGESTION[waits],
                 priority=_PRIORITY[topic.qos.priority],
                 express=topic.qos.express,
+                reliability=_RELIABILITY[waits],
             )
 
     def publish(self, key: str, payload: bytes, attachment: bytes | None = None) -> None:
@@ -110,10 +112,11 @@ class Bus:
         # The stub promises a bool; what comes is an object that is always true.
         return bool(self._publisher(key).matching_status.matching)  # type: ignore[attr-defined]
 
-    def subscribe(self, key: str, name: str = "") -> None:
+    def subscribe(self, key: str, name: str = "", *, wakes: bool = True) -> None:
         """Have the samples of `key` put into the mailbox, as samples of `name` if that is given.
 
-        Wildcards are allowed; then each sample has the key that it was published on.
+        Wildcards are allowed; then each sample has the key that it was published on. With `wakes` false they
+        wait there until something else wakes whoever waits.
         """
         fixed = name or ("" if "*" in key else key)
         put, received = self.mailbox.put, self.received
@@ -127,7 +130,7 @@ class Bus:
                 None if attachment is None else attachment.to_bytes(),
                 arrived,
             )
-            put(taken, received)
+            put(taken, received, wakes=wakes)
 
         with named(key):
             self._live.declare_subscriber(key, zenoh.handlers.Callback(receive, indirect=False))
@@ -172,7 +175,7 @@ class Bus:
         return self.mailbox.drain()
 
     def wait(self, timeout: float) -> bool:
-        """Sleep until a sample or query waits or `wake` was called, at most `timeout` [s]; whether so."""
+        """`Mailbox.wait`."""
         return self.mailbox.wait(timeout)
 
     def wake(self) -> None:
@@ -198,26 +201,25 @@ class Bus:
         That is everybody linked whom this session has heard of by now, and who does not answer in time is
         simply missing. Must not ask what this very process answers.
         """
-        return self.question(key, payload, timeout)(timeout)
+        question = self.question(key, payload, timeout)
+        question.wait(timeout)
+        return list(question.replies)
 
-    def question(self, key: str, payload: bytes, timeout: float) -> Callable[[float], list[Reply]]:
-        """Put it as `ask` does, but wait for nobody. To wait for the answers, call the result.
+    def question(self, key: str, payload: bytes, timeout: float) -> Question:
+        """Put it as `ask` does, but wait for nobody.
 
         Of two questions to the same robot it hears that first which was put first.
         """
-        replies: list[Reply] = []
-        done = threading.Event()
-        start = time.perf_counter()
+        question = Question()
 
         def receive(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
-                ms = (time.perf_counter() - start) * 1e3
-                replies.append(Reply(str(reply.ok.key_expr), reply.ok.payload.to_bytes(), ms))
+                question.take(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
 
         with named(key):
             self._live.get(
                 key,
-                zenoh.handlers.Callback(receive, done.set, indirect=False),
+                zenoh.handlers.Callback(receive, question.end, indirect=False),
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 timeout=timeout,
@@ -225,12 +227,7 @@ class Bus:
                 priority=zenoh.Priority.REAL_TIME,
                 express=True,
             )
-
-        def answers(patience: float) -> list[Reply]:
-            done.wait(patience)
-            return list(replies)
-
-        return answers
+        return question
 
     def tokens(self, expression: str, timeout: float) -> list[str]:
         """The liveliness tokens that match `expression` and that come in, at most `timeout` [s]."""
@@ -253,12 +250,14 @@ class Bus:
         if session is None:
             return
         self.mailbox.turn_away()
-        # Zenoh waits up to 10 s for a peer that has stopped reading; a daemon thread does not keep us.
+        # Zenoh waits up to 10 s for a peer that has stopped reading, or that it is dialling; a daemon thread
+        # does not keep us.
         closing = threading.Thread(target=closed, args=(session,), name="bus-close", daemon=True)
         closing.start()
         closing.join(CLOSE_LIMIT)
         if closing.is_alive():
-            _log.warning("the bus did not close within %g s: a peer has stopped reading", CLOSE_LIMIT)
+            _LEFT.append(closing)
+            _log.warning("the bus did not close within %g s: a peer does not answer", CLOSE_LIMIT)
 
     @property
     def _live(self) -> zenoh.Session:

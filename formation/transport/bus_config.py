@@ -15,11 +15,16 @@ _OTHER = ("unixsock-stream", "unixpipe", "serial", "vsock")
 _ADDRESS = re.compile(r"(\[[0-9A-Fa-f:.]+(%\w+)?\]|[^\s:/\[\]?#]+):(?P<port>\d{1,5})(\?[^#\s]*)?(#\S*)?")
 _NAMESPACE = re.compile(r"[^\s/*$?#@]+(/[^\s/*$?#@]+)*")
 
-ONE_THREAD = (
-    "(rx: (handover: app), acc: (handover: app), tx: (handover: app), net: (handover: app),"
+THREADS = (
+    "(rx: (handover: app), acc: (handover: app), tx: (worker_threads: 1), net: (handover: app),"
     " app: (worker_threads: 1))"
 )
-"""``ZENOH_RUNTIME``: everything on one thread. At these rates more cost memory and context switches only."""
+"""``ZENOH_RUNTIME``: one thread that sends, and one for all else. At these rates more cost memory only.
+
+On one thread alone Zenoh waits for itself: what it answers while it receives (questions that are for nobody
+here, and those about its admin space) needs a place among what is to be sent, and twenty at once find none.
+It, and whoever wants to publish, then stood still for seconds, until the link was given up.
+"""
 
 DEFAULTS: tuple[tuple[str, str], ...] = (
     ("scouting/multicast/enabled", "false"),

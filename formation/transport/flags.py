@@ -5,13 +5,15 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from formation.mission import Mission
-from formation.ros2.naming import Naming
 from formation.transport.bus_config import MODES, BusConfig, parse_override
 from formation.transport.mailbox import Mailbox
-from formation.transport.robot_bus import RobotBus
 from formation.transport.wiring import Links, endpoints
+
+if TYPE_CHECKING:
+    from formation.transport.robot_bus import RobotBus
 
 LEVELS = ("debug", "info", "warning", "error")
 
@@ -93,6 +95,10 @@ def robot_bus(
     args: argparse.Namespace, mission: Mission, robot: str, node: str
 ) -> Callable[[Mailbox], RobotBus]:
     """What opens the bus of `robot`, as a client that ROS 2 knows as `node`. Raises BusError when called."""
+    # what knows ROS 2's messages takes long to load, and an operator's stop needs none of it
+    from formation.ros2.naming import Naming  # noqa: PLC0415
+    from formation.transport.robot_bus import RobotBus  # noqa: PLC0415
+
     endpoint = args.robot_connect or endpoints(mission).robots[robot]
 
     def opened(mailbox: Mailbox) -> RobotBus:

@@ -1,8 +1,8 @@
 """Where everything that arrives at a process waits for its main thread, from however many buses.
 
-A receive thread does as little as can be: it appends to a bounded queue and rings a bell. The main thread
-waits for the bell, drains the queue and answers queries, so a slow main loop loses old samples (counted) but
-never stalls a link, and no core needs a lock.
+A receive thread does as little as can be: it appends to a bounded queue and rings a bell, if what came
+cannot wait for something else that will. The main thread waits for the bell, drains the queue and answers
+queries, so a slow main loop loses old samples (counted) but never stalls a link, and no core needs a lock.
 """
 
 from __future__ import annotations
@@ -50,21 +50,24 @@ class Mailbox:
         self._samples: deque[Sample] = deque(maxlen=capacity)
         self._queries: deque[tuple[Query, Callable[[bytes], bytes]]] = deque()
         self._woken = False
+        self._pressing = False  # whether anything among the samples has rung
         self._counting = threading.Lock()
         # A lock used as a bell: held while there is nothing to do, released to wake the main thread. That
         # neither blocks nor takes a second lock, so unlike an Event's `set` it is safe in a signal handler.
         self._bell = threading.Lock()
         self._bell.acquire()
 
-    def put(self, sample: Sample, *also_counted: Counter[str]) -> None:
-        """Have `sample` wait to be drained, count it (in `also_counted` as well), and ring."""
+    def put(self, sample: Sample, *also_counted: Counter[str], wakes: bool = True) -> None:
+        """Have `sample` wait to be drained, count it (in `also_counted` as well), and ring if it `wakes`."""
         with self._counting:
             self.received[sample.key] += 1
             for counts in also_counted:
                 counts[sample.key] += 1
             self.overflowed += len(self._samples) == self._samples.maxlen
             self._samples.append(sample)
-        self.ring()
+            self._pressing |= wakes
+        if wakes:
+            self.ring()
 
     def accept(self, query: Query, handler: Callable[[bytes], bytes]) -> None:
         """Have `query` wait to be answered with ``handler(request)``; too many are turned away."""
@@ -76,7 +79,9 @@ class Mailbox:
 
     def drain(self) -> list[Sample]:
         """All samples that wait, in order of arrival."""
-        return [self._samples.popleft() for _ in range(len(self._samples))]
+        with self._counting:
+            self._pressing = False
+            return [self._samples.popleft() for _ in range(len(self._samples))]
 
     def serve(self) -> int:
         """Answer the queries that wait; how many."""
@@ -92,9 +97,9 @@ class Mailbox:
             self._queries.popleft()[0].drop()
 
     def wait(self, timeout: float) -> bool:
-        """Sleep until a sample or query waits or `wake` was called, at most `timeout` [s]; whether so."""
+        """Sleep until a waking sample or a query waits or `wake` is called, or `timeout` [s]; whether so."""
         deadline = time.monotonic() + timeout
-        while not (self._samples or self._queries or self._woken):
+        while not (self._pressing or self._queries or self._woken):
             left = deadline - time.monotonic()
             if left <= 0.0 or not self._bell.acquire(timeout=left):
                 return False

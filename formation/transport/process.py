@@ -193,11 +193,14 @@ class Process:
         return self._robot
 
     def declare(self, core: Core) -> None:
-        """Declare all that `core` publishes and listens to on the fleet's bus. Raises BusError."""
+        """Declare all that `core` publishes and listens to on the fleet's bus. Raises BusError.
+
+        What it hears does not wake it: `core` steps when it is due.
+        """
         for topic, key in core.publications:
             self.bus.advertise(topic, key)
         for key in core.subscriptions:
-            self.bus.subscribe(key)
+            self.bus.subscribe(key, wakes=False)
 
     def ready(self, *background_keys: str) -> None:
         """Say that all is declared; then, if asked to, wait until a monitor listens to `background_keys`.
@@ -219,7 +222,7 @@ class Process:
             time.sleep(min(0.01, deadline - now))
 
     def run(self, core: Steps, send: Callable[[Iterable[Outgoing]], None] | None = None) -> None:
-        """Step `core` on every arrival and whenever it is due, until told to stop.
+        """Step `core` on every arrival that wakes and whenever it is due, until told to stop.
 
         What it says goes to `send`, by default the fleet's bus. Its last words are sent after a failure, too.
         """

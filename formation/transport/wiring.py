@@ -1,8 +1,10 @@
 """Who links to whom: endpoints that each process listens on and dials.
 
-The fleet's links follow the measurement graph and nothing else: no router, no multicast, no gossip; peers do
-not relay. Of two robots that need a link the one listed later in the mission dials, so a mutual pair has one
-link. The monitor dials every agent; nobody dials the monitor.
+The fleet's links follow the measurement graph, with its fallbacks: no router, no multicast, no gossip; peers
+do not relay. Who may lead has links besides: where there are standbys, each of them and the leader hears all
+followers and each other; a leader that waits for its team hears all followers. Of two that need a link the
+one listed later dials (the leader, then followers, then standbys), so a mutual pair has one link. The monitor
+dials everybody; nobody dials the monitor.
 
 A robot's own side is apart from that: its agent, and at a desk the monitor, are clients of its router.
 """
@@ -10,21 +12,22 @@ A robot's own side is apart from that: its agent, and at a desk the monitor, are
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from formation.mission import Mission
 
+Role = Literal["agent", "leader", "standby"]
 AGENT_PORT = 7460
-"""First port of agents that have no endpoint in the mission: robot number i listens on this plus i."""
+"""First port of those that have no endpoint in the mission: number i of `members` listens on this plus i."""
 ROBOT_PORT = 7660
 """The same for robots."""
 
 
 class Endpoints(NamedTuple):
-    """Where processes listen, by robot name."""
+    """Where processes listen, by name."""
 
     agents: Mapping[str, str]
-    """Each follower's agent, and the leader."""
+    """Each follower's agent, the leader, and the standbys."""
     robots: Mapping[str, str]
     """Each follower's robot: its ROS 2 router, or the simulated one, which is a router as well."""
 
@@ -36,43 +39,74 @@ class Links(NamedTuple):
     connect: tuple[str, ...]
 
 
+def members(mission: Mission) -> tuple[str, ...]:
+    """All that have a place of their own in the fleet: the leader, the followers, the standbys."""
+    return (*mission.names, *mission.standbys)
+
+
+def role(mission: Mission, name: str) -> Role:
+    """What runs under a name of `members`."""
+    if name in mission.standbys:
+        return "standby"
+    return "leader" if name == mission.leader else "agent"
+
+
+def named(mission: Mission) -> dict[str, str | None]:
+    """The endpoint that the mission names for each of `members`, if it does."""
+    return {
+        **{name: mission.robots[name].endpoint for name in mission.names},
+        **{name: standby.endpoint for name, standby in mission.standbys.items()},
+    }
+
+
 def endpoints(mission: Mission) -> Endpoints:
     """The mission's endpoints; where it names none, ports of this machine."""
-    agents, robots = {}, {}
-    for number, name in enumerate(mission.names):
-        robot = mission.robots[name]
-        agents[name] = robot.endpoint or f"tcp/127.0.0.1:{AGENT_PORT + number}"
-        if name != mission.leader:
-            robots[name] = robot.robot_endpoint or f"tcp/127.0.0.1:{ROBOT_PORT + number}"
+    agents = {
+        name: given or f"tcp/127.0.0.1:{AGENT_PORT + number}"
+        for number, (name, given) in enumerate(named(mission).items())
+    }
+    robots = {
+        name: mission.robots[name].robot_endpoint or f"tcp/127.0.0.1:{ROBOT_PORT + number}"
+        for number, name in enumerate(mission.names)
+        if name != mission.leader
+    }
     return Endpoints(agents, robots)
 
 
 def partners(mission: Mission, name: str) -> tuple[str, ...]:
-    """Robots that `name` needs a link with: those it measures and those that measure it, in mission order."""
-    measured = set(mission.robots[name].neighbours)
+    """Whom `name`, a robot or a standby, needs a link with, in the order of `members`."""
     return tuple(
-        other for other in mission.names if other in measured or name in mission.robots[other].neighbours
+        other for other in members(mission) if other != name and _linked(mission, frozenset((name, other)))
     )
+
+
+def called(mission: Mission, name: str) -> tuple[str, ...]:
+    """Whom `name` dials: those of its partners that are listed before it."""
+    order = members(mission)
+    before = order[: order.index(name)]
+    return tuple(other for other in partners(mission, name) if other in before)
 
 
 def of_agent(mission: Mission, name: str, where: Endpoints) -> Links:
     """Links of a follower's agent with the fleet; besides, it is a client of ``where.robots[name]``."""
-    return Links((where.agents[name],), _dialled(mission, name, where))
+    return Links((where.agents[name],), _endpoints(called(mission, name), where))
 
 
-def of_leader(mission: Mission, where: Endpoints) -> Links:
-    """Links of the leader: it is listed first, so it dials nobody."""
-    return Links((where.agents[mission.leader],), ())
+def of_leader(mission: Mission, where: Endpoints, name: str | None = None) -> Links:
+    """Links of the leader, or of the standby `name`. The leader is listed first, so it dials nobody."""
+    name = mission.leader if name is None else name
+    return Links((where.agents[name],), _endpoints(called(mission, name), where))
 
 
 def of_robots(mission: Mission, names: Iterable[str], where: Endpoints) -> Links:
     """Links of a process that simulates `names` with the fleet: none, for what it is a router of is no fleet.
 
-    Unless a simulated sensor looks at the virtual leader, which is nowhere but in its own position.
+    Unless a simulated sensor looks at the virtual leader, which is nowhere but in its own position: whoever
+    may lead is dialled then.
     """
     robots = [mission.robots[name] for name in names]
-    looks = any(robot.measurement == "local" and mission.leader in robot.neighbours for robot in robots)
-    return Links((), (where.agents[mission.leader],) if looks else ())
+    looks = any(robot.measurement == "local" and mission.leader in robot.measurable for robot in robots)
+    return Links((), _endpoints(mission.candidates, where) if looks else ())
 
 
 def of_monitor(where: Endpoints) -> Links:
@@ -93,6 +127,16 @@ def under_certificates(ends: Iterable[str]) -> bool:
     return any(end.startswith(("tls/", "quic/")) for end in ends)
 
 
-def _dialled(mission: Mission, name: str, where: Endpoints) -> tuple[str, ...]:
-    before = mission.names[: mission.names.index(name)]
-    return tuple(where.agents[other] for other in partners(mission, name) if other in before)
+def _endpoints(names: Iterable[str], where: Endpoints) -> tuple[str, ...]:
+    return tuple(where.agents[name] for name in names)
+
+
+def _linked(mission: Mission, pair: frozenset[str]) -> bool:
+    """Whether these two have anything to say to each other."""
+    for name in pair & mission.robots.keys():
+        if not pair.isdisjoint(mission.robots[name].measurable):
+            return True
+    candidates = len(pair.intersection(mission.candidates))
+    if mission.standbys:
+        return candidates > 0  # ballots, and the voices that answer them
+    return candidates > 0 and mission.together is not None

@@ -1,0 +1,219 @@
+"""What can be asked of a team: an operator's wish is refused, with the reason, before anybody moves.
+
+Pure, and the same for the leader, who knows where the figure is, and for whoever asks him, who does not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from formation.figure import Figure
+from formation.legs import Circle, Leg, Straight
+from formation.mission import Mission
+from formation.order import OperatorRequest
+from formation.plane import ComplexArray
+
+SAMPLES = 33
+"""Of a straight way from one figure to another."""
+SHARE = 0.7
+"""Of what a follower's `max_speed` leaves beside the leader's speed, so much is for moving its slot."""
+MOST_SCALE = 1e3
+"""No order can ask for more."""
+
+
+def refusal(
+    mission: Mission,
+    request: OperatorRequest,
+    figure: Figure | None = None,
+    way: Sequence[Figure] = (),
+    legs: Sequence[Leg] | None = None,
+) -> str | None:
+    """Why `request` cannot be done, in one sentence with what is legal; None if nothing speaks against it.
+
+    `figure` is the one that is wanted by now, its rotation as an order says it (with ``turning`` from the
+    leader's heading); None for not known, and then only what no figure makes possible is refused. `way` is
+    how it would go from where it is; by default it goes straight from `figure`. `legs` is the route that the
+    leader is on, by default the mission's.
+    """
+    if request.shape is not None and request.shape not in mission.shapes:
+        return f"shape {request.shape!r}: must be one of {', '.join(mission.shapes)}"
+    if request.speed is not None:
+        return _too_fast(mission, request.speed, "speed")
+    if request.legs is not None:
+        why = _route(mission, request.legs)
+        return why if why or figure is None else swings_too_fast(mission, figure, request.legs)
+    if figure is None:
+        return _small_in_any_shape(mission, request.factor)
+    wanted = wish(request, figure)
+    if wanted is None:
+        return None
+    return (
+        _touches(mission, wanted)
+        or _touches_on_the_way(mission, way or straight(figure, wanted))
+        or swings_too_fast(mission, wanted, mission.route if legs is None else legs)
+    )
+
+
+def wish(request: OperatorRequest, figure: Figure) -> Figure | None:
+    """The figure that `request` asks for where `figure` was wanted before; None if it asks for none."""
+    if request.do == "shape" and request.shape is not None:
+        return figure._replace(mix=((request.shape, 1.0),))
+    if request.do == "rotate" and request.degrees is not None:
+        return figure._replace(rotation=math.remainder(math.radians(request.degrees), math.tau))
+    if request.do == "scale" and request.factor is not None:
+        return figure._replace(scale=request.factor)
+    return None
+
+
+def straight(begin: Figure, end: Figure) -> list[Figure]:
+    """Figures on the straight way from one to the other, both among them; turned the shorter way round."""
+    first, last = dict(begin.mix), dict(end.mix)
+    turn = math.remainder(end.rotation - begin.rotation, math.tau)
+    ways = []
+    for part in (k / (SAMPLES - 1) for k in range(SAMPLES)):
+        mix = tuple(
+            (name, (1.0 - part) * first.get(name, 0.0) + part * last.get(name, 0.0))
+            for name in {**first, **last}
+        )
+        scale = (1.0 - part) * begin.scale + part * end.scale
+        ways.append(Figure(mix, begin.rotation + part * turn, scale))
+    return ways
+
+
+def _route(mission: Mission, legs: Sequence[Leg]) -> str | None:
+    for number, leg in enumerate(legs):
+        where = f"route.{number}"
+        if isinstance(leg, (Straight, Circle)) and leg.duration is None and number < len(legs) - 1:
+            return f"{where}.duration: only the last leg may go without a duration [s]"
+        why = _too_fast(mission, leg.speed, f"{where}.speed")
+        if why is None and isinstance(leg, Circle):
+            why = _too_tight(mission, leg, where)
+        if why is not None:
+            return why
+    return None
+
+
+def _too_fast(mission: Mission, speed: float, what: str) -> str | None:
+    slowest = min(mission.followers, key=lambda name: mission.robots[name].max_speed)
+    limit = mission.robots[slowest].max_speed
+    if speed < limit:
+        return None
+    return f"{what} = {speed:g} m/s: must be below {slowest}'s max_speed of {limit:g} m/s"
+
+
+def _too_tight(mission: Mission, circle: Circle, where: str) -> str | None:
+    """In formation every control point circles as the leader does: ω = v/r, and L ω = v sin φ needs L < r."""
+    robots = mission.robots
+    slowest = min(mission.followers, key=lambda name: robots[name].max_turn_rate)
+    longest = max(mission.followers, key=lambda name: robots[name].control_point_offset)
+    radius = max(robots[longest].control_point_offset, circle.speed / robots[slowest].max_turn_rate)
+    if circle.radius > robots[longest].control_point_offset and circle.radius >= radius:
+        return None
+    who = longest if radius == robots[longest].control_point_offset else slowest
+    return f"{where}.radius = {circle.radius:g} m: too tight for {who}; must be above {radius:.3g} m"
+
+
+def swings_too_fast(mission: Mission, figure: Figure, legs: Iterable[Leg]) -> str | None:
+    """Why a figure, turned as from the leader's heading, cannot turn with it along `legs`; None if it can.
+
+    On a circle a slot at z from the leader moves at |ω z| beside it. Without ``turning`` none does.
+    """
+    if not mission.turning:
+        return None
+    for leg in legs:
+        if not isinstance(leg, Circle):
+            continue
+        for name in mission.followers:
+            swing = leg.speed / leg.radius * abs(figure.slot(mission, name))
+            most = SHARE * (mission.robots[name].max_speed - leg.speed)
+            if swing > most:
+                return (
+                    f"{name}'s slot would swing at {swing:.3g} m/s on the circle of {leg.radius:g} m; "
+                    f"must be at most {max(most, 0.0):.3g} m/s"
+                )
+    return None
+
+
+class _Pair(NamedTuple):
+    """The two robots whose slots are closest, by their radii."""
+
+    first: str
+    second: str
+    distance: float
+    """[m]"""
+    radii: float
+    """Of both [m]."""
+
+    @property
+    def need(self) -> float:
+        """By how much the figure would have to be larger, for them to touch no more."""
+        return self.radii / self.distance if self.distance > 0.0 else math.inf
+
+    def touch(self, how: str, scale: float) -> str:
+        larger = math.ceil(scale * self.need * 1e3 - 1e-6) / 1e3 if math.isfinite(self.need) else math.inf
+        mend = f"; scale must be above {larger:g}" if 0.0 < larger < MOST_SCALE else ""
+        return (
+            f"{self.first} and {self.second} would touch{how}: {self.distance:.3g} m apart, "
+            f"must be over {self.radii:g} m{mend}"
+        )
+
+
+def _touches(mission: Mission, figure: Figure) -> str | None:
+    """In formation headings agree, so centres are as far apart as slots. The virtual leader has no body."""
+    closest = _closest(mission, figure)
+    return None if closest is None or closest.need < 1.0 else closest.touch("", figure.scale)
+
+
+def _touches_on_the_way(mission: Mission, way: Sequence[Figure]) -> str | None:
+    """Whose slots touch already may come apart again."""
+    first = _closest(mission, way[0])
+    before = 1.0 if first is None else max(1.0, first.need)
+    worst: tuple[_Pair, Figure] | None = None
+    for figure, after in pairwise(way):
+        closest = _closest(mission, figure, after)
+        if closest is None or closest == first or closest.need < before:
+            continue
+        if worst is None or closest.need > worst[0].need:
+            worst = closest, figure
+    return None if worst is None else worst[0].touch(" on the way", worst[1].scale)
+
+
+def _closest(mission: Mission, figure: Figure, after: Figure | None = None) -> _Pair | None:
+    """The pair whose slots are nearest for their radii; None with fewer than two followers.
+
+    With the figure `after` it, on the straight way to that.
+    """
+    names = mission.followers
+    if len(names) < 2:
+        return None
+    radii = np.array([mission.robots[name].radius for name in names])
+    between, both = _between(mission, figure), radii[:, None] + radii[None, :]
+    if after is not None:
+        way = _between(mission, after) - between
+        square = np.maximum(np.abs(way) ** 2, np.finfo(float).tiny)
+        part = np.clip(-(between * way.conj()).real / square, 0.0, 1.0)
+        between = between + part * way
+    distances = np.abs(between)
+    gaps = distances / both + np.diag(np.full(len(names), np.inf))
+    i, j = sorted(int(index) for index in np.unravel_index(np.argmin(gaps), gaps.shape))
+    return _Pair(names[i], names[j], round(float(distances[i, j]), 9), float(both[i, j]))
+
+
+def _between(mission: Mission, figure: Figure) -> ComplexArray:
+    """From each follower's slot to each other's, not turned: that brings nobody closer [m]; shape (n, n)."""
+    drawn = figure._replace(rotation=0.0)
+    slots: ComplexArray = np.array([drawn.slot(mission, name) for name in mission.followers])
+    return slots[:, None] - slots[None, :]
+
+
+def _small_in_any_shape(mission: Mission, factor: float | None) -> str | None:
+    """Who does not know the shape can say so much."""
+    if factor is None:
+        return None
+    whys = [_touches(mission, Figure(((shape, 1.0),), 0.0, factor)) for shape in mission.shapes]
+    return whys[0] if all(whys) else None

@@ -1,0 +1,107 @@
+"""Robots that are lost: whom can the others still follow?
+
+A robot follows those of its neighbours that can be followed, or else its fallbacks. Who has neither holds,
+says so, and is lost to others in turn. A neighbour is worth following only if it comes to know where the
+leader goes without me: two robots that follow each other and nobody else stay together, but drive anywhere.
+An agent knows the mission and whom of its own it has lost, and goes by `leads`; `losing` puts together what
+all of them do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator
+from typing import NamedTuple
+
+from formation.mission import Mission
+
+
+class Loss(NamedTuple):
+    """What comes of a loss."""
+
+    holding: tuple[str, ...]
+    """Who has nobody left to follow."""
+    instead: dict[str, tuple[str, ...]]
+    """Who goes on by its fallbacks, and by which."""
+
+
+def leads(mission: Mission, other: str, robot: str, lost: Collection[str]) -> bool:
+    """Whether `other` follows the leader by a way on which is neither `robot` nor any of its `lost`.
+
+    Whether the leader itself is lost is not seen from who is silent, but from its beat.
+    """
+    gone = set(lost) - {mission.leader}
+    while more := {name for name in mission.followers if name not in gone and name != robot} & {
+        name for name in mission.followers if gone.issuperset(mission.robots[name].measurable)
+    }:
+        gone |= more
+    seen, waiting = {robot, *gone}, [other]
+    while waiting:
+        name = waiting.pop()
+        if name == mission.leader:
+            return True
+        if name not in seen:
+            seen.add(name)
+            spec = mission.robots[name]
+            # a fallback counts for who certainly has to take it
+            waiting += spec.measurable if gone.issuperset(spec.neighbours) else spec.neighbours
+    return False
+
+
+def followed(mission: Mission, robot: str, lost: Iterable[str]) -> tuple[str, ...]:
+    """Whom `robot` follows when these are lost, of all whom it may measure; nobody if it holds."""
+    spec = mission.robots[robot]
+    gone = set(lost).intersection(spec.measurable)
+    missing = gone.intersection(spec.neighbours)
+    if not missing:
+        return spec.neighbours
+    for some in (spec.neighbours, spec.fallback_neighbours):
+        left = tuple(name for name in some if name not in gone and leads(mission, name, robot, missing))
+        if left:
+            return left
+    return ()
+
+
+def losing(mission: Mission, lost: str) -> Loss:
+    """What the others do when the robot `lost` is lost; for the leader, when nobody takes its place."""
+    if lost == mission.leader or _no_majority(mission):
+        return Loss(tuple(name for name in mission.followers if name != lost), {})
+    gone, waiting = {lost}, [lost]
+    while waiting:
+        for name in _measuring(mission, waiting.pop()) - gone:
+            if not followed(mission, name, gone):
+                gone.add(name)
+                waiting.append(name)
+    by = {name: followed(mission, name, gone) for name in mission.followers if name not in gone}
+    led = {mission.leader}  # and not only by each other
+    while more := {name for name, some in by.items() if name not in led and led.intersection(some)}:
+        led |= more
+    return Loss(
+        tuple(name for name in mission.followers if name not in led and name != lost),
+        {n: some for n, some in by.items() if n in led and not {*some} <= {*mission.robots[n].neighbours}},
+    )
+
+
+def losses(mission: Mission) -> dict[str, Loss]:
+    """`losing` each of the robots, by its name."""
+    return {name: losing(mission, name) for name in mission.names}
+
+
+def useless_fallbacks(mission: Mission) -> Iterator[str]:
+    """Sentences about fallbacks that never help, whoever is lost."""
+    for name in mission.followers:
+        spec = mission.robots[name]
+        for other in spec.fallback_neighbours:
+            if not leads(mission, other, name, spec.neighbours):
+                yield (
+                    f"robots.{name}.fallback_neighbours: {other} never helps, for without "
+                    f"{' and '.join(spec.neighbours)} it has no way to the leader but by {name}, or none"
+                )
+
+
+def _measuring(mission: Mission, other: str) -> set[str]:
+    return {name for name in mission.followers if other in mission.robots[name].measurable}
+
+
+def _no_majority(mission: Mission) -> bool:
+    """Whether who leads needs the voice of every single follower."""
+    return bool(mission.standbys) and len(mission.followers) <= 2
