@@ -14,19 +14,21 @@ from functools import partial
 from itertools import chain
 
 from agent import failsafe
+from agent.aside import Aside, Stuck
 from agent.commander import AT_REST, Commander
 from agent.failsafe import Decision, Facts, State
 from agent.latch import Latch
 from agent.localisation import Localisation
 from agent.neighbourhood import Neighbour, Neighbourhood
 from agent.orders import Orders
+from agent.slots import Slots
 from agent.status import Report, Surroundings, status
 from formation import order
-from formation.law import LAWS
+from formation.law import LAWS, error
 from formation.mission import Mission
-from formation.order import LONGEST_REASON, Told
-from formation.ros2.messages import Displacement, Odometry, Pose, decode, encode
-from formation.topics import ODOM, POSE, POSITION, RELATIVE, STATUS, Topic
+from formation.order import LONGEST_REASON, Ballot, Told
+from formation.ros2.messages import Displacement, Odometry, Pose, Text, decode, encode
+from formation.topics import BALLOT, ODOM, POSE, POSITION, RELATIVE, STATUS, Topic
 from formation.unicycle import Command
 from formation.wire import BadMessage, Now, Outgoing, Sample
 
@@ -69,7 +71,9 @@ class Agent:
         self._integral = 0j
         self._finite = True
         self._orders = Orders(mission)
-        self._commander = Commander(mission, robot)
+        self._slots = Slots(mission, robot)
+        self._aside, self._stuck = Aside(), Stuck(spec.limits)
+        self._commander = Commander(mission, robot, self.law_name)
         self._latch = Latch(robot)
         self._status_due = float("-inf")
         self._rest_due = float("-inf")
@@ -112,6 +116,7 @@ class Agent:
         """The first half of a step, whose result need not wait for the second: learn, decide, command."""
         interval, moved = None, False
         self._latch.aware(now)
+        self._orders.voter.aware(now.mono)
         for sample in inbox:
             try:
                 handle = self._handlers.get(sample.key)
@@ -127,6 +132,7 @@ class Agent:
         before, self.decision = self.decision.state, self._decide(now)
         self._moved = moved
         outbox = self._drive(now, interval) if moved else self._rest(now)
+        self._aside.judge(self.decision, self._orders.newest, now.mono, stuck=self._stuck.now)
         if self.decision.state is not before:
             self._status_due = now.mono
         return outbox
@@ -165,6 +171,9 @@ class Agent:
             handlers[POSITION.key(name)] = partial(self._take_position, neighbour)
             if self._spec.measurement == "local":
                 handlers[RELATIVE.key(self.robot, name)] = partial(self._take_displacement, neighbour)
+        if self._mission.standbys:
+            for name in self._mission.candidates:
+                handlers[BALLOT.key(name)] = partial(self._take_ballot, name)
         return handlers
 
     def _take_own(self, sample: Sample, now: Now) -> float | None:
@@ -175,7 +184,9 @@ class Agent:
     def _take_position(self, neighbour: Neighbour, sample: Sample, now: Now) -> None:
         pose = decode(Pose, sample.payload)
         told = order.decode(Told, sample.attachment or b"")
-        neighbour.voice.admit(told, sample.arrived)
+        leads = neighbour.name == self._mission.leader
+        neighbour.voice.admit(told, sample.arrived, self._orders.voter.promise if leads else 0)
+        neighbour.aside = told.aside
         if told.order is not None:
             try:
                 self._orders.hear(told.order, neighbour.name, sample.arrived, now)
@@ -188,10 +199,17 @@ class Agent:
         displacement = decode(Displacement, sample.payload)
         neighbour.take_displacement(displacement, sample.arrived, now)
 
+    def _take_ballot(self, candidate: str, sample: Sample, now: Now) -> None:
+        ballot = order.decode(Ballot, decode(Text, sample.payload).text.encode())
+        self._orders.voter.hear(ballot, candidate, sample.arrived, now)
+
     def _decide(self, now: Now) -> Decision:
+        around = self._neighbours
+        around.choose(now)
         return failsafe.decide(
             Facts(
                 latched=self._latch.mode,
+                why=self._latch.why,
                 source=self._here.source,
                 connected=self._surroundings.connected,
                 routed=None if self._readonly else self._surroundings.routed,
@@ -202,8 +220,10 @@ class Agent:
                 follows=self._here.follows,
                 order=self._orders.newest,
                 beat_silence=now.mono - self._orders.rose,
-                neighbours=self._neighbours.silences(now),
-                fresh=len(self._neighbours.fresh(now)),
+                neighbours=around.silences(now),
+                fresh=len(around.guides),
+                aside=() if around.guides else around.aside(now),
+                leaderless=not around.guides and around.leaderless(now),
                 finite=self._finite,
             )
         )
@@ -211,12 +231,15 @@ class Agent:
     def _drive(self, now: Now, interval: float | None) -> list[Outgoing]:
         """A command for the newest position; zero velocity unless the failsafe table says run."""
         self._neighbours.place(self._here)
-        if self.decision.state is not State.RUN:
-            self._finite = True
-            return self._commanded(now, AT_REST)
         wanted = self._orders.newest
-        shape = wanted.shape if wanted else self._mission.first_shape
-        what = self._neighbours.measured(self._here, shape, now)
+        if wanted is not None:
+            self._here.joins(wanted)
+        if self.decision.state is not State.RUN or wanted is None:
+            self._finite = True
+            self._stuck.rested()
+            return self._commanded(now, AT_REST)
+        self._slots.follow(wanted, self._orders.rose, now.mono)
+        what = self._neighbours.measured(self._here, self._slots, now)
         dt = min(interval or 0.0, self._here.stream.limit)
         command, integral = self._law(
             self._integral, self._here.heading, what, self._mission.law.gains, self._spec.limits, dt
@@ -225,8 +248,10 @@ class Agent:
         if not self._finite:
             self.decision, self._integral = self._decide(now), 0j
             return self._commanded(now, AT_REST)
+        self._aside.drove(float(abs(error(self._here.heading, what))) / what.count)
         if not self._readonly:  # what does not move cannot be integrated away
             self._integral = complex(integral)
+            self._stuck.drove(self._commander.newest, self._here.point, self._here.heading, dt)
         self._rest_due = float("-inf")  # whatever stops it takes hold at once
         return self._commanded(now, command)
 
@@ -245,7 +270,15 @@ class Agent:
 
     def _position(self) -> Outgoing:
         self._told += 1
-        told = Told(voice=self._voice, count=self._told, order=self._orders.newest)
+        voter = self._orders.voter
+        told = Told(
+            voice=self._voice,
+            count=self._told,
+            order=self._orders.newest,
+            aside=self._aside.told,
+            promise=voter.promise,
+            echo=voter.echo,
+        )
         pose = Pose(self._here.stream.stamp, self._here.position, self._here.heading)
         return Outgoing(self._position_key, encode(pose), order.encode(told))
 
@@ -257,8 +290,9 @@ class Agent:
             readonly=self._readonly,
             commander=self._commander,
             here=self._here,
-            neighbours={name: one.stream for name, one in self._neighbours.each.items()},
-            contested=self._neighbours.contested(now),
+            neighbours=self._neighbours,
+            aside=self._aside.told,
+            stuck=self._stuck.now,
             surroundings=self._surroundings,
             dropped={where: (count, self.last_dropped[where]) for where, count in self.dropped.items()},
             mission=self._mission.fingerprint,

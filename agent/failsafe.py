@@ -45,7 +45,7 @@ class Facts:
     neighbours: Mapping[str, float]
     """Silence of each neighbour [s]; infinite before the first message."""
     fresh: int
-    """How many of them can be followed."""
+    """How many of them are followed, or would be."""
     follows: bool = True
     """Whether the newest own position closed an interval."""
     finite: bool = True
@@ -54,10 +54,16 @@ class Facts:
     """What tells the robot's own position."""
     doubt: str | None = None
     """Why it is not believed though it did not jump, in words."""
+    why: str = ""
+    """Why `latched` is in force, where nobody asked that of this very process."""
     connected: bool | None = None
     """Whether there is a link to the robot; None if nobody knows."""
     routed: bool | None = None
     """Whether the robot listens to commands; None if nobody knows."""
+    aside: tuple[str, ...] = ()
+    """Neighbours that are heard, and are no guides: they do not follow, or only this robot."""
+    leaderless: bool = False
+    """Whether the leader itself is among the neighbours, and silent."""
 
 
 class Row(NamedTuple):
@@ -66,6 +72,8 @@ class Row(NamedTuple):
     applies: Callable[[Facts], bool]
     state: State
     reason: Callable[[Facts], str]
+    own: bool = False
+    """Whether it concerns this robot, while others may well go on."""
 
 
 class Decision(NamedTuple):
@@ -73,48 +81,59 @@ class Decision(NamedTuple):
 
     state: State
     reason: str
+    own: bool = False
+    """Whether others may well go on without this robot."""
 
 
 def _never(silence: float) -> bool:
     return silence == float("inf")
 
 
-def _ages(facts: Facts) -> str:
-    return ", ".join(f"{name} {age:.2f} s" for name, age in facts.neighbours.items())
+def _nobody(facts: Facts) -> str:
+    each = ", ".join(
+        f"{name} is no guide" if name in facts.aside else f"{name} {age:.2f} s"
+        for name, age in facts.neighbours.items()
+    )
+    return f"no neighbour {'can be followed' if facts.aside else 'is fresh'}: {each}"
 
 
 TABLE: tuple[Row, ...] = (
-    Row(lambda f: f.latched == "stop", State.STOP, lambda _: "stopped by the operator"),
-    Row(lambda f: not f.finite, State.HOLD, lambda _: "the law gave no finite command"),
-    Row(lambda f: f.connected is False, State.HOLD, lambda _: "no link to the robot"),
-    Row(lambda f: _never(f.silence), State.WAITING, lambda f: f"no {f.source} yet"),
+    Row(lambda f: f.latched == "stop", State.STOP, lambda f: f.why or "stopped by the operator", own=True),
+    Row(lambda f: not f.finite, State.HOLD, lambda _: "the law gave no finite command", own=True),
+    Row(lambda f: f.connected is False, State.HOLD, lambda _: "no link to the robot", own=True),
+    Row(lambda f: _never(f.silence), State.WAITING, lambda f: f"no {f.source} yet", own=True),
     Row(
         lambda f: f.silence > f.limit,
         State.HOLD,
         lambda f: f"{f.source} silent for {f.silence:.2f} s",
+        own=True,
     ),
-    Row(lambda f: f.jumped is not None, State.HOLD, lambda f: f"{f.source} jumped {f.jumped}"),
-    Row(lambda f: f.doubt is not None, State.HOLD, lambda f: f"{f.source} {f.doubt}"),
+    Row(lambda f: f.jumped is not None, State.HOLD, lambda f: f"{f.source} jumped {f.jumped}", own=True),
+    Row(lambda f: f.doubt is not None, State.HOLD, lambda f: f"{f.source} {f.doubt}", own=True),
     Row(
         lambda f: not f.follows,
         State.HOLD,
         lambda f: f"no two {f.source} messages within {f.limit:.2f} s",
+        own=True,
     ),
-    Row(lambda f: f.routed is False, State.HOLD, lambda _: "the robot does not listen to cmd_vel"),
+    Row(lambda f: f.routed is False, State.HOLD, lambda _: "the robot does not listen to cmd_vel", own=True),
     Row(lambda f: f.order is None, State.WAITING, lambda _: "no order from the leader yet"),
     Row(
         lambda f: f.beat_silence > LEADER_LOST,
         State.HOLD,
         lambda f: f"the leader's beat stopped {f.beat_silence:.1f} s ago",
+        own=True,  # to some it may still come
     ),
     Row(
         lambda f: f.order is not None and f.order.mode == "stop",
         State.STOP,
         lambda _: "stopped by the leader",
     ),
-    Row(lambda f: f.latched == "hold", State.HOLD, lambda _: "held by the operator"),
+    Row(lambda f: f.latched == "hold", State.HOLD, lambda f: f.why or "held by the operator", own=True),
     Row(lambda f: f.order is not None and f.order.mode == "hold", State.HOLD, lambda _: "held by the leader"),
-    Row(lambda f: not f.fresh, State.HOLD, lambda f: f"no neighbour is fresh: {_ages(f)}"),
+    # whether it is gone, or only from here, its beat will tell
+    Row(lambda f: not f.fresh and f.leaderless, State.HOLD, _nobody),
+    Row(lambda f: not f.fresh, State.HOLD, _nobody, own=True),
     Row(lambda _: True, State.RUN, lambda _: "in formation control"),
 )
 
@@ -122,4 +141,4 @@ TABLE: tuple[Row, ...] = (
 def decide(facts: Facts) -> Decision:
     """The first row that applies."""
     row = next(row for row in TABLE if row.applies(facts))
-    return Decision(row.state, row.reason(facts))
+    return Decision(row.state, row.reason(facts), row.own)

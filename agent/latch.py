@@ -1,10 +1,17 @@
-"""What an operator asked of this very robot: a stop or a hold that stays until it is released."""
+"""What an operator asked of this very robot: a stop or a hold that stays until it is released.
+
+It outlives its process where `agent.survival` keeps it.
+"""
 
 from __future__ import annotations
 
 from formation import order
-from formation.order import LONGEST_REASON, Do, Mode, Once, OperatorReply, OperatorRequest
+from formation.once import Once
+from formation.order import LONGEST_REASON, Do, Mode, OperatorReply, OperatorRequest
 from formation.wire import Now
+
+MINE = frozenset({"stop", "hold", "run", "release"})
+"""What a robot itself may be asked for."""
 
 
 class Latch:
@@ -13,13 +20,16 @@ class Latch:
     def __init__(self, robot: str) -> None:
         self.mode: Mode | None = None
         """``stop`` or ``hold`` until released; None when there is nothing to release."""
+        self.why = ""
+        """Why, where nobody asked that of this very process."""
         self._robot = robot
-        self._once = Once()
+        self.once = Once()
+        """Which requests are known."""
 
     def ask(self, data: bytes, ordered: Mode) -> bytes:
         """Answer a request; `ordered` is what the leader wants. Raises BadMessage for what is no request."""
         request = order.decode(OperatorRequest, data)
-        return self._once.answer(
+        return self.once.answer(
             request,
             lambda: self._obey(request.do, ordered),
             lambda reason: self.reply(ordered, ok=False, reason=reason),
@@ -27,14 +37,14 @@ class Latch:
 
     def aware(self, now: Now) -> None:
         """Learn the time, by which requests are told that others have overtaken."""
-        self._once.aware(now.mono)
+        self.once.aware(now.mono)
 
     def _obey(self, wanted: Do, ordered: Mode) -> bytes:
-        if wanted == "shape":
-            return self.reply(ordered, ok=False, reason="the leader is who says what shape to take")
+        if wanted not in MINE:
+            return self.reply(ordered, ok=False, reason=f"{wanted}: that is the leader's to say")
         if self.mode == "stop" and wanted in {"run", "hold"}:
             return self.reply(ordered, ok=False, reason="stopped: release it first")
-        self.mode = wanted if wanted in {"stop", "hold"} else None
+        self.mode, self.why = wanted if wanted in {"stop", "hold"} else None, ""
         return self.reply(ordered, ok=True, reason="")
 
     def reply(self, ordered: Mode, *, ok: bool, reason: str) -> bytes:

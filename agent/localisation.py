@@ -8,12 +8,15 @@ from agent.sighting import Sighting
 from agent.stream import Stream
 from formation import heading as observers
 from formation.mission import Mission
+from formation.order import Order
 from formation.plane import rotation, shorten, unit
 from formation.ros2.messages import Odometry, Pose
 from formation.ros2.ros import MAX_POSITION
 from formation.unicycle import Command, control_point
 from formation.wire import Now
 
+UNDER_WAY = 1.0
+"""A team that has been on its way for longer no longer faces as its mission's start says [s]."""
 SURE = 0.5
 """From this length on the observer's estimate is learned from the way, and may doubt a measured heading."""
 LONGEST = 1e100
@@ -53,6 +56,9 @@ class Localisation:
         # who counts from the mission's start pose has turned since by what the odometry says
         counted = spec.localisation == "odometry" and spec.odometry_frame == "start"
         self._guessed = counted and spec.first_heading_deg is None and not self._measures_heading
+        # from then on its robot may face another way than any that the mission knows of
+        self._guesses = spec.first_heading_deg is None and not self._measures_heading and not self._printed
+        self._joined = False
         self._before: tuple[float, complex, complex] | None = None
         self._calm = 0.0
 
@@ -93,6 +99,35 @@ class Localisation:
         if before is not None and abs(stamp - before[0]) < abs(stamp - self.stream.stamp):
             return before[1], before[2]
         return self.point, self.heading
+
+    def joins(self, order: Order) -> None:
+        """Order and robot are known; the first time, the mission's guess of its heading may be old.
+
+        Who joins a team that is under way guesses that its odometry, which counts in the world, also faces
+        where it says; seen from outside, that it faces where the leader goes.
+        """
+        if self._joined:
+            return
+        self._joined = True
+        if order.time < UNDER_WAY or not self._guesses or self._guessed:
+            return
+        if isinstance(self._source, Odometer):
+            self._estimate = self._measured
+        elif order.place is not None:
+            self._estimate = rotation(order.place.heading)
+
+    def goes_on(self, message: Odometry | Pose, arrived: float, since: float) -> str | None:
+        """Ready what another process has known until `since` [s, monotonic] for its robot's next `message`.
+
+        Why that is not to be, in words.
+        """
+        over = arrived - (since if self.stream.arrived is None else self.stream.arrived)
+        if isinstance(self._source, Odometer) and isinstance(message, Odometry):
+            return self._source.unlike(message, over)
+        if isinstance(self._source, Overhead) and isinstance(message, Pose):
+            self._source.stood(since)
+            return self._source.unlike(message, over)
+        return f"it was localised by {self._source.name}"
 
     def told(self, moment: float, command: Command) -> None:
         """The robot was sent `command` at `moment` [s, monotonic]."""

@@ -8,36 +8,55 @@
 On the robot's side positions and status are ROS 2 topics, without the order. `ALIVE` is between an agent and
 its guard and stays there. An agent that is ``readonly`` sends its robot neither commands nor signs of life.
 What the fleet hears of a command carries its trace (`agent.trace`), made when the robot has long had it.
+What is kept for the agent's successor (`agent.legacy`) is written by other threads.
 """
 
 from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from agent.core import Agent
+from agent.keeping import Keeping, boot_id
+from agent.legacy import Legacy
 from agent.status import Surroundings
+from agent.survival import Taken
 from agent.trace import Trace
+from formation import order
+from formation.order import OperatorReply
 from formation.ros2.ros_names import address
-from formation.topics import ALIVE, CMD_VEL, ORDER, SCAN, STATUS
-from formation.transport.process import Process
+from formation.topics import ALIVE, BALLOT, CMD_VEL, ORDER, POSITION, SCAN, STATUS
+from formation.transport.process import Process, clocks
 from formation.wire import Now, Outgoing, Sample
 
+WAITING = frozenset((POSITION, BALLOT))
+"""What waits for the robot's next own message: it changes nothing before that, and comes more often."""
 REFUSED_PERIOD = 0.5
 """[s]"""
+UNKEPT = "cannot be kept just now: a restart may undo it"
+"""What an operator reads whose request is obeyed, and is in no file."""
 _log = logging.getLogger(__name__)
 
 
 class Sides:
     """An agent between its robot and the fleet."""
 
-    def __init__(self, agent: Agent, process: Process, *, readonly: bool) -> None:
-        self._agent, self._process = agent, process
+    def __init__(
+        self,
+        agent: Agent,
+        process: Process,
+        *,
+        readonly: bool,
+        legacy: Legacy | None = None,
+        clock: Callable[[], Now] = clocks,
+    ) -> None:
+        self._agent, self._process, self._legacy, self._unkept = agent, process, legacy, ""
         self._trace, self._warned = Trace(agent), False
         self._command = CMD_VEL.key(agent.robot)
         self._unspoken = frozenset((self._command, ALIVE.key(agent.robot)) if readonly else ())
         """What its robot is not told."""
+        self._clock, self._stepped = clock, False
         self._urgent: set[str] = set()  # what is for the robot first
         self._fleet: set[str] = set()  # what the fleet is told as well
         self._heard = frozenset(agent.subscriptions)
@@ -69,11 +88,14 @@ class Sides:
                 bus.advertise(topic, key)
                 self._repeated.add(key)
             else:
-                bus.subscribe(key)
+                bus.subscribe(key, wakes=topic not in WAITING)
 
-    def step(self, now: Now, inbox: Sequence[Sample]) -> Iterator[Outgoing]:
-        """Step the agent, with what concerns it, as `send` takes what it says."""
-        robot = self._process.robot
+    def step(self, now: Now, inbox: Sequence[Sample], *, tells: bool = True) -> Iterator[Outgoing]:
+        """Step the agent, with what concerns it, as `send` takes what it says.
+
+        Without `tells` it gives its commands only; how it does, it says with the next step.
+        """
+        robot, self._stepped = self._process.robot, True
         connected = robot.connected
         routed = robot.routed(self._command) if connected else None
         if now.mono >= self._refused_due:  # to ask costs a look into a pipe
@@ -82,17 +104,46 @@ class Sides:
         self._agent.aware(Surroundings(connected, routed, self._refused))
         self._inbox = inbox
         heard = [sample for sample in inbox if sample.key in self._heard]
+        if self._legacy is not None and (taken := self._legacy.met(now, heard)) is not None:
+            self._take(taken)
         commands = self._agent.act(now, heard)
         yield from commands
-        if commands:
-            os.sched_yield()  # the thread that writes them to the socket may run before reports are made
-        yield from self._agent.tell(now)
+        if tells:
+            if commands:
+                os.sched_yield()  # the thread that writes them to the socket may run before reports are made
+            yield from self._agent.tell(now)
         self._trace.stepped(now, connected, routed, heard)
+        if self._legacy is not None:
+            self._legacy.stepped(now)
+            if (unkept := self._legacy.failure) != self._unkept:
+                self._unkept = unkept
+                _log.error("what an operator asks may not outlive this process: %s", unkept or "it can again")
+
+    def begin(self, now: Now) -> None:
+        """Have the agent know what the one before it has left."""
+        for taken in self._legacy.found(now) if self._legacy is not None else ():
+            self._take(taken)
+
+    def end(self, now: Now) -> None:
+        """Leave to the next what it has learned."""
+        if self._legacy is not None:
+            self._legacy.end(now)
 
     def request(self, data: bytes) -> bytes:
-        """Answer an operator's request."""
+        """Answer an operator's request; what is to be kept of it is, by then, safe from a kill.
+
+        Or the answer says that it is not.
+        """
         reply = self._agent.request(data)
         self._trace.asked(data)
+        if self._legacy is not None:
+            self._legacy.asked()
+            try:
+                if self._stepped:  # the robot does not wait for a disk, nor the operator for a report
+                    self.send(self.step(self._clock(), (), tells=False))
+            finally:
+                kept = self._legacy.kept()
+            reply = reply if kept else _unkept(reply)
         return reply
 
     def halt(self, now: Now, reason: str) -> Iterable[Outgoing]:
@@ -122,6 +173,12 @@ class Sides:
             if sample.key in self._repeated:
                 bus.publish(sample.key, sample.payload)
 
+    def _take(self, taken: Taken) -> None:
+        if taken.memory:
+            self._trace.recalled(taken.memory)
+        if taken.news:
+            _log.warning(taken.news)
+
     def _traced(self) -> bytes | None:
         """The trace of the newest command; that there can be none is said once."""
         trace = self._trace.attachment()
@@ -131,10 +188,24 @@ class Sides:
         return trace
 
 
-def drive(agent: Agent, process: Process, *, readonly: bool) -> None:
-    """Declare, wait for whoever watches, then drive the robot until told to stop."""
-    sides = Sides(agent, process, readonly=readonly)
+def _unkept(reply: bytes) -> bytes:
+    """The same answer; who obeys says that it may not do so after a restart."""
+    said = order.decode(OperatorReply, reply)
+    return order.encode(said.model_copy(update={"reason": UNKEPT})) if said.ok else reply
+
+
+def drive(agent: Agent, process: Process, *, readonly: bool, state: Keeping | None = None) -> None:
+    """Declare, wait for whoever watches, then drive the robot until told to stop.
+
+    `state` is where the agent finds what the one before it has left, and leaves what it has learned.
+    """
+    legacy = None if state is None else Legacy(agent, state, boot_id())
+    sides = Sides(agent, process, readonly=readonly, legacy=legacy)
+    sides.begin(clocks())
     sides.declare()
     process.bus.answer(ORDER.key(agent.robot), sides.request)
     process.ready(STATUS.key(agent.robot))
-    process.run(sides, sides.send)
+    try:
+        process.run(sides, sides.send)
+    finally:
+        sides.end(clocks())

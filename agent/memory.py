@@ -8,9 +8,10 @@ for good. An attribute that stands nowhere in it fails a test.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
+from agent.aside import Aside, Stuck
 from agent.commander import Commander
 from agent.core import Agent
 from agent.failsafe import Decision, State
@@ -20,6 +21,7 @@ from agent.neighbourhood import Neighbour, Neighbourhood
 from agent.odometer import Odometer
 from agent.orders import Orders
 from agent.overhead import Overhead, Sent
+from agent.slots import Slots
 from agent.status import Surroundings
 from agent.stream import Stream
 from agent.values import (
@@ -42,8 +44,10 @@ from agent.values import (
     word,
 )
 from agent.voice import REMEMBERED, Voice
+from formation.election import Voter
 from formation.neighbour import Track
-from formation.order import Once, Order, Told
+from formation.once import Once
+from formation.order import Order, Told
 from formation.ros2.messages import Odometry, Pose
 from formation.unicycle import Command
 
@@ -67,6 +71,7 @@ def _sent(numbers: Iterable[float]) -> Sent:
 
 
 _COMMAND = row(Command._make, real, real)
+_NAMES = Kind(list, lambda said, where: tuple(recent(text).read(said, where)))
 _ORDER = model(Order)
 _ODOMETRY = record(
     Odometry, stamp=real, position=plane, heading=plane, speed=real, turn_rate=real, frame=text,
@@ -83,7 +88,7 @@ KEPT: Mapping[type, Kept] = {
         memory={
             "dropped": by_name(count, Counter),
             "last_dropped": by_name(text),
-            "decision": row(Decision._make, word(*State, of=State), text),
+            "decision": row(Decision._make, word(*State, of=State), text, flag),
             "_told": count,
             "_surroundings": record(
                 Surroundings, connected=maybe(flag), routed=maybe(flag), refused=by_name(count)
@@ -94,7 +99,7 @@ KEPT: Mapping[type, Kept] = {
             "_status_due": real,
             "_rest_due": real,
         },
-        parts=("_here", "_neighbours", "_orders", "_commander", "_latch"),
+        parts=("_here", "_neighbours", "_orders", "_slots", "_aside", "_stuck", "_commander", "_latch"),
         construction=(
             "robot",
             "law_name",
@@ -114,6 +119,7 @@ KEPT: Mapping[type, Kept] = {
             "jumped": maybe(text),
             "jumps": count,
             "follows": flag,
+            "_joined": flag,
             "late": count,
             "position": plane,
             "_measured": plane,
@@ -122,7 +128,15 @@ KEPT: Mapping[type, Kept] = {
             "_calm": real,
         },
         parts=("stream", "_source"),
-        construction=("_printed", "_measures_heading", "_gain", "_limits", "_period", "_guessed"),
+        construction=(
+            "_printed",
+            "_measures_heading",
+            "_gain",
+            "_limits",
+            "_period",
+            "_guessed",
+            "_guesses",
+        ),
     ),
     Odometer: Kept(
         memory={
@@ -152,13 +166,25 @@ KEPT: Mapping[type, Kept] = {
         construction=("limit",),
     ),
     Neighbourhood: Kept(
-        memory={},
+        memory={"guides": _NAMES, "_instead": flag, "_back": real},
         parts=("each",),
-        construction=("_mission", "_robot", "_carry", "_feed_forward", "_as_measured"),
+        construction=(
+            "_mission",
+            "_robot",
+            "_neighbours",
+            "_fallbacks",
+            "_circular",
+            "_carry",
+            "_feed_forward",
+            "_as_measured",
+        ),
     ),
     Neighbour: Kept(
         memory={
             "displacement": plane,
+            "aside": flag,
+            "_anchor": plane,
+            "_moved": real,
             "_track": maybe(row(Track._make, real, plane, plane)),
             "_unplaced": maybe(row(tuple, maybe(real))),
         },
@@ -181,39 +207,92 @@ KEPT: Mapping[type, Kept] = {
             "rose": real,
             "_heard": by_name(row(tuple, _ORDER, real)),
         },
+        parts=("voter",),
         construction=("_shapes", "_rate"),
     ),
+    Voter: Kept(
+        memory={"promise": count, "echo": count, "_given": count, "_renewed": maybe(real), "_rose": real},
+        construction=("_mission", "_votes", "_bound"),
+    ),
+    Slots: Kept(
+        memory={
+            "at": by_name(plane),
+            "velocity": by_name(plane),
+            "_order": maybe(_ORDER),
+            "_ordered": by_name(plane),
+            "_going": by_name(plane),
+            "_beats_began": real,
+            "_moment": real,
+            "_standing": flag,
+        },
+        construction=("_mission", "_fastest", "_period"),
+    ),
+    Aside: Kept(
+        memory={"told": flag, "behind": flag, "_set_out": flag, "_since": real, "_error": real},
+    ),
+    Stuck: Kept(
+        memory={"now": flag, "_anchor": row(tuple, plane, plane), "_way": real, "_lasts": real},
+        construction=("_offset", "_slow"),
+    ),
     Commander: Kept(
-        memory={"newest": _COMMAND, "remainder": _COMMAND, "_began": maybe(real)},
-        construction=("steps", "topics", "_stamped", "_cmd_vel", "_alive", "_quantiser"),
+        memory={
+            "newest": _COMMAND,
+            "remainder": _COMMAND,
+            "_ramped": _COMMAND,
+            "_said": real,
+            "_gentle_until": real,
+            "_began": maybe(real),
+        },
+        construction=(
+            "steps",
+            "topics",
+            "_stamped",
+            "_cmd_vel",
+            "_alive",
+            "_quantiser",
+            "_limits",
+            "_ramp",
+            "_longest",
+            "_guarded",
+            "_period",
+        ),
     ),
     Latch: Kept(
-        memory={"mode": maybe(word("hold", "run", "stop"))}, parts=("_once",), construction=("_robot",)
+        memory={"mode": maybe(word("hold", "run", "stop")), "why": text},
+        parts=("once",),
+        construction=("_robot",),
     ),
     Once: Kept(memory={"now": real, "_rested": real, "_answers": by_name(spoken)}),
 }
 """What every class that an agent is made of keeps."""
 
 
-def remember(agent: Agent) -> dict[str, Json]:
-    """All that `agent` has learned."""
-    return _remember(agent)
+def remember(agent: Agent | Localisation, *only: str) -> dict[str, Json]:
+    """All that `agent` has learned, or `only` these attributes and parts of it."""
+    return _remember(agent, only)
 
 
-def recall(agent: Agent, memory: Json) -> None:
+def recall(agent: Agent | Localisation, memory: Json, *, partly: bool = False) -> None:
     """Have `agent`, of the same mission, robot, law and voice, know what another has learned.
 
-    Raises BadMemoryError for what is no memory of such an agent; `agent` is then as it was.
+    `partly`: where `memory` says nothing it keeps what it knows. Raises BadMemoryError for what is no memory
+    of such an agent; `agent` is then as it was.
     """
-    learned = list(_learned(agent, memory, "memory"))
+    learned = list(_learned(agent, memory, "memory", partly=partly))
     for thing, name, value in learned:
         setattr(thing, name, value)
 
 
-def _remember(thing: Any) -> dict[str, Json]:
+def _remember(thing: Any, only: Collection[str] = ()) -> dict[str, Json]:
     kept = KEPT[type(thing)]
-    said = {name.lstrip("_"): kind.said(getattr(thing, name)) for name, kind in kept.memory.items()}
+    said = {
+        name.lstrip("_"): kind.said(getattr(thing, name))
+        for name, kind in kept.memory.items()
+        if not only or name.lstrip("_") in only
+    }
     for name in kept.parts:
+        if only and name.lstrip("_") not in only:
+            continue
         part = getattr(thing, name)
         said[name.lstrip("_")] = (
             {key: _remember(one) for key, one in part.items()} if isinstance(part, dict) else _remember(part)
@@ -221,15 +300,19 @@ def _remember(thing: Any) -> dict[str, Json]:
     return said
 
 
-def _learned(thing: Any, said: Json, where: str) -> Iterator[tuple[Any, str, Any]]:
+def _learned(thing: Any, said: Json, where: str, *, partly: bool = False) -> Iterator[tuple[Any, str, Any]]:
     """Each attribute to set, of this thing and its parts: object, name and value. Raises BadMemoryError."""
     kept = KEPT[type(thing)]
-    _check_names(said, where, {name.lstrip("_") for name in (*kept.memory, *kept.parts)})
+    _check_names(said, where, {name.lstrip("_") for name in (*kept.memory, *kept.parts)}, partly=partly)
     for name, kind in kept.memory.items():
         spelled = name.lstrip("_")
+        if spelled not in said:
+            continue
         yield thing, name, kind.read(said[spelled], f"{where}.{spelled}")
     for name in kept.parts:
         part, spelled = getattr(thing, name), name.lstrip("_")
+        if spelled not in said:
+            continue
         if not isinstance(part, dict):
             yield from _learned(part, said[spelled], f"{where}.{spelled}")
             continue
@@ -238,9 +321,9 @@ def _learned(thing: Any, said: Json, where: str) -> Iterator[tuple[Any, str, Any
             yield from _learned(one, said[spelled][key], f"{where}.{spelled}.{key}")
 
 
-def _check_names(said: Json, where: str, names: set[str]) -> None:
+def _check_names(said: Json, where: str, names: set[str], *, partly: bool = False) -> None:
     if type(said) is not dict:
         refuse(said, where, "an object")
-    if odd := sorted(names ^ set(said)):
+    if odd := sorted(set(said) - names if partly else names ^ set(said)):
         state = "is missing" if odd[0] in names else "is unknown to this agent"
         raise BadMemoryError(f"{where}.{odd[0]}: {state}")

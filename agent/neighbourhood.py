@@ -1,19 +1,32 @@
-"""What an agent knows of each neighbour: where it is by now, how fast it goes, whether that is still true."""
+"""What an agent knows of each neighbour: where it is by now, how fast it goes, whether that is still true.
+
+And whom it follows: neighbours that can be followed; while there is none, fallbacks that can; while there is
+no such either, neighbours that are on their way back to their slots; or nobody.
+"""
 
 from __future__ import annotations
 
 from agent.localisation import Localisation
+from agent.slots import Slots
 from agent.stream import Stream
 from agent.voice import Voice
 from formation import neighbour
 from formation.law import Measured
 from formation.mission import Mission
 from formation.ros2.messages import Displacement, Pose
+from formation.stability.losses import leads
+from formation.stability.spectrum import cyclic_core
 from formation.unicycle import control_point
 from formation.wire import Now
 
 LATELY = 5.0
 """For so long a second voice stays in the status [s]."""
+RECOVERED = 0.5
+"""A neighbour can be followed for so long before fallbacks are let go for it [s]."""
+STANDS = 1.0
+"""A robot that has not moved for so long stands [s]."""
+MOVED = 0.03
+"""So far a robot that stands may seem to move [m]."""
 
 
 class Neighbour:
@@ -27,12 +40,16 @@ class Neighbour:
         self.voice = Voice(name, spec.rate)
         self.displacement = 0j
         """Newest measured z_ij^(i) [m; body frame]; only where a sensor measures it."""
+        self.aside = False
+        """Whether it says that others had better go on without it."""
         # The virtual leader has no body: its position is its control point.
         self._offset = 0.0 if name == mission.leader else spec.control_point_offset
         self._top_speed = spec.top_speed
         self._filter = mission.law.velocity_filter
         self._track: neighbour.Track | None = None
         self._unplaced: tuple[float | None] | None = None
+        self._anchor = 0j  # where it was when it last moved,
+        self._moved = float("-inf")  # and when [s, monotonic]
 
     def take_position(self, pose: Pose, arrived: float, now: Now) -> None:
         """Learn from its published pose. Raises BadMessage."""
@@ -61,6 +78,8 @@ class Neighbour:
 
     def _see(self, point: complex, elapsed: float | None) -> None:
         stamp = self.stream.stamp
+        if self.stream.arrived is not None and abs(point - self._anchor) > MOVED:
+            self._anchor, self._moved = point, self.stream.arrived
         if elapsed is None or self._track is None:
             self._track = neighbour.first_seen(stamp, point)
         else:
@@ -68,8 +87,12 @@ class Neighbour:
             self._track = neighbour.seen(before, stamp, point, self._filter, self._top_speed)
 
     def fresh(self, now: Now) -> bool:
-        """Whether it can be followed."""
+        """Whether what is known of it is from now."""
         return self.stream.fresh(now)
+
+    def going(self, now: Now) -> bool:
+        """Whether it has moved lately."""
+        return now.mono - self._moved < STANDS
 
     @property
     def velocity(self) -> complex:
@@ -88,7 +111,7 @@ class Neighbour:
 
 
 class Neighbourhood:
-    """All the neighbours of one robot, and what the law gets to know of them."""
+    """All whom one robot may measure, and what the law gets to know of those whom it follows."""
 
     def __init__(self, mission: Mission, robot: str, law: str) -> None:
         spec, field = mission.robots[robot], law == "field"
@@ -97,17 +120,57 @@ class Neighbourhood:
             name: Neighbour(
                 mission, name, spec.rate if spec.measurement == "local" else mission.robots[name].rate
             )
-            for name in spec.neighbours
+            for name in spec.measurable
         }
+        self.guides: tuple[str, ...] = ()
+        """Whom it follows."""
         self._mission, self._robot = mission, robot
+        self._neighbours, self._fallbacks = spec.neighbours, spec.fallback_neighbours
+        self._circular = mission.names.index(robot) in cyclic_core(mission.graph)
+        self._instead = False  # whether it goes by its fallbacks
+        self._back = float("inf")  # since when a neighbour can be followed again [s, monotonic]
         # the paper's law takes neighbours as they were last seen, and knows no velocities
         self._carry = field and mission.law.delay_compensation
         self._feed_forward = field and mission.law.feed_forward
         self._as_measured = not field and spec.measurement == "local"
 
-    def fresh(self, now: Now) -> list[Neighbour]:
-        """Those that can be followed."""
-        return [one for one in self.each.values() if one.fresh(now)]
+    def choose(self, now: Now) -> None:
+        """Settle whom to follow."""
+        usable = self._usable(self._neighbours, now)
+        if self._circular and len(usable) < len(self._neighbours):
+            usable = self._leading(usable, usable)
+        if usable and not self._instead:
+            self.guides = usable
+            return
+        others = self._leading(self._usable(self._fallbacks, now), usable)
+        self._back = min(self._back, now.mono) if usable else float("inf")
+        self._instead = bool(others) and not now.mono - self._back >= RECOVERED
+        if self._instead:
+            self.guides = others
+        else:
+            self.guides = usable or self._leading(self._returning(now), usable)
+
+    def _usable(self, names: tuple[str, ...], now: Now) -> tuple[str, ...]:
+        return tuple(name for name in names if not self.each[name].aside and self.each[name].fresh(now))
+
+    def _returning(self, now: Now) -> tuple[str, ...]:
+        """Neighbours that are aside, and on their way back."""
+        known = [(name, self.each[name]) for name in self._neighbours]
+        return tuple(name for name, one in known if one.aside and one.fresh(now) and one.going(now))
+
+    def _leading(self, names: tuple[str, ...], usable: tuple[str, ...]) -> tuple[str, ...]:
+        """Those who follow the leader by a way of their own, when only these neighbours can be followed."""
+        lost = set(self._neighbours).difference(usable)
+        return tuple(name for name in names if leads(self._mission, name, self._robot, lost - {name}))
+
+    def aside(self, now: Now) -> tuple[str, ...]:
+        """Who is heard, and is no guide."""
+        return tuple(name for name, one in self.each.items() if name not in self.guides and one.fresh(now))
+
+    def leaderless(self, now: Now) -> bool:
+        """Whether the leader is a neighbour, and silent."""
+        leader = self._mission.leader
+        return leader in self._neighbours and not self.each[leader].fresh(now)
 
     def silences(self, now: Now) -> dict[str, float]:
         """How long each has been silent [s]; infinite before the first message."""
@@ -122,18 +185,19 @@ class Neighbourhood:
         for one in self.each.values():
             one.place(here)
 
-    def measured(self, here: Localisation, shape: str, now: Now) -> Measured:
-        """The law's input: sums over the fresh neighbours, of which there must be at least one."""
+    def measured(self, here: Localisation, slots: Slots, now: Now) -> Measured:
+        """The law's input: sums over those whom it follows, of which there must be at least one."""
         me, heading, my_age = here.point, here.heading, here.stream.age(now)
-        mine = self._mission.slot(self._robot, shape)
+        mine, my_velocity = slots.at[self._robot], slots.velocity[self._robot]
         relative, desired, velocity = 0j, 0j, 0j
-        fresh = self.fresh(now)
-        for one in fresh:
+        for name in self.guides:
+            one = self.each[name]
             if self._as_measured:
                 relative += one.displacement
             else:
                 relative += heading.conjugate() * (one.point(now, my_age, carry=self._carry) - me)
-            desired += self._mission.slot(one.name, shape) - mine
-            velocity += one.velocity
-        mean_velocity = velocity / len(fresh) if self._feed_forward else 0j
-        return Measured(relative, desired, len(fresh), mean_velocity)
+            desired += slots.at[name] - mine
+            # z*_ij moves as well: I am to move as the neighbour does, but for that
+            velocity += one.velocity - (slots.velocity[name] - my_velocity)
+        mean_velocity = velocity / len(self.guides) if self._feed_forward else 0j
+        return Measured(relative, desired, len(self.guides), mean_velocity)

@@ -92,6 +92,22 @@ class Odometer:
         self._why = jumped
         return Sighting(*self._placed(odometry), travel, jumped, turned)
 
+    def unlike(self, odometry: Odometry, over: float) -> str | None:
+        """Why this cannot be the same robot's count `over` [s] after the newest message, in words."""
+        last = self._last
+        if last is None:
+            return "no odometry had been heard"
+        if (odometry.frame, odometry.child_frame) != (last.frame, last.child_frame):
+            return f"odometry counts in {odometry.frame}, and counted in {last.frame}"
+        if self._counts_from_start:  # a new count is found, and placed where the robot was
+            return None
+        moved, turn = (
+            abs(odometry.position - last.position),
+            float(angle_between(last.heading, odometry.heading)),
+        )
+        jumped = impossible(moved, turn, self._limits.max_speed, self._limits.max_turn_rate, over)
+        return jumped and f"it moved {jumped} in {over:.1f} s"
+
     def _placed(self, odometry: Odometry) -> tuple[complex, complex]:
         return (
             self._origin + self._rotation * odometry.position,

@@ -19,6 +19,8 @@ from formation.unicycle import Command
 
 KEPT = 5.0
 """Commands older than this are forgotten [s]."""
+COASTING = 0.5
+"""For about so long a robot goes on after its agent's death: it is told, and comes, to stand [s]."""
 FROZEN = 0.1
 """Who was sent so far and is still told to be at the very same place is not seen any longer [m]."""
 
@@ -59,6 +61,22 @@ class Overhead:
             self._sent.popleft()
         if not self._sent or self._sent[-1].command != command:
             self._sent.append(Sent(moment, command))
+
+    def unlike(self, pose: Pose, over: float) -> str | None:
+        """Why nobody knows how the robot has turned in the `over` [s] since the newest position, in words.
+
+        It was told nothing since: who has moved was carried, or has gone on driving with nobody to stop it.
+        """
+        if self._last is None:
+            return "it had not been seen"
+        moved, over = abs(pose.position - self._last.position), min(over, COASTING)
+        jumped = impossible(moved, 0.0, self._limits.max_speed, self._limits.max_turn_rate, over)
+        return jumped and f"it moved {jumped} though nobody drove it"
+
+    def stood(self, since: float) -> None:
+        """Take it that the robot has stood since then [s, monotonic]: whoever drove it is gone."""
+        self._sent = deque([Sent(since, Command(0.0, 0.0))])
+        self._unmoved = 0.0
 
     def see(self, pose: Pose, over: float | None, moment: float) -> Sighting:
         """Where it was seen at `moment` [s, monotonic], `over` [s] after it was seen before."""

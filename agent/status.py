@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
 from agent.commander import Commander
 from agent.failsafe import Decision, State
 from agent.localisation import Localisation
-from agent.stream import Stream
+from agent.neighbourhood import Neighbourhood
 from formation.ros2.messages import Diagnostics, Status
 from formation.wire import Now
 
@@ -47,9 +47,10 @@ class Report(NamedTuple):
     readonly: bool
     commander: Commander
     here: Localisation
-    neighbours: Mapping[str, Stream]
-    contested: Sequence[str]
-    """Neighbours for whom a second voice has spoken lately."""
+    neighbours: Neighbourhood
+    aside: bool
+    """Whether the others are to go on without it."""
+    stuck: bool
     surroundings: Surroundings
     dropped: Mapping[str, tuple[int, str]]
     mission: str = ""
@@ -58,7 +59,9 @@ class Report(NamedTuple):
 
 def status(report: Report, now: Now) -> Diagnostics:
     """The report as a message; a warning whenever the robot does not run or something is not believed."""
-    streams = {report.here.source: report.here.stream, **report.neighbours}
+    around = report.neighbours
+    streams = {report.here.source: report.here.stream} | {n: one.stream for n, one in around.each.items()}
+    contested = around.contested(now)
     heard = {name: stream for name, stream in streams.items() if stream.arrived is not None}
     doubted = [name for name, stream in heard.items() if stream.fresh(now) and not stream.clock_agrees]
     state = f"readonly: would {report.decision.state}" if report.readonly else str(report.decision.state)
@@ -71,25 +74,30 @@ def status(report: Report, now: Now) -> Diagnostics:
         "speed": f"{command.speed:.4f}",
         "turn_rate": f"{command.turn_rate:.4f}",
         **({} if link is None else {"robot link": link}),
+        **({"follows": ", ".join(around.guides)} if report.decision.state is State.RUN else {}),
+        **({"aside": "the others go on without it"} if report.aside else {}),
+        **({"stuck": "does not move though it is told to"} if report.stuck else {}),
         "localisation": report.here.alignment,
         **_steps(report.commander),
         "jumps": str(report.here.jumps),
         "late": str(report.here.late),
         **{f"age {name}": f"{stream.silence(now):.3f}" for name, stream in heard.items()},
         **{f"clock {name}": f"stamped {streams[name].underway:.3f} s before it came" for name in doubted},
-        **{f"second voice {name}": "two agents speak for it" for name in report.contested},
+        **{f"second voice {name}": "two agents speak for it" for name in contested},
         **{f"refused {kind}": str(count) for kind, count in report.surroundings.refused.items()},
         **{f"dropped {key}": f"{count}, last: {why}" for key, (count, why) in report.dropped.items()},
     }
     message = f"{state}: {report.decision.reason}"
     if doubted:
         message += f"; stamps of {', '.join(doubted)} not believed"
-    if report.contested:
-        message += f"; {', '.join(report.contested)} spoken for by a second voice"
+    if contested:
+        message += f"; {', '.join(contested)} spoken for by a second voice"
     if link not in {None, "connected"}:
         message += f"; robot link: {link}"
+    if report.stuck:
+        message += "; does not move though it is told to"
     at_work = report.decision.state is State.RUN and not report.readonly
-    sound = not doubted and not report.contested and link in {None, "connected"}
+    sound = not doubted and not contested and not report.stuck and link in {None, "connected"}
     level = OK if at_work and sound else WARNING
     return Diagnostics(now.wall, (Status(f"{report.robot}: agent", level, message, report.robot, values),))
 

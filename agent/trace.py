@@ -8,7 +8,8 @@ has lost something, is followed again. `agent.verify` reads it.
     {"n": 17, "voice": "…",                          the 17th command of this voice
      "steps": [[mono, wall, [[key, crc, arrived], …]],          key: which of the agent's subscriptions
                [mono, wall, […], [connected, routed]],          the link with the robot, where it has changed
-               "{\"do\": …}"],                                  an operator's request, between two steps
+               "{\"do\": …}",                                   an operator's request, between two steps
+               {"recalled": {…}}],                              what it took over from the process before it
      "halt": [mono, wall],                           after these steps the agent said its last words
      "gap": "…",                                     instead of steps: why they are not told
      "agent": {"law": …, "readonly": …, "mission": …, "keys": […]}, "memory": {…}}      after the command
@@ -89,6 +90,14 @@ class Trace:
                 self._steps.append(request.decode())
         except UnicodeDecodeError:
             return
+        except Exception as error:  # noqa: BLE001 - as above
+            self._fail(error)
+
+    def recalled(self, memory: Json) -> None:
+        """The agent took this over from another that ran before it. Never raises."""
+        try:
+            if self._makes_room(1):
+                self._steps.append({"recalled": memory})
         except Exception as error:  # noqa: BLE001 - as above
             self._fail(error)
 

@@ -3,7 +3,8 @@
 Two agents that run for one robot by mistake, and a recording of one that is played back, say well-formed
 positions on the right key. A neighbour is therefore bound to the first voice heard of it, and each voice to
 its own count: another voice is refused until the first has been silent for longer than anybody would follow
-it, and what was said before is refused always.
+it, and what was said before is refused always. Only who leads in a later term, to which the agent has
+promised its own voice, need not wait for that.
 """
 
 from __future__ import annotations
@@ -35,13 +36,13 @@ class Voice:
         self._leapt: tuple[int, float] | None = None  # a count that rose too far in a silence, and when
         self._former: deque[str] = deque(maxlen=REMEMBERED)
 
-    def admit(self, told: Told, arrived: float) -> None:
-        """Let the voice speak, or raise BadMessage."""
+    def admit(self, told: Told, arrived: float, promise: int = 0) -> None:
+        """Let the voice speak, or raise BadMessage. `promise` is the term that the agent follows, if any."""
         if self._bound is not None:
-            self._judge(told, self._bound, arrived - self._heard, arrived)
+            self._judge(told, self._bound, arrived - self._heard, arrived, promise)
         self._bound, self._heard, self._leapt = told, arrived, None
 
-    def _judge(self, told: Told, bound: Told, wait: float, arrived: float) -> None:
+    def _judge(self, told: Told, bound: Told, wait: float, arrived: float, promise: int) -> None:
         if told.voice == bound.voice:
             if told.count <= bound.count:
                 raise BadMessage(f"said before: position {told.count} of this voice, now at {bound.count}")
@@ -50,7 +51,7 @@ class Voice:
             return
         if told.voice in self._former:
             raise BadMessage(f"{self._name} speaks with a voice of its past")
-        if wait <= self.limit:
+        if wait <= self.limit and not 0 < _term(bound) < _term(told) == promise:
             self.contested = arrived
             raise BadMessage(f"{self._name} speaks with a second voice")
         self._former.append(bound.voice)
@@ -68,3 +69,7 @@ class Voice:
         if leapt is None or wait <= self.limit:
             return False
         return self._follows(told.count, leapt[0], arrived - leapt[1])
+
+
+def _term(told: Told) -> int:
+    return told.order.term if told.order is not None else 0

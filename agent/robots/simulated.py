@@ -160,7 +160,7 @@ class _Robot:
         self.watched = spec.localisation == "external"
         """Whether a camera above tells its position."""
         self.rate = Rate(spec.rate, phase)
-        self.sees = spec.neighbours if spec.measurement == "local" else ()
+        self.sees = spec.measurable if spec.measurement == "local" else ()
         self._stamped = spec.cmd_vel == "twist_stamped"
         self._offset = spec.control_point_offset
         self._time: float | None = None  # of the plant [s, monotonic]
@@ -192,7 +192,7 @@ def _check(mission: Mission, names: Sequence[str]) -> None:
             raise ValueError(f"robot {name!r}: must be a follower of {mission.name}: {followers}")
     for name in names:
         spec = mission.robots[name]
-        unseen = [other for other in spec.neighbours if other not in (*names, mission.leader)]
+        unseen = [other for other in spec.measurable if other not in (*names, mission.leader)]
         if spec.measurement == "local" and unseen:
             raise ValueError(
                 f"robot {name!r} measures {unseen[0]!r} with a sensor: a simulated sensor sees the leader and"

@@ -9,7 +9,7 @@ from agent.core import Agent
 from agent.memory import BadMemoryError, recall
 from agent.status import Surroundings
 from agent.verify.shelf import Shelf, Title
-from agent.verify.traced import About, BadTraceError, Step, Traced
+from agent.verify.traced import About, BadTraceError, Recalled, Step, Traced
 from agent.verify.verdict import Comparison, Input, Told
 from formation.law import LAWS
 from formation.mission import Mission
@@ -134,6 +134,9 @@ class Replica:
         for step in traced.steps:
             if isinstance(step, str):
                 agent.request(step.encode())
+                continue
+            if isinstance(step, Recalled):
+                recall(agent, step.recalled, partly=True)
                 continue
             if step.link is not None:
                 agent.aware(Surroundings(*step.link))

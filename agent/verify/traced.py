@@ -45,6 +45,12 @@ class _Table(BaseModel):
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
 
 
+class Recalled(_Table):
+    """What an agent took over, between two steps, from another that ran before it."""
+
+    recalled: dict[Text, Any]
+
+
 class About(_Table):
     """What an agent was made with."""
 
@@ -62,8 +68,8 @@ class Traced(_Table):
     n: Count
     """Which command of this voice, from 1."""
     voice: Text
-    steps: tuple[Step | Annotated[str, Field(max_length=2000)], ...] = ()
-    """What led to it since the command before: steps, and an operator's requests between them."""
+    steps: tuple[Step | Annotated[str, Field(max_length=2000)] | Recalled, ...] = ()
+    """What led to it since the command before: steps, and between them an operator's requests."""
     halt: Now | None = None
     """When the agent said its last words."""
     gap: Text = ""

@@ -1,0 +1,244 @@
+"""What of an agent outlives its process, so that it comes back without a lurch, and stopped if it was.
+
+    stops   what an operator asked of the robot, and which requests were answered. It holds until it is
+            released, whatever happens in between. What cannot be read may have been a stop: the robot stands.
+    way     where the robot was and how it faced, by which odometry, its integral, the promised term. Taken
+            over if it is of this robot, mission, law and boot, a minute old at most, and if the first message
+            of the new process follows from it; else the agent begins as one that knows nothing.
+
+Of neighbours nothing is kept: they are heard again within a period. `agent.keeping` has the files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from agent.core import Agent
+from agent.localisation import Localisation
+from agent.memory import BadMemoryError, Json, recall, remember
+from agent.values import real
+from formation.election import check_term
+from formation.order import Count, Mode, Name
+from formation.ros2.messages import Odometry, Pose, decode
+from formation.topics import ODOM, POSE
+from formation.wire import BadMessage, Now, Sample
+
+PERIOD = 0.25
+"""So often a way is kept [s]."""
+OLDEST = 60.0
+"""A way that was kept longer ago is of no use [s]."""
+OLDEST_INTEGRAL = 5.0
+"""… and its integral after so long: the leader may by then go another way [s]."""
+_RESTED: Mapping[float, str] = MappingProxyType({float("-inf"): "never", float("inf"): "now"})
+_DONE = {"stop": "stopped", "hold": "held", "run": "released"}
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
+
+
+class Stops(_Table):
+    """What an operator asked of a robot."""
+
+    robot: Name
+    mode: Mode | None
+    """What is to be released; None for nothing."""
+    boot: str
+    """Of the machine: times are of its monotonic clock."""
+    rested: float | Literal["never", "now"]
+    """When a stop or a hold was heard last [s, monotonic]; ``now`` if this was written with it."""
+    answers: dict[str, str]
+    """To requests, by their ids."""
+
+
+class Way(_Table):
+    """What lets an agent go on smoothly."""
+
+    robot: Name
+    mission: str
+    """Fingerprint."""
+    law: str
+    boot: str
+    mono: float
+    """When it was kept [s, monotonic]."""
+    promise: Count
+    """Term that the agent has promised itself to."""
+    here: dict[str, Any]
+    """The memory of its `agent.localisation`."""
+    integral: Any
+
+
+class Taken(NamedTuple):
+    """What an agent has taken over from the one before it, or why it has not."""
+
+    memory: dict[str, Json]
+    """For its trace; empty for nothing."""
+    news: str
+    """In a sentence; empty for nothing worth one."""
+
+
+class Survival:
+    """What one agent takes over from the one before it, and leaves to the next."""
+
+    def __init__(self, agent: Agent, boot: str) -> None:
+        """`boot` names the time since this machine was switched on; empty where nobody knows."""
+        self._agent, self._boot = agent, boot
+        self._mission = agent._mission  # noqa: SLF001 - as in a trace, this is the agent's other half
+        self._external = self._mission.robots[agent.robot].localisation == "external"
+        self._way: Way | None = None
+
+    def take_stops(self, data: bytes, now: Now, where: str) -> Taken:
+        """Be stopped, or held, if that was kept; `where` is what the file is called.
+
+        A file that cannot be read is a stop, which says so.
+        """
+        try:
+            stops = _read(Stops, data)
+            if stops.robot != self._agent.robot:
+                raise BadMemoryError(f"it is of {stops.robot}")
+            why = f"{_DONE[stops.mode]} by the operator, before this agent began" if stops.mode else ""
+            return self._latch(stops.mode, why, self._rested(stops, now), stops.answers)
+        except BadMemoryError as bad:
+            return self.doubt(f"{where} cannot be read: {bad}")
+
+    def doubt(self, what: str) -> Taken:
+        """Be stopped, for `what` may have been a stop."""
+        why = f"{what}; it may have kept a stop, so release it if it may drive"
+        return self._latch("stop", why, float("-inf"), {})
+
+    @property
+    def stops(self) -> dict[str, Json]:
+        """What is to be kept of an operator's requests, for `json`."""
+        latch = self._agent._latch  # noqa: SLF001
+        rested = latch.once.rested
+        return {
+            "robot": self._agent.robot,
+            "mode": latch.mode,
+            "boot": self._boot,
+            "rested": _RESTED.get(rested, rested),
+            "answers": latch.once.answers,
+        }
+
+    def take_way(self, data: bytes, now: Now) -> Taken:
+        """Wait, with the way that was kept, for the robot's first message; its promise counts at once."""
+        try:
+            way = _read(Way, data)
+        except BadMemoryError as bad:
+            return _anew(f"cannot be read: {bad}")
+        if unfit := self._unfit(way, now):
+            return _anew(unfit)
+        self._way = way
+        orders = remember(self._agent, "orders")["orders"]
+        orders["voter"]["promise"] = way.promise
+        return self._taken({"orders": orders}, "")
+
+    @property
+    def waits(self) -> bool:
+        """Whether a way waits for the robot's first message."""
+        return self._way is not None
+
+    def meet(self, inbox: Sequence[Sample], now: Now) -> Taken | None:
+        """Go on from the way that was kept, if the robot's first message, once it comes, follows from it."""
+        way, key = self._way, (POSE if self._external else ODOM).key(self._agent.robot)
+        sample = next((sample for sample in inbox if sample.key == key), None)
+        if sample is None or way is None:
+            return None
+        try:
+            message = decode(Pose, sample.payload) if self._external else decode(Odometry, sample.payload)
+        except BadMessage:
+            return None  # the agent will say so
+        self._way = None
+        if unfit := self._unfit(way, now):
+            return _anew(unfit)
+        here = Localisation(self._mission, self._agent.robot, self._agent.law_name)
+        try:
+            recall(here, way.here)
+            if strange := here.goes_on(message, sample.arrived, way.mono):
+                return _anew(strange)
+            age = sample.arrived - way.mono
+            memory = {"here": remember(here), "integral": way.integral}
+            if age > OLDEST_INTEGRAL:
+                del memory["integral"]
+            return self._taken(memory, f"goes on from where it was {age:.1f} s ago")
+        except BadMemoryError as bad:
+            return _anew(f"cannot be read: {bad}")
+
+    def way(self, now: Now) -> dict[str, Json] | None:
+        """What is to be kept now and then, for `json`; None before the robot has been heard."""
+        known = remember(self._agent, "here", "integral")
+        if known["here"]["stream"]["arrived"] is None:
+            return None
+        if self._external:  # what it was told until then does not say how it has turned since
+            known["here"]["source"]["sent"] = []
+        return {
+            "robot": self._agent.robot,
+            "mission": self._mission.fingerprint,
+            "law": self._agent.law_name,
+            "boot": self._boot,
+            "mono": now.mono,
+            "promise": self._agent._orders.voter.promise,  # noqa: SLF001
+            "here": known["here"],
+            "integral": known["integral"],
+        }
+
+    def _latch(self, mode: Mode | None, why: str, rested: float, answers: dict[str, str]) -> Taken:
+        once = {"now": "-inf", "rested": real.said(rested), "answers": answers}
+        return self._taken({"latch": {"mode": mode, "why": why, "once": once}}, why)
+
+    def _taken(self, memory: dict[str, Json], news: str) -> Taken:
+        recall(self._agent, memory, partly=True)
+        return Taken(memory, news)
+
+    def _rested(self, stops: Stops, now: Now) -> float:
+        """When a stop or a hold was heard last [s, monotonic]; where nobody knows, just now."""
+        if stops.rested == "never":
+            return float("-inf")
+        if stops.rested == "now" or stops.boot != self._boot or not self._boot:
+            return float("inf")
+        return stops.rested if stops.rested <= now.mono else float("inf")
+
+    def _unfit(self, way: Way, now: Now) -> str:
+        """Why it is of no use to this agent, in words."""
+        agent = self._agent
+        ours = {"robot": agent.robot, "mission": self._mission.fingerprint, "law": agent.law_name}
+        for name, mine in ours.items():
+            if (theirs := getattr(way, name)) != mine:
+                return f"it is of {name} {theirs}, this one of {mine}"
+        if _odd([way.here, way.integral]):
+            return "a number in it is none"
+        try:
+            check_term(way.promise, now)
+        except BadMessage as bad:
+            return f"it has promised itself to an {bad}"
+        age = now.mono - way.mono
+        if way.boot != self._boot or not self._boot or age < 0.0:
+            return "the machine has been switched off meanwhile"
+        return f"it was kept {age:.0f} s ago, which is more than {OLDEST:.0f} s" if age > OLDEST else ""
+
+
+T = TypeVar("T", Stops, Way)
+
+
+def _read(table: type[T], data: bytes) -> T:
+    """Raises BadMemoryError."""
+    try:
+        return table.model_validate_json(data)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False, include_context=False)[0]
+    where = ".".join(map(str, first["loc"]))
+    raise BadMemoryError(f"{where + ': ' if where else ''}{first['msg']}")
+
+
+def _odd(said: Json) -> bool:
+    """Whether a number in it is none: what is compared with that is never found wanting."""
+    if isinstance(said, (dict, list)):
+        return any(map(_odd, said.values() if isinstance(said, dict) else said))
+    return bool(said == "nan")
+
+
+def _anew(why: str) -> Taken:
+    return Taken({}, f"begins as one that knows nothing of the agent before it: {why}")
