@@ -1,4 +1,4 @@
-"""`formation leader`, or `python -m leader`: go along the route and give the orders."""
+"""`formation leader`, or `python -m leader`: go along the route and give the orders, or stand by to do so."""
 
 from __future__ import annotations
 
@@ -7,33 +7,66 @@ import secrets
 import sys
 from collections.abc import Sequence
 
+from formation.mission import Mission
 from formation.mission_file import load
 from formation.transport import flags, wiring
-from formation.transport.process import Process, Stop, run_process
+from formation.transport.process import BadInput, Process, Stop, one_of, run_process
 from leader.core import Leader
 from leader.loop import lead
 
 EXAMPLES = """\
   formation leader six_robots
   formation leader six_robots --hold          wait at the start until `formation order six_robots run`
+  formation leader patrol --standby deputy    take the leader's place when it is gone
   formation leader my_mission.toml -l tcp/0.0.0.0:7447
   python -m leader six_robots                 the same as the first"""
+ONLY = ""
+"""The standby, where there is but one."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Lead until told to stop; the exit code."""
     parser = flags.parser("leader", "Go along the mission's route and give the orders.", EXAMPLES)
     parser.add_argument("--hold", action="store_true", help="wait at the start until told to run")
+    parser.add_argument(
+        "--standby",
+        metavar="NAME",
+        nargs="?",
+        const=ONLY,
+        help="be this one of the mission's standbys; without NAME its only one",
+    )
+    parser.add_argument(
+        "--anew",
+        action="store_true",
+        help="begin at the start, also where robots relay how far a leader before had come",
+    )
     args = parser.parse_args(arguments)
     return run_process("leader", args, lambda stop: _run(args, stop))
 
 
 def _run(args: argparse.Namespace, stop: Stop) -> None:
     mission = load(args.mission)
-    links = wiring.of_leader(mission, wiring.endpoints(mission))
-    name = f"leader {mission.leader}"
-    with Process(name, args, flags.bus_config(args, mission, links, name), stop) as process:
-        lead(Leader(mission, hold=args.hold, voice=secrets.token_hex(8)), process)
+    name = _name(mission, args.standby)
+    links = wiring.of_leader(mission, wiring.endpoints(mission), name)
+    called = f"leader {name}"
+    with Process(called, args, flags.bus_config(args, mission, links, called), stop) as process:
+        lead(Leader(mission, name, hold=args.hold, anew=args.anew, voice=secrets.token_hex(8)), process)
+
+
+def _name(mission: Mission, standby: str | None) -> str:
+    """Who this process is. Raises BadInput."""
+    if standby is None:
+        return mission.leader
+    if not mission.standbys:
+        raise BadInput(
+            f"--standby: {mission.name} has no standbys; list one in the mission: [standbys.NAME], "
+            "with its endpoint if it is not to run on this machine"
+        )
+    if standby == ONLY:
+        if len(mission.standbys) > 1:
+            raise BadInput(f"--standby: say which one: {', '.join(mission.standbys)}")
+        return next(iter(mission.standbys))
+    return one_of("--standby", standby, mission.standbys)
 
 
 if __name__ == "__main__":

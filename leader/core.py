@@ -1,103 +1,188 @@
-"""The virtual leader: a point that goes along the mission's route and says what the team is to do.
+"""A candidate: the virtual leader while it leads, a standby that knows how things stand while it does not.
 
-`Leader.step(now, inbox) -> outbox`, without a clock, a socket or a log. Where it is depends on how long it
-has been running by the monotonic clock: neither a late step nor a corrected system clock moves it. A leader
-that hung for so long that the team took it for gone goes on from where it was, not from where it would be.
+`Leader.step(now, inbox) -> outbox`, without a clock, a socket or a log. Where the leader is depends on how
+long the team has been running by the monotonic clock: neither a late step nor a corrected system clock moves
+it. One that hung for so long that the team took it for gone goes on from where it was, not from where it
+would be. Who begins to lead goes on from the newest order that the robots relay, with a voice of its own.
 """
 
 from __future__ import annotations
 
-from collections import Counter
+import cmath
+from collections import Counter, deque
 from collections.abc import Sequence
 
 from formation import order
+from formation.election import rank_of
+from formation.figure import Figure, check_figure
 from formation.mission import Mission
 from formation.order import (
     LEADER_LOST,
-    LONGEST_REASON,
-    Do,
+    Ballot,
     Mode,
-    Once,
-    OperatorReply,
     OperatorRequest,
     Order,
     Told,
+    newer,
 )
-from formation.rate import Rate
-from formation.ros2.messages import Diagnostics, Pose, Status, encode
-from formation.route import Route
-from formation.topics import POSITION, STATUS, Topic
+from formation.rate import EARLY, Rate
+from formation.ros2.messages import Pose, Text, decode, encode
+from formation.topics import BALLOT, COURSE, POSITION, STATUS, Topic
 from formation.wire import BadMessage, Now, Outgoing, Sample
+from leader.candidacy import Candidacy, linked
+from leader.conduct import Conduct
+from leader.course import Course
+from leader.desk import Desk, Seat
+from leader.status import Report, status
 
 STATUS_RATE = 2.0
 """[Hz]"""
-OK, WARNING = 0, 1
+COURSE_RATE = 1.0
+"""[Hz]"""
 
 
 class Leader:
-    """The leader of a mission. Its term begins with its first step."""
+    """One who may lead a mission: its leader, or one of its standbys."""
 
-    def __init__(self, mission: Mission, *, hold: bool = False, voice: str = "") -> None:
-        """With `hold` it waits at its start until it is told to run; `voice` is drawn anew at every start."""
-        self.robot = mission.leader
-        self.route_time = 0.0
-        """How long it has been running, and so where on its route it is [s]."""
+    def __init__(
+        self,
+        mission: Mission,
+        name: str | None = None,
+        *,
+        hold: bool = False,
+        anew: bool = False,
+        voice: str = "",
+    ) -> None:
+        """`name`: one of ``mission.candidates``, by default the leader; `voice` is drawn anew at every start.
+
+        With `hold` it waits until it is told to run, unless the team is under way; with `anew` it does not go
+        on from where the team is, but from the mission's start. Raises ValueError for who is no candidate.
+        """
+        self.name = self.robot = mission.leader if name is None else name
         self.dropped: Counter[str] = Counter()
         """Messages that were not used, by key."""
-        self._voice = voice
-        self._route = Route.of(mission)
-        self.shape = mission.first_shape
-        """The shape that the team is to take: the one that was asked for last."""
-        self._shapes, self._fingerprint = tuple(mission.shapes), mission.fingerprint
+        self.conduct = Conduct(mission, hold=hold)
+        self._mission, self._anew, self._voice = mission, anew, voice
+        self._candidacy = Candidacy(mission, self.name)
+        self._desk = Desk(self.name, self.conduct, lambda: self._seat, alone=not mission.standbys)
+        self._newest: Order | None = None  # that anybody relays, or that it gave itself
         self._rate = Rate(mission.robots[mission.leader].rate)
-        self._status_rate = Rate(STATUS_RATE)
-        self._told: Mode = "hold" if hold else "run"
-        self._holding = False  # an operator asked for it
-        self._stopped = False  # latched until released
-        self._once = Once()
-        self._in_force: tuple[Mode, str] = "hold", self.shape  # mode and shape since the last step
+        self._status_rate, self._course_rate = Rate(STATUS_RATE), Rate(COURSE_RATE)
+        self._in_force: tuple[object, ...] = ()  # what was said of the team's order since the last step
+        self._mode: Mode = "hold"  # since the last step
+        self._waiting: tuple[str, ...] = ()
         self._stepped: float | None = None  # when that was [s, monotonic]
-        self._term = 0
-        self._beat = 0
+        self._leads, self._reigns, self._beat = False, 0, 0
+        self._unsure = False  # leads, and no robot has said yet whether there was an order before
+        self._late: Order | None = None  # the one that there was
+        robots = mission.followers if mission.together else linked(mission)
+        self._followers = {POSITION.key(robot): robot for robot in mission.followers if robot in robots}
+        others = [other for other in mission.candidates if other != self.name and mission.standbys]
+        self._ballots = {BALLOT.key(other): other for other in others}
+        self._courses = {COURSE.key(other): other for other in others}
 
     @property
     def publications(self) -> tuple[tuple[Topic, str], ...]:
-        """Every topic and key that it publishes."""
-        return tuple((topic, topic.key(self.robot)) for topic in (POSITION, STATUS))
+        """Every topic and key that it may publish."""
+        own = (STATUS, BALLOT, COURSE) if self._mission.standbys else (STATUS,)
+        return (
+            (POSITION, POSITION.key(self._mission.leader)),
+            *((topic, topic.key(self.name)) for topic in own),
+        )
 
     @property
     def subscriptions(self) -> tuple[str, ...]:
-        """None: nobody tells the leader where to be."""
-        return ()
+        """Positions of the followers that it is linked with, and what other candidates say."""
+        return (*self._followers, *self._ballots, *self._courses)
 
     @property
     def due(self) -> float:
-        """When the next position is due [s, monotonic]."""
-        return min(self._rate.due, self._status_rate.due)
+        """When a step is wanted though nothing arrives [s, monotonic]."""
+        due = min(self._candidacy.due, self._status_rate.due)
+        return min(due, self._rate.due) if self._leads else due
+
+    @property
+    def notes(self) -> deque[str]:
+        """What has changed, for people; whoever has written it down clears it."""
+        return self._desk.notes
+
+    @property
+    def leads(self) -> bool:
+        """Whether it led when it took its newest step."""
+        return self._leads
+
+    @property
+    def term(self) -> int:
+        """The newest term that it stood for; 0 before the first."""
+        return self._candidacy.term
 
     @property
     def mode(self) -> Mode:
-        """What the team is to do: a stop outranks a hold, and a hold what it was told before."""
-        if self._stopped:
+        """What the team is to do, as far as this one knows."""
+        if self._leads or self._candidacy.standing == "listening":
+            return self.conduct.will.mode
+        if self.conduct.will.stopped:
             return "stop"
-        return "hold" if self._holding else self._told
+        return self._newest.mode if self._newest else "hold"
+
+    @property
+    def shape(self) -> str:
+        """The shape that was asked for last."""
+        return self.conduct.mover.wish.shape
+
+    @property
+    def figure(self) -> Figure:
+        """Where the slots are."""
+        return self.conduct.mover.figure
+
+    @property
+    def wanted(self) -> Figure:
+        """Where they are to be in the end, if the leader goes straight on."""
+        wanted = self.conduct.wanted
+        if not self._mission.turning:
+            return wanted
+        heading = self.conduct.course.heading(self.route_time)
+        return wanted._replace(rotation=wanted.rotation + cmath.phase(heading))
+
+    @property
+    def route_time(self) -> float:
+        """How long it has been on its course [s]."""
+        return self.conduct.route_time
+
+    def where(self, mono: float) -> complex:
+        """The leader's position [m; world frame] at a time not before the newest step, if it goes on so."""
+        runs = self._stepped is not None and self._leads and self._mode == "run"
+        return self.conduct.where(mono - self._stepped if runs and self._stepped is not None else 0.0)
 
     def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
-        """Go on along the route; a position when one is due, and at once when the order has changed."""
-        self.dropped.update(sample.key for sample in inbox)
-        changed = self._go_on(now)
-        outbox = []
-        if self._rate.tick(now.mono) or changed:
-            outbox.append(self._position(now))
-        if self._status_rate.tick(now.mono) or changed:
+        """Learn, find out whether it leads, and only then speak; at once when the order has changed."""
+        for sample in inbox:
+            try:
+                self._take(sample, now)
+            except BadMessage:
+                self.dropped[sample.key] += 1
+        outbox = self._voted(self._candidacy.step(now))
+        changed = self._settle() | self._catch_up() | self._go_on(now)
+        self._desk.aware(now.mono)
+        if self._leads and (self._rate.tick(now.mono) or changed):
+            outbox.append(self._position(now, self.mode))
+        if self._mission.standbys and (self._course_rate.tick(now.mono) or changed):
+            outbox += self._told_course()
+        if self._status_rate.tick(now.mono) or changed or self._desk.unsaid:
             outbox.append(self._status(now, ""))
         return outbox
 
     def halt(self, now: Now, reason: str) -> list[Outgoing]:
-        """The last words: the team holds at once instead of waiting for a beat that does not come."""
-        self._told = "hold"
+        """The last words: the team holds at once instead of waiting for a beat that does not come.
+
+        What it was told stays in the order, so that the next to lead goes on with that.
+        """
+        self._candidacy.step(now)
+        self._settle()
         self._go_on(now)
-        return [self._position(now), self._status(now, reason)]
+        outbox = [self._position(now, "stop" if self.mode == "stop" else "hold")] if self._leads else []
+        outbox += self._voted(self._candidacy.leave(now))
+        return [*outbox, self._status(now, reason)]
 
     def request(self, data: bytes) -> bytes:
         """Answer an operator's request; it takes effect with the next step."""
@@ -105,79 +190,142 @@ class Leader:
             request = order.decode(OperatorRequest, data)
         except BadMessage as bad:
             self.dropped["order"] += 1
-            return self._reply(ok=False, reason=str(bad))
-        return self._once.answer(
-            request, lambda: self._obey(request), lambda reason: self._reply(ok=False, reason=reason)
+            return self._desk.reply(ok=False, reason=str(bad))
+        return self._desk.answer(request)
+
+    @property
+    def _seat(self) -> Seat:
+        return Seat(self._candidacy.standing, self._leader, self.mode)
+
+    @property
+    def _leader(self) -> str:
+        """Who leads, as far as this one knows; empty for nobody."""
+        if self._leads:
+            return self.name
+        known = (
+            self._mission.candidates[rank_of(self._candidacy.known) :][:1] if self._candidacy.known else ()
         )
+        return known[0] if known and known[0] != self.name else ""
 
-    def _obey(self, request: OperatorRequest) -> bytes:
-        if request.shape is not None:
-            return self._take(request.shape)
-        return self._change(request.do)
-
-    def _take(self, shape: str) -> bytes:
-        """Another shape changes nothing else: who stands goes on standing, and takes it when he goes on."""
-        if shape not in self._shapes:
-            return self._reply(ok=False, reason=f"shape {shape!r}: must be one of {', '.join(self._shapes)}")
-        self.shape = shape
-        return self._reply(ok=True, reason=f"in shape {shape}")
-
-    def _change(self, wanted: Do) -> bytes:
-        if self._stopped and wanted == "run":
-            return self._reply(ok=False, reason="stopped: release it first")
-        reason = ""
-        if wanted == "run":
-            self._told, self._holding = "run", False
-        elif wanted == "hold":
-            self._holding = True
-        elif wanted == "stop":
-            self._stopped = True
-        elif self._stopped:
-            self._stopped = False
-        elif self._holding:
-            self._holding = False
+    def _take(self, sample: Sample, now: Now) -> None:
+        """Learn from a message. Raises BadMessage."""
+        if sample.key in self._followers:
+            self._take_position(self._followers[sample.key], sample, now)
+        elif sample.key in self._ballots:
+            ballot = order.decode(Ballot, decode(Text, sample.payload).text.encode())
+            self._candidacy.hear_ballot(ballot, self._ballots[sample.key], sample.arrived, now)
+        elif sample.key in self._courses:
+            if self.conduct.learn(Course.read(sample.payload)) and self._leads:
+                self.notes.append("knows now which route the leader was on, and goes on")
         else:
-            reason = "there was nothing to release"
-        return self._reply(ok=True, reason=reason)
+            raise BadMessage("unknown key")
+
+    def _take_position(self, robot: str, sample: Sample, now: Now) -> None:
+        pose = decode(Pose, sample.payload)
+        told = order.decode(Told, sample.attachment or b"")
+        self._candidacy.hear(robot, told, sample.arrived, now)
+        self.conduct.together.hear(robot, pose, sample.arrived)
+        heard = told.order
+        if heard is not None and newer(heard, self._newest):
+            check_figure(heard, self._mission.shapes)
+            self._newest = heard
+        elif heard is not None and self._unsure:
+            check_figure(heard, self._mission.shapes)
+            self._unsure = False
+            self._late = heard if heard.term < self.term else None
+
+    def _settle(self) -> bool:
+        """Begin to lead, or cease to, as the candidacy says; whether it has."""
+        if self._candidacy.leading == self._leads:
+            return False
+        self._leads = self._candidacy.leading
+        if not self._leads:
+            self.conduct.will.stand_by()
+            self.notes.append(f"leads no more, and stands by; {self._leader or 'nobody'} leads")
+            return True
+        self._reigns, self._beat, self._stepped = self._reigns + 1, 0, None
+        self._rate = Rate(self._mission.robots[self._mission.leader].rate)
+        self._unsure = self._newest is None
+        if self._newest is not None:
+            self._continue(self._newest)
+        self._desk.goes_on()
+        gone_on = self._newest is not None and not (self._anew and self._reigns == 1)
+        where = f"goes on after {self.route_time:.1f} s of its route" if gone_on else "from the start"
+        self.notes.append(f"leads in term {self.term}, {where}: {self.mode}")
+        return True
+
+    def _continue(self, newest: Order) -> None:
+        """Go on from this order."""
+        if self._anew and self._reigns == 1:
+            self.conduct.will.stopped |= newest.mode == "stop"
+        else:
+            self.conduct.restore(newest)
+
+    def _catch_up(self) -> bool:
+        """Go on, after all, from where the team was, if its links came later than it listened; whether so."""
+        late, self._late = self._late, None
+        if late is None or not self._leads:
+            return False
+        self._continue(late)
+        self._desk.goes_on()
+        self._stepped = None
+        self.notes.append(f"goes on after all after {self.route_time:.1f} s of its route: {self.mode}")
+        return True
 
     def _go_on(self, now: Now) -> bool:
-        """Spend the time since the last step in the mode that was in force; whether the order now changes."""
-        first = self._stepped is None
-        if self._stepped is None:
-            self._term = int(now.wall * 1e9)
-        elif self._in_force[0] == "run":
-            self.route_time += min(now.mono - self._stepped, LEADER_LOST)
-        wanted = self.mode, self.shape
-        changed = wanted != self._in_force and not first
-        self._stepped, self._in_force = now.mono, wanted
-        self._once.aware(now.mono)
+        """Spend the time since it last went on in the mode that was in force; whether the order now changes.
+
+        It goes on when a position is due or something has changed, not with each of many messages.
+        """
+        if not self._leads:
+            return False
+        before, self._in_force = self._in_force, self._wanted
+        changed = before not in {(), self._in_force}
+        if self._stepped is not None:
+            if not changed and now.mono < self._rate.due - EARLY:
+                return False
+            self.conduct.go_on(now.mono, min(now.mono - self._stepped, LEADER_LOST), self._mode)
+        self._stepped, self._mode = now.mono, self.conduct.will.mode
+        self._note_waiting()
         return changed
 
-    def _reply(self, *, ok: bool, reason: str) -> bytes:
-        said = reason[:LONGEST_REASON]
-        return order.encode(OperatorReply(robot=self.robot, ok=ok, mode=self.mode, reason=said))
+    @property
+    def _wanted(self) -> tuple[object, ...]:
+        return self.conduct.will.mode, self.conduct.mover.wish, self.conduct.course.id
 
-    def _position(self, now: Now) -> Outgoing:
-        where, heading = self._route.position(self.route_time), self._route.heading(self.route_time)
+    def _note_waiting(self) -> None:
+        waiting = self.conduct.together.waits_for if self._mode == "run" else ()
+        if bool(waiting) != bool(self._waiting):
+            self.notes.append(f"waits for {', '.join(waiting)}" if waiting else "waits no more")
+        self._waiting = waiting
+
+    def _voted(self, ballot: Ballot | None) -> list[Outgoing]:
+        if ballot is None:
+            return []
+        return [Outgoing(BALLOT.key(self.name), encode(Text(order.encode(ballot).decode())))]
+
+    def _told_course(self) -> list[Outgoing]:
+        payload = self.conduct.course.payload
+        return [] if payload is None else [Outgoing(COURSE.key(self.name), payload)]
+
+    def _position(self, now: Now, mode: Mode) -> Outgoing:
         self._beat += 1
-        what = Order(term=self._term, beat=self._beat, mode=self.mode, shape=self.shape)
-        told = Told(voice=self._voice, count=self._beat, order=what)
-        return Outgoing(POSITION.key(self.robot), encode(Pose(now.wall, where, heading)), order.encode(told))
+        self._newest = self.conduct.order(self.term, self._beat, mode)
+        voice = self._voice if self._reigns == 1 else f"{self._voice}.{self._reigns}"
+        told = Told(voice=voice, count=self._beat, order=self._newest)
+        pose = Pose(now.wall, self.conduct.where(), self.conduct.course.heading(self.route_time))
+        return Outgoing(POSITION.key(self._mission.leader), encode(pose), order.encode(told))
 
     def _status(self, now: Now, reason: str) -> Outgoing:
-        if not reason and self.route_time >= self._route.total:
-            reason = "at the end of the route"
-        values = {
-            "state": self.mode,
-            "reason": reason,
-            "shape": self.shape,
-            "mission": self._fingerprint,
-            "beat": str(self._beat),
-            "route_time": f"{self.route_time:.3f}",
-            "late": str(self._rate.missed),
-            **{f"dropped {key}": str(count) for key, count in self.dropped.items()},
-        }
-        message = f"{self.mode}: {reason}" if reason else self.mode
-        level = OK if self.mode == "run" else WARNING
-        status = Status(f"{self.robot}: leader", level, message, self.robot, values)
-        return Outgoing(STATUS.key(self.robot), encode(Diagnostics(now.wall, (status,))))
+        report = Report(
+            name=self.name,
+            seat=self._seat,
+            term=self.term if self._leads else self._candidacy.known,
+            conduct=self.conduct,
+            mission=self._mission.fingerprint,
+            beat=self._beat,
+            late=self._rate.missed,
+            asked=self._desk.asked(),
+            dropped=self.dropped,
+        )
+        return Outgoing(STATUS.key(self.name), encode(status(report, now, reason)))

@@ -1,29 +1,56 @@
-"""The leader on the bus."""
+"""The leader, or a standby, on the bus."""
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 
 from formation.topics import ORDER, STATUS
-from formation.transport.process import Process
+from formation.transport.process import Process, clocks
+from formation.wire import Now, Outgoing, Sample
 from leader.core import Leader
 
 _log = logging.getLogger(__name__)
 
 
+class _Logged:
+    """The leader, with a log of what changes."""
+
+    def __init__(self, leader: Leader) -> None:
+        self.began = False
+        self._leader = leader
+        self.dropped = leader.dropped
+
+    @property
+    def due(self) -> float:
+        return self._leader.due
+
+    def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
+        self.began = True
+        outbox = self._leader.step(now, inbox)
+        self._write()
+        return outbox
+
+    def halt(self, now: Now, reason: str) -> list[Outgoing]:
+        outbox = self._leader.halt(now, reason)
+        self._write()
+        return outbox
+
+    def _write(self) -> None:
+        while self._leader.notes:
+            _log.info("%s", self._leader.notes.popleft())
+
+
 def lead(leader: Leader, process: Process) -> None:
-    """Declare, wait for whoever watches, then lead until told to stop."""
+    """Declare, wait for whoever watches, then lead, or stand by, until told to stop."""
+    logged = _Logged(leader)
 
     def answer(request: bytes) -> bytes:
-        mode, shape = leader.mode, leader.shape
-        reply = leader.request(request)
-        if leader.mode != mode:
-            _log.info("the operator changed %s to %s", mode, leader.mode)
-        if leader.shape != shape:
-            _log.info("the operator changed the shape from %s to %s", shape, leader.shape)
-        return reply
+        if logged.began:  # one that was frozen finds out first whether it still leads
+            process.bus.send(logged.step(clocks(), ()))
+        return leader.request(request)
 
     process.declare(leader)
-    process.bus.answer(ORDER.key(leader.robot), answer)
-    process.ready(STATUS.key(leader.robot))
-    process.run(leader)
+    process.bus.answer(ORDER.key(leader.name), answer)
+    process.ready(STATUS.key(leader.name))
+    process.run(logged)

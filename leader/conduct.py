@@ -1,0 +1,173 @@
+"""What whoever leads does: goes along its course, moves the figure, waits, and obeys its operator.
+
+The next to lead goes on from the newest order that anybody relays (`Conduct.restore`), so an order says all
+of this but the course, which is told apart (`leader.course`).
+"""
+
+from __future__ import annotations
+
+import math
+
+from formation import intent
+from formation.figure import Figure
+from formation.mission import Mission
+from formation.order import Mode, OperatorRequest, Order, Slots
+from leader.course import Course
+from leader.mover import Mover, Wish
+from leader.together import Together
+from leader.will import Will
+
+ASTRAY = 0.05
+"""A route that puts the leader further from where it was is not the one that it was on [m]."""
+REMEMBERED = 16
+"""So many courses that others told are known."""
+LONGEST_TIME = 1e9
+"""[s]"""
+
+
+class Conduct:
+    """The will, the course, the figure and the patience of whoever leads."""
+
+    def __init__(self, mission: Mission, *, hold: bool = False) -> None:
+        """With `hold` it waits at its start until it is told to run."""
+        self.will = Will(hold=hold)
+        self.course = Course.of(mission)
+        self.route_time = 0.0
+        """How long it has been on its course, and so where on it it is [s]."""
+        self.mover = Mover.first(mission)
+        self.together = Together(mission)
+        self._mission = mission
+        self._courses = {"": self.course}
+
+    @property
+    def wanted(self) -> Figure:
+        """The figure that is wanted, its rotation as an order says it."""
+        wish = self.mover.wish
+        return Figure(((wish.shape, 1.0),), wish.rotation, wish.scale)
+
+    def where(self, ahead: float = 0.0) -> complex:
+        """The leader's position [m; world frame], so long [s] after the newest step if it runs on."""
+        return self.course.position(self.route_time + self.together.pace * ahead)
+
+    def go_on(self, mono: float, dt: float, mode: Mode) -> None:
+        """Spend the `dt` [s] before `mono` in the mode that was in force.
+
+        Slots move only while the team runs: robots that stand could not follow, and would have to make up for
+        all of it at once.
+        """
+        if mode != "run":
+            self.mover.rest()
+            return
+        before, figure = self.route_time, self.mover.figure
+        pace = self.together.step(mono, dt, self.where(), self.course.velocity(before), figure)
+        self.route_time += pace * dt
+        self.mover.advance(
+            dt,
+            pace,
+            self.course.fastest(before, self.route_time),
+            self.course.heading(self.route_time),
+            self.course.turn_rate(self.route_time),
+        )
+
+    def learn(self, course: Course) -> bool:
+        """Another candidate told its course; whether this is the one that was wanting."""
+        self._courses.pop(course.id, None)
+        self._courses[course.id] = course
+        while len(self._courses) > REMEMBERED:
+            del self._courses[next(name for name in self._courses if name)]
+        if self.course.known or course.id != self.course.id or not course.id:
+            return False
+        self.course, self.will.lost = course, ""
+        return True
+
+    def restore(self, order: Order) -> None:
+        """Go on from what another leader said last."""
+        self.will.restore(order)
+        self.route_time, self.will.lost = order.time, ""
+        course = self._courses.get(order.route)
+        there = None if order.place is None else complex(order.place.x, order.place.y)
+        if course is not None and (there is None or abs(course.position(order.time) - there) <= ASTRAY):
+            self.course = course
+        elif order.place is not None:
+            self.course = Course.standing(order.route, order.place)
+            self.will.lost = "does not know the route that the leader was on: order a speed or a route"
+        wish = Wish(order.shape, order.rotation, order.scale)
+        self.mover = Mover(self._mission, Figure.of(order), wish, self._speed)
+
+    def order(self, term: int, beat: int, mode: Mode) -> Order:
+        """What to say of it."""
+        wish = self.mover.wish
+        return Order(
+            term=term,
+            beat=beat,
+            mode=mode,
+            shape=wish.shape,
+            rotation=wish.rotation,
+            scale=wish.scale,
+            slots=None if self.mover.arrived and not self._mission.turning else slots_of(self.mover.figure),
+            told=self.will.told,
+            holding=self.will.holding,
+            route=self.course.id,
+            time=round(min(self.route_time, LONGEST_TIME), 3),
+            place=self.course.place(self.route_time),
+        )
+
+    def obey(self, request: OperatorRequest) -> tuple[bool, str]:
+        """Whether it does what an operator asks, and what there is to say."""
+        if request.do in {"run", "hold", "stop", "release"}:
+            return self.will.change(request.do)
+        if request.do in {"speed", "route"}:
+            return self._set_out(request)
+        return self._change_figure(request)
+
+    def _set_out(self, request: OperatorRequest) -> tuple[bool, str]:
+        """On another course, from where it is."""
+        why = intent.refusal(self._mission, request, self.wanted)
+        if why is not None:
+            return False, why
+        start, heading = self.where(), self.course.heading(self.route_time)
+        if request.legs is not None:
+            self.course = Course.ordered(request.legs, start, heading)
+        elif request.speed is not None and request.degrees is not None:
+            self.course = Course.endless(request.speed, request.degrees, start, heading)
+        self.learn(self.course)
+        self.route_time, self.will.lost = 0.0, ""
+        lasts = "without an end" if math.isinf(self.course.total) else f"of {self.course.total:.3g} s"
+        return True, f"on a route {lasts} from where it is"
+
+    def _change_figure(self, request: OperatorRequest) -> tuple[bool, str]:
+        before = self.mover.wish
+        figure = intent.wish(request, self.wanted)
+        shape = before.shape if request.shape is None else request.shape
+        if figure is None or shape not in self._mission.shapes:
+            return False, intent.refusal(self._mission, request, self.wanted) or "no such figure"
+        wish = Wish(shape, figure.rotation, figure.scale)
+        way = self.mover.way(wish, self._speed)
+        if not self.mover.sayable(way):
+            return False, f"still changing for {self.mover.remaining:.1f} s: ask again then"
+        why = intent.refusal(self._mission, request, self.wanted, self.mover.figures(way), self.course.legs)
+        if why is not None:
+            return False, why
+        changes = wish != before or not self.mover.arrived
+        self.mover.go(wish, way)
+        what = f"in shape {wish.shape}"
+        if request.do == "rotate":
+            what = f"turned by {math.degrees(wish.rotation):.4g}°"
+        elif request.do == "scale":
+            what = f"at scale {wish.scale:.4g}"
+        if not changes:
+            return True, what
+        return (
+            True,
+            f"{what} in {self.mover.remaining:.1f} s{'' if self.will.mode == 'run' else ' of running'}",
+        )
+
+    @property
+    def _speed(self) -> float:
+        return self.course.fastest(self.route_time, self.route_time)
+
+
+def slots_of(figure: Figure) -> Slots:
+    """A figure as an order says it: a ten-millionth is near enough."""
+    mix = {shape: min(round(share, 7), 1.0) for shape, share in figure.mix if round(share, 7) > 0.0}
+    return Slots(mix=mix, rotation=round(figure.rotation, 7), scale=round(figure.scale, 7))

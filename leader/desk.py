@@ -1,0 +1,116 @@
+"""Where an operator's requests are answered: each once, by who leads; a stop and its release by everybody."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+from formation import order
+from formation.election import Standing
+from formation.once import Once
+from formation.order import LONGEST_REASON, Mode, OperatorReply, OperatorRequest
+from leader.conduct import Conduct
+
+TOLD = 3
+"""In so many statuses more than the first stands what an operator has asked for."""
+NOTES = 64
+"""So many are kept for whoever writes them down."""
+
+
+class Seat(NamedTuple):
+    """How the one who is asked stands."""
+
+    standing: Standing
+    leader: str
+    """Who leads, as far as is known; empty for nobody."""
+    mode: Mode
+    """Of the team, as far as is known."""
+
+    @property
+    def leads(self) -> bool:
+        """Whether that is who is asked."""
+        return self.standing == "leader"
+
+
+class Asked(NamedTuple):
+    """What an operator asked for, and what was answered."""
+
+    request: OperatorRequest
+    ok: bool
+    reason: str
+    told: int = 0
+    """In so many statuses that has stood."""
+
+
+class Desk:
+    """Answers for one candidate."""
+
+    def __init__(self, name: str, conduct: Conduct, seat: Callable[[], Seat], *, alone: bool) -> None:
+        """`alone`: it is the only candidate, and so will lead."""
+        self.unsaid = False
+        """Whether what was asked last is in no status yet."""
+        self.notes: deque[str] = deque(maxlen=NOTES)
+        """What has changed, for people."""
+        self._name, self._conduct, self._seat, self._alone = name, conduct, seat, alone
+        self._once = Once()
+        self._asked: list[Asked] = []  # of late
+
+    def aware(self, mono: float) -> None:
+        """A step is taken [s, monotonic]."""
+        self._once.aware(mono)
+
+    def goes_on(self) -> None:
+        """It goes on with what another was told; who asked to run before a stop of then did not mean now."""
+        if self._conduct.will.stopped or self._conduct.will.holding:
+            self._once.rest()
+
+    def answer(self, request: OperatorRequest) -> bytes:
+        """The reply; what is asked takes effect with the next step."""
+        why = self._not_mine(request)
+        if why:
+            return self.reply(ok=False, reason=why)
+        answer = self._once.answer(
+            request, lambda: self._obey(request), lambda reason: self._note(request, ok=False, reason=reason)
+        )
+        # who asks again and again wants to know whether it leads by now
+        known = order.decode(OperatorReply, answer)
+        return order.encode(known.model_copy(update={"leads": self._seat().leads}))
+
+    def asked(self) -> list[Asked]:
+        """What the next status is to say of it, in this and in some more."""
+        self.unsaid, asked = False, self._asked
+        self._asked = [one._replace(told=one.told + 1) for one in asked if one.told < TOLD]
+        return asked
+
+    def reply(self, *, ok: bool, reason: str) -> bytes:
+        """What the operator gets to read."""
+        seat, said = self._seat(), reason[:LONGEST_REASON]
+        return order.encode(
+            OperatorReply(robot=self._name, ok=ok, mode=seat.mode, reason=said, leads=seat.leads)
+        )
+
+    def _not_mine(self, request: OperatorRequest) -> str:
+        """Why somebody else is to be asked: who stands by takes a stop, and its release, and no more."""
+        seat = self._seat()
+        if seat.leads or request.do in {"stop", "release"}:
+            return ""
+        if seat.standing != "listening":
+            return f"stands by; {seat.leader} leads" if seat.leader else "stands by; nobody leads yet"
+        mine = self._alone and request.do in {"run", "hold"}
+        return "" if mine else "has just started: ask again in a second"
+
+    def _obey(self, request: OperatorRequest) -> bytes:
+        mode = self._seat().mode
+        ok, reason = self._conduct.obey(request)
+        if ok:
+            now = self._seat().mode
+            change = f"{mode} to {now}" if mode != now else reason or now
+            self.notes.append(f"the operator asked for {request.do}: {change}")
+        return self._note(request, ok=ok, reason=reason)
+
+    def _note(self, request: OperatorRequest, *, ok: bool, reason: str) -> bytes:
+        """The reply. What was asked, and what was answered, is to be said in a status at once."""
+        self._asked.append(Asked(request, ok, reason))
+        self.unsaid = True
+        return self.reply(ok=ok, reason=reason)

@@ -1,0 +1,111 @@
+"""How a candidate says how it does."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from formation.figure import Figure
+from formation.ros2.messages import Diagnostics, Status
+from formation.wire import Now
+from leader.conduct import Conduct
+from leader.desk import Asked, Seat
+
+OK, WARNING = 0, 1
+LONGEST_ASKED = 45_000
+"""Of what was asked so much stands in a status: the longest route, and what else there is room for."""
+
+
+class Report(NamedTuple):
+    """What a status is made of."""
+
+    name: str
+    seat: Seat
+    term: int
+    """Its own if it leads, else the highest that it has heard of."""
+    conduct: Conduct
+    mission: str
+    """Its fingerprint."""
+    beat: int
+    late: int
+    """Periods that passed without a position."""
+    dropped: Mapping[str, int]
+    asked: Sequence[Asked]
+    """What an operator has asked for of late."""
+
+
+def status(report: Report, now: Now, reason: str) -> Diagnostics:
+    """The message; `reason` if there is a special one."""
+    seat = report.seat
+    leads, state = seat.leads, seat.mode if seat.leads else seat.standing
+    why = reason or (_why(report.conduct) if leads else _why_not(report))
+    values = {
+        "state": state,
+        "reason": why,
+        "leads": "yes" if leads else "no",
+        "leader": seat.leader,
+        "term": str(report.term),
+        "mission": report.mission,
+        **({"asked": _spelled(report.asked)} if report.asked else {}),
+        **(_conducted(report) if leads else {"latched": "stop"} if report.conduct.will.stopped else {}),
+        **{f"dropped {key}": str(count) for key, count in report.dropped.items()},
+    }
+    level = OK if state in {"run", "standby"} else WARNING
+    what = Status(f"{report.name}: leader", level, f"{state}: {why}" if why else state, report.name, values)
+    return Diagnostics(now.wall, (what,))
+
+
+def spelled(figure: Figure) -> str:
+    """``hexagon``, or ``40 % hexagon + 60 % line, turned by 30°, scale 1.2``."""
+    shares = [(shape, share) for shape, share in figure.mix if share > 0.0]
+    whole = len(shares) == 1
+    said = [" + ".join(shape if whole else f"{100.0 * share:.0f} % {shape}" for shape, share in shares)]
+    if abs(figure.rotation) > 1e-6:
+        said.append(f"turned by {math.degrees(figure.rotation):.1f}°")
+    if abs(figure.scale - 1.0) > 1e-6:
+        said.append(f"scale {figure.scale:.3g}")
+    return ", ".join(said)
+
+
+def _spelled(asked: Sequence[Asked]) -> str:
+    """A JSON list: each request as it was put, with whether it was obeyed (``ok``) and the ``reason``.
+
+    Of many long ones the newest that a status has room for.
+    """
+    said: list[str] = []
+    for one in reversed(asked):
+        request = one.request.model_dump(mode="json", exclude_none=True)
+        spelled = json.dumps({**request, "ok": one.ok, "reason": one.reason}, ensure_ascii=False)
+        if len(spelled) + sum(map(len, said)) <= LONGEST_ASKED:
+            said.insert(0, spelled)
+    return f"[{', '.join(said)}]"
+
+
+def _why(conduct: Conduct) -> str:
+    if conduct.will.lost:
+        return conduct.will.lost
+    if conduct.will.mode == "run" and conduct.together.waits_for:
+        return f"waits for {', '.join(conduct.together.waits_for)}"
+    return "at the end of the route" if conduct.route_time >= conduct.course.total else ""
+
+
+def _why_not(report: Report) -> str:
+    if report.seat.standing == "standby":
+        return f"{report.seat.leader} leads" if report.seat.leader else "nobody leads"
+    return ""
+
+
+def _conducted(report: Report) -> dict[str, str]:
+    conduct = report.conduct
+    return {
+        "shape": conduct.mover.wish.shape,
+        "figure": spelled(conduct.mover.figure),
+        "changing": f"{conduct.mover.remaining:.1f}",
+        "route": conduct.course.id,
+        "route_time": f"{conduct.route_time:.3f}",
+        "pace": f"{conduct.together.pace:.2f}",
+        "beat": str(report.beat),
+        "late": str(report.late),
+    }
