@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import get_args
 
 from formation.law import LAWS
-from formation.mission import Mission, Ros
+from formation.mission import Mission
 from formation.mission_file import parse, read
 from formation.ros2.naming import Naming
+from formation.tables import Ros
 from formation.transport import wiring
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError, parse_override

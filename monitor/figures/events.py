@@ -9,22 +9,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
 
 from formation.mission import Mission
-from formation.ros2.messages import LogEntry
 from formation.wire import Now
+from monitor.figures.event import (
+    ERROR,
+    FORMATION,
+    INFO,
+    LAST,
+    LONGEST,
+    WARNING,
+    Event,
+    from_message,
+    more,
+    to_message,
+)
 from monitor.figures.feed import freshness_limit
+from monitor.figures.leading import Leading
 from monitor.figures.snapshot import RobotFigures, Snapshot
 from monitor.figures.turns import Pace, Turns
 
-INFO, WARNING, ERROR = 20, 30, 40
-FORMATION = "formation"
-"""Whom an event is about, on the wire, that is about no robot."""
-LAST = 2.0**31 - 2.0
-"""The last second that a stamp can say, however an operator's clock is set."""
-LONGEST = 500
-"""Letters of an event's text, at most."""
+__all__ = [
+    "ERROR", "FORMATION", "INFO", "KINDS", "LAST", "LONGEST", "LOST", "READONLY", "REJECTED", "STATES",
+    "WARNING", "Event", "Events", "from_message", "to_message",
+]  # fmt: skip
 LOST = 1.0
 """A robot whose position has been silent for longer is lost [s]; one that speaks slowly has its own limit."""
 UNSETTLED = 1.0
@@ -45,58 +53,23 @@ STATES = {
 READONLY = "readonly: would "
 
 
-class Event(NamedTuple):
-    """Something that happened."""
-
-    at: float
-    """[s, our system clock]"""
-    level: int
-    """20 for your information, 30 a warning, 40 an error."""
-    robot: str
-    """Whom it is about; empty for the formation."""
-    kind: str
-    """One word, such as ``joined``."""
-    text: str
-
-
-def to_message(event: Event) -> LogEntry:
-    """The event as it is published and recorded."""
-    at = min(max(event.at, 0.0), LAST)
-    return LogEntry(at, event.level, event.robot or FORMATION, event.text[:LONGEST], event.kind)
-
-
-def from_message(entry: LogEntry) -> Event:
-    """The event that `to_message` made a message of."""
-    robot = "" if entry.name == FORMATION else entry.name
-    return Event(entry.stamp, entry.level, robot, entry.kind, entry.text)
-
-
 class Events:
     """What changes from look to look. Look steadily, several times a second."""
 
     def __init__(self, mission: Mission) -> None:
         self._robots = [_Robot(name, mission.robots[name].rate) for name in mission.names]
-        self._order = Turns()
+        self._leading = Leading(mission)
         self._settled = _Settled(mission.settled)
         self._rejected = _Rejected(mission)
 
     def see(self, now: Now, snapshot: Snapshot) -> list[Event]:
         """What has happened since the last look."""
-        told = list(self._ordered(now, snapshot))
+        told = list(self._leading.see(now, snapshot))
         for robot in self._robots:
             told += robot.see(now, snapshot.robots[robot.name], robot.name in snapshot.contested)
         told += self._settled.see(now, snapshot)
         told += self._rejected.see(now, snapshot)
         return told
-
-    def _ordered(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
-        if snapshot.mode is None:
-            return
-        before = self._order.see(f"{snapshot.mode}, shape {snapshot.shape}", now.mono)
-        if before is not None:
-            level = INFO if snapshot.mode == "run" else WARNING
-            text = f"the leader orders {self._order.state}{_more(before)}"
-            yield Event(now.wall, level, "", "order", text)
 
 
 class _Robot:
@@ -107,14 +80,17 @@ class _Robot:
         self._limit = max(LOST, freshness_limit(rate))
         self._joined, self._gone_since = False, 0.0
         self._presence, self._state, self._voices = Turns("lost"), Turns(), Turns("one voice")
+        self._aside, self._fallback, self._process = Turns("follows"), Turns(), Turns("1")
+        self._stuck = Turns("moves")
 
     def see(self, now: Now, robot: RobotFigures, contested: bool) -> Iterator[Event]:
         yield from self._there(now, robot)
         yield from self._doing(now, robot)
+        yield from self._following(now, robot)
         before = self._voices.see("a second voice" if contested else "one voice", now.mono)
         if before is not None:
             level = ERROR if contested else INFO
-            text = f"its neighbours hear {self._voices.state} speak for it{_more(before)}"
+            text = f"its neighbours hear {self._voices.state} speak for it{more(before)}"
             yield Event(now.wall, level, self.name, "contested", text)
 
     def _there(self, now: Now, robot: RobotFigures) -> Iterator[Event]:
@@ -125,16 +101,15 @@ class _Robot:
         before = self._presence.see("lost" if lost else "there", now.mono)
         if before is None:
             return
-        more = _more(before)
         if lost:
             stands = self._state.state in {"hold", "stop"}
             said = f"; said last: {self._state.state}" if self._state.state else ""
-            text = f"silent for {robot.age:.1f} s{said}{more}"
+            text = f"silent for {robot.age:.1f} s{said}{more(before)}"
             yield Event(now.wall, WARNING if stands else ERROR, self.name, "lost", text)
         elif self._joined:
-            yield Event(now.wall, INFO, self.name, "back", f"after {away:.1f} s of silence{more}")
+            yield Event(now.wall, INFO, self.name, "back", f"after {away:.1f} s of silence{more(before)}")
         else:
-            yield Event(now.wall, INFO, self.name, "joined", f"its position is heard{more}")
+            yield Event(now.wall, INFO, self.name, "joined", f"its position is heard{more(before)}")
         self._joined = True
 
     def _doing(self, now: Now, robot: RobotFigures) -> Iterator[Event]:
@@ -144,8 +119,36 @@ class _Robot:
         before = self._state.see(robot.state, now.mono)
         if before is not None:
             watching = "read only: " if robot.state.startswith(READONLY) else ""
-            text = f"{watching}{robot.reason or robot.state}{_more(before)}"
+            text = f"{watching}{robot.reason or robot.state}{more(before)}"
             yield Event(now.wall, level, self.name, kind, text)
+
+    def _following(self, now: Now, robot: RobotFigures) -> Iterator[Event]:
+        """Whether it is followed, and whom it measures."""
+        before = self._process.see(str(max(robot.voices, 1)), now.mono)
+        if before is not None:
+            text = f"another process speaks for it from here on{more(before)}"
+            yield Event(now.wall, WARNING, self.name, "restarted", text)
+        before = self._aside.see("aside" if robot.aside else "follows", now.mono)
+        if before is not None:
+            why = "" if robot.state == "run" else f": {robot.reason or robot.state}"
+            level, text = (
+                (WARNING, f"does not follow, others go on without it{why}")
+                if robot.aside
+                else (INFO, "it follows, and is followed, again")
+            )
+            yield Event(now.wall, level, self.name, self._aside.state, f"{text}{more(before)}")
+        before = self._stuck.see("stuck" if robot.stuck else "moves", now.mono)
+        if before is not None:
+            level, text = (
+                (WARNING, "does not move though it is told to") if robot.stuck else (INFO, "moves again")
+            )
+            yield Event(now.wall, level, self.name, "stuck", f"{text}{more(before)}")
+        before = self._fallback.see(robot.fallback, now.mono)
+        if before is not None:
+            level, text = INFO, "its own neighbours are back"
+            if robot.fallback:
+                level, text = WARNING, f"none of its own neighbours is left, it follows {robot.fallback}"
+            yield Event(now.wall, level, self.name, "fallback", f"{text}{more(before)}")
 
 
 class _Settled:
@@ -167,14 +170,20 @@ class _Settled:
             self._stands = False
         before = self._turns.see("settled" if self._stands else "unsettled", now.mono)
         if before is not None:
-            yield self._event(now, snapshot, _more(before))
+            yield self._event(now, snapshot, more(before))
 
     def _event(self, now: Now, snapshot: Snapshot, more: str) -> Event:
         bound = f"the bound of {self._bound * 1e3:.0f} mm"
         error = snapshot.formation_error
         if self._stands:
-            text = f"under {bound} since {snapshot.settled_at:.1f} s{more}"
+            after = snapshot.settling_time if snapshot.wished_at else None
+            wished = "" if after is None else f", {after:.1f} s after what was ordered last"
+            # it may touch the bound just when this is told
+            since = "" if snapshot.settled_at is None else f" since {snapshot.settled_at:.1f} s"
+            text = f"under {bound}{since}{wished}{more}"
             return Event(now.wall, INFO, "", "settled", text)
+        if not snapshot.formed:
+            return Event(now.wall, INFO, "", "unsettled", f"another figure is on its way{more}")
         is_now = "the error is not known" if error is None else f"error {error * 1e3:.0f} mm, {bound}"
         return Event(now.wall, WARNING, "", "unsettled", f"{is_now}{more}")
 
@@ -207,8 +216,3 @@ class _Rejected:
 def _since(is_so: bool, since: float, at: float) -> float:
     """Since when it is so [s]; infinite while it is not."""
     return min(since, at) if is_so else math.inf
-
-
-def _more(before: int) -> str:
-    """What was not told before, in words."""
-    return f" ({before} changes before were not told)" if before else ""

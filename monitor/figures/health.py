@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from formation.mission import RobotSpec
+from formation.robot_spec import RobotSpec
 from formation.topics import POSITION
 from monitor.figures.events import LOST, READONLY
 from monitor.figures.feed import CLOCK_AGREES, freshness_limit
@@ -19,8 +19,9 @@ RATE_KEPT = 0.9
 """Share of the promised rate that is as good as all of it."""
 LOSS_BEARABLE, LOSS_WEIGHT = 0.01, 3.0
 """Share of missed periods that means nothing; how much health each further one takes."""
-CLOCK_OFF, REJECTED, SECOND_VOICE = 0.6, 0.6, 0.3
-"""What is left of the health of a robot with a wrong clock, with rejected messages, with a double."""
+CLOCK_OFF, REJECTED, SECOND_VOICE, ASIDE = 0.6, 0.6, 0.3, 0.6
+"""What is left of the health of a robot with a wrong clock, with rejected messages, with a double, of one
+that does not follow."""
 LATELY = 10.0
 """So long ago a rejected message still counts [s]."""
 STATES = {"run": 1.0, "waiting": 0.7, "hold": 0.6, "stop": 0.5}
@@ -65,6 +66,8 @@ def _parts(
         yield REJECTED, "messages rejected"
     if contested:
         yield SECOND_VOICE, "a second voice speaks for it"
+    if figures.aside:
+        yield ASIDE, "does not follow: others go on without it"
     state = figures.state.removeprefix(READONLY)
     yield STATES.get(state, UNHEARD), f"{state}: {figures.reason}"
 

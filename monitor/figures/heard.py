@@ -4,33 +4,36 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import NamedTuple
 
 from formation.mission import Mission
 from formation.ros2.messages import (
-    Diagnostics,
     Displacement,
     Odometry,
     Pose,
-    Status,
     Twist,
     TwistStamped,
     decode,
 )
-from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSE, POSITION, RELATIVE, STATUS
+from formation.topics import BALLOT, CMD_VEL, GROUND_TRUTH, ODOM, POSE, POSITION, RELATIVE, STATUS
 from formation.wire import BadMessage, Now, Sample
+from monitor.figures.asked import Requests
+from monitor.figures.candidates import ballots_of
 from monitor.figures.feed import CLOCK_AGREES, Feed
 from monitor.figures.keys import Watched
+from monitor.figures.riding import Riding
 from monitor.figures.snapshot import KeyFigures, RobotFigures
+from monitor.figures.statuses import Handler, Statuses
 from monitor.figures.trajectory import Placed, Trajectory
 
-UNSEEN, SILENT = "unseen", "silent"
 FUTURE = 0.1
 """A sample placed further than this ahead of its arrival is refused: it would outrank all that follow [s]."""
 SECOND_VOICE = "second voice "
 """What an agent's status says of a neighbour for whom two processes speak begins so."""
-Handler = Callable[[Sample, float], None]
+GUIDES, STUCK = "follows", "stuck"
+"""Where an agent's status names whom it follows, and where it says that it does not get on."""
 
 
 class Tracked(NamedTuple):
@@ -47,17 +50,28 @@ class Tracked(NamedTuple):
 class Heard:
     """One robot of the mission."""
 
-    def __init__(self, mission: Mission, name: str, keys: Sequence[Watched], slowest: float) -> None:
-        """`keys` are the robot's own; `slowest` [s] is the longest silence of any robot still fresh."""
+    def __init__(
+        self, mission: Mission, name: str, keys: Sequence[Watched], slowest: float, requests: Requests
+    ) -> None:
+        """`keys` are the robot's own; `slowest` [s] is the longest silence of any robot still fresh.
+
+        What its process says that it was asked is for `requests`.
+        """
         self.name = name
         self._spec = mission.robots[name]
         self._offset = 0.0 if name == mission.leader else self._spec.control_point_offset
         self._keys = keys
         self._feeds = {one.key: Feed(one.rate) for one in keys}
         self._command: tuple[Feed, float, float] | None = None
-        self._status: tuple[Feed, Status] | None = None
         by_topic = {one.topic.name: self._feeds[one.key] for one in keys}
+        self.statuses = Statuses(by_topic[STATUS.name], partial(requests.take, name))
+        """What its process says of itself."""
+        self._ballots = ballots_of(mission, name)
+        self.riding = Riding()
+        """What rides on its positions."""
         self.place = self._tracked(by_topic[POSITION.name], slowest)
+        self.place_it = _placing(self.place, self._offset)
+        """Takes in one of its positions. Raises BadMessage."""
         truth = by_topic.get(GROUND_TRUTH.name)
         self.truth = self.place if truth is None else self._tracked(truth, slowest)
         """From ground truth; a virtual leader is where it says it is."""
@@ -79,12 +93,17 @@ class Heard:
         """Sum over all keys."""
         return sum(feed.missed for feed in self._feeds.values())
 
-    def figures(self, now: Now, error: float | None) -> RobotFigures:
-        """Everything there is to know now; `error` [m] is the sum over the robot's edges."""
-        state, reason = self._state(now)
+    def figures(self, now: Now, error: float | None, state: tuple[str, str] | None = None) -> RobotFigures:
+        """Everything there is to know now; `error` [m] is the sum over the robot's edges.
+
+        `state` and reason are its process's, unless another speaks for it.
+        """
+        does, reason = state or self.statuses.state(now)
+        said = self.statuses.values(now)
+        guides = said.get(GUIDES, "").split(", ")
         speed, turn_rate = self._commanded(now)
         return RobotFigures(
-            state=state,
+            state=does,
             reason=reason,
             error=error,
             speed=speed,
@@ -96,22 +115,17 @@ class Heard:
             rate=self.place.feed.rate(now.mono),
             keys={one.key: _figures(self._feeds[one.key], now) for one in self._keys},
             rejected_age=_finite(now.mono - max(feed.rejected for feed in self._feeds.values())),
+            aside=self.riding.aside,
+            stuck=STUCK in said,
+            fallback=", ".join(one for one in guides if one and one not in self._spec.neighbours),
+            voices=self.riding.voices,
         )
 
     def contests(self, now: Now) -> Iterator[str]:
         """For whom this robot hears a second voice, as its newest status says."""
-        if self._status is not None and self._status[0].fresh(now.mono):
-            for what in self._status[1].values:
-                if what.startswith(SECOND_VOICE):
-                    yield what.removeprefix(SECOND_VOICE)
-
-    def _state(self, now: Now) -> tuple[str, str]:
-        if self._status is None:
-            return UNSEEN, "no status yet"
-        feed, status = self._status
-        if not feed.fresh(now.mono):
-            return SILENT, f"no status for {feed.silence(now.mono):.1f} s"
-        return status.values.get("state", status.message)[:40], status.values.get("reason", "")[:200]
+        for what in self.statuses.values(now):
+            if what.startswith(SECOND_VOICE):
+                yield what.removeprefix(SECOND_VOICE)
 
     def _commanded(self, now: Now) -> tuple[float | None, float | None]:
         if self._command is None or not self._command[0].fresh(now.mono):
@@ -130,10 +144,11 @@ class Heard:
     def _handler(self, one: Watched, feed: Feed) -> Handler | None:
         """What takes in the messages of a key; None for a key that is only counted and recorded."""
         handlers: dict[str, Handler] = {
-            POSITION.name: _placing(self.place, self._offset),
+            POSITION.name: self.place_it,
             GROUND_TRUTH.name: _placing(self.truth, self._offset),
             CMD_VEL.name: self._take_command(feed),
-            STATUS.name: self._take_status(feed),
+            STATUS.name: self.statuses.take,
+            BALLOT.name: self._ballots,
             ODOM.name: lambda s, wall: _note(feed, decode(Odometry, s.payload).stamp, wall),
             POSE.name: lambda s, wall: _note(feed, decode(Pose, s.payload).stamp, wall),
             RELATIVE.name: lambda s, wall: _note(feed, decode(Displacement, s.payload).stamp, wall),
@@ -151,15 +166,6 @@ class Heard:
             self._command = feed, command.speed, command.turn_rate
 
         return twist if self._spec.cmd_vel == "twist" else stamped
-
-    def _take_status(self, feed: Feed) -> Handler:
-        def status(sample: Sample, wall: float) -> None:
-            message = decode(Diagnostics, sample.payload)
-            feed.stamped(message.stamp, wall)
-            if message.statuses:
-                self._status = feed, message.statuses[0]
-
-        return status
 
     def _tracked(self, feed: Feed, slowest: float) -> Tracked:
         # Everybody is compared at the moment that the slowest fresh robot has reached.

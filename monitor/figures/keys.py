@@ -9,9 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from formation.mission import Mission, RobotSpec
+from formation.mission import Mission
+from formation.robot_spec import RobotSpec
 from formation.topics import (
+    BALLOT,
     CMD_VEL,
+    COURSE,
     DIAGNOSTICS,
     ERROR,
     EVENTS,
@@ -31,7 +34,7 @@ STATUS_RATE = 2.0
 
 
 class Watched(NamedTuple):
-    """One key of one robot."""
+    """One key of one robot, or of one standby."""
 
     key: str
     topic: Topic
@@ -67,16 +70,24 @@ def watched(mission: Mission) -> tuple[Watched, ...]:
 def _keys(mission: Mission) -> Iterator[Watched]:
     for name in mission.names:
         robot = mission.robots[name]
-        rates = {SCAN: None, POSE: None, STATUS: STATUS_RATE}
-        for topic in _topics(robot) if name != mission.leader else (POSITION, STATUS):
+        rates = {SCAN: None, POSE: None, BALLOT: None, COURSE: None, STATUS: STATUS_RATE}
+        for topic in _topics(robot) if name != mission.leader else _leads(mission, POSITION):
             exact = command_topic(robot.cmd_vel) if topic is CMD_VEL else topic
             yield Watched(topic.key(name), exact, name, rates.get(topic, robot.rate))
         if robot.measurement == "local":
-            for other in robot.neighbours:
+            for other in robot.measurable:
                 yield Watched(RELATIVE.key(name, other), RELATIVE, name, None)
+    for name in mission.standbys:
+        for topic in _leads(mission):
+            yield Watched(topic.key(name), topic, name, STATUS_RATE if topic is STATUS else None)
+
+
+def _leads(mission: Mission, *more: Topic) -> tuple[Topic, ...]:
+    """What is said by who may lead; it has no robot. Only where there are standbys is anything agreed on."""
+    return (*more, BALLOT, COURSE, STATUS) if mission.standbys else (*more, STATUS)
 
 
 def _topics(robot: RobotSpec) -> tuple[Topic, ...]:
-    """What is said by and about a follower; the leader is virtual and has no robot."""
+    """What is said by and about a follower."""
     pose = (POSE,) if robot.localisation == "external" else ()
     return (ODOM, *pose, CMD_VEL, POSITION, SCAN, STATUS, GROUND_TRUTH)

@@ -8,15 +8,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from itertools import chain
 
 from formation import order
 from formation.mission import Mission
 from formation.order import Order, Told
 from formation.topics import POSITION
 from formation.wire import BadMessage, Now, Sample
+from monitor.figures.asked import Requests
+from monitor.figures.candidates import Candidates
 from monitor.figures.feed import freshness_limit
 from monitor.figures.heard import Heard, Tracked
 from monitor.figures.keys import Watched, watched
+from monitor.figures.orders import Lead, Orders, Wish
 from monitor.figures.rejections import Rejections
 from monitor.figures.settling import Settling
 from monitor.figures.snapshot import Edge, Snapshot
@@ -27,26 +31,37 @@ SET = 1.0
 """By more our system clock goes ahead or back only if somebody sets it [s]; what is less passes by itself."""
 
 
+WAITS = "waits for "
+"""So the reason begins that whoever leads gives in its status while it waits."""
+
+
 class Metrics:
     """Figures of one mission's fleet."""
 
     def __init__(self, mission: Mission) -> None:
         self.rejections = Rejections()
-        self.order: Order | None = None
-        """The leader's newest order."""
         self._mission = mission
         self._edges = tuple(
             Edge(name, other) for name in mission.names for other in mission.robots[name].neighbours
         )
+        self._requests = Requests()
         slowest = max(freshness_limit(robot.rate) for robot in mission.robots.values())
         keys: dict[str, list[Watched]] = {}
         for one in watched(mission):
             keys.setdefault(one.robot, []).append(one)
-        self._robots = {name: Heard(mission, name, keys[name], slowest) for name in mission.names}
-        self._routes = {
-            key: (feed, handle) for robot in self._robots.values() for key, feed, handle in robot.routes()
+        self._robots = {
+            name: Heard(mission, name, keys[name], slowest, self._requests) for name in mission.names
         }
-        self._leads = POSITION.key(mission.leader)
+        self._leader = self._robots[mission.leader]
+        self._candidates = Candidates(mission, keys, self._leader.statuses, self._requests)
+        self._routes = {
+            key: (feed, handle)
+            for key, feed, handle in chain(
+                *(robot.routes() for robot in self._robots.values()), self._candidates.routes()
+            )
+        }
+        self._orders = Orders(mission, self._leader.place.trajectory.size)
+        self._positions = {POSITION.key(name): self._robots[name] for name in mission.names}
         self._ahead = math.inf  # our system clock before the monotonic one [s]
         self._settling = Settling(mission.settled, slowest)
 
@@ -58,15 +73,14 @@ class Metrics:
             return
         ahead = wall - sample.arrived
         if abs(ahead - self._ahead) > SET:
-            for robot in self._robots.values():
-                robot.clock_was_set()
+            self._clock_was_set()
         self._ahead = ahead
         feed.heard(sample.arrived)
         try:
-            if handle is not None:
+            if sample.key in self._positions:
+                self._place(self._positions[sample.key], sample, wall)
+            elif handle is not None:
                 handle(sample, wall)
-            if sample.key == self._leads and sample.attachment is not None:
-                self._take_order(order.decode(Told, sample.attachment).order)
         except BadMessage as bad:
             self.rejections.count(sample.key, str(bad))
             feed.rejected = sample.arrived
@@ -82,13 +96,16 @@ class Metrics:
         error = _sum(errors.values())
         at = moment + now.mono - now.wall  # settling runs on the monotonic clock
         if error is not None and at > (-math.inf if self._settling.last is None else self._settling.last):
-            self._settling.observe(at, error)
+            self._settling.observe(at, error, formed=moment >= self._orders.formed_since)
         return error
 
     def snapshot(self, now: Now) -> Snapshot:
         """Everything there is to know now. To look changes nothing."""
         errors = self._compare(now, lambda robot: robot.place)[1]
         start, until = self._settling.start, self._heard_until()
+        lead = self._orders.lead
+        leads = lead.name if lead and self._leader.place.fresh(now.mono) else None
+        says = self._candidates.state(leads, now) if leads else None
         own: dict[str, list[float | None]] = {}
         for edge, value in errors.items():
             own.setdefault(edge.robot, []).append(value)
@@ -100,14 +117,24 @@ class Metrics:
             converged=self._settling.converged(until),
             final_error=self._settling.final(until),
             mode=self.order.mode if self.order else None,
-            shape=self._shape,
+            shape=self.order.shape if self.order else self._mission.first_shape,
             robots={
-                name: robot.figures(now, _sum(own.get(name, [None]))) for name, robot in self._robots.items()
+                name: robot.figures(now, _sum(own.get(name, [None])), says if robot is self._leader else None)
+                for name, robot in self._robots.items()
             },
             edges=errors,
             missed=sum(robot.missed() for robot in self._robots.values()),
             rejected=self.rejections.by_reason,
             contested=frozenset(name for robot in self._robots.values() for name in robot.contests(now)),
+            wish=Wish.of(self.order) if self.order else None,
+            wished_at=self._settling.wished_at,
+            figure=self._orders.figure,
+            formed=self._orders.formed,
+            lead=lead,
+            leads=leads,
+            waits=self._waits(leads, now),
+            asked=tuple(self._requests.newest),
+            candidates=self._candidates.figures(now, leads),
         )
 
     def placed(self, now: Now, *, truly: bool = False) -> tuple[float, Mapping[str, Placed]]:
@@ -117,22 +144,54 @@ class Metrics:
         """
         return self._placed(now, lambda robot: robot.truth if truly else robot.place)
 
-    @property
-    def _shape(self) -> str:
-        return self.order.shape if self.order else self._mission.first_shape
+    def slots(self, moment: float) -> Mapping[str, complex]:
+        """Where everybody belongs at `moment` [s, our system clock], from the leader [m; world frame]."""
+        return self._orders.slots(moment)
 
-    def _take_order(self, heard: Order | None) -> None:
-        if heard is None:
+    @property
+    def order(self) -> Order | None:
+        """The newest order of whoever leads."""
+        return self._orders.newest
+
+    @property
+    def lead(self) -> Lead | None:
+        """Who led last."""
+        return self._orders.lead
+
+    def _place(self, robot: Heard, sample: Sample, wall: float) -> None:
+        """Take a position, and what rides on it. Raises BadMessage."""
+        if robot is not self._leader:
+            robot.place_it(sample, wall)
+            if sample.attachment is not None:
+                robot.riding.take(sample.attachment)
             return
-        if heard.shape not in self._mission.shapes:
-            raise BadMessage("unknown shape")
-        if order.newer(heard, self.order):
-            self.order = heard
+        said = order.decode(Told, sample.attachment).order if sample.attachment is not None else None
+        if said is not None and self._orders.admit(said, sample.arrived, wall):
+            robot.clock_was_set()  # another process speaks, perhaps of another machine
+        robot.place_it(sample, wall)
+        moment = robot.place.trajectory.latest
+        if said is not None and self._orders.take(said, moment, sample.arrived, wall):
+            self._settling.restart(moment - self._ahead)
+
+    def _clock_was_set(self) -> None:
+        self._orders.forget()
+        self._candidates.clock_was_set()
+        for robot in self._robots.values():
+            robot.clock_was_set()
+
+    def _waits(self, leads: str | None, now: Now) -> str:
+        """For whom who leads waits, as its status says."""
+        if leads is None:
+            return ""
+        own = leads == self._mission.leader
+        state = self._leader.statuses.state(now) if own else self._candidates.state(leads, now)
+        reason = state[1] if state else ""
+        return reason.removeprefix(WAITS) if reason.startswith(WAITS) else ""
 
     def _compare(self, now: Now, which: Callable[[Heard], Tracked]) -> tuple[float, Errors]:
         """The moment of comparison [s, our system clock], and |z_ij - z*_ij| of each edge at it [m]."""
         moment, placed = self._placed(now, which)
-        slots = {name: self._mission.slot(name, self._shape) for name in placed}
+        slots = self._orders.slots(moment)
 
         def error(edge: Edge) -> float | None:
             here, there = placed.get(edge.robot), placed.get(edge.neighbour)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 DWELL = 2.0
 """A formation has converged when its error has stayed under the threshold for this long [s]."""
 BREAK = 1.0
@@ -20,17 +22,33 @@ class Settling:
         """Of the newest complete error."""
         self.error: float | None = None
         """The newest complete error [m]."""
+        self.wished = -math.inf
+        """When something else was last asked of the formation."""
         self._threshold = threshold
         self._break = max(BREAK, longest_silence)
         self._under_since: float | None = None
 
-    def observe(self, at: float, error: float) -> None:
-        """Take the complete formation error [m] of a moment later than the one before."""
+    @property
+    def wished_at(self) -> float:
+        """Seconds from the start to the newest wish; 0 if that was before."""
+        return 0.0 if self.start is None else max(self.wished - self.start, 0.0)
+
+    def restart(self, at: float) -> None:
+        """Something else is asked of the formation from `at` on: it has to settle anew."""
+        self.wished, self._under_since = at, None
+
+    def observe(self, at: float, error: float, *, formed: bool = True) -> None:
+        """Take the complete formation error [m] of a moment later than the one before.
+
+        A figure that is still on its way (not `formed`) is followed, but nothing has settled in it.
+        """
         if self.start is None:
             self.start = at
         if error >= self._threshold or (self.last is not None and at - self.last > self._break):
             self._under_since = None
-        if error < self._threshold and self._under_since is None:
+        if not formed:
+            self._under_since = None
+        elif error < self._threshold and self._under_since is None and at >= self.wished:
             self._under_since = at
         self.last, self.error = at, error
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from formation.figure import Figure
 from formation.order import Mode
+from monitor.figures.asked import Asked
+from monitor.figures.orders import Lead, Wish
 
 
 class Edge(NamedTuple):
@@ -30,6 +33,16 @@ class KeyFigures(NamedTuple):
     """Median of arrival less stamp [s]: the sender's clock against ours plus the network's delay."""
     loss: float | None = None
     """Share of the newest periods that were missed; None before the second stamp."""
+
+
+class CandidateFigures(NamedTuple):
+    """One process that may lead."""
+
+    state: str
+    """``leads``, or what it says of itself; ``unseen`` before, ``silent`` after it speaks."""
+    reason: str
+    age: float | None
+    """Since it last said how it is [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +72,14 @@ class RobotFigures:
     """By key."""
     rejected_age: float | None = None
     """Since a message on one of its keys was last rejected [s]; None before the first."""
+    aside: bool = False
+    """It says that it does not follow, or not closely yet."""
+    stuck: bool = False
+    """It says that it does not move though it is told to."""
+    fallback: str = ""
+    """Which fallback neighbours it follows."""
+    voices: int = 0
+    """How many processes have spoken for it so far."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +93,8 @@ class Snapshot:
     formation_error_true: float | None
     """The same from ground truth."""
     settled_at: float | None
-    """When, on the scale of `elapsed`, the error fell under the mission's bound for good [s]."""
+    """When, on the scale of `elapsed`, the error fell under the mission's bound for good [s], in the
+    figure that was wished for last."""
     converged: bool
     """Whether it has stayed there for the dwell time."""
     final_error: float | None
@@ -90,3 +112,26 @@ class Snapshot:
     """Messages that are not what they should be, by ``key: reason``."""
     contested: frozenset[str] = frozenset()
     """Robots for whom a second voice speaks, as their neighbours' statuses say."""
+    wish: Wish | None = None
+    """What is asked of the formation; None before the first order."""
+    wished_at: float = 0.0
+    """When, on the scale of `elapsed`, that was changed last [s]; 0 if it never was."""
+    figure: Figure | None = None
+    """Where the slots are by now."""
+    formed: bool = True
+    """Whether they have been where they are wanted since that was wished."""
+    lead: Lead | None = None
+    """Who led last; None before the first order."""
+    leads: str | None = None
+    """Who leads: the process behind the leader's positions; None while nobody is heard."""
+    waits: str = ""
+    """For whom the leader waits."""
+    asked: tuple[Asked, ...] = ()
+    """What an operator has asked of those who may lead since the monitor began, the newest last."""
+    candidates: Mapping[str, CandidateFigures] = field(default_factory=dict)
+    """Who may lead, by rank; empty where there are no standbys."""
+
+    @property
+    def settling_time(self) -> float | None:
+        """From the newest wish, or the beginning, to `settled_at` [s]."""
+        return None if self.settled_at is None else self.settled_at - self.wished_at

@@ -26,6 +26,7 @@ class Trajectory:
 
     def __init__(self, size: int, widest: float) -> None:
         """Keep `size` samples; between two that are more than `widest` [s] apart nothing is known."""
+        self.size = size
         self._samples: deque[Placed] = deque(maxlen=size)
         self._widest = widest
 

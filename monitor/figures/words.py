@@ -6,8 +6,10 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from formation.figure import Figure
 from formation.ros2.messages import Diagnostics, Status
 from monitor.figures.snapshot import KeyFigures, RobotFigures, Snapshot
+from monitor.figures.statuses import SILENT
 
 OK, WARNING, STALE = 0, 1, 3
 ROBOTS_PER_MESSAGE = 25
@@ -24,6 +26,17 @@ def as_json(snapshot: Snapshot) -> dict[str, Any]:
         "converged": snapshot.converged,
         "mode": snapshot.mode,
         "shape": snapshot.shape,
+        "rotation": _round(snapshot.wish.rotation if snapshot.wish else None, 6),
+        "scale": _round(snapshot.wish.scale if snapshot.wish else None, 6),
+        "route": snapshot.wish.route if snapshot.wish else None,
+        "figure": _figure(snapshot.figure),
+        "formed": snapshot.formed,
+        "wished_at": _round(snapshot.wished_at, 3),
+        "settling_time": _round(snapshot.settling_time, 3),
+        "leads": snapshot.leads,
+        "term": snapshot.lead.term if snapshot.lead else None,
+        "waits": snapshot.waits,
+        "candidates": {name: one._asdict() for name, one in snapshot.candidates.items()},
         "robots": {name: _robot(robot) for name, robot in snapshot.robots.items()},
         "edges": [[*edge, _round(error, 6)] for edge, error in snapshot.edges.items()],
         "missed": snapshot.missed,
@@ -43,6 +56,8 @@ def line(snapshot: Snapshot) -> str:
         f"error {error}",
         "" if settled is None else f"settled at {settled:.1f} s",
         ", ".join(f"{count} {state}" for state, count in states.items()),
+        _led(snapshot),
+        f"waits for {snapshot.waits}" if snapshot.waits else "",
         *(
             f"{name} silent for {robot.age:.1f} s"
             for name, robot in snapshot.robots.items()
@@ -52,6 +67,15 @@ def line(snapshot: Snapshot) -> str:
         f"{sum(snapshot.rejected.values())} rejected" if snapshot.rejected else "",
     ]
     return "  ".join(part for part in parts if part)
+
+
+def _led(snapshot: Snapshot) -> str:
+    """Who leads, where that may change, and who could not."""
+    if not snapshot.candidates:
+        return ""
+    silent = [name for name, one in snapshot.candidates.items() if one.state == SILENT]
+    parts = [f"{snapshot.leads} leads" if snapshot.leads else "nobody leads"]
+    return ", ".join(parts + [f"{name} could not" for name in silent])
 
 
 def diagnostics(snapshot: Snapshot, stamp: float) -> Iterator[Diagnostics]:
@@ -74,6 +98,8 @@ def _formation_status(snapshot: Snapshot) -> Status:
         "converged": str(snapshot.converged).lower(),
         "mode": snapshot.mode or "",
         "shape": snapshot.shape,
+        **_wanted(snapshot),
+        **_leading(snapshot),
         "missed": str(snapshot.missed),
         **{f"rejected {reason}": str(count) for reason, count in snapshot.rejected.items()},
     }
@@ -82,12 +108,38 @@ def _formation_status(snapshot: Snapshot) -> Status:
     return Status("formation: monitor", level, message, "", values)
 
 
+def _wanted(snapshot: Snapshot) -> dict[str, str]:
+    """What is asked of the formation, and how far it is; angles counter-clockwise."""
+    if snapshot.wish is None or snapshot.figure is None:
+        return {}
+    return {
+        "rotation": _text(snapshot.wish.rotation),
+        "scale": _text(snapshot.wish.scale),
+        "course": snapshot.wish.route,
+        "rotation now": _text(snapshot.figure.rotation),
+        "scale now": _text(snapshot.figure.scale),
+        **{f"share of {shape}": _text(share) for shape, share in snapshot.figure.mix},
+    }
+
+
+def _leading(snapshot: Snapshot) -> dict[str, str]:
+    return {
+        **({"leader": snapshot.leads or "nobody"} if snapshot.lead else {}),
+        **({"term": str(snapshot.lead.term)} if snapshot.lead else {}),
+        **({"waits": snapshot.waits} if snapshot.waits else {}),
+        **{f"candidate {name}": one.state for name, one in snapshot.candidates.items()},
+    }
+
+
 def _robot_status(name: str, robot: RobotFigures, errors: Mapping[str, float | None]) -> Status:
     values = {
         **{f"error {neighbour}": _text(error) for neighbour, error in errors.items()},
         "heading error": _text(robot.heading_error),
         "speed": _text(robot.speed),
         "turn rate": _text(robot.turn_rate),
+        **({"aside": "true"} if robot.aside else {}),
+        **({"stuck": "true"} if robot.stuck else {}),
+        **({"fallback": robot.fallback} if robot.fallback else {}),
         **{
             f"{what} {key.partition('/')[2]}": text
             for key, figures in robot.keys.items()
@@ -122,7 +174,19 @@ def _robot(robot: RobotFigures) -> dict[str, Any]:
         "age": _round(robot.age, 3),
         "heading_error": _round(robot.heading_error, 5),
         "rate": _round(robot.rate, 2),
+        "aside": robot.aside,
+        "stuck": robot.stuck,
+        "fallback": robot.fallback,
+        "voices": robot.voices,
     }
+
+
+def _figure(figure: Figure | None) -> dict[str, Any] | None:
+    """Where the slots are by now."""
+    if figure is None:
+        return None
+    mix = {shape: _round(share, 4) for shape, share in figure.mix}
+    return {"mix": mix, "rotation": _round(figure.rotation, 6), "scale": _round(figure.scale, 6)}
 
 
 def _length(metres: float) -> str:

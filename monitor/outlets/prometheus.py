@@ -22,6 +22,9 @@ ROBOT: tuple[tuple[str, str, Callable[[RobotFigures], float | None]], ...] = (
     ("turn_rate_limit_ratio", "Commanded turn rate as a share of its limit", lambda one: one.turn_share),
     ("heading_error_radians", "Estimated less true heading", lambda one: one.heading_error),
     ("position_age_seconds", "Since its last position arrived", lambda one: one.age),
+    ("aside", "1 while it does not follow, and others go on without it", lambda one: float(one.aside)),
+    ("stuck", "1 while it does not move though it is told to", lambda one: float(one.stuck)),
+    ("voices", "Processes that have spoken for it: each start is another", lambda one: float(one.voices)),
 )
 """Gauges of one robot: name after ``formation_robot_``, help, and where it stands."""
 KEY: tuple[tuple[str, str, Callable[[KeyFigures], float | None]], ...] = (
@@ -78,6 +81,8 @@ class Figures(Collector):
         shape = GaugeMetricFamily("formation_shape", "1 for the shape in force", labels=["shape"])
         shape.add_metric([seen.shape], 1.0)
         yield shape
+        yield from _figure(seen)
+        yield from _leading(seen)
         rejected = CounterMetricFamily(
             "formation_messages_rejected",
             "Messages that are not what they should be",
@@ -134,6 +139,46 @@ class Figures(Collector):
                 if (value := of(figures)) is not None:
                     family.add_metric([robot, key], value)
             yield family
+
+
+def _figure(seen: Snapshot) -> Iterator[Metric]:
+    """What is wanted of the figure, and where it is."""
+    wish, now = seen.wish, seen.figure
+    rotation = "counter-clockwise; of a shape that turns with the leader, from its heading"
+    yield _gauge(
+        "formation_rotation_radians", f"Ordered rotation, {rotation}", wish.rotation if wish else None
+    )
+    yield _gauge("formation_scale_ratio", "Ordered scale", wish.scale if wish else None)
+    yield _gauge(
+        "formation_figure_rotation_radians",
+        "Rotation by now, from the world's x",
+        now.rotation if now else None,
+    )
+    yield _gauge("formation_figure_scale_ratio", "Scale by now", now.scale if now else None)
+    share = GaugeMetricFamily(
+        "formation_figure_share_ratio", "Share of a shape in the figure", labels=["shape"]
+    )
+    for shape, part in now.mix if now else ():
+        share.add_metric([shape], part)
+    yield share
+    yield _gauge("formation_figure_formed", "1 once the figure is where it is wanted", float(seen.formed))
+
+
+def _leading(seen: Snapshot) -> Iterator[Metric]:
+    """Who leads, in which term, and who could."""
+    leader = GaugeMetricFamily("formation_leader_info", "1 for the process that leads", labels=["leader"])
+    if seen.leads is not None:
+        leader.add_metric([seen.leads], 1.0)
+    yield leader
+    term = seen.lead.term * 1e-9 if seen.lead else None
+    yield _gauge("formation_leader_term_seconds", "When the term began, by the leader's clock", term)
+    yield _gauge("formation_leader_waits", "1 while the leader waits for robots", float(bool(seen.waits)))
+    state = GaugeMetricFamily(
+        "formation_candidate_state", "1 for what a process that may lead does", labels=["candidate", "state"]
+    )
+    for name, one in seen.candidates.items():
+        state.add_metric([name, one.state], 1.0)
+    yield state
 
 
 def _recording(recording: Mapping[str, Any]) -> Iterator[Metric]:

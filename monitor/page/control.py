@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import secrets
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from threading import Lock
 from typing import Any, Protocol
 
 from formation.mission import Mission
+from formation.outcome import Outcome
 from formation.transport import asking, wiring
-from formation.transport.asking import OPERATOR, Answer
-from formation.transport.bus import Bus, Reply
+from formation.transport.asking import OPERATOR
+from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError
+from formation.transport.question import Reply
 from formation.transport.wiring import Links
 from monitor.figures.events import INFO, WARNING, Event
 from monitor.page.precedence import Given, Overruled, Precedence
@@ -69,7 +71,7 @@ def on_the_bus(
 class Line(Protocol):
     """What questions are put on: `formation.transport.bus.Bus`."""
 
-    def question(self, key: str, payload: bytes, timeout: float) -> Callable[[float], Sequence[Reply]]:
+    def question(self, key: str, payload: bytes, timeout: float) -> asking.Question:
         """Put one, and wait for nobody."""
 
     def close(self) -> None:
@@ -88,22 +90,20 @@ class Operator:
         """Who has it may give orders; another one at every start."""
         self._mission, self._line, self._note, self._why = mission, line, note, why
         self._precedence = Precedence()
-        self._leader_stopped = True  # if everybody was to stop
+        self._stopped = True  # whether who leads has heard the newest stop
         self._lock = Lock()  # held while a question is put, but never while its answers are waited for
 
-    def order(
-        self, do: str, shape: str | None = None, *, click: str = "", seen: float | None = None
-    ) -> dict[str, Any]:
-        """Have robots `do` it, and wait for their answers for `PATIENCE`; those, as `asking.report`.
+    def order(self, do: str, *, click: str = "", seen: float | None = None, **what: Any) -> dict[str, Any]:
+        """Have robots `do` it, and wait for their answers for `PATIENCE`; those, as `Outcome.report`.
 
         `click` names what somebody clicked: what is sent twice takes effect once. `seen` is the moment that
-        the page showed [s, our system clock]. Raises ValueError, Overruled among them, for what is not
-        ordered.
+        the page showed [s, our system clock]. `what` is the order's shape, degrees and so on, as
+        `formation.order.TAKES` has them. Raises ValueError, Overruled among them, for what is not ordered.
         """
-        request = asking.request_for(self._mission, do, shape)
+        request = asking.request_for(self._mission, do, **what)
         behind = None if seen is None else max(time.time() - seen, 0.0)
-        if do == "release" and not self._leader_stopped:
-            raise Overruled(f"release: {self._mission.leader} has not heard the stop, stop once more first")
+        if do == "release" and not self._stopped:
+            raise Overruled("release: who leads has not heard the stop, stop once more first")
         with self._lock:
             given, new = self._precedence.give(request, time.monotonic(), click=click, behind=behind)
         if new:
@@ -119,35 +119,41 @@ class Operator:
     def _give(self, given: Given) -> None:
         asked, put = asking.addressed(self._mission, given.request.do), partial(self._put, given)
         try:
-            answers = asking.ask(put, asked, given.request, PATIENCE, over=lambda: given.over)
+            outcome = asking.ask(put, asked, given.request, PATIENCE, over=lambda: given.over)
             if given.request.do == "stop":  # else a release would end what its order was before: a hold
-                self._leader_stopped = self._mission.leader in answers
-            self._note(_event(time.time(), given, asked, answers))
-            given.report.set_result(self._report(given, asked, answers))
+                self._stopped = outcome.leader is not None
+            self._note(_event(time.time(), given, outcome))
+            given.report.set_result(self._report(outcome))
         except Exception as error:  # noqa: BLE001 - whoever waits for the report has to hear of it
             given.report.set_exception(error)
         finally:
             given.going = False
 
-    def _put(self, given: Given, key: str, payload: bytes, timeout: float) -> Sequence[Reply]:
+    def _put(self, given: Given, key: str, payload: bytes, timeout: float) -> asking.Question:
         """Ask, unless something newer counts: once that has been put, nothing older may be heard after it."""
         with self._lock:
-            if given.over:
-                return ()
-            answers = self._line.question(key, payload, timeout)
-        return answers(timeout)
+            return NOT_PUT if given.over else self._line.question(key, payload, timeout)
 
-    def _report(self, given: Given, asked: Sequence[str], answers: Mapping[str, Answer]) -> dict[str, Any]:
-        report = asking.report(given.request, asked, answers)
+    def _report(self, outcome: Outcome) -> dict[str, Any]:
+        report = outcome.report()
         return {**report, "why": self._why} if report["missing"] and self._why else report
 
 
-def _event(at: float, given: Given, asked: Sequence[str], answers: Mapping[str, Answer]) -> Event:
+class NotPut:
+    """A question that nobody has heard."""
+
+    replies: Sequence[Reply] = ()
+    over = True
+
+
+NOT_PUT = NotPut()
+
+
+def _event(at: float, given: Given, outcome: Outcome) -> Event:
     """What came of an order, for the list of events."""
-    text = asking.summary(given.request, asked, answers)
-    for name, answer in answers.items():
-        if not answer.reply.ok:
-            text += f"; {name} refuses: {answer.reply.reason}"
+    text = outcome.summary()
+    for name in outcome.refused:
+        text += f"; {name} refuses: {outcome.answers[name].reply.reason}"
     if given.over:
         text += "; overruled by the next order"
-    return Event(at, INFO if asking.obeyed(asked, answers) else WARNING, "", "operator", text)
+    return Event(at, INFO if outcome.obeyed else WARNING, "", "operator", text)

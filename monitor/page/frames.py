@@ -23,7 +23,7 @@ from monitor.figures.trajectory import Placed
 FIELDS = (
     "x", "y", "heading", "point_x", "point_y", "slot_x", "slot_y", "error", "speed", "turn_rate",
     "speed_share", "turn_rate_share", "age", "rate", "loss", "health", "state", "reason",
-    "true_x", "true_y", "heading_error", "health_why",
+    "true_x", "true_y", "heading_error", "health_why", "aside", "fallback",
 )  # fmt: skip
 """Columns of a robot's row: its centre, its control point, where that should be, and figures."""
 MILLI, TENTH_MILLI = 3, 4
@@ -52,6 +52,7 @@ def hello(
         "shapes": {
             shape: [_xy(mission.slot(name, shape)) for name in mission.names] for shape in mission.shapes
         },
+        "candidates": list(mission.candidates) if mission.standbys else [],
         "fields": list(FIELDS),
     }
 
@@ -75,11 +76,12 @@ def frame(
     `recording` has path, bytes, seconds and failure; `replay` has t, start, end, speed and paused.
     """
     seen = snapshot or metrics.snapshot(now)
-    placed, truly = metrics.placed(now)[1], metrics.placed(now, truly=True)[1]
-    leader = placed.get(mission.leader)
+    moment, placed = metrics.placed(now)
+    truly = metrics.placed(now, truly=True)[1]
+    leader, slots = placed.get(mission.leader), metrics.slots(moment)
     rows = []
     for name in mission.names:
-        slot = None if leader is None else leader.point + mission.slot(name, seen.shape)
+        slot = None if leader is None else leader.point + slots[name]
         well = health(name, seen.robots[name], mission.robots[name], contested=name in seen.contested)
         rows.append(_row(mission, name, seen.robots[name], placed.get(name), truly.get(name), slot, well))
     return {
@@ -96,7 +98,32 @@ def frame(
         "recording": recording,
         "r": rows,
         "e": [_round(error, TENTH_MILLI) for error in seen.edges.values()],
+        **_wished(seen),
+        **_leading(seen),
         **({} if replay is None else {"replay": replay}),
+    }
+
+
+def _wished(seen: Snapshot) -> dict[str, Any]:
+    """What is asked of the figure beside its shape; what is as it is drawn needs no word."""
+    if seen.wish is None:
+        return {}
+    return {
+        **({"rotation": _round(seen.wish.rotation)} if seen.wish.rotation else {}),
+        **({"scale": _round(seen.wish.scale)} if seen.wish.scale != 1.0 else {}),
+        **({} if seen.formed else {"forming": True}),
+        **({"waits": seen.waits} if seen.waits else {}),
+    }
+
+
+def _leading(seen: Snapshot) -> dict[str, Any]:
+    """Who leads, since when, and who could: a row for each candidate, in the order of the mission."""
+    if not seen.candidates:
+        return {}
+    return {
+        "leads": seen.leads,
+        "since": _round(seen.lead.since if seen.lead else None),
+        "c": [[one.state, one.reason, _round(one.age)] for one in seen.candidates.values()],
     }
 
 
@@ -141,6 +168,8 @@ def _row(
         *_xy(_centre(truth, offset)),
         _round(robot.heading_error),
         well.why,
+        2 if robot.stuck else int(robot.aside),
+        robot.fallback,
     ]
 
 

@@ -13,7 +13,8 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any
 
-from formation.order import REMEMBERED, RESTS, Do, OperatorRequest
+from formation.once import REMEMBERED, RESTS
+from formation.order import Do, OperatorRequest
 
 TWICE = 1.0
 """The same once more within so long is the second click of one wish [s]."""
@@ -45,8 +46,9 @@ class Given:
 
     def same_as(self, request: OperatorRequest) -> bool:
         """Whether `request` asks for the same. Nobody minds a stop too many, so each stop is another."""
-        mine = self.request
-        return request.do != "stop" and (mine.do, mine.shape) == (request.do, request.shape)
+        one_time = {"id": "", "age": 0.0}
+        mine, other = (one.model_copy(update=one_time) for one in (self.request, request))
+        return request.do != "stop" and mine == other
 
 
 class Precedence:

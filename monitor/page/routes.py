@@ -20,7 +20,7 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from formation.order import Do
+from formation.order import TAKES, Do
 from monitor.figures.words import as_json
 from monitor.outlets.prometheus import exposition
 from monitor.page.guard import Message
@@ -116,13 +116,14 @@ class Orders:
         """Give one and answer with what the robots answered."""
         self._know(request)
         body = await _body(request)
-        do, shape = _one_of(body, "do", get_args(Do)), None
+        do = _one_of(body, "do", get_args(Do))
+        what = {name: body.get(name) for name in TAKES.get(do, ())}
         if do == "shape":
-            shape = _one_of(body, "shape", self._source.shapes)
+            what["shape"] = _one_of(body, "shape", self._source.shapes)
         if self._under_way >= AT_ONCE + STOPS * (do == "stop"):
             raise HTTPException(429, "too many orders at once", {"retry-after": "1"})
         order = partial(
-            self._control.order, do, shape, click=_text(body, "click"), seen=_number(body, "seen")
+            self._control.order, do, click=_text(body, "click"), seen=_number(body, "seen"), **what
         )
         return JSONResponse(await self._give(order), headers=NO_STORE)
 

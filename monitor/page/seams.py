@@ -12,11 +12,10 @@ class Control(Protocol):
     def token(self) -> str:
         """What a request has to bring to be obeyed."""
 
-    def order(
-        self, do: str, shape: str | None = None, *, click: str = "", seen: float | None = None
-    ) -> dict[str, Any]:
+    def order(self, do: str, *, click: str = "", seen: float | None = None, **what: Any) -> dict[str, Any]:
         """Give an order and wait for the answers, as `formation order --json` has them.
 
+        `what` belongs to it: a ``shape``, ``degrees`` and so on, see `formation.order.TAKES`.
         `click` is the page's own name of what somebody clicked, the same if it is sent twice; `seen` is the
         moment that the page showed [s, our system clock]. Called in threads of the server, perhaps in
         several at once. ValueError for what cannot be ordered just now.

@@ -24,7 +24,6 @@ import numpy as np
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
-    ChunkIndex,
     DataEnd,
     Footer,
     Header,
@@ -37,6 +36,7 @@ from mcap.records import (
 
 from monitor.recording.channels import ABOUT, Channels
 from monitor.recording.chunk import Chunk
+from monitor.recording.index import Entry, Index
 from monitor.recording.scan import MAGIC
 
 PROFILE = "ros2"
@@ -61,7 +61,7 @@ class Part:
         """Log times of the first and the last message [ns]."""
         self._channels, self._declared = channels, 0
         self._forcing = threading.Lock()
-        self._indexes, self._chunks = bytearray(), 0
+        self._index = Index(CHUNK_HEAD)
         self._known, self._kinds_size = 0, 0
         fresh = _make_folder(path.parent)
         self._file = path.open("xb", buffering=0)
@@ -90,7 +90,7 @@ class Part:
             self._known = len(self._channels.channels)
             kinds = (*self._channels.schemas, *self._channels.channels)
             self._kinds_size = sum(len(packed(one)) for one in kinds)
-        return self.size + self._kinds_size + len(self._indexes) + 10 * self._known + 1000
+        return self.size + self._kinds_size + self._index.size + 10 * self._known + 1000
 
     def append(self, chunk: Chunk) -> None:
         """Write a chunk and hand it to the operating system."""
@@ -104,28 +104,20 @@ class Part:
         `chunk` says what these are; they stand `shift` bytes further back in it, and all of it is `unpacked`
         bytes long before `codec` compressed it.
         """
-        places, indexes = {}, bytearray()
+        lengths, indexes = {}, bytearray()
         for channel, entries in chunk.index.items():
             table = np.array(entries, dtype="<u8")
             table[1::2] += shift
-            places[channel] = self.size + len(record) + len(indexes)
             length = table.nbytes
+            lengths[channel] = _INDEX_HEAD.size + length
             indexes += _INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + length, channel, length) + table.tobytes()
         self._put(record + indexes)
-        self._indexes += packed(
-            ChunkIndex(
-                message_start_time=chunk.start, message_end_time=chunk.end,
-                chunk_start_offset=self.size, chunk_length=len(record),
-                message_index_offsets=places, message_index_length=len(indexes), compression=codec,
-                compressed_size=len(record) - CHUNK_HEAD - len(codec), uncompressed_size=unpacked,
-            )
-        )  # fmt: skip
+        self._index.add(Entry(chunk.start, chunk.end, self.size, len(record), unpacked, codec, lengths))
         self.size += len(record) + len(indexes)
         self._declared = chunk.channels
         if chunk.index:
             self.start = min(self.start, chunk.start) if self.counts else chunk.start
             self.end = max(self.end, chunk.end)
-        self._chunks += 1
         for channel in chunk.index:
             self.counts[channel] += chunk.count(channel)
 
@@ -194,7 +186,7 @@ class Part:
             (Opcode.SCHEMA, b"".join(map(packed, self._channels.schemas))),
             (Opcode.CHANNEL, b"".join(map(packed, self._channels.channels))),
             (Opcode.STATISTICS, packed(self._statistics())),
-            (Opcode.CHUNK_INDEX, bytes(self._indexes)),
+            (Opcode.CHUNK_INDEX, self._index.records()),
             (Opcode.METADATA_INDEX, packed(self._metadata)),
         )
         body, offsets = bytearray(), b""
@@ -212,7 +204,7 @@ class Part:
         return Statistics(
             message_count=self.counts.total(), schema_count=len(self._channels.schemas),
             channel_count=len(self._channels.channels), attachment_count=0, metadata_count=1,
-            chunk_count=self._chunks, message_start_time=self.start, message_end_time=self.end,
+            chunk_count=self._index.count, message_start_time=self.start, message_end_time=self.end,
             channel_message_counts=dict(self.counts),
         )  # fmt: skip
 

@@ -6,7 +6,8 @@ Each panel is one column of a paper wide and its letters are 8 pt there. What is
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -15,6 +16,7 @@ from monitor.report import drawing, parts
 from monitor.report.drawing import FAINT, STYLE
 from monitor.report.gather import Run
 from monitor.report.parts import PANELS, Panel
+from monitor.report.story import Ordered
 from monitor.report.view import View
 
 if TYPE_CHECKING:
@@ -26,7 +28,8 @@ COLUMN, PAGE = 3.5, 7.1
 FORMATS = ("png", "svg", "pdf")
 DPI = 300
 MARKED = 40
-"""Orders that are marked in the figure of a whole recording."""
+"""Orders, and changes of the leader, that are marked in the figure of a whole recording."""
+CHANGED = "#D55E00"
 Made = TypeVar("Made", bound="Callable[..., Figure]")
 
 
@@ -88,15 +91,42 @@ def whole(run: Run) -> Figure:
     axes.set_title("Formation error over the whole recording")
     parts.error(axes, run, View.of([run], end))
     axes.set_xlim(begin, max(end, begin + 0.1))
-    shapes = len(run.mission.shapes) > 1
-    for order in run.orders[:MARKED]:
-        axes.axvline(order.at - run.start, color=FAINT, linewidth=0.7)
+    for at, text, colour, top in _marks(run):
+        axes.axvline(at, color=colour, linewidth=0.7)
         axes.annotate(
-            f"{order.mode}, {order.shape}" if shapes else order.mode, (order.at - run.start, 0.03),
-            xycoords=("data", "axes fraction"), xytext=(2, 0), textcoords="offset points", rotation=90,
-            fontsize=6.5, color=FAINT,
-        )  # fmt: skip
+            text, (at, 0.97 if top else 0.03), xycoords=("data", "axes fraction"), xytext=(2, 0),
+            textcoords="offset points", rotation=90, fontsize=6.5, color=colour,
+            va="top" if top else "bottom",
+        ).set_in_layout(False)  # fmt: skip
     return figure
+
+
+def _marks(run: Run) -> Iterator[tuple[float, str, str, bool]]:
+    """What is marked in the figure of a whole recording: when [s], what, in which colour, whether on top."""
+    for one in run.reigns[1 : MARKED + 1]:
+        yield one.heard.begin - run.start, f"{one.name} leads", CHANGED, True
+    before: Ordered | None = None
+    for order in run.orders[:MARKED]:
+        if text := _change(before, order):
+            yield order.at - run.start, text, FAINT, False
+        before = order
+
+
+def _change(before: Ordered | None, order: Ordered) -> str:
+    """What is another than before."""
+    wish = order.wish
+    old = before.wish if before else wish._replace(shape="", rotation=0.0, scale=1.0, route="")
+    return ", ".join(
+        text
+        for text, is_new in (
+            (order.mode, before is None or order.mode != before.mode),
+            (wish.shape, wish.shape != old.shape),
+            (f"{math.degrees(wish.rotation):.3g}°", wish.rotation != old.rotation),
+            (f"× {wish.scale:.3g}", wish.scale != old.scale),
+            ("course", wish.route != old.route),
+        )
+        if is_new
+    )
 
 
 @_styled

@@ -23,8 +23,10 @@ from monitor.figures.snapshot import RobotFigures, Snapshot
 from monitor.figures.trajectory import Placed
 from monitor.recording.reader import Recorded, Recording
 from monitor.recording.rerun import Rerun
+from monitor.report.doing import Doing, Doings
 from monitor.report.judging import GAP, Commands, Judge, Measured, Robot
 from monitor.report.latency import Late, Latencies
+from monitor.report.reigns import Reign, Reigns
 from monitor.report.story import Ordered, Story
 from monitor.report.thin import Curves, Extremes, Samples
 from monitor.report.traffic import Key, Traffic
@@ -84,6 +86,10 @@ class Run:
     untold: int
     """Events that there was no room for."""
     orders: tuple[Ordered, ...]
+    reigns: tuple[Reign, ...]
+    """Who led."""
+    doings: Mapping[str, Doing]
+    """What followers did, and how long."""
     apart: float
     """By how much the monitor's own settling time was longer when it last told it [s]; NaN: it told none."""
 
@@ -134,6 +140,7 @@ class _Gatherer:
         self._mission = mission
         self._rerun = Rerun(mission)
         self._late, self._traffic, self._story = Latencies(mission), Traffic(mission), Story()
+        self._reigns, self._doings = Reigns(mission), Doings(mission)
         self._commands = {CMD_VEL.key(name): Commands(mission, name) for name in mission.followers}
         count = len(mission.followers)
         self._ways = Samples(2 * (count + 1))
@@ -165,6 +172,7 @@ class _Gatherer:
             if key in self._commands:
                 self._commands[key].take(payload, wall)
         self._story.take(key, payload)
+        self._reigns.take(message.sample, wall)
         self._story.check(key, payload, self._now_settled)
         if key == ERROR.key() or wall - self._looked > LOOK:
             self._look(Now(wall, wall))
@@ -201,6 +209,8 @@ class _Gatherer:
             events=tuple(self._story.events),
             untold=self._story.untold,
             orders=tuple(self._story.orders),
+            reigns=tuple(self._reigns.all),
+            doings=self._doings.each,
             apart=self._story.apart,
         )
 
@@ -220,6 +230,7 @@ class _Gatherer:
         snapshot = metrics.snapshot(now)
         self._looked = now.wall
         self._story.look(now.wall, metrics)
+        self._doings.look(now.wall, snapshot.robots)
         if self._start is None and snapshot.formation_error is not None and snapshot.elapsed > 0.0:
             self._start = now.wall - snapshot.elapsed
         self._now_settled = snapshot.settled_at

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from monitor.report import compare, drawing, figures, svg, tables, words
+from monitor.report import compare, drawing, figures, happened, svg, tables, words
 from monitor.report.gather import Run
 from monitor.report.parts import PANELS, Panel
 from monitor.report.summary import Item, items, notices, verdict
@@ -144,8 +144,10 @@ def _run(told: Told, name: str, view: View, several: bool) -> dict[str, Any]:
         "answers": tables.answers(run),
         "rejected": tables.rejected(run),
         "each_key": tables.keys(run),
-        "orders": tables.orders(run),
-        "events": tables.events(run),
+        "orders": happened.orders(run),
+        "reigns": happened.reigns(run),
+        "doings": happened.doings(run),
+        "events": happened.events(run),
         "check": told.check,
         "file": run.recording.about["mission_file"],
         "facts": list(_facts(run, cut=cut)),
@@ -184,7 +186,8 @@ def _whole(run: Run, letter: str) -> Drawn | None:
         return None
     text = f"Formation error over the whole recording of {words.lasting(run.duration)}. {verdict(run)}"
     caption = (
-        "The whole recording, with the leader's orders. What is thinned shows the least and the greatest."
+        "The whole recording, with the leader's orders, and who led. What is thinned shows the least and the"
+        " greatest."
     )
     return _drawn(figures.whole(run), f"{letter}-whole", text, caption, run, wide=True)
 

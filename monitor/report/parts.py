@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from formation.figure import Figure
 from formation.plane import FloatArray
 from monitor.report import drawing, words
 from monitor.report.drawing import FAINT, INK, MANY
@@ -31,7 +32,8 @@ class Panel(NamedTuple):
 def graph(axes: Axes, run: Run, _view: View) -> None:
     """(a) Who measures whom, where everybody belongs."""
     mission = run.mission
-    points = mission.slots(run.snapshot.shape if run.snapshot.shape in mission.shapes else None)
+    figure = run.snapshot.figure or Figure.first(mission)
+    points = np.array(figure.slots(mission), dtype=np.complex128)
     drawing.graph(axes, mission.names, edges(run), points, drawing.looks(len(mission.followers)))
 
 

@@ -11,6 +11,7 @@ from formation.topics import DIAGNOSTICS, EVENTS
 from formation.wire import BadMessage
 from monitor.figures.events import Event, from_message
 from monitor.figures.metrics import Metrics
+from monitor.figures.orders import Wish
 
 SETTLED = b"settled at"
 MOST = 2000
@@ -23,7 +24,14 @@ class Ordered(NamedTuple):
     at: float
     """[s, the recorder's clock]"""
     mode: Mode
-    shape: str
+    wish: Wish
+    leads: str
+    """Whose order it was."""
+
+    @property
+    def shape(self) -> str:
+        """That is wished for."""
+        return self.wish.shape
 
 
 class Story:
@@ -68,5 +76,6 @@ class Story:
         order = metrics.order
         if order is None or len(self.orders) >= MOST:
             return
-        if not self.orders or self.orders[-1][1:] != (order.mode, order.shape):
-            self.orders.append(Ordered(wall, order.mode, order.shape))
+        wanted = order.mode, Wish.of(order), metrics.lead.name if metrics.lead else ""
+        if not self.orders or self.orders[-1][1:] != wanted:
+            self.orders.append(Ordered(wall, *wanted))

@@ -10,6 +10,7 @@ from monitor.figures.feed import CLOCK_AGREES
 from monitor.report import words
 from monitor.report.gather import Run
 from monitor.report.judging import Measured
+from monitor.report.reigns import overlaps
 from monitor.report.traffic import Key
 
 APART = 0.01
@@ -36,7 +37,7 @@ class Item(NamedTuple):
 
 def items(run: Run) -> Iterator[Item]:
     """Everything that one number says of a run."""
-    yield Item("settling_time", "settling time", run.snapshot.settled_at, words.seconds)
+    yield Item("settling_time", "settling time", run.snapshot.settling_time, words.seconds)
     yield Item("formation_error", "final formation error", run.snapshot.final_error, words.length)
     true = None if run.snapshot.final_error is None else run.true_error.final
     yield Item("formation_error_true", "final true error", true, words.length)
@@ -108,6 +109,11 @@ def notices(run: Run, *, cut: bool) -> Iterator[str]:
         )
     if not run.messages:
         return
+    for former, latter, span in overlaps(run.reigns):
+        yield (
+            f"Two led at once: {former.name or 'somebody'} and {latter.name or 'somebody'}, for"
+            f" {words.lasting(span.end - span.begin)} from {words.seconds(span.begin - run.start)} on."
+        )
     unheard = [key.robot for key in run.keys if key.topic == "position" and not key.count]
     if unheard:
         yield f"Never heard: {_listed(unheard)}. So the sum over all edges is not known."

@@ -1,4 +1,4 @@
-"""The tables of a run's page: robots, topics, answers, keys, orders, events."""
+"""The tables of a run's page: robots, topics, answers, keys."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ TERMS = (
     ("greatest", "the greatest |e| over the same moments."),
     ("settled", "since the settling time: since then the formation error has stayed under the bound."),
     ("final", "the newest that was known; of the formation, only if it was known at the end."),
-    ("settling time", "counts from the first moment at which the formation error was known."),
+    (
+        "settling time",
+        "counts from the first moment with a known error, or from the newest order of another figure or way.",
+    ),
     ("at its limit", "share of commands with u, or ω, at 99.5 % of the robot's limit or more."),
     ("heading error", "estimated less true heading; the truth only simulated robots tell."),
 )
@@ -140,28 +143,6 @@ def rejected(run: Run) -> Table:
     """Messages that were not what they should be."""
     rows = [(what, words.whole(count)) for what, count in run.snapshot.rejected.items()]
     return Table("Rejected messages", ("key: reason", "messages"), rows)
-
-
-def orders(run: Run) -> Table:
-    """What the leader wanted, and since when."""
-    rows = [(words.seconds(order.at - run.start), order.mode, order.shape) for order in run.orders]
-    return Table("The leader's orders", ("time", "mode", "shape"), rows, words=True)
-
-
-def events(run: Run) -> Table:
-    """The monitor's list."""
-    levels = {20: "", 30: "warning", 40: "error"}
-    rows = [
-        (
-            words.seconds(event.at - run.start),
-            event.robot or "formation",
-            event.kind,
-            levels.get(event.level, ""),
-            event.text,
-        )
-        for event in run.events
-    ]
-    return Table("Events", ("time", "who", "what", "level", "in words"), rows, words=True)
 
 
 def _measured(one: Measured) -> Iterator[str]:

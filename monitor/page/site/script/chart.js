@@ -6,7 +6,7 @@ import { colour } from "./palette.js";
 import { recall, remember } from "./store.js";
 
 const LEAST = 1e-4; // where a logarithmic scale ends below [m]
-const SYMBOLS = { lost: "✕", stopped: "■", held: "Ⅱ", runs: "▶", back: "↩", settled: "✓", unsettled: "✓̸", order: "◆", operator: "◆", recording: "●" };
+const SYMBOLS = { lost: "✕", stopped: "■", held: "Ⅱ", runs: "▶", back: "↩", settled: "✓", unsettled: "✓̸", order: "◆", operator: "◆", leader: "★", recording: "●" };
 const APART = 13; // symbols nearer to each other are left out [px]
 const SECONDS = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 1200, 3600]; // between two marks of the time
 const KEY = "formation-log-scale";

@@ -1,5 +1,6 @@
 /** What the top view shows, in layers: grid, trails, edges, slots, ghosts, robots, names, scale bar. */
 
+import { standIn } from "./candidates.js";
 import { colour, edgeStep, robotColour } from "./palette.js";
 import { drawGhost, drawRobot } from "./figures.js";
 import { length } from "./format.js";
@@ -136,7 +137,8 @@ function drawNames(pen, camera, model, size, unit) {
     const seen = robot.place && camera.sees(robot.place);
     if (!seen || (many && !room && !chosen && !robot.lost && !robot.leader)) continue;
     const name = many && !chosen && !robot.leader ? robot.name.slice(prefix) : robot.name;
-    const text = robot.lost ? `${name} lost ${robot.get("age").toFixed(1)} s` : name;
+    const other = standIn(model, robot);
+    const text = robot.lost ? `${name} lost ${robot.get("age").toFixed(1)} s` : other ? `${name}: ${other} leads` : name;
     pen.font = `${chosen || robot.lost ? 700 : 500} ${(many ? 10.5 : 12) * unit}px system-ui, sans-serif`;
     const half = pen.measureText(text).width / 2 + 4 * unit;
     const x = Math.min(Math.max(camera.sx(robot.place.x), half), camera.width - half);

@@ -32,6 +32,7 @@ export class Header {
     setText(byId("settled"), settled(frame, hello.settled));
     setText(byId("mode"), frame.mode ?? format.UNKNOWN);
     setText(byId("shape"), frame.shape ?? format.UNKNOWN);
+    setText(byId("figure"), figure(frame));
     setText(byId("bad-messages"), `${frame.missed} missed · ${frame.rejected} rejected`);
     if (hello.live) this.showRecording(frame.recording);
   }
@@ -83,7 +84,15 @@ export class Header {
   }
 }
 
+/** How the shape is turned and scaled. */
+function figure({ rotation = 0, scale = 1 }) {
+  const turned = rotation ? `${format.number((180 * rotation) / Math.PI, 0)}°` : "";
+  const scaled = scale === 1 ? "" : `×${Number(scale.toPrecision(3))}`;
+  return [turned, scaled].filter(Boolean).join(" ");
+}
+
 function settled(frame, bound) {
+  if (frame.forming) return "figure on its way";
   if (frame.settled_at === null) return `not yet (< ${format.length(bound)})`;
   if (frame.error === null) return `was, at ${frame.settled_at.toFixed(1)} s`; // before all fell silent
   return frame.converged ? `at ${frame.settled_at.toFixed(1)} s` : `since ${frame.settled_at.toFixed(1)} s`;

@@ -1,5 +1,6 @@
 /** The page put together: what the stream says goes into the model, and from there to whatever shows it. */
 
+import { Candidates } from "./candidates.js";
 import { ErrorChart } from "./chart.js";
 import { byId, setAttribute, setText } from "./dom.js";
 import { EventList } from "./events.js";
@@ -33,6 +34,7 @@ const view = new TopView(
   choose,
 );
 const table = new RobotTable(model, choose);
+const candidates = new Candidates(model);
 const chart = new ErrorChart(model, byId("chart"));
 const events = new EventList(model);
 const orders = new Orders(model);
@@ -40,7 +42,7 @@ const replay = new ReplayBar(model);
 const stream = new Stream("stream", {
   hello: (hello) => {
     model.greet(hello);
-    for (const part of [header, orders, replay]) part.greet();
+    for (const part of [header, orders, replay, candidates]) part.greet();
     table.build();
     events.rebuild();
     chart.rebuild();
@@ -79,7 +81,10 @@ function show(now) {
 
 function catchUp(now) {
   events.update();
-  if (due("table", now, TABLE_EVERY)) table.update();
+  if (due("table", now, TABLE_EVERY)) {
+    table.update();
+    candidates.update();
+  }
   if (due("chart", now, CHART_EVERY)) {
     chart.update();
     describe();
@@ -95,7 +100,8 @@ function due(part, now, every) {
 /** The top view in a sentence, for who does not see it. */
 function describe() {
   const lost = model.robots.filter((robot) => robot.lost).map((robot) => robot.name);
-  const text = `Top view of ${model.robots.length} robots` + (lost.length ? `; lost: ${lost.join(", ")}` : "");
+  const leads = model.frame?.leads ? `; ${model.frame.leads} leads` : "";
+  const text = `Top view of ${model.robots.length} robots${leads}` + (lost.length ? `; lost: ${lost.join(", ")}` : "");
   setAttribute(byId("map"), "aria-label", text);
 }
 

@@ -42,6 +42,7 @@ export class Model {
     this.frame = frame;
     this.frames += 1;
     this.robots.forEach((robot, index) => robot.take(frame.r[index]));
+    for (const robot of this.robots) if (robot.leader) robot.waits = frame.waits ?? "";
     this.error.push(frame.t, frame.error);
   }
 

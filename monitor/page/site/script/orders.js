@@ -129,18 +129,16 @@ export class Orders {
   }
 
   /** Who obeyed, in how many milliseconds; who refused, and why; who did not answer at all, first. */
-  acknowledge(what, { robots, missing, why }) {
-    const named = Object.entries(robots);
-    const obeyed = named.filter(([, one]) => one.ok);
-    const sound = obeyed.length === named.length && !missing.length;
-    const sum = `${what}: ${obeyed.length} of ${named.length + missing.length} obey`;
-    const slowest = Math.max(0, ...named.map(([, one]) => one.ms));
+  acknowledge(what, { acknowledged, refused, missing, why }) {
+    const sound = !refused.length && !missing.length;
+    const sum = `${what}: ${acknowledged.length} of ${acknowledged.length + refused.length + missing.length} obey`;
+    const slowest = Math.max(0, ...acknowledged.map((one) => one.ms));
     this.tell(sound ? "good" : "bad", sound ? `${sum}, the slowest after ${slowest.toFixed(0)} ms` : sum);
     const items = [
       ...(why ? [make("li", { "data-tone": "warn" }, why)] : []),
       ...missing.map((name) => make("li", { "data-tone": "bad" }, `✕ ${name} NO ANSWER`)),
-      ...named.filter(([, one]) => !one.ok).map(([name, one]) => make("li", { "data-tone": "bad" }, `✕ ${name} REFUSED: ${one.reason}`)),
-      ...obeyed.map(([name, one]) => make("li", { "data-tone": "good" }, `✓ ${name} ${one.mode} ${one.ms.toFixed(0)} ms`)),
+      ...refused.map((one) => make("li", { "data-tone": "bad" }, `✕ ${one.robot} REFUSED: ${one.reason}`)),
+      ...acknowledged.map((one) => make("li", { "data-tone": "good" }, `✓ ${one.robot} ${one.mode} ${one.ms.toFixed(0)} ms`)),
     ];
     byId("acknowledgements").replaceChildren(...items);
   }

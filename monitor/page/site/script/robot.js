@@ -16,6 +16,7 @@ export class Robot {
     this.columns = columns;
     this.row = [];
     this.place = null; // the last known one
+    this.waits = ""; // for whom the leader does
     this.trail = new Trail(POINTS);
   }
 
@@ -55,6 +56,20 @@ export class Robot {
     return this.lost ? `no position for ${this.get("age").toFixed(1)}\u00a0s` : reason;
   }
 
+  /** It says that it does not follow, and whoever measures it goes on without it. */
+  get aside() {
+    return !this.lost && Boolean(this.get("aside"));
+  }
+
+  /** What is out of the ordinary although it runs. */
+  get remark() {
+    const fallback = this.get("fallback");
+    if (this.waits) return `waits for ${this.waits}`;
+    if (this.get("aside") === 2 && !this.lost) return "stuck, does not move";
+    if (this.aside) return "does not follow";
+    return fallback ? `follows ${fallback} instead` : "";
+  }
+
   get slot() {
     const [x, y] = [this.get("slot_x"), this.get("slot_y")];
     return x === null || y === null ? null : { x, y };
@@ -87,6 +102,6 @@ export class Robot {
     if (!this.seen) return 5e3;
     if (this.lost) return 4e3 + Math.min(this.get("age"), 900);
     const stopped = { run: 0, hold: 1e3, waiting: 1.5e3, stop: 2e3 }[this.state] ?? 2.5e3;
-    return stopped + 500 * (1 - (this.health ?? 1)) + Math.min(this.get("error") ?? 0, 100);
+    return stopped + (this.aside ? 800 : 0) + 500 * (1 - (this.health ?? 1)) + Math.min(this.get("error") ?? 0, 100);
   }
 }

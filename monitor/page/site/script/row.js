@@ -53,8 +53,8 @@ export class Row {
     setText(this.word, word);
     setText(this.symbol, SYMBOLS[word] ?? "!");
     setAttribute(this.element, "data-lost", String(robot.lost));
-    setAttribute(this.element, "data-tone", TONES[word] ?? "warn");
-    const why = word === "run" ? "" : robot.why;
+    setAttribute(this.element, "data-tone", (robot.aside || robot.waits) && word === "run" ? "warn" : TONES[word] ?? "warn");
+    const why = robot.remark || (word === "run" ? "" : robot.why);
     setText(this.reason, why);
     setAttribute(this.reason, "title", why);
     setAttribute(this.name, "aria-pressed", String(robot.name === chosen));
@@ -79,7 +79,7 @@ export class Row {
 
   matches(wanted) {
     const { robot } = this;
-    return !wanted || `${robot.name} ${robot.word} ${robot.why}`.toLowerCase().includes(wanted);
+    return !wanted || `${robot.name} ${robot.word} ${robot.why} ${robot.remark}`.toLowerCase().includes(wanted);
   }
 }
 
