@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from deploy.arguments import add_mission, as_json, parser, read_mission
 from formation.mission import Mission
 from formation.stability.analysis import Analysis, analyse
+from formation.stability.losses import Loss, losses
 
 EXAMPLES = """\
   formation check six_robots
@@ -27,13 +29,15 @@ def main(arguments: Sequence[str]) -> int:
     found = analyse(mission)
     print(words(mission, found))
     if options.json:
-        print(as_json({"mission": mission.name, **found.as_json()}))
+        print(as_json({"mission": mission.name, **found.as_json(), "losses": _as_json(mission)}))
     return 0 if found.ok else 1
 
 
 def words(mission: Mission, found: Analysis) -> str:
     """The analysis for people."""
-    return "\n".join([*_summary(mission, found), "", *_robots(mission, found), *_findings(found)])
+    return "\n".join(
+        [*_summary(mission, found), "", *_robots(mission, found), "", *_losses(mission), *_findings(found)]
+    )
 
 
 def _summary(mission: Mission, found: Analysis) -> Iterator[str]:
@@ -55,10 +59,61 @@ def _robots(mission: Mission, found: Analysis) -> Iterator[str]:
         peak = found.amplification.get(name)
         grown = "-" if peak is None else f"{peak:.3g} s" if math.isfinite(peak) else "without end"
         hops = found.depth[name]
-        yield (
-            f"  {name:<{width}}{'none' if hops is None else hops:<6}{grown:<24}"
-            f"{', '.join(mission.robots[name].neighbours) or 'nobody: it leads'}"
-        )
+        yield (f"  {name:<{width}}{'none' if hops is None else hops:<6}{grown:<24}{_measured(mission, name)}")
+
+
+def _measured(mission: Mission, name: str) -> str:
+    spec = mission.robots[name]
+    others = ", ".join(spec.neighbours) or "nobody: it leads"
+    return others + (f", or else {', '.join(spec.fallback_neighbours)}" if spec.fallback_neighbours else "")
+
+
+def _losses(mission: Mission) -> Iterator[str]:
+    """What comes of the loss of every single robot: who would hold, and who would go on by whom instead."""
+    found = losses(mission)
+    leader = found.pop(mission.leader)
+    if not any(loss.holding for loss in found.values()):
+        yield "  any single follower may be lost: the others go on"
+    else:
+        fine = [name for name, loss in found.items() if not loss.holding]
+        if fine:
+            yield f"  {_or(fine)} may be lost: the others go on"
+    for name, loss in found.items():
+        said = _of_loss(mission, loss)
+        if said:
+            yield f"  {name} lost: {said}"
+    if mission.standbys:
+        first = next(iter(mission.standbys))
+        yield f"  {mission.leader} lost: {first} leads within about {mission.takeover:g} s"
+    else:
+        yield f"  {mission.leader} lost: {_of_loss(mission, leader)}, for there is no standby"
+
+
+def _of_loss(mission: Mission, loss: Loss) -> str:
+    said = []
+    if loss.holding:
+        everybody = len(loss.holding) >= len(mission.followers) - 1 and len(loss.holding) > 1
+        said.append(
+            "all others hold" if everybody else
+            f"{', '.join(loss.holding)} {'holds' if len(loss.holding) == 1 else 'hold'}"
+        )  # fmt: skip
+    said += [f"{name} goes on by {', '.join(others)}" for name, others in loss.instead.items()]
+    return "; ".join(said)
+
+
+def _or(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
+
+
+def _as_json(mission: Mission) -> dict[str, Any]:
+    """By the robot that is lost; for the leader also who takes its place, None where nobody does."""
+    found: dict[str, Any] = {
+        name: {"hold": list(loss.holding), "instead": {one: list(by) for one, by in loss.instead.items()}}
+        for name, loss in losses(mission).items()
+    }
+    successor = next(iter(mission.standbys), None)
+    found[mission.leader] |= {"successor": successor} | ({"hold": []} if successor else {})
+    return found
 
 
 def _findings(found: Analysis) -> Iterator[str]:

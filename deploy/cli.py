@@ -34,7 +34,7 @@ COMMANDS = {
     "run": Command("deploy.run", HERE, "start every process of a mission here, watch it, record it"),
     "check": Command("deploy.check", HERE, "is this mission stable, how fast, how much delay does it bear?"),
     "simulate": Command("deploy.simulate", HERE, "many starts, faster than real time, without a network"),
-    "order": Command("deploy.order", HERE, "hold, run, stop, release or reshape a running mission's robots"),
+    "order": Command("deploy.order", HERE, "stop a running mission's robots, or give them any other order"),
     "watch": Command("deploy.watch", HERE, "a table of any running fleet in the terminal"),
     "replay": Command("deploy.replay", HERE, "play a recording to the live page, and onto keys of its own"),
     "recover": Command("deploy.recover", HERE, "make a recording whole that was cut off"),
@@ -95,7 +95,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("\nformation: interrupted", file=sys.stderr)
         code = 130
+    if arguments is None:
+        _leave(code)
     return code
+
+
+def _leave(code: int) -> None:
+    """End here and now, with this code, if the interpreter's own end might become another."""
+    bus = sys.modules.get("formation.transport.bus")
+    if bus is not None and bus.still_closing():
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
 
 
 def _dispatch(arguments: Sequence[str]) -> int:

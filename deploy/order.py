@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import get_args
+from typing import Any, NamedTuple
 
 from deploy.arguments import as_json, number, parser, read_mission
-from deploy.doctor import files
 from deploy.refusal import Refusal
 from deploy.terminal.waiting import waiting
 from formation.mission import Mission
-from formation.order import Do
+from formation.mission_file import MissionError, parse_route, read
+from formation.order import OperatorRequest
+from formation.outcome import Outcome
 from formation.transport import asking, wiring
 from formation.transport.asking import OPERATOR
 from formation.transport.bus import Bus
@@ -20,61 +22,88 @@ from formation.transport.bus_config import BusConfig, BusError
 from formation.transport.flags import add_zenoh, bus_config
 from formation.transport.wiring import Links
 
+
+class Verb(NamedTuple):
+    """An order as it is typed."""
+
+    takes: dict[str, str]
+    """What belongs to the request, and what the help calls it."""
+    means: str
+
+
+VERBS = {
+    "stop": Verb({}, "every robot, at once, told by us and by each other; stopped until released"),
+    "release": Verb({}, "end a stop, else a hold: everybody goes on with what was ordered before"),
+    "hold": Verb({}, "stand still where you are"),
+    "run": Verb({}, "drive; ends a hold, but not a stop"),
+    "shape": Verb({"shape": "NAME"}, "take another of the mission's shapes"),
+    "rotate": Verb({"degrees": "DEG"}, "turn the shape, counter-clockwise from how it is drawn"),
+    "scale": Verb({"factor": "S"}, "make the shape so many times as large as it is drawn"),
+    "speed": Verb(
+        {"speed": "V", "degrees": "HEADING"}, "straight on from here, V m/s, towards HEADING degrees"
+    ),
+    "route": Verb({"legs": "FILE"}, "from here along the [[route]] of a TOML file, or of a mission"),
+}
+
+WHAT = "Give an order to the robots of a running mission, and see who obeys.\n\norders:\n"
+AFTER = """
+
+A stop and a release go to each robot directly. The others go to whoever leads, whose order travels
+with the positions; of several, the newest counts."""
+
 EXAMPLES = """\
-  formation order six_robots stop            every robot, at once; it stays stopped until released
+  formation order six_robots stop
   formation order six_robots release
-  formation order six_robots hold            the leader, whose order travels with the positions
-  formation order six_robots shape wedge     another shape of the mission; the one asked for last counts
+  formation order six_robots shape wedge
+  formation order six_robots rotate -30
+  formation order six_robots speed 0.1 90    a tenth of a metre a second, to the left of x
   formation order my_mission.toml stop -e tcp/192.168.1.11:7460 -e tcp/192.168.1.12:7460
   formation order my_mission.toml stop -c operator/zenoh.json5      with the operator's certificate
 
-Exit code 0: everyone asked has obeyed; 1: somebody did not answer, or refused; 2: nobody was asked.
+--json: what was ordered, with its id and when (at: seconds, system clock); leader: who leads, or null;
+acknowledged and refused: [{robot, ms, mode, reason}], ms since the first question; missing: who gave no
+answer; standing_by: who would lead if the leader were gone.
+
+Exit code 0: everyone who counts has obeyed; 1: somebody did not answer, or refused; 2: nobody was asked.
 """
+NEGATIVE = re.compile(r"-\.?\d")
 
 
 def main(arguments: Sequence[str]) -> int:
     """Give an order; the exit code."""
-    options = _options().parse_args(arguments)
+    # argparse takes -30 for a number, but -3e1 for a flag; what has a space in it is never one
+    words = [f" {word}" if NEGATIVE.match(word) else word for word in arguments]
+    options = _options().parse_intermixed_args(words)
     mission = read_mission(options.mission)
-    asked = asking.addressed(mission, options.do)
+    request = _request(mission, options.order)
+    asked = asking.addressed(mission, request.do)
     try:
-        request = asking.request_for(mission, options.do, options.shape)
-    except ValueError as error:
-        raise Refusal(str(error)) from None
-    try:
-        with (
-            waiting(f"asking for up to {options.timeout:g} s"),
-            Bus(_config(options, mission, asked)) as bus,
-        ):
-            answers = asking.ask(bus.ask, asked, request, options.timeout)
+        with Bus(_config(options, mission, asked.names)) as bus:
+            with waiting(f"asking for up to {options.timeout:g} s"):
+                outcome = asking.ask(bus.question, asked, request, options.timeout)
+            _tell(options, mission, outcome)  # at once: to close the bus may take as long as its patience
     except BusError as error:
         raise Refusal(str(error)) from None
-    print(asking.words(request, asked, answers, options.timeout))
+    return 0 if outcome.obeyed else 1
+
+
+def _tell(options: argparse.Namespace, mission: Mission, outcome: Outcome) -> None:
+    print(outcome.words(), flush=True)
     ends = options.connect or wiring.endpoints(mission).agents.values()
-    if len(answers) < len(asked) and options.config is None and wiring.under_certificates(ends):
+    if outcome.missing and options.config is None and wiring.under_certificates(ends):
         print("robots under certificates answer an operator who has one: -c FILE names his configuration")
-    if len(answers) < len(asked) and (whose := _not_the_operators(options.config)):
+    if outcome.missing and (whose := _not_the_operators(options.config)):
         print(f"orders are taken from the operator, and {options.config} has the certificate of {whose!r}")
     if options.json:
-        print(as_json(asking.report(request, asked, answers)))
-    return 0 if asking.obeyed(asked, answers) else 1
+        print(as_json(outcome.report()), flush=True)
 
 
 def _options() -> argparse.ArgumentParser:
-    options = parser(
-        "order",
-        "Hold, run, stop or release the robots of a running mission, or change their shape; see who obeys.",
-        EXAMPLES,
-    )
+    orders = [f"  {_typed(do):<18}{verb.means}" for do, verb in VERBS.items()]
+    options = parser("order", WHAT + "\n".join(orders) + AFTER, EXAMPLES)
+    options.usage = "formation order [options] MISSION ORDER"
     options.add_argument("mission", metavar="MISSION", help="a TOML file, or the name of a shipped mission")
-    options.add_argument(
-        "do",
-        choices=get_args(Do),
-        help="hold, run, shape: by way of the leader; stop: each robot at once, until released",
-    )
-    options.add_argument(
-        "shape", metavar="NAME", nargs="?", help="with shape: which of the mission's shapes to take"
-    )
+    options.add_argument("order", metavar="ORDER", nargs="*", help="one of those above")
     options.add_argument(
         "--timeout",
         type=number(0.0, 600.0, open_below=True),
@@ -90,13 +119,59 @@ def _options() -> argparse.ArgumentParser:
     return options
 
 
+def _typed(do: str) -> str:
+    return " ".join([do, *VERBS[do].takes.values()])
+
+
+def _request(mission: Mission, words: Sequence[str]) -> OperatorRequest:
+    """What was typed. Raises Refusal."""
+    if not words:
+        raise Refusal(f"an order is missing: must be one of {', '.join(VERBS)}")
+    do, *given = (word.strip() for word in words)
+    if do not in VERBS:
+        raise Refusal(f"order {do!r}: must be one of {', '.join(VERBS)}")
+    verb = VERBS[do]
+    if do == "shape" and not given:
+        raise Refusal(f"shape: must be one of {', '.join(mission.shapes)}")
+    if len(given) != len(verb.takes):
+        takes = " and ".join(verb.takes.values()) or "nothing more"
+        raise Refusal(f"{do} takes {takes}; here: {' '.join(given) or 'nothing'}")
+    what = {name: READ_AS.get(name, _number)(text) for name, text in zip(verb.takes, given, strict=True)}
+    try:
+        return asking.request_for(mission, do, **what)
+    except ValueError as error:
+        raise Refusal(str(error)) from None
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise Refusal(f"{text!r}: must be a number") from None
+
+
+def _route(file: str) -> Any:
+    try:
+        return parse_route(*read(file))
+    except MissionError as error:
+        raise Refusal(str(error)) from None
+
+
+READ_AS: dict[str, Callable[[str], Any]] = {"shape": str, "legs": _route}
+"""What is no number."""
+
+
 def _not_the_operators(config: Path | None) -> str:
     """Whose certificate `config` names, if it is not the operator's; empty else."""
-    papers = None if config is None else files.papers_of(config)
-    read = None if papers is None else files.read(OPERATOR, papers)
-    return "" if read is None or read.name == OPERATOR else read.name
+    if config is None:
+        return ""
+    from deploy.doctor import files  # noqa: PLC0415 - takes longer than a stop
+
+    papers = files.papers_of(config)
+    found = None if papers is None else files.read(OPERATOR, papers)
+    return "" if found is None or found.name == OPERATOR else found.name
 
 
-def _config(options: argparse.Namespace, mission: Mission, asked: Iterable[str]) -> BusConfig:
+def _config(options: argparse.Namespace, mission: Mission, asked: Sequence[str]) -> BusConfig:
     where = wiring.endpoints(mission).agents
     return bus_config(options, mission, Links((), tuple(where[name] for name in asked)), OPERATOR)

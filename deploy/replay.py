@@ -172,7 +172,7 @@ def _report(one: Opened, prefix: str | None, replay: Replay, stop: Stop) -> dict
         "skipped": standing.skipped,
         "drift": standing.drift,
         "formation_error": snapshot.final_error,
-        "settling_time": snapshot.settled_at,
+        "settling_time": snapshot.settling_time,
         "converged": snapshot.converged,
     }
 

@@ -233,7 +233,7 @@ def _tell_failed_start(child: Child) -> int:
 def _tell(outcome: Outcome, *, as_object: bool) -> int:
     print(outcome.words(), file=sys.stderr if as_object else sys.stdout)
     for child in outcome.children:
-        if not ended_well(child):
+        if not ended_well(child) and child not in outcome.replaced:
             for line in child.last_words():
                 print(f"  {child.name} | {line}", file=sys.stderr)
     if as_object:

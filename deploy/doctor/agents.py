@@ -21,11 +21,10 @@ def look(facts: Facts) -> Iterator[Finding]:
     """Silent, or more than one."""
     quiet = facts.status is not None and not facts.status.heard
     if quiet and not facts.router_trouble and not _unreached(facts):
-        who = "leader" if facts.leads else "agent"
         yield Finding(
-            f"{who}-silent",
-            f"its {who} says nothing: no status in {facts.seconds:g} s",
-            f"is it running? systemctl status formation-{who} there",
+            f"{facts.part}-silent",
+            f"its {facts.part} says nothing: no status in {facts.seconds:g} s",
+            f"is it running? systemctl status formation-{facts.part} there",
         )
     ages = two_ages(facts.alive or ())
     if ages is not None:
@@ -74,7 +73,7 @@ def mission(facts: Facts) -> Iterator[Finding]:
     if told is not None and told != facts.mission.fingerprint:
         yield Finding(
             "mission-other",
-            f"its {'leader' if facts.leads else 'agent'} was started with another mission than this one",
+            f"its {facts.part} was started with another mission than this one",
             "restart it if the right one is installed; else push that",
         )
     if facts.installed_differs:
@@ -89,7 +88,7 @@ def mission_well(facts: Facts) -> str:
     """That it is."""
     seen = ["the one that is installed"] if facts.installed_differs == "" else []
     if facts.said and facts.said.values.get(RUNS) == facts.mission.fingerprint:
-        seen.append(f"{'leader' if facts.leads else 'agent'} runs it")
+        seen.append(f"{facts.part} runs it")
     return ", ".join(seen)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from deploy.doctor import files, listening, machine
 from deploy.doctor.agents import VOICE
 from deploy.doctor.facts import Certificate, Facts
+from deploy.doctor.leading import LEADS, YES
 from deploy.doctor.probe import Papers, reach
 from deploy.refusal import Refusal
 from formation.mission import Mission
@@ -17,7 +18,7 @@ from formation.ros2.messages import Status
 from formation.topics import STATUS
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError
-from formation.transport.wiring import Links, endpoints
+from formation.transport.wiring import Links, endpoints, members
 
 LINKED = 2.0
 """How much longer links may take, as long as somebody has not been heard [s]."""
@@ -32,7 +33,10 @@ def gather(
     papers: Papers | None,
     folder: Path | None,
 ) -> list[Facts]:
-    """Facts about each of `robots`. `config` is the operator's, `folder` the mission's certificates."""
+    """Facts about each of `robots`, standbys among them.
+
+    `config` is the operator's, `folder` the mission's certificates.
+    """
     certificates = _certificates(mission, folder)
     where = endpoints(mission).agents
     dialled = tuple(where[name] for name in robots)
@@ -72,8 +76,8 @@ def gather(
     ]
 
 
-def desk(mission: Mission, papers: Papers | None) -> Facts:
-    """Facts about the desk itself: the operator's certificate, and this machine's clock."""
+def desk(mission: Mission, papers: Papers | None, others: Sequence[Facts]) -> Facts:
+    """Facts about the desk itself, the operator's certificate and this machine's clock, and who leads."""
     own = None if papers is None else files.read(OPERATOR, papers)
     return Facts(
         mission=mission,
@@ -82,14 +86,20 @@ def desk(mission: Mission, papers: Papers | None) -> Facts:
         seconds=0.0,
         certificates=None if own is None else (own,),
         chrony=machine.chrony(),
+        leading=_leading(mission, others) if mission.standbys else None,
         wall=time.time(),
     )
+
+
+def _leading(mission: Mission, others: Sequence[Facts]) -> tuple[str, ...]:
+    told = {one.robot: one.said.values for one in others if one.said is not None}
+    return tuple(name for name in mission.candidates if told.get(name, {}).get(LEADS) == YES)
 
 
 def _certificates(mission: Mission, folder: Path | None) -> dict[str, tuple[Certificate, ...]]:
     if folder is None:
         return {}
-    read = {name: files.read(name, one) for name, one in files.papers_in(folder, mission.names)}
+    read = {name: files.read(name, one) for name, one in files.papers_in(folder, members(mission))}
     return {name: (one,) for name, one in read.items() if one is not None}
 
 

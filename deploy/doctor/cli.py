@@ -15,6 +15,7 @@ from deploy.doctor.agents import AGENT, MISSION, REFUSALS
 from deploy.doctor.certificates import CERTIFICATES
 from deploy.doctor.clocks import CLOCKS
 from deploy.doctor.facts import examine
+from deploy.doctor.leading import LEADING
 from deploy.doctor.neighbours import NEIGHBOURS
 from deploy.doctor.odometry import ODOMETRY
 from deploy.doctor.robot_link import GUARD, ROBOT_LINK
@@ -22,12 +23,12 @@ from deploy.field.fleet import PREFIX
 from deploy.refusal import Refusal
 from deploy.terminal.waiting import waiting
 from formation.mission import Mission
-from formation.transport.wiring import endpoints, under_certificates
+from formation.transport.wiring import endpoints, members, role, under_certificates
 
 EXAMPLES = """\
   formation doctor                                           on a robot that formation is installed on
   formation doctor field.toml --robot robot2 -c zenoh.json5  on a robot, by hand
-  formation doctor field.toml -c field/desk/operator.json5   at the desk: all robots, from outside
+  formation doctor field.toml -c field/desk/operator.json5   at the desk: everybody, from outside
 
 With --robot (or without MISSION) this machine is that robot, and everything is looked at. Without it only
 what agents say of themselves, and whether they can be dialled. Nothing is published, so nothing moves.
@@ -85,9 +86,9 @@ def _robot(options: argparse.Namespace, mission: Mission, robot: str, current: P
 def _desk(options: argparse.Namespace, mission: Mission) -> report.Checks:
     papers = None if options.config is None else files.papers_of(options.config)
     facts = at_desk.gather(
-        mission, mission.names, options.seconds, options.config, papers, options.certificates
+        mission, members(mission), options.seconds, options.config, papers, options.certificates
     )
-    checks = {"desk": examine((CLOCKS, CERTIFICATES), at_desk.desk(mission, papers))}
+    checks = {"desk": examine((LEADING, CLOCKS, CERTIFICATES), at_desk.desk(mission, papers, facts))}
     checks.update((one.robot, examine(EXAMINATIONS, one)) for one in facts)
     return {name: checked for name, checked in checks.items() if checked}
 
@@ -105,8 +106,11 @@ def _robot_of(version: Path, mission: Mission) -> str:
         robot = str(said["robot"])
     except (OSError, ValueError, KeyError, TypeError):
         raise Refusal(f"{version} does not say which robot this is: say --robot NAME") from None
-    if robot == mission.leader:
-        raise Refusal("this is the leader's machine: say MISSION, and -c with the operator's configuration")
+    if robot in mission.candidates:
+        raise Refusal(
+            f"this is the {role(mission, robot)}'s machine: say MISSION, and -c with the operator's"
+            " configuration"
+        )
     return robot
 
 

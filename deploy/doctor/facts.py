@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 
 from formation.mission import Mission
 from formation.ros2.messages import Status
+from formation.transport.wiring import role
 
 Outcome = Literal[
     "ok", "refused", "no route", "no answer", "unknown name", "no TLS", "untrusted", "turned away"
@@ -105,7 +106,7 @@ class Chrony(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Facts:
-    """All that is known about one robot."""
+    """All that is known about one robot, or about a standby."""
 
     mission: Mission
     robot: str
@@ -142,18 +143,25 @@ class Facts:
     chrony: Chrony | None = None
     installed_differs: str | None = None
     """Where another mission is installed than the one given; empty if it is the same."""
+    leading: tuple[str, ...] | None = None
+    """Who said that it leads; None where nobody could take its place, or nobody was asked."""
     doubled: tuple[str, ...] = ()
     """Robots that hear two voices speak for this one."""
 
     @property
     def period(self) -> float:
-        """Between two odometries, as the mission has it [s]."""
-        return 1.0 / self.mission.robots[self.robot].rate
+        """Between two odometries, or two positions of whoever leads, as the mission has it [s]."""
+        return 1.0 / self.mission.robots[self.mission.leader if self.leads else self.robot].rate
 
     @property
     def leads(self) -> bool:
-        """Whether it is the leader, which has no robot."""
-        return self.robot == self.mission.leader
+        """Whether it may lead; then it has no robot."""
+        return self.robot in self.mission.candidates
+
+    @property
+    def part(self) -> str:
+        """What runs there: ``agent``, ``leader`` or ``standby``."""
+        return role(self.mission, self.robot)
 
 
 class Finding(NamedTuple):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from deploy.doctor.facts import Examination, Facts, Finding, Reached
+from formation.transport.wiring import role
 
 SILENT = 1.0
 """[s]; an agent stops for less, but one pause is no illness."""
@@ -45,7 +46,7 @@ def look(facts: Facts) -> Iterator[Finding]:
                 f"at {reached.endpoint}, where {name} should be, {reached.name} answers",
                 "addresses are mixed up: correct the endpoints in the mission",
             )
-    for name in facts.mission.robots[facts.robot].neighbours:
+    for name in () if facts.leads else facts.mission.robots[facts.robot].neighbours:
         reached_well = name not in facts.reached or facts.reached[name].outcome == "ok"
         if facts.said and reached_well and (age := silence(facts, name)) is not None:
             since = "has never been heard" if age < 0 else f"has been silent for {age:.1f} s"
@@ -79,8 +80,9 @@ def silence(facts: Facts, neighbour: str) -> float | None:
 def _unreachable(facts: Facts, name: str, reached: Reached) -> Finding:
     sentence, remedy = WORDS[reached.outcome]
     said = f" ({reached.said})" if reached.said and reached.outcome in {"untrusted", "turned away"} else ""
-    leads = name == facts.mission.leader
-    who = "the leader" if leads else "its agent" if name == facts.robot else f"{name}'s agent"
+    whose = {"agent": f"{name}'s agent", "leader": "the leader", "standby": f"the standby {name}"}
+    kind = role(facts.mission, name)
+    who = "its agent" if name == facts.robot and kind == "agent" else whose[kind]
     return Finding("unreachable", f"{who} at {reached.endpoint} {sentence}{said}", remedy)
 
 

@@ -13,11 +13,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import PurePath
 from typing import Any, Literal, NamedTuple
 
-from deploy.field.hosts import MONITOR, OPERATOR, PROTOCOL, VISITORS, Host, hosts
+from deploy.field.hosts import MONITOR, OPERATOR, PROTOCOL, Host, hosts
 from deploy.refusal import Refusal
 from formation.mission import Mission
-from formation.topics import GROUND_TRUTH, ORDER, POSITION, STATUS
-from formation.transport.wiring import partners
+from formation.mission_rules import VISITORS
+from formation.topics import BALLOT, COURSE, GROUND_TRUTH, ORDER, POSITION, STATUS
+from formation.transport.wiring import called, members, partners
 from monitor.figures.keys import watched
 
 Message = Literal["put", "declare_subscriber", "query", "declare_queryable", "reply"]
@@ -47,19 +48,39 @@ class Word(NamedTuple):
 
 
 def processes(mission: Mission) -> tuple[str, ...]:
-    """Whoever has a configuration: each robot (the leader first), the monitor, the operator."""
-    return (*mission.names, *VISITORS)
+    """Whoever has a configuration: each robot (the leader first), each standby, the monitor, the operator."""
+    return (*members(mission), *VISITORS)
 
 
 def words(mission: Mission) -> Iterator[Word]:
-    """Everything that may be said."""
-    for me in mission.names:
-        for other in mission.robots[me].neighbours:
-            yield from _listens(me, other, POSITION.key(other))
-        for one in watched(mission):
-            if one.robot == me and one.topic is not GROUND_TRUTH:  # the simulation's, not the robot's
-                yield from _listens(MONITOR, me, one.key)
-        yield from _listens(OPERATOR, me, STATUS.key(me))
+    """Everything that may be said, once."""
+    yield from dict.fromkeys((*_in_the_fleet(mission), *_to_visitors(mission)))
+
+
+def _in_the_fleet(mission: Mission) -> Iterator[Word]:
+    """Positions to who measures them, and to who may lead; ballots of those, and the leader's course."""
+    for me in mission.followers:
+        for other in mission.robots[me].measurable:
+            for speaker in _voices(mission, other):
+                yield from _listens(me, speaker, POSITION.key(other))
+        for one in mission.candidates if mission.standbys else ():
+            yield from _listens(me, one, BALLOT.key(one))
+    for me in mission.candidates:
+        for other in partners(mission, me):
+            said = (BALLOT, COURSE) if other in mission.candidates else (POSITION,)
+            for topic in said:
+                yield from _listens(me, other, topic.key(other))
+
+
+def _to_visitors(mission: Mission) -> Iterator[Word]:
+    """Everything about everybody to the monitor; states and answers to the operator."""
+    for one in watched(mission):
+        if one.topic is not GROUND_TRUTH:  # the simulation's, not the robot's
+            for speaker in _voices(mission, one.robot) if one.topic is POSITION else (one.robot,):
+                yield from _listens(MONITOR, speaker, one.key)
+    for me in members(mission):
+        for visitor in VISITORS:
+            yield from _listens(visitor, me, STATUS.key(me))
         order = ORDER.key(me)
         for key in (order, ASKED_ALL):
             yield Word(OPERATOR, me, "query", key)
@@ -138,12 +159,14 @@ def _listens(listener: str, speaker: str, key: str) -> Iterator[Word]:
     yield Word(speaker, listener, "put", key)
 
 
+def _voices(mission: Mission, robot: str) -> tuple[str, ...]:
+    """Who says where a robot is: its agent; where the leader is, whoever leads."""
+    return mission.candidates if robot == mission.leader else (robot,)
+
+
 def _dialled(mission: Mission, process: str) -> tuple[str, ...]:
-    """Whom a process dials: visitors everybody, of two robots the one listed later the other."""
-    if process in VISITORS:
-        return mission.names
-    before = mission.names[: mission.names.index(process)]
-    return tuple(other for other in partners(mission, process) if other in before)
+    """Whom a process dials: visitors everybody, of two others the one listed later the other."""
+    return members(mission) if process in VISITORS else called(mission, process)
 
 
 def _listened(host: Host) -> list[str]:

@@ -6,8 +6,9 @@
                certificates/{ca,certificate,key}.pem      its own and nobody else's
                units/*.service samples/*                  for systemd, the bridge, the firewall
                wheels/*.whl                               the same files in every folder (hard links)
-    DIR/leader/                                           likewise, under the leader's name
+    DIR/leader/                                           likewise, under the leader's name, and a standby's
     DIR/desk/  mission.toml {monitor,operator,leader}.json5 {monitor,operator,leader}/*.pem
+               and likewise for each standby, so that any of them may lead from the desk
     DIR/BUNDLE.json                                       says that DIR is one of ours, and what is in it
 
 A release's id is a hash of all that is in its folder, so the same inputs make the same release.
@@ -31,12 +32,16 @@ from deploy.arguments import as_json, parser, read_mission
 from deploy.field import access, authority, certificates, folders, wheels
 from deploy.field import units as systemd
 from deploy.field.folders import DESK, VERSION
-from deploy.field.hosts import VISITORS, hosts
+from deploy.field.hosts import hosts
 from deploy.field.wheels import PLATFORMS, PYTHONS, Target
 from deploy.refusal import Refusal
 from formation.mission import Mission
 from formation.mission_file import read
+from formation.mission_rules import VISITORS
+from formation.transport.wiring import members, role
 
+LEADER = "leader"
+"""What the leader is called on the desk, whatever its name."""
 SECRETS = (certificates.TRUSTED, certificates.CERTIFICATE, certificates.KEY)
 LOOPBACK = ("tcp/127.0.0.1:", "tcp/[::1]:", "tcp/localhost:")
 EXAMPLES = """\
@@ -76,9 +81,15 @@ def main(arguments: Sequence[str]) -> int:
 def refuse_unfit(mission: Mission) -> None:
     """Raise Refusal for a mission that is not one for robots in a field."""
     hosts(mission)
-    if DESK in mission.robots:
+    if DESK in members(mission):
         raise Refusal(
-            f"mission {mission.name}: no robot can be called {DESK!r}, for that is the desk's folder"
+            f"mission {mission.name}: no robot or standby can be called {DESK!r}, for that is the desk's"
+            " folder"
+        )
+    if LEADER in mission.standbys:
+        raise Refusal(
+            f"mission {mission.name}: no standby can be called {LEADER!r}, for on the desk that is"
+            f" {mission.leader}'s folder"
         )
     for name in mission.followers:
         endpoint = mission.robots[name].robot_endpoint
@@ -108,7 +119,7 @@ def make(
     new ones are ready.
     """
     pairs = {name: _pair(secrets, mission, name, now) for name in access.processes(mission)}
-    for name in mission.names:
+    for name in members(mission):
         systemd.units(mission, name, bringup, bridge)  # a wrong flag is refused before anything is fetched
     before = folders.before(out)
     with folders.workshop(out) as shop:
@@ -125,7 +136,7 @@ def make(
             "wheels": with_wheels,
         }
         releases = {}
-        for name in mission.names:
+        for name in members(mission):
             folder = shop / name
             _robot(folder, mission, name, text, secrets, (bringup, bridge))
             (folder / "wheels").mkdir(mode=0o755)
@@ -135,8 +146,8 @@ def make(
             own = {
                 "release": releases[name],
                 "robot": name,
-                "role": "leader" if name == mission.leader else "agent",
-                "bringup": "" if name == mission.leader or bringup == systemd.NONE else bringup,
+                "role": role(mission, name),
+                "bringup": "" if name in mission.candidates or bringup == systemd.NONE else bringup,
                 **facts,
                 "certificate_until": pairs[name].expires.isoformat(timespec="seconds"),
                 "units": sorted(path.name for path in (folder / "units").iterdir()),
@@ -144,7 +155,7 @@ def make(
             }
             folders.write(folder / VERSION, json.dumps(own, indent=1) + "\n")
         _desk(shop / DESK, mission, text, secrets, out.resolve() / DESK)
-        folders.replace(shop, out, (*mission.names, DESK), before)
+        folders.replace(shop, out, (*members(mission), DESK), before)
     return {"folder": str(out), "releases": releases, **facts}
 
 
@@ -169,7 +180,7 @@ def words(out: Path, result: Mapping[str, Any]) -> str:
     lines += [
         f"in {out}, for Python {result['python']} on {result['platform']}; next:",
         f"  formation deploy push {out}",
-        f"  formation leader {desk / 'mission.toml'} -c {desk / 'leader.json5'} --hold",
+        f"  formation leader {desk / 'mission.toml'} -c {desk / f'{LEADER}.json5'} --hold",
         f"  formation monitor {desk / 'mission.toml'} -c {desk / 'monitor.json5'}",
         f"  formation order {desk / 'mission.toml'} run -c {desk / 'operator.json5'}",
     ]
@@ -219,10 +230,11 @@ def _robot(
 
 
 def _desk(folder: Path, mission: Mission, text: str, secrets: Path, place: Path) -> None:
-    """What the monitor, an operator and a leader on the desk need; it stays where it is made, `place`."""
+    """What the monitor, an operator and who leads from the desk need; it stays where it is made, `place`."""
     folder.mkdir(mode=0o700)
     folders.write(folder / "mission.toml", text)
-    for part, name in (*zip(VISITORS, VISITORS, strict=True), ("leader", mission.leader)):
+    parts = {LEADER: mission.leader, **{name: name for name in (*VISITORS, *mission.standbys)}}
+    for part, name in parts.items():
         settings = access.configuration(mission, name, place / part)
         folders.write(folder / f"{part}.json5", access.text(mission, name, settings))
         _secrets(secrets / name, folder / part)

@@ -3,7 +3,7 @@
 ::
 
     DIR/ca/{key,certificate}.pem                 the authority; its key never leaves this folder
-    DIR/NAME/{key,certificate,ca}.pem            each robot, the leader, the monitor and the operator
+    DIR/NAME/{key,certificate,ca}.pem            each robot and standby, the leader, the monitor, the operator
 
 Zenoh knows no list of revoked certificates, so what limits a stolen key is how soon its certificate expires.
 Renewing issues new keys and new certificates under the same authority, so it can be done robot by robot.
@@ -23,9 +23,11 @@ from typing import Any
 from deploy.arguments import as_json, number, parser, read_mission
 from deploy.field import authority
 from deploy.field.authority import Pair
-from deploy.field.hosts import VISITORS, hosts
+from deploy.field.hosts import hosts
 from deploy.refusal import Refusal
 from formation.mission import Mission
+from formation.mission_rules import VISITORS
+from formation.transport.wiring import members
 
 AUTHORITY, KEY, CERTIFICATE, TRUSTED = "ca", "key.pem", "certificate.pem", "ca.pem"
 DAYS, AUTHORITY_DAYS = 30.0, 365.0
@@ -120,7 +122,7 @@ def read(folder: Path, name: str, now: datetime) -> Pair:
 
 def left_over(folder: Path, mission: Mission) -> dict[str, datetime]:
     """Names that have a certificate there though the mission has them not, and when it expires."""
-    known = {AUTHORITY, *mission.names, *VISITORS}
+    known = {AUTHORITY, *members(mission), *VISITORS}
     found = sorted(path for path in folder.glob(f"*/{CERTIFICATE}") if path.parent.name not in known)
     return {path.parent.name: authority.read_certificate(path).not_valid_after_utc for path in found}
 

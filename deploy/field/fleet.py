@@ -18,6 +18,7 @@ from deploy.field.on_robot import VERSION
 from deploy.field.remote import RemoteError, Robot, Ssh
 from deploy.refusal import Refusal
 from formation.mission_file import MissionError, load
+from formation.transport.wiring import named
 
 PREFIX = "/opt/formation"
 ADDRESS = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.:%-]*")
@@ -181,18 +182,18 @@ def _from_mission(bundle: Bundle) -> str:
         mission = load(bundle.folder / "mission.toml")
     except MissionError as error:
         raise Refusal(str(error)) from None
-    spec = mission.robots.get(bundle.robot)
-    if spec is None or spec.endpoint is None:
+    endpoint = named(mission).get(bundle.robot)
+    if endpoint is None:
         raise Refusal(
             f"{bundle.robot}: the mission names no endpoint for it; give its address with "
             f"--host {bundle.robot}=ADDRESS"
         )
-    return spec.endpoint.partition("/")[2].rpartition(":")[0].strip("[]")
+    return endpoint.partition("/")[2].rpartition(":")[0].strip("[]")
 
 
 def _leads_from_here(bundle: Bundle) -> bool:
-    """Whether it is a leader whose endpoint is an address of this machine: the desk, most likely."""
-    if bundle.version.get("role") != "leader":
+    """Whether it may lead, and its endpoint is an address of this machine: the desk, most likely."""
+    if bundle.version.get("role") not in {"leader", "standby"}:
         return False
     try:
         place = socket.getaddrinfo(_from_mission(bundle), 0, type=socket.SOCK_STREAM)[0]

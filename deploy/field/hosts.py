@@ -8,15 +8,16 @@ from typing import NamedTuple
 
 from deploy.refusal import Refusal
 from formation.mission import Mission
+from formation.mission_rules import VISITORS
+from formation.transport.wiring import named
 
-MONITOR, OPERATOR = "monitor", "operator"
-VISITORS = (MONITOR, OPERATOR)
-"""Who has a certificate though it is no robot. Both dial and are dialled by nobody."""
+MONITOR, OPERATOR = VISITORS
+"""Who has a certificate though it has no place in the fleet. Both dial and are dialled by nobody."""
 PROTOCOL = "tls"
 
 
 class Host(NamedTuple):
-    """Where a robot's agent, or the leader, is reached."""
+    """Where a robot's agent, the leader or a standby is reached."""
 
     address: str
     """IP address or DNS name, without brackets."""
@@ -38,13 +39,18 @@ class Host(NamedTuple):
 
 
 def hosts(mission: Mission) -> Mapping[str, Host]:
-    """Each robot's host, in mission order. Raises Refusal for a mission that is not one for the field."""
-    missing = [name for name in mission.names if mission.robots[name].endpoint is None]
+    """The host of each robot and standby, in the order of `members`.
+
+    Raises Refusal for a mission that is not one for the field.
+    """
+    ends = {name: end or "" for name, end in named(mission).items()}
+    missing = [name for name, end in ends.items() if not end]
     if missing:
+        table = "robots" if missing[0] in mission.robots else "standbys"
         raise Refusal(
             f"mission {mission.name}: {', '.join(missing)} without endpoint; in the field every robot (and"
-            f" the leader) needs one that the others can dial, such as"
-            f" endpoint = {PROTOCOL + '/192.168.1.12:7460'!r} in [robots.{missing[0]}]"
+            f" the leader, and each standby) needs one that the others can dial, such as"
+            f" endpoint = {PROTOCOL + '/192.168.1.12:7460'!r} in [{table}.{missing[0]}]"
         )
     for name in VISITORS:
         if name in mission.robots:
@@ -52,7 +58,7 @@ def hosts(mission: Mission) -> Mapping[str, Host]:
                 f"mission {mission.name}: no robot of the field can be called {name!r}, for that is what"
                 f" the certificate of the {name} says; call it otherwise"
             )
-    return {name: _host(name, mission.robots[name].endpoint or "") for name in mission.names}
+    return {name: _host(name, end) for name, end in ends.items()}
 
 
 def _host(name: str, endpoint: str) -> Host:

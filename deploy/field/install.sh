@@ -16,9 +16,9 @@ what is interrupted before that has changed nothing that is in use. A second run
   --dry-run      say what would be done, and do nothing
 
 The three releases used last are kept; DIR/previous is the one before DIR/current.
-To uninstall: systemctl disable --now formation-agent formation-guard formation-leader
+To uninstall: systemctl disable --now formation-agent formation-guard formation-leader formation-standby
               rm /etc/systemd/system/formation-*.service; systemctl daemon-reload
-              rm -r DIR; userdel formation
+              rm -r DIR /var/lib/formation; userdel formation
 TEXT
 }
 
@@ -164,7 +164,9 @@ if ! whole "$home"; then
     "$home/venv/bin/python" -I -c '
 import sys, numpy, pydantic, rosbags, zenoh
 from formation.mission_file import load
-sys.exit(None if sys.argv[2] in load(sys.argv[1]).robots else "the mission has no robot %s" % sys.argv[2])
+mission = load(sys.argv[1])
+known = [*mission.robots, *mission.standbys]
+sys.exit(None if sys.argv[2] in known else "the mission has no robot %s" % sys.argv[2])
 ' "$home/mission.toml" "$robot" || failed "what was installed does not run here; $prefix/current is what it was"
 
     cp "$bundle/VERSION.json" "$home/.VERSION.json"

@@ -10,7 +10,9 @@ from collections.abc import Mapping
 from importlib.resources import files
 
 from deploy.refusal import Refusal
-from formation.mission import Mission, RobotSpec
+from formation.mission import Mission
+from formation.robot_spec import RobotSpec
+from formation.transport.wiring import role
 
 PREFIX = "@PREFIX@"
 CURRENT = f"{PREFIX}/current"
@@ -28,10 +30,11 @@ _UNIT = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.:@-]*\.service")
 
 
 def units(mission: Mission, name: str, bringup: str = BRINGUP, bridge: str | None = None) -> dict[str, str]:
-    """Texts of the units that run on a robot (or the leader's machine), by file name. Raises Refusal."""
+    """Texts of the units that run on a robot, or where one is that may lead, by file name. Raises Refusal."""
     values = _values(mission, name, bringup, bridge)
-    roles = ("leader",) if name == mission.leader else ("agent", "guard")
-    return {unit: _filled(unit, values) for unit in (f"formation-{role}.service" for role in roles)}
+    own = role(mission, name)
+    roles = (own, "guard") if own == "agent" else (own,)
+    return {unit: _filled(unit, values) for unit in (f"formation-{one}.service" for one in roles)}
 
 
 def samples(mission: Mission, name: str, bringup: str = BRINGUP, bridge: str | None = None) -> dict[str, str]:
@@ -39,7 +42,7 @@ def samples(mission: Mission, name: str, bringup: str = BRINGUP, bridge: str | N
 
     By file name, as `units` does. Raises Refusal.
     """
-    if name == mission.leader:
+    if name in mission.candidates:
         return {}
     values = _values(mission, name, bringup, bridge)
     wanted = {BRINGUP: bringup, BRIDGES[mission.robots[name].ros]: values["BRIDGE"]}
@@ -53,15 +56,19 @@ def bridge_of(spec: RobotSpec, bridge: str | None) -> str:
     return BRIDGES[spec.ros] if bridge is None else bridge
 
 
-def commands(unit: str) -> list[list[str]]:
-    """What a unit starts, one command line after the other, with the variables that it sets itself."""
+def commands(unit: str, state: str = "%S") -> list[list[str]]:
+    """What a unit starts, one command line after the other, with the variables that it sets itself.
+
+    `state` is where state directories are: for systemd /var/lib.
+    """
     variables = dict(re.findall(r"(?m)^Environment=(\w+)=(.*)$", unit))
-    lines = re.findall(r"(?m)^Exec(?:Start|StopPost)=(.*)$", unit)
+    lines = re.findall(r"(?m)^Exec(?:Start|StopPost)=(.*)$", unit.replace("%S", state))
     return [re.sub(r"\$(\w+)", lambda word: variables[word[1]], line).split() for line in lines]
 
 
 def _values(mission: Mission, name: str, bringup: str, bridge: str | None) -> Mapping[str, str]:
-    spec = mission.robots[name]
+    # a standby has no robot, nor has the leader; their units have no use for what is said of one
+    spec = mission.robots[mission.leader if name in mission.standbys else name]
     bridge = bridge_of(spec, bridge)
     for flag, unit in (("--bringup", bringup), ("--bridge", bridge)):
         if unit != NONE and not _UNIT.fullmatch(unit):

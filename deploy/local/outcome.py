@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from deploy.local.launch import Child
+from deploy.local.plan import leaders
 from deploy.terminal.units import metres
 from formation.mission import Mission
-from formation.topics import GROUND_TRUTH
+from formation.topics import GROUND_TRUTH, POSITION
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,7 @@ class Outcome:
     @property
     def faults(self) -> list[str]:
         """What went wrong with the processes."""
-        bad = [child for child in self.children if not ended_well(child)]
+        bad = [child for child in self.children if not ended_well(child) and child not in self.replaced]
         failure = self.monitor.get("recording_failure")
         unrecorded = [f"monitor stopped recording: {failure}"] if failure else []
         if lacking := self.monitor.get("recording_lost"):
@@ -53,11 +54,21 @@ class Outcome:
         ] + unrecorded
 
     @property
+    def replaced(self) -> list[Child]:
+        """Those that may lead and were stopped or killed, while another stood by to the end, as it is to."""
+        names = set(leaders(self.mission).values())
+        candidates = [child for child in self.children if child.name in names]
+        if not any(ended_well(child) for child in candidates):
+            return []
+        return [child for child in candidates if child.died and (child.exit or 0) <= 0]
+
+    @property
     def lost(self) -> int | None:
         """Messages that were published and not recorded; None if the monitor did not live to say.
 
         That is all that was said to the fleet, and what simulated robots said to the monitor themselves: the
-        truth. Their odometry counts as what their agents repeated of it.
+        truth. Their odometry counts as what their agents repeated of it. What the leader's position was, all
+        that have led say together: it is not known how often if one of them was killed.
         """
         recorded = _counts(self.monitor, "recorded")
         if recorded is None:
@@ -69,6 +80,8 @@ class Outcome:
             if child.part == "body":
                 said = _counts(_side(child), "published") or {}
                 told.update({key: count for key, count in said.items() if key in truths})
+        if any(child.summary is None for child in self.replaced):
+            told.pop(POSITION.key(self.mission.leader), None)
         return sum(count - recorded.get(key, 0) for key, count in told.items())
 
     @property
@@ -110,19 +123,22 @@ class Outcome:
                 yield "its figures", f"formation report {shlex.quote(str(recording))}"
         elif self.record is not None and self.record.exists():
             yield "recording", f"{self.record}, cut; formation report and replay read it as far as it goes"
-        yield "processes", f"{len(self.children)}{'' if self.faults else ', all ended as they should'}"
+        well = "" if self.faults or self.replaced else ", all ended as they should"
+        yield "processes", f"{len(self.children)}{well}"
+        for child in self.replaced:
+            yield "", f"{child.name} {how_it_ended(child)} during the run; another stood by to lead"
         yield from (("", fault) for fault in self.faults)
         if self.faults:
             yield "logs", str(self.logs)
 
     def _error(self) -> str:
-        error, settling = self.monitor.get("formation_error"), self.monitor.get("settling_time")
+        error, settled = self.monitor.get("formation_error"), self.monitor.get("settled_at")
         if error is None:
             return "not known"
         edges = sum(len(robot.neighbours) for robot in self.mission.robots.values())
         under = metres(self.mission.settled)
-        since = f"under {under} for good" if settling is None else f"under {under} since {settling:.1f} s"
-        return f"{metres(error)}, sum over {edges} edges; {'never ' if settling is None else ''}{since}"
+        since = f"under {under} for good" if settled is None else f"under {under} since {settled:.1f} s"
+        return f"{metres(error)}, sum over {edges} edges; {'never ' if settled is None else ''}{since}"
 
 
 def ended_well(child: Child) -> bool:

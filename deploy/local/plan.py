@@ -12,7 +12,7 @@ from formation.transport import wiring
 from formation.transport.wiring import Endpoints, Links
 
 Part = Literal["control", "guard", "body", "watch"]
-"""What a process is to the run: an agent or the leader, a guard, the simulated robots, the monitor."""
+"""What a process is to the run: an agent or one that may lead, a guard, the simulated robots, the monitor."""
 
 
 NO_LINKS = Links((), ())
@@ -26,6 +26,11 @@ class Program(NamedTuple):
     argv: tuple[str, ...]
     robots: tuple[str, ...] = ()
     """The robots that stand still without it."""
+
+
+def leaders(mission: Mission) -> dict[str, str]:
+    """What the processes are called that may lead, by candidate."""
+    return {mission.leader: "leader", **{name: f"standby {name}" for name in mission.standbys}}
 
 
 def programs(
@@ -59,6 +64,11 @@ def programs(
         one = program(f"agent {name}", "control", "agent", *robot(name), *law_flag, *wait, links=links)
         return one._replace(robots=(name,))
 
+    def leader(name: str) -> Program:
+        flags = ("--standby", name) if name in mission.standbys else ()
+        links = wiring.of_leader(mission, where, name)
+        return program(leaders(mission)[name], "control", "leader", *flags, *wait, links=links)
+
     def guard(name: str) -> Program:
         return program(f"guard {name}", "guard", "agent.robots.guard", *robot(name))
 
@@ -73,7 +83,7 @@ def programs(
     return (
         program("monitor", "watch", "monitor", *watch, links=wiring.of_monitor(where)),
         program("robots", "body", "agent.robots", *wait, links=robots),
-        program("leader", "control", "leader", *wait, links=wiring.of_leader(mission, where)),
+        *map(leader, mission.candidates),
         *(guard(name) for name in mission.followers if guards),
         *(agent(name) for name in mission.followers),
     )

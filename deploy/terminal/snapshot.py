@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from monitor.figures.events import Event
@@ -23,6 +24,12 @@ class RobotNow(NamedTuple):
     """[rad]"""
     age: float | None = None
     """Of its last position [s]."""
+    aside: bool = False
+    """It does not follow, and others go on without it."""
+    stuck: bool = False
+    """It does not move though it is told to."""
+    fallback: str = ""
+    """Whom it follows in place of its neighbours."""
 
 
 class Snapshot(NamedTuple):
@@ -33,6 +40,14 @@ class Snapshot(NamedTuple):
     robots: Mapping[str, RobotNow]
     events: tuple[Event, ...] = ()
     """What has happened since the snapshot before."""
+    leads: str | None = None
+    """Who leads; None for nobody, or not known."""
+    waits: str = ""
+    """For whom the leader waits."""
+    figure: str = ""
+    """How the shape is turned and scaled, and whether it is on its way."""
+    candidates: Mapping[str, str] = MappingProxyType({})
+    """What everybody does who may lead, by rank; empty where there are no standbys."""
 
     @classmethod
     def of(cls, event: Mapping[str, Any]) -> Snapshot:
@@ -45,15 +60,53 @@ class Snapshot(NamedTuple):
             if isinstance(robots, Mapping)
             else {},
             tuple(filter(None, map(_happened, events))) if isinstance(events, list) else (),
+            _text(event.get("leads")) or None,
+            _text(event.get("waits")),
+            _figure(event),
+            _candidates(event.get("candidates")),
         )
 
 
 def _robot(robot: Mapping[str, Any]) -> RobotNow:
-    state = robot.get("state")
     return RobotNow(
-        state if isinstance(state, str) else "",
-        *(_number(robot.get(key)) for key in ("error", "speed", "turn_rate", "heading_error", "age")),
+        _text(robot.get("state")),
+        error=_number(robot.get("error")),
+        speed=_number(robot.get("speed")),
+        turn_rate=_number(robot.get("turn_rate")),
+        heading_error=_number(robot.get("heading_error")),
+        age=_number(robot.get("age")),
+        aside=robot.get("aside") is True,
+        stuck=robot.get("stuck") is True,
+        fallback=_text(robot.get("fallback")),
     )
+
+
+def _figure(event: Mapping[str, Any]) -> str:
+    """In words, where there is more to say than the shape: ``wedge turned by 30°, × 1.5, on its way``."""
+    shape, rotation, scale = (
+        _text(event.get("shape")),
+        _number(event.get("rotation")),
+        _number(event.get("scale")),
+    )
+    parts = [
+        f"turned by {math.degrees(rotation):.3g}°" if rotation else "",
+        f"{scale:.3g} times as large" if scale not in {None, 1.0} else "",
+        "on its way" if event.get("formed") is False else "",
+    ]
+    told = ", ".join(filter(None, parts))
+    return f"{shape} {told}" if told else ""
+
+
+def _candidates(candidates: Any) -> dict[str, str]:
+    if not isinstance(candidates, Mapping):
+        return {}
+    return {
+        str(name): _text(one.get("state")) for name, one in candidates.items() if isinstance(one, Mapping)
+    }
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else ""
 
 
 def _happened(event: Any) -> Event | None:

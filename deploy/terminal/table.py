@@ -27,6 +27,9 @@ COLOURS = {
     "run": "green", "hold": "yellow", "stop": "red", "waiting": "cyan", "dead": "bold red",
     "silent": "bold red", "unseen": "dim",
 }  # fmt: skip
+CANDIDATES = {"leads": "bold green", "standby": "dim", "lost": "bold red", "dead": "bold red"}
+"""Styles of what processes do that may lead."""
+LEADER = "leader"
 LEVELS = {20: "dim", 30: "yellow", 40: "bold red"}
 """Styles of events."""
 MOST_EVENTS = 8
@@ -115,20 +118,36 @@ def _chosen(progress: Progress, room: int) -> tuple[Sequence[str], str]:
 def _row(progress: Progress, name: str, room: int, *, ascii_only: bool) -> list[Text]:
     robot = progress.snapshot.robots.get(name) if progress.snapshot else None
     robot = robot or RobotNow()
-    state = "dead" if name in progress.dead_robots else robot.state
+    led = name == progress.mission.leader and _called(progress) != LEADER  # another leads by now
+    state = "dead" if name in progress.dead_robots and not led else robot.state
     late = robot.age is not None and robot.age > LATE
     limits = progress.mission.robots[name]
     leads = name == progress.mission.leader
-    title = f"{name} (leader)" if leads and name != "leader" else name
+    title = f"{name} ({_called(progress)})" if leads and name != LEADER else name
     return [
         Text(title if len(title) <= room else title[: max(room - 1, 1)] + ("." if ascii_only else "…")),
-        Text(state or "-", style=COLOURS.get(state, "")),
+        _state(state, robot),
         Text(metres(robot.error)),
         _against(robot.speed, None if leads else limits.max_speed, ascii_only=ascii_only),
         _against(robot.turn_rate, None if leads else limits.max_turn_rate, ascii_only=ascii_only),
         Text("-" if robot.heading_error is None else f"{_signed(math.degrees(robot.heading_error), 1)}°"),
         Text(seconds(robot.age), style="yellow" if late else ""),
     ]
+
+
+def _called(progress: Progress) -> str:
+    """The leader, or which process leads in his place."""
+    other = progress.snapshot.leads if progress.snapshot else None
+    return LEADER if other is None or other == progress.mission.leader else other
+
+
+def _state(state: str, robot: RobotNow) -> Text:
+    """What it does; of one that runs, whether it follows."""
+    if state == "run" and robot.stuck:
+        return Text("stuck", style="yellow")
+    if state == "run" and robot.aside:
+        return Text("aside", style="yellow")
+    return Text(state or "-", style=COLOURS.get(state, ""))
 
 
 def _against(value: float | None, limit: float | None, *, ascii_only: bool) -> Text:
@@ -162,10 +181,36 @@ def _footer(progress: Progress, width: int, *, ascii_only: bool) -> list[Text]:
     first.append(sparkline(progress.errors, room, ASCII_BLOCKS if ascii_only else BLOCKS), style="cyan")
     first.append(mark, style="bold green")
 
-    lines = [first]
+    lines = [first, *_leading(progress, ascii_only=ascii_only)]
     if progress.duration is not None or progress.phase == "running":
         lines.append(_clock(progress, width, ascii_only=ascii_only))
     lines += [Text(f"{name} {how}", style="bold red") for name, how in progress.dead.items()]
+    return lines
+
+
+def _leading(progress: Progress, *, ascii_only: bool) -> list[Text]:
+    """Who leads, and who could; for whom he waits; the figure, where it is not as drawn; who has others."""
+    snapshot = progress.snapshot
+    lines: list[Text] = []
+    if snapshot is None:
+        return lines
+    if snapshot.candidates:
+        text = Text()
+        for name, state in snapshot.candidates.items():
+            word = "lost" if state == "silent" else state or "-"
+            word = "dead" if name in progress.dead_robots and word != "leads" else word
+            text.append(f"{'' if not text else '  '}{name} ")
+            text.append(word, style=CANDIDATES.get(word, "yellow"))
+        lines.append(text)
+    if snapshot.waits:
+        lines.append(Text(f"the leader waits for {snapshot.waits}", style="yellow"))
+    if snapshot.figure:
+        lines.append(
+            Text(snapshot.figure.replace("°", " deg") if ascii_only else snapshot.figure, style="cyan")
+        )
+    others = [f"{name} follows {one.fallback}" for name, one in snapshot.robots.items() if one.fallback]
+    if others:
+        lines.append(Text(f"in place of lost neighbours: {'; '.join(others)}", style="yellow"))
     return lines
 
 
