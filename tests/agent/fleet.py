@@ -12,6 +12,7 @@ import random
 from collections import defaultdict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,12 +23,33 @@ from formation.mission import Mission
 from formation.order import OperatorReply, OperatorRequest, encode
 from formation.order import decode as decode_order
 from formation.ros2.messages import Diagnostics, Twist, TwistStamped, decode
-from formation.topics import CMD_VEL, ODOM, POSITION, STATUS
+from formation.topics import BALLOT, CMD_VEL, COURSE, ODOM, POSITION, STATUS
 from formation.transport.process import Core
 from formation.wire import Now, Outgoing, Sample
 from leader.core import Leader
 
 EPOCH = 1.7e9
+BETWEEN = (f"/{POSITION.name}", f"/{BALLOT.name}", f"/{COURSE.name}")
+"""How keys end that go from robot to robot, over links that lose, delay and repeat."""
+
+
+class Link(NamedTuple):
+    """What happens to messages on the way from one process to another."""
+
+    loss: float
+    """Share that is lost."""
+    delay: tuple[float, float]
+    """Least and most [s]; whoever waits longer is overtaken."""
+    twice: float = 0.0
+    """Share that comes twice."""
+
+
+class Reign(NamedTuple):
+    """Who begins to lead, when, and in which term."""
+
+    since: float
+    name: str
+    term: int
 
 
 @dataclass
@@ -39,11 +61,13 @@ class Node:
     alive: bool = True
     wake: int = 0
     """Which of its wake-ups counts: the newest."""
+    asleep: list[Sample] | None = None
+    """What waits for it while it is frozen."""
 
 
 @dataclass
 class Fleet:
-    """Leader, agents and simulated robots of a mission."""
+    """Candidates, agents and simulated robots of a mission; among the ``nodes`` its leader is "leader"."""
 
     mission: Mission
     law: str | None = None
@@ -53,6 +77,13 @@ class Fleet:
     now: float = 0.0
     commands: dict[str, list[tuple[float, float, float]]] = field(default_factory=lambda: defaultdict(list))
     meddle: Callable[[Sample], Iterable[Sample]] = lambda sample: (sample,)
+    links: dict[tuple[str, str], Link] = field(default_factory=dict)
+    """Those that are not as all others: from whom to whom."""
+    cuts: set[tuple[str, str]] = field(default_factory=set)
+    """Who is not heard by whom."""
+    reigns: list[Reign] = field(default_factory=list)
+    most_at_once: int = 0
+    """So many were in lease at the same moment."""
 
     def __post_init__(self) -> None:
         self.random = random.Random(self.seed)
@@ -60,7 +91,10 @@ class Fleet:
         self.voices = (f"voice{number}" for number in itertools.count())
         self.leader = Leader(self.mission, voice=next(self.voices))
         self.agents = {name: self.new_agent(name) for name in self.mission.followers}
-        cores: dict[str, Core] = {"world": self.world, "leader": self.leader, **self.agents}
+        self.candidates = {
+            "leader": self.leader, **{name: self.new_leader(name) for name in self.mission.standbys}
+        }  # fmt: skip
+        cores: dict[str, Core] = {"world": self.world, **self.candidates, **self.agents}
         self.nodes = {name: Node(core) for name, core in cores.items()}
         self._number = itertools.count()
         self._events: list[tuple[float, int, str, Sample | None]] = []
@@ -72,6 +106,12 @@ class Fleet:
         """As its process would make it when it starts."""
         return Agent(self.mission, name, self.law, voice=next(self.voices))
 
+    def new_leader(self, name: str) -> Leader:
+        """As the process of a candidate would make it when it starts."""
+        return Leader(
+            self.mission, self.mission.leader if name == "leader" else name, voice=next(self.voices)
+        )
+
     def run(self, seconds: float) -> None:
         end = self.now + seconds
         while self._events and self._events[0][0] <= end:
@@ -79,10 +119,18 @@ class Fleet:
             node = self.nodes[name]
             if not node.alive or (sample is None and number != node.wake):
                 continue
-            moment = Now(self.now, EPOCH + self.now + node.clock_error)
-            self._send(name, node.core.step(moment, [] if sample is None else [sample]))
-            self._wake(name, node.core.due)
+            if node.asleep is not None:
+                node.asleep += [] if sample is None else [sample]
+                continue
+            self._step(name, node, [] if sample is None else [sample])
         self.now = end
+
+    def _step(self, name: str, node: Node, inbox: list[Sample]) -> None:
+        moment = Now(self.now, EPOCH + self.now + node.clock_error)
+        self._send(name, node.core.step(moment, inbox))
+        if name in self.candidates:
+            self._note_reigns()
+        self._wake(name, node.core.due)
 
     def kill(self, name: str) -> None:
         self.nodes[name].alive = False
@@ -91,18 +139,68 @@ class Fleet:
         self.nodes[name].alive = True
         self._wake(name, self.now)
 
+    def restart(self, name: str) -> None:
+        """As systemd would: a new process, which knows nothing and speaks with a new voice."""
+        node = self.nodes[name]
+        if name in self.candidates:
+            node.core = self.candidates[name] = self.new_leader(name)
+            self.leader = self.candidates["leader"]
+        else:
+            node.core = self.agents[name] = self.new_agent(name)
+        node.asleep = None
+        self.revive(name)
+
+    def freeze(self, name: str) -> None:
+        """As SIGSTOP does."""
+        self.nodes[name].asleep = []
+
+    def thaw(self, name: str) -> None:
+        """As SIGCONT does: what waits is read now, and counts as arrived now."""
+        node = self.nodes[name]
+        waiting, node.asleep = node.asleep or [], None
+        if node.alive:
+            self._step(name, node, [sample._replace(arrived=self.now) for sample in waiting])
+
+    def cut(self, some: Iterable[str], others: Iterable[str]) -> None:
+        """Neither hears the other, until `heal`."""
+        pairs = set(itertools.product(some, others))
+        self.cuts |= pairs | {(other, one) for one, other in pairs}
+
+    def heal(self) -> None:
+        """All links are as they were at first."""
+        self.cuts.clear()
+        self.links.clear()
+
+    @property
+    def leaders(self) -> list[str]:
+        """Whose lease has not ended, by the clock and not by their newest step."""
+        return [
+            name
+            for name, one in self.candidates.items()
+            if self.nodes[name].alive
+            and one._candidacy.leading
+            and (not self.mission.standbys or self.now < one._candidacy._lease)
+        ]
+
+    @property
+    def in_charge(self) -> Leader:
+        """Who leads, or led last; the leader's own process before anybody has."""
+        return self.candidates[self.reigns[-1].name] if self.reigns else self.leader
+
     def ask(self, name: str, do: str) -> OperatorReply:
-        core = self.leader if name == self.mission.leader else self.agents[name]
+        """Have an operator ask a robot, a standby, or by the leader's name the leader's own process."""
+        known = {**self.agents, **self.candidates, self.mission.leader: self.leader}
+        core = known[name]
         return decode_order(OperatorReply, core.request(encode(OperatorRequest.model_validate({"do": do}))))
 
     def take(self, shape: str) -> OperatorReply:
-        """Have the leader ask for another shape."""
+        """Have whoever leads ask for another shape."""
         request = OperatorRequest(do="shape", shape=shape)
-        return decode_order(OperatorReply, self.leader.request(encode(request)))
+        return decode_order(OperatorReply, self.in_charge.request(encode(request)))
 
     def error(self) -> float:
-        """Formation error of the robots as they really are, now, in the shape that is ordered [m]."""
-        slots = self.mission.slots(self.leader.shape)
+        """Formation error of the robots as they really are, now, in the figure that is wanted [m]."""
+        slots = np.array(self.in_charge.wanted.slots(self.mission))
         return float(formation_error(self.mission.graph, np.array(self.points()), slots))
 
     def points(self) -> list[complex]:
@@ -115,9 +213,15 @@ class Fleet:
         return points
 
     def _leader_position(self) -> complex:
-        moving = self.leader.mode == "run" and self.leader._stepped is not None
-        since = self.now - self.leader._stepped if moving and self.leader._stepped is not None else 0.0
-        return complex(self.leader._route.position(self.leader.route_time + since))
+        return self.in_charge.where(self.now)
+
+    def _note_reigns(self) -> None:
+        leaders = self.leaders
+        self.most_at_once = max(self.most_at_once, len(leaders))
+        for name in leaders:
+            reign = Reign(self.now, name, self.candidates[name].term)
+            if not self.reigns or self.reigns[-1][1:] != reign[1:]:
+                self.reigns.append(reign)
 
     def last_command(self, name: str) -> tuple[float, float]:
         return self.commands[name][-1][1:]
@@ -140,12 +244,21 @@ class Fleet:
             for name, node in self.nodes.items():
                 if out.key not in node.core.subscriptions:
                     continue
-                between_robots = out.key.endswith("/position")
-                if between_robots and self.random.random() < self.loss:
-                    continue
-                wait = self.random.uniform(*self.delay) if between_robots else 0.0005
-                for sample in self.meddle(Sample(out.key, out.payload, out.attachment, self.now + wait)):
-                    self._deliver(name, sample)
+                for wait in self._waits(sender, name, out.key):
+                    for sample in self.meddle(Sample(out.key, out.payload, out.attachment, self.now + wait)):
+                        self._deliver(name, sample)
+
+    def _waits(self, sender: str, receiver: str, key: str) -> Iterable[float]:
+        """How long a message is on its way [s], each time that it comes."""
+        if not key.endswith(BETWEEN):
+            return [0.0005]
+        if (sender, receiver) in self.cuts:
+            return []
+        link = self.links.get((sender, receiver), Link(self.loss, self.delay))
+        if self.random.random() < link.loss:
+            return []
+        times = 1 + (link.twice > 0.0 and self.random.random() < link.twice)
+        return [self.random.uniform(*link.delay) for _ in range(times)]
 
     def _note(self, sender: str, out: Outgoing) -> None:
         if sender in self.agents and out.key == CMD_VEL.key(sender):
@@ -157,4 +270,5 @@ class Fleet:
 
 
 def keys_of_neighbours(mission: Mission, name: str) -> set[str]:
-    return {ODOM.key(name)} | {POSITION.key(other) for other in mission.robots[name].neighbours}
+    ballots = {BALLOT.key(one) for one in mission.candidates} if mission.standbys else set()
+    return {ODOM.key(name)} | {POSITION.key(other) for other in mission.robots[name].measurable} | ballots

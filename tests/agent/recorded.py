@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
 
 from agent.core import Agent
+from agent.legacy import Legacy
 from agent.loop import Sides
+from agent.verify.verdict import Verdict
 from formation.order import OperatorReply, OperatorRequest, decode, encode
 from formation.topics import POSITION, Topic
+from formation.transport.process import clocks
 from formation.wire import Now, Outgoing, Sample
 from tests.agent.fleet import EPOCH, Fleet
 
@@ -29,7 +32,7 @@ class Wire:
     def advertise(self, _topic: Topic, _key: str) -> None:
         pass
 
-    def subscribe(self, *_where: Any) -> None:
+    def subscribe(self, *_where: Any, **_how: Any) -> None:
         pass
 
     def routed(self, _key: str) -> bool:
@@ -42,11 +45,19 @@ class Wire:
 class Looped:
     """An agent in its loop, as a core: to its robot goes what the loop sends there, the rest to the fleet."""
 
-    def __init__(self, agent: Agent, record: Recording, *, readonly: bool = False) -> None:
+    def __init__(
+        self,
+        agent: Agent,
+        record: Recording,
+        *,
+        readonly: bool = False,
+        legacy: Legacy | None = None,
+        clock: Callable[[], Now] = clocks,
+    ) -> None:
         self.agent, self.record = agent, record
         self.fleet, self.robot = Wire(), Wire()
         process: Any = SimpleNamespace(bus=self.fleet, robot=self.robot)
-        self.sides = Sides(agent, process, readonly=readonly)
+        self.sides = Sides(agent, process, readonly=readonly, legacy=legacy, clock=clock)
         self.sides.declare()
         self.publications, self.subscriptions = agent.publications, agent.subscriptions
         self.dropped = agent.dropped
@@ -108,3 +119,8 @@ class RecordedFleet(Fleet):
         super()._note(sender, out)
         if sender == "leader":
             self.record.append((Sample(*out, self.now), EPOCH + self.now))
+
+
+def all_alike(verdicts: dict[str, Verdict]) -> bool:
+    """Whether every command of everybody was computed again to the last bit."""
+    return all(one.exact == one.compared == one.commands > 0 for one in verdicts.values())

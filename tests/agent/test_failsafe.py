@@ -40,7 +40,20 @@ DOUBTS: list[tuple[dict[str, Any], State, str]] = [
     ({"order": RUN.model_copy(update={"mode": "stop"})}, State.STOP, "stopped by the leader"),
     ({"order": RUN.model_copy(update={"mode": "hold"})}, State.HOLD, "held by the leader"),
     ({"fresh": 0, "neighbours": {"robot1": 0.4}}, State.HOLD, "no neighbour is fresh: robot1 0.40 s"),
+    ({"fresh": 0, "neighbours": {"robot1": 0.4}, "leaderless": True}, State.HOLD, "is fresh: robot1 0.40 s"),
+    (
+        {"fresh": 0, "neighbours": {"robot1": 0.4, "robot2": 0.02}, "aside": ("robot2",)},
+        State.HOLD,
+        "no neighbour can be followed: robot1 0.40 s, robot2 is no guide",
+    ),
 ]
+TOGETHER: list[dict[str, Any]] = [
+    {"order": None},
+    {"order": RUN.model_copy(update={"mode": "stop"})},
+    {"order": RUN.model_copy(update={"mode": "hold"})},
+    {"fresh": 0, "leaderless": True},
+]
+"""What is not one robot's own affair."""
 
 
 def test_a_robot_runs_when_there_is_no_doubt() -> None:
@@ -61,6 +74,20 @@ def test_every_row_of_the_table_is_reached_by_some_doubt() -> None:
         next(i for i, row in enumerate(TABLE) if row.applies(replace(FINE, **d))) for d, _, _ in DOUBTS
     }
     assert reached | {len(TABLE) - 1} == set(range(len(TABLE)))
+
+
+@pytest.mark.parametrize("doubt", [doubt for doubt, _, _ in DOUBTS])
+def test_others_may_go_on_without_a_robot_unless_all_of_them_stand_for_the_same_reason(
+    doubt: dict[str, Any],
+) -> None:
+    everybody = any(
+        doubt == one or {**doubt, "neighbours": {}} == {**one, "neighbours": {}} for one in TOGETHER
+    )
+    assert decide(replace(FINE, **doubt)).own is not everybody
+
+
+def test_a_robot_that_runs_has_no_reason_of_its_own_not_to() -> None:
+    assert not decide(FINE).own
 
 
 def test_only_the_last_row_lets_a_robot_run() -> None:

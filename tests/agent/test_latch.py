@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from agent.latch import Latch
-from formation.order import REMEMBERED, STEPS, Do, Mode, OperatorReply, OperatorRequest, decode, encode
+from formation.once import REMEMBERED, STEPS
+from formation.order import Do, Mode, OperatorReply, OperatorRequest, decode, encode
 from formation.wire import Now
 
 
@@ -33,7 +34,7 @@ def test_requests_without_a_name_or_with_another_one_are_each_obeyed(of: str) ->
         assert latch.mode == "stop"
         ask(latch, "release", of)
         assert latch.mode is None
-    assert len(latch._once._answers) <= REMEMBERED
+    assert len(latch.once.answers) <= REMEMBERED
 
 
 def test_a_shape_is_not_an_agents_to_change_and_releases_nothing() -> None:

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 from agent.core import Agent
+from agent.failsafe import State
+from agent.keeping import Keeping
+from agent.legacy import Legacy
 from agent.loop import REFUSED_PERIOD, Sides
 from agent.status import Surroundings
 from formation.mission import Mission
@@ -17,6 +20,7 @@ from formation.mission_file import load, parse, read
 from formation.ros2.messages import Odometry, encode
 from formation.topics import Topic
 from formation.wire import BadMessage, Now, Outgoing, Sample
+from tests.agent.restarting import Drawer
 
 SIX = load("six_robots")
 ODOMETRY = Sample("robot2/odom", encode(Odometry(100.0, 0j, 1 + 0j, 0.0, 0.0)), b"33 bytes of ROS's", 1.0)
@@ -28,14 +32,18 @@ class Wire:
 
     def __init__(self, side: str, log: list[tuple[str, str, bytes | None]]) -> None:
         self.advertised, self.subscribed = list[str](), list[str]()
+        self.waiting = set[str]()
+        """What does not wake the agent."""
         self.connected, self.listens, self.asked = True, True, 0
         self._side, self._log = side, log
 
     def advertise(self, _topic: Topic, key: str) -> None:
         self.advertised.append(key)
 
-    def subscribe(self, *where: Any) -> None:
+    def subscribe(self, *where: Any, wakes: bool = True) -> None:
         self.subscribed.append(where[-1])
+        if not wakes:
+            self.waiting.add(where[-1])
 
     def publish(self, key: str, payload: bytes, attachment: bytes | None = None) -> None:
         assert key in self.advertised
@@ -60,6 +68,7 @@ class Setting:
         self.fleet, self.robot = Wire("fleet", self.log), Wire("robot", self.log)
         self.agent = Agent(mission, "robot2", readonly=readonly, voice="v")
         process: Any = SimpleNamespace(bus=self.fleet, robot=self.robot)
+        self.process = process
         self.sides = Sides(self.agent, process, readonly=readonly)
         self.sides.declare()
 
@@ -140,6 +149,8 @@ def test_positions_of_neighbours_come_from_the_fleet_and_are_not_repeated() -> N
     setting = Setting()
     assert setting.fleet.subscribed == ["robot1/position"]
     assert setting.robot.subscribed == ["robot2/odom", "robot2/scan"]
+    assert setting.fleet.waiting == {"robot1/position"}, "it is the robot's own messages that drive an agent"
+    assert setting.robot.waiting == set()
     position = Sample("robot1/position", b"anything", None, 1.0)
     assert ("fleet", "robot1/position") not in setting.turn(position)
 
@@ -196,3 +207,53 @@ def test_an_agent_that_can_no_longer_say_how_it_is_still_stops_its_robot(
     with pytest.raises(BadMessage):
         setting.sides.send(setting.sides.halt(Now(2.0, 101.0), "failed"))
     assert [key for side, key, _ in setting.log if side == "robot"] == ["robot2/cmd_vel", "robot2/alive"]
+
+
+class Slow(Drawer):
+    """A disk that hangs, and notes what the robot had been told when somebody waited for it."""
+
+    def __init__(self, log: list[tuple[str, str, bytes | None]]) -> None:
+        super().__init__()
+        self._log, self.before = log, list[tuple[str, str]]()
+
+    def written(self, _patience: float) -> bool:
+        self.before = [(side, key) for side, key, _ in self._log]
+        return False
+
+
+def keeping(setting: Setting, disk: Drawer) -> None:
+    """Have the agent keep things there."""
+    legacy = Legacy(setting.agent, cast("Keeping", disk), "a boot")
+    setting.sides = Sides(
+        setting.agent, setting.process, readonly=False, legacy=legacy, clock=lambda: Now(1.2, 100.2)
+    )
+    setting.sides.declare()
+
+
+def test_a_robot_that_is_stopped_is_told_so_before_anybody_waits_for_a_disk() -> None:
+    setting = Setting()
+    disk = Slow(setting.log)
+    keeping(setting, disk)
+    setting.sides.request(b'{"do":"hold"}')
+    assert disk.before == [], "who has not begun says nothing before it may"
+    setting.turn(ODOMETRY)
+    setting.log.clear()
+    assert b'"ok":true' in setting.sides.request(b'{"do":"stop"}')
+    assert disk.before[0] == ("robot", "robot2/cmd_vel")
+    assert ("fleet", "robot2/status") not in disk.before, "nor does the operator wait for a report"
+    assert ("fleet", "robot2/status") in setting.turn(mono=1.2)
+    assert setting.agent.decision.state is State.STOP
+
+
+def test_a_stop_is_kept_though_the_step_that_takes_it_in_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    setting, disk = Setting(), Drawer()
+    keeping(setting, disk)
+    setting.turn(ODOMETRY)
+
+    def fail(*_: Any) -> None:
+        raise ZeroDivisionError("of today")
+
+    monkeypatch.setattr(setting.agent, "act", fail)
+    with pytest.raises(ZeroDivisionError):
+        setting.sides.request(b'{"do":"stop"}')
+    assert b'"mode": "stop"' in disk.texts["stops"]

@@ -32,6 +32,7 @@ STEPS = {"speed_step": 0.01, "turn_rate_step": 0.01}
 MISSIONS: dict[str, Mission] = {
     "six": load("six_robots"),
     "pair": load("turtlebot3_pair"),
+    "fallbacks": load("patrol"),
     "start frame": with_robots("six_robots", odometry_frame="start"),
     "local": with_robots("six_robots", measurement="local"),
     "measured heading": with_robots("turtlebot3_pair", heading="measured"),
@@ -132,7 +133,7 @@ class World:
     def happen(self, data: st.DataObject) -> None:
         """One thing that happens, and some time after it."""
         what = data.draw(
-            st.sampled_from(["nothing", "order", "jump", "restart", "silence", "link", "leader"])
+            st.sampled_from(["nothing", "order", "shape", "jump", "restart", "silence", "link", "leader"])
         )
         name = data.draw(st.sampled_from(self.fleet.mission.followers))
         twins = self.fleet.nodes[name].core
@@ -140,6 +141,8 @@ class World:
         if what == "order":
             do, number = data.draw(ORDERS), data.draw(st.sampled_from(["", "a", "b"]))
             twins.request(encode(OperatorRequest.model_validate({"do": do, "id": number})))
+        elif what == "shape":
+            self.fleet.take(data.draw(st.sampled_from(sorted(self.fleet.mission.shapes))))
         elif what == "jump":
             self.offset += data.draw(st.sampled_from([0.5 + 0j, -3j]))
         elif what == "restart":

@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from formation.mission_file import load
-from leader.core import Leader
 from tests.agent.fleet import Fleet
 
 SIX = load("six_robots")
@@ -96,16 +95,15 @@ def test_an_agent_that_starts_anew_takes_the_shape_of_the_others() -> None:
     assert fleet.error() < SIX.settled
 
 
-def test_a_leader_that_starts_anew_begins_with_the_missions_first_shape_again() -> None:
+def test_a_leader_that_starts_again_goes_on_with_the_shape_that_was_asked_for() -> None:
     fleet = driving()
     fleet.take("wedge")
     fleet.run(5.0)
     fleet.kill("leader")
-    fleet.leader = fleet.nodes["leader"].core = Leader(SIX, voice="another")
-    fleet.revive("leader")
-    fleet.run(20.0)
+    fleet.restart("leader")
+    fleet.run(10.0)
     shapes = {agent._orders.newest.shape for agent in fleet.agents.values() if agent._orders.newest}
-    assert shapes == {"hexagon"}
+    assert shapes == {"wedge"}
     assert fleet.error() < SIX.settled
 
 

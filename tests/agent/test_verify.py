@@ -19,10 +19,11 @@ from agent.verify.verdict import MOST_STRETCHES, Verdict
 from formation.mission import Mission
 from formation.mission_file import load, parse, read
 from formation.ros2.messages import Twist, encode
-from formation.topics import CMD_VEL, ODOM, POSITION
+from formation.topics import BALLOT, CMD_VEL, ODOM, POSITION
 from formation.wire import Now, Sample
+from monitor.figures.keys import watched
 from tests.agent.missions import with_robots
-from tests.agent.recorded import Looped, RecordedFleet, Recording
+from tests.agent.recorded import RecordedFleet, Recording, all_alike
 
 SIX, PAIR, CHAINS = load("six_robots"), load("turtlebot3_pair"), load("two_chains")
 STEPS = {"speed_step": 0.01, "turn_rate_step": 0.01}
@@ -42,10 +43,6 @@ def changed(old: str, new: str, mission: str = "six_robots") -> Mission:
     text = read(mission)[0]
     assert old in text
     return parse(text.replace(old, new))
-
-
-def all_alike(verdicts: dict[str, Verdict]) -> bool:
-    return all(one.exact == one.compared == one.commands > 0 for one in verdicts.values())
 
 
 def without(record: Recording, *gone: Callable[[Sample, float], bool]) -> Recording:
@@ -73,6 +70,17 @@ def test_every_command_of_a_run_is_computed_again_to_the_last_bit(mission: Missi
     fleet = RecordedFleet(mission, law=law, loss=0.1)
     fleet.run(6.0)
     assert all_alike(verify(mission, fleet.record))
+
+
+def test_whatever_an_agent_listens_to_is_recorded_and_kept_for_its_judgement() -> None:
+    text, name = read("six_robots")
+    mission = parse(f"{text}\n[standbys.spare1]\n[standbys.spare2]\n", name)
+    recorded = {one.key for one in watched(mission)}
+    for robot in mission.followers:
+        heard = set(Agent(mission, robot).subscriptions)
+        assert BALLOT.key("spare2") in heard
+        assert heard <= recorded
+        assert all(core._may_be_heard(key) for key in heard)
 
 
 GAINS = {
@@ -196,79 +204,6 @@ def test_a_recorders_clock_that_is_set_back_or_forth_does_not_matter() -> None:
     for leap in (3600.0, -3600.0):
         leapt = [*RUN[:middle], *((sample, wall + leap) for sample, wall in RUN[middle:])]
         assert all_alike(verify(SIX, leapt))
-
-
-def test_an_agent_that_was_killed_and_one_that_took_its_place_are_both_judged() -> None:
-    fleet = RecordedFleet(SIX)
-    fleet.run(4.0)
-    fleet.kill("robot3")
-    fleet.run(1.0)
-    fleet.restart("robot3")
-    fleet.run(4.0)
-    assert all_alike(verify(SIX, fleet.record))
-
-
-def test_a_new_agent_whose_beginning_is_missing_is_told_apart_from_a_late_recording() -> None:
-    fleet = RecordedFleet(SIX)
-    fleet.run(2.0)
-    fleet.restart("robot3")
-    cut = len(fleet.record)
-    fleet.run(1.0)
-    end = len(fleet.record)
-    fleet.run(2.0)
-    one = verify(SIX, fleet.record[:cut] + fleet.record[end:])["robot3"]
-    assert ["another agent speaks" in stretch.reason for stretch in one.unjudged] == [True]
-
-
-def test_two_agents_that_speak_for_one_robot_are_both_judged() -> None:
-    fleet = RecordedFleet(SIX)
-    fleet.run(2.0)
-    other = Looped(fleet.new_agent("robot3"), fleet.record)
-    fleet.meddle = lambda sample: (sample,)
-    step = fleet.loop("robot3").step
-
-    def both(now: Now, inbox: Any) -> Any:
-        other.step(now, inbox)
-        return step(now, inbox)
-
-    fleet.loop("robot3").step = both  # type: ignore[method-assign]
-    fleet.run(3.0)
-    one = verify(SIX, fleet.record)["robot3"]
-    assert one.commands > 150
-    assert one.exact == one.commands
-
-
-def test_orders_and_the_end_of_an_agent_are_lived_through_as_they_were() -> None:
-    fleet = RecordedFleet(PAIR)
-    fleet.run(2.0)
-    for do, number in (("stop", "a"), ("release", "b"), ("hold", ""), ("release", "b"), ("run", "")):
-        fleet.ask_once("robot1", do, number)
-        fleet.run(0.5)
-    fleet.ask("leader", "stop")
-    fleet.run(1.0)
-    for name in PAIR.followers:
-        fleet.halt(name)
-    assert all_alike(verify(PAIR, fleet.record))
-
-
-def test_a_link_with_the_robot_that_came_and_went_is_lived_through() -> None:
-    fleet = RecordedFleet(SIX)
-    fleet.run(2.0)
-    fleet.loop("robot3").robot.connected = False
-    fleet.run(1.0)
-    fleet.loop("robot3").robot.connected = True
-    fleet.run(2.0)
-    assert all_alike(verify(SIX, fleet.record))
-
-
-@pytest.mark.parametrize("mission", [SIX, with_robots("turtlebot3_pair", localisation="external")])
-def test_an_agent_that_moves_nothing_is_verified_as_well(mission: Mission) -> None:
-    fleet = RecordedFleet(mission)
-    name = mission.followers[0]
-    agent = Agent(mission, name, readonly=True, voice="looks")
-    fleet.nodes[name].core = Looped(agent, fleet.record, readonly=True)
-    fleet.run(6.0)
-    assert all_alike(verify(mission, fleet.record))
 
 
 @settings(max_examples=25)

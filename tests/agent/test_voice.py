@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from agent.voice import Voice
 from formation import order
 from formation.mission_file import load
-from formation.order import Told
+from formation.order import Order, Told
 from formation.ros2.messages import Pose, decode, encode
 from formation.topics import POSITION
 from formation.wire import BadMessage, Sample
@@ -203,3 +203,38 @@ def test_a_leader_has_one_voice_as_well() -> None:
     for one in (fleet, honest):
         one.run(10.0)
     assert fleet.commands == honest.commands
+
+
+def leading(voice: str, term: int, count: int = 0) -> Told:
+    return Told(voice=voice, count=count, order=Order(term=term, beat=count, mode="run", shape="hexagon"))
+
+
+def test_who_leads_in_a_later_term_that_was_promised_speaks_at_once() -> None:
+    """The one before it has stopped in order: nothing is to be waited for, and nobody is suspect."""
+    voice = Voice("leader", 1.0 / PERIOD)
+    voice.admit(leading("old", 8), 0.0, 8)
+    voice.admit(leading("new", 9), PERIOD, 9)
+    assert voice.contested == float("-inf")
+    with pytest.raises(BadMessage, match="voice of its past"):
+        voice.admit(leading("old", 8, 1), 2 * PERIOD, 9)
+
+
+@pytest.mark.parametrize(
+    ("term", "promise"),
+    [(9, 0), (9, 8), (9, 10), (8, 8), (7, 7)],
+    ids=["no standbys", "not promised", "another promised", "the same term", "an earlier term"],
+)
+def test_any_other_second_voice_for_the_leader_waits(term: int, promise: int) -> None:
+    voice = Voice("leader", 1.0 / PERIOD)
+    voice.admit(leading("old", 8), 0.0, promise)
+    with pytest.raises(BadMessage, match="second voice"):
+        voice.admit(leading("new", term), PERIOD, promise)
+    assert voice.contested == PERIOD
+    voice.admit(leading("old", 8, 1), 2 * PERIOD, promise)
+
+
+def test_a_voice_that_tells_no_order_is_followed_by_none_in_a_hurry() -> None:
+    voice = Voice("leader", 1.0 / PERIOD)
+    voice.admit(Told(voice="old", count=0), 0.0, 9)
+    with pytest.raises(BadMessage, match="second voice"):
+        voice.admit(leading("new", 9), PERIOD, 9)

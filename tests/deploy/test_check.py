@@ -11,12 +11,12 @@ import pytest
 
 from deploy.check import _eigenvalues
 from deploy.cli import main
-from formation.mission_file import load, shipped
+from formation.mission_file import load, read, shipped
 from formation.stability.analysis import analyse
 
 KEYS = {
     "ok", "problems", "warnings", "eigenvalues", "stable", "slowest_mode", "settling_time_estimate",
-    "delay_margin", "depth", "amplification",
+    "delay_margin", "depth", "amplification", "losses",
 }  # fmt: skip
 
 
@@ -83,6 +83,52 @@ def test_the_words_and_the_json_say_the_same(capsys: pytest.CaptureFixture[str])
     assert result["depth"] == found.depth
     assert f"{found.settling_time_estimate:.1f} s from the mission's own starts" in out
     assert f"{found.delay_margin * 1e3:.0f} ms" in out
+
+
+def test_who_would_hold_is_said_for_every_single_loss(capsys: pytest.CaptureFixture[str]) -> None:
+    _, out, result = checked(capsys, "two_chains")
+    assert "\n  left6 or right6 may be lost: the others go on\n" in out
+    assert "\n  left4 lost: left5, left6 hold\n" in out
+    assert "\n  right5 lost: right6 holds\n" in out
+    assert "\n  leader lost: all others hold, for there is no standby\n" in out
+    assert result["losses"]["left4"] == {"hold": ["left5", "left6"], "instead": {}}
+    assert result["losses"]["left6"] == {"hold": [], "instead": {}}
+    assert len(result["losses"]["leader"]["hold"]) == 12
+    assert result["losses"]["leader"]["successor"] is None
+
+
+def test_where_nobody_would_hold_that_is_one_line_and_fallbacks_and_standbys_are_named(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    _, out, result = checked(capsys, "patrol")
+    assert "\n  any single follower may be lost: the others go on\n" in out
+    assert "\n  robot1 lost: robot2 goes on by leader\n" in out
+    assert "\n  leader lost: deputy leads within about 1 s\n" in out
+    assert " hold" not in out
+    assert "robot1, or else leader" in out
+    assert result["losses"]["robot1"] == {"hold": [], "instead": {"robot2": ["leader"]}}
+    assert result["losses"]["leader"] == {"hold": [], "instead": {}, "successor": "deputy"}
+
+
+def test_a_fallback_that_never_helps_is_warned_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = read("two_chains")[0].replace(
+        'neighbours = ["left1"]', 'neighbours = ["left1"]\nfallback_neighbours = ["left3"]'
+    )
+    (tmp_path / "useless.toml").write_text(text)
+    code, out, result = checked(capsys, str(tmp_path / "useless.toml"))
+    assert code == 0
+    assert any("left2.fallback_neighbours: left3 never helps" in warning for warning in result["warnings"])
+    assert "warning: robots.left2.fallback_neighbours: left3 never helps" in out
+
+
+def test_with_two_followers_and_a_standby_either_of_them_is_needed_to_agree_on_who_leads(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = read("turtlebot3_pair")[0] + "\n[standbys.deputy]\n"
+    (tmp_path / "agree.toml").write_text(text)
+    _, out, result = checked(capsys, str(tmp_path / "agree.toml"))
+    assert "\n  robot1 lost: robot2 holds\n" in out
+    assert result["losses"]["robot1"]["hold"] == ["robot2"]
 
 
 def test_columns_stand_under_their_titles_however_short_the_names(

@@ -8,10 +8,15 @@ from typing import Any
 
 import pytest
 
+from deploy.doctor import at_desk
 from deploy.doctor.agents import two_ages
 from deploy.doctor.cli import EXAMINATIONS
 from deploy.doctor.facts import Chrony, Facts, Party, Reached, Stream, examine
+from deploy.doctor.leading import LEADING
 from deploy.doctor.machine import read_tracking
+from formation.mission import Mission
+from formation.mission_file import load
+from formation.ros2.messages import Status
 from tests.deploy.examined import (
     DAY,
     DESK,
@@ -220,6 +225,48 @@ def test_at_the_desk_an_agent_that_cannot_be_dialled_is_not_called_silent_beside
     assert list(found(refused)) == ["unreachable"]
     told = replace(DESK, said=said(robot_link="no listener on cmd_vel: the bridge's route is lost"))
     assert list(found(told)) == ["route-lost"]
+
+
+PATROL = load("patrol")
+OWN = {"state": "standby", "mission": PATROL.fingerprint}
+STANDBY = replace(
+    DESK,
+    mission=PATROL,
+    robot="deputy",
+    said=Status("deputy: standby", 0, "standby: leader leads", "deputy", OWN),
+    reached={"deputy": Reached("tls/192.168.1.16:7460", "ok", name="deputy")},
+    certificates=None,
+)
+
+
+def test_of_a_standby_that_is_well_nothing_is_said_but_what_it_says() -> None:
+    assert found(STANDBY) == {}
+    seen = {checked.title: checked.seen for checked in examine(EXAMINATIONS, STANDBY)}
+    assert seen["agent"] == "says standby: leader leads"
+    assert seen["mission"] == "standby runs it"
+
+
+def test_a_standby_that_is_silent_or_out_of_reach_is_named_as_one() -> None:
+    silent = found(replace(STANDBY, status=Stream(), said=None))
+    assert silent == {"standby-silent": "its standby says nothing: no status in 3 s"}
+    away = {"deputy": Reached("tls/h:1", "no answer")}
+    lost = found(replace(STANDBY, status=Stream(), said=None, reached=away))
+    assert lost == {"unreachable": "the standby deputy at tls/h:1 does not answer"}
+    robot = replace(HEALTHY, mission=PATROL, said=None, status=None, reached=away)
+    assert found(robot)["unreachable"] == "the standby deputy at tls/h:1 does not answer"
+
+
+def test_at_the_desk_it_is_asked_whether_anybody_leads_where_more_than_one_may() -> None:
+    def at(others: list[Facts], mission: Mission = PATROL) -> Facts:
+        return replace(at_desk.desk(mission, None, others), chrony=None)
+
+    leads = replace(STANDBY, robot="leader", said=Status("", 0, "run", "", {**OWN, "leads": "yes"}))
+    (checked,) = examine((LEADING,), at([STANDBY, leads]))
+    assert (checked.findings, checked.seen) == ((), "leader said that it leads")
+    (checked,) = examine((LEADING,), at([STANDBY, replace(leads, said=None)]))
+    assert [one.name for one in checked.findings] == ["nobody-leads"]
+    assert "none of leader, deputy, reserve says" in checked.findings[0].sentence
+    assert examine((LEADING,), at([], TB3)) == []
 
 
 def test_a_neighbour_that_was_never_heard_is_named() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from dataclasses import replace
@@ -57,6 +58,18 @@ def test_an_installation_without_its_configuration_is_not_taken_for_one_without_
     (home / "VERSION.json").write_text('{"robot": "robot1"}')
     assert main(["doctor", "--prefix", str(tmp_path)]) == 2
     assert "zenoh.json5 is missing: install this robot's bundle again" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("name", "whose"), [("leader", "leader's"), ("deputy", "standby's")])
+def test_where_one_is_that_may_lead_there_is_no_robot_to_examine(
+    name: str, whose: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    home = tmp_path / "current"
+    home.mkdir()
+    (home / "mission.toml").write_bytes(shipped()["patrol"].read_bytes())
+    (home / "VERSION.json").write_text(json.dumps({"robot": name}))
+    assert main(["doctor", "--prefix", str(tmp_path)]) == 2
+    assert f"this is the {whose} machine: say MISSION" in capsys.readouterr().err
 
 
 def test_a_robot_has_all_that_the_doctor_needs() -> None:

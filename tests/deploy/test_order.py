@@ -3,41 +3,124 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from deploy.cli import main
 
-NOBODY = ("--timeout", "0.3", "--json", "-e", "tcp/127.0.0.1:9")
+NOBODY = ("--timeout", "0.1", "--json", "-e", "tcp/127.0.0.1:9")
+TURN = "[[route]]\nspeed = 0.1\nheading_deg = 90\nduration = 5\n[[route]]\nradius = 1.0\nspeed = 0.1\n"
+
+
+def ordered(capsys: pytest.CaptureFixture[str], mission: str, *words: str) -> dict[str, Any]:
+    """What a program is told of an order that nobody heard."""
+    assert main(["order", mission, *words, *NOBODY]) == 1
+    result: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
+    return result
 
 
 def test_with_nobody_there_the_command_names_all_that_are_missing(capsys: pytest.CaptureFixture[str]) -> None:
-    code = main(["order", "turtlebot3_pair", "stop", *NOBODY])
-    result = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert code == 1
-    assert result == {"do": "stop", "robots": {}, "missing": ["leader", "robot1", "robot2"]}
+    result = ordered(capsys, "turtlebot3_pair", "stop")
+    assert result.pop("id")
+    assert result.pop("at") > 0.0
+    assert result == {
+        "do": "stop", "leader": None, "acknowledged": [], "refused": [],
+        "missing": ["leader", "robot1", "robot2"], "standing_by": [],
+    }  # fmt: skip
 
 
-def test_a_shape_is_asked_of_the_leader_alone(capsys: pytest.CaptureFixture[str]) -> None:
-    code = main(["order", "six_robots", "shape", "wedge", *NOBODY])
-    result = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert code == 1
-    assert result == {"do": "shape", "shape": "wedge", "robots": {}, "missing": ["robot1"]}
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        ("hold", {}),
+        ("run", {}),
+        ("shape wedge", {"shape": "wedge"}),
+        ("rotate -30", {"degrees": -30.0}),
+        ("rotate -.5e1", {"degrees": -5.0}),
+        ("scale 1.5", {"factor": 1.5}),
+        ("speed 0.1 -90", {"speed": 0.1, "degrees": -90.0}),
+        ("route six_robots", {"legs": [{"speed": 0.2, "heading_deg": 30.0}]}),
+    ],
+)
+def test_what_travels_with_the_positions_is_asked_of_who_leads_alone(
+    words: str, what: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    result = ordered(capsys, "six_robots", *words.split())
+    assert result["missing"] == ["robot1"]
+    assert {**result, "do": words.split(maxsplit=1)[0], **what} == result
+
+
+def test_flags_may_stand_before_between_and_after_the_words(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["order", *NOBODY[:2], "six_robots", "--json", "rotate", *NOBODY[3:], "-30"]) == 1
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["degrees"] == -30.0
+
+
+def test_a_route_is_read_from_a_file_that_holds_nothing_else(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "turn.toml").write_text(TURN)
+    legs = ordered(capsys, "six_robots", "route", str(tmp_path / "turn.toml"))["legs"]
+    assert legs[0] == {"speed": 0.1, "heading_deg": 90.0, "duration": 5.0}
+    assert (legs[1]["radius"], legs[1]["turn"]) == (1.0, "left")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "route is missing; legal here: route"),
+        ("route = []", "route = []: should"),
+        (TURN + "colour = 1\n", "unknown key route.1.colour; legal here: radius, speed, heading_deg, turn"),
+        ("speed = 1\n" + TURN, "unknown key speed; legal here: route"),
+        (TURN.replace("0.1", "-0.1"), "route.0.speed = -0.1: should be greater than or equal to 0"),
+        ("[[route]", "not valid TOML"),
+        ("[robots]\n" + TURN, "name is missing; legal here: name, leader"),
+        ("[[route]]\nspeed = 0.1\nheading_deg = 0.33\nduration = 12.34\n" * 400, "too long, at most 16384"),
+    ],
+)
+def test_a_route_that_is_none_is_refused_as_in_a_mission(
+    text: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "route.toml"
+    file.write_text(text)
+    assert main(["order", "six_robots", "route", str(file)]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert said in error
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["stop", "-e", "nonsense"], "--connect 'nonsense'"),
-        (["shape"], "shape: must be one of hexagon, wedge"),
-        (["shape", "circle"], "shape 'circle': must be one of hexagon, wedge"),
-        (["stop", "wedge"], "stop: takes no shape"),
+        ("stop -e nonsense", "--connect 'nonsense'"),
+        ("", "an order is missing: must be one of stop, release, hold, run, shape, rotate, scale"),
+        ("fly", "order 'fly': must be one of stop, release, hold"),
+        ("shape", "shape: must be one of hexagon, wedge"),
+        ("shape circle", "shape 'circle': must be one of hexagon, wedge"),
+        ("stop wedge", "stop takes nothing more; here: wedge"),
+        ("rotate", "rotate takes DEG; here: nothing"),
+        ("rotate left", "'left': must be a number"),
+        ("rotate 4000", "degrees = 4000.0: must be less than or equal to 3600"),
+        ("rotate nan", "degrees = nan: must be a finite number"),
+        ("scale 0", "factor = 0.0: must be greater than or equal to 0.001"),
+        ("speed 0.1", "speed takes V and HEADING; here: 0.1"),
+        ("speed -0.1 0", "speed = -0.1: must be greater than or equal to 0"),
+        ("route nothing.toml", "nothing.toml: no such file"),
     ],
 )
 def test_what_cannot_be_asked_is_refused_in_one_line(
-    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+    words: str, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["order", "six_robots", *words]) == 2
+    assert main(["order", "six_robots", *words.split()]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert said in error
+
+
+def test_what_takes_long_to_load_and_a_stop_does_without_is_not_loaded() -> None:
+    code = "import sys, deploy.order; print(*{'rosbags', 'rich', 'mcap', 'ssl'} & sys.modules.keys())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []

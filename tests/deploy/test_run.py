@@ -2,99 +2,26 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shlex
 import signal
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import pytest
 
-from deploy import cli, run
+from deploy import run
 from deploy.local.launch import GRACE
-from deploy.local.plan import Program, programs
+from deploy.local.plan import programs
 from deploy.local.ports import Ports
 from formation.mission_file import load
+from tests.deploy.runner import FOUND, Runner, good, monitor
 from tests.deploy.stubs import GOOD, READY, is_gone, program
-
-SNAPSHOT = "say('snapshot', formation_error=0.002, robots={'robot1': {'state': 'run', 'error': 0.001}});"
-AGENT = "until_told(); say('summary', published={'robot1/cmd_vel': 10, 'robot1/odom': 10}); sys.exit(0)"
-AT_ROBOT = {"published": {"robot1/odom": 12, "robot1/ground_truth": 12}, "received": {"robot1/cmd_vel": 9}}
-ROBOTS = f"until_told(); say('summary', published={{}}, robot={AT_ROBOT!r}); sys.exit(0)"
-FOUND = {
-    "published": {"formation/error": 5},
-    "recorded": {
-        "formation/error": 5,
-        "robot1/cmd_vel": 10,
-        "robot1/odom": 10,
-        "robot1/ground_truth": 12,
-    },
-    "formation_error": 0.002,
-    "settling_time": 1.5,
-    "converged": True,
-    "recording": "a.mcap",
-}
-
-
-def monitor(**found: Any) -> str:
-    return f"until_told({SNAPSHOT!r}); say('summary', **{ {**FOUND, **found}!r}); sys.exit(0)"
-
-
-class Ran(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-    @property
-    def result(self) -> dict[str, Any]:
-        found = json.loads(self.out.splitlines()[-1])
-        assert isinstance(found, dict)
-        return found
-
-
-class Runner:
-    """Runs `formation run turtlebot3_pair` with the given scripts."""
-
-    def __init__(
-        self, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-    ) -> None:
-        self._folder, self._monkeypatch, self._capsys = folder, monkeypatch, capsys
-        monkeypatch.setattr("deploy.local.launch.COAST", 0.01)
-        monkeypatch.setattr("tempfile.tempdir", str(folder))
-        self.asked: dict[str, Any] = {}
-        """What the process table was asked for."""
-
-    def __call__(
-        self,
-        *stubs: Program,
-        flags: Sequence[str] = ("--json",),
-        duration: float = 0.3,
-        record: str = "a.mcap",
-    ) -> Ran:
-        def programs(*_: object, **asked: Any) -> tuple[Program, ...]:
-            self.asked = asked
-            return stubs
-
-        self._monkeypatch.setattr(run, "programs", programs)
-        path = self._folder / "recordings" / record
-        line = ["run", "turtlebot3_pair", "--duration", str(duration), "--record", str(path), *flags]
-        return Ran(cli.main(line), *self._capsys.readouterr())
 
 
 @pytest.fixture
 def ran(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Runner:
     return Runner(tmp_path, monkeypatch, capsys)
-
-
-def good(found: str = monitor()) -> tuple[Program, ...]:
-    return (
-        program(found, "monitor", "watch"),
-        program(ROBOTS, "robots", "body"),
-        program(AGENT, "agent robot1", "control")._replace(robots=("robot1",)),
-    )
 
 
 def test_a_run_that_converged_is_exit_code_0_and_one_json_object(ran: Runner, tmp_path: Path) -> None:
@@ -182,7 +109,7 @@ def test_orders_by_a_page_that_is_not_served_are_refused(ran: Runner) -> None:
 
 
 def test_a_run_that_did_not_converge_is_exit_code_1(ran: Runner) -> None:
-    done = ran(*good(monitor(converged=False, settling_time=None)), flags=())
+    done = ran(*good(monitor(converged=False, settling_time=None, settled_at=None)), flags=())
     assert done.code == 1
     assert "not converged" in done.out
 
@@ -206,7 +133,7 @@ def test_a_summary_that_makes_no_sense_counts_for_nothing(ran: Runner) -> None:
 
 
 def test_a_process_that_dies_does_not_end_the_run_but_is_named(ran: Runner) -> None:
-    code = f"{READY}; time.sleep(0.2); print('battery empty', file=sys.stderr); sys.exit(7)"
+    code = f"{READY}; {ran.once_begun}; print('battery empty', file=sys.stderr); sys.exit(7)"
     done = ran(*good(), program(code, "agent robot2", "control"), duration=0.8)
     assert done.code == 1
     assert done.result["converged"] is True
@@ -224,6 +151,54 @@ def test_a_process_that_dies_does_not_end_the_run_but_is_named(ran: Runner) -> N
     assert "battery empty" in done.err
 
 
+KILLED = "say('ready'); {}; os.kill(os.getpid(), signal.SIGKILL)"
+LEADS = "until_told(); say('summary', published={'leader/position': 30, 'deputy/status': 4}); sys.exit(0)"
+
+
+def test_a_leader_that_is_killed_while_another_stands_by_is_named_and_no_failure(ran: Runner) -> None:
+    recorded = {**FOUND["recorded"], "leader/position": 50, "leader/status": 3, "deputy/status": 4}
+    done = ran(
+        *good(monitor(recorded=recorded)),
+        program(KILLED.format(ran.once_begun), "leader", "control"),
+        program(LEADS, "standby deputy", "control"),
+        duration=0.8,
+        mission="patrol",
+    )
+    assert done.code == 0
+    assert "leader was killed (SIGKILL) during the run; another stood by to lead" in done.err
+    assert done.result["processes"]["leader"]["died"] is True
+    assert done.result["lost"] == 0  # how often the dead one said where it was, it did not live to tell
+
+
+def test_nor_is_one_that_somebody_stops(ran: Runner) -> None:
+    said = "say('summary', published={'leader/position': 20})"
+    stopped = program(f"{READY}; {ran.once_begun}; {said}; sys.exit(0)", "leader", "control")
+    recorded = {**FOUND["recorded"], "leader/position": 49, "deputy/status": 4}
+    standby = program(LEADS, "standby deputy", "control")
+    done = ran(*good(monitor(recorded=recorded)), stopped, standby, duration=0.8, mission="patrol")
+    assert done.code == 0
+    assert "leader ended with exit code 0 during the run; another stood by to lead" in done.err
+    assert done.result["lost"] == 1
+
+
+def test_a_leader_that_fails_by_itself_is_a_failure_though_another_stands_by(ran: Runner) -> None:
+    code = f"{READY}; {ran.once_begun}; sys.exit(1)"
+    standby = program(LEADS, "standby deputy", "control")
+    done = ran(*good(), program(code, "leader", "control"), standby, duration=0.8, mission="patrol")
+    assert done.code == 1
+    assert "leader ended with exit code 1 during the run" in done.err
+
+
+def test_without_anybody_left_to_lead_a_killed_leader_is_a_failure(ran: Runner) -> None:
+    leaders = [
+        program(KILLED.format(ran.once_begun), name, "control") for name in ("leader", "standby deputy")
+    ]
+    assert ran(*good(), *leaders, duration=0.8, mission="patrol").code == 1
+    done = ran(*good(), leaders[0], duration=0.8, record="b.mcap")  # a mission without standbys
+    assert done.code == 1
+    assert "leader was killed (SIGKILL) during the run\n" in done.err
+
+
 def test_without_the_monitors_last_word_nothing_is_claimed(ran: Runner) -> None:
     dies = program("say('ready'); time.sleep(2.0); os.kill(os.getpid(), signal.SIGKILL)", "monitor", "watch")
     done = ran(dies, *good()[1:], duration=3.0)
@@ -237,8 +212,7 @@ def test_without_the_monitors_last_word_nothing_is_claimed(ran: Runner) -> None:
 
 def test_what_a_monitor_that_was_killed_has_recorded_is_named(ran: Runner, tmp_path: Path) -> None:
     file = tmp_path / "recordings" / "cut.mcap"
-    dies = "say('ready'); time.sleep(0.2); os.kill(os.getpid(), signal.SIGKILL)"
-    leaves = f"open({str(file)!r}, 'wb').close(); {dies}"
+    leaves = f"open({str(file)!r}, 'wb').close(); {KILLED.format(ran.once_begun)}"
     done = ran(program(leaves, "monitor", "watch"), *good()[1:], duration=0.8, record=file.name)
     assert done.code == 1
     assert f"{file}, cut; formation report and replay read it" in done.err

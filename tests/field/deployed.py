@@ -120,7 +120,8 @@ class Deployed:
     def start_units(self, name: str) -> None:
         """Start what the robot's units start, with their very command lines."""
         for path in sorted((self.prefix[name] / "current" / "units").iterdir()):
-            command = units.commands(path.read_text(encoding="utf-8"))[0]
+            state = str(self.prefix[name] / "state")
+            command = units.commands(path.read_text(encoding="utf-8"), state)[0]
             self.running[name, path.stem] = self.computers[name].start(*command)
 
     def start_monitor(self, recording: Path) -> Running:

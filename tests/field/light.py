@@ -21,7 +21,7 @@ import tomllib, types
 
 def load(path):
     with open(path, "rb") as file:
-        return types.SimpleNamespace(robots=tomllib.load(file)["robots"])
+        return types.SimpleNamespace(robots=tomllib.load(file)["robots"], standbys={})
 """,
 }
 Made = Callable[..., Path]

@@ -6,19 +6,20 @@ from collections.abc import Callable, Mapping
 
 from formation.mission import Mission
 from formation.mission_file import load
+from formation.transport.wiring import members
 
 
 def in_the_field(name: str, endpoint: Callable[[int], str], team: str | None = None) -> Mission:
-    """A shipped mission whose robot number i (the leader is 0) listens on ``endpoint(i)``."""
+    """A shipped mission whose robot number i (the leader is 0) listens on ``endpoint(i)``; then standbys."""
     mission = load(name)
-    return listening(mission, {robot: endpoint(i) for i, robot in enumerate(mission.names)}, team)
+    return listening(mission, {one: endpoint(i) for i, one in enumerate(members(mission))}, team)
 
 
 def listening(mission: Mission, endpoints: Mapping[str, str | None], team: str | None = None) -> Mission:
     """A mission with other endpoints, and checked again."""
     data = mission.model_dump()
-    for robot, endpoint in endpoints.items():
-        data["robots"][robot]["endpoint"] = endpoint
+    for name, endpoint in endpoints.items():
+        data["robots" if name in mission.robots else "standbys"][name]["endpoint"] = endpoint
     return Mission.model_validate({**data, "team": team})
 
 

@@ -23,7 +23,7 @@ import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
@@ -32,6 +32,8 @@ from typing import Any, NamedTuple, Self
 from tests.needs import path_of
 
 NETWORK = "10.77.0"
+ASIDE = "10.78.0"
+"""The network on which a test looks on, in a field that has one: it is never unplugged."""
 PATIENCE = 30.0
 """How long a test waits for what takes a fraction of a second on an idle machine [s]."""
 PREFIX = "field"
@@ -153,6 +155,15 @@ class Computer:
         """Within reach again."""
         _ip("-n", self._switch, "link", "set", self._port, "up")
 
+    def roam(self, access_point: str = "bridge") -> None:
+        """Within reach of another access point of the field, or of the first one again."""
+        _ip("-n", self._switch, "link", "set", self._port, "master", access_point)
+
+    @property
+    def port(self) -> str:
+        """What it is plugged in at, at the access point."""
+        return self._port
+
     def nft(self, rules: str) -> None:
         """Apply a script of nft to this computer's firewall, such as one that loses packets."""
         done = self.run(path_of("nft"), "-f", "-", text=rules)
@@ -184,18 +195,21 @@ class Computer:
 class Field:
     """Computers that reach each other through one access point, and nothing else; a context manager."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, aside: bool = False) -> None:
+        """With `aside` they have `eth1` as well, 10.78.0.1 and so on: for whoever looks on, and no robot."""
+        self._aside = aside
         _clear_abandoned()
         self._stem = f"{PREFIX}-{os.getpid()}-{secrets.token_hex(3)}"
         self._switch = f"{self._stem}-switch"
         self._folder = tempfile.TemporaryDirectory(prefix=f"{self._stem}-")
+        self._center = Computer("switch", self._switch, "", (self._switch, ""), Path(self._folder.name))
         self.computers: dict[str, Computer] = {}
 
     def __enter__(self) -> Self:
         try:
             _add(self._switch)
-            _ip("-n", self._switch, "link", "add", "bridge", "type", "bridge")
-            _ip("-n", self._switch, "link", "set", "bridge", "up")
+            for bridge in ("bridge", *["aside"] * self._aside):
+                self.access_point(bridge)
         except BaseException:
             self.close()
             raise
@@ -216,32 +230,40 @@ class Field:
         )
         self.computers[name] = computer  # from here on it is cleared away
         _add(namespace)
-        _ip(
-            "link",
-            "add",
-            "eth0",
-            "netns",
-            namespace,
-            "type",
-            "veth",
-            "peer",
-            "name",
-            port,
-            "netns",
-            self._switch,
-        )
-        _ip("-n", self._switch, "link", "set", port, "master", "bridge", "up")
-        _ip("-n", namespace, "address", "add", f"{computer.address}/24", "dev", "eth0")
-        _ip("-n", namespace, "link", "set", "eth0", "up")
+        self._wire(namespace, "eth0", port, "bridge", computer.address)
+        if self._aside:
+            self._wire(namespace, "eth1", f"aside{number}", "aside", f"{ASIDE}.{number}")
         return computer
+
+    def access_point(self, name: str) -> None:
+        """One more, which reaches no other."""
+        _ip("-n", self._switch, "link", "add", name, "type", "bridge")
+        _ip("-n", self._switch, "link", "set", name, "up")
+
+    def take_over(self, computers: Iterable[Computer]) -> tuple[Computer, list[str]]:
+        """Where these are plugged in, for whoever is their access point in place of the bridge: ports.
+
+        The first is a stand-in for the access point's own computer, to start that on.
+        """
+        ports = [computer.port for computer in computers]
+        for port in ports:
+            _ip("-n", self._switch, "link", "set", port, "nomaster")
+        return self._center, ports
 
     def close(self) -> None:
         """Kill and remove all of it. May be called twice."""
         with ExitStack() as stack:  # each of them, though another one's end may fail
             stack.callback(self._folder.cleanup)
-            stack.callback(_clear, self._switch)
+            stack.callback(self._center.close)
             for computer in self.computers.values():
                 stack.callback(computer.close)
+
+    def _wire(self, namespace: str, device: str, port: str, bridge: str, address: str) -> None:
+        peer = ("type", "veth", "peer", "name", port, "netns", self._switch)
+        _ip("link", "add", device, "netns", namespace, *peer)
+        _ip("-n", self._switch, "link", "set", port, "master", bridge, "up")
+        _ip("-n", namespace, "address", "add", f"{address}/24", "dev", device)
+        _ip("-n", namespace, "link", "set", device, "up")
 
 
 def until(true: Callable[[], object], patience: float = PATIENCE, what: str = "") -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -12,7 +13,10 @@ import zenoh
 
 from deploy.field import access, certificates
 from formation.mission import Mission
-from formation.transport.bus_config import DEFAULTS
+from formation.transport.bus_config import DEFAULTS, BusConfig
+from formation.transport.session import settings_of
+from formation.transport.wiring import named
+from tests.field.namespaces import until
 
 
 class Desk(NamedTuple):
@@ -25,9 +29,9 @@ class Desk(NamedTuple):
         """The configuration of a process."""
         return self.folder / process / "zenoh.json5"
 
-    def endpoint(self, robot: str) -> str:
-        """Where a robot listens."""
-        return self.mission.robots[robot].endpoint or ""
+    def endpoint(self, name: str) -> str:
+        """Where a robot or a standby listens."""
+        return named(self.mission)[name] or ""
 
 
 def prepared(mission: Mission, folder: Path) -> Desk:
@@ -38,6 +42,58 @@ def prepared(mission: Mission, folder: Path) -> Desk:
         settings = access.configuration(mission, process, folder / process)
         desk.file(process).write_text(access.text(mission, process, settings))
     return desk
+
+
+class Sessions:
+    """Sessions of a mission's processes, as those open them."""
+
+    def __init__(self, desk: Desk, stack: ExitStack) -> None:
+        self.desk, self._stack = desk, stack
+        self.heard: dict[str, Counter[str]] = {}
+        """By process and key."""
+        self.said: dict[str, set[bytes]] = {}
+        """Everything that a process has heard."""
+
+    def open(self, *processes: str) -> list[zenoh.Session]:
+        return [self._open(process) for process in processes]
+
+    def _open(self, process: str) -> zenoh.Session:
+        config = BusConfig(config_file=self.desk.file(process), namespace=self.desk.mission.team or "")
+        return self._stack.enter_context(zenoh.open(settings_of(config)))
+
+    def listen(self, process: str, session: zenoh.Session, *keys: str) -> None:
+        heard, said = self.heard.setdefault(process, Counter()), self.said.setdefault(process, set())
+
+        def receive(sample: zenoh.Sample) -> None:
+            heard[str(sample.key_expr)] += 1
+            said.add(sample.payload.to_bytes())
+
+        for key in keys:
+            session.declare_subscriber(key, zenoh.handlers.Callback(receive, indirect=False))
+
+    def answer(self, session: zenoh.Session, key: str) -> None:
+        """Have a process answer whoever asks."""
+
+        def reply(query: zenoh.Query) -> None:
+            with query:
+                query.reply(key, b"obeyed")
+
+        session.declare_queryable(key, zenoh.handlers.Callback(reply, indirect=False))
+
+    def reaches(self, session: zenoh.Session, key: str, process: str) -> None:
+        """Say something again and again until it is heard; links need a moment."""
+
+        def said() -> bool:
+            session.put(key, b"something")
+            return self.heard[process][key] > 0
+
+        until(said, what=f"{process} hears {key}")
+
+    def attacking(self, name: str, victim: str) -> AbstractContextManager[zenoh.Session]:
+        """Whoever has the key of `name` and keeps to no rules, linked with the victim."""
+        identity = self.desk.folder / name
+        victims = [self.desk.endpoint(victim)]
+        return attacking(identity, victims, identity / "ca.pem", self.desk.mission.team)
 
 
 @contextmanager

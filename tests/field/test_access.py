@@ -16,15 +16,15 @@ from deploy.field.hosts import MONITOR, OPERATOR, hosts
 from deploy.refusal import Refusal
 from formation.mission import Mission
 from formation.mission_file import shipped
-from formation.topics import ORDER, POSITION, STATUS, TABLE
-from formation.transport.wiring import partners
+from formation.topics import BALLOT, COURSE, ORDER, POSITION, STATUS, TABLE
+from formation.transport.wiring import members, partners
 from tests.field.missions import in_the_field, on_a_wireless_network
 
 MISSIONS = {
     f"{name}{'-' + team if team else ''}": in_the_field(name, on_a_wireless_network, team)
     for name in shipped()
     for team in (None, "reds")
-    if team is None or name != "two_chains"  # which is large
+    if team is None or name not in {"two_chains", "patrol"}  # which are large
 }
 MESSAGES = (
     "put", "delete", "declare_subscriber", "query", "declare_queryable", "reply",
@@ -68,9 +68,11 @@ def attempts(mission: Mission) -> Iterator[tuple[str, str, str, str]]:
     Of the robots that are neither of the two, whom a key may also name, one stands for all.
     """
     processes = access.processes(mission)
+    fleet = members(mission)
     for me, peer in itertools.product(processes, (*processes, "robot99", "", "ca")):
         third = next(name for name in mission.names if name not in {me, peer})
-        names = [name for name in dict.fromkeys((me, peer, third)) if name in mission.robots]
+        # the leader's position is anybody's who may lead
+        names = [name for name in dict.fromkeys((me, peer, third, mission.leader)) if name in fleet]
         patterns = [topic.pattern for topic in TABLE]
         keys = {
             pattern.format(robot=robot, other=other)
@@ -112,20 +114,53 @@ def test_nobody_but_a_robot_speaks_for_it_and_only_the_operator_gives_orders(mis
     for me, peer, message, key in comes(mission):
         robot, topic = key.split("/", 1)
         match message:
-            case "put" | "reply" | "declare_queryable":
-                assert robot == peer
-                assert peer in mission.robots
-                if me in mission.robots:
-                    assert (message, key) == ("put", POSITION.key(peer))
-                    assert peer in mission.robots[me].neighbours
+            case "put":
+                assert peer in speakers(mission, key)
+                assert me in {MONITOR, OPERATOR} or me in hearers(mission, peer, key)
+            case "reply" | "declare_queryable":
+                assert (robot, me) == (peer, OPERATOR)
+                assert peer in members(mission)
             case "query":
                 assert peer == OPERATOR
                 assert topic == "order"
             case "declare_subscriber":
-                assert robot == me
-                assert peer in {MONITOR, OPERATOR} or me in mission.robots[peer].neighbours
+                assert me in speakers(mission, key)
+                assert peer in {MONITOR, OPERATOR} or peer in hearers(mission, me, key)
             case _:
                 pytest.fail(f"{message} is never allowed")
+
+
+def speakers(mission: Mission, key: str) -> set[str]:
+    """Whose word counts on a key: its robot's own, and where the leader is, whoever may lead."""
+    return {key.split("/", 1)[0]} | set(mission.candidates if key == POSITION.key(mission.leader) else ())
+
+
+def hearers(mission: Mission, speaker: str, key: str) -> set[str]:
+    """For which robots and standbys it is meant."""
+    robot, topic = key.split("/", 1)
+    leaders, everybody = set(mission.candidates), set(mission.followers)
+    match topic:
+        case "position":
+            measuring = {i for i in everybody if robot in mission.robots[i].measurable}
+            if robot == mission.leader:
+                return measuring
+            return measuring | {one for one in leaders if robot in partners(mission, one)}
+        case "ballot" if mission.standbys and speaker in leaders:
+            return everybody | leaders
+        case "course" if mission.standbys and speaker in leaders:
+            return leaders
+        case _:
+            return set()
+
+
+@EVERY_MISSION
+def test_ballots_are_cast_by_those_who_may_lead_and_by_nobody_else(mission: Mission) -> None:
+    cast = {(me, peer, key) for me, peer, message, key in comes(mission) if message == "put"}
+    receiving = {BALLOT: (*members(mission), MONITOR), COURSE: (*mission.candidates, MONITOR)}
+    for topic, receivers in receiving.items():
+        heard = {(me, peer) for me, peer, key in cast if key.endswith(f"/{topic.name}")}
+        wanted = {(me, peer) for me in receivers for peer in mission.candidates if me != peer}
+        assert heard == (wanted if mission.standbys else set())
 
 
 @EVERY_MISSION
@@ -153,16 +188,22 @@ def test_who_keeps_to_his_own_rules_is_never_refused_by_the_others(mission: Miss
 
 @EVERY_MISSION
 def test_everything_that_the_mission_needs_is_allowed(mission: Mission) -> None:
-    for me in mission.names:
+    for me in members(mission):
         rules = access.access_control(mission, me)
 
         def heard(peer: str, message: str, key: str, rules: dict[str, Any] = rules) -> bool:
             return allows(rules, peer, "ingress", message, wire(mission, key))
 
-        assert all(heard(j, "put", POSITION.key(j)) for j in mission.robots[me].neighbours)
-        for other in mission.names:
-            if me in mission.robots[other].neighbours:
+        for j in mission.robots[me].measurable if me in mission.robots else ():
+            assert heard(j, "put", POSITION.key(j))
+        for other in mission.followers:
+            if me in mission.robots[other].measurable:
                 assert heard(other, "declare_subscriber", POSITION.key(me))
+            if me in mission.candidates and mission.standbys:
+                assert heard(other, "put", POSITION.key(other))
+                assert heard(other, "declare_subscriber", BALLOT.key(me))
+                if mission.leader in mission.robots[other].measurable:
+                    assert heard(other, "declare_subscriber", POSITION.key(mission.leader))
         assert heard(MONITOR, "declare_subscriber", STATUS.key(me))
         assert heard(OPERATOR, "query", ORDER.key(me))
         assert heard(OPERATOR, "query", ORDER.pattern.format(robot="*"))
@@ -175,9 +216,11 @@ def test_links_are_those_of_the_graph_and_of_the_visitors_who_dial(mission: Miss
         process: set(configured(mission, process)["connect"]["endpoints"])
         for process in access.processes(mission)
     }
-    for me in mission.names:
+    for me in members(mission):
         assert configured(mission, me)["listen"]["endpoints"] == [where[me].endpoint]
-        for other in mission.names:
+        for other in members(mission):
+            if other == me:
+                continue
             both = (where[other].endpoint in dialled[me]) + (where[me].endpoint in dialled[other])
             assert both == (other in partners(mission, me))
     for visitor in (MONITOR, OPERATOR):

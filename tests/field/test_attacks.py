@@ -42,7 +42,7 @@ def test_who_belongs_here_is_never_refused(team: Team) -> None:
         answer = team.desk_computer.run(*order)
         assert monitor.stop() == 0
     said = json.loads(answer.stdout.splitlines()[-1])
-    assert {name for name, robot in said["robots"].items() if robot["ok"]} == {"leader", "robot1", VICTIM}
+    assert {one["robot"] for one in said["acknowledged"]} == {"leader", "robot1", VICTIM}
     received = monitor.event("summary")["received"]
     assert all(received[f"{VICTIM}/{topic}"] > 0 for topic in ("odom", "cmd_vel", "position", "status"))
     assert team.refused() == before

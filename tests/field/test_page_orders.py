@@ -43,7 +43,7 @@ class Answer(NamedTuple):
 
     @property
     def obeyed(self) -> set[str]:
-        return {name for name, one in self.report["robots"].items() if one["ok"]}
+        return {one["robot"] for one in self.report["acknowledged"]}
 
 
 class Page:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -16,44 +15,10 @@ from formation.transport.session import settings_of
 from monitor.figures.keys import watched
 from tests.field.missions import in_the_field
 from tests.field.namespaces import until
-from tests.field.sessions import Desk, attacking, prepared
+from tests.field.sessions import Sessions, prepared
 from tests.processes.child import free_endpoint
 
 pytestmark = pytest.mark.processes
-
-
-class Sessions:
-    """Sessions of a mission's processes, as those open them."""
-
-    def __init__(self, desk: Desk, stack: ExitStack) -> None:
-        self.desk, self._stack = desk, stack
-        self.heard: dict[str, Counter[str]] = {}
-        """By process and key."""
-
-    def open(self, *processes: str) -> list[zenoh.Session]:
-        return [self._open(process) for process in processes]
-
-    def _open(self, process: str) -> zenoh.Session:
-        config = BusConfig(config_file=self.desk.file(process), namespace=self.desk.mission.team or "")
-        return self._stack.enter_context(zenoh.open(settings_of(config)))
-
-    def listen(self, process: str, session: zenoh.Session, *keys: str) -> None:
-        heard = self.heard.setdefault(process, Counter())
-
-        def receive(sample: zenoh.Sample) -> None:
-            heard[str(sample.key_expr)] += 1
-
-        for key in keys:
-            session.declare_subscriber(key, zenoh.handlers.Callback(receive, indirect=False))
-
-    def reaches(self, session: zenoh.Session, key: str, process: str) -> None:
-        """Say something again and again until it is heard; links need a moment."""
-
-        def said() -> bool:
-            session.put(key, b"something")
-            return self.heard[process][key] > 0
-
-        until(said, what=f"{process} hears {key}")
 
 
 @pytest.fixture(params=[None, "reds"], ids=["without team", "with team"])
@@ -132,7 +97,7 @@ def test_the_operators_order_is_acknowledged_and_nobody_elses_is(sessions: Sessi
     sessions.reaches(robots["robot3"], "robot3/status", "monitor")
     for stranger in (robot4, monitor):
         assert acknowledged(stranger, "robot3/order", b"forged") == set()
-    with attack(sessions, "robot4", "robot3") as robot4s_key:
+    with sessions.attacking("robot4", "robot3") as robot4s_key:
         assert acknowledged(robot4s_key, "robot3/order", b"forged") == set()
     assert b"forged" not in asked
 
@@ -140,7 +105,7 @@ def test_the_operators_order_is_acknowledged_and_nobody_elses_is(sessions: Sessi
 def test_a_key_of_another_robot_is_not_taken_from_who_keeps_to_no_rules(sessions: Sessions) -> None:
     (robot3,) = sessions.open("robot3")
     sessions.listen("robot3", robot3, *map(POSITION.key, ("robot1", "robot2")))
-    with attack(sessions, "robot2", "robot3") as robot2s_key:
+    with sessions.attacking("robot2", "robot3") as robot2s_key:
         for _ in range(20):
             robot2s_key.put("robot1/position", b"forged")
             robot2s_key.put("*/position", b"forged")
@@ -163,9 +128,3 @@ def test_a_robot_does_not_talk_to_who_only_has_its_neighbours_address(sessions: 
             until(lambda: list(robot3.info.peers_zid()), 2.5, "robot3 is linked")
         honest.put(b"something")
     assert not sessions.heard["impostor"]
-
-
-def attack(sessions: Sessions, name: str, victim: str) -> AbstractContextManager[zenoh.Session]:
-    desk = sessions.desk
-    identity = desk.folder / name
-    return attacking(identity, [desk.endpoint(victim)], identity / "ca.pem", desk.mission.team)

@@ -19,7 +19,11 @@ from tests.needs import path_of
 
 FIELD = mission()
 RATED = ("--offline=true", "--threshold=20", "--no-pager")
+STANDBY = parse(TEXT + '[standbys.deputy]\nendpoint = "tls/10.77.0.4:7460"\n')
 RMW = parse(TEXT.replace("[robot]", '[robot]\nros = "rmw_zenoh"\ndomain = 7'))
+
+
+EVERYBODY = [(FIELD, name) for name in FIELD.names] + [(STANDBY, "deputy")]
 
 
 def value(unit: str, key: str) -> str:
@@ -56,8 +60,11 @@ def verified(texts: dict[str, str], root: Path) -> str:
 
 
 @pytest.mark.systemd
-@pytest.mark.parametrize("of", [FIELD, RMW], ids=["ros2dds", "rmw_zenoh"])
-@pytest.mark.parametrize("name", ["leader", "robot1", "robot2"])
+@pytest.mark.parametrize(
+    ("of", "name"),
+    [*EVERYBODY, *((RMW, name) for name in RMW.names)],
+    ids=lambda one: getattr(one, "name", one),
+)
 def test_systemd_objects_to_no_unit(of: Mission, name: str, tmp_path: Path) -> None:
     assert verified(every_unit(of, name), tmp_path) == ""
 
@@ -78,8 +85,8 @@ def test_a_misspelt_unit_would_be_objected_to(tmp_path: Path) -> None:
 
 @pytest.mark.systemd
 def test_what_a_unit_may_do_is_rated_well(tmp_path: Path) -> None:
-    for name in ("robot1", "leader"):
-        for unit, text in units.units(FIELD, name).items():
+    for name in ("robot1", "leader", "deputy"):
+        for unit, text in units.units(STANDBY, name).items():
             (tmp_path / unit).write_text(text.replace(units.PREFIX, "/opt/formation"))
             done = subprocess.run(
                 [path_of("systemd-analyze"), "security", *RATED, str(tmp_path / unit)],
@@ -144,8 +151,8 @@ def test_the_guard_neither_waits_for_the_network_nor_goes_down_with_the_bring_up
 
 
 def test_every_unit_of_ours_says_that_it_lives_and_is_started_again() -> None:
-    for name in FIELD.names:
-        for text in units.units(FIELD, name).values():
+    for of, name in EVERYBODY:
+        for text in units.units(of, name).values():
             assert value(text, "Type") == "notify"
             assert float(value(text, "WatchdogSec")) > 0.2 * 3
             assert value(text, "Restart") in {"always", "on-failure"}
@@ -162,9 +169,20 @@ def test_however_an_agent_has_ended_its_robot_is_told_to_stand() -> None:
         assert after == [[program, "guard", mission, "--robot", name, "--once"]]
 
 
+def test_what_an_agent_keeps_lies_in_a_folder_that_is_its_own_and_that_systemd_makes() -> None:
+    """With `ProtectSystem=strict` it could write nowhere else; a stop must outlive an upgrade as well."""
+    for name in ("robot1", "robot2"):
+        agent = units.units(FIELD, name)["formation-agent.service"]
+        (words, _) = units.commands(agent, "/var/lib")
+        assert words[words.index("--state") + 1] == f"/var/lib/{value(agent, 'StateDirectory')}"
+        assert value(agent, "StateDirectoryMode") == "0700"
+        assert value(agent, "ProtectSystem") == "strict"
+        assert units.PREFIX not in words[words.index("--state") + 1]
+
+
 def test_units_start_what_the_command_line_knows() -> None:
-    for name in FIELD.names:
-        for text in units.units(FIELD, name).values():
+    for of, name in EVERYBODY:
+        for text in units.units(of, name).values():
             for program, command, *arguments in units.commands(text):
                 assert program == "@PREFIX@/current/venv/bin/formation"
                 assert arguments[0] == "@PREFIX@/current/mission.toml"
@@ -183,11 +201,30 @@ def test_the_leader_has_neither_guard_nor_bring_up() -> None:
     assert units.samples(FIELD, "leader") == {}
 
 
+def test_a_standby_is_a_leader_that_waits_under_a_name_of_its_own() -> None:
+    texts = units.units(STANDBY, "deputy")
+    assert set(texts) == {"formation-standby.service"}
+    assert units.samples(STANDBY, "deputy") == {}
+    standby, leader = texts["formation-standby.service"], units.units(STANDBY, "leader")
+    current = "@PREFIX@/current"
+    assert units.commands(standby) == [
+        [f"{current}/venv/bin/formation", "leader", f"{current}/mission.toml", "--standby", "deputy", "-c",
+         f"{current}/zenoh.json5", "--hold"]
+    ]  # fmt: skip
+    (leader_text,) = leader.values()
+    for key in ("WatchdogSec", "Restart", "RestartSec", "MemoryMax", "StartLimitIntervalSec"):
+        assert value(standby, key) == value(leader_text, key)
+
+
+def test_standbys_change_no_unit_of_anybody_else() -> None:
+    for name in FIELD.names:
+        assert every_unit(STANDBY, name) == every_unit(FIELD, name)
+
+
 def test_nothing_is_left_to_be_filled_in_but_the_prefix() -> None:
-    for of in (FIELD, RMW):
-        for name in of.names:
-            for unit, text in every_unit(of, name).items():
-                assert not re.findall(r"@(?!PREFIX@)[A-Z_]+@", text), unit
+    for of, name in (*EVERYBODY, *((RMW, name) for name in RMW.names)):
+        for unit, text in every_unit(of, name).items():
+            assert not re.findall(r"@(?!PREFIX@)[A-Z_]+@", text), unit
 
 
 @pytest.mark.parametrize("flag", ["bringup", "bridge"])

@@ -1,68 +1,117 @@
-"""An operator's word: who is asked, how often, and what counts as obeyed."""
+"""An operator's word: who is asked, how often, until when."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
+from typing import Any, get_args
 
 import pytest
 
 from formation import order
+from formation.legs import Straight
+from formation.mission import Mission
 from formation.mission_file import load
-from formation.order import Do, Mode, OperatorReply, OperatorRequest
+from formation.order import MAX_REQUEST, Do, Mode, OperatorReply, OperatorRequest
+from formation.outcome import Asked
 from formation.transport import asking
-from formation.transport.bus import Reply
+from formation.transport.question import Question, Reply
 
 STOP = OperatorRequest(do="stop")
 SIX = load("six_robots")
+TWO = Asked(("robot1",), ("robot2",))
+"""A leader and a robot."""
 
 
-def reply(robot: str, *, ok: bool = True, mode: Mode = "stop", key: str = "") -> Reply:
-    said = OperatorReply(robot=robot, ok=ok, mode=mode)
+def reply(
+    robot: str, *, ok: bool = True, mode: Mode = "stop", key: str = "", leads: bool | None = None
+) -> Reply:
+    said = OperatorReply(robot=robot, ok=ok, mode=mode, leads=leads)
     return Reply(key or f"{robot}/order", order.encode(said), 1.5)
 
 
 class Fleet:
-    """Answers each question with the next of the given lists of replies, then with nothing."""
+    """Answers each question with the next of the lists of replies on its key, the last of them for ever."""
 
-    def __init__(self, *rounds: Sequence[Reply]) -> None:
-        self.rounds = list(rounds)
-        self.keys: list[str] = []
+    def __init__(self, **rounds: Sequence[Sequence[Reply]]) -> None:
+        self.rounds = {name: list(one) for name, one in rounds.items()}
+        self.put_to: list[str] = []
+        self.silent = False
+        """Somebody is linked, and says nothing: no question to all is over before its time."""
 
-    def ask(self, key: str, payload: bytes, timeout: float) -> Sequence[Reply]:
-        assert order.decode(OperatorRequest, payload) == STOP
+    def put(self, key: str, payload: bytes, timeout: float) -> Question:
         assert 0.0 < timeout <= asking.ROUND
-        self.keys.append(key)
-        return self.rounds.pop(0) if self.rounds else []
+        order.decode(OperatorRequest, payload)
+        question, name = Question(), key.removesuffix("/order").replace("*", "all")
+        self.put_to.append(name)
+        rounds = self.rounds.get(name, [[]])
+        question.replies += rounds.pop(0) if len(rounds) > 1 else rounds[0]
+        if not self.silent:
+            question.end()
+        return question
 
 
-def test_a_question_is_put_again_until_everybody_has_answered() -> None:
-    fleet = Fleet([], [reply("robot1")], [reply("robot1"), reply("robot2")], [reply("robot2")])
-    answers = asking.ask(fleet.ask, ["robot1", "robot2"], STOP, 10.0)
-    assert set(answers) == {"robot1", "robot2"}
-    assert fleet.keys == ["*/order"] * 3
+def test_a_question_to_all_is_put_again_until_everybody_has_answered() -> None:
+    one, two = reply("robot1"), reply("robot2")
+    fleet = Fleet(all=[[], [one], [one, two], [two]])
+    outcome = asking.ask(fleet.put, TWO, STOP, 10.0)
+    assert outcome.obeyed
+    assert fleet.put_to == ["all"] * 3
 
 
 def test_the_first_answer_of_a_robot_counts_and_not_what_it_says_to_the_repetition() -> None:
-    late = reply("robot1", mode="hold")._replace(ms=400.0)
-    answers = asking.ask(
-        Fleet([reply("robot1")], [late, reply("robot2")]).ask, ["robot1", "robot2"], STOP, 10.0
-    )
-    assert answers["robot1"].ms == 1.5
-    assert answers["robot1"].reply.mode == "stop"
+    fleet = Fleet(all=[[reply("robot2")], [reply("robot2", mode="hold"), reply("robot1")]])
+    outcome = asking.ask(fleet.put, TWO, STOP, 10.0)
+    assert outcome.answers["robot2"].reply.mode == "stop"
+    assert outcome.answers["robot2"].ms < outcome.answers["robot1"].ms
 
 
-def test_one_robot_is_asked_by_its_own_key() -> None:
-    fleet = Fleet([reply("robot1")])
-    asking.ask(fleet.ask, ["robot1"], STOP, 10.0)
-    assert fleet.keys == ["robot1/order"]
+def test_who_is_linked_and_silent_keeps_nobody_waiting() -> None:
+    fleet = Fleet(all=[[reply("robot1")], [], [], [reply("robot3")]])
+    fleet.silent = True
+    outcome = asking.ask(fleet.put, Asked(("robot1",), ("robot2", "robot3")), STOP, 0.4)
+    assert outcome.missing == ["robot2"]
+    assert outcome.answers["robot3"].ms < 1e3 * asking.ROUND
+
+
+def test_of_several_who_may_lead_each_is_asked_by_its_own_key_and_nobody_else() -> None:
+    fleet = Fleet(robot1=[[reply("robot1", leads=False)]], spare=[[], [], [reply("spare", leads=True)]])
+    outcome = asking.ask(fleet.put, Asked(("robot1", "spare")), OperatorRequest(do="run"), 10.0)
+    assert outcome.leader == "spare"
+    assert set(fleet.put_to) == {"robot1", "spare"}
+
+
+def test_a_question_that_hangs_on_somebody_elses_link_is_put_again_soon() -> None:
+    fleet = Fleet(robot1=[[], [], [reply("robot1")]])
+    fleet.silent = True
+    outcome = asking.ask(fleet.put, Asked(("robot1",)), STOP, 10.0)
+    assert outcome.answers["robot1"].ms < 1e3 * asking.ROUND
+
+
+def test_an_answer_to_a_question_before_the_newest_counts() -> None:
+    late = Question()
+    questions = iter([late, Question(), Question()])
+
+    def put(_key: str, _payload: bytes, _: float) -> Question:
+        question = next(questions)
+        if question is not late:
+            late.replies.append(reply("robot1"))
+            late.end()
+        return question
+
+    assert asking.ask(put, Asked(("robot1",)), STOP, 10.0).obeyed
+
+
+def test_what_is_waited_for_counts_from_the_first_question_to_anybody() -> None:
+    fleet = Fleet(all=[[reply("robot1")], [], [reply("robot2")]])
+    outcome = asking.ask(fleet.put, TWO, STOP, 10.0)
+    assert outcome.answers["robot1"].ms == pytest.approx(1.5, abs=1.0)
+    assert outcome.answers["robot2"].ms > 2e3 * asking.AGAIN
 
 
 def test_who_does_not_answer_in_time_is_missing() -> None:
-    fleet = Fleet(*[[reply("robot1")]] * 1000)
-    answers = asking.ask(fleet.ask, ["robot1", "robot2"], STOP, 0.1)
-    assert set(answers) == {"robot1"}
-    assert asking.report(STOP, ["robot1", "robot2"], answers)["missing"] == ["robot2"]
-    assert "no answer from robot2" in asking.words(STOP, ["robot1", "robot2"], answers, 0.1)
+    outcome = asking.ask(Fleet(all=[[reply("robot1")]]).put, TWO, STOP, 0.1)
+    assert (set(outcome.answers), outcome.missing) == ({"robot1"}, ["robot2"])
 
 
 def test_answers_that_are_garbage_or_of_strangers_or_in_anothers_name_count_for_nothing() -> None:
@@ -71,87 +120,118 @@ def test_answers_that_are_garbage_or_of_strangers_or_in_anothers_name_count_for_
         reply("robot9"),
         reply("robot2", key="robot1/order"),
     ]
-    answers = asking.ask(Fleet(strange).ask, ["robot1", "robot2"], STOP, 0.05)
-    assert answers == {}
-
-
-def test_a_refusal_is_shown_with_its_reason() -> None:
-    said = OperatorReply(robot="robot1", ok=False, mode="stop", reason="release it first")
-    answers = {"robot1": asking.Answer(said, 2.0)}
-    text = asking.words(OperatorRequest(do="run"), ["robot1"], answers, 3.0)
-    assert "REFUSED" in text
-    assert "release it first" in text
-    assert "run: 0 of 1 obey" in text
-
-
-def test_who_is_released_is_called_that_and_a_leader_that_goes_on_says_so() -> None:
-    modes = {"leader": "run", "robot1": "stop"}
-    said = {
-        name: OperatorReply.model_validate({"robot": name, "ok": True, "mode": mode})
-        for name, mode in modes.items()
-    }
-    answers = {name: asking.Answer(reply, 2.0) for name, reply in said.items()}
-    leader, robot, last = asking.words(OperatorRequest(do="release"), list(said), answers, 3.0).splitlines()
-    assert (leader.split()[:2], robot.split()[:2]) == (["leader", "run"], ["robot1", "released"])
-    assert last == "release: 2 of 2 obey, slowest 2 ms"
+    assert asking.ask(Fleet(all=[strange]).put, TWO, STOP, 0.05).answers == {}
 
 
 def test_what_is_over_is_not_asked_again() -> None:
-    fleet = Fleet([reply("robot1")], [reply("robot2")])
-    answers = asking.ask(fleet.ask, ["robot1", "robot2"], STOP, 10.0, over=lambda: len(fleet.keys) == 1)
-    assert (set(answers), len(fleet.keys)) == ({"robot1"}, 1)
+    fleet = Fleet(all=[[reply("robot1")]])
+    outcome = asking.ask(fleet.put, TWO, STOP, 10.0, over=lambda: len(fleet.put_to) >= 5)
+    assert not outcome.obeyed
+    assert len(fleet.put_to) == 5
 
 
-@pytest.mark.parametrize(
-    ("do", "asked"),
-    [(do, SIX.names) for do in ("stop", "release")] + [(do, ("robot1",)) for do in ("hold", "run", "shape")],
-)
-def test_a_stop_is_told_to_each_robot_and_what_travels_with_the_positions_to_the_leader(
-    do: Do, asked: tuple[str, ...]
-) -> None:
-    assert asking.addressed(SIX, do) == asked
+def test_who_stands_by_is_asked_again_until_one_leads() -> None:
+    waits, leads = reply("robot2", leads=False), reply("robot2", leads=True)
+    fleet = Fleet(robot2=[[waits], [waits], [leads]])
+    outcome = asking.ask(fleet.put, Asked(("robot1", "robot2")), OperatorRequest(do="run"), 10.0)
+    assert (outcome.leader, outcome.obeyed) == ("robot2", True)
+    assert fleet.put_to.count("robot2") == 3
+
+
+def test_of_two_who_answer_for_one_name_the_one_that_leads_counts() -> None:
+    both = [reply("robot1", leads=False), reply("robot1", leads=True, mode="hold")]
+    outcome = asking.ask(Fleet(robot1=[both]).put, Asked(("robot1",)), OperatorRequest(do="hold"), 10.0)
+    assert outcome.answers["robot1"].reply.mode == "hold"
+
+
+def test_others_who_may_lead_have_a_moment_more_and_a_dead_one_keeps_nobody() -> None:
+    fleet = Fleet(robot2=[[reply("robot2", leads=True)]], robot3=[[], [], [reply("robot3", leads=False)]])
+    began = time.monotonic()
+    outcome = asking.ask(fleet.put, Asked(("robot1", "robot2", "robot3")), OperatorRequest(do="run"), 10.0)
+    assert time.monotonic() - began < 5.0
+    assert (outcome.obeyed, outcome.standing_by) == (True, ["robot3"])
+
+
+def with_standbys() -> Mission:
+    data = SIX.model_dump()
+    return Mission.model_validate({**data, "standbys": {"second": {}, "third": {}}})
+
+
+@pytest.mark.parametrize("do", get_args(Do))
+def test_a_stop_is_told_to_each_robot_and_all_that_travels_with_the_positions_to_who_may_lead(do: Do) -> None:
+    mission = with_standbys()
+    asked = asking.addressed(mission, do)
+    assert asked.candidates == ("robot1", "second", "third")
+    assert asked.each == (mission.followers if do in {"stop", "release"} else ())
 
 
 def test_each_request_has_an_id_of_its_own_and_a_shape_is_one_of_the_missions() -> None:
     assert len({asking.request_for(SIX, "stop").id for _ in range(10)}) == 10
-    assert asking.request_for(SIX, "shape", "wedge").shape == "wedge"
+    assert asking.request_for(SIX, "shape", shape="wedge").shape == "wedge"
     for shape in (None, "circle", ""):
         with pytest.raises(ValueError, match="must be one of hexagon, wedge"):
-            asking.request_for(SIX, "shape", shape)
-    with pytest.raises(ValueError, match="'fly': must be one of hold, run, stop, release, shape"):
-        asking.request_for(SIX, "fly")
-    with pytest.raises(ValueError, match="hold: takes no shape"):
-        asking.request_for(SIX, "hold", "wedge")
+            asking.request_for(SIX, "shape", shape=shape)
 
 
-def test_what_the_answers_come_to_names_the_shape_and_who_is_missing() -> None:
-    request = OperatorRequest(do="shape", shape="wedge")
-    said = {"robot1": asking.Answer(OperatorReply(robot="robot1", ok=True, mode="run"), 2.0)}
-    assert asking.summary(request, ["robot1"], said) == "shape wedge: 1 of 1 obey, slowest 2 ms"
-    assert asking.report(request, ["robot1"], said)["shape"] == "wedge"
-    assert asking.summary(STOP, ["robot1"], {}) == "stop: 0 of 1 obey; no answer from robot1"
+@pytest.mark.parametrize(
+    ("do", "what", "said"),
+    [
+        ("fly", {}, "'fly': must be one of hold, run, stop, release, shape"),
+        ("hold", {"shape": "wedge"}, "hold: takes no shape"),
+        ("rotate", {}, "rotate: rotate takes degrees"),
+        ("rotate", {"degrees": 4000.0}, "degrees = 4000.0: must be less than or equal to 3600"),
+        ("rotate", {"degrees": "30"}, "degrees = '30': must be a valid number"),
+        ("scale", {"factor": 0.0}, "factor = 0.0: must be greater than or equal to 0.001"),
+        ("speed", {"speed": 0.1}, "speed takes speed and degrees"),
+    ],
+)
+def test_what_cannot_be_asked_is_named_with_what_can(do: str, what: dict[str, Any], said: str) -> None:
+    with pytest.raises(ValueError, match=said.replace("(", r"\(")):
+        asking.request_for(SIX, do, **what)
+
+
+def test_a_route_that_is_longer_than_anybody_reads_is_not_sent() -> None:
+    legs = [Straight(speed=0.1, heading_deg=100.0 / 3.0, duration=100.0 / 3.0)] * 300
+    with pytest.raises(ValueError, match=f"route: too long, at most {MAX_REQUEST} bytes are sent"):
+        asking.request_for(SIX, "route", legs=legs)
+    assert len(order.encode(asking.request_for(SIX, "route", legs=legs[:100]))) < MAX_REQUEST
 
 
 def test_an_order_that_sets_robots_going_says_how_old_it_is_and_a_stop_is_never_too_old() -> None:
     for do, ages in (("release", True), ("run", True), ("stop", False), ("hold", False)):
         heard: list[OperatorRequest] = []
 
-        def put(
-            _key: str, payload: bytes, _timeout: float, heard: list[OperatorRequest] = heard
-        ) -> list[Reply]:
+        def put(_key: str, payload: bytes, _: float, heard: list[OperatorRequest] = heard) -> Question:
             heard.append(order.decode(OperatorRequest, payload))
-            return []
+            question = Question()
+            question.end()
+            return question
 
-        asking.ask(put, ["robot1"], asking.request_for(SIX, do), 0.2)
+        asking.ask(put, Asked(("robot1",)), asking.request_for(SIX, do), 0.2)
         assert heard[0].age == 0.0
         assert (heard[-1].age > 0.1) == ages
         assert [one.age for one in heard] == sorted(one.age for one in heard)
 
 
+def test_what_is_put_after_a_laptop_has_slept_is_as_old_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    heard, clock = [], iter([0.0, 0.0, 600.0, 600.0])
+    monkeypatch.setattr(asking, "_now", lambda: next(clock))
+
+    def put(_key: str, payload: bytes, _: float) -> Question:
+        heard.append(order.decode(OperatorRequest, payload))
+        question = Question()
+        question.end()
+        return question
+
+    asking.ask(put, Asked(("robot1",)), asking.request_for(SIX, "release"), 900.0, lambda: len(heard) == 2)
+    assert [one.age for one in heard] == [0.0, 600.0]
+    assert getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC) == asking._CLOCK
+
+
 def test_what_a_robot_says_cannot_steer_the_terminal_that_shows_it() -> None:
     said = OperatorReply(robot="robot1", ok=False, mode="stop", reason="\x1b[2J\x1b]0;all obey\x07no\n")
     rude = Reply("robot1/order", order.encode(said), 2.0)
-    answers = asking.ask(Fleet([rude]).ask, ["robot1"], STOP, 10.0)
-    first, *_ = asking.words(STOP, ["robot1"], answers, 1.0).splitlines()
+    outcome = asking.ask(Fleet(robot1=[[rude]]).put, Asked(("robot1",)), STOP, 10.0)
+    first, *_ = outcome.words().splitlines()
     assert "REFUSED" in first
     assert first.isprintable()

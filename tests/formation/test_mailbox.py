@@ -87,6 +87,19 @@ def test_wait_returns_at_once_for_a_sample_a_query_and_a_wake_and_in_time_for_no
     assert time.monotonic() - start < 5.0
 
 
+def test_what_does_not_wake_waits_for_something_that_does() -> None:
+    box = Mailbox()
+    box.put(sample("a", 1), wakes=False)
+    start = time.monotonic()
+    assert not box.wait(0.05)
+    assert time.monotonic() - start >= 0.05
+    box.put(sample("b", 2))
+    box.put(sample("a", 3), wakes=False)
+    assert box.wait(PATIENCE)
+    assert [one.payload for one in box.drain()] == [b"\1", b"\2", b"\3"]
+    assert not box.wait(0.0)
+
+
 def test_ringing_alone_makes_whoever_waits_look_again_and_wait_on() -> None:
     box = Mailbox()
     box.ring()

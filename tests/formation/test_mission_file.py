@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from formation.mission import Straight
+from formation.legs import Straight
 from formation.mission_file import MissionError, load, parse, read, shipped
+from tests.formation.edited import edited
 
 SIX = read("six_robots")[0]
 
@@ -155,3 +156,70 @@ def test_a_robots_own_table_outranks_the_defaults() -> None:
 def test_what_is_nested_without_end_is_refused_in_a_line() -> None:
     with pytest.raises(MissionError, match=r"^deep\.toml: not a mission: .* deep$"):
         parse("name = " + "[" * 20_000 + "]" * 20_000, "deep.toml")
+
+
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        ("[standbys.robot2]", ["standbys.robot2", "a robot's name"]),
+        ("[standbys.robot1]", ["standbys.robot1", "a robot's name"]),
+        ("[standbys.monitor]", ["standbys.monitor", "another name", "the monitor"]),
+        ("[standbys.operator]", ["standbys.operator", "another name", "the operator"]),
+        ("[standbys.Two]", ["standbys.Two", "small letter"]),
+        ("[standbys.two]\nport = 3", ["unknown key standbys.two.port", "endpoint"]),
+        (
+            '[standbys.one]\nendpoint = "tcp/h:1"\n[standbys.two]\nendpoint = "tcp/h:1"',
+            ["standbys.two.endpoint = 'tcp/h:1'", "the standby's own", "one has the same"],
+        ),
+        ("".join(f"[standbys.s{i}]\n" for i in range(64)), ["standbys", "at most 63"]),
+    ],
+)
+def test_a_standby_that_cannot_be_is_named(table: str, says: list[str]) -> None:
+    with pytest.raises(MissionError) as caught:
+        parse(f"{SIX}\n{table}\n", "six.toml")
+    for words in says:
+        assert words in str(caught.value)
+
+
+def test_a_standby_does_not_listen_where_a_robot_does() -> None:
+    text = edited(SIX, "robots.robot4", 'endpoint = "tcp/h:1"')
+    with pytest.raises(MissionError, match=r"standbys\.two\.endpoint = 'tcp/h:1': .*own; robot4 has"):
+        parse(f'{text}\n[standbys.two]\nendpoint = "tcp/h:1"\n')
+
+
+def test_a_takeover_in_which_a_follower_tells_its_position_too_rarely_to_keep_a_leader_is_refused() -> None:
+    text = SIX.replace("rate = 20 ", "rate = 3 ")
+    assert parse(text).takeover == 1.0
+    with pytest.raises(MissionError, match=r"takeover = 1\.0: must be at least 1\.33 s, in which"):
+        parse(f"{text}[standbys.one]\n")
+    assert parse(text.replace("rate = 3 ", "rate = 4 ") + "[standbys.one]\n").standbys
+
+
+def test_as_many_standbys_as_terms_can_tell_apart_are_legal() -> None:
+    mission = parse(SIX + "".join(f"[standbys.s{i}]\n" for i in range(63)))
+    assert mission.candidates == ("robot1", *(f"s{i}" for i in range(63)))
+
+
+@pytest.mark.parametrize(
+    ("robot", "fallback", "says"),
+    [
+        ("robot6", ["robot9"], ["'robot9'", "unknown robot"]),
+        ("robot6", ["robot6"], ["'robot6'", "own neighbour"]),
+        ("robot6", ["robot4"], ["'robot4'", "is a neighbour already"]),
+        ("robot6", ["robot2", "robot2"], ["'robot2'", "listed twice"]),
+        ("robot1", ["robot2"], ["['robot2']", "must be empty: the leader"]),
+    ],
+)
+def test_a_fallback_neighbour_that_cannot_be_is_named(
+    robot: str, fallback: list[str], says: list[str]
+) -> None:
+    with pytest.raises(MissionError) as caught:
+        parse(edited(SIX, f"robots.{robot}", f"fallback_neighbours = {fallback}"), "six.toml")
+    for words in (f"robots.{robot}.fallback_neighbours", *says):
+        assert words in str(caught.value)
+
+
+def test_fallback_neighbours_give_no_path_to_the_leader() -> None:
+    text = edited(SIX, "robots.robot2", 'neighbours = []\nfallback_neighbours = ["robot1"]')
+    with pytest.raises(MissionError, match="no path of neighbours leads from robot2"):
+        parse(text)

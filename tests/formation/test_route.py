@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.mission import Circle, Straight, Waypoints
+from formation.legs import Circle, Straight, Waypoints
 from formation.route import Route
 
 EAST, NORTH = 1.0 + 0.0j, 1.0j

@@ -1,27 +1,85 @@
-"""Links follow the measurement graph and nothing else."""
+"""Links follow the measurement graph, its fallbacks, and who may lead."""
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import pytest
 
+from formation.mission import Mission
 from formation.mission_file import load, parse, read, shipped
 from formation.transport import wiring
+from tests.formation.edited import edited
+
+STANDBYS = "[standbys.north]\n[standbys.south]\n"
+FALLBACK = edited(read("six_robots")[0], "robots.robot6", 'fallback_neighbours = ["robot2", "robot1"]')
+SIX = read("six_robots")[0]
 
 
-@pytest.mark.parametrize("name", shipped())
+def links(mission: Mission) -> list[frozenset[str]]:
+    """All links of the fleet, from whoever dials."""
+    where = wiring.endpoints(mission)
+    owner = {endpoint: name for name, endpoint in where.agents.items()}
+    of = {name: wiring.of_agent(mission, name, where) for name in mission.followers}
+    of |= {name: wiring.of_leader(mission, where, name) for name in mission.candidates}
+    for name, ends in of.items():
+        assert ends.listen == (where.agents[name],)
+    return [frozenset((name, owner[end])) for name, ends in of.items() for end in ends.connect]
+
+
+def measured(mission: Mission) -> set[frozenset[str]]:
+    return {frozenset((i, j)) for i in mission.names for j in mission.robots[i].neighbours}
+
+
+@pytest.mark.parametrize("name", [name for name in shipped() if not load(name).standbys])
 def test_a_link_exists_exactly_where_one_of_two_robots_measures_the_other(name: str) -> None:
     mission = load(name)
-    where = wiring.endpoints(mission)
-    owner = {endpoint: robot for robot, endpoint in where.agents.items()}
-    links = [
-        frozenset((robot, owner[dialled]))
-        for robot in mission.followers
-        for dialled in wiring.of_agent(mission, robot, where).connect
-        if dialled in owner
-    ]
-    measured = {frozenset((i, j)) for i in mission.names for j in mission.robots[i].neighbours}
-    assert len(links) == len(set(links))
-    assert set(links) == measured
+    assert len(links(mission)) == len(set(links(mission)))
+    assert set(links(mission)) == measured(mission)
+
+
+def test_a_fallback_neighbour_is_linked_before_it_is_needed() -> None:
+    mission = parse(FALLBACK)
+    more = {frozenset(("robot6", "robot2")), frozenset(("robot6", "robot1"))}
+    assert len(links(mission)) == len(set(links(mission)))
+    assert set(links(mission)) == measured(mission) | more
+    assert wiring.partners(mission, "robot2") == ("robot1", "robot3", "robot4", "robot6")
+
+
+def test_where_there_are_standbys_whoever_may_lead_is_linked_with_everybody() -> None:
+    mission = parse(SIX + STANDBYS)
+    leaders = ("robot1", "north", "south")
+    followers = {frozenset((one, name)) for one in leaders for name in mission.followers}
+    among = {frozenset(pair) for pair in combinations(leaders, 2)}
+    assert len(links(mission)) == len(set(links(mission)))
+    assert set(links(mission)) == measured(mission) | followers | among
+
+
+def test_a_standby_dials_all_others_and_of_two_the_later_one_dials() -> None:
+    mission = parse(SIX + STANDBYS)
+    assert wiring.called(mission, "robot1") == ()
+    assert wiring.called(mission, "north") == mission.names
+    assert wiring.called(mission, "south") == (*mission.names, "north")
+    assert wiring.partners(mission, "robot1") == (*mission.followers, "north", "south")
+
+
+def test_a_leader_that_waits_for_its_team_is_linked_with_all_of_it() -> None:
+    mission = parse(SIX + "[together]\nerror = 0.5\n")
+    team = {frozenset(("robot1", name)) for name in mission.followers}
+    assert len(links(mission)) == len(set(links(mission)))
+    assert set(links(mission)) == measured(mission) | team
+
+
+def test_standbys_listen_on_ports_after_the_robots_and_move_nobody_elses() -> None:
+    before, after = wiring.endpoints(parse(SIX)), wiring.endpoints(parse(SIX + STANDBYS))
+    assert after.robots == before.robots
+    assert dict(after.agents) == {
+        **before.agents,
+        "north": "tcp/127.0.0.1:7466",
+        "south": "tcp/127.0.0.1:7467",
+    }
+    named = parse(SIX + '[standbys.north]\nendpoint = "tcp/192.168.1.9:7460"\n')
+    assert wiring.endpoints(named).agents["north"] == "tcp/192.168.1.9:7460"
 
 
 def test_an_agent_listens_once_and_no_robot_is_in_the_fleet() -> None:
@@ -44,15 +102,20 @@ def test_robots_are_told_apart_by_the_endpoint_that_they_are_behind() -> None:
 
 
 def test_a_simulated_sensor_that_looks_at_the_virtual_leader_is_linked_with_it() -> None:
-    text, name = read("six_robots")
-    local = parse(text.replace("rate = 20 ", 'rate = 20\nmeasurement = "local" '), name)
+    sensing = SIX.replace("rate = 20 ", 'rate = 20\nmeasurement = "local" ')
+    local = parse(sensing)
     where = wiring.endpoints(local)
     assert wiring.of_robots(local, local.followers, where).connect == (where.agents["robot1"],)
     assert wiring.of_robots(local, ["robot4"], where).connect == ()  # it looks at robot2 and robot3
+    shared = parse(sensing + STANDBYS)
+    where = wiring.endpoints(shared)
+    leaders = tuple(where.agents[name] for name in ("robot1", "north", "south"))
+    assert wiring.of_robots(shared, shared.followers, where).connect == leaders
 
 
-def test_nobody_dials_the_monitor_and_the_monitor_dials_every_agent() -> None:
-    mission = load("six_robots")
+@pytest.mark.parametrize("standbys", ["", STANDBYS])
+def test_nobody_dials_the_monitor_and_the_monitor_dials_everybody(standbys: str) -> None:
+    mission = parse(SIX + standbys)
     where = wiring.endpoints(mission)
     monitor = wiring.of_monitor(where)
     assert monitor.listen == ()

@@ -2,51 +2,17 @@ from __future__ import annotations
 
 import random
 from itertools import pairwise
-from typing import NamedTuple
 
 import pytest
 
 from formation import order
 from formation.mission import Mission
 from formation.mission_file import load, parse
-from formation.order import LEADER_LOST, OperatorReply, Order, Told
-from formation.ros2.messages import Diagnostics, Pose, decode
+from formation.order import LEADER_LOST, OperatorReply
+from formation.ros2.messages import Diagnostics, decode
 from formation.route import Route
-from formation.wire import Now, Outgoing
-from leader.core import Leader
-
-EPOCH = 1.7e9
-CURVED = """
-name = "curved"
-leader = "ann"
-[shapes.line]
-bob = [-1.0, 0.0]
-[shapes.near]
-bob = [-0.5, 0.0]
-[robots.ann]
-start = { x = 2.0, y = -1.0, heading_deg = 10 }
-rate = 25
-[robots.bob]
-neighbours = ["ann"]
-start = { x = 0.0, y = 0.0 }
-[[route]]
-speed = 0.3
-heading_deg = 20
-duration = 3.0
-[[route]]
-radius = 1.5
-speed = 0.2
-duration = 6.0
-[[route]]
-waypoints = [[4.0, 4.0], [4.5, 4.0]]
-speed = 0.5
-"""
-
-
-class Said(NamedTuple):
-    mono: float
-    pose: Pose
-    order: Order
+from formation.wire import Now
+from tests.leader.leading import CURVED, EPOCH, ask, drive, leading, listened, positions
 
 
 @pytest.fixture
@@ -54,40 +20,20 @@ def mission() -> Mission:
     return parse(CURVED)
 
 
-def positions(mono: float, outbox: list[Outgoing]) -> list[Said]:
-    return [
-        Said(mono, decode(Pose, out.payload), told.order)
-        for out in outbox
-        if out.key.endswith("/position") and (told := order.decode(Told, out.attachment or b"")).order
-    ]
-
-
-def drive(leader: Leader, start: float, seconds: float, step: float = 0.04) -> list[Said]:
-    said = []
-    for i in range(round(seconds / step)):
-        mono = start + i * step
-        said += positions(mono, leader.step(Now(mono, EPOCH + mono), []))
-    return said
-
-
-def ask(leader: Leader, request: bytes) -> OperatorReply:
-    return order.decode(OperatorReply, leader.request(request))
-
-
 def test_it_is_on_its_route_at_every_instant_however_irregularly_it_is_stepped(mission: Mission) -> None:
-    leader, route, chance = Leader(mission), Route.of(mission), random.Random(3)
+    leader, route, chance = listened(mission, 500.0), Route.of(mission), random.Random(3)
     mono, said = 500.0, []
     while mono < 520.0:
         said += positions(mono, leader.step(Now(mono, EPOCH + mono), []))
         mono += chance.choice((0.001, 0.013, 0.04, 0.21))
     assert len(said) > 60
-    for at, pose, _ in said:
-        assert pose.position == pytest.approx(route.position(at - 500.0), abs=1e-9)
-        assert pose.heading == pytest.approx(route.heading(at - 500.0), abs=1e-9)
+    for mono, pose, *_ in said:
+        assert pose.position == pytest.approx(route.position(mono - 500.0), abs=1e-9)
+        assert pose.heading == pytest.approx(route.heading(mono - 500.0), abs=1e-9)
 
 
 def test_jitter_of_its_timer_does_not_show_in_the_velocity_that_followers_see() -> None:
-    leader, chance = Leader(load("six_robots")), random.Random(5)
+    leader, chance = listened(load("six_robots"), 9.0), random.Random(5)
     mono, said = 9.0, []
     for i in range(400):
         mono = 9.0 + i * 0.05 + chance.uniform(0.0, 0.03)
@@ -98,7 +44,7 @@ def test_jitter_of_its_timer_does_not_show_in_the_velocity_that_followers_see() 
 
 
 def test_a_leader_that_hung_goes_on_from_where_the_team_lost_it(mission: Mission) -> None:
-    leader, route = Leader(mission), Route.of(mission)
+    leader, route = listened(mission), Route.of(mission)
     drive(leader, 0.0, 2.0)
     (back,) = positions(60.0, leader.step(Now(60.0, EPOCH + 60.0), []))
     lost = leader.route_time
@@ -109,7 +55,7 @@ def test_a_leader_that_hung_goes_on_from_where_the_team_lost_it(mission: Mission
 
 
 def test_it_says_where_it_is_at_the_missions_rate_and_how_it_is_twice_a_second(mission: Mission) -> None:
-    leader = Leader(mission)
+    leader = listened(mission, 7.0)
     outbox = [out for i in range(10_000) for out in leader.step(Now(7.0 + i * 1e-3, EPOCH + i * 1e-3), [])]
     keys = [out.key for out in outbox]
     assert (keys.count("ann/position"), keys.count("ann/status")) == (250, 20)
@@ -117,7 +63,7 @@ def test_it_says_where_it_is_at_the_missions_rate_and_how_it_is_twice_a_second(m
 
 
 def test_its_beat_rises_with_every_position_in_every_mode(mission: Mission) -> None:
-    leader, said = Leader(mission), []
+    leader, said = listened(mission, 100.0), []
     for number, request in enumerate(
         [b'{"do":"run"}', b'{"do":"hold"}', b'{"do":"stop"}', b'{"do":"release"}']
     ):
@@ -130,13 +76,13 @@ def test_its_beat_rises_with_every_position_in_every_mode(mission: Mission) -> N
 
 
 def test_a_leader_that_starts_again_begins_a_later_term(mission: Mission) -> None:
-    first = drive(Leader(mission), 0.0, 1.0)[-1].order
-    second = drive(Leader(mission), 2.0, 1.0)[0].order
+    first = drive(listened(mission), 0.0, 1.0)[-1].order
+    second = drive(listened(mission, 3.0), 3.0, 1.0)[0].order
     assert order.newer(second, first)
 
 
 def test_a_hold_stops_the_time_of_the_route_and_release_goes_on_where_it_stood(mission: Mission) -> None:
-    leader, route = Leader(mission), Route.of(mission)
+    leader, route = listened(mission), Route.of(mission)
     drive(leader, 0.0, 2.0)
     ask(leader, b'{"do":"hold"}')
     held = drive(leader, 2.0, 5.0)
@@ -151,9 +97,9 @@ def test_a_hold_stops_the_time_of_the_route_and_release_goes_on_where_it_stood(m
 
 
 def test_a_stop_is_latched_until_it_is_released(mission: Mission) -> None:
-    leader = Leader(mission)
+    leader = listened(mission)
     drive(leader, 0.0, 1.0)
-    assert ask(leader, b'{"do":"stop"}') == OperatorReply(robot="ann", ok=True, mode="stop")
+    assert ask(leader, b'{"do":"stop"}') == OperatorReply(robot="ann", ok=True, mode="stop", leads=True)
     refused = ask(leader, b'{"do":"run"}')
     assert (refused.ok, refused.mode) == (False, "stop")
     assert "release" in refused.reason
@@ -168,7 +114,7 @@ def test_a_stop_is_latched_until_it_is_released(mission: Mission) -> None:
 def test_a_release_that_is_put_again_does_not_undo_what_was_asked_before_or_meanwhile(
     mission: Mission,
 ) -> None:
-    leader = Leader(mission)
+    leader = listened(mission)
     for request in (b'{"do":"stop"}', b'{"do":"hold"}'):
         ask(leader, request)
     again = [ask(leader, b'{"do":"release","id":"a"}') for _ in range(3)]
@@ -183,7 +129,7 @@ def test_a_release_that_is_put_again_does_not_undo_what_was_asked_before_or_mean
 def test_what_sets_the_team_going_does_not_count_if_a_stop_or_a_hold_came_between(
     mission: Mission, rest: str, go: str
 ) -> None:
-    leader = Leader(mission)
+    leader = listened(mission)
     drive(leader, 0.0, 10.0)
     ask(leader, f'{{"do":"{rest}"}}'.encode())
     drive(leader, 10.0, 5.0)
@@ -193,14 +139,14 @@ def test_what_sets_the_team_going_does_not_count_if_a_stop_or_a_hold_came_betwee
 
 
 def test_release_of_a_stop_goes_back_to_what_it_was_told_before(mission: Mission) -> None:
-    running, waiting = Leader(mission), Leader(mission, hold=True)
+    running, waiting = listened(mission), listened(mission, hold=True)
     for leader, mode in ((running, "run"), (waiting, "hold")):
         ask(leader, b'{"do":"stop"}')
         assert ask(leader, b'{"do":"release"}').mode == mode
 
 
 def test_with_hold_it_waits_at_its_start_until_it_is_told_to_run(mission: Mission) -> None:
-    leader = Leader(mission, hold=True)
+    leader = listened(mission, hold=True)
     waiting = drive(leader, 0.0, 3.0)
     assert {(one.order.mode, one.pose.position) for one in waiting} == {("hold", 2.0 - 1.0j)}
     assert ask(leader, b'{"do":"run"}').mode == "run"
@@ -210,15 +156,14 @@ def test_with_hold_it_waits_at_its_start_until_it_is_told_to_run(mission: Missio
 def test_a_changed_mode_is_on_its_way_with_the_next_step_and_not_with_the_next_period(
     mission: Mission,
 ) -> None:
-    leader = Leader(mission)
-    leader.step(Now(0.0, EPOCH), [])
+    leader = leading(mission)
     assert leader.step(Now(0.001, EPOCH), []) == []
     ask(leader, b'{"do":"stop"}')
     assert [out.key for out in leader.step(Now(0.002, EPOCH), [])] == ["ann/position", "ann/status"]
 
 
 def test_a_corrected_system_clock_moves_the_stamps_and_not_the_leader(mission: Mission) -> None:
-    leader, route = Leader(mission), Route.of(mission)
+    leader, route = listened(mission), Route.of(mission)
     drive(leader, 0.0, 1.0)
     (said,) = positions(1.0, leader.step(Now(1.0, EPOCH - 86400.0), []))
     assert said.pose.stamp == EPOCH - 86400.0
@@ -226,21 +171,21 @@ def test_a_corrected_system_clock_moves_the_stamps_and_not_the_leader(mission: M
 
 
 def test_the_shape_that_was_asked_for_last_counts_whatever_the_mode_becomes(mission: Mission) -> None:
-    leader, at = Leader(mission), 0.0
-    assert {one.order.shape for one in drive(leader, at, 1.0)} == {"line"}
+    leader, mono = listened(mission), 0.0
+    assert {one.order.shape for one in drive(leader, mono, 1.0)} == {"line"}
     reply = ask(leader, b'{"do":"shape","shape":"near"}')
-    assert (reply.ok, reply.mode, reply.reason) == (True, "run", "in shape near")
+    assert (reply.ok, reply.mode, reply.reason) == (True, "run", "in shape near in 3.0 s")
     for do in ("hold", "stop", "release", "release", "run"):
         assert ask(leader, f'{{"do":"{do}"}}'.encode()).ok
-        at += 1.0
-        assert {one.order.shape for one in drive(leader, at, 1.0)} == {"near"}
+        mono += 1.0
+        assert {one.order.shape for one in drive(leader, mono, 1.0)} == {"near"}
     ask(leader, b'{"do":"shape","shape":"line"}')
-    assert {one.order.shape for one in drive(leader, at + 1.0, 1.0)} == {"line"}
+    assert {one.order.shape for one in drive(leader, mono + 1.0, 1.0)} == {"line"}
 
 
 @pytest.mark.parametrize("mode", ["hold", "stop"])
 def test_another_shape_sets_nobody_going(mission: Mission, mode: str) -> None:
-    leader = Leader(mission)
+    leader = listened(mission)
     drive(leader, 0.0, 1.0)
     ask(leader, f'{{"do":"{mode}"}}'.encode())
     reply = ask(leader, b'{"do":"shape","shape":"near"}')
@@ -249,7 +194,7 @@ def test_another_shape_sets_nobody_going(mission: Mission, mode: str) -> None:
 
 
 def test_an_unknown_shape_changes_nothing_and_the_legal_ones_are_named(mission: Mission) -> None:
-    leader = Leader(mission)
+    leader = leading(mission)
     reply = ask(leader, b'{"do":"shape","shape":"circle"}')
     assert (reply.ok, reply.reason) == (False, "shape 'circle': must be one of line, near")
     assert {one.order.shape for one in drive(leader, 0.0, 1.0)} == {"line"}
@@ -257,12 +202,12 @@ def test_an_unknown_shape_changes_nothing_and_the_legal_ones_are_named(mission: 
 
 def test_a_refusal_that_would_be_too_long_is_cut(mission: Mission) -> None:
     many = {f"s{number}" + "x" * 60: mission.shapes["line"] for number in range(20)}
-    reply = ask(Leader(mission.model_copy(update={"shapes": many})), b'{"do":"shape","shape":"circle"}')
+    reply = ask(leading(mission.model_copy(update={"shapes": many})), b'{"do":"shape","shape":"circle"}')
     assert not reply.ok
 
 
 def test_a_shape_that_is_put_again_does_not_undo_the_one_that_came_meanwhile(mission: Mission) -> None:
-    leader = Leader(mission)
+    leader = leading(mission)
     ask(leader, b'{"do":"shape","shape":"near","id":"a"}')
     ask(leader, b'{"do":"shape","shape":"line","id":"b"}')
     assert ask(leader, b'{"do":"shape","shape":"near","id":"a"}').ok
@@ -270,8 +215,7 @@ def test_a_shape_that_is_put_again_does_not_undo_the_one_that_came_meanwhile(mis
 
 
 def test_a_changed_shape_is_on_its_way_with_the_next_step(mission: Mission) -> None:
-    leader = Leader(mission)
-    leader.step(Now(0.0, EPOCH), [])
+    leader = leading(mission)
     ask(leader, b'{"do":"shape","shape":"near"}')
     (said,) = positions(0.002, leader.step(Now(0.002, EPOCH), []))
     assert said.order.shape == "near"
@@ -294,7 +238,7 @@ def test_a_changed_shape_is_on_its_way_with_the_next_step(mission: Mission) -> N
 def test_a_malformed_request_changes_nothing_and_is_answered_with_the_reason(
     mission: Mission, request_: bytes
 ) -> None:
-    leader = Leader(mission)
+    leader = listened(mission)
     drive(leader, 0.0, 0.2)
     reply = ask(leader, request_)
     assert (reply.robot, reply.ok, reply.mode) == ("ann", False, "run")
@@ -303,7 +247,7 @@ def test_a_malformed_request_changes_nothing_and_is_answered_with_the_reason(
 
 
 def test_its_last_words_are_a_hold(mission: Mission) -> None:
-    leader = Leader(mission)
+    leader = listened(mission)
     before = drive(leader, 0.0, 1.0)[-1]
     (last,) = positions(1.1, leader.halt(Now(1.1, EPOCH + 1.1), "SIGTERM"))
     assert last.order.mode == "hold"
@@ -311,7 +255,7 @@ def test_its_last_words_are_a_hold(mission: Mission) -> None:
 
 
 def test_its_status_says_what_it_does_and_when_the_route_has_ended(mission: Mission) -> None:
-    leader = Leader(mission)
+    leader = listened(mission)
 
     def status(mono: float) -> Diagnostics:
         out = next(out for out in leader.step(Now(mono, EPOCH + mono), []) if out.key == "ann/status")

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import cmath
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from formation import order
+from formation.figure import Figure
 from formation.mission import Mission
-from formation.mission_file import load
+from formation.mission_file import load, parse, read
 from formation.order import Mode, Order, Told
 from formation.ros2.messages import (
     Diagnostics,
@@ -31,6 +33,12 @@ VELOCITY = 0.2 * HEADING
 """Of everybody [m/s]."""
 
 
+def with_standbys() -> Mission:
+    """The six robots, with two processes that may take the leader's place."""
+    text, name = read("six_robots")
+    return parse(f"{text}\n[standbys.spare1]\n[standbys.spare2]\n", name)
+
+
 def now(mono: float) -> Now:
     return Now(mono, mono + EPOCH)
 
@@ -47,6 +55,9 @@ class Fleet:
     epoch: float = EPOCH
     """System clock when the fleet's time is 0 [s]."""
     beat: int = 0
+    term: int = 1
+    wants: Callable[[float], Mapping[str, Any]] = lambda _time: {}
+    """What else stands in the order of a moment."""
 
     def phase(self, robot: str) -> float:
         """Share of a period by which this robot is sampled later than the first."""
@@ -61,7 +72,12 @@ class Fleet:
 
     def point(self, robot: str, time: float) -> complex:
         """Control point [m; world frame]."""
-        return VELOCITY * time + self.mission.slot(robot, self.shape) + self.away(robot, time)
+        slot = Figure.of(self.order(time)).slot(self.mission, robot)
+        return VELOCITY * time + slot + self.away(robot, time)
+
+    def order(self, time: float) -> Order:
+        wanted = {"mode": self.mode, "shape": self.shape, **self.wants(time)}
+        return Order(term=self.term, beat=self.beat, **wanted)
 
     def pose(self, robot: str, time: float, heading: complex = HEADING, clock: float = 0.0) -> bytes:
         leads = robot == self.mission.leader
@@ -72,8 +88,8 @@ class Fleet:
         attachment = None
         if robot == self.mission.leader:
             self.beat += 1
-            told = Order(term=1, beat=self.beat, mode=self.mode, shape=self.shape)
-            attachment = order.encode(Told(voice="leader", count=self.beat, order=told))
+            told = Told(voice=f"leader{self.term}", count=self.beat, order=self.order(time))
+            attachment = order.encode(told)
         return Sample(POSITION.key(robot), self.pose(robot, time, clock=clock), attachment, time)
 
     def truth(self, robot: str, time: float, turned: float = 0.0) -> Sample:

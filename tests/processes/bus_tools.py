@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from formation.topics import CMD_VEL, ODOM, ORDER, POSITION
-from formation.transport.bus import Bus, BusConfig, Reply
+from formation.transport.bus import Bus, BusConfig
+from formation.transport.question import Reply
 from formation.wire import Sample
 from tests.processes.child import PATIENCE
 

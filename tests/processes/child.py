@@ -43,9 +43,9 @@ class Child:
         """Its id."""
         return self.process.pid
 
-    def event(self, name: str) -> dict[str, Any]:
+    def event(self, name: str, patience: float = PATIENCE) -> dict[str, Any]:
         """The next line it says, which must be this event."""
-        line = self._lines.get(timeout=PATIENCE)
+        line = self._lines.get(timeout=patience)
         assert line is not None, f"ended without saying {name!r}: {self.errors}"
         said: dict[str, Any] = json.loads(line)
         assert said["event"] == name

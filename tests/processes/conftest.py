@@ -7,8 +7,8 @@ from contextlib import ExitStack
 
 import pytest
 
-from formation.mission import Ros
 from formation.ros2.naming import Naming
+from formation.tables import Ros
 from tests.processes.child import free_endpoint
 from tests.processes.robot_sides import mission_of
 

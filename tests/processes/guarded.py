@@ -26,6 +26,9 @@ ROUNDS = 4
 """Each robot loses its agent so often: 20 tries in all."""
 PERIOD = 0.05
 MAX_SPEED, MAX_TURN_RATE = 0.5, 1.5
+LEADER_SPEED, RAMP = 0.2, 0.25
+LEFT_BEHIND = LEADER_SPEED**2 / (2.0 * MAX_SPEED / RAMP)
+"""How far a robot's place moves on while its commands ramp up to the leader's speed [m]."""
 _MISSION = f"""\
 name = "guarded"
 leader = "robot1"
@@ -148,12 +151,15 @@ def tries(team: Team, lose: Callable[[str], None], find: Callable[..., None]) ->
 
 
 def resumed_without_a_lurch(wheels: Wheels, name: str, found: float) -> None:
-    """What a robot was told since its agent is back is within limits, and leads to its place, directly."""
+    """What a robot was told since its agent is back is within limits, and leads to its place, directly.
+
+    While its commands ramp up its place moves on without it.
+    """
     commands = wheels.commanded(name, found, time.time())
     assert all(abs(one.speed) <= MAX_SPEED and abs(one.turn_rate) <= MAX_TURN_RATE for one in commands)
     drove = next(one.arrived for one in commands if one.speed or one.turn_rate)
     errors = [error for stamp, error in wheels.errors[name] if stamp >= drove + PERIOD]
-    assert max(errors) <= errors[0] + 0.01, f"{name} went astray: {errors}"
+    assert max(errors) <= errors[0] + 0.01 + LEFT_BEHIND, f"{name} went astray: {errors}"
 
 
 def told(kind: str, took: list[float]) -> str:

@@ -9,10 +9,11 @@ from typing import Any
 
 import zenoh
 
-from formation.mission import Mission, Ros
+from formation.mission import Mission
 from formation.mission_file import parse, read
 from formation.ros2.messages import Odometry, Twist, encode
 from formation.ros2.naming import Naming
+from formation.tables import Ros
 from formation.topics import ALIVE, CMD_VEL, ODOM, POSITION
 from formation.transport.bus_config import DEFAULTS
 from formation.transport.mailbox import Mailbox

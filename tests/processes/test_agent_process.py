@@ -13,12 +13,13 @@ from pathlib import Path
 import pytest
 
 from formation import order
-from formation.mission import Mission, Ros
+from formation.mission import Mission
 from formation.mission_file import parse, read
 from formation.order import OperatorReply
 from formation.ros2.messages import Diagnostics, Odometry, Pose, Twist, decode, encode
 from formation.ros2.naming import Naming
 from formation.ros2.ros_names import address
+from formation.tables import Ros
 from formation.topics import ODOM
 from formation.transport.bus import Bus, BusConfig
 from formation.transport.mailbox import Mailbox

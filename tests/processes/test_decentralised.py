@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from itertools import pairwise
 from pathlib import Path
@@ -19,7 +19,19 @@ from deploy.local.ports import Ports
 from formation.mission import Mission
 from formation.mission_file import load
 from formation.ros2.messages import Pose, Twist, decode
-from formation.topics import ALIVE, CMD_VEL, GROUND_TRUTH, ODOM, ORDER, POSITION, SCAN, STATUS, Topic
+from formation.topics import (
+    ALIVE,
+    BALLOT,
+    CMD_VEL,
+    COURSE,
+    GROUND_TRUTH,
+    ODOM,
+    ORDER,
+    POSITION,
+    SCAN,
+    STATUS,
+    Topic,
+)
 from formation.transport.bus import Bus, BusConfig
 from formation.transport.mailbox import Mailbox
 from formation.transport.robot_buses import RobotBuses
@@ -30,6 +42,8 @@ from tests.processes.zenoh_admin import Peer, clients, inspect
 
 pytestmark = pytest.mark.processes
 SIX = load("six_robots")
+MISSIONS = ("six_robots", "patrol")
+"""One as it always was, and one with standbys and fallback neighbours."""
 
 
 class Team:
@@ -40,12 +54,13 @@ class Team:
 
 
 @contextmanager
-def running(record: Path) -> Iterator[Team]:
+def running(name: str, record: Path) -> Iterator[Team]:
+    mission = load(name)
     with ExitStack() as stack:
-        where = stack.enter_context(Ports(SIX)).endpoints
+        where = stack.enter_context(Ports(mission)).endpoints
         flags = ("--no-page",)  # a page is no part of the fleet: the test looks at its sockets
         plan = programs(
-            SIX, "six_robots", where, parent=os.getpid(), record=record, page=flags, patience=PATIENCE
+            mission, name, where, parent=os.getpid(), record=record, page=flags, patience=PATIENCE
         )
         children = {}
         for program in plan:
@@ -53,35 +68,35 @@ def running(record: Path) -> Iterator[Team]:
             children[program.name] = stack.enter_context(started(module, *arguments))
         for child in children.values():
             child.event("ready")
-        team = Team(SIX, where, children)
+        team = Team(mission, where, children)
         wait_until_linked(team)
         yield team
 
 
-@pytest.fixture(scope="module")
-def team(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Team]:
+@pytest.fixture(scope="module", params=MISSIONS)
+def team(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Team]:
     """A running team that tests only look at."""
-    with running(tmp_path_factory.mktemp("team") / "run.mcap") as team:
+    with running(request.param, tmp_path_factory.mktemp("team") / "run.mcap") as team:
         yield team
 
 
 def wait_until_linked(team: Team) -> None:
     """Processes that start together find each other one by one."""
     deadline = time.monotonic() + PATIENCE
-    while any(len(peer.links) < expected_links(robot) for robot, peer in peers(team).items()) or any(
+    while any(len(peer.links) < expected_links(team, name) for name, peer in peers(team).items()) or any(
         len(found) < 2 for found in behind_robots(team).values()
     ):
         assert time.monotonic() < deadline, "the team did not link up"
 
 
-def expected_links(robot: str) -> int:
+def expected_links(team: Team, name: str) -> int:
     """Its partners and the monitor."""
-    return len(partners(SIX, robot)) + 1
+    return len(partners(team.mission, name)) + 1
 
 
 def peers(team: Team) -> dict[str, Peer]:
-    """Every agent and the leader on the fleet's bus, by robot."""
-    return {robot: inspect(endpoint) for robot, endpoint in team.where.agents.items()}
+    """Every agent, the leader and the standbys on the fleet's bus, by name."""
+    return {name: inspect(endpoint) for name, endpoint in team.where.agents.items()}
 
 
 def behind_robots(team: Team) -> dict[str, list[Peer]]:
@@ -106,18 +121,41 @@ def robot_keys(robot: str, *topics: Topic) -> set[str]:
     return {topic.key(robot) for topic in topics}
 
 
+def keys(topic: Topic, names: Iterable[str]) -> set[str]:
+    return {topic.key(name) for name in names}
+
+
 def test_in_the_fleet_an_agent_hears_its_neighbours_positions_and_nothing_else(team: Team) -> None:
-    for robot, peer in peers(team).items():
-        assert peer.subscriptions == {POSITION.key(other) for other in SIX.robots[robot].neighbours}
-        assert peer.queryables == {ORDER.key(robot)}
+    """And where there are standbys, who of those that may lead asks for its voice."""
+    seen, mission = peers(team), team.mission
+    for robot in mission.followers:
+        spec = mission.robots[robot]
+        measured = keys(POSITION, (*spec.neighbours, *spec.fallback_neighbours))
+        asked = keys(BALLOT, mission.candidates) if mission.standbys else set()
+        assert seen[robot].subscriptions == measured | asked
+        assert seen[robot].queryables == {ORDER.key(robot)}
+
+
+def test_in_the_fleet_who_may_lead_hears_those_that_it_is_linked_with_and_nothing_else(team: Team) -> None:
+    """The leader those that measure it; where there are standbys all of them everybody, and each other."""
+    seen, mission = peers(team), team.mission
+    measure = {i for i in mission.followers if mission.leader in mission.robots[i].neighbours}
+    for name in mission.candidates:
+        others = [one for one in mission.candidates if one != name]
+        agreed = keys(POSITION, mission.followers) | keys(BALLOT, others) | keys(COURSE, others)
+        assert seen[name].subscriptions == (agreed if mission.standbys else keys(POSITION, measure))
+        assert seen[name].queryables == {ORDER.key(name)}
 
 
 def test_in_the_fleet_a_process_speaks_for_its_own_robot_only(team: Team) -> None:
-    for robot, peer in peers(team).items():
-        follows = robot != SIX.leader
-        assert peer.publications == robot_keys(robot, POSITION, STATUS) | (
-            robot_keys(robot, CMD_VEL, ODOM, SCAN) if follows else set()
-        )
+    """Those that may lead speak for the leader, each when it leads."""
+    mission = team.mission
+    for name, peer in peers(team).items():
+        if name in mission.followers:
+            assert peer.publications == robot_keys(name, POSITION, STATUS, CMD_VEL, ODOM, SCAN)
+        else:
+            agreed = robot_keys(name, BALLOT, COURSE) if mission.standbys else set()
+            assert peer.publications == {POSITION.key(mission.leader), STATUS.key(name)} | agreed
 
 
 def test_beside_its_robot_an_agent_hears_its_own_sensors_and_speaks_for_itself(team: Team) -> None:
@@ -136,8 +174,8 @@ def test_every_link_in_the_fleet_is_one_that_the_measurement_graph_asks_for_or_t
     strangers = set()
     for robot, peer in seen.items():
         linked = {names[zid] for zid in peer.links if zid in names}
-        assert linked == set(partners(SIX, robot))
-        assert len(peer.links) == expected_links(robot)
+        assert linked == set(partners(team.mission, robot))
+        assert len(peer.links) == expected_links(team, robot)
         assert set(peer.links.values()) == {1}
         strangers |= {zid for zid in peer.links if zid not in names}
     assert len(strangers) == 1  # the one session that everybody is linked with: the monitor's
@@ -157,14 +195,16 @@ def test_beside_its_robot_an_agent_has_one_link_which_is_with_the_robots_router(
 
 
 def test_an_agent_holds_no_connection_but_these(team: Team) -> None:
-    for robot in SIX.followers:
+    for robot in team.mission.followers:
         dialled = [
             one.raddr.port
             for one in connections(team.children[f"agent {robot}"], psutil.CONN_ESTABLISHED)
             if one.laddr.port != port(team.where.agents[robot])
         ]
-        before = SIX.names[: SIX.names.index(robot)]
-        wanted = [port(team.where.agents[other]) for other in partners(SIX, robot) if other in before]
+        before = team.mission.names[: team.mission.names.index(robot)]
+        wanted = [
+            port(team.where.agents[other]) for other in partners(team.mission, robot) if other in before
+        ]
         assert sorted(dialled) == sorted([*wanted, port(team.where.robots[robot])])
 
 
@@ -184,14 +224,16 @@ def test_only_robots_listen_on_the_robots_side_and_only_on_it(team: Team) -> Non
     wanted = {
         "monitor": set[int](),
         "robots": {port(end) for end in team.where.robots.values()},
-        "leader": {port(team.where.agents[SIX.leader])},
-        **{f"agent {robot}": {port(team.where.agents[robot])} for robot in SIX.followers},
+        "leader": {port(team.where.agents[team.mission.leader])},
+        **{f"standby {name}": {port(team.where.agents[name])} for name in team.mission.standbys},
+        **{f"agent {robot}": {port(team.where.agents[robot])} for robot in team.mission.followers},
     }
     assert {name: listening(child) for name, child in team.children.items()} == wanted
 
 
 def test_each_process_is_an_operating_system_process_of_its_own(team: Team) -> None:
-    assert len({child.process.pid for child in team.children.values()}) == len(SIX.names) + 2
+    number = len(team.mission.names) + len(team.mission.standbys)
+    assert len({child.process.pid for child in team.children.values()}) == number + 2
 
 
 def endpoints(team: Team) -> tuple[str, ...]:
@@ -237,7 +279,7 @@ class Witness:
 def test_killing_the_monitor_changes_nothing(tmp_path: Path) -> None:
     box = Mailbox()
     with (
-        running(tmp_path / "run.mcap") as team,
+        running("six_robots", tmp_path / "run.mcap") as team,
         Bus(BusConfig(connect=(team.where.agents[SIX.leader],)), box) as bus,
         closing(RobotBuses(SIX, team.where.robots, box, node="witness")) as robots,
     ):

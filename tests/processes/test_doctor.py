@@ -136,6 +136,25 @@ def test_the_doctor_moves_nothing_and_a_killed_agent_is_named(tmp_path: Path) ->
         assert f"its agent at {fleet.agents['robot1']} refuses the connection" in desk.sentence
 
 
+def test_at_the_desk_a_standby_is_asked_as_everybody_and_who_leads_is_named(tmp_path: Path) -> None:
+    with team(tmp_path) as fleet:
+        with fleet.path.open("a", encoding="utf-8") as file:
+            file.write(f'\n[standbys.deputy]\nendpoint = "{free_endpoint()}"\n')
+        silent = fleet.doctor()
+        assert silent.findings["deputy"] == ["unreachable"], silent.text
+        assert silent.findings["desk"] == ["nobody-leads"], silent.text
+        fleet.start("leader", "--standby", "deputy")
+        for name in FOLLOWERS:
+            fleet.start("agent.robots.guard", "--robot", name)
+            fleet.start("agent", "--robot", name)
+        for name in FOLLOWERS:
+            await_status(fleet, name, "run")
+        said = fleet.doctor()
+        assert said.findings["deputy"] == said.findings["desk"] == [], said.text
+        assert said.findings["leader"] == ["unreachable"], said.text
+        assert "deputy said that it leads" in said.sentence
+
+
 def test_a_neighbour_that_is_down_is_named_by_who_needs_it(tmp_path: Path) -> None:
     with team(tmp_path) as fleet:
         fleet.start("agent.robots.guard", "--robot", "robot1")

@@ -166,7 +166,9 @@ def test_a_guard_that_is_ended_while_it_brakes_has_zero_as_its_last_word(scene: 
     guard = scene.guard()
     scene.drive(0.5, alive=True)
     scene.coast(BRAKING + 1.5 * SLOW)  # by now it says zero each second only, and has just done so
+    sent = time.monotonic()
     scene.command()
+    until(lambda: SPEED in {one.speed for one in scene.looked(sent - 2.0 * PERIOD)})  # it has come
     said, log = ended(guard)
     assert said == pytest.approx(BRAKING / PERIOD + 2.0, abs=3.0)
     assert "SIGTERM" in log

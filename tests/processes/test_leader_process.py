@@ -59,7 +59,7 @@ def test_an_operator_stops_and_releases_a_leader_which_acknowledges() -> None:
 def test_the_last_words_of_a_leader_that_is_ended_are_a_hold() -> None:
     end = free_endpoint()
     with leader(end) as child, listening(end, "robot1/position", "robot1/status") as bus:
-        heard(bus, len)
+        heard(bus, lambda samples: any(sample.key == "robot1/position" for sample in samples))
         child.signal(signal.SIGINT)
         summary = child.event("summary")
         samples = heard(bus, lambda samples: any(b"SIGINT" in sample.payload for sample in samples))

@@ -17,10 +17,10 @@ from mcap.reader import make_reader
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 
-from formation.mission import Ros
 from formation.mission_file import load
 from formation.ros2.messages import Diagnostics, Number, decode
 from formation.ros2.naming import Naming
+from formation.tables import Ros
 from formation.topics import DIAGNOSTICS, ERROR, GROUND_TRUTH, ODOM, STATUS
 from formation.transport.bus import Bus, BusConfig
 from formation.wire import Sample

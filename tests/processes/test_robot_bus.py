@@ -8,9 +8,9 @@ from contextlib import ExitStack
 
 import pytest
 
-from formation.mission import Ros
 from formation.ros2.messages import Pose, encode
 from formation.ros2.naming import Naming
+from formation.tables import Ros
 from formation.topics import ALIVE, CMD_VEL, ODOM, POSITION
 from formation.transport.mailbox import Mailbox
 from formation.transport.robot_bus import RobotBus

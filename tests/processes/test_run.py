@@ -235,7 +235,8 @@ def test_orders_reach_a_running_mission_and_each_robot_acknowledges(tmp_path: Pa
             answers[do] = json.loads(done.stdout.splitlines()[-1])
         os.kill(process.pid, signal.SIGTERM)
         assert result_of(process)["interrupted"]
-    assert set(answers["stop"]["robots"]) == {"leader", "robot1", "robot2"}
-    assert {one["mode"] for one in answers["stop"]["robots"].values()} == {"stop"}
-    assert set(answers["hold"]["robots"]) == {"leader"}
-    assert all(one["ms"] < 1000.0 for answer in answers.values() for one in answer["robots"].values())
+    told = {do: answer["acknowledged"] for do, answer in answers.items()}
+    assert {one["robot"] for one in told["stop"]} == {"leader", "robot1", "robot2"}
+    assert {one["mode"] for one in told["stop"]} == {"stop"}
+    assert [one["robot"] for one in told["hold"]] == ["leader"]
+    assert all(one["ms"] < 1000.0 for answered in told.values() for one in answered)

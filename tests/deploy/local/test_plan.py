@@ -38,6 +38,31 @@ def test_the_process_table_has_one_process_per_agent_and_links_along_the_graph_o
     assert all("--await-monitor" in one.argv for one in plan if one.name != "monitor")
 
 
+def test_each_standby_is_a_leader_process_that_is_linked_with_all_followers_and_whoever_may_lead() -> None:
+    mission = load("patrol")
+    with Ports(mission) as ports:
+        where = ports.endpoints
+        plan = programs(mission, "patrol", where, parent=1, record=Path("a.mcap"))
+    names = [one.name for one in plan]
+    assert names[:5] == ["monitor", "robots", "leader", "standby deputy", "standby reserve"]
+    assert names[5:] == [f"agent {name}" for name in mission.followers]
+    leader, deputy, reserve = plan[2:5]
+    assert {one.part for one in plan[2:]} == {"control"}  # they end together, before the robots
+    assert deputy.argv[3:6] == ("leader", "patrol", "--standby")
+    assert flags_of(deputy.argv, "--standby") == ["deputy"]
+    assert flags_of(leader.argv, "--standby") == []
+    assert flags_of(leader.argv, "-e") == []
+    followers = [where.agents[name] for name in mission.followers]
+    assert flags_of(deputy.argv, "-e") == [where.agents["leader"], *followers]
+    assert flags_of(reserve.argv, "-e") == [*flags_of(deputy.argv, "-e"), where.agents["deputy"]]
+    for one in (leader, deputy, reserve):
+        name = flags_of(one.argv, "--standby") or ["leader"]
+        assert flags_of(one.argv, "-l") == [where.agents[name[0]]]
+    assert set(flags_of(plan[0].argv, "-e")) == set(where.agents.values())
+    fallback = next(one.argv for one in plan if one.name == "agent robot2")
+    assert flags_of(fallback, "-e") == [where.agents["leader"], where.agents["robot1"]]
+
+
 def test_guards_stand_beside_the_robots_when_they_are_wanted_and_end_between_agents_and_robots() -> None:
     mission = load("turtlebot3_pair")
     with Ports(mission) as ports:

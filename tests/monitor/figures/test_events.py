@@ -159,6 +159,17 @@ def test_a_formation_that_stands_settles_once_and_an_error_that_touches_the_boun
     assert not of(one.told, "unsettled")
 
 
+def test_a_formation_whose_error_touches_the_bound_just_when_it_is_told_is_told_without_since_when() -> None:
+    one = watcher()
+    one.drive(12.0)
+    seen = one.monitor.snapshot
+    assert seen is not None
+    touching = replace(seen, converged=True, settled_at=None)
+    events = Events(one.fleet.mission)
+    told = [event for step in range(200) for event in events.see(now(20.0 + 0.02 * step), touching)]
+    assert [event.text for event in told if event.kind == "settled"] == ["under the bound of 50 mm"]
+
+
 def test_a_formation_that_is_driven_apart_is_unsettled_and_settles_again() -> None:
     one = watcher(lambda robot, t: 0.3 if robot == "robot6" and 15.0 < t < 20.0 else 0)
     events = [event for event in one.drive(25.0) if event.kind in {"settled", "unsettled"}]

@@ -16,7 +16,10 @@ from tests.monitor.fleet import Fleet, command, hear, now, status
 PLAIN, OPEN = "text/plain", "application/openmetrics-text; version=1.0.0"
 RECORDING = {"path": "a.mcap", "bytes": 4711, "seconds": 12.5, "failure": None}
 UNITS = r"(meters|seconds|radians|hertz|ratio|bytes|meters_per_second|radians_per_second)"
-NO_UNIT = r"(converged|mode|shape|robot_state|recording_failed|messages_(received|missed|rejected)(_total)?)"
+NO_UNIT = (
+    r"(converged|mode|shape|figure_formed|leader_(info|waits)|(robot|candidate)_state|robot_(aside|stuck|voices)"
+    r"|recording_failed|messages_(received|missed|rejected)(_total)?)"
+)
 
 
 def seen(*, without: str = "") -> Snapshot:

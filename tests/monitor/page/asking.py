@@ -23,19 +23,17 @@ class Orders:
     token = TOKEN
 
     def __init__(self, error: Exception | None = None) -> None:
-        self.given: list[tuple[str, str | None, str, float | None]] = []
+        self.given: list[tuple[str, dict[str, Any], str, float | None]] = []
         self.error = error
         self.hold = threading.Event()
         self.hold.set()
 
-    def order(
-        self, do: str, shape: str | None = None, *, click: str = "", seen: float | None = None
-    ) -> dict[str, Any]:
-        self.given.append((do, shape, click, seen))
+    def order(self, do: str, *, click: str = "", seen: float | None = None, **what: Any) -> dict[str, Any]:
+        self.given.append((do, what, click, seen))
         assert self.hold.wait(PATIENCE)
         if self.error is not None:
             raise self.error
-        return {"do": do, "robots": {"robot1": {"ok": True}}, "missing": []}
+        return {"do": do, "missing": []}
 
 
 class Player:

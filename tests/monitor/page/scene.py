@@ -25,19 +25,35 @@ LOST = 1.0
 class Scene:
     """Unicycles that take their slots behind a leader, from random starts; one may fall silent."""
 
-    def __init__(self, count: int, *, live: bool = True, control: bool = False) -> None:
+    def __init__(
+        self, count: int, *, live: bool = True, control: bool = False, standbys: tuple[str, ...] = ()
+    ) -> None:
         self.names = [f"robot{number + 1}" for number in range(count)]
         self.time = 0.0
         self.silent: dict[str, float] = {}
         """Since when a robot has said nothing [s]."""
         self.state = dict.fromkeys(self.names, ("run", "in formation control"))
+        self.aside: set[str] = set()
+        """Who does not follow."""
+        self.fallback: dict[str, str] = {}
+        """Who measures whom instead of its own neighbours."""
+        self.wedge, self.rotation, self.scale = 0.0, 0.0, 1.0
+        """How far the figure is from its first shape to another [share]; turned by [rad], and scaled."""
+        self.leads = self.names[0]
+        self.candidates = (
+            {name: ["standby", "", 0.2] for name in (self.names[0], *standbys)} if standbys else {}
+        )
+        """Who may lead: state, reason and age."""
+        self.waits = ""
+        """For whom the leader waits."""
         self.replay: dict[str, Any] = {"speed": 1.0, "paused": False}
         """What a frame says of the replay, but for its times."""
         self._live, self._control = live, control
-        self._slots = _hexagon() if count == 6 else _block(count)
+        self._drawn = _hexagon() if count == 6 else _block(count)
+        self._slots = self._drawn
         draw = random.Random(count)
         spread = 2.0 if count == 6 else 3.0
-        self._place = [slot + complex(draw.gauss(0, spread), draw.gauss(0, spread)) for slot in self._slots]
+        self._place = [slot + complex(draw.gauss(0, spread), draw.gauss(0, spread)) for slot in self._drawn]
         self._place[0] = 0j
         self._heading = [cmath.rect(1.0, draw.uniform(-math.pi, math.pi)) for _ in self.names]
         self._guess = [draw.uniform(-1.0, 1.0) for _ in self.names]
@@ -47,6 +63,14 @@ class Scene:
     def now(self) -> float:
         """System clock [s]."""
         return EPOCH + self.time
+
+    def _figure(self) -> list[complex]:
+        """Where everybody belongs now, from the leader [m]."""
+        turned = self.scale * cmath.rect(1.0, self.rotation)
+        row = [complex(-0.7 * number, 0.7 * number * (-1) ** number) for number in range(len(self.names))]
+        return [
+            turned * (slot + self.wedge * (new - slot)) for slot, new in zip(self._drawn, row, strict=True)
+        ]
 
     @property
     def edges(self) -> list[tuple[int, int]]:
@@ -66,11 +90,13 @@ class Scene:
         return {
             "live": self._live, "mission": f"{len(self.names)}-robots", "law": "field", "settled": 0.05,
             "control": self._control, "version": "0.1.0", "robots": robots, "edges": self.edges,
-            "shapes": {"hexagon": [], "line": []}, "fields": list(FIELDS),
+            "shapes": {"hexagon": [], "wedge": []}, "candidates": list(self.candidates),
+            "fields": list(FIELDS),
         }  # fmt: skip
 
     def step(self) -> dict[str, Any]:
         """Drive for a tenth of a second; the frame then."""
+        self._slots = self._figure()
         for _ in range(5):
             self._drive(PERIOD / 5)
         self.time += PERIOD
@@ -91,15 +117,29 @@ class Scene:
         return {
             "t": self.now, "elapsed": self.time, "error": total, "true": total,
             "settled_at": 9.3 if total is not None and total < 0.05 else None,
-            "converged": total is not None and total < 0.05, "mode": "run", "shape": "hexagon",
+            "converged": total is not None and total < 0.05, "mode": "run",
+            "shape": "wedge" if self.wedge else "hexagon",
             "missed": 3, "rejected": 0,
             "recording": {
                 "path": "recordings/scene.mcap", "bytes": int(52e3 * self.time), "seconds": self.time,
                 "failure": None,
             },
             "r": rows, "e": wrong,
+            **self._wished(),
             **({} if self._live else {"replay": self._replay()}),
         }  # fmt: skip
+
+    def _wished(self) -> dict[str, Any]:
+        """What stands in a frame only where there is something to say."""
+        found: dict[str, Any] = {"waits": self.waits} if self.waits else {}
+        if 0.0 < self.wedge < 1.0:
+            found |= {"forming": True}
+        if self.rotation or self.scale != 1.0:
+            found |= {"rotation": self.rotation, "scale": self.scale}
+        if self.candidates:
+            rows = [["leads" if n == self.leads else one[0], *one[1:]] for n, one in self.candidates.items()]
+            found |= {"leads": self.leads, "since": EPOCH + 2.0, "c": rows}
+        return found
 
     def _replay(self) -> dict[str, Any]:
         return {"t": self.now, "start": EPOCH, "end": EPOCH + 30.0, **self.replay}
@@ -147,6 +187,7 @@ class Scene:
             *((None,) * 4 if gone else _driven(speed, turn)),
             round(age, 3), None if gone else 20.0, loss, health, state, reason,
             round(place.real, 3), round(place.imag, 3), round(guess, 3), why,
+            int(name in self.aside), self.fallback.get(name, ""),
         ]  # fmt: skip
 
 

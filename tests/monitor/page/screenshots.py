@@ -67,19 +67,17 @@ class Obedient:
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
 
-    def order(
-        self, do: str, shape: str | None = None, *, click: str = "", seen: float | None = None
-    ) -> dict[str, Any]:
+    def order(self, do: str, *, click: str = "", seen: float | None = None, **what: Any) -> dict[str, Any]:
         """What `formation order --json` says."""
-        del shape, click, seen
-        robots = {
-            name: {"ok": True, "mode": do, "reason": "", "ms": 2.0 + 1.7 * number}
+        del what, click, seen
+        answers = [
+            {"robot": name, "mode": do, "reason": "", "ms": 2.0 + 1.7 * number}
             for number, name in enumerate(self._scene.names)
-        }
-        robots.pop("robot4")
-        for name in robots:
-            self._scene.state[name] = ("stop", "stopped by the operator")
-        return {"do": do, "robots": robots, "missing": ["robot4"]}
+            if name != "robot4"
+        ]
+        for one in answers:
+            self._scene.state[str(one["robot"])] = ("stop", "stopped by the operator")
+        return {"do": do, "acknowledged": answers, "refused": [], "missing": ["robot4"]}
 
 
 class Still:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -16,13 +16,13 @@ from formation.mission_file import load
 from formation.order import Mode
 from formation.topics import ORDER
 from formation.transport import asking
-from formation.transport.bus import Reply
 from formation.transport.bus_config import BusError
-from leader.core import Leader
+from formation.transport.question import Question, Reply
 from monitor.figures.events import INFO, WARNING, Event
 from monitor.page import control, precedence
 from monitor.page.control import Operator
 from monitor.page.precedence import Overruled
+from tests.leader.leading import leading
 
 SIX = load("six_robots")
 
@@ -31,21 +31,24 @@ class Team:
     """Hears what is put, robot by robot, in the order in which it is put."""
 
     def __init__(self) -> None:
-        self.leader = Leader(SIX)
+        self.leader = leading(SIX)
         self.latches = {name: Latch(name) for name in SIX.followers}
         self.away: set[str] = set()
         self.heard: list[str] = []
         self.closed = False
         self.changed = threading.Condition()
 
-    def question(self, key: str, payload: bytes, _: float) -> Callable[[float], Sequence[Reply]]:
+    def question(self, key: str, payload: bytes, _: float) -> Question:
+        question = Question()
         with self.changed:
             self.heard.append(payload.decode())
             robots = SIX.names if key.startswith("*") else (key.partition("/")[0],)
-            here = [name for name in robots if name not in self.away]
-            replies = [Reply(ORDER.key(name), self._ask(name, payload), 1.5) for name in here]
+            for name in robots:
+                if name not in self.away:
+                    question.replies.append(Reply(ORDER.key(name), self._ask(name, payload), 1.5))
+            question.end()
             self.changed.notify_all()
-        return lambda _: replies
+        return question
 
     def close(self) -> None:
         self.closed = True
@@ -103,23 +106,23 @@ def test_a_stop_is_told_to_everybody_and_acknowledged_one_by_one(
     operator: Operator, team: Team, events: list[Event]
 ) -> None:
     report = operator.order("stop")
-    assert set(report["robots"]) == set(SIX.names)
-    assert all(answer["ok"] and answer["mode"] == "stop" for answer in report["robots"].values())
+    assert [one["robot"] for one in report["acknowledged"]] == list(SIX.names)
+    assert {one["mode"] for one in report["acknowledged"]} == {"stop"}
     assert (report["do"], report["missing"], team.leader.mode) == ("stop", [], "stop")
     assert set(team.modes().values()) == {"stop"}
     (event,) = events
     assert (event.level, event.robot, event.kind) == (INFO, "", "operator")
-    assert event.text == "stop: 6 of 6 obey, slowest 2 ms"
+    assert event.text.startswith("stop: 6 of 6 obey, slowest ")
 
 
 def test_hold_run_release_and_shape_reach_the_team_as_from_the_command_line(
     operator: Operator, team: Team
 ) -> None:
-    assert list(operator.order("hold")["robots"]) == [SIX.leader]
+    assert [one["robot"] for one in operator.order("hold")["acknowledged"]] == [SIX.leader]
     assert team.leaders() == "hold"
     operator.order("run")
     assert team.leaders() == "run"
-    report = operator.order("shape", "wedge")
+    report = operator.order("shape", shape="wedge")
     assert (report["shape"], team.leader.shape) == ("wedge", "wedge")
     operator.order("stop")
     operator.order("release")
@@ -140,7 +143,7 @@ def test_who_cannot_be_reached_is_named(
 
 def test_a_refusal_is_an_event_with_its_reason(operator: Operator, team: Team, events: list[Event]) -> None:
     team.leader.request(b'{"do":"stop"}')
-    assert not operator.order("run")["robots"][SIX.leader]["ok"]
+    assert [one["robot"] for one in operator.order("run")["refused"]] == [SIX.leader]
     assert "robot1 refuses: stopped: release it first" in events[0].text
 
 
@@ -206,7 +209,7 @@ def test_a_release_does_not_end_the_hold_of_a_leader_that_never_heard_the_stop(
     team.away = {SIX.leader}
     operator.order("stop")
     team.away = set()
-    with pytest.raises(Overruled, match="robot1 has not heard the stop"):
+    with pytest.raises(Overruled, match="who leads has not heard the stop"):
         operator.order("release")
     assert team.leaders() == "hold"
     operator.order("stop")
@@ -240,7 +243,7 @@ def test_what_cannot_be_ordered_is_not_asked(
     operator: Operator, team: Team, do: str, shape: str | None, said: str
 ) -> None:
     with pytest.raises(ValueError, match=said):
-        operator.order(do, shape)
+        operator.order(do, shape=shape)
     assert team.heard == []
 
 
@@ -293,7 +296,7 @@ def test_what_is_closed_asks_nobody_any_more(
 def test_who_clicks_once_more_hears_of_a_failure_as_well(
     team: Team, events: list[Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fails(*_: object) -> Callable[[float], Sequence[Reply]]:
+    def fails(*_: object) -> Question:
         raise OSError("the line is broken")
 
     monkeypatch.setattr(team, "question", fails)
@@ -308,7 +311,7 @@ def test_an_order_that_something_newer_overtakes_at_the_door_is_not_put(
 ) -> None:
     at_the_door, put = threading.Event(), operator._put
 
-    def held_up(*question: Any) -> Sequence[Reply]:
+    def held_up(*question: Any) -> Any:
         at_the_door.set()
         return put(*question)
 

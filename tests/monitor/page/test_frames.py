@@ -9,10 +9,11 @@ from typing import Any
 import pytest
 
 from formation.mission_file import load
+from formation.order import Slots
 from monitor.figures.events import Event
 from monitor.figures.metrics import Metrics
 from monitor.page.frames import FIELDS, event, frame, hello
-from tests.monitor.fleet import EPOCH, Fleet, command, hear, now, status
+from tests.monitor.fleet import EPOCH, Fleet, command, hear, now, status, with_standbys
 
 MISSION = load("six_robots")
 
@@ -193,3 +194,41 @@ def test_an_event_has_its_number() -> None:
     assert event(7, Event(1001.23456, 30, "robot2", "stopped", "no beat")) == {
         "n": 7, "at": 1001.235, "level": 30, "robot": "robot2", "kind": "stopped", "text": "no beat",
     }  # fmt: skip
+
+
+def turning(time: float) -> dict[str, Any]:
+    """Between the hexagon and a wedge, turning and growing."""
+    part = min(max((time - 10.0) / 2.0, 0.0), 0.9)
+    slots = Slots(mix={"hexagon": 1.0 - part, "wedge": part}, rotation=part, scale=1.0 + part)
+    return {"shape": "wedge", "rotation": 1.2, "scale": 2.0, "slots": slots}
+
+
+def test_slots_are_drawn_where_they_are_while_the_figure_is_mixed_turned_and_scaled() -> None:
+    fleet = Fleet(wants=turning)
+    metrics = heard(fleet)
+    one = frame(MISSION, metrics, now(11.0))
+    for row in rows(one).values():
+        slot, point = complex(row["slot_x"], row["slot_y"]), complex(row["point_x"], row["point_y"])
+        assert slot == pytest.approx(point, abs=2e-3)
+    assert (one["shape"], one["rotation"], one["scale"], one["forming"]) == ("wedge", 1.2, 2.0, True)
+    assert (one["settled_at"], one["converged"]) == (None, False)
+
+
+def test_a_frame_says_who_leads_only_where_that_may_change() -> None:
+    assert (
+        not {"c", "leads", "since", "rotation", "scale", "forming", "waits"}
+        & frame(MISSION, heard(Fleet()), now(11.0)).keys()
+    )
+    mission = with_standbys()
+    metrics = heard(Fleet(mission, term=64 * 10 + 1))
+    hear(metrics, [status("spare1", 10.9, "run", ""), status("robot1", 10.9, "standby", "spare1 leads")])
+    one = frame(mission, metrics, now(11.0))
+    assert hello(mission, live=True, control=False, version="")["candidates"] == [
+        "robot1",
+        "spare1",
+        "spare2",
+    ]
+    assert one["leads"] == "spare1"
+    assert [row[:2] for row in one["c"]] == [
+        ["standby", "spare1 leads"], ["leads", ""], ["unseen", "no status yet"],
+    ]  # fmt: skip

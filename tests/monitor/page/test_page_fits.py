@@ -54,12 +54,10 @@ class Nobody:
 
     token = "secret"  # noqa: S105 - nobody is kept out by it
 
-    def order(
-        self, do: str, shape: str | None = None, *, click: str = "", seen: float | None = None
-    ) -> dict[str, Any]:
+    def order(self, do: str, *, click: str = "", seen: float | None = None, **what: Any) -> dict[str, Any]:
         """What `formation order --json` says."""
-        del shape, click, seen
-        return {"do": do, "robots": {}, "missing": ["robot1"], "why": "nobody is there"}
+        del what, click, seen
+        return {"do": do, "acknowledged": [], "refused": [], "missing": ["robot1"], "why": "nobody is there"}
 
 
 @pytest.fixture(scope="module")

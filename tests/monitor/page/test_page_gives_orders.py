@@ -35,20 +35,18 @@ class Fleet:
         self.slow: dict[str, threading.Event] = {}
         """What an order waits for before it is answered."""
 
-    def order(
-        self, do: str, shape: str | None = None, *, click: str = "", seen: float | None = None
-    ) -> dict[str, Any]:
+    def order(self, do: str, *, click: str = "", seen: float | None = None, **what: Any) -> dict[str, Any]:
         """What `formation order --json` says."""
-        self.told.append((do, shape))
+        self.told.append((do, what.get("shape")))
         self.seen.append(seen)
         self.clicks.add(click)
         if do in self.slow:
             self.slow[do].wait(PATIENCE)
-        robots = {
-            f"robot{number}": {"ok": number != 5, "mode": do, "reason": "not now" * (number == 5), "ms": 1.0}
-            for number in (1, 2, 3, 5, 6)
-        }
-        return {"do": do, "robots": robots, "missing": ["robot4"]}
+        answers = [
+            {"robot": f"robot{number}", "mode": do, "reason": "", "ms": 1.0} for number in (1, 2, 3, 6)
+        ]
+        refused = [{"robot": "robot5", "mode": do, "reason": "not now", "ms": 1.0}]
+        return {"do": do, "acknowledged": answers, "refused": refused, "missing": ["robot4"]}
 
 
 class Player:
@@ -151,14 +149,14 @@ def test_what_sets_robots_moving_is_asked_back(browser: Browser, controlled: Ser
         for do in ("run", "release", "shape"):
             before = len(fleet.told)
             if do == "shape":
-                page.select_option("#order-shape", "line")
+                page.select_option("#order-shape", "wedge")
             button = page.locator(f'[data-do="{do}"]')
             button.click()
             assert "press again" in button.inner_text()
             assert len(fleet.told) == before
             button.click()
             page.locator("#order-result", has_text=f"{do}: 4 of 6").wait_for()
-        assert fleet.told == [("run", None), ("release", None), ("shape", "line")]
+        assert fleet.told == [("run", None), ("release", None), ("shape", "wedge")]
         assert len(fleet.clicks) == 3  # each press has a name of its own
         page.click('[data-do="hold"]')
         page.locator("#order-result", has_text="hold: 4 of 6").wait_for()

@@ -152,7 +152,7 @@ def test_a_page_that_is_opened_while_the_monitor_hangs_shows_nothing_as_if_it_we
     with watched(browser, six.address) as page:
         until(page, "formation.stream.open")
         assert page.evaluate("formation.model.frame") is None
-        assert "waiting for data" in page.inner_text("#connection")
+        page.locator("#connection", has_text="waiting for data").wait_for()
         six.feed()
         until(page, "formation.model.frame")
         page.locator("#connection", has_text="live").wait_for()

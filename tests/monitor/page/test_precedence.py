@@ -8,14 +8,28 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.order import RESTS, OperatorRequest
+from formation.legs import Straight
+from formation.once import RESTS
+from formation.order import OperatorRequest
 from monitor.page.precedence import STALE, TWICE, UNSEEN, Given, Overruled, Precedence
 
 LATER = max(TWICE, UNSEEN) + 0.1
 
 
+WITH: dict[str, dict[str, Any]] = {
+    "shape": {"shape": "wedge"},
+    "rotate": {"degrees": -30.0},
+    "scale": {"factor": 1.5},
+    "speed": {"speed": 0.1, "degrees": 90.0},
+    "route": {"legs": (Straight(speed=0.1, heading_deg=0.0),)},
+}
+"""What belongs to an order."""
+GOING = ["run", "release", *WITH]
+"""What may set robots going."""
+
+
 def request(do: Any) -> OperatorRequest:
-    return OperatorRequest(do=do, shape="wedge" if do == "shape" else None)
+    return OperatorRequest(do=do, **WITH.get(do, {}))
 
 
 def give(orders: Precedence, do: str, now: float, **how: Any) -> Given:
@@ -27,7 +41,7 @@ def finished(one: Given) -> Given:
     return one
 
 
-@pytest.mark.parametrize("do", ["hold", "run", "release", "shape"])
+@pytest.mark.parametrize("do", ["hold", *GOING])
 def test_the_second_click_of_a_double_click_gives_no_second_order(do: str) -> None:
     orders = Precedence()
     first, new = orders.give(request(do), 0.0)
@@ -50,6 +64,16 @@ def test_another_shape_is_another_wish() -> None:
     orders = Precedence()
     for number, shape in enumerate(("wedge", "hexagon", "wedge")):
         assert orders.give(OperatorRequest(do="shape", shape=shape), 0.1 * number)[1]
+
+
+def test_another_figure_is_another_wish_and_the_same_once_more_is_not() -> None:
+    orders = Precedence()
+    for number, degrees in enumerate((10.0, 20.0, 10.0)):
+        turn = OperatorRequest(do="rotate", degrees=degrees, id=f"{number}")
+        given, new = orders.give(turn, 0.1 * number)
+        assert new
+        again = turn.model_copy(update={"id": "another", "age": 0.5})
+        assert orders.give(again, 0.1 * number + 0.05) == (given, False)
 
 
 def test_every_stop_is_given() -> None:
@@ -83,7 +107,7 @@ def test_a_stop_or_a_hold_ends_what_is_still_being_asked() -> None:
         assert (running.over, resting.over) == (True, False)
 
 
-@pytest.mark.parametrize("do", ["run", "release", "shape"])
+@pytest.mark.parametrize("do", GOING)
 def test_nobody_is_set_going_against_a_stop_that_is_still_being_given(do: str) -> None:
     orders = Precedence()
     stop = give(orders, "stop", 0.0)
@@ -95,7 +119,7 @@ def test_nobody_is_set_going_against_a_stop_that_is_still_being_given(do: str) -
 
 
 @pytest.mark.parametrize("rest", sorted(RESTS))
-@pytest.mark.parametrize("do", ["run", "release", "shape"])
+@pytest.mark.parametrize("do", GOING)
 def test_of_two_pages_with_different_wishes_the_one_that_stops_wins(rest: str, do: str) -> None:
     orders = Precedence()
     finished(give(orders, rest, 5.0))
@@ -114,7 +138,7 @@ def test_who_shows_what_was_before_the_stop_has_not_seen_it() -> None:
 
 def test_a_page_that_hangs_may_stop_and_hold_and_nothing_else() -> None:
     orders = Precedence()
-    for do in ("run", "release", "shape"):
+    for do in GOING:
         for behind, ago in ((12.0, "12 s ago"), (1.7e9, "long ago")):
             with pytest.raises(Overruled, match=f"shows what was {ago}"):
                 give(orders, do, 100.0, behind=behind)
@@ -130,7 +154,7 @@ def test_what_is_closed_is_put_no_more() -> None:
 
 
 wishes = st.tuples(
-    st.sampled_from(["stop", "hold", "run", "release", "shape"]),
+    st.sampled_from(["stop", "hold", *GOING]),
     st.floats(0.0, 2.0),  # since the wish before [s]
     st.booleans(),  # whether that has been answered by now
     st.sampled_from(["", "", "a", "b"]),

@@ -40,12 +40,16 @@ def test_an_order_needs_the_token() -> None:
             assert asked(server, "api/order", **wrong).status_code == 401
         assert asked(server, "api/order", **BEARER).status_code == 204  # may order, and has not
         assert orders.given == []
-        assert asked(server, "api/order", {"do": "stop"}, **BEARER).json() == {
-            "do": "stop", "robots": {"robot1": {"ok": True}}, "missing": [],
-        }  # fmt: skip
+        assert asked(server, "api/order", {"do": "stop"}, **BEARER).json() == {"do": "stop", "missing": []}
         body = {"do": "shape", "shape": "wedge", "click": "7", "seen": 12.5}
         assert asked(server, "api/order", body, **BEARER).status_code == 200
-    assert orders.given == [("stop", None, "", None), ("shape", "wedge", "7", 12.5)]
+        body = {"do": "speed", "speed": 0.1, "degrees": -30, "shape": "wedge"}
+        assert asked(server, "api/order", body, **BEARER).status_code == 200
+    assert orders.given == [
+        ("stop", {}, "", None),
+        ("shape", {"shape": "wedge"}, "7", 12.5),
+        ("speed", {"speed": 0.1, "degrees": -30}, "", None),
+    ]
 
 
 def test_the_operator_is_invited_with_the_token_where_no_server_sees_it() -> None:

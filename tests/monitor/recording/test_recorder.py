@@ -89,6 +89,7 @@ def test_publish_time_is_the_messages_stamp_where_it_has_one(tmp_path: Path) -> 
 
 def test_every_topic_of_the_table_has_a_channel_with_the_schema_of_ros_2(tmp_path: Path) -> None:
     text = TEXT.replace("rate = 20 ", 'measurement = "local"\nlocalisation = "external"\nrate = 20 ')
+    text += "\n[standbys.spare]\n"
     with recorder(tmp_path / "run.mcap", parse(text), text):
         pass
     with (tmp_path / "run.mcap").open("rb") as stream:

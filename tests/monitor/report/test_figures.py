@@ -2,9 +2,11 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from formation.figure import Figure
 from monitor.report import drawing, figures, parts
 from monitor.report.gather import Run
 from monitor.report.view import View
@@ -83,3 +85,32 @@ def test_a_run_in_which_nobody_was_heard_for_a_while_is_drawn_with_a_gap(tmp_pat
     times = run.ways.time
     assert any(times[1:] == times[:-1])  # of the gap's beginning, which once divided by zero aloud
     assert figures.written(figures.panel(run, View.of([run]), panel), "svg").startswith(b"<?xml")
+
+
+def test_however_much_is_ordered_the_whole_recording_has_room_for_its_curve_and_the_last_figure_is_drawn(
+    tmp_path: Path,
+) -> None:
+    def wants(time: float) -> dict[str, Any]:
+        if time < 11.0:
+            return {}
+        return {
+            "shape": "wedge",
+            "rotation": 1.0,
+            "scale": 1.5,
+            "route": "" if time < 12.0 else "671f99bb423d",
+        }
+
+    fleet = Fleet(wants=wants)
+    record(tmp_path / "run.mcap", talk(fleet, 3.0))
+    ordered = gathered(tmp_path / "run.mcap")
+    whole = figures.whole(ordered)
+    whole.draw_without_rendering()
+    assert whole.axes[0].get_position().height > 0.5
+    texts = [text.get_text() for text in whole.axes[0].texts]
+    for text in ("run, hexagon", "wedge, 57.3°, × 1.5", "course"):
+        assert text in texts
+    graph = figures.panel(ordered, View.of([ordered]), parts.PANELS[0]).axes[0]
+    ends: list[Any] = [(line.get_xdata(), line.get_ydata()) for line in graph.lines]
+    drawn = {(round(float(x[0]), 6), round(float(y[0]), 6)) for x, y in ends}
+    last = Figure.of(fleet.order(13.0)).slots(fleet.mission)
+    assert drawn == {(round(slot.real, 6), round(slot.imag, 6)) for slot in last}

@@ -1,0 +1,164 @@
+"""What an operator asked of a robot outlives its agent and its machine; every doubt about it is a stop."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from agent.failsafe import State
+from formation.mission_file import load
+from tests.agent.restarting import Drawer, Team, driving
+
+SIX = load("six_robots")
+
+
+def state_of(team: Team, name: str = "robot3") -> State:
+    return team.agents[name].decision.state
+
+
+def stopped(do: str = "stop") -> Team:
+    team = driving(SIX, 5.0)
+    assert team.tell("robot3", do).ok
+    team.run(0.5)
+    return team
+
+
+@pytest.mark.parametrize(("do", "state"), [("stop", State.STOP), ("hold", State.HOLD)])
+@pytest.mark.parametrize("boot", ["this very boot", "another"])
+def test_what_an_operator_asked_outlives_process_and_machine_until_it_is_released(
+    do: str, state: State, boot: str
+) -> None:
+    team = stopped(do)
+    for _ in range(2):
+        team.lose("robot3", 1.0)
+        team.begin("robot3", boot=boot)
+        team.run(3.0)
+        assert team.agents["robot3"].decision.state is state
+        assert team.agents["robot3"].decision.reason.endswith("by the operator, before this agent began")
+        assert team.last_command("robot3") == (0.0, 0.0)
+    assert team.tell("robot3", "release").ok
+    team.run(1.0)
+    assert team.agents["robot3"].decision.state is State.RUN
+    team.lose("robot3", 1.0)
+    team.begin("robot3", boot=boot)
+    team.run(1.0)
+    assert team.agents["robot3"].decision.state is State.RUN
+
+
+def test_a_stop_that_is_killed_right_after_its_acknowledgement_is_kept() -> None:
+    team = driving(SIX, 5.0)
+    assert team.tell("robot3", "stop").ok
+    team.lose("robot3", 1.0)  # not a single step has been taken
+    team.begin("robot3")
+    team.run(2.0)
+    assert team.agents["robot3"].decision.state is State.STOP
+
+
+def test_a_stop_that_cannot_be_kept_is_obeyed_and_its_operator_reads_that() -> None:
+    team = driving(SIX, 5.0)
+    team.drawers["robot3"].failure = "no space left on device"
+    answer = team.tell("robot3", "stop", id="s")
+    assert (answer.ok, answer.mode) == (True, "stop")
+    assert answer.reason == "cannot be kept just now: a restart may undo it"
+    assert team.tell("robot3", "run").reason == "stopped: release it first"
+    team.drawers["robot3"].failure = ""
+    assert team.tell("robot3", "stop", id="s").reason == "", "it is asked again, and is kept by now"
+
+
+def test_an_agent_that_ends_well_was_not_stopped_by_an_operator() -> None:
+    team = driving(SIX, 5.0)
+    team.halt("robot3")
+    team.run(1.0)
+    team.begin("robot3")
+    team.run(1.0)
+    assert team.agents["robot3"].decision.state is State.RUN
+
+
+@pytest.mark.parametrize(
+    "text",
+    [b"", b"{", b"[]", b"null", b"\xff\x00", b'{"robot": "robot3"}', b'{"robot": "robot3", "mode": "sotp"}'],
+)
+def test_what_may_have_been_a_stop_and_cannot_be_read_is_one_and_names_the_file(text: bytes) -> None:
+    team = driving(SIX, 5.0)
+    team.lose("robot3", 0.5)
+    team.drawers["robot3"].texts["stops"] = text
+    team.begin("robot3")
+    team.run(1.0)
+    reason = team.agents["robot3"].decision.reason
+    assert state_of(team) is State.STOP
+    assert reason.startswith("/somewhere/robot.stops.json cannot be read: ")
+    assert reason.endswith("release it if it may drive")
+    assert team.drawers["robot3"].texts["stops"] == text, "what it was is still to be seen"
+    assert not team.tell("robot3", "run").ok
+    team.tell("robot3", "release")
+    team.run(1.0)
+    assert state_of(team) is State.RUN
+    assert json.loads(team.drawers["robot3"].texts["stops"])["mode"] is None
+
+
+def test_the_stop_of_another_robot_is_not_this_robots_and_is_a_doubt() -> None:
+    team = stopped()
+    team.kill("robot4")
+    team.drawers["robot4"].texts["stops"] = team.drawers["robot3"].texts["stops"]
+    team.begin("robot4")
+    team.run(0.5)
+    assert "it is of robot3" in team.agents["robot4"].decision.reason
+
+
+def test_a_file_that_cannot_be_opened_is_a_stop_as_well() -> None:
+    class Broken(Drawer):
+        def read_stops(self) -> bytes | None:
+            raise PermissionError(13, "Permission denied")
+
+    team = driving(SIX, 5.0)
+    team.lose("robot3", 0.5)
+    team.drawers["robot3"] = Broken()
+    team.begin("robot3")
+    team.run(0.5)
+    assert team.agents["robot3"].decision.state is State.STOP
+    assert "cannot be read: Permission denied" in team.agents["robot3"].decision.reason
+
+
+def test_a_release_that_is_put_again_after_the_restart_ends_no_stop_that_came_after_it() -> None:
+    team = driving(SIX, 5.0)
+    team.tell("robot3", "hold", id="h")
+    team.tell("robot3", "release", id="r")
+    team.run(0.5)
+    team.tell("robot3", "stop", id="s")
+    team.run(0.5)
+    team.lose("robot3", 1.0)
+    team.begin("robot3")
+    for _ in range(3):
+        team.tell("robot3", "release", id="r", age=2.0)  # its operator still waits for another robot
+        team.tell("robot3", "release", id="older", age=3.0)
+        team.run(0.3)
+    assert team.agents["robot3"].decision.state is State.STOP
+
+
+@pytest.mark.parametrize("boot", ["this very boot", "another"])
+def test_a_release_that_was_first_put_before_the_stop_is_overtaken_by_it(boot: str) -> None:
+    team = stopped()
+    team.lose("robot3", 2.0)
+    team.begin("robot3", boot=boot)
+    assert not team.tell("robot3", "release", id="old", age=5.0).ok
+    team.run(0.5)
+    assert not team.tell("robot3", "release", id="old-too", age=5.0).ok
+    assert team.agents["robot3"].decision.state is State.STOP
+    assert team.tell("robot3", "release", id="new", age=0.4).ok is (boot == "this very boot")
+
+
+def test_when_everybody_is_started_anew_who_was_stopped_stays_stopped() -> None:
+    team = driving(SIX, 5.0)
+    for name in SIX.followers:
+        team.tell(name, "stop")
+    team.run(0.5)
+    for name in ("leader", *SIX.followers):
+        team.kill(name)
+    team.run(1.0)
+    team.begin_leader()
+    for name in SIX.followers:
+        team.begin(name)
+    team.run(5.0)
+    assert {agent.decision.state for agent in team.agents.values()} == {State.STOP}
+    assert {team.last_command(name) for name in SIX.followers} == {(0.0, 0.0)}

@@ -1,0 +1,172 @@
+"""What an agent kept of its way is gone on with if it fits; if not, the log says why. On the fake clock."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from agent.failsafe import State
+from agent.memory import remember
+from agent.survival import OLDEST, OLDEST_INTEGRAL
+from formation.mission import Mission
+from formation.mission_file import load
+from formation.ros2.messages import Odometry, Pose, decode, encode
+from formation.topics import ODOM, POSE
+from formation.wire import Sample
+from tests.agent.missions import with_robots
+from tests.agent.restarting import Team, driving, turning_back
+
+SIX = load("six_robots")
+
+
+def lost(seconds: float, mission: Mission = SIX) -> Team:
+    """A team whose robot3 has lost its agent for so long."""
+    team = driving(mission)
+    team.lose("robot3", seconds)
+    return team
+
+
+def news(team: Team, caplog: pytest.LogCaptureFixture) -> str:
+    """What robot3's agent says of the one before it."""
+    caplog.clear()
+    team.begin("robot3")
+    team.run(0.5)
+    return " ".join(caplog.messages)
+
+
+CHANGES: dict[str, tuple[dict[str, Any], str]] = {
+    "mission": ({"mission": "another"}, "it is of mission another, this one of"),
+    "law": ({"law": "paper"}, "it is of law paper, this one of field"),
+    "robot": ({"robot": "robot4"}, "it is of robot robot4, this one of robot3"),
+    "boot": ({"boot": "another"}, "the machine has been switched off meanwhile"),
+    "future": ({"mono": 1e6}, "the machine has been switched off meanwhile"),
+    "shape": ({"here": {}}, "cannot be read: memory"),
+    "table": ({"promise": -1}, "cannot be read: promise"),
+    "promise": ({"promise": 2**62}, "promised itself to an absurd term: begins"),
+    "number": ({"integral": ["nan", 0.0]}, "a number in it is none"),
+}
+
+
+@pytest.mark.parametrize(("change", "words"), CHANGES.values(), ids=CHANGES)
+def test_a_way_of_something_else_is_not_taken_over_and_the_log_says_why(
+    change: dict[str, Any], words: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    team = lost(1.0)
+    team.drawers["robot3"].change("way", **change)
+    said = news(team, caplog)
+    assert said.startswith("begins as one that knows nothing of the agent before it: ")
+    assert words in said
+    assert team.agents["robot3"].decision.state is State.RUN
+
+
+@pytest.mark.parametrize("where", ["arrived", "stamp"])
+def test_a_way_in_which_no_silence_would_be_too_long_is_not_taken_over(
+    where: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    team = lost(1.0)
+    here = json.loads(team.drawers["robot3"].texts["way"])["here"]
+    here["stream"][where] = "nan"
+    team.drawers["robot3"].change("way", here=here)
+    assert "a number in it is none" in news(team, caplog)
+    assert team.agents["robot3"]._here.stream.clock_agrees
+
+
+def test_a_way_that_fits_is_taken_over_and_said(caplog: pytest.LogCaptureFixture) -> None:
+    assert news(lost(1.0), caplog).startswith("goes on from where it was 1.")
+
+
+def test_a_way_that_is_too_old_is_not_taken_over(caplog: pytest.LogCaptureFixture) -> None:
+    team = lost(1.0)
+    team.run(OLDEST)
+    assert f"which is more than {OLDEST:.0f} s" in news(team, caplog)
+
+
+@pytest.mark.parametrize("localisation", ["odometry", "external"])
+def test_a_robot_that_was_carried_meanwhile_begins_anew(
+    localisation: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    team = lost(1.0, with_robots("six_robots", localisation=localisation))
+
+    def carried(sample: Sample) -> Iterator[Sample]:
+        if sample.key == ODOM.key("robot3"):
+            seen = decode(Odometry, sample.payload)
+            sample = sample._replace(payload=encode(replace(seen, position=seen.position + 9.0)))
+        elif sample.key == POSE.key("robot3"):
+            pose = decode(Pose, sample.payload)
+            sample = sample._replace(payload=encode(replace(pose, position=pose.position + 9.0)))
+        yield sample
+
+    team.meddle = carried
+    assert "it moved 9." in news(team, caplog)
+
+
+def test_odometry_of_another_frame_begins_anew(caplog: pytest.LogCaptureFixture) -> None:
+    team = lost(1.0)
+
+    def renamed(sample: Sample) -> Iterator[Sample]:
+        if sample.key == ODOM.key("robot3"):
+            seen = replace(decode(Odometry, sample.payload), frame="elsewhere")
+            sample = sample._replace(payload=encode(seen))
+        yield sample
+
+    team.meddle = renamed
+    assert "odometry counts in elsewhere, and counted in map" in news(team, caplog)
+
+
+@pytest.mark.parametrize("gone", [1.0, OLDEST_INTEGRAL + 1.0])
+def test_the_integral_is_taken_over_only_while_it_means_something(gone: float) -> None:
+    team = lost(gone)
+    kept = json.loads(team.drawers["robot3"].texts["way"])["integral"]
+    team.begin("robot3")
+    while team.agents["robot3"]._here.stream.arrived is None:
+        team.run(0.001)
+    integral = remember(team.agents["robot3"], "integral")["integral"]
+    assert (integral == kept) is (gone < OLDEST_INTEGRAL)
+
+
+def test_where_odometry_was_placed_anew_it_stays_when_the_agent_dies_after_that() -> None:
+    team = Team(turning_back(odometry_frame="start"))
+    team.run(8.0)
+    team.world._hosted["robot3"].plant.reset_odometry()
+    team.run(3.0)
+    assert team.agents["robot3"]._here.jumps == 1
+    team.lose("robot3", 1.0)
+    team.begin("robot3")
+    team.run(6.0)
+    assert team.error() < 0.05
+    assert team.agents["robot3"]._here.alignment.startswith("odometry re-aligned 1 times")
+
+
+@pytest.mark.parametrize(("empty", "least", "most"), [(False, 0.0, 0.25), (True, 1.0, 100.0)])
+def test_a_count_that_begins_anew_while_there_is_no_agent_is_placed_about_where_the_robot_was(
+    empty: bool, least: float, most: float
+) -> None:
+    """To where its way was last kept; without that it is taken to be at its start."""
+    team = Team(turning_back(odometry_frame="start"))
+    team.run(8.0)
+    team.lose("robot3", 1.0)
+    team.world._hosted["robot3"].plant.reset_odometry()
+    team.run(0.5)
+    team.begin("robot3", empty=empty)
+    team.run(6.0)
+    assert least <= team.error() < most
+
+
+def test_a_term_that_was_promised_stays_promised() -> None:
+    team = lost(1.0)
+    team.drawers["robot3"].change("way", promise=7)
+    team.begin("robot3")
+    assert team.agents["robot3"]._orders.voter.promise == 7
+
+
+def test_a_way_that_nobody_has_met_yet_is_not_overwritten_by_an_agent_that_dies_as_well() -> None:
+    team = lost(1.0)
+    kept = team.drawers["robot3"].texts["way"]
+    team.meddle = lambda sample: () if sample.key == ODOM.key("robot3") else (sample,)
+    team.begin("robot3")
+    team.run(2.0)
+    assert team.drawers["robot3"].texts["way"] == kept

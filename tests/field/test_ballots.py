@@ -1,0 +1,108 @@
+"""Who asks robots for their voices is who may lead, by his certificate; nobody else is even heard."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from formation.topics import BALLOT, COURSE, ORDER, POSITION, STATUS
+from tests.field.missions import in_the_field
+from tests.field.sessions import Sessions, prepared
+from tests.processes.child import free_endpoint
+
+pytestmark = pytest.mark.processes
+
+
+@pytest.fixture
+def sessions(tmp_path: Path) -> Iterator[Sessions]:
+    port = free_endpoint().rpartition(":")[2]
+    mission = in_the_field("patrol", lambda i: f"tls/127.0.0.{i + 1}:{port}", team="reds")
+    with ExitStack() as stack:
+        yield Sessions(prepared(mission, tmp_path / "secrets"), stack)
+
+
+def test_a_standby_asks_followers_and_candidates_and_is_answered_by_positions(sessions: Sessions) -> None:
+    robot3, leader, deputy = sessions.open("robot3", "leader", "deputy")
+    sessions.listen("robot3", robot3, BALLOT.key("deputy"), BALLOT.key("leader"))
+    sessions.listen("leader", leader, BALLOT.key("deputy"), COURSE.key("deputy"))
+    sessions.listen("deputy", deputy, POSITION.key("robot3"), COURSE.key("leader"))
+    for key, process in (
+        (BALLOT.key("deputy"), "robot3"),
+        (BALLOT.key("deputy"), "leader"),
+        (COURSE.key("deputy"), "leader"),
+    ):
+        sessions.reaches(deputy, key, process)
+    sessions.reaches(robot3, POSITION.key("robot3"), "deputy")
+    sessions.reaches(leader, COURSE.key("leader"), "deputy")
+
+
+def test_whoever_leads_says_where_the_leader_is_to_those_that_measure_it_and_may(sessions: Sessions) -> None:
+    """robot2 measures it only when robot1 cannot be followed; robot3 never."""
+    key = POSITION.key("leader")
+    robot1, robot2, robot3, reserve = sessions.open("robot1", "robot2", "robot3", "reserve")
+    sessions.listen("robot1", robot1, key)
+    sessions.listen("robot2", robot2, key)
+    sessions.listen("robot3", robot3, key, BALLOT.key("reserve"))
+    sessions.reaches(reserve, key, "robot1")
+    sessions.reaches(reserve, key, "robot2")
+    sessions.reaches(reserve, BALLOT.key("reserve"), "robot3")
+    assert sessions.heard["robot3"][key] == 0
+
+
+@pytest.mark.parametrize(
+    ("who", "own"),
+    [
+        ("robot1", POSITION.key("robot1")),
+        ("reserve", BALLOT.key("reserve")),
+        ("operator", ""),
+        ("monitor", ""),
+    ],
+)
+def test_nobodys_certificate_is_good_for_the_ballots_of_another(
+    sessions: Sessions, who: str, own: str
+) -> None:
+    ballots = [BALLOT.key(name) for name in ("leader", "deputy", "reserve")]
+    robot2, deputy = sessions.open("robot2", "deputy")
+    sessions.listen("robot2", robot2, *ballots, POSITION.key("leader"), POSITION.key("robot1"))
+    with sessions.attacking(who, "robot2") as session:
+        for _ in range(20):
+            for key in (BALLOT.key("leader"), BALLOT.key("deputy"), "*/ballot", "**"):
+                session.put(key, b"forged")
+        if who != "reserve":  # which may say where the leader is, as it may lead
+            session.put(POSITION.key("leader"), b"forged")
+        if own:
+            sessions.reaches(session, own, "robot2")  # sent later and on the same link
+    sessions.reaches(deputy, BALLOT.key("deputy"), "robot2")
+    assert set(sessions.heard["robot2"]) == {BALLOT.key("deputy"), *([own] if own else [])}
+    assert b"forged" not in sessions.said["robot2"]
+
+
+@pytest.mark.parametrize("who", ["robot1", "operator"])
+def test_no_follower_and_no_operator_casts_ballots_or_sets_a_course(sessions: Sessions, who: str) -> None:
+    """Not even in its own name: there is nobody who would listen."""
+    deputy, leader = sessions.open("deputy", "leader")
+    said = [BALLOT.key(who), COURSE.key(who), BALLOT.key("leader"), COURSE.key("leader")]
+    sessions.listen("deputy", deputy, *said, POSITION.key("robot1"))
+    with sessions.attacking(who, "deputy") as session:
+        for _ in range(20):
+            for key in said:
+                session.put(key, b"forged")
+        if who == "robot1":
+            sessions.reaches(session, POSITION.key(who), "deputy")  # sent later and on the same link
+    sessions.reaches(leader, COURSE.key("leader"), "deputy")
+    assert set(sessions.heard["deputy"]) <= {COURSE.key("leader"), POSITION.key("robot1")}
+    assert b"forged" not in sessions.said["deputy"]
+
+
+def test_the_operator_asks_a_standby_and_hears_how_it_is(sessions: Sessions) -> None:
+    deputy, operator = sessions.open("deputy", "operator")
+    sessions.listen("operator", operator, STATUS.key("deputy"))
+    sessions.answer(deputy, ORDER.key("deputy"))
+    sessions.reaches(deputy, STATUS.key("deputy"), "operator")
+    replies = operator.get(ORDER.key("deputy"), payload=b"hold", timeout=5.0)
+    assert [reply.ok is not None for reply in replies] == [True]
+    with sessions.attacking("robot1", "deputy") as session:
+        assert list(session.get(ORDER.key("deputy"), payload=b"hold", timeout=0.5)) == []

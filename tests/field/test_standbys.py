@@ -1,0 +1,143 @@
+"""A standby in the field: one more computer with a name, a key and a unit of its own."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cryptography import x509
+
+from deploy.field import authority, bundle, certificates, fleet, wheels
+from deploy.field.folders import DESK, VERSION
+from deploy.field.hosts import hosts
+from deploy.field.wheels import Target
+from deploy.refusal import Refusal
+from formation.mission_file import parse
+from tests.field.deployed import TEXT
+
+PI = Target("aarch64", "3.12")
+NOW = datetime.now(UTC)
+WITH = TEXT + '\n[standbys.deputy]\nendpoint = "tls/10.77.0.4:7460"\n'
+
+
+@pytest.fixture
+def secrets(tmp_path: Path) -> Path:
+    folder = tmp_path / "secrets"
+    certificates.create(parse(WITH), folder, days=1.0, authority_days=1.0, now=NOW)
+    return folder
+
+
+@pytest.fixture
+def bundles(secrets: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Bundles of a team with a standby, with two files instead of wheels."""
+
+    def collect(target: Target, folder: Path, before: object = (), *, fetch: bool = True) -> None:
+        del before
+        (folder / "formation-0.1.0-py3-none-any.whl").write_text(f"{target}{fetch}")
+        (folder / wheels.REQUIREMENTS).write_text("formation==0.1.0\n")
+
+    monkeypatch.setattr(wheels, "collect", collect)
+    bundle.make(parse(WITH), WITH, tmp_path / "out", secrets, PI, now=NOW)
+    return tmp_path / "out"
+
+
+def name_in(pem: Path) -> str:
+    return x509.load_pem_x509_certificate(pem.read_bytes()).subject.rfc4514_string()
+
+
+def settings(file: Path) -> dict[str, Any]:
+    """A configuration without its comment."""
+    lines = [line for line in file.read_text().splitlines() if not line.startswith("//")]
+    found: dict[str, Any] = json.loads("\n".join(lines))
+    return found
+
+
+def asked(*words: str | Path) -> fleet.Fleet:
+    """Whom a push with these words is for."""
+    options = argparse.ArgumentParser()
+    fleet.add_flags(options)
+    return fleet.read(options.parse_args([str(word) for word in words]))
+
+
+def test_a_standby_has_a_certificate_for_where_it_listens(secrets: Path) -> None:
+    assert name_in(secrets / "deputy" / "certificate.pem") == "CN=deputy"
+    pair = certificates.read(secrets, "deputy", NOW)
+    assert authority.addresses(pair.certificate) == ("10.77.0.4",)
+    assert certificates.left_over(secrets, parse(WITH)) == {}
+    assert set(certificates.left_over(secrets, parse(TEXT))) == {"deputy"}
+
+
+def test_a_standby_has_a_bundle_like_the_leaders_with_a_unit_and_a_key_of_its_own(bundles: Path) -> None:
+    units = {path.name for path in (bundles / "deputy" / "units").iterdir()}
+    assert units == {"formation-standby.service"}
+    assert {path.name for path in (bundles / "deputy" / "samples").iterdir()} == {"firewall.nft"}
+    said = json.loads((bundles / "deputy" / VERSION).read_text())
+    assert (said["robot"], said["role"], said["bringup"]) == ("deputy", "standby", "")
+    assert name_in(bundles / "deputy" / "certificates" / "certificate.pem") == "CN=deputy"
+    own = (bundles / "deputy" / "certificates" / "key.pem").read_text()
+    for name in ("leader", "robot1", "robot2"):
+        held = [path.read_text() for path in (bundles / name).rglob("*") if path.is_file()]
+        assert not any(own in text for text in held)
+
+
+def test_a_standby_dials_everybody_and_is_dialled_by_the_visitors_only(bundles: Path) -> None:
+    ends = [f"tls/10.77.0.{number}:7460" for number in (1, 2, 3, 4)]
+    for name, dialled in {
+        "leader": [], "robot1": ends[:1], "robot2": ends[:2], "deputy": ends[:3],
+    }.items():  # fmt: skip
+        assert settings(bundles / name / "zenoh.json5")["connect"]["endpoints"] == dialled
+    for visitor in ("monitor", "operator"):
+        assert settings(bundles / DESK / f"{visitor}.json5")["connect"]["endpoints"] == ends
+
+
+def test_a_standby_may_stand_by_on_the_desk(bundles: Path) -> None:
+    desk = bundles / DESK
+    assert name_in(desk / "deputy" / "certificate.pem") == "CN=deputy"
+    file = settings(desk / "deputy.json5")
+    assert file["listen"]["endpoints"] == ["tls/10.77.0.4:7460"]
+    assert file["transport"]["link"]["tls"]["listen_private_key"] == str(desk / "deputy" / "key.pem")
+
+
+def test_a_push_finds_the_standby_where_the_mission_says(bundles: Path) -> None:
+    assert set(fleet.find(bundles)) == {"deputy", "leader", "robot1", "robot2"}
+    assert asked(bundles).robots["deputy"].address == "10.77.0.4"
+
+
+def test_a_standby_on_this_machine_is_left_out_of_a_push_unless_it_is_named(
+    bundles: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    here = (bundles / "deputy" / "mission.toml").read_text().replace("tls/10.77.0.4", "tls/127.0.0.1")
+    (bundles / "deputy" / "mission.toml").write_text(here)
+    assert set(asked(bundles).robots) == {"leader", "robot1", "robot2"}
+    assert "deputy: leads from this machine, left out" in capsys.readouterr().err
+    assert set(asked(bundles, "--only", "deputy").robots) == {"deputy"}
+
+
+def test_a_standby_without_an_endpoint_is_none_for_the_field() -> None:
+    with pytest.raises(
+        Refusal, match=r"deputy without endpoint; .* and each standby.*in \[standbys.deputy\]"
+    ):
+        hosts(parse(TEXT + "\n[standbys.deputy]\n"))
+    with pytest.raises(Refusal, match="of deputy: must begin with 'tls/'"):
+        hosts(parse(WITH.replace("tls/10.77.0.4", "tcp/10.77.0.4")))
+
+
+@pytest.mark.parametrize(("name", "whose"), [("desk", "the desk's folder"), ("chief", "")])
+def test_on_the_desk_no_two_have_the_same_folder(name: str, whose: str) -> None:
+    mission = parse(WITH.replace("standbys.deputy", f"standbys.{name}"))
+    if not whose:
+        bundle.refuse_unfit(mission)
+        return
+    with pytest.raises(Refusal, match=f"no robot or standby can be called {name!r}, for that is {whose}"):
+        bundle.refuse_unfit(mission)
+
+
+def test_what_the_leader_is_called_on_the_desk_no_standby_is() -> None:
+    text = WITH.replace('"leader"', '"chief"').replace("robots.leader", "robots.chief")
+    bundle.refuse_unfit(parse(text))
+    with pytest.raises(Refusal, match="no standby can be called 'leader', for on the desk that is chief's"):
+        bundle.refuse_unfit(parse(text.replace("standbys.deputy", "standbys.leader")))

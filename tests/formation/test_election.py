@@ -1,0 +1,284 @@
+"""Who leads: never two at once, whatever happens; and somebody, once it no longer does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from formation.election import new_term
+from formation.order import Order, Told
+from formation.wire import Now
+from leader.candidacy import Candidacy
+from tests.formation.elections import EPOCH, World, mission
+
+TERM = new_term(0, Now(0.0, EPOCH), 0)
+WHAT = st.sampled_from(
+    [
+        "nothing",
+        "cut",
+        "split",
+        "deafen",
+        "heal",
+        "freeze",
+        "thaw",
+        "restart",
+        "stand",
+        "stand",
+        "kill",
+        "clock",
+        "network",
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Happening:
+    """To some of the processes, or between them and the rest."""
+
+    what: str
+    whom: frozenset[int]
+    number: int
+    seconds: float
+
+    def to(self, world: World) -> None:
+        names = list(world.processes)
+        some = [name for index, name in enumerate(names) if index in self.whom]
+        rest = [name for name in names if name not in some]
+        across = {(one, other) for one in some for other in rest}
+        if self.what == "cut":
+            world.cut |= {(one, names[self.number % len(names)]) for one in some}
+        elif self.what == "split":
+            world.cut |= across | {(other, one) for one, other in across}
+        elif self.what == "deafen":
+            world.cut |= across
+        elif self.what == "heal":
+            world.cut.clear()
+        elif self.what == "network":
+            world.loss, world.twice = (self.number % 4) * 0.2, (self.number % 3) * 0.3
+            world.slowest = (0.01, 0.1, 0.4, 1.5)[self.number // 4]
+        for name in some:
+            self._to(world, name)
+
+    def _to(self, world: World, name: str) -> None:
+        process = world.processes[name]
+        if self.what == "freeze":
+            world.freeze(name)
+        elif self.what == "thaw":
+            world.thaw(name)
+        elif self.what == "restart":
+            world.restart(name)
+        elif self.what == "stand" and name in world.mission.candidates:
+            world.stand(name)
+        elif self.what == "kill":
+            process.alive = False
+        elif self.what == "clock":
+            process.wall += 3600.0 * (self.number % 3 - 1)
+
+
+HAPPENINGS = st.lists(
+    st.builds(
+        Happening,
+        WHAT,
+        st.frozensets(st.integers(0, 8), min_size=1, max_size=5),
+        st.integers(0, 15),
+        st.floats(0.0, 0.8),
+    ),
+    min_size=5,
+    max_size=30,
+)
+
+
+@settings(max_examples=150)
+@given(followers=st.integers(1, 5), standbys=st.integers(1, 3), seed=st.integers(0, 2**32), them=HAPPENINGS)
+def test_no_two_lead_at_once_whatever_happens_to_messages_clocks_and_processes(
+    followers: int, standbys: int, seed: int, them: list[Happening]
+) -> None:
+    world = World(mission(followers, standbys), seed)
+    world.run(1.2)
+    for one in them:
+        one.to(world)
+        world.run(one.seconds)
+    world.heal()
+    for name, process in world.processes.items():
+        if not process.alive:
+            world.restart(name)
+    world.run(5.0)
+    agreed = world.reigns[-1]
+    world.run(2.0)
+    assert world.leaders() == [agreed[0]]
+    assert world.reigns[-1] == agreed
+    assert {world.orders(name).voter.promise for name in world.mission.followers} == {agreed[1]}
+    newest = [world.orders(name).newest for name in world.mission.followers]
+    assert {order.term for order in newest if order is not None} == {agreed[1]}
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 2**32), followers=st.integers(1, 5), restarted=st.booleans())
+def test_a_standby_that_does_not_wait_leads_no_earlier_than_the_lease_has_ended(
+    seed: int, followers: int, restarted: bool
+) -> None:
+    world = World(mission(followers), seed)
+    world.run(2.0)
+    assert world.leaders() == ["led"]
+    world.cut |= {("led", name) for name in (*world.mission.followers, "s0", "s1")}
+    for name in world.mission.followers if restarted else ():
+        world.restart(name)
+    for _ in range(200):
+        world.stand("s0")
+        world.run(0.01)
+    assert [name for name, _ in world.reigns] == ["led", "s0"]
+
+
+@pytest.fixture
+def world() -> World:
+    """The leader's own process leads."""
+    world = World(mission())
+    world.run(2.0)
+    assert [name for name, _ in world.reigns] == ["led"]
+    return world
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 2**32), followers=st.integers(1, 7), takeover=st.sampled_from([0.4, 1.0, 3.0]))
+def test_the_first_standby_leads_within_a_takeover_of_the_leaders_death(
+    seed: int, followers: int, takeover: float
+) -> None:
+    world = World(mission(followers, 3, takeover), seed)
+    world.run(2.0 * takeover + 1.0)
+    assert world.leaders() == ["led"]
+    world.processes["led"].alive = False
+    world.run(takeover + 0.1)
+    assert world.leaders() == ["s0"]
+    world.run(2.0 * takeover)
+    assert [name for name, _ in world.reigns] == ["led", "s0"]
+
+
+def test_if_the_first_standby_is_dead_too_the_second_leads(world: World) -> None:
+    world.processes["led"].alive = world.processes["s0"].alive = False
+    world.run(1.1)
+    assert world.leaders() == ["s1"]
+
+
+def test_a_leader_that_leaves_is_followed_by_the_first_standby_at_once(world: World) -> None:
+    left = world.candidacy("led").leave(world.processes["led"].now(world.true))
+    assert left is not None
+    assert left.standing == "leaving"
+    world._say("led", ("s0", "s1", *world.mission.followers), left)
+    world.processes["led"].alive = False
+    world.run(0.4)
+    assert world.leaders() == ["s0"]
+
+
+@pytest.mark.parametrize("clock", [0.0, -3600.0, 3600.0])
+def test_a_leader_that_comes_back_stands_by_and_leads_again_if_its_successor_dies(
+    world: World, clock: float
+) -> None:
+    world.processes["led"].alive = False
+    world.run(1.5)
+    world.processes["led"].wall += clock
+    world.restart("led")
+    world.run(3.0)
+    assert world.leaders() == ["s0"]
+    assert world.candidacy("led").standing == "standby"
+    world.processes["s0"].alive = False
+    world.run(1.2)
+    assert world.leaders() == ["led"]
+
+
+def test_a_leader_that_starts_anew_with_its_clock_an_hour_back_leads_again_if_nobody_else_may() -> None:
+    world = World(mission())
+    world.run(2.0)
+    for name in ("s0", "s1"):
+        world.processes[name].alive = False
+    world.processes["led"].wall -= 3600.0
+    world.restart("led")
+    world.run(2.5)
+    assert world.leaders() == ["led"]
+    assert len({term for _, term in world.reigns}) == 2
+
+
+def test_a_frozen_leader_says_nothing_more_when_it_is_thawed(world: World) -> None:
+    world.freeze("led")
+    world.run(3.0)
+    assert world.leaders() == ["s0"]
+    world.thaw("led")
+    said = world.processes["led"].beat
+    world.run(1.0)
+    assert world.processes["led"].beat == said
+    assert world.leaders() == ["s0"]
+
+
+def test_a_leader_that_is_cut_off_with_a_minority_leads_no_more_before_another_does(world: World) -> None:
+    one, *others = world.mission.followers
+    for name in ("led", one):
+        for other in {"s0", "s1", *others}:
+            world.cut |= {(name, other), (other, name)}
+    world.run(0.62)
+    assert world.leaders() == []
+    world.run(0.5)
+    assert world.leaders() == ["s0"]
+    world.heal()
+    world.run(2.0)
+    assert world.leaders() == ["s0"]
+    assert world.orders(one).voter.promise == world.candidacy("s0").term
+
+
+def test_who_hears_only_a_minority_never_stands(world: World) -> None:
+    for name in world.mission.followers[1:]:
+        world.cut.add((name, "s0"))
+    world.cut.add(("led", "s0"))
+    world.processes["led"].alive = False
+    world.run(5.0)
+    assert world.candidacy("s0").term == 0
+    assert world.leaders() == ["s1"]
+
+
+@pytest.mark.parametrize("takeover", [0.4, 1.0, 3.0])
+def test_a_candidate_that_hears_everybody_and_that_no_robot_hears_keeps_nobody_from_leading(
+    takeover: float,
+) -> None:
+    world = World(mission(takeover=takeover))
+    world.run(2.0 * takeover + 1.0)
+    assert world.leaders() == ["led"]
+    world.cut = {("led", name) for name in world.mission.followers}
+    world.run(4.0 * takeover)
+    assert world.leaders() == ["s0"]
+
+
+def test_a_robot_that_promised_itself_to_a_term_without_a_leader_is_won_back(world: World) -> None:
+    term = new_term(2, world.processes["s1"].now(world.true), 0)
+    world.orders("f2").voter.follows(term, world.processes["f2"].now(world.true).mono)
+    world.run(2.0)
+    assert [name for name, _ in world.reigns] == ["led", "led"]
+    assert world.reigns[-1][1] > term
+    newest = world.orders("f2").newest
+    assert newest is not None
+    assert newest.term == world.reigns[-1][1]
+
+
+def test_without_standbys_two_leaders_started_by_mistake_do_not_both_go_on() -> None:
+    alone = mission(standbys=0)
+    first, second = Candidacy(alone, "led"), Candidacy(alone, "led")
+    assert first.step(Now(0.0, EPOCH)) is None
+    first.hear("f0", Told(voice="", count=1), 0.1, Now(0.1, EPOCH + 0.1))
+    first.step(Now(0.1, EPOCH + 0.1))
+    assert first.leading
+    for mono in (5.0, 5.9, 6.0):
+        second.step(Now(mono, EPOCH + mono))
+    assert second.leading
+
+    def relayed(beat: int) -> Told:
+        return Told(voice="", count=beat, order=Order(term=second.term, beat=beat, mode="run", shape="row"))
+
+    for beat in range(1, 50):
+        mono = 6.0 + beat * 0.05
+        first.hear("f0", relayed(beat), mono, Now(mono, EPOCH + mono))
+        first.step(Now(mono, EPOCH + mono))
+        assert first.standing == "standby"
+    before = first.term
+    first.step(Now(mono + 1.1, EPOCH + mono))
+    assert first.leading
+    assert first.term > second.term > before

@@ -1,0 +1,106 @@
+"""What came of an order: what counts as obeyed, who is missing, and how it is told."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from formation.order import OperatorReply, OperatorRequest
+from formation.outcome import Answer, Asked, Outcome, called
+
+STOP = OperatorRequest(do="stop", id="1a")
+RUN = OperatorRequest(do="run")
+EVERYBODY = Asked(("leader", "spare"), ("robot1", "robot2"))
+
+
+def answer(robot: str, **said: Any) -> Answer:
+    return Answer(OperatorReply.model_validate({"robot": robot, "ok": True, "mode": "stop", **said}), 2.0)
+
+
+def outcome(request: OperatorRequest, asked: Asked, *answers: Answer) -> Outcome:
+    return Outcome(request, asked, {one.reply.robot: one for one in answers}, 1e9, 3.0)
+
+
+ROBOTS = (answer("robot1"), answer("robot2"))
+LEADS, LED = answer("leader", leads=True), answer("spare", leads=True)
+SPARE = answer("spare", leads=False)
+
+
+def test_all_have_obeyed_when_each_robot_has_and_the_one_that_leads() -> None:
+    assert outcome(STOP, EVERYBODY, *ROBOTS, LEADS).obeyed
+    assert outcome(STOP, EVERYBODY, *ROBOTS, LEADS, SPARE).obeyed
+    assert not outcome(STOP, EVERYBODY, ROBOTS[0], LEADS).obeyed
+
+
+def test_a_dead_leader_is_not_missed_when_another_leads() -> None:
+    one = outcome(STOP, EVERYBODY, *ROBOTS, LED)
+    assert (one.obeyed, one.leader, one.missing) == (True, "spare", [])
+    assert "leader      no answer; spare leads" in one.words()
+
+
+def test_a_leader_that_does_not_know_of_standbys_leads() -> None:
+    assert outcome(RUN, Asked(("leader",)), answer("leader")).leader == "leader"
+
+
+@pytest.mark.parametrize("others", [(), (SPARE,)])
+def test_where_nobody_leads_the_leader_is_missing_and_a_stop_says_that_robots_stand(
+    others: tuple[Answer, ...],
+) -> None:
+    one = outcome(STOP, EVERYBODY, *ROBOTS, *others)
+    assert (one.obeyed, one.leader, one.missing) == (False, None, ["leader"])
+    assert one.summary().startswith("stop: 2 of 3 obey, slowest 2 ms; no answer from leader")
+    assert one.summary().endswith("who has answered stands, with a leader or without")
+
+
+def test_a_refusal_is_shown_with_its_reason() -> None:
+    said = answer("leader", ok=False, reason="release it first", leads=True)
+    one = outcome(RUN, Asked(("leader",)), said)
+    assert (one.obeyed, one.missing, one.refused) == (False, [], ["leader"])
+    assert "REFUSED" in one.words()
+    assert "release it first" in one.words()
+    assert "run: 0 of 1 obey" in one.words()
+
+
+def test_who_stands_by_neither_obeys_nor_refuses() -> None:
+    one = outcome(RUN, Asked(("leader", "spare")), LEADS, answer("spare", ok=False, leads=False))
+    assert (one.obeyed, one.refused, one.standing_by) == (True, [], ["spare"])
+    assert one.summary() == "run: 1 of 1 obey, slowest 2 ms"
+    assert "spare       stands by" in one.words()
+
+
+def test_who_is_released_is_called_that_and_a_leader_that_goes_on_says_so() -> None:
+    request = OperatorRequest(do="release")
+    one = outcome(request, Asked(("leader",), ("robot1",)), answer("leader", mode="run"), ROBOTS[0])
+    leader, robot, last = one.words().splitlines()
+    assert (leader.split()[:2], robot.split()[:2]) == (["leader", "run"], ["robot1", "released"])
+    assert last == "release: 2 of 2 obey, slowest 2 ms"
+
+
+def test_a_program_is_told_who_acknowledged_in_how_many_ms_who_refused_and_who_is_missing() -> None:
+    refuses = answer("robot1", ok=False, reason="no")
+    assert outcome(STOP, EVERYBODY, LEADS, SPARE, refuses).report() == {
+        "do": "stop",
+        "id": "1a",
+        "at": 1e9,
+        "leader": "leader",
+        "acknowledged": [{"robot": "leader", "ms": 2.0, "mode": "stop", "reason": ""}],
+        "refused": [{"robot": "robot1", "ms": 2.0, "mode": "stop", "reason": "no"}],
+        "missing": ["robot2"],
+        "standing_by": ["spare"],
+    }
+
+
+@pytest.mark.parametrize(
+    ("what", "said"),
+    [
+        ({"do": "shape", "shape": "wedge"}, "shape wedge"),
+        ({"do": "rotate", "degrees": -30.0}, "rotate -30"),
+        ({"do": "scale", "factor": 1.5}, "scale 1.5"),
+        ({"do": "speed", "speed": 0.1, "degrees": 90.0}, "speed 0.1 90"),
+        ({"do": "route", "legs": ({"speed": 0.1, "heading_deg": 0.0},)}, "route of one leg"),
+        ({"do": "hold"}, "hold"),
+    ],
+)
+def test_an_order_is_called_as_it_was_typed(what: dict[str, Any], said: str) -> None:
+    assert called(OperatorRequest.model_validate(what)) == said

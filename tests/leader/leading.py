@@ -1,0 +1,101 @@
+"""Leaders as tests drive them: bytes in, bytes out, on a clock of the test's own."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from formation import order
+from formation.election import LISTENING
+from formation.mission import Mission
+from formation.order import OperatorReply, Order, Told
+from formation.ros2.messages import Diagnostics, Pose, decode, encode
+from formation.topics import POSITION, STATUS
+from formation.wire import Now, Outgoing, Sample
+from leader.core import Leader
+
+EPOCH = 1.7e9
+CURVED = """
+name = "curved"
+leader = "ann"
+[shapes.line]
+bob = [-1.0, 0.0]
+[shapes.near]
+bob = [-0.5, 0.0]
+[robots.ann]
+start = { x = 2.0, y = -1.0, heading_deg = 10 }
+rate = 25
+[robots.bob]
+neighbours = ["ann"]
+start = { x = 0.0, y = 0.0 }
+[[route]]
+speed = 0.3
+heading_deg = 20
+duration = 3.0
+[[route]]
+radius = 1.5
+speed = 0.2
+duration = 6.0
+[[route]]
+waypoints = [[4.0, 4.0], [4.5, 4.0]]
+speed = 0.5
+"""
+
+
+class Said(NamedTuple):
+    mono: float
+    pose: Pose
+    order: Order
+    voice: str = ""
+
+
+def at(mono: float) -> Now:
+    return Now(mono, EPOCH + mono)
+
+
+def listened(mission: Mission, start: float = 0.0, **how: Any) -> Leader:
+    """A leader that has listened to nobody, and will lead with its step at `start`."""
+    leader = Leader(mission, **how)
+    leader.step(at(start - LISTENING), [])
+    return leader
+
+
+def leading(mission: Mission, start: float = 0.0, **how: Any) -> Leader:
+    """One that leads already, and has said so once."""
+    leader = listened(mission, start, **how)
+    leader.step(at(start), [])
+    return leader
+
+
+def positions(mono: float, outbox: list[Outgoing]) -> list[Said]:
+    return [
+        Said(mono, decode(Pose, out.payload), told.order, told.voice)
+        for out in outbox
+        if out.key.endswith("/position") and (told := order.decode(Told, out.attachment or b"")).order
+    ]
+
+
+def drive(leader: Leader, start: float, seconds: float, step: float = 0.04) -> list[Said]:
+    said = []
+    for i in range(round(seconds / step)):
+        mono = start + i * step
+        said += positions(mono, leader.step(at(mono), []))
+    return said
+
+
+def ask(leader: Leader, request: bytes) -> OperatorReply:
+    return order.decode(OperatorReply, leader.request(request))
+
+
+def status(name: str, outbox: list[Outgoing]) -> dict[str, str]:
+    (out,) = (out for out in outbox if out.key == STATUS.key(name))
+    return dict(decode(Diagnostics, out.payload).statuses[0].values)
+
+
+def relayed(robot: str, what: Order | None, count: int = 1, where: complex = 0j, **told: Any) -> Outgoing:
+    """A follower's position, with the order that it relays."""
+    said = Told(voice="of-" + robot, count=count, order=what, **told)
+    return Outgoing(POSITION.key(robot), encode(Pose(EPOCH, where, 1.0 + 0j)), order.encode(said))
+
+
+def arriving(out: Outgoing, mono: float) -> Sample:
+    return Sample(out.key, out.payload, out.attachment, mono)

@@ -1,0 +1,284 @@
+"""Real candidates and real agents in a world where everything may happen, and what must hold in it always.
+
+Robots stand where they are: what is judged is who leads, what is ordered, and who obeys.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import json
+import random
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from agent.core import Agent
+from agent.failsafe import State
+from agent.survival import Survival
+from formation import order
+from formation.mission import Mission
+from formation.mission_file import parse
+from formation.order import OperatorReply, OperatorRequest, Order, Told
+from formation.ros2.messages import Odometry, encode
+from formation.topics import ODOM, POSITION
+from formation.wire import Now, Outgoing, Sample
+from leader.core import Leader
+
+EPOCH = 1.7e9
+TICK = 0.1
+"""[s]"""
+PERIOD = 0.2
+"""Of odometry, and of the leader's positions [s]."""
+MISSION: Mission = parse(
+    """
+name = "chain"
+leader = "led"
+takeover = 2.0
+[standbys.first]
+[standbys.second]
+[robot]
+rate = 5
+[shapes.row]
+a = [-1.0, 0.0]
+b = [-2.0, 0.0]
+c = [-3.0, 0.0]
+[shapes.far]
+a = [-2.0, 0.0]
+b = [-4.0, 0.0]
+c = [-6.0, 0.0]
+[robots.led]
+start = { x = 0.0, y = 0.0 }
+[robots.a]
+neighbours = ["led"]
+start = { x = -1.1, y = 0.0 }
+[robots.b]
+neighbours = ["a"]
+start = { x = -2.1, y = 0.0 }
+[robots.c]
+neighbours = ["b", "a"]
+start = { x = -3.1, y = 0.0 }
+[[route]]
+speed = 0.01
+heading_deg = 0
+"""
+)
+LEADS = POSITION.key(MISSION.leader)
+
+
+@dataclass
+class Process:
+    """A candidate or an agent, its clocks, and what happens to it."""
+
+    core: Leader | Agent
+    phase: float
+    """So much after each tick it has its turn [s]."""
+    offset: float
+    """Of its monotonic clock [s]."""
+    wrong: float = 0.0
+    """Of its system clock [s]."""
+    alive: bool = True
+    frozen: bool = False
+    inbox: list[Sample] = field(default_factory=list)
+    odometry_due: float = 0.0
+    stopped: bool = False
+    """Whether it has acknowledged a stop that it has not been released of."""
+    asked: set[str] = field(default_factory=set)
+    """Ids of requests that it has answered."""
+
+    def now(self, true: float) -> Now:
+        return Now(self.offset + true, EPOCH + self.wrong + true)
+
+
+class Team:
+    """Every process, and the network between them."""
+
+    def __init__(self, seed: int) -> None:
+        self.random, self.true = random.Random(seed), 0.0
+        self.loss = self.twice = 0.0
+        self.slowest = 0.01
+        """Longest delay of a message [s]."""
+        self.cuts: set[tuple[str, str]] = set()
+        """Who is not heard by whom."""
+        self.said: dict[tuple[int, int], Order] = {}
+        """All orders that were ever said, by term and beat."""
+        self.reigns: list[tuple[str, int]] = []
+        self._flight: list[tuple[float, int, str, Sample]] = []
+        self._serial = itertools.count()
+        names = (*MISSION.candidates, *MISSION.followers)
+        self.processes = {
+            name: Process(
+                self._core(name), self.random.uniform(0.0, 0.9 * TICK), self.random.uniform(0.0, 1e5)
+            )
+            for name in names
+        }
+        self.agents = MISSION.followers
+
+    def leader(self, name: str) -> Leader:
+        core = self.processes[name].core
+        assert isinstance(core, Leader)
+        return core
+
+    def agent(self, name: str) -> Agent:
+        core = self.processes[name].core
+        assert isinstance(core, Agent)
+        return core
+
+    def restart(self, name: str) -> None:
+        """A new process; of an agent the stop is kept on its disk, of a candidate nothing."""
+        process = self.processes[name]
+        kept = None
+        if isinstance(process.core, Agent):
+            kept = json.dumps(Survival(process.core, "boot").stops).encode()
+        process.core = self._core(name)
+        process.alive, process.frozen, process.inbox = True, False, []
+        if kept is not None:
+            Survival(self.agent(name), "boot").take_stops(kept, process.now(self.true), "stops")
+        else:
+            process.stopped, process.asked = False, set()
+
+    def thaw(self, name: str) -> None:
+        """What came meanwhile is read, and counts as arrived, only now."""
+        process = self.processes[name]
+        if process.frozen:
+            late = process.now(self.true).mono
+            process.inbox = [sample._replace(arrived=late) for sample in process.inbox]
+        process.frozen = False
+
+    def stand(self, name: str) -> None:
+        """A standby stands though it has not waited."""
+        process, candidacy = self.processes[name], self.leader(name)._candidacy
+        if process.alive and not process.frozen and candidacy.standing == "standby":
+            now = process.now(self.true)
+            candidacy._heard = dict.fromkeys(MISSION.followers, now.mono)
+            candidacy._stand(now)
+
+    def ask(self, name: str, request: OperatorRequest) -> None:
+        """An operator asks one process; what it then owes is kept in mind."""
+        process = self.processes[name]
+        if not process.alive or process.frozen:
+            return
+        reply = order.decode(OperatorReply, process.core.request(order.encode(request)))
+        if reply.ok and request.id not in process.asked and request.do in {"stop", "release"}:
+            process.stopped = request.do == "stop"
+        process.asked.add(request.id)
+
+    def run(self, seconds: float) -> None:
+        """Raises AssertionError as soon as anything does not hold."""
+        for _ in range(round(seconds / TICK)):
+            start = self.true
+            for name, process in sorted(self.processes.items(), key=lambda item: item[1].phase):
+                self.true = start + process.phase
+                self._arrive()
+                if process.alive and not process.frozen:
+                    self._turn(name, process)
+                    self._check(name, process)
+            self.true = start + TICK
+
+    def heal(self) -> None:
+        """Everything works again, and whoever was dead is started."""
+        self.loss = self.twice = 0.0
+        self.slowest = 0.01
+        self.cuts.clear()
+        for name, process in self.processes.items():
+            self.thaw(name)
+            process.wrong = 0.0
+            if not process.alive:
+                self.restart(name)
+
+    @property
+    def leaders(self) -> list[str]:
+        """Who is in lease at this moment, by its own clock."""
+        return [name for name in MISSION.candidates if self._in_lease(name)]
+
+    @property
+    def agreed(self) -> bool:
+        """Whether one leads, and everybody obeys it."""
+        if len(self.leaders) != 1:
+            return False
+        led = self.leader(self.leaders[0])
+        orders = [self.agent(name)._orders for name in self.agents]
+        return all(
+            one.voter.promise == led.term
+            and one.newest is not None
+            and one.newest.term == led.term
+            and one.newest.mode == led.mode
+            and one.newest.shape == led.shape
+            for one in orders
+        )
+
+    def _core(self, name: str) -> Leader | Agent:
+        voice = f"voice{next(self._serial)}" if hasattr(self, "_serial") else "voice"
+        if name in MISSION.candidates:
+            return Leader(MISSION, name, voice=voice)
+        return Agent(MISSION, name, voice=voice)
+
+    def _in_lease(self, name: str) -> bool:
+        process, candidacy = self.processes[name], self.leader(name)._candidacy
+        return process.alive and candidacy.leading and process.now(self.true).mono < candidacy._lease
+
+    def _arrive(self) -> None:
+        while self._flight and self._flight[0][0] <= self.true:
+            when, _, receiver, sample = heapq.heappop(self._flight)
+            process = self.processes[receiver]
+            if process.alive:
+                process.inbox.append(sample._replace(arrived=process.now(when).mono))
+
+    def _turn(self, name: str, process: Process) -> None:
+        now = process.now(self.true)
+        inbox, process.inbox = process.inbox, []
+        if isinstance(process.core, Agent) and self.true >= process.odometry_due:
+            process.odometry_due = self.true + PERIOD - 1e-9
+            start = MISSION.robots[name].start
+            odometry = Odometry(now.wall, start.position, start.heading, 0.0, 0.0)
+            inbox.append(Sample(ODOM.key(name), encode(odometry), None, now.mono))
+        if inbox or process.core.due <= now.mono:
+            if isinstance(process.core, Agent):
+                self._agent_steps(name, process, process.core, inbox)
+            else:
+                self._send(name, process.core.step(now, inbox))
+
+    def _agent_steps(self, name: str, process: Process, agent: Agent, inbox: list[Sample]) -> None:
+        orders = agent._orders
+        before, promised = orders.newest, orders.voter.promise
+        self._send(name, agent.step(process.now(self.true), inbox))
+        if orders.newest is not None and orders.newest is not before:
+            assert orders.newest.term >= promised, f"{name} obeys a leader of the past"
+        if process.stopped:
+            assert agent.decision.state is State.STOP, f"{name} is stopped, and is not"
+
+    def _check(self, name: str, process: Process) -> None:
+        """What must hold after each turn."""
+        if isinstance(process.core, Agent):
+            assert not process.stopped or process.core._latch.mode == "stop", f"{name} lost a stop"
+            newest = process.core._orders.newest
+            assert newest is None or self.said[newest.term, newest.beat] == newest
+            return
+        assert not process.stopped or process.core.mode == "stop", f"{name} lost a stop"
+        leaders = self.leaders
+        assert len(leaders) <= 1, f"{leaders} lead at once"
+        for one in leaders:
+            if self.reigns[-1:] != [(one, self.leader(one).term)]:
+                self.reigns.append((one, self.leader(one).term))
+
+    def _send(self, sender: str, outbox: Iterable[Outgoing]) -> None:
+        for out in outbox:
+            if out.key == LEADS:
+                self._note(sender, out)
+            for receiver, process in self.processes.items():
+                if receiver == sender or (sender, receiver) in self.cuts:
+                    continue
+                if out.key in process.core.subscriptions:
+                    self._deliver(receiver, Sample(out.key, out.payload, out.attachment, 0.0))
+
+    def _note(self, sender: str, out: Outgoing) -> None:
+        """Nobody speaks as the leader without a lease, and no two orders share a term and a beat."""
+        assert self._in_lease(sender), f"{sender} orders without a lease"
+        said = order.decode(Told, out.attachment or b"").order
+        assert said is not None
+        assert self.said.setdefault((said.term, said.beat), said) == said
+
+    def _deliver(self, receiver: str, sample: Sample) -> None:
+        for _ in range(1 + (self.random.random() < self.twice)):
+            if self.random.random() >= self.loss:
+                when = self.true + self.random.uniform(0.0, self.slowest)
+                heapq.heappush(self._flight, (when, next(self._serial), receiver, sample))

@@ -1,0 +1,182 @@
+"""Orders, terms and failover, checked by a machine that does to real candidates and agents whatever it likes.
+
+FORMATION_MODEL_STEPS=200000 pytest tests/leader/test_agreement.py   looks for more, and each time elsewhere.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+
+import pytest
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, rule, run_state_machine_as_test
+
+from formation.order import OperatorRequest
+from tests.leader.team import MISSION, TICK, Team
+
+STEPS = int(os.environ.get("FORMATION_MODEL_STEPS", "10000"))
+LONG = 100
+"""So many steps has a run."""
+AGREED = 8.0
+"""So long after everything works again everybody agrees, at the latest [takeovers]."""
+TAKEN: Counter[str] = Counter()
+
+NAMES = (*MISSION.candidates, *MISSION.followers)
+ONE = st.sampled_from(NAMES)
+SOME = st.frozensets(ONE, min_size=1, max_size=4)
+CANDIDATE = st.sampled_from(MISSION.candidates)
+MEANWHILE = st.integers(0, 4)
+
+
+class Machine(RuleBasedStateMachine):
+    """Every rule is one step, after which some time passes."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.team = Team(0)
+        self.wishes = 0
+        self.wish = OperatorRequest(do="hold", id="first")
+
+    @initialize(seed=st.integers(0, 2**32))
+    def begin(self, seed: int) -> None:
+        self.team = Team(seed)
+        self.team.run(3.0)
+
+    def done(self, what: str, meanwhile: int) -> None:
+        TAKEN[what] += 1
+        self.team.run(meanwhile * TICK)
+
+    @rule(meanwhile=st.integers(0, 20))
+    def time_passes(self, meanwhile: int) -> None:
+        self.done("time", meanwhile)
+
+    @rule(
+        loss=st.sampled_from([0.0, 0.1, 0.3, 0.6]),
+        twice=st.sampled_from([0.0, 0.3]),
+        slowest=st.sampled_from([0.01, 0.1, 0.5, 2.0]),
+        meanwhile=MEANWHILE,
+    )
+    def network(self, loss: float, twice: float, slowest: float, meanwhile: int) -> None:
+        self.team.loss, self.team.twice, self.team.slowest = loss, twice, slowest
+        self.done("loss, repetition, delay, reordering", meanwhile)
+
+    @rule(some=SOME, meanwhile=MEANWHILE)
+    def partition(self, some: frozenset[str], meanwhile: int) -> None:
+        across = {(one, other) for one in some for other in NAMES if other not in some}
+        self.team.cuts |= across | {(other, one) for one, other in across}
+        self.done("partition", meanwhile)
+
+    @rule(some=SOME, one=ONE, meanwhile=MEANWHILE)
+    def deafen(self, some: frozenset[str], one: str, meanwhile: int) -> None:
+        self.team.cuts |= {(other, one) for other in some if other != one}
+        self.done("deaf", meanwhile)
+
+    @rule(meanwhile=MEANWHILE)
+    def join(self, meanwhile: int) -> None:
+        self.team.cuts.clear()
+        self.done("joined", meanwhile)
+
+    @rule(name=ONE, meanwhile=MEANWHILE)
+    def freeze(self, name: str, meanwhile: int) -> None:
+        self.team.processes[name].frozen = True
+        self.done("freeze", meanwhile)
+
+    @rule(meanwhile=MEANWHILE)
+    def thaw(self, meanwhile: int) -> None:
+        for name in NAMES:
+            self.team.thaw(name)
+        self.done("thaw", meanwhile)
+
+    @rule(some=SOME, meanwhile=MEANWHILE)
+    def restart(self, some: frozenset[str], meanwhile: int) -> None:
+        for name in some:
+            self.team.restart(name)
+        self.done("restart", meanwhile)
+
+    @rule(name=ONE, meanwhile=MEANWHILE)
+    def kill(self, name: str, meanwhile: int) -> None:
+        self.team.processes[name].alive = False
+        self.done("kill", meanwhile)
+
+    @rule(name=ONE, seconds=st.sampled_from([-3600.0, -10.0, 10.0, 3600.0]), meanwhile=MEANWHILE)
+    def set_clock(self, name: str, seconds: float, meanwhile: int) -> None:
+        self.team.processes[name].wrong += seconds
+        self.done("clock", meanwhile)
+
+    @rule(name=CANDIDATE, meanwhile=MEANWHILE)
+    def stand(self, name: str, meanwhile: int) -> None:
+        """As if nobody had led for long: that two never lead must not rest on patience."""
+        self.team.stand(name)
+        self.done("stand", meanwhile)
+
+    @rule(name=CANDIDATE, few=st.frozensets(ONE, max_size=2), anew=st.booleans(), calm=st.booleans())
+    def overthrow(self, name: str, few: frozenset[str], anew: bool, calm: bool) -> None:
+        """Who leads is cut off with a few, everybody else may start anew, and one stands again and again."""
+        if calm:
+            self.team.heal()
+            self.team.run(1.5)
+        leaders = frozenset(self.team.leaders)
+        off = few | leaders
+        across = {(one, other) for one in off for other in NAMES if other not in off}
+        self.team.cuts |= across | {(other, one) for one, other in across}
+        for other in MISSION.followers if anew else ():
+            self.team.restart(other)
+        for _ in range(15 if name not in leaders else 0):
+            self.team.stand(name)
+            self.team.run(TICK)
+        self.done("overthrow", 0)
+
+    @rule(do=st.sampled_from(["stop", "stop", "release", "hold", "run"]), some=SOME, meanwhile=MEANWHILE)
+    def ask(self, do: str, some: frozenset[str], meanwhile: int) -> None:
+        self._ask(
+            OperatorRequest.model_validate({"do": do, "id": self._id()}), NAMES if do == "stop" else some
+        )
+        self.done(do, meanwhile)
+
+    @rule(shape=st.sampled_from(sorted(MISSION.shapes)), name=CANDIDATE, meanwhile=MEANWHILE)
+    def take(self, shape: str, name: str, meanwhile: int) -> None:
+        self._ask(OperatorRequest(do="shape", shape=shape, id=self._id()), (name,))
+        self.done("shape", meanwhile)
+
+    @rule(age=st.sampled_from([0.1, 1.0, 5.0]), meanwhile=MEANWHILE)
+    def ask_again(self, age: float, meanwhile: int) -> None:
+        self._ask(self.wish.model_copy(update={"age": age}), NAMES)
+        self.done("asked again", meanwhile)
+
+    def _id(self) -> str:
+        self.wishes += 1
+        return f"wish{self.wishes}"
+
+    def _ask(self, wish: OperatorRequest, whom: frozenset[str] | tuple[str, ...]) -> None:
+        self.wish = wish
+        for name in sorted(whom):
+            self.team.ask(name, wish)
+
+    def teardown(self) -> None:
+        """Everything works again: one leads, and everybody obeys it, for as long as nothing happens."""
+        self.team.heal()
+        bound = self.team.true + AGREED * MISSION.takeover
+        while not self.team.agreed and self.team.true < bound:
+            self.team.run(5 * TICK)
+        assert self.team.agreed
+        TAKEN["agreed"] += 1
+        TAKEN["reigns"] += len(self.team.reigns)
+
+
+@pytest.mark.timeout(0)
+def test_no_two_lead_no_two_orders_share_a_beat_no_stop_is_lost_and_all_agree_in_the_end() -> None:
+    TAKEN.clear()
+    while (taken := sum(TAKEN.values()) - TAKEN["agreed"] - TAKEN["reigns"]) < STEPS:
+        run_state_machine_as_test(
+            Machine,
+            settings=settings(
+                max_examples=max(1, round((STEPS - taken) / LONG * 1.1)),
+                stateful_step_count=LONG,
+                suppress_health_check=list(HealthCheck),
+                derandomize="FORMATION_MODEL_STEPS" not in os.environ,
+                deadline=None,
+            ),
+        )
+    print(f"{taken} steps: {dict(TAKEN)}")

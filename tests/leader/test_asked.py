@@ -1,0 +1,86 @@
+"""What an operator asks of a leader is said in its statuses, so that it is recorded whatever came of it."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from formation import order
+from formation.election import LISTENING
+from formation.legs import Straight
+from formation.mission_file import load
+from formation.order import OperatorReply, OperatorRequest
+from formation.ros2.messages import Diagnostics, decode
+from formation.topics import STATUS
+from formation.wire import Now, Outgoing
+from leader.core import Leader
+from tests.leader.leading import EPOCH, at, leading
+
+SIX = load("six_robots")
+NINE: list[dict[str, Any]] = [
+    {"do": "stop"},
+    {"do": "release"},
+    {"do": "hold"},
+    {"do": "run"},
+    {"do": "shape", "shape": "wedge"},
+    {"do": "rotate", "degrees": -30.0},
+    {"do": "scale", "factor": 1.5},
+    {"do": "speed", "speed": 0.1, "degrees": 90.0},
+    {"do": "route", "legs": (Straight(speed=0.1, heading_deg=0.0),)},
+]
+
+
+def asked(outbox: list[Outgoing]) -> list[list[dict[str, Any]]]:
+    """What each status says that an operator asked for."""
+    statuses = [
+        decode(Diagnostics, one.payload).statuses[0] for one in outbox if one.key == STATUS.key("robot1")
+    ]
+    return [json.loads(one.values.get("asked", "[]")) for one in statuses]
+
+
+def step(leader: Leader, mono: float) -> list[list[dict[str, Any]]]:
+    return asked(leader.step(Now(mono, EPOCH + mono), []))
+
+
+def test_each_order_is_said_at_once_and_a_few_times_more_with_what_was_answered() -> None:
+    leader, mono = leading(SIX, 10.0), 11.0
+    for number, what in enumerate(NINE):
+        request = OperatorRequest(id=f"{number}", **what)
+        reply = order.decode(OperatorReply, leader.request(order.encode(request)))
+        assert reply.ok, reply.reason
+        mono += 0.01
+        ((*_, newest),) = step(leader, mono)
+        told = {**request.model_dump(mode="json", exclude_none=True), "ok": True, "reason": reply.reason}
+        assert newest == told
+    later = [said for k in range(400) for said in step(leader, mono + 0.01 * k)]
+    assert len(later[0]) > 0
+    assert later[-1] == []
+
+
+def test_what_is_refused_is_said_too_and_a_repetition_is_not() -> None:
+    leader = leading(SIX, 10.0)
+    small = order.encode(OperatorRequest(do="scale", factor=0.01, id="a"))
+    for _ in range(3):
+        assert not order.decode(OperatorReply, leader.request(small)).ok
+    ((said,),) = step(leader, 11.0)
+    assert (said["do"], said["factor"], said["ok"]) == ("scale", 0.01, False)
+    assert "would touch" in said["reason"]
+
+
+def test_who_is_asked_again_says_whether_it_leads_by_now() -> None:
+    leader, stop = Leader(SIX), order.encode(OperatorRequest(do="stop", id="a"))
+    leader.step(at(0.0), [])  # it still listens
+    assert order.decode(OperatorReply, leader.request(stop)).leads is False
+    leader.step(at(LISTENING), [])
+    assert order.decode(OperatorReply, leader.request(stop)).leads is True
+
+
+def test_however_many_long_routes_are_asked_for_at_once_the_status_can_be_sent() -> None:
+    leader = leading(SIX)
+    legs = [{"waypoints": [[1e5 - k, 1e5]], "speed": 1.0} for k in range(300)]
+    for k in range(9):
+        request = json.dumps({"do": "route", "legs": legs, "id": str(k)}).encode()
+        assert order.decode(OperatorReply, leader.request(request)).ok
+    (said,) = asked(leader.step(at(0.01), []))
+    assert 1 <= len(said) < 9
+    assert said[-1]["id"] == "8"

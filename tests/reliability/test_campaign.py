@@ -1,0 +1,67 @@
+"""The campaign's harness on real processes: a fair part of its rows, each once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from formation.mission_file import load
+from tests.reliability import faults, network, shapes, stop
+from tests.reliability.fleet import Fleet
+from tests.reliability.part import Options
+from tests.reliability.rows import rows
+from tests.reliability.trial import attempt
+
+pytestmark = [pytest.mark.processes, pytest.mark.namespaces, pytest.mark.timeout(300)]
+ROWS = {row.name: row for row in rows(load(faults.MISSION))}
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
+    """One that goes through everything: as in the campaign, it has to be well again after each fault."""
+    with faults.maker(tmp_path_factory.mktemp("fleet")) as fleet:
+        fleet.begin()
+        yield fleet
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["kill-leader", "kill-mid", "pause-leaf", "unplug-first-hop", "kill-monitor", "kill-guard", "clock-10"],
+)
+def test_a_fleet_comes_through_a_fault_as_the_failure_table_says(fleet: Fleet, name: str) -> None:
+    one = attempt(fleet, ROWS[name])
+    assert one.wrong == []
+    assert one.settles is not None
+
+
+def test_a_fleet_that_was_parted_comes_together_again(fleet: Fleet) -> None:
+    assert attempt(fleet, ROWS["partition"]).wrong == []
+
+
+def test_shapes_change_while_it_drives(fleet: Fleet) -> None:
+    one = attempt(fleet, shapes.ROW)
+    assert one.wrong == []
+    assert one.figures["nearest"] > 2.0 * load(shapes.MISSION).robot.radius
+
+
+def test_a_fleet_converges_where_a_third_of_all_packets_is_lost_and_the_rest_is_late() -> None:
+    found = network.run(Options(tries=1, fields=1, only=("both",)))
+    assert found["cells"]["both"]["wrong"] == []
+
+
+def test_a_stop_reaches_all_that_can_be_reached(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stop, "ROBOTS", 4)
+    found = stop.run(Options(tries=1))
+    assert {name: row["wrong"] for name, row in found["rows"].items()} == {name: {} for name in stop.CASES}
+
+
+def test_a_row_that_fails_is_counted_as_such_and_named(tmp_path: Path) -> None:
+    """A fleet whose follower nobody starts again does not come back, and the try says so."""
+    with faults.maker(tmp_path) as fleet:
+        fleet.begin()
+        dead = ROWS["kill-mid"]._replace(end=lambda _fleet, _victim: None)
+        one = attempt(fleet, dead, patience=4.0)
+        assert "the error did not come back" in one.wrong
+        assert any(word.endswith(" ended") for word in one.wrong)
