@@ -13,6 +13,8 @@ from tests.monitor.page.served import Served, served, watched
 pytestmark = pytest.mark.browser
 MINUTE = 600
 """Frames."""
+FULL = 12
+"""Minutes after which all that the page keeps (errors, trails, events) is as long as it gets."""
 AT_ONCE = 50
 """Frames made before the page is asked whether it has taken them."""
 
@@ -55,16 +57,16 @@ def feed(page: Page, one: Served, minutes: float) -> None:
 
 
 @pytest.mark.timeout(240)
-def test_ten_minutes_take_no_more_memory_than_two(browser: Browser) -> None:
+def test_a_page_whose_lists_are_full_does_not_grow(browser: Browser) -> None:
     with served(Scene(6)) as one, watched(browser, one.address) as page:
         debugger = page.context.new_cdp_session(page)
-        feed(page, one, 2)
+        feed(page, one, FULL)
         early = size(page, debugger)
-        feed(page, one, 8)
+        feed(page, one, 6)
         late = size(page, debugger)
         assert page.locator("#event-list li").count() == 200
-    # Ten minutes of the error and some hundred events are kept, and no more: those are the difference.
-    assert late.heap - early.heap < 400_000
+    # What is left is the browser's: it goes on compiling what is called often. 3600 frames, 55 bytes of each.
+    assert late.heap - early.heap < 200_000
     assert late.nodes <= early.nodes + 100
     assert late.listeners <= early.listeners + 5
 
