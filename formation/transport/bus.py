@@ -19,6 +19,7 @@ import zenoh
 
 from formation.topics import Topic
 from formation.transport.bus_config import THREADS, BusConfig, BusError
+from formation.transport.heap import share_one_heap
 from formation.transport.mailbox import Mailbox
 from formation.transport.question import Question, Reply
 from formation.transport.session import closed, named, opened, refusals_of, setting, settings_of
@@ -66,6 +67,7 @@ class Bus:
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
         os.environ.setdefault("ZENOH_RUNTIME", THREADS)
+        share_one_heap()
         settings = settings_of(config)
         self._refusals = refusals_of(settings)
         self._session: zenoh.Session | None = opened(settings, config.name)
