@@ -5,7 +5,7 @@ from __future__ import annotations
 from agent.alive import FAREWELL
 from formation.mission import Mission
 from formation.neighbour import FRESH_PERIODS
-from formation.quantiser import Quantiser
+from formation.quantiser import Quantiser, quantise
 from formation.ros2.messages import Number, Twist, TwistStamped, encode
 from formation.slew import slewed
 from formation.topics import ALIVE, CMD_VEL, Topic, command_topic
@@ -63,8 +63,8 @@ class Commander:
             wanted = self._ramping(now, wanted)
         self._ramped, self._said = wanted, now.mono
         if self._quantiser is not None:
-            wanted, self.remainder = self._quantiser.quantise(wanted, self.remainder)
-        self.newest = Command(float(wanted.speed), float(wanted.turn_rate))
+            wanted, self.remainder = quantise(self._quantiser, wanted, self.remainder)
+        self.newest = wanted
         self._began = now.mono if self._began is None else self._began
         payload = encode(TwistStamped(now.wall, *self.newest) if self._stamped else Twist(*self.newest))
         return [

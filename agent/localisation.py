@@ -161,7 +161,7 @@ class Localisation:
         self.follows = True
         self._mind(elapsed)
         if self._printed:
-            self._estimate = shorten(observers.printed(self._estimate, seen.travel, self._gain), LONGEST)
+            self._estimate = shorten(observers.mended(self._estimate, seen.travel, self._gain), LONGEST)
         else:
             self._estimate = observers.innovation(self._estimate, seen.travel, self._gain)
         return elapsed

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -104,10 +103,10 @@ def _body(mission: Mission, options: argparse.Namespace) -> Body:
     """The mission's robot, with what the command line adds."""
     body = Body.of(mission.simulated_robot)
     if options.noise is not None:
-        body = replace(body, position_noise=options.noise)
+        body = body._replace(position_noise=options.noise)
     if options.quantised:
         steps = PROFILES["turtlebot3_burger"]
-        body = replace(body, speed_step=steps.speed_step, turn_rate_step=steps.turn_rate_step)
+        body = body._replace(speed_step=steps.speed_step, turn_rate_step=steps.turn_rate_step)
     return body
 
 

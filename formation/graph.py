@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from formation.plane import ComplexArray, FloatArray
+from formation.arrays import ComplexArray, FloatArray
 
 Indices = NDArray[np.intp]
 

@@ -9,44 +9,44 @@ Errata of Eq. (3): it prints `- k ω ζ̂`, which diverges; the error equation d
 
 from __future__ import annotations
 
-from typing import Any, Literal, NamedTuple
+import math
+from typing import NamedTuple
 
-import numpy as np
-
-from formation.plane import Reals, Vectors, rotation
+from formation.plane import rotation
 
 
 class Travel(NamedTuple):
-    """One odometry interval of a robot; scalars or arrays of one shape."""
+    """One odometry interval of a robot."""
 
-    distance: Any
+    distance: float
     """Signed path length Δs [m]; negative while reversing."""
-    turn: Any
+    turn: float
     """Turn Δθ [rad]."""
-    displacement: Any
+    displacement: complex
     """Change of position Δp [m; world frame]."""
 
 
-def printed_start(position: Vectors, gain: Reals) -> Vectors:
+def printed_start(position: complex, gain: float) -> complex:
     """The first estimate of the printed observer, χ(0) = 0, therefore ζ̂(0) = k p(0)."""
-    estimate: Vectors = gain * position
-    return estimate
+    return gain * position
 
 
-def printed(
-    estimate: Vectors, travel: Travel, gain: Reals, decay: Literal["speed", "turn rate"] = "speed"
-) -> Vectors:
-    """Observer (3), ζ̂ = χ + k p, one interval on; the estimate need not have unit length.
-
-    `decay="speed"` is the mended equation, `decay="turn rate"` the one the paper prints (it diverges).
-    """
-    decayed = travel.distance if decay == "speed" else travel.turn
-    chi_change = 1j * travel.turn * estimate - gain * decayed * estimate
-    new_estimate: Vectors = estimate + chi_change + gain * travel.displacement
-    return new_estimate
+def mended(estimate: complex, travel: Travel, gain: float) -> complex:
+    """Observer (3), ζ̂ = χ + k p, one interval on; the estimate need not have unit length."""
+    return _decayed(estimate, travel, gain, travel.distance)
 
 
-def innovation(estimate: Vectors, travel: Travel, gain: Reals) -> Vectors:
+def printed(estimate: complex, travel: Travel, gain: float) -> complex:
+    """Observer (3) to the letter, with its decay by the turn rate: it diverges."""
+    return _decayed(estimate, travel, gain, travel.turn)
+
+
+def _decayed(estimate: complex, travel: Travel, gain: float, decay: float) -> complex:
+    chi_change = complex(-gain * decay, travel.turn) * estimate
+    return estimate + chi_change + gain * travel.displacement
+
+
+def innovation(estimate: complex, travel: Travel, gain: float) -> complex:
     """The same observer in innovation form, exact in discrete time and safe in reverse; not in the paper.
 
     Predict by the turn, then move towards the heading that the displacement shows at the interval's end,
@@ -55,10 +55,12 @@ def innovation(estimate: Vectors, travel: Travel, gain: Reals) -> Vectors:
     The law takes ζ̂/|ζ̂|, but the estimate itself must keep its length: a guess that points backwards has to
     come through zero, and normalised at every step it would be repelled from there and turn the long way.
     """
-    path = np.abs(travel.distance)
-    share = -np.expm1(-gain * path)
+    path = abs(travel.distance)
+    share = -math.expm1(-gain * path)
     half = rotation(0.5 * travel.turn)
+    kept = (1.0 - share) * half * half * estimate
+    if path > 1e-9:
+        return kept + share / travel.distance * half * travel.displacement
     # share/Δs, whose limit at Δs = 0 is ±k; a robot at rest has no sign and learns nothing
-    slope = np.sign(travel.distance) * np.where(path > 1e-9, share / np.maximum(path, 1e-9), gain)
-    corrected: Vectors = (1.0 - share) * half * half * estimate + slope[()] * half * travel.displacement
-    return corrected
+    slope = gain if travel.distance > 0.0 else -gain if travel.distance < 0.0 else 0.0
+    return kept + slope * half * travel.displacement

@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from formation.arrays import ComplexArray
 from formation.figure import Figure
 from formation.legs import Circle, Leg, Straight
 from formation.mission import Mission
 from formation.order import OperatorRequest
-from formation.plane import ComplexArray
 
 SAMPLES = 33
 """Of a straight way from one figure to another."""

@@ -1,8 +1,7 @@
 """The control law: what a follower does about its neighbours.
 
 Source: Eqs. (7)-(9) of the paper. `paper` is the law as printed; `field` is the one robots should drive with.
-Both are pure: the integral goes in and comes out, and one follower (complex, float) or N of them (arrays)
-take the same path.
+Both are pure: the integral goes in and comes out.
 
 | symbol | here | meaning | unit |
 |---|---|---|---|
@@ -16,29 +15,26 @@ take the same path.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from formation.plane import Reals
 from formation.unicycle import Command, body_velocity, saturate
 
 
 class Measured(NamedTuple):
-    """What a follower knows of its neighbours at one moment; scalars or arrays of one shape."""
+    """What a follower knows of its neighbours at one moment."""
 
-    relative: Any
+    relative: complex
     """Σ_j z_ij^(i) [m; body frame]."""
-    desired: Any
+    desired: complex
     """Σ_j z*_ij [m; world frame]."""
     count: Any
     """How many neighbours are in the sums."""
-    velocity: Any = 0.0
+    velocity: complex = 0j
     """mean_j v̂_j [m/s; world frame]; zero switches the feed-forward off."""
 
 
-@dataclass(frozen=True, slots=True)
-class Gains:
+class Gains(NamedTuple):
     """The law's parameters; the last three belong to the field law alone."""
 
     k_p: float
@@ -53,36 +49,35 @@ class Gains:
     """How fast the integral is forgotten far outside the band [1/s]."""
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """What the body can do; scalars or arrays of one shape."""
+class Limits(NamedTuple):
+    """What the body can do."""
 
-    offset: Reals
+    offset: float
     """Control-point offset L [m]."""
-    max_speed: Reals
+    max_speed: float
     """u_max [m/s]."""
-    max_turn_rate: Reals
+    max_turn_rate: float
     """ω_max [rad/s]."""
 
 
-Law = Callable[[Any, Any, Measured, Gains, Limits, float], tuple[Command, Any]]
+Law = Callable[[complex, complex, Measured, Gains, Limits, float], tuple[Command, complex]]
 """(integral, heading, measured, gains, limits, dt [s]) -> (command within limits, integral after dt)."""
 
 
-def error(heading: Any, measured: Measured) -> Any:
+def error(heading: complex, measured: Measured) -> complex:
     """e = Σ_j (z_ij - z*_ij) [m; world frame], zero in formation."""
     return heading * measured.relative - measured.desired
 
 
-def nominal(integral: Any, heading: Any, measured: Measured, gains: Gains) -> Any:
+def nominal(integral: complex, heading: complex, measured: Measured, gains: Gains) -> complex:
     """u_r + i L ω_r [m/s; body frame]: Eq. (7)."""
     to_body = heading.conjugate()
     return gains.k_p * (measured.relative - to_body * measured.desired) + gains.k_i * to_body * integral
 
 
 def paper(
-    integral: Any, heading: Any, measured: Measured, gains: Gains, limits: Limits, dt: float
-) -> tuple[Command, Any]:
+    integral: complex, heading: complex, measured: Measured, gains: Gains, limits: Limits, dt: float
+) -> tuple[Command, complex]:
     """The law as printed, with z_ij read as the displacement of control points: Eqs. (7)-(9)."""
     command = saturate(
         nominal(integral, heading, measured, gains), limits.offset, limits.max_speed, limits.max_turn_rate
@@ -91,8 +86,8 @@ def paper(
 
 
 def field(
-    integral: Any, heading: Any, measured: Measured, gains: Gains, limits: Limits, dt: float
-) -> tuple[Command, Any]:
+    integral: complex, heading: complex, measured: Measured, gains: Gains, limits: Limits, dt: float
+) -> tuple[Command, complex]:
     """The law for robots: feed-forward, anti-windup and an integral band around Eq. (7); not in the paper.
 
     The neighbours' velocity does most of what the paper's integral is for. What is left (a wheel slightly
@@ -110,7 +105,7 @@ def field(
     return command, integral + dt * growth - (1.0 - weight) * forgotten * integral
 
 
-def near(distance: Reals, band: float) -> Any:
+def near(distance: float, band: float) -> float:
     """1 at zero, 1/2 at `band`, falling as the fourth power beyond; flat at zero, so noise cannot chatter."""
     ratio = distance / band
     squared = ratio * ratio

@@ -16,11 +16,11 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from formation import mission_rules
+from formation.arrays import ComplexArray
 from formation.endpoint import Endpoint
 from formation.graph import Graph
 from formation.law import Gains
 from formation.legs import Leg, Waypoints
-from formation.plane import ComplexArray
 from formation.robot_spec import RobotDefaults, RobotSpec
 from formation.tables import Name, NotNegative, Point, Positive, Table, Title, as_tuple
 

@@ -6,11 +6,10 @@ of age τ forward to h + v̂ τ. Without that every hop of the graph lags by v �
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import math
+from typing import NamedTuple
 
-import numpy as np
-
-from formation.plane import Reals, Vectors, clip, shorten
+from formation.plane import clip, shorten
 
 FRESH_PERIODS = 3.0
 """A neighbour that has been silent for more than this many of its periods is stale."""
@@ -19,34 +18,43 @@ FORGOTTEN = 1.0
 
 
 class Track(NamedTuple):
-    """What is known of a neighbour's control point; scalars or arrays of one shape."""
+    """What is known of a neighbour's control point."""
 
-    stamp: Any
+    stamp: float
     """When it was there [s]."""
-    point: Any
+    point: complex
     """Control point [m; world frame]."""
-    velocity: Any
+    velocity: complex
     """Estimated velocity [m/s; world frame]."""
 
 
-def first_seen(stamp: Reals, point: Vectors) -> Track:
+def first_seen(stamp: float, point: complex) -> Track:
     """A track from its first sample: taken to stand still until a second sample says otherwise."""
-    return Track(stamp, point, 0.0 * point)
+    return Track(stamp, point, 0j)
 
 
-def seen(track: Track, stamp: Reals, point: Vectors, time_constant: float, max_speed: Reals) -> Track:
+def seen(track: Track, stamp: float, point: complex, time_constant: float, max_speed: float) -> Track:
     """The track with one more sample, later than the last.
 
     `time_constant` [s] is the velocity's low pass; a single difference is cut to `max_speed` [m/s], so that
     a jump of position is not taken for a sprint.
     """
     elapsed = stamp - track.stamp
-    difference = shorten((point - track.point) / elapsed, max_speed)
-    share = -np.expm1(-elapsed / time_constant)
+    return moved(track, stamp, point, learned(elapsed, time_constant), max_speed)
+
+
+def learned(elapsed: float, time_constant: float) -> float:
+    """How much of a change the low pass takes over in `elapsed` [s], from 0 to 1."""
+    return -math.expm1(-elapsed / time_constant)
+
+
+def moved(track: Track, stamp: float, point: complex, share: float, max_speed: float) -> Track:
+    """`seen` where the `share` that is learned is known already: it is the same for whoever is as late."""
+    difference = shorten((point - track.point) * (1.0 / (stamp - track.stamp)), max_speed)
     return Track(stamp, point, track.velocity + share * (difference - track.velocity))
 
 
-def carried_to(track: Track, moment: Reals, longest: Reals) -> Any:
+def carried_to(track: Track, moment: float, longest: float) -> complex:
     """Control point at `moment` [s], carried over at most `longest` [s] either way.
 
     Backwards too: a neighbour's sample may be a little younger than the measurement it is compared with.

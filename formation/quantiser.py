@@ -17,41 +17,33 @@ The law and its integral see the command before it comes here, so they know noth
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
-import numpy as np
+import math
+from typing import NamedTuple
 
 from formation.law import Limits
-from formation.plane import Reals, clip
+from formation.plane import clip
 from formation.unicycle import Command
 
-LONGER = 1.0 + 4.0 * float(np.finfo(np.float64).eps)
+LONGER = 1.0 + 4.0 * 2.220446049250313e-16
 """Makes a multiple survive the rounding of whatever product or quotient the robot cuts off."""
 
 
 class Grid(NamedTuple):
-    """The multiples that one number of a command may be; scalars or arrays of one shape."""
+    """The multiples that one number of a command may be."""
 
-    step: Reals
+    step: float
     """[m/s] or [rad/s]; 0 where the robot takes any number."""
-    limit: Reals
+    limit: float
     """[m/s] or [rad/s]"""
-    most: Reals
+    most: float
     """The largest multiple within the limit, in steps: what the robot makes of the limit itself."""
 
     @staticmethod
-    def of(step: Reals, limit: Reals) -> Grid:
+    def of(step: float, limit: float) -> Grid:
         """The multiples of `step` within ± `limit`."""
-        width = np.where(step > 0.0, step, 1.0)
-        return Grid(step, limit, np.minimum(np.floor(limit / width), np.floor(limit * (1.0 / width))))
-
-    def nearest(self, wanted: Reals) -> tuple[Any, Any]:
-        """The nearest legal number to `wanted`, and what remains, at most one step."""
-        width = np.where(self.step > 0.0, self.step, 1.0)
-        sent = clip(np.rint(wanted / width), self.most) * width + 0.0  # no negative zero
-        coarse, remainder = self.step > 0.0, clip(wanted - sent, width)
-        survives = clip(sent * LONGER, self.limit)
-        return np.where(coarse, survives, wanted)[()], np.where(coarse, remainder, 0.0)[()]
+        if step <= 0.0:
+            return Grid(0.0, limit, 0.0)
+        return Grid(step, limit, float(min(math.floor(limit / step), math.floor(limit * (1.0 / step)))))
 
 
 class Quantiser(NamedTuple):
@@ -62,16 +54,26 @@ class Quantiser(NamedTuple):
 
     @staticmethod
     def of(steps: Command, limits: Limits) -> Quantiser | None:
-        """For robots with these `steps` [m/s; rad/s]; None where no command is cut."""
-        if not np.any(steps):
+        """For a robot with these `steps` [m/s; rad/s]; None if it takes every command as it is."""
+        if steps.speed <= 0.0 and steps.turn_rate <= 0.0:
             return None
         return Quantiser(
             Grid.of(steps.speed, limits.max_speed), Grid.of(steps.turn_rate, limits.max_turn_rate)
         )
 
-    def quantise(self, wanted: Command, remainder: Command) -> tuple[Command, Command]:
-        """(command within limits, what remains of the commands before) -> (command to send, what remains)."""
-        speed, speed_left = self.speed.nearest(wanted.speed + remainder.speed)
-        turn_rate, turn_left = self.turn_rate.nearest(wanted.turn_rate + remainder.turn_rate)
-        moving = np.where((wanted.speed == 0.0) & (wanted.turn_rate == 0.0), 0.0, 1.0)[()]
-        return Command(moving * speed, moving * turn_rate), Command(moving * speed_left, moving * turn_left)
+
+def quantise(quantiser: Quantiser, wanted: Command, remainder: Command) -> tuple[Command, Command]:
+    """(command within limits, what remains of the commands before) -> (command to send, what remains)."""
+    if wanted.speed == 0.0 and wanted.turn_rate == 0.0:
+        return Command(0.0, 0.0), Command(0.0, 0.0)
+    speed, speed_left = nearest(quantiser.speed, wanted.speed + remainder.speed)
+    turn_rate, turn_left = nearest(quantiser.turn_rate, wanted.turn_rate + remainder.turn_rate)
+    return Command(speed, turn_rate), Command(speed_left, turn_left)
+
+
+def nearest(grid: Grid, wanted: float) -> tuple[float, float]:
+    """The nearest legal number to `wanted`, and what remains, at most one step."""
+    if grid.step <= 0.0:
+        return wanted, 0.0
+    sent = clip(float(round(wanted / grid.step)), grid.most) * grid.step + 0.0  # no negative zero
+    return clip(sent * LONGER, grid.limit), clip(wanted - sent, grid.step)

@@ -20,9 +20,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from formation.arrays import ComplexArray, FloatArray
 from formation.legs import Circle, Straight, Waypoints
 from formation.mission import Mission
-from formation.plane import ComplexArray, FloatArray
 from formation.unicycle import advance
 
 
@@ -39,6 +39,8 @@ class Arc(NamedTuple):
     """[rad/s], counter-clockwise positive."""
     duration: float
     """[s]; infinite for a leg that never ends."""
+    begin: float = 0.0
+    """When it is reached [s since the start]."""
 
     @property
     def end(self) -> tuple[complex, complex]:
@@ -63,6 +65,8 @@ class Route:
             position, heading = arcs[-1].end if arcs else (start, start_heading)
             arcs += (Arc(position, heading, 0.0, 0.0, math.inf),)
         starts = np.cumsum([0.0] + [arc.duration for arc in arcs[:-1]])
+        self.arcs = tuple(arc._replace(begin=float(at)) for arc, at in zip(arcs, starts, strict=True))
+        """One after the other; the last never ends."""
         self._starts: FloatArray = starts  # [s]; shape (arcs,)
         self._positions: ComplexArray = np.array([arc.position for arc in arcs], dtype=np.complex128)
         self._headings: ComplexArray = np.array([arc.heading for arc in arcs], dtype=np.complex128)

@@ -13,49 +13,51 @@ Source: section 2.1 of the paper. Assumes rolling without slip.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
-
-from formation.plane import Reals, Vectors, clip, rotation
+from formation.plane import clip, rotation
 
 
 class Command(NamedTuple):
-    """What a robot is told to do; scalars or arrays of one shape."""
+    """What a robot is told to do."""
 
-    speed: Any
+    speed: float
     """Forward speed u [m/s; body frame]."""
-    turn_rate: Any
+    turn_rate: float
     """Turn rate ω [rad/s], counter-clockwise positive."""
 
 
 def advance(
-    position: Vectors, heading: Vectors, speed: Reals, turn_rate: Reals, dt: float
-) -> tuple[Vectors, Vectors]:
+    position: complex, heading: complex, speed: float, turn_rate: float, dt: float
+) -> tuple[complex, complex]:
     """Pose after `dt` [s] at constant speed and turn rate: Eq. (1), solved exactly along the arc."""
-    half = rotation(turn_rate * (0.5 * dt))
-    chord = speed * dt * np.sinc(turn_rate * (dt / (2.0 * np.pi)))
+    return along(position, heading, speed * dt, turn_rate * dt)
+
+
+def along(position: complex, heading: complex, distance: float, turn: float) -> tuple[complex, complex]:
+    """Pose at the end of an arc of signed length `distance` [m] that turns by `turn` [rad]."""
+    lean = 0.5 * turn
+    half = rotation(lean)
+    chord = distance * half.imag / lean if lean != 0.0 else distance  # sin(x)/x of the arc's length
     return position + chord * half * heading, heading * half * half
 
 
-def control_point(position: Vectors, heading: Vectors, offset: Reals) -> Vectors:
+def control_point(position: complex, heading: complex, offset: float) -> complex:
     """h = p + L ζ [m; world frame]."""
-    point: Vectors = position + offset * heading
-    return point
+    return position + offset * heading
 
 
-def body_velocity(speed: Reals, turn_rate: Reals, offset: Reals) -> Any:
+def body_velocity(speed: float, turn_rate: float, offset: float) -> complex:
     """Velocity of the control point in the robot's own frame, u + i L ω [m/s]: Eq. (5)."""
-    return speed + 1j * (offset * turn_rate)
+    return complex(speed, offset * turn_rate)
 
 
-def control_point_velocity(heading: Vectors, speed: Reals, turn_rate: Reals, offset: Reals) -> Vectors:
+def control_point_velocity(heading: complex, speed: float, turn_rate: float, offset: float) -> complex:
     """Velocity of the control point [m/s; world frame]: Eq. (4)."""
-    velocity: Vectors = heading * body_velocity(speed, turn_rate, offset)
-    return velocity
+    return heading * body_velocity(speed, turn_rate, offset)
 
 
-def saturate(nominal: Vectors, offset: Reals, max_speed: Reals, max_turn_rate: Reals) -> Command:
+def saturate(nominal: complex, offset: float, max_speed: float, max_turn_rate: float) -> Command:
     """The nominal control-point velocity u_r + i L ω_r as a command within limits: Eqs. (8), (9).
 
     Multiplying by s = min(1, limit/|value|) is the same as clipping to the limit, without dividing by a

@@ -24,10 +24,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from formation.arrays import ComplexArray, FloatArray
 from formation.figure import Figure
 from formation.intent import SAMPLES, SHARE
 from formation.mission import Mission
-from formation.plane import ComplexArray, FloatArray
 
 LEAST = 0.01
 """Of a follower's top speed so much is for that, however fast the leader is."""

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from formation.simulation.body import Body
+from formation.simulation.body import Body, driven, obeyed
 from formation.unicycle import Command, advance
 
 STEP = 0.01
@@ -55,7 +55,7 @@ class Plant:
 
     def obey(self, command: Command) -> None:
         """Strive for what the firmware makes of `command`."""
-        self.command = _floats(self._body.obeyed(command))
+        self.command = obeyed(self._body, command)
 
     def advance(self, elapsed: float) -> None:
         """Let `elapsed` [s] go by."""
@@ -64,9 +64,9 @@ class Plant:
         changing = min(elapsed, CAUGHT_UP * self._body.lag) if self.moving != self.command else 0.0
         steps = math.ceil(changing / STEP)
         for _ in range(steps):
-            mean, end = self._body.drive(self.moving, self.command, changing / steps)
+            mean, end = driven(self._body, self.moving, self.command, changing / steps)
             self._go(mean, changing / steps)
-            self.moving = _floats(end)
+            self.moving = end
         if elapsed > changing:
             self.moving = self.command
             self._go(self.command, elapsed - changing)

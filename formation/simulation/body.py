@@ -1,6 +1,6 @@
 """The body that stands in for hardware: what becomes of a command, and what the odometry makes of it.
 
-Pure, for one robot or an array of robots. `ideal` is the robot of Eq. (1), which does at once and exactly
+Pure. `ideal` is the robot of Eq. (1), which does at once and exactly
 what it is told. `turtlebot3_burger`, after its published sources:
 
 | number | why |
@@ -15,20 +15,17 @@ what it is told. `turtlebot3_burger`, after its published sources:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any
-
-import numpy as np
+from typing import NamedTuple
 
 from formation.mission import SimulatedRobot
-from formation.plane import Reals, clip
+from formation.plane import clip
 from formation.unicycle import Command
 
 
-@dataclass(frozen=True, slots=True)
-class Body:
+class Body(NamedTuple):
     """A robot's drive and odometry."""
 
     lag: float = 0.0
@@ -51,35 +48,38 @@ class Body:
     @staticmethod
     def of(spec: SimulatedRobot) -> Body:
         """The body that a mission's [simulated_robot] describes: its profile, and departures from it."""
-        return replace(PROFILES[spec.profile], **spec.model_dump(exclude={"profile"}, exclude_none=True))
-
-    def obeyed(self, command: Command) -> Command:
-        """The command as the firmware takes it: cut to steps, then clamped."""
-        return Command(
-            clip(_cut(command.speed, self.speed_step), self.max_speed),
-            clip(_cut(command.turn_rate, self.turn_rate_step), self.max_turn_rate),
-        )
-
-    def drive(self, moving: Command, obeyed: Command, dt: float) -> tuple[Command, Command]:
-        """`dt` [s] of wheels that lag: mean speed and turn rate over it, and those at its end.
-
-        `moving` is what the robot did before, `obeyed` what it is told now. Exact for a constant command.
-        """
-        if self.lag <= 0.0:
-            return obeyed, obeyed
-        share = -float(np.expm1(-dt / self.lag))
-        mean = share * self.lag / dt
-        return (
-            Command(*(told + mean * (did - told) for did, told in zip(moving, obeyed, strict=True))),
-            Command(*(did + share * (told - did) for did, told in zip(moving, obeyed, strict=True))),
-        )
+        return PROFILES[spec.profile]._replace(**spec.model_dump(exclude={"profile"}, exclude_none=True))
 
 
-def _cut(value: Reals, step: float) -> Any:
+def obeyed(body: Body, command: Command) -> Command:
+    """The command as the firmware takes it: cut to steps, then clamped."""
+    return Command(
+        clip(_cut(command.speed, body.speed_step), body.max_speed),
+        clip(_cut(command.turn_rate, body.turn_rate_step), body.max_turn_rate),
+    )
+
+
+def driven(body: Body, moving: Command, told: Command, dt: float) -> tuple[Command, Command]:
+    """`dt` [s] of wheels that lag: mean speed and turn rate over it, and those at its end.
+
+    `moving` is what the robot did before, `told` what it obeys now. Exact for a constant command.
+    """
+    if body.lag <= 0.0:
+        return told, told
+    share = -math.expm1(-dt / body.lag)
+    mean = share * body.lag / dt
+    speed, turn_rate = moving.speed - told.speed, moving.turn_rate - told.turn_rate
+    return (
+        Command(told.speed + mean * speed, told.turn_rate + mean * turn_rate),
+        Command(moving.speed - share * speed, moving.turn_rate - share * turn_rate),
+    )
+
+
+def _cut(value: float, step: float) -> float:
     """`value` cut towards zero to a multiple of `step`; a multiple but for rounding stays what it is."""
     if step <= 0.0:
         return value
-    return np.trunc(value / step + np.sign(value) * 1e-6) * step
+    return math.copysign(math.floor(abs(value) / step + 1e-6), value) * step
 
 
 PROFILES: Mapping[str, Body] = MappingProxyType(

@@ -1,37 +1,37 @@
-"""Many runs of one mission at once: the closed loop of N robots, as arrays, without a network.
+"""Many runs of one mission at once: the closed loop of N robots, without a network.
 
 The law, observer, tracks and kinematics are the ones that agents use; only the links and the bodies are
-simulated. Shapes: R runs, N robots (leader first), F = N-1 followers, E edges of the graph. Robots do not
-collide, and all act at the same instants. Positions are in the frame of each robot's odometry, as are those
-that robots publish: drift moves the robot in it, for neither the law nor the formation error can see more.
+simulated (`formation.simulation.loop`). Shapes: R runs, N robots (leader first), F = N-1 followers, E edges
+of the graph. Robots do not collide, and all act at the same instants. Positions are in the frame of each
+robot's odometry, as are those that robots publish: drift moves the robot in it, for neither the law nor the
+formation error can see more.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from formation import heading as observers
-from formation.heading import Travel
-from formation.law import LAWS, Limits, Measured
+from formation.arrays import ComplexArray, FloatArray
+from formation.law import LAWS, Law, Limits
 from formation.mission import Mission
 from formation.neighbour import FRESH_PERIODS
-from formation.plane import ComplexArray, rotation, unit
-from formation.quantiser import Quantiser
+from formation.quantiser import Grid, Quantiser
 from formation.robot_spec import RobotSpec
 from formation.route import Route
+from formation.simulation import loop
 from formation.simulation.body import Body
-from formation.simulation.links import Heard, Links, Mask, Terms
+from formation.simulation.compiled import AVAILABLE, compiled
+from formation.simulation.leader import positions
 from formation.simulation.starts import Starts
-from formation.unicycle import Command, advance, control_point
+from formation.unicycle import Command
 
-AHEAD = 1000
-"""Steps for which the leader's route is evaluated at once."""
 Observer = Literal["innovation", "mended", "printed"]
 """Field law's; Eq. (3) with erratum 1 mended; Eq. (3) as printed."""
+_OBSERVERS = {"innovation": loop.INNOVATION, "mended": loop.MENDED, "printed": loop.PRINTED}
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,176 +57,160 @@ class Options:
         if not 0.0 <= self.loss <= 1.0:
             raise ValueError(f"loss = {self.loss}: must be a share from 0 to 1")
 
+    def delay_steps(self, step: float) -> int:
+        """The delay in steps of so many seconds."""
+        return int(np.ceil(self.delay / step - 1e-9))
+
+
+class Plan(NamedTuple):
+    """What is to be written down on the way."""
+
+    steps: int
+    """How many there will be."""
+    stride: int
+    """Steps between moments of the error that is kept for every run."""
+
 
 class Ensemble:
-    """R runs of a mission; `step` takes all of them one step further."""
+    """R runs of a mission; `run_on` takes all of them some steps further."""
 
     def __init__(
         self,
         mission: Mission,
-        law: str,
+        law: str | Law,
         options: Options,
         starts: Starts,
         step: float,
         rng: np.random.Generator,
+        plan: Plan,
     ) -> None:
-        """`law` is a key of LAWS, `step` the control period [s]."""
-        robots = [mission.robots[name] for name in mission.followers]
+        """`law` is a key of LAWS or any other law, `step` the control period [s]."""
+        printed = law == "paper"
+        observer = options.observer or ("mended" if printed else "innovation")
         self.steps = 0
         """Taken so far."""
-        self.position, self.heading = starts
-        """Pose of every follower without noise; shapes (R, F)."""
-        self.limits = Limits(
-            np.array([robot.control_point_offset for robot in robots]),
-            np.array([robot.max_speed for robot in robots]),
-            np.array([robot.max_turn_rate for robot in robots]),
+        self.route = Route.of(mission)
+        self._draw = rng
+        self._world = loop.World(
+            step=step,
+            gains=mission.law.gains,
+            body=options.body or Body.of(mission.simulated_robot),
+            observer=_OBSERVERS[observer],
+            observer_gain=mission.law.observer_gain,
+            normalised=options.normalised,
+            feed_forward=not printed and mission.law.feed_forward,
+            carries=not printed and mission.law.delay_compensation,
+            time_constant=0.0 if printed else mission.law.velocity_filter,
+            loss=options.loss,
+            quantises=any(Quantiser.of(*_steps(mission.robots[name])) for name in mission.followers),
+            settled=mission.settled,
+            stride=plan.stride,
         )
-        """Of every follower; shapes (F,)."""
-        at_rest = np.zeros(self.position.shape)
-        self.moving = Command(at_rest, at_rest)
-        """What the bodies did, on average over the last step."""
-        self._wheels = self.moving
-        self._quantiser = Quantiser.of(_steps(robots), self.limits)
-        self._remainder = self.moving
-        self._mission, self._graph, self.route = mission, mission.graph, Route.of(mission)
-        self._law, self._gains, self._dt, self._rng = LAWS[law], mission.law.gains, step, rng
-        self._body = options.body or Body.of(mission.simulated_robot)
-        self._observer: Observer = options.observer or ("mended" if law == "paper" else "innovation")
-        self._normalised = options.normalised
-        self._feed_forward = law == "field" and mission.law.feed_forward
-        self._desired = self._graph.along_edges(mission.slots())
-        self._all_desired = self._graph.sum_per_follower(self._desired)
-        self._leader: ComplexArray = np.empty(0, dtype=np.complex128)
-        self._local = np.array([(options.measurement or r.measurement) == "local" for r in robots])
-        self._follower = self._graph.tails - 1
-        self._links = Links(self._graph, _terms(mission, law, options, self._local, step), rng)
-        self._integral = np.zeros_like(self.position)
-        self._travel: Travel | None = None
-        self._bias = self._body.drift * rotation(rng.uniform(-np.pi, np.pi, self.position.shape))
-        self._odometry = self._localise()
-        self.estimate: ComplexArray = self._first_estimate()
-        """Estimated headings, not always of unit length; shape (R, F)."""
+        self._robots, self._edges = _robots(mission, options), _edges(mission, options, step)
+        self._followers = _followers(starts, self._world.body, rng)
+        self._tracks = np.zeros((len(self._followers), len(self._edges)), loop.TRACK)
+        self._tracks["stamp"] = -np.inf
+        ring = options.delay_steps(step) + 1
+        self._said = np.zeros((len(self._followers), ring, len(mission.names)), dtype=np.complex128)
+        if observer == "innovation":
+            guesses = [mission.first_heading(name) for name in mission.followers]
+            self._followers["estimate"] = guesses
+        else:
+            self._followers["estimate"] = mission.law.observer_gain * self._followers["odometry"]
+        chosen = LAWS[law] if isinstance(law, str) else law
+        self._run_on = compiled(loop.run_on, law=chosen)
+        self._all_run_on = compiled(loop.all_run_on, law=chosen)
+        self.error: FloatArray = self._error_now()
+        """Formation error of every run now [m], infinite where it has left the numbers; shape (R,)."""
+        self.last_out = np.where(self.error >= mission.settled, 0, -1)
+        """Step at which it was not under the mission's bound for the last time, -1 for never; shape (R,)."""
+        self.errors: FloatArray = np.full((plan.steps // plan.stride + 1, len(self.error)), np.inf)
+        """Formation error every `Plan.stride` steps [m]; shape (moments, R)."""
+        self.errors[0] = self.error
 
     @property
     def time(self) -> float:
         """Since the start [s]."""
-        return self.steps * self._dt
+        return self.steps * self._world.step
 
     @property
-    def points(self) -> ComplexArray:
-        """Control points of all robots without noise, the leader's first [m; world frame]; shape (R, N)."""
-        return self._with_leader(control_point(self.position, self.heading, self.limits.offset))
+    def followers(self) -> NDArray[Any]:
+        """All of them, records of `loop.FOLLOWER`; shape (R, F)."""
+        return self._followers
 
-    def step(self) -> None:
-        """Measure, estimate, hear the neighbours, apply the law, and move for one step."""
-        if self._travel is not None:
-            last, self._odometry = self._odometry, self._localise()
-            self._observe(self._travel._replace(displacement=self._odometry - last))
-        heading = unit(self.estimate) if self._normalised else self.estimate
-        point = control_point(self._odometry, heading, self.limits.offset)
-        sensed = self._sense() if self._local.any() else None
-        seen_at = None
-        if sensed is not None:
-            seen_at = point[:, self._follower] + heading[:, self._follower] * sensed
-        heard = self._links.hear(self.time, self._with_leader(point), seen_at)
-        measured, blind = self._measured(heard, heading, point, sensed)
-        before = self._integral
-        command, self._integral = self._law(before, heading, measured, self._gains, self.limits, self._dt)
-        if blind is not None:  # nobody to follow: stand still, and learn nothing
-            command = Command(*(np.where(blind, 0.0, wanted) for wanted in command))
-            self._integral = np.where(blind, before, self._integral)
-        if self._quantiser is not None:
-            command, self._remainder = self._quantiser.quantise(command, self._remainder)
-        self._move(command)
+    @property
+    def robots(self) -> NDArray[Any]:
+        """What followers are, records of `loop.ROBOT`; shape (F,)."""
+        return self._robots
 
-    def _measured(
-        self, heard: Heard, heading: ComplexArray, point: ComplexArray, sensed: ComplexArray | None
-    ) -> tuple[Measured, Mask | None]:
-        """The law's input, and which followers have nobody to follow (None where all have)."""
-        total, velocity = self._graph.sum_per_follower, heard.velocity
-        displacement = heard.point - point[:, self._follower]
-        count, desired, blind = self._graph.degrees, self._all_desired, None
-        if heard.fresh is not None:
-            displacement = np.where(heard.fresh, displacement, 0.0)
-            velocity = np.where(heard.fresh, velocity, 0.0)
-            desired = total(np.where(heard.fresh, self._desired, 0.0))
-            heard_of = total(heard.fresh.astype(np.float64))
-            blind, count = heard_of == 0.0, np.maximum(heard_of, 1.0)
-        relative = heading.conjugate() * total(displacement)
-        if sensed is not None:
-            relative = np.where(self._local, total(sensed), relative)
-        forward = total(velocity) / count if self._feed_forward else 0.0
-        return Measured(relative, desired, count, forward), blind
+    def run_on(self, steps: int) -> None:
+        """Take so many steps. Random numbers are drawn run by run: how steps are grouped matters to them."""
+        begin, leader = self.steps, self._leader(steps + 1)
+        self.steps += steps
+        if AVAILABLE:
+            self._all_run_on(
+                begin, leader, self._world, self._robots, self._edges, self._followers, self._tracks,
+                self._said, self._draw, self.errors, self.last_out, self.error,
+            )  # fmt: skip
+            return
+        robots, edges = self._robots.view(np.recarray), self._edges.view(np.recarray)
+        followers, tracks = self._followers.view(np.recarray), self._tracks.view(np.recarray)
+        for r in np.flatnonzero(np.isfinite(self.error)):
+            one = followers[r], tracks[r], self._said[r], self._draw, self.errors[:, r]
+            try:
+                out, self.error[r] = self._run_on(begin, leader, self._world, robots, edges, *one)
+            except (ArithmeticError, ValueError):  # Python's word for a run that leaves the numbers
+                out, self.error[r] = self.steps, np.inf
+            self.last_out[r] = max(self.last_out[r], out)
 
-    def _sense(self) -> ComplexArray:
-        """z_ij^(i) as a perfect sensor on robot i has it [m; body frame]; shape (R, E)."""
-        seen_by = self.heading[:, self._follower]
-        sensed: ComplexArray = seen_by.conjugate() * self._graph.along_edges(self.points)
-        return sensed
+    def _error_now(self) -> FloatArray:
+        error, here = compiled(loop.formation_error), self._leader(1)[0]
+        robots, edges = self._robots.view(np.recarray), self._edges.view(np.recarray)
+        runs = self._followers.view(np.recarray)
+        return np.array([error(run, robots, edges, here) for run in runs])
 
-    def _first_estimate(self) -> ComplexArray:
-        if self._observer == "innovation":
-            guesses = [self._mission.first_heading(name) for name in self._mission.followers]
-            return np.tile(np.array(guesses, dtype=np.complex128), (self.position.shape[0], 1))
-        return observers.printed_start(self._odometry, self._mission.law.observer_gain)
-
-    def _observe(self, travel: Travel) -> None:
-        gain = self._mission.law.observer_gain
-        if self._observer == "innovation":
-            self.estimate = observers.innovation(self.estimate, travel, gain)
-        else:
-            decay: Literal["speed", "turn rate"] = "speed" if self._observer == "mended" else "turn rate"
-            self.estimate = observers.printed(self.estimate, travel, gain, decay)
-
-    def _localise(self) -> ComplexArray:
-        """Centres as the odometry has them [m; world frame]."""
-        if self._body.position_noise <= 0.0:
-            return self.position
-        noise = self._rng.normal(0.0, self._body.position_noise, (2, *self.position.shape))
-        noisy: ComplexArray = self.position + noise[0] + 1j * noise[1]
-        return noisy
-
-    def _move(self, command: Command) -> None:
-        self.moving, self._wheels = self._body.drive(self._wheels, self._body.obeyed(command), self._dt)
-        self._travel = Travel(self.moving.speed * self._dt, self.moving.turn_rate * self._dt, None)
-        drifted = self._bias * np.abs(self._travel.distance) * self.heading if self._body.drift > 0.0 else 0.0
-        self.position, self.heading = advance(self.position, self.heading, *self.moving, self._dt)
-        self.position = self.position + drifted
-        self.steps += 1
-
-    def _leader_now(self) -> complex:
-        """The leader's position now; its route is evaluated a thousand steps at a time."""
-        place = self.steps % AHEAD
-        if place == 0 or not len(self._leader):
-            times = self._dt * (self.steps - place + np.arange(AHEAD))
-            self._leader = self.route.position(times)
-        return complex(self._leader[place])
-
-    def _with_leader(self, followers: ComplexArray) -> ComplexArray:
-        """Points of all robots from those of the followers; the leader's is its position."""
-        points = np.empty((followers.shape[0], followers.shape[1] + 1), dtype=np.complex128)
-        points[:, 0] = self._leader_now()
-        points[:, 1:] = followers
-        return points
+    def _leader(self, count: int) -> ComplexArray:
+        """Where it is now and after each next step [m; world frame]."""
+        return positions(
+            self.route, self._world.step * np.arange(self.steps, self.steps + count, dtype=np.float64)
+        )
 
 
-def _steps(robots: Sequence[RobotSpec]) -> Command:
-    return Command(
-        np.array([robot.speed_step for robot in robots]), np.array([robot.turn_rate_step for robot in robots])
-    )
+def _steps(robot: RobotSpec) -> tuple[Command, Limits]:
+    return Command(robot.speed_step, robot.turn_rate_step), robot.limits
 
 
-def _terms(mission: Mission, law: str, options: Options, local: Mask, step: float) -> Terms:
+def _robots(mission: Mission, options: Options) -> NDArray[Any]:
+    robots = np.zeros(len(mission.followers), loop.ROBOT)
+    last = 0
+    for i, (name, degree) in enumerate(zip(mission.followers, mission.graph.degrees, strict=True)):
+        spec, first, last = mission.robots[name], last, last + int(degree)
+        speed = Grid.of(spec.speed_step, spec.max_speed)
+        turn_rate = Grid.of(spec.turn_rate_step, spec.max_turn_rate)
+        local = (options.measurement or spec.measurement) == "local"
+        steps = speed.step, speed.most, turn_rate.step, turn_rate.most
+        robots[i] = (*spec.limits, *steps, first, last, local)
+    return robots
+
+
+def _edges(mission: Mission, options: Options, step: float) -> NDArray[Any]:
     graph = mission.graph
     robots = [mission.robots[name] for name in mission.names]
-    field = law == "field"
-    return Terms(
-        step=step,
-        delay=int(np.ceil(options.delay / step - 1e-9)),
-        loss=options.loss,
-        limit=np.array([FRESH_PERIODS / robot.rate for robot in robots])[graph.heads],
-        top_speed=np.array([robot.top_speed for robot in robots])[graph.heads],
-        time_constant=mission.law.velocity_filter if field else None,
-        carry=field and mission.law.delay_compensation,
-        local=local[graph.tails - 1],
-    )
+    local = np.array([(options.measurement or robot.measurement) == "local" for robot in robots])
+    edges = np.zeros(len(graph.heads), loop.EDGE)
+    edges["head"], edges["desired"] = graph.heads, graph.along_edges(mission.slots())
+    edges["late"] = np.where(local[graph.tails], 0.0, options.delay_steps(step) * step)
+    edges["limit"] = np.array([FRESH_PERIODS / robot.rate for robot in robots])[graph.heads]
+    edges["top_speed"] = np.array([robot.top_speed for robot in robots])[graph.heads]
+    return edges
+
+
+def _followers(starts: Starts, body: Body, rng: np.random.Generator) -> NDArray[Any]:
+    followers = np.zeros(starts.position.shape, loop.FOLLOWER)
+    followers["position"], followers["heading"] = starts
+    followers["odometry"] = starts.position
+    followers["drift"] = body.drift * np.exp(1j * rng.uniform(-np.pi, np.pi, followers.shape))
+    if body.position_noise > 0.0:
+        x, y = rng.normal(0.0, body.position_noise, (2, *followers.shape))
+        followers["odometry"] += x + 1j * y
+    return followers

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from formation.plane import ComplexArray, FloatArray
+from formation.arrays import ComplexArray, FloatArray
 
 
 @dataclass(frozen=True, slots=True)

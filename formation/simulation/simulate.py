@@ -17,16 +17,18 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from formation.graph import formation_error
-from formation.law import LAWS
+from formation.arrays import FloatArray
+from formation.law import LAWS, Law
 from formation.mission import Mission
-from formation.plane import ComplexArray, FloatArray, angle_between
-from formation.simulation.ensemble import Ensemble, Options
+from formation.simulation.ensemble import Ensemble, Options, Plan
 from formation.simulation.history import History
+from formation.simulation.leader import positions
 from formation.simulation.starts import own_starts, random_starts
 
 DWELL = 10.0
 """How long a run has to stay under the bound before it counts as converged [s]; half of a short horizon."""
+GROUPED, WORK = 16, 1_000_000
+"""Every run goes so many steps before the next has its turn, or so many that all robots do so much work."""
 MOMENTS = 2_000_000
 """Robot poses that a history holds at most; a longer run is thinned evenly."""
 
@@ -79,7 +81,7 @@ def simulate(
     *,
     runs: int = 1,
     seed: int = 0,
-    law: str | None = None,
+    law: str | Law | None = None,
     options: Options | None = None,
     horizon: float | None = None,
     step: float | None = None,
@@ -105,22 +107,25 @@ def simulate(
         first = own_starts(mission, runs)
     else:
         first = random_starts(mission, runs, spread, drawn)
-    with np.errstate(all="ignore"):  # a run may leave the numbers: it then has not converged, and says so
-        ensemble = Ensemble(mission, law, options or Options(), first, step, noise)
-        watch = _Watch(mission, ensemble, round(horizon / step), keep=keep)
-        watch.look()
-        while ensemble.steps < watch.steps:
-            ensemble.step()
-            watch.look()
-            if progress is not None and (ensemble.steps % watch.stride == 0 or ensemble.steps == watch.steps):
-                progress(ensemble.steps / watch.steps)
-    return watch.result(law, step, time.perf_counter() - began)
+    steps = round(horizon / step)
+    stride = max(1, steps // 1000)
+    ensemble = Ensemble(mission, law, options or Options(), first, step, noise, Plan(steps, stride))
+    film = _Film(mission, ensemble, steps) if keep else None
+    group = film.pace if film else max(GROUPED, WORK // first.position.size)
+    while ensemble.steps < steps:
+        ensemble.run_on(min(group, steps - ensemble.steps))
+        if film is not None:
+            film.take()
+        if progress is not None:
+            progress(ensemble.steps / steps)
+    name = law if isinstance(law, str) else law.__name__
+    return _result(mission, name, ensemble, stride, time.perf_counter() - began, film)
 
 
-def _check(runs: int, law: str, horizon: float, step: float, spread: float) -> None:
+def _check(runs: int, law: str | Law, horizon: float, step: float, spread: float) -> None:
     if runs < 1:
         raise ValueError(f"runs = {runs}: must be at least 1")
-    if law not in LAWS:
+    if isinstance(law, str) and law not in LAWS:
         raise ValueError(f"law {law!r}: must be one of {', '.join(LAWS)}")
     if not 0.0 < step <= 0.2:
         raise ValueError(f"step = {step}: must be above 0 and at most 0.2 s")
@@ -130,74 +135,63 @@ def _check(runs: int, law: str, horizon: float, step: float, spread: float) -> N
         raise ValueError(f"spread = {spread}: must be finite and not negative [m]")
 
 
-class _Watch:
-    """Looks at an ensemble after every step, and remembers what the result needs."""
+def _result(
+    mission: Mission, law: str, ensemble: Ensemble, stride: int, wall_time: float, film: _Film | None
+) -> Result:
+    """What there is to say at the end."""
+    steps, step = ensemble.steps, ensemble.time / ensemble.steps
+    converged = ensemble.last_out + round(min(DWELL, 0.5 * steps * step) / step) < steps
+    return Result(
+        law=law,
+        settled=mission.settled,
+        settling_time=np.where(converged, (ensemble.last_out + 1) * step, np.nan),
+        converged=converged,
+        final_error=ensemble.error,
+        time=step * stride * np.arange(len(ensemble.errors), dtype=np.float64),
+        error=ensemble.errors,
+        wall_time=wall_time,
+        robot_steps=ensemble.followers.size * steps,
+        history=None if film is None else film.history(law),
+    )
 
-    def __init__(self, mission: Mission, ensemble: Ensemble, steps: int, *, keep: bool) -> None:
-        self.steps = steps
-        self.stride = max(1, steps // 1000)
-        """Steps between moments of the error that is kept for every run."""
+
+class _Film:
+    """Keeps the moments of the first run."""
+
+    def __init__(self, mission: Mission, ensemble: Ensemble, steps: int) -> None:
+        self.pace = max(1, math.ceil(steps * len(mission.names) / MOMENTS))
+        """Steps between two."""
         self._mission, self._ensemble = mission, ensemble
-        self._slots = mission.slots()
-        self._last_out = np.full(ensemble.position.shape[0], -1)
-        self._errors: list[FloatArray] = []
-        self._error: FloatArray = np.empty(0)
-        self._pace = max(1, math.ceil(steps * len(mission.names) / MOMENTS))
-        self._moments: list[tuple[Any, ...]] | None = [] if keep else None
+        self._moments: list[tuple[Any, ...]] = []
+        self.take()
 
-    def look(self) -> None:
-        """Take in the present."""
-        now = self._ensemble
-        error = formation_error(self._mission.graph, now.points, self._slots)
-        self._error = np.where(np.isfinite(error), error, np.inf)
-        self._last_out[self._error >= self._mission.settled] = now.steps
-        if now.steps % self.stride == 0:
-            self._errors.append(self._error)
-        if self._moments is not None and now.steps % self._pace == 0:
-            followers = (now.position, now.heading, now.estimate, now.moving.speed, now.moving.turn_rate)
-            self._moments.append((now.time, self._error[0], *(array[0] for array in followers)))
+    def take(self) -> None:
+        """Keep the present."""
+        now, first = self._ensemble, self._ensemble.followers[0]
+        names = ("position", "heading", "estimate", "speed", "turn_rate")
+        self._moments.append((now.time, now.error[0], *(first[name].copy() for name in names)))
 
-    def result(self, law: str, step: float, wall_time: float) -> Result:
-        """What there is to say at the end."""
-        runs, followers = self._ensemble.position.shape
-        dwell = round(min(DWELL, 0.5 * self.steps * step) / step)
-        converged = self._last_out + dwell < self.steps
-        return Result(
-            law=law,
-            settled=self._mission.settled,
-            settling_time=np.where(converged, (self._last_out + 1) * step, np.nan),
-            converged=converged,
-            final_error=self._error,
-            time=step * self.stride * np.arange(len(self._errors), dtype=np.float64),
-            error=np.array(self._errors),
-            wall_time=wall_time,
-            robot_steps=runs * followers * self.steps,
-            history=None if self._moments is None else self._history(law),
-        )
-
-    def _history(self, law: str) -> History:
-        columns = [np.array(column) for column in zip(*(self._moments or ()), strict=True)]
+    def history(self, law: str) -> History:
+        """All of them."""
+        columns = [np.array(column) for column in zip(*self._moments, strict=True)]
         times, error, position, heading, estimate, speed, turn_rate = columns
-        mission, limits, route = self._mission, self._ensemble.limits, self._ensemble.route
+        mission, robots, route = self._mission, self._ensemble.robots, self._ensemble.route
+        directions = np.array([route.heading(time) for time in times.tolist()])
         return History(
             title=f"{mission.name}, {law} law",
             names=mission.names,
             edges=tuple(zip(mission.graph.tails.tolist(), mission.graph.heads.tolist(), strict=True)),
-            offset=limits.offset,
-            max_speed=limits.max_speed,
-            max_turn_rate=limits.max_turn_rate,
+            offset=robots["offset"],
+            max_speed=robots["max_speed"],
+            max_turn_rate=robots["max_turn_rate"],
             time=times,
-            position=_beside(route.position(times), position),
-            heading=_beside(route.heading(times), heading),
-            heading_error=angle_between(heading, estimate),
+            position=np.column_stack([positions(route, times), position]),
+            heading=np.column_stack([directions, heading]),
+            heading_error=np.angle(estimate * heading.conj()),
             error=error,
             speed=speed,
             turn_rate=turn_rate,
         )
-
-
-def _beside(leader: ComplexArray, followers: ComplexArray) -> ComplexArray:
-    return np.column_stack([leader, followers])
 
 
 def _number(value: float | np.floating[Any]) -> float | None:

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from formation.arrays import ComplexArray
 from formation.mission import Mission
-from formation.plane import ComplexArray, rotation
 
 
 class Starts(NamedTuple):
@@ -30,7 +30,7 @@ def own_starts(mission: Mission, runs: int) -> Starts:
 def random_starts(mission: Mission, runs: int, spread: float, rng: np.random.Generator) -> Starts:
     """Control points uniformly within ± `spread` [m] of their slots on each axis, headings uniformly."""
     shape = (runs, len(mission.followers))
-    heading = rotation(rng.uniform(-np.pi, np.pi, shape))
+    heading = np.exp(1j * rng.uniform(-np.pi, np.pi, shape))
     away = rng.uniform(-spread, spread, shape) + 1j * rng.uniform(-spread, spread, shape)
     offset = np.array([mission.robots[name].control_point_offset for name in mission.followers])
     slots = mission.robots[mission.leader].start.position + mission.slots()[1:]

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from formation.arrays import ComplexArray
 from formation.mission import Mission
-from formation.plane import ComplexArray
 from formation.route import Route
 from formation.simulation.simulate import simulate
 from formation.stability import feasibility, spectrum

@@ -10,12 +10,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from formation.arrays import ComplexArray
 from formation.figure import Figure
 from formation.graph import Graph
 from formation.intent import swings_too_fast
 from formation.legs import Circle
 from formation.mission import Mission
-from formation.plane import ComplexArray
 from formation.simulation.body import Body
 from formation.stability.spacing import too_close
 

@@ -17,8 +17,8 @@ from collections import deque
 
 import numpy as np
 
+from formation.arrays import ComplexArray, FloatArray
 from formation.graph import Graph
-from formation.plane import ComplexArray, FloatArray
 
 
 def cyclic_core(graph: Graph) -> tuple[int, ...]:

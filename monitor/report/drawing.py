@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from formation.plane import ComplexArray, FloatArray, unit
+from formation.arrays import ComplexArray, FloatArray
+from formation.plane import unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from formation.arrays import ComplexArray, FloatArray
 from formation.mission import Mission
-from formation.plane import ComplexArray, FloatArray
 from formation.topics import CMD_VEL, ERROR
 from formation.wire import Now
 from monitor.figures.events import Event

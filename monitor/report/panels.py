@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from formation.plane import FloatArray
+from formation.arrays import FloatArray
 from formation.simulation.history import History
 from monitor.report import drawing
 from monitor.report.drawing import STYLE, Look

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from formation.arrays import FloatArray
 from formation.figure import Figure
-from formation.plane import FloatArray
 from monitor.report import drawing, words
 from monitor.report.drawing import FAINT, INK, MANY
 from monitor.report.gather import Run

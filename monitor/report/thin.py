@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from formation.plane import FloatArray
+from formation.arrays import FloatArray
 
 MOST = 4096
 """Rows of one series: more than a printed column has dots."""

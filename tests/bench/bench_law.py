@@ -1,9 +1,6 @@
-"""What one control step of the mathematics costs: observer, neighbours, law; one robot, or an array of them.
+"""What one control step of the mathematics costs on a robot: observer, neighbours, law.
 
 python -m tests.bench.bench_law [--rounds N] [--json]
-
-The scalar line is what an agent computes for each odometry message; the array lines are what the simulation
-computes at each step, per robot.
 """
 
 from __future__ import annotations
@@ -12,34 +9,24 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-
-from formation.heading import Travel, innovation, printed
+from formation.heading import Travel, innovation, mended
 from formation.law import LAWS, Gains, Limits, Measured
 from formation.neighbour import Track, carried_to, seen
-from formation.plane import unit
+from formation.plane import rotation
 from tests.bench.figures import flags, markdown, over_rounds, show, span
 
 GAINS = Gains(2.0, 1.0)
-SIZES = (1, 6, 100, 10_000)
-"""Robots at once; 1 is a scalar, not an array of one."""
 
 
-def parts(robots: int, rng: np.random.Generator) -> dict[str, Callable[[], object]]:
+def parts() -> dict[str, Callable[[], object]]:
     """The parts of a control step, each with its inputs at hand."""
-
-    def vectors() -> Any:
-        drawn = rng.normal(size=robots) + 1j * rng.normal(size=robots)
-        return complex(drawn[0]) if robots == 1 else drawn
-
-    facing, integral, point = unit(vectors()), vectors(), vectors()
-    step = 0.05 * np.ones(robots) if robots > 1 else 0.05
-    travel = Travel(0.2 * step, 0.5 * step, 0.2 * step * facing)
-    track, limits = Track(0.0, vectors(), vectors()), Limits(2.0 * step, 4.0 * step, 20.0 * step)
-    measured = Measured(vectors(), vectors(), 2 * step / step, vectors())
+    facing, integral, point = rotation(0.7), 0.3 - 0.1j, 1.2 + 0.4j
+    travel = Travel(0.01, 0.025, 0.01 * facing)
+    track, limits = Track(0.0, 1.1 + 0.4j, 0.2 + 0.1j), Limits(0.1, 0.2, 1.0)
+    measured = Measured(0.8 - 0.5j, 0.7 - 0.4j, 2.0, 0.2 + 0.1j)
     return {
         "observer, field": lambda: innovation(facing, travel, 5.0),
-        "observer, paper": lambda: printed(facing, travel, 5.0),
+        "observer, paper": lambda: mended(facing, travel, 5.0),
         "one neighbour": lambda: carried_to(seen(track, 0.05, point, 0.1, 1.5), 0.06, 0.15),
         "law, field": lambda: LAWS["field"](integral, facing, measured, GAINS, limits, 0.05),
         "law, paper": lambda: LAWS["paper"](integral, facing, measured, GAINS, limits, 0.05),
@@ -57,28 +44,14 @@ def microseconds(call: Callable[[], object], seconds: float = 0.1) -> float:
     return 1e6 * elapsed / count
 
 
-def one_round(rng: np.random.Generator) -> dict[str, dict[str, float]]:
-    """Every part at every size [µs per robot]."""
-    return {
-        str(size): {name: microseconds(call) / size for name, call in parts(size, rng).items()}
-        for size in SIZES
-    }
-
-
 def measure(rounds: int) -> Any:
-    """Every part at every size, by rounds."""
-    rng = np.random.default_rng(0)
-    return over_rounds([one_round(rng) for _ in range(rounds)])
+    """Every part [µs], by rounds."""
+    return over_rounds([{name: microseconds(call) for name, call in parts().items()} for _ in range(rounds)])
 
 
 def section(found: Any) -> str:
     """The figures in Markdown."""
-    header = ["[µs per robot]", *("scalar" if size == 1 else f"{size:,} robots" for size in SIZES)]
-    rows = [
-        [name, *(span(found[str(size)][name], 3 if size > 1 else 1) for size in SIZES)]
-        for name in found[str(SIZES[0])]
-    ]
-    return markdown(header, rows)
+    return markdown(["part", "µs"], [[name, span(found[name], 2)] for name in parts()])
 
 
 def main() -> None:

@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from formation.arrays import FloatArray
 from formation.mission import Mission
-from formation.plane import FloatArray
 from formation.simulation.ensemble import Options
 from formation.simulation.simulate import Result, simulate
 from formation.simulation.starts import random_starts
-from formation.unicycle import control_point
 from tests.formation import scenarios
 
 WITHOUT_FEED_FORWARD = {"feed_forward": False, "delay_compensation": False, "integral_band": 1e6}
@@ -134,7 +133,7 @@ def lower_bound(mission: Mission, runs: int, seed: int) -> FloatArray:
     top = np.array([robot.top_speed for robot in robots])
     leader = mission.route[0].speed * mission.leader_heading
     away = mission.robots[mission.leader].start.position + mission.slots()[1:]
-    away = away - control_point(starts.position, starts.heading, offset)
+    away = away - starts.position - offset * starts.heading
     # |away + leader t| = top t
     a, b = top**2 - abs(leader) ** 2, (away * np.conj(leader)).real
     best: FloatArray = ((b + np.sqrt(b**2 + a * np.abs(away) ** 2)) / a).max(axis=1)

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from formation.arrays import ComplexArray
 from formation.mission import Mission
-from formation.plane import ComplexArray
 from formation.simulation.simulate import Result
 
 HEXAGON: ComplexArray = np.exp(1j * np.pi / 3.0 * np.arange(6)) - 1.0

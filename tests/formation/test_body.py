@@ -1,12 +1,11 @@
 from __future__ import annotations
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from formation.mission import SimulatedRobot
-from formation.simulation.body import PROFILES, Body
+from formation.simulation.body import PROFILES, Body, driven, obeyed
 from formation.unicycle import Command
 
 rates = st.floats(-3.0, 3.0)
@@ -15,8 +14,8 @@ rates = st.floats(-3.0, 3.0)
 @given(rates, rates)
 def test_an_ideal_body_does_at_once_what_it_is_told(speed: float, turn_rate: float) -> None:
     body, told = Body(), Command(speed, turn_rate)
-    assert body.obeyed(told) == told
-    assert body.drive(Command(1.0, -1.0), told, 0.05) == (told, told)
+    assert obeyed(body, told) == told
+    assert driven(body, Command(1.0, -1.0), told, 0.05) == (told, told)
 
 
 @given(rates, rates)
@@ -24,7 +23,7 @@ def test_the_burger_keeps_to_its_clamps_and_steps_and_never_does_more_than_told(
     speed: float, turn_rate: float
 ) -> None:
     body = PROFILES["turtlebot3_burger"]
-    done = body.obeyed(Command(speed, turn_rate))
+    done = obeyed(body, Command(speed, turn_rate))
     for did, told, limit in zip(done, (speed, turn_rate), (0.2108, 2.635), strict=True):
         assert abs(did) <= limit
         assert abs(did) <= abs(told) + 1e-6
@@ -34,7 +33,7 @@ def test_the_burger_keeps_to_its_clamps_and_steps_and_never_does_more_than_told(
 
 @pytest.mark.parametrize("hundredths", range(-21, 22))
 def test_a_command_that_is_a_multiple_of_the_step_is_not_cut(hundredths: int) -> None:
-    speed, _ = PROFILES["turtlebot3_burger"].obeyed(Command(hundredths / 100.0, 0.0))
+    speed, _ = obeyed(PROFILES["turtlebot3_burger"], Command(hundredths / 100.0, 0.0))
     assert speed == pytest.approx(hundredths / 100.0, abs=1e-12)
 
 
@@ -43,9 +42,9 @@ def test_wheels_that_lag_do_the_same_in_one_step_as_in_two(
     before: float, told: float, lag: float, dt: float
 ) -> None:
     body, still, command = Body(lag=lag), Command(before, 0.0), Command(told, 0.0)
-    whole, end = body.drive(still, command, dt)
-    first, between = body.drive(still, command, dt / 2.0)
-    second, same_end = body.drive(between, command, dt / 2.0)
+    whole, end = driven(body, still, command, dt)
+    first, between = driven(body, still, command, dt / 2.0)
+    second, same_end = driven(body, between, command, dt / 2.0)
     assert same_end == pytest.approx(end, abs=1e-9)
     assert whole.speed == pytest.approx((first.speed + second.speed) / 2.0, abs=1e-9)
 
@@ -54,11 +53,3 @@ def test_a_mission_may_depart_from_its_profile() -> None:
     assert Body.of(SimulatedRobot()) == Body()
     weaker = Body.of(SimulatedRobot(profile="turtlebot3_burger", max_speed=0.1, speed_step=0.0))
     assert (weaker.max_speed, weaker.speed_step, weaker.turn_rate_step) == (0.1, 0.0, 0.01)
-
-
-def test_an_array_of_robots_obeys_as_each_does() -> None:
-    body, speeds = PROFILES["turtlebot3_burger"], np.linspace(-0.3, 0.3, 61)
-    together = body.obeyed(Command(speeds, 10.0 * speeds))
-    for i, speed in enumerate(speeds.tolist()):
-        alone = body.obeyed(Command(speed, 10.0 * speed))
-        assert (together.speed[i], together.turn_rate[i]) == pytest.approx(alone, abs=1e-12)

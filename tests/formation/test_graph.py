@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from formation.arrays import ComplexArray
 from formation.graph import Graph, edge_errors, formation_error
-from formation.plane import ComplexArray
 from tests.formation import oracle
 from tests.formation.planar import angles, pair, vectors
 

@@ -1,9 +1,7 @@
 from __future__ import annotations
 
 import cmath
-from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,7 +14,7 @@ from tests.formation.planar import angles, gains, headings, lengths, pair, vecto
 EDGES = st.lists(st.tuples(vectors, vectors), min_size=1, max_size=5)
 """z_ij^(i) and z*_ij of each neighbour."""
 limits = st.builds(Limits, lengths, lengths, lengths)
-parameters = st.builds(Gains, gains, gains)
+parameters = st.tuples(gains, gains).map(lambda drawn: Gains(*drawn))
 both_laws = pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 
 
@@ -152,28 +150,3 @@ def test_the_error_is_what_the_nominal_law_brings_to_zero(
     assert heading * nominal(0j, heading, measured, law) == pytest.approx(
         law.k_p * error(heading, measured), abs=1e-9
     )
-
-
-@both_laws
-@given(
-    st.lists(st.tuples(vectors, headings, vectors, vectors, vectors, limits), min_size=1, max_size=4),
-    parameters,
-)
-def test_an_array_of_robots_does_what_each_does(law: Law, robots: list[Any], parameters: Gains) -> None:
-    integral, heading, relative, desired, velocity = (
-        np.array([robot[k] for robot in robots]) for k in range(5)
-    )
-    body = Limits(
-        *(
-            np.array([getattr(robot[5], name) for robot in robots])
-            for name in ("offset", "max_speed", "max_turn_rate")
-        )
-    )
-    count = np.full(len(robots), 2.0)
-    together, after = law(
-        integral, heading, Measured(relative, desired, count, velocity), parameters, body, 0.05
-    )
-    for k, (xi, zeta, z, wanted, v, own) in enumerate(robots):
-        command, alone = law(xi, zeta, Measured(z, wanted, 2, v), parameters, own, 0.05)
-        assert (together.speed[k], together.turn_rate[k]) == pytest.approx(command, rel=1e-12, abs=1e-12)
-        assert after[k] == pytest.approx(alone, rel=1e-12, abs=1e-12)

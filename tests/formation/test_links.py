@@ -1,91 +1,60 @@
+"""One link of a simulation: what is known of a neighbour whose samples are late or lost."""
+
 from __future__ import annotations
 
-from typing import Any
+import math
 
-import numpy as np
 import pytest
 
-from formation.graph import Graph
-from formation.neighbour import FORGOTTEN
-from formation.simulation.links import Links, Terms
+from formation.neighbour import FORGOTTEN, Track, learned
+from formation.simulation.links import Link, arrived, carried, is_fresh
 
-GRAPH = Graph(((), (0,), (0, 1)))
-STEP, LIMIT = 0.05, 0.15
-
-
-def links(**terms: Any) -> Links:
-    plain: dict[str, Any] = {
-        "step": STEP,
-        "delay": 0,
-        "loss": 0.0,
-        "limit": np.full(3, LIMIT),
-        "top_speed": np.full(3, 10.0),
-        "time_constant": 0.1,
-        "carry": True,
-        "local": np.zeros(3, dtype=bool),
-    }
-    return Links(GRAPH, Terms(**{**plain, **terms}), np.random.default_rng(0))
+STEP, LIMIT, TOP = 0.05, 0.15, 10.0
+NEVER = Track(-math.inf, 0j, 0j)
 
 
-def moving(step: int) -> np.ndarray[Any, Any]:
-    """One run of three robots side by side, at 1 m/s."""
-    return np.array([[0j, 1j, 2j]]) + STEP * step
+def driving(steps: int, link: Link, track: Track = NEVER) -> Track:
+    """The track of a neighbour that goes at 1 m/s, after so many of its samples."""
+    for step in range(steps):
+        stamp = step * STEP - link.late
+        track = arrived(track, stamp, complex(stamp), learned(stamp - track.stamp, 0.1), TOP)
+    return track
+
+
+def test_whoever_is_heard_of_for_the_first_time_stands_still() -> None:
+    assert arrived(NEVER, 3.0, 1j, 1.0, TOP) == (3.0, 1j, 0j)
 
 
 def test_on_a_perfect_link_the_neighbour_is_where_it_is() -> None:
-    perfect = links()
-    for step in range(3):
-        heard = perfect.hear(step * STEP, moving(step), None)
-    assert heard.point.tolist() == moving(2)[:, [0, 0, 1]].tolist()
-    assert heard.fresh is None
-
-
-def test_a_late_sample_is_as_old_as_it_was_told_to_be() -> None:
-    late = links(delay=2, carry=False)
-    points = [late.hear(step * STEP, moving(step), None).point[0, 0] for step in range(6)]
-    assert points == pytest.approx([0.0, 0.0, 0.0, 0.05, 0.10, 0.15])
+    link = Link(0.0, LIMIT)
+    assert carried(driving(60, link), 59 * STEP, link) == pytest.approx(59 * STEP)
 
 
 def test_a_late_sample_of_a_steady_neighbour_is_carried_to_the_present() -> None:
-    late = links(delay=2)
-    for step in range(60):
-        heard = late.hear(step * STEP, moving(step), None)
-    assert heard.velocity[0] == pytest.approx([1.0, 1.0, 1.0], abs=1e-6)
-    assert heard.point == pytest.approx(moving(59)[:, [0, 0, 1]], abs=1e-6)
+    link = Link(2 * STEP, LIMIT)
+    track = driving(60, link)
+    assert track.point == pytest.approx(57 * STEP)
+    assert track.velocity == pytest.approx(1.0, abs=1e-6)
+    assert carried(track, 59 * STEP, link) == pytest.approx(59 * STEP, abs=1e-6)
 
 
-def test_where_every_sample_is_lost_nobody_is_fresh_for_longer_than_the_limit() -> None:
-    deaf = links(loss=1.0)
-    fresh = [deaf.hear(step * STEP, moving(step), None).fresh for step in range(6)]
-    assert [bool(one.all()) for one in fresh if one is not None] == [True, True, True, True, False, False]
+def test_a_sample_older_than_can_be_believed_is_not_carried_over_its_way() -> None:
+    link = Link(4 * STEP, LIMIT)
+    assert carried(driving(60, link), 59 * STEP, link) == pytest.approx(55 * STEP, abs=1e-6)
 
 
-def test_about_as_many_samples_are_lost_as_asked_for() -> None:
-    lossy = links(loss=0.3, carry=False)
-    kept = 0
-    for step in range(2000):
-        heard = lossy.hear(step * STEP, moving(step), None)
-        kept += int((heard.point == moving(step)[:, [0, 0, 1]]).sum())
-    assert kept / 6000 == pytest.approx(0.7, abs=0.03)
+def test_nobody_is_fresh_for_longer_than_the_limit() -> None:
+    for late in (0.0, 3 * STEP):
+        link = Link(late, LIMIT)
+        track = driving(60, link)
+        fresh = [is_fresh(track, (59 + silence) * STEP, link) for silence in range(6)]
+        assert fresh == [True, True, True, True, False, False]
 
 
 @pytest.mark.parametrize(("silence", "velocity"), [(FORGOTTEN - STEP, 1.0), (FORGOTTEN + STEP, 0.0)])
 def test_after_a_long_silence_the_velocity_is_learned_anew(silence: float, velocity: float) -> None:
-    link = links(loss=1e-9)
-    for step in range(60):
-        link.hear(step * STEP, moving(step), None)
-    later = 59 + round(silence / STEP)
-    heard = link.hear(later * STEP, moving(later), None)
-    assert heard.velocity[0] == pytest.approx([velocity] * 3, abs=1e-6)
-    assert heard.point == pytest.approx(moving(later)[:, [0, 0, 1]])
-
-
-def test_what_a_sensor_sees_is_neither_late_nor_lost() -> None:
-    local = np.array([False, True, True])
-    worse = links(delay=3, loss=1.0, local=local)
-    sensed = np.array([[0j, 5.0 + 0j, 6.0 + 0j]])
-    for step in range(20):
-        heard = worse.hear(step * STEP, moving(step), sensed)
-    assert heard.point[0, 1:].tolist() == [5.0, 6.0]
-    assert heard.fresh is not None
-    assert heard.fresh.tolist() == [[False, True, True]]
+    track = driving(60, Link(0.0, LIMIT))
+    later = track.stamp + silence
+    track = arrived(track, later, complex(later), 1.0, TOP)
+    assert track.velocity == pytest.approx(velocity, abs=1e-6)
+    assert track.point == pytest.approx(later)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
-import numpy as np
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -28,7 +29,7 @@ def test_the_velocity_is_learned_from_positions_whatever_the_rate(
     point: complex, velocity: complex, period: float
 ) -> None:
     track = follow(first_seen(0.0, point), velocity, period, 0.1)
-    assert track.velocity == pytest.approx(velocity * (1.0 - np.exp(-1.0)), abs=1e-9)
+    assert track.velocity == pytest.approx(velocity * (1.0 - math.exp(-1.0)), abs=1e-9)
     assert follow(track, velocity, period, 3.0).velocity == pytest.approx(velocity, abs=1e-9)
 
 
@@ -51,15 +52,3 @@ def test_a_jump_is_not_taken_for_a_sprint() -> None:
     track = seen(first_seen(0.0, 0j), 0.05, 50.0 + 0j, TAU, 0.3)
     assert track.point == 50.0
     assert abs(track.velocity) <= 0.3
-
-
-@given(st.lists(st.tuples(vectors, vectors, velocities), min_size=1, max_size=4))
-def test_an_array_of_neighbours_becomes_what_each_becomes(
-    robots: list[tuple[complex, complex, complex]],
-) -> None:
-    last, point, velocity = (np.array(column) for column in zip(*robots, strict=True))
-    together = seen(Track(0.0, last, velocity), 0.05, point, TAU, 0.5)
-    for i, (was, there, v) in enumerate(robots):
-        alone = seen(Track(0.0, was, v), 0.05, there, TAU, 0.5)
-        assert together.velocity[i] == pytest.approx(alone.velocity, abs=1e-12)
-        assert carried_to(together, 0.1, 1.0)[i] == pytest.approx(carried_to(alone, 0.1, 1.0), abs=1e-12)

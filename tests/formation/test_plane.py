@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -34,7 +33,6 @@ def test_a_unit_vector_has_length_one_and_the_same_direction(vector: complex) ->
 def test_a_vector_without_direction_becomes_the_one_asked_for() -> None:
     assert unit(0j) == 1.0
     assert unit(0j, 1j) == 1j
-    assert unit(np.array([0j, 2j]), -1.0 + 0j).tolist() == [-1.0, 1j]
 
 
 @given(st.floats(-10.0, 10.0), lengths)
@@ -57,12 +55,3 @@ def test_the_angle_between_two_vectors_is_what_turns_one_into_the_other(
 ) -> None:
     first = complex(length * rotation(angle))
     assert angle_between(first, complex(first * rotation(turn))) == pytest.approx(turn, abs=1e-9)
-
-
-@given(st.lists(vectors, min_size=1, max_size=5), lengths)
-def test_an_array_gives_what_each_of_its_values_gives(values: list[complex], limit: float) -> None:
-    array = np.array(values)
-    assert unit(array) == pytest.approx([unit(value) for value in values], abs=1e-12)
-    assert shorten(array, limit) == pytest.approx([shorten(value, limit) for value in values], abs=1e-12)
-    assert clip(array.real, limit).tolist() == [clip(value.real, limit) for value in values]
-    assert rotation(array.real) == pytest.approx([rotation(value.real) for value in values], abs=1e-12)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from itertools import accumulate
 
-import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from formation.law import Limits
-from formation.quantiser import LONGER, Grid, Quantiser
+from formation.quantiser import LONGER, Grid, Quantiser, nearest, quantise
 from formation.unicycle import Command
 
 LIMITS = Limits(0.05, 0.2108, 2.635)
@@ -33,7 +32,7 @@ def sent(wanted: list[Command]) -> list[Command]:
     assert TURTLEBOT is not None
     remainder, out = NOTHING, []
     for command in wanted:
-        one, remainder = TURTLEBOT.quantise(command, remainder)
+        one, remainder = quantise(TURTLEBOT, command, remainder)
         assert abs(remainder.speed) <= 0.01
         assert abs(remainder.turn_rate) <= 0.01
         out.append(one)
@@ -55,7 +54,7 @@ def test_every_multiple_survives_a_cut_by_product_or_by_quotient(step: float) ->
     grid = Grid.of(step, 1000.0)
     for number in range(1, 1000):
         for sign in (-1, 1):
-            value, remainder = grid.nearest(sign * number * step)
+            value, remainder = nearest(grid, sign * number * step)
             assert math.trunc(value / step) == math.trunc(value * (1.0 / step)) == sign * number
             assert abs(remainder) < 1e-12
 
@@ -93,7 +92,7 @@ def test_a_robot_that_takes_any_number_gets_what_is_wanted(wanted: Command) -> N
     assert Quantiser.of(NOTHING, LIMITS) is None
     only_turns = Quantiser.of(Command(0.0, 0.01), LIMITS)
     assert only_turns is not None
-    command, remainder = only_turns.quantise(wanted, NOTHING)
+    command, remainder = quantise(only_turns, wanted, NOTHING)
     assert command.speed == wanted.speed
     assert remainder.speed == 0.0
 
@@ -104,7 +103,7 @@ def test_a_robot_that_takes_any_number_gets_what_is_wanted(wanted: Command) -> N
 @example(0.1, 0.3)
 @example(0.2, 0.2)
 def test_at_the_limit_the_robot_is_sent_the_largest_multiple_that_survives(step: float, limit: float) -> None:
-    value, _ = Grid.of(step, limit).nearest(limit)
+    value, _ = nearest(Grid.of(step, limit), limit)
     number = math.trunc(value / step)
     assert value <= limit
     assert number == math.trunc(value * (1.0 / step)) == round(value / step)
@@ -112,26 +111,4 @@ def test_at_the_limit_the_robot_is_sent_the_largest_multiple_that_survives(step:
 
 
 def test_a_limit_that_is_a_multiple_is_reached() -> None:
-    assert Grid.of(0.01, 0.2).nearest(0.2)[0] == 0.2
-
-
-def test_many_robots_at_once_get_what_each_would_get_alone() -> None:
-    random = np.random.default_rng(5)
-    steps = Command(np.array([0.01, 0.0, 0.02]), np.array([0.0, 0.0, 0.01]))
-    limits = Limits(0.1, np.array([0.2, 1.0, 0.3]), np.array([1.0, 2.0, 3.0]))
-    many = Quantiser.of(steps, limits)
-    assert many is not None
-    left = Command(np.zeros((4, 3)), np.zeros((4, 3)))
-    lefts = [[NOTHING] * 3 for _ in range(4)]
-    for _ in range(30):
-        wanted = Command(random.uniform(-0.2, 0.2, (4, 3)), random.uniform(-1.0, 1.0, (4, 3)))
-        command, left = many.quantise(wanted, left)
-        for run, robot in np.ndindex(4, 3):
-            alone = Quantiser.of(
-                Command(steps.speed[robot], steps.turn_rate[robot]),
-                Limits(0.1, limits.max_speed[robot], limits.max_turn_rate[robot]),
-            )
-            mine = Command(wanted.speed[run, robot], wanted.turn_rate[run, robot])
-            if alone is not None:
-                mine, lefts[run][robot] = alone.quantise(mine, lefts[run][robot])
-            assert mine == (command.speed[run, robot], command.turn_rate[run, robot])
+    assert nearest(Grid.of(0.01, 0.2), 0.2)[0] == 0.2

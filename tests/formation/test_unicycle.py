@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -91,17 +90,3 @@ def test_saturation_is_equation_8_to_the_letter(
 
 def test_saturation_of_nothing_is_nothing() -> None:
     assert saturate(0j, 0.1, 1.0, 1.0) == (0.0, 0.0)
-
-
-@given(st.lists(st.tuples(vectors, headings, rates, rates, lengths), min_size=1, max_size=4))
-def test_an_array_of_robots_goes_where_each_goes(
-    robots: list[tuple[complex, complex, float, float, float]],
-) -> None:
-    position, heading, speed, turn_rate, offset = (np.array(column) for column in zip(*robots, strict=True))
-    there, facing = advance(position, heading, speed, turn_rate, 0.3)
-    command = saturate(position, offset, 1.0, 2.0)
-    for i, (p, z, u, w, length) in enumerate(robots):
-        assert (there[i], facing[i]) == pytest.approx(advance(p, z, u, w, 0.3), abs=1e-12)
-        assert (command.speed[i], command.turn_rate[i]) == pytest.approx(
-            saturate(p, length, 1.0, 2.0), abs=1e-12
-        )

@@ -16,7 +16,7 @@ import struct
 import threading
 import time
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -31,8 +31,7 @@ PERIOD = 0.05
 """Of odometry [s]."""
 CLAMPS = (0.2108, 2.635)
 """[m/s], [rad/s]"""
-BODY = replace(
-    PROFILES["turtlebot3_burger"],
+BODY = PROFILES["turtlebot3_burger"]._replace(
     speed_step=0.0, turn_rate_step=0.0, max_speed=math.inf, max_turn_rate=math.inf,  # done here, byte by byte
     drift=0.0,  # which no controller can see, so that the true poses can be judged
 )  # fmt: skip
