@@ -212,7 +212,8 @@ def run_on(
 
     Returns the last step after which its error was not under the bound, or -1, and the error at the end.
     """
-    last_out, error, ring = -1, 0.0, len(said)
+    last_out, ring = -1, len(said)
+    error = formation_error(run, robots, edges, leader[0])
     for step in range(begin, begin + len(leader) - 1):
         now, here = step * world.step, leader[step - begin]
         newest, oldest = step % ring, max(step + 1 - ring, 0) % ring  # at first all have always stood there

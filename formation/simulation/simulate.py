@@ -51,7 +51,7 @@ class Result:
     error: FloatArray
     """Formation error of every run [m]; shape (K, R)."""
     wall_time: float
-    """[s]"""
+    """Without what compiling took [s]."""
     robot_steps: int
     """Control steps of all followers of all runs."""
     history: History | None
@@ -102,7 +102,6 @@ def simulate(
     spread = mission.simulation.spread if spread is None else spread
     _check(runs, law, horizon, step, spread)
     drawn, noise = (np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(2))
-    began = time.perf_counter()
     if (starts or ("mission" if runs == 1 else "random")) == "mission":
         first = own_starts(mission, runs)
     else:
@@ -110,6 +109,8 @@ def simulate(
     steps = round(horizon / step)
     stride = max(1, steps // 1000)
     ensemble = Ensemble(mission, law, options or Options(), first, step, noise, Plan(steps, stride))
+    ensemble.run_on(0)  # compiles, if that was not done before
+    began = time.perf_counter()
     film = _Film(mission, ensemble, steps) if keep else None
     group = film.pace if film else max(GROUPED, WORK // first.position.size)
     while ensemble.steps < steps:
