@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 from itertools import count
 from typing import TYPE_CHECKING, Literal, Self
 
-from formation.ros2.ros import type_hash
 from formation.ros2.ros_names import RosNames, address
 from formation.ros2.tokens import Token, dds_type
+from formation.ros2.type_hashes import type_hash
 from formation.topics import CMD_VEL, TABLE, Topic, command_topic
 
 if TYPE_CHECKING:
