@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from formation import heading as observers
+from formation.edges import Edges
 from formation.heading import Travel
 from formation.law import LAWS, Limits, Measured
 from formation.mission import Mission
@@ -88,18 +89,18 @@ class Ensemble:
         self._wheels = self.moving
         self._quantiser = Quantiser.of(_steps(robots), self.limits)
         self._remainder = self.moving
-        self._mission, self._graph, self.route = mission, mission.graph, Route.of(mission)
+        self._mission, self._edges, self.route = mission, Edges(mission.graph), Route.of(mission)
         self._law, self._gains, self._dt, self._rng = LAWS[law], mission.law.gains, step, rng
         self._body = options.body or Body.of(mission.simulated_robot)
         self._observer: Observer = options.observer or ("mended" if law == "paper" else "innovation")
         self._normalised = options.normalised
         self._feed_forward = law == "field" and mission.law.feed_forward
-        self._desired = self._graph.along_edges(mission.slots())
-        self._all_desired = self._graph.sum_per_follower(self._desired)
+        self._desired = self._edges.along_edges(np.array(mission.slots()))
+        self._all_desired = self._edges.sum_per_follower(self._desired)
         self._leader: ComplexArray = np.empty(0, dtype=np.complex128)
         self._local = np.array([(options.measurement or r.measurement) == "local" for r in robots])
-        self._follower = self._graph.tails - 1
-        self._links = Links(self._graph, _terms(mission, law, options, self._local, step), rng)
+        self._follower = self._edges.tails - 1
+        self._links = Links(self._edges, _terms(mission, law, options, self._local, step), rng)
         self._integral = np.zeros_like(self.position)
         self._travel: Travel | None = None
         self._bias = self._body.drift * rotation(rng.uniform(-np.pi, np.pi, self.position.shape))
@@ -143,9 +144,9 @@ class Ensemble:
         self, heard: Heard, heading: ComplexArray, point: ComplexArray, sensed: ComplexArray | None
     ) -> tuple[Measured, Mask | None]:
         """The law's input, and which followers have nobody to follow (None where all have)."""
-        total, velocity = self._graph.sum_per_follower, heard.velocity
+        total, velocity = self._edges.sum_per_follower, heard.velocity
         displacement = heard.point - point[:, self._follower]
-        count, desired, blind = self._graph.degrees, self._all_desired, None
+        count, desired, blind = self._edges.degrees, self._all_desired, None
         if heard.fresh is not None:
             displacement = np.where(heard.fresh, displacement, 0.0)
             velocity = np.where(heard.fresh, velocity, 0.0)
@@ -161,7 +162,7 @@ class Ensemble:
     def _sense(self) -> ComplexArray:
         """z_ij^(i) as a perfect sensor on robot i has it [m; body frame]; shape (R, E)."""
         seen_by = self.heading[:, self._follower]
-        sensed: ComplexArray = seen_by.conjugate() * self._graph.along_edges(self.points)
+        sensed: ComplexArray = seen_by.conjugate() * self._edges.along_edges(self.points)
         return sensed
 
     def _first_estimate(self) -> ComplexArray:
@@ -217,16 +218,16 @@ def _steps(robots: Sequence[RobotSpec]) -> Command:
 
 
 def _terms(mission: Mission, law: str, options: Options, local: Mask, step: float) -> Terms:
-    graph = mission.graph
+    edges = Edges(mission.graph)
     robots = [mission.robots[name] for name in mission.names]
     field = law == "field"
     return Terms(
         step=step,
         delay=int(np.ceil(options.delay / step - 1e-9)),
         loss=options.loss,
-        limit=np.array([FRESH_PERIODS / robot.rate for robot in robots])[graph.heads],
-        top_speed=np.array([robot.top_speed for robot in robots])[graph.heads],
+        limit=np.array([FRESH_PERIODS / robot.rate for robot in robots])[edges.heads],
+        top_speed=np.array([robot.top_speed for robot in robots])[edges.heads],
         time_constant=mission.law.velocity_filter if field else None,
         carry=field and mission.law.delay_compensation,
-        local=local[graph.tails - 1],
+        local=local[edges.tails - 1],
     )

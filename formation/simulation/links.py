@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from formation.graph import Graph
+from formation.edges import Edges
 from formation.neighbour import FORGOTTEN, Track, first_seen, seen
 from formation.plane import ComplexArray, FloatArray
 
@@ -55,8 +55,8 @@ class Heard(NamedTuple):
 class Links:
     """Every edge's link, and the newest sample that came over it."""
 
-    def __init__(self, graph: Graph, terms: Terms, rng: np.random.Generator) -> None:
-        self._heads = graph.heads
+    def __init__(self, edges: Edges, terms: Terms, rng: np.random.Generator) -> None:
+        self._heads = edges.heads
         self._terms = terms
         self._rng = rng
         self._sent: deque[ComplexArray] = deque(maxlen=terms.delay + 1)

@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from formation.graph import formation_error
+from formation.edges import Edges, formation_error
 from formation.law import LAWS
 from formation.mission import Mission
 from formation.plane import ComplexArray, FloatArray, angle_between
@@ -138,7 +138,8 @@ class _Watch:
         self.stride = max(1, steps // 1000)
         """Steps between moments of the error that is kept for every run."""
         self._mission, self._ensemble = mission, ensemble
-        self._slots = mission.slots()
+        self._slots = np.array(mission.slots())
+        self._edges = Edges(mission.graph)
         self._last_out = np.full(ensemble.position.shape[0], -1)
         self._errors: list[FloatArray] = []
         self._error: FloatArray = np.empty(0)
@@ -148,7 +149,7 @@ class _Watch:
     def look(self) -> None:
         """Take in the present."""
         now = self._ensemble
-        error = formation_error(self._mission.graph, now.points, self._slots)
+        error = formation_error(self._edges, now.points, self._slots)
         self._error = np.where(np.isfinite(error), error, np.inf)
         self._last_out[self._error >= self._mission.settled] = now.steps
         if now.steps % self.stride == 0:
@@ -182,7 +183,7 @@ class _Watch:
         return History(
             title=f"{mission.name}, {law} law",
             names=mission.names,
-            edges=tuple(zip(mission.graph.tails.tolist(), mission.graph.heads.tolist(), strict=True)),
+            edges=tuple((i, j) for i, js in enumerate(mission.graph.neighbours) for j in js),
             offset=limits.offset,
             max_speed=limits.max_speed,
             max_turn_rate=limits.max_turn_rate,

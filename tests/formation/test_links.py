@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from formation.edges import Edges
 from formation.graph import Graph
 from formation.neighbour import FORGOTTEN
 from formation.simulation.links import Links, Terms
@@ -24,7 +25,7 @@ def links(**terms: Any) -> Links:
         "carry": True,
         "local": np.zeros(3, dtype=bool),
     }
-    return Links(GRAPH, Terms(**{**plain, **terms}), np.random.default_rng(0))
+    return Links(Edges(GRAPH), Terms(**{**plain, **terms}), np.random.default_rng(0))
 
 
 def moving(step: int) -> np.ndarray[Any, Any]:
