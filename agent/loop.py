@@ -152,22 +152,25 @@ class Sides:
         return self._agent.halt(now, reason)
 
     def send(self, outbox: Iterable[Outgoing]) -> None:
-        """Send what the agent says to the side that each is for, as it comes, and then to the other.
+        """Send what is for the robot first as it comes; when all is made, the rest, and then to the other side.
 
-        Then repeat what the last step heard from the robot.
+        What goes out together wakes the thread that sends it once, and not again for each. Then repeat what
+        the last step heard from the robot.
         """
-        bus, robot, said = self._process.bus, self._process.robot, []
+        bus, robot, said = self._process.bus, self._process.robot, list[Outgoing]()
         for out in outbox:
             said.append(out)
+            if out.key in self._urgent and out.key not in self._unspoken:
+                robot.publish(out.key, out.payload)
+        traces = iter([self._traced() for out in said if out.key == self._command])
+        for out in said:
             if out.key not in self._urgent:
                 bus.publish(out.key, out.payload, out.attachment)
-            elif out.key not in self._unspoken:
-                robot.publish(out.key, out.payload)
         for out in said:
             if out.key not in self._urgent:
                 robot.publish(out.key, out.payload)
             elif out.key in self._fleet:
-                bus.publish(out.key, out.payload, self._traced() if out.key == self._command else None)
+                bus.publish(out.key, out.payload, next(traces) if out.key == self._command else None)
         inbox, self._inbox = self._inbox, ()
         for sample in inbox:
             if sample.key in self._repeated:
