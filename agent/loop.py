@@ -8,6 +8,7 @@
 On the robot's side positions and status are ROS 2 topics, without the order. `ALIVE` is between an agent and
 its guard and stays there. An agent that is ``readonly`` sends its robot neither commands nor signs of life.
 What the fleet hears of a command carries its trace (`agent.trace`), made when the robot has long had it.
+How it is connected it looks up when all is said, for the next step: no command waits for that.
 What is kept for the agent's successor (`agent.legacy`) is written by other threads.
 """
 
@@ -62,7 +63,7 @@ class Sides:
         self._heard = frozenset(agent.subscriptions)
         self._repeated: set[str] = set()
         self._inbox: Sequence[Sample] = ()
-        self._refused: Mapping[str, int] = {}
+        self._around = Surroundings()
         self._refused_due = float("-inf")  # [s, monotonic]
         self.dropped: Mapping[str, int] = agent.dropped
 
@@ -89,20 +90,19 @@ class Sides:
                 self._repeated.add(key)
             else:
                 bus.subscribe(key, wakes=topic not in WAITING)
+        self._look()
 
     def step(self, now: Now, inbox: Sequence[Sample], *, tells: bool = True) -> Iterator[Outgoing]:
         """Step the agent, with what concerns it, as `send` takes what it says.
 
         Without `tells` it gives its commands only; how it does, it says with the next step.
         """
-        robot, self._stepped = self._process.robot, True
-        connected = robot.connected
-        routed = robot.routed(self._command) if connected else None
+        self._stepped, self._inbox = True, inbox
         if now.mono >= self._refused_due:  # to ask costs a look into a pipe
             self._refused_due = now.mono + REFUSED_PERIOD
-            self._refused = self._process.bus.refused
-        self._agent.aware(Surroundings(connected, routed, self._refused))
-        self._inbox = inbox
+            self._around = self._around._replace(refused=self._process.bus.refused)
+        around = self._around
+        self._agent.aware(around)
         heard = [sample for sample in inbox if sample.key in self._heard]
         if self._legacy is not None and (taken := self._legacy.met(now, heard)) is not None:
             self._take(taken)
@@ -112,7 +112,7 @@ class Sides:
             if commands:
                 os.sched_yield()  # the thread that writes them to the socket may run before reports are made
             yield from self._agent.tell(now)
-        self._trace.stepped(now, connected, routed, heard)
+        self._trace.stepped(now, around.connected, around.routed, heard)
         if self._legacy is not None:
             self._legacy.stepped(now)
             if (unkept := self._legacy.failure) != self._unkept:
@@ -152,26 +152,37 @@ class Sides:
         return self._agent.halt(now, reason)
 
     def send(self, outbox: Iterable[Outgoing]) -> None:
-        """Send what the agent says to the side that each is for, as it comes, and then to the other.
+        """Send what is for the robot at once; when all is made, the rest, and then to the other side.
 
-        Then repeat what the last step heard from the robot.
+        What goes out together wakes the thread that sends it once, and not again for each. Then repeat what
+        the last step heard from the robot.
         """
-        bus, robot, said = self._process.bus, self._process.robot, []
+        bus, robot, said = self._process.bus, self._process.robot, list[Outgoing]()
         for out in outbox:
             said.append(out)
+            if out.key in self._urgent and out.key not in self._unspoken:
+                robot.publish(out.key, out.payload)
+        traces = iter([self._traced() for out in said if out.key == self._command])
+        for out in said:
             if out.key not in self._urgent:
                 bus.publish(out.key, out.payload, out.attachment)
-            elif out.key not in self._unspoken:
-                robot.publish(out.key, out.payload)
         for out in said:
             if out.key not in self._urgent:
                 robot.publish(out.key, out.payload)
             elif out.key in self._fleet:
-                bus.publish(out.key, out.payload, self._traced() if out.key == self._command else None)
+                bus.publish(out.key, out.payload, next(traces) if out.key == self._command else None)
         inbox, self._inbox = self._inbox, ()
         for sample in inbox:
             if sample.key in self._repeated:
                 bus.publish(sample.key, sample.payload)
+        self._look()
+
+    def _look(self) -> None:
+        """See how the robot is connected."""
+        routed = self._process.robot.routed(self._command)  # None while not connected
+        connected, before = routed is not None, self._around
+        if (connected, routed) != (before.connected, before.routed):
+            self._around = before._replace(connected=connected, routed=routed)
 
     def _take(self, taken: Taken) -> None:
         if taken.memory:

@@ -11,11 +11,11 @@ from agent.slots import Slots
 from agent.stream import Stream
 from agent.voice import Voice
 from formation import neighbour
+from formation.graph import cyclic_core
 from formation.law import Measured
 from formation.mission import Mission
 from formation.ros2.messages import Displacement, Pose
 from formation.stability.losses import leads
-from formation.stability.spectrum import cyclic_core
 from formation.unicycle import control_point
 from formation.wire import Now
 

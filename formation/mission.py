@@ -12,11 +12,9 @@ import math
 from functools import cached_property
 from typing import Annotated, Any, Literal, Self
 
-import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from formation import mission_rules
-from formation.arrays import ComplexArray
 from formation.endpoint import Endpoint
 from formation.graph import Graph
 from formation.law import Gains
@@ -183,9 +181,9 @@ class Mission(Table):
             return 0j
         return complex(*self.shapes[shape or self.first_shape][robot])
 
-    def slots(self, shape: str | None = None) -> ComplexArray:
-        """The shape over `names`, the leader's slot (0) first [m; world frame]; shape (n,)."""
-        return np.array([self.slot(name, shape) for name in self.names], dtype=np.complex128)
+    def slots(self, shape: str | None = None) -> tuple[complex, ...]:
+        """The shape over `names`, the leader's slot (0) first [m; world frame]."""
+        return tuple(self.slot(name, shape) for name in self.names)
 
     @cached_property
     def leader_heading(self) -> complex:

@@ -8,25 +8,12 @@ that is not upright) is one BadMessage.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Self, TypeVar, cast
+from typing import ClassVar, Self, TypeVar
 
-from rosbags.serde import SerdeError
-from rosbags.typesys.stores.ros2_jazzy import diagnostic_msgs__msg__DiagnosticArray as RosDiagnosticArray
-from rosbags.typesys.stores.ros2_jazzy import diagnostic_msgs__msg__DiagnosticStatus as RosDiagnosticStatus
-from rosbags.typesys.stores.ros2_jazzy import diagnostic_msgs__msg__KeyValue as RosKeyValue
-from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__PointStamped as RosPointStamped
-from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__PoseStamped as RosPoseStamped
-from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__Twist as RosTwist
-from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__TwistStamped as RosTwistStamped
-from rosbags.typesys.stores.ros2_jazzy import nav_msgs__msg__Odometry as RosOdometry
-from rosbags.typesys.stores.ros2_jazzy import rcl_interfaces__msg__Log as RosLog
-from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__Float64 as RosFloat64
-from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__String as RosString
-
-from formation.ros2 import quick, ros
-from formation.ros2.ros import definition, type_hash
+from formation.ros2 import ros
+from formation.ros2.cdr import Reader, Writer
 from formation.wire import BadMessage
 
 __all__ = [
@@ -44,9 +31,7 @@ __all__ = [
     "Twist",
     "TwistStamped",
     "decode",
-    "definition",
     "encode",
-    "type_hash",
 ]
 
 MAX_BYTES = 64 * 1024
@@ -71,17 +56,23 @@ class Odometry:
     frame: str = "map"
     child_frame: str = "base_footprint"
 
-    def _to_ros(self) -> RosOdometry:
-        pose, twist = ros.to_pose(self.position, self.heading), ros.to_twist(self.speed, self.turn_rate)
-        header = ros.to_header(self.stamp, self.frame)
-        return RosOdometry(header, ros.to_text(self.child_frame), *ros.without_covariance(pose, twist))
+    def _write(self, to: Writer) -> None:
+        ros.write_header(to, self.stamp, self.frame)
+        ros.write_text(to, self.child_frame)
+        ros.write_pose(to, self.position, self.heading)
+        to.zeros(ros.COVARIANCE)
+        ros.write_twist(to, self.speed, self.turn_rate)
+        to.zeros(ros.COVARIANCE)
 
     @classmethod
-    def _from_ros(cls, raw: RosOdometry) -> Self:
-        position, heading = ros.from_pose(raw.pose.pose)
-        speed, turn_rate = ros.from_twist(raw.twist.twist)
-        stamp, frame = ros.from_header(raw.header)
-        return cls(stamp, position, heading, speed, turn_rate, frame, ros.from_text(raw.child_frame_id))
+    def _read(cls, source: Reader) -> Self:
+        stamp, frame = ros.read_header(source)
+        child_frame = ros.read_text(source)
+        position, heading = ros.read_pose(source)
+        source.skip(ros.COVARIANCE)
+        speed, turn_rate = ros.read_twist(source)
+        source.skip(ros.COVARIANCE)
+        return cls(stamp, position, heading, speed, turn_rate, frame, child_frame)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,12 +83,12 @@ class Twist:
     speed: float
     turn_rate: float
 
-    def _to_ros(self) -> RosTwist:
-        return ros.to_twist(self.speed, self.turn_rate)
+    def _write(self, to: Writer) -> None:
+        ros.write_twist(to, self.speed, self.turn_rate)
 
     @classmethod
-    def _from_ros(cls, raw: RosTwist) -> Self:
-        return cls(*ros.from_twist(raw))
+    def _read(cls, source: Reader) -> Self:
+        return cls(*ros.read_twist(source))
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,15 +101,14 @@ class TwistStamped:
     turn_rate: float
     frame: str = "base_footprint"
 
-    def _to_ros(self) -> RosTwistStamped:
-        return RosTwistStamped(
-            ros.to_header(self.stamp, self.frame), ros.to_twist(self.speed, self.turn_rate)
-        )
+    def _write(self, to: Writer) -> None:
+        ros.write_header(to, self.stamp, self.frame)
+        ros.write_twist(to, self.speed, self.turn_rate)
 
     @classmethod
-    def _from_ros(cls, raw: RosTwistStamped) -> Self:
-        stamp, frame = ros.from_header(raw.header)
-        return cls(stamp, *ros.from_twist(raw.twist), frame)
+    def _read(cls, source: Reader) -> Self:
+        stamp, frame = ros.read_header(source)
+        return cls(stamp, *ros.read_twist(source), frame)
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,13 +121,14 @@ class Pose:
     heading: complex
     frame: str = "map"
 
-    def _to_ros(self) -> RosPoseStamped:
-        return RosPoseStamped(ros.to_header(self.stamp, self.frame), ros.to_pose(self.position, self.heading))
+    def _write(self, to: Writer) -> None:
+        ros.write_header(to, self.stamp, self.frame)
+        ros.write_pose(to, self.position, self.heading)
 
     @classmethod
-    def _from_ros(cls, raw: RosPoseStamped) -> Self:
-        stamp, frame = ros.from_header(raw.header)
-        return cls(stamp, *ros.from_pose(raw.pose), frame)
+    def _read(cls, source: Reader) -> Self:
+        stamp, frame = ros.read_header(source)
+        return cls(stamp, *ros.read_pose(source), frame)
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,15 +140,14 @@ class Displacement:
     displacement: complex
     frame: str = "base_footprint"
 
-    def _to_ros(self) -> RosPointStamped:
-        return RosPointStamped(
-            ros.to_header(self.stamp, self.frame), ros.to_point("displacement", self.displacement)
-        )
+    def _write(self, to: Writer) -> None:
+        ros.write_header(to, self.stamp, self.frame)
+        ros.write_point(to, "displacement", self.displacement)
 
     @classmethod
-    def _from_ros(cls, raw: RosPointStamped) -> Self:
-        stamp, frame = ros.from_header(raw.header)
-        return cls(stamp, ros.from_point("displacement", raw.point), frame)
+    def _read(cls, source: Reader) -> Self:
+        stamp, frame = ros.read_header(source)
+        return cls(stamp, ros.read_point(source, "displacement"), frame)
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,14 +157,15 @@ class Number:
     ROS_TYPE: ClassVar[str] = "std_msgs/msg/Float64"
     value: float
 
-    def _to_ros(self) -> RosFloat64:
+    def _write(self, to: Writer) -> None:
         ros.within("value", sys.float_info.max, self.value)
-        return RosFloat64(self.value)
+        to.doubles(self.value)
 
     @classmethod
-    def _from_ros(cls, raw: RosFloat64) -> Self:
-        ros.within("value", sys.float_info.max, raw.data)
-        return cls(raw.data)
+    def _read(cls, source: Reader) -> Self:
+        (value,) = source.doubles(1)
+        ros.within("value", sys.float_info.max, value)
+        return cls(value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,12 +188,16 @@ class Diagnostics:
     stamp: float
     statuses: tuple[Status, ...]
 
-    def _to_ros(self) -> RosDiagnosticArray:
-        return RosDiagnosticArray(ros.to_header(self.stamp, ""), [_to_status(s) for s in self.statuses])
+    def _write(self, to: Writer) -> None:
+        ros.write_header(to, self.stamp, "")
+        to.count(len(self.statuses))
+        for status in self.statuses:
+            _write_status(to, status)
 
     @classmethod
-    def _from_ros(cls, raw: RosDiagnosticArray) -> Self:
-        return cls(ros.from_header(raw.header)[0], tuple(_from_status(s) for s in raw.status))
+    def _read(cls, source: Reader) -> Self:
+        stamp, _ = ros.read_header(source)
+        return cls(stamp, tuple(_read_status(source) for _ in range(source.count())))
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,16 +215,21 @@ class LogEntry:
     kind: str = ""
     """What kind of thing it was, in one word; ROS calls the field `function`."""
 
-    def _to_ros(self) -> RosLog:
-        stamp = ros.to_header(self.stamp, "").stamp
-        name, text, kind = map(ros.to_text, (self.name, self.text, self.kind))
-        return RosLog(stamp, _log_level(self.level), name, text, "", kind, 0)
+    def _write(self, to: Writer) -> None:
+        ros.write_stamp(to, self.stamp)
+        to.octet(_log_level(self.level))
+        for text in (self.name, self.text, "", self.kind):  # the third is a file …
+            ros.write_text(to, text)
+        to.count(0)  # … and this a line in it
 
     @classmethod
-    def _from_ros(cls, raw: RosLog) -> Self:
-        stamp = ros.from_stamp(raw.stamp)
-        name, text, kind = map(ros.from_text, (raw.name, raw.msg, raw.function))
-        return cls(stamp, _log_level(raw.level), name, text, kind)
+    def _read(cls, source: Reader) -> Self:
+        stamp, level = ros.read_stamp(source), _log_level(source.octet())
+        name, text = ros.read_text(source), ros.read_text(source)
+        source.text()
+        kind = ros.read_text(source)
+        source.count()
+        return cls(stamp, level, name, text, kind)
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,29 +239,23 @@ class Text:
     ROS_TYPE: ClassVar[str] = "std_msgs/msg/String"
     text: str
 
-    def _to_ros(self) -> RosString:
-        return RosString(ros.to_text(self.text))
+    def _write(self, to: Writer) -> None:
+        ros.write_text(to, self.text)
 
     @classmethod
-    def _from_ros(cls, raw: RosString) -> Self:
-        return cls(ros.from_text(raw.data))
+    def _read(cls, source: Reader) -> Self:
+        return cls(ros.read_text(source))
 
 
 Message = Odometry | Twist | TwistStamped | Pose | Displacement | Number | Diagnostics | LogEntry | Text
 M = TypeVar("M", Odometry, Twist, TwistStamped, Pose, Displacement, Number, Diagnostics, LogEntry, Text)
 
-_QUICK: dict[type, Callable[[bytes], tuple[Any, ...] | None]] = {
-    Odometry: quick.odometry,
-    Pose: quick.pose,
-    Twist: quick.twist,
-    TwistStamped: quick.twist_stamped,
-}
-
 
 def encode(message: Message) -> bytes:
     """CDR, little endian. Raises BadMessage for what no receiver would accept."""
-    raw = message._to_ros()  # noqa: SLF001 - the two halves of one codec
-    payload = bytes(ros.STORE.serialize_cdr(raw, message.ROS_TYPE, little_endian=True))
+    to = Writer()
+    message._write(to)  # noqa: SLF001 - the two halves of one codec
+    payload = to.written()
     if len(payload) > MAX_BYTES:
         raise BadMessage(f"{message.ROS_TYPE}: {len(payload)} bytes, at most {MAX_BYTES} may be sent")
     return payload
@@ -269,35 +263,32 @@ def encode(message: Message) -> bytes:
 
 def decode(cls: type[M], payload: bytes) -> M:
     """The `cls` in `payload`, CDR of either byte order. Raises BadMessage, nothing else, if it is not one."""
-    reader = _QUICK.get(cls)
-    if reader is not None and (fields := reader(payload)) is not None:
-        return cls(*fields)
-    return _decode_any(cls, payload)
-
-
-def _decode_any(cls: type[M], payload: bytes) -> M:
-    """The same for whatever form the message has."""
-    if len(payload) > MAX_BYTES:
-        raise BadMessage(f"{cls.ROS_TYPE}: {len(payload)} bytes, at most {MAX_BYTES} are read")
-    # 00, byte order, 00, number of padding bytes at the end of the payload
-    if len(payload) <= 4 or payload[0] or payload[1] > 1 or payload[2] or payload[3] > 3:
-        raise BadMessage(f"{cls.ROS_TYPE}: no CDR header but {payload[:4].hex(' ') or 'nothing'}")
     try:
-        return cls._from_ros(cast("Any", ros.STORE.deserialize_cdr(payload, cls.ROS_TYPE)))
-    except (SerdeError, BadMessage) as error:
+        if len(payload) > MAX_BYTES:
+            raise BadMessage(f"{len(payload)} bytes, at most {MAX_BYTES} are read")
+        source = Reader(payload)
+        message = cls._read(source)
+        source.end()
+    except BadMessage as error:
         raise BadMessage(f"{cls.ROS_TYPE}: {error}") from None
+    return message
 
 
-def _to_status(status: Status) -> RosDiagnosticStatus:
-    name, message, hardware_id = map(ros.to_text, (status.name, status.message, status.hardware_id))
-    pairs = [RosKeyValue(ros.to_text(k), ros.to_text(v)) for k, v in status.values.items()]
-    return RosDiagnosticStatus(_level(status.level), name, message, hardware_id, pairs)
+def _write_status(to: Writer, status: Status) -> None:
+    to.octet(_level(status.level))
+    for text in (status.name, status.message, status.hardware_id):
+        ros.write_text(to, text)
+    to.count(len(status.values))
+    for pair in status.values.items():
+        for text in pair:
+            ros.write_text(to, text)
 
 
-def _from_status(raw: RosDiagnosticStatus) -> Status:
-    name, message, hardware_id = map(ros.from_text, (raw.name, raw.message, raw.hardware_id))
-    values = {ros.from_text(pair.key): ros.from_text(pair.value) for pair in raw.values}
-    return Status(name, _level(raw.level), message, hardware_id, values)
+def _read_status(source: Reader) -> Status:
+    level = _level(source.octet())
+    name, message, hardware_id = (ros.read_text(source) for _ in range(3))
+    values = {ros.read_text(source): ros.read_text(source) for _ in range(source.count())}
+    return Status(name, level, message, hardware_id, values)
 
 
 def _level(level: int) -> int:

@@ -13,12 +13,13 @@ import hashlib
 import struct
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import count
 from typing import TYPE_CHECKING, Literal, Self
 
-from formation.ros2.ros import type_hash
 from formation.ros2.ros_names import RosNames, address
 from formation.ros2.tokens import Token, dds_type
+from formation.ros2.type_hashes import type_hash
 from formation.topics import CMD_VEL, TABLE, Topic, command_topic
 
 if TYPE_CHECKING:
@@ -119,7 +120,7 @@ class Naming:
         """
         if self._place(address(logical).robot).ros == "ros2dds":
             return None
-        gid = hashlib.blake2b(f"{zid}/{self.wire(logical)}".encode(), digest_size=16).digest()
+        gid = _gid(zid, self.wire(logical))
         seconds, rest = divmod(wall, 1.0)
         return _ATTACHMENT.pack(sequence, int(seconds) * 1_000_000_000 + int(rest * 1e9), 16, gid)
 
@@ -142,6 +143,12 @@ class Naming:
 
     def _place(self, robot: str) -> Place:
         return self.robots[robot] if robot else self.formation
+
+
+@cache
+def _gid(zid: str, wire: str) -> bytes:
+    """By which rmw_zenoh knows a publisher."""
+    return hashlib.blake2b(f"{zid}/{wire}".encode(), digest_size=16).digest()
 
 
 def _tokens(node: str, zid: str, kept: Iterable[tuple[Place, list[tuple[str, str]]]]) -> Iterator[Token]:

@@ -1,28 +1,14 @@
 """The parts of ROS 2 messages, spelled for a planar robot, with the limits that both directions keep.
 
-``to_*`` builds a part, ``from_*`` reads it; both raise BadMessage for what is not finite, not physical or not
-planar.
+``write_*`` writes a part, ``read_*`` reads it; both raise BadMessage for what is not finite, not physical or
+not planar.
 """
 
 from __future__ import annotations
 
 import math
-from functools import cache
 
-import numpy as np
-from rosbags.typesys import Stores, get_typestore
-from rosbags.typesys.stores.ros2_jazzy import builtin_interfaces__msg__Time as RosTime
-from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__Point as RosPoint
-from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__Pose as RosPose
-from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__PoseWithCovariance as RosPoseWithCovariance
-from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__Quaternion as RosQuaternion
-from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__Twist as RosTwist
-from rosbags.typesys.stores.ros2_jazzy import (
-    geometry_msgs__msg__TwistWithCovariance as RosTwistWithCovariance,
-)
-from rosbags.typesys.stores.ros2_jazzy import geometry_msgs__msg__Vector3 as RosVector3
-from rosbags.typesys.stores.ros2_jazzy import std_msgs__msg__Header as RosHeader
-
+from formation.ros2.cdr import Reader, Writer
 from formation.wire import BadMessage
 
 MAX_POSITION = 1e6
@@ -34,9 +20,8 @@ MAX_TILT = 0.2
 _MAX_TILT = math.sin(MAX_TILT / 2.0) ** 2
 UNIT_TOLERANCE = 0.01
 """How far the length of a heading or a quaternion may be from 1."""
-
-STORE = get_typestore(Stores.ROS2_JAZZY)
-_NO_COVARIANCE = np.zeros(36)  # what the TurtleBot3 sends
+COVARIANCE = 36
+"""Numbers of one; nobody here fills or reads them, and the TurtleBot3 sends zeros as well."""
 
 
 def within(what: str, limit: float, *numbers: float) -> None:
@@ -46,74 +31,90 @@ def within(what: str, limit: float, *numbers: float) -> None:
             raise BadMessage(f"{what} is {number:g}, must be a number within ±{limit:g}")
 
 
-def to_text(text: str) -> str:
+def write_text(to: Writer, text: str) -> None:
     """`text`, with a space for each character that cannot be encoded or would upset a terminal."""
-    return text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text)
+    to.text(text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text))
 
 
-def from_text(text: str) -> str:
-    """`text`, if a terminal can show it."""
+def read_text(source: Reader) -> str:
+    """A text, if a terminal can show it."""
+    text = source.text()
     if not text.isprintable():
         raise BadMessage(f"text has a control character: {text[:40]!r}")
     return text
 
 
-def to_header(stamp: float, frame: str) -> RosHeader:
+def write_header(to: Writer, stamp: float, frame: str) -> None:
     """std_msgs/Header; `stamp` [s since the epoch]."""
+    write_stamp(to, stamp)
+    write_text(to, frame)
+
+
+def read_header(source: Reader) -> tuple[float, str]:
+    """Stamp [s] and frame."""
+    return read_stamp(source), read_text(source)
+
+
+def write_stamp(to: Writer, stamp: float) -> None:
+    """builtin_interfaces/Time [s since the epoch]."""
     if not 0.0 <= stamp < 2**31:
         raise BadMessage(f"stamp is {stamp:g} s, must be from 0 to 2^31 s")
     seconds = int(stamp)
     nanoseconds = round((stamp - seconds) * 1e9)
     if nanoseconds == 1_000_000_000:
         seconds, nanoseconds = seconds + 1, 0
-    return RosHeader(RosTime(seconds, nanoseconds), to_text(frame))
+    if seconds == 2**31:
+        raise BadMessage(f"stamp is {stamp:g} s, must be from 0 to 2^31 s")
+    to.time(seconds, nanoseconds)
 
 
-def from_header(header: RosHeader) -> tuple[float, str]:
-    """Stamp [s] and frame."""
-    return from_stamp(header.stamp), from_text(header.frame_id)
-
-
-def from_stamp(stamp: RosTime) -> float:
+def read_stamp(source: Reader) -> float:
     """builtin_interfaces/Time [s since the epoch]."""
-    seconds, nanoseconds = stamp.sec, stamp.nanosec
+    seconds, nanoseconds = source.time()
     if not 0 <= seconds < 2**31 - 1 or nanoseconds >= 1_000_000_000:
         raise BadMessage(f"stamp is {seconds} s and {nanoseconds} ns, must be from 0 to 2^31 s and under 1 s")
     return seconds + nanoseconds * 1e-9
 
 
-def to_point(what: str, point: complex) -> RosPoint:
+def write_point(to: Writer, what: str, point: complex) -> None:
     """geometry_msgs/Point [m]."""
     within(what, MAX_POSITION, point.real, point.imag)
-    return RosPoint(point.real, point.imag, 0.0)
+    to.doubles(point.real, point.imag, 0.0)
 
 
-def from_point(what: str, point: RosPoint) -> complex:
+def read_point(source: Reader, what: str) -> complex:
     """The point's shadow on the plane [m]."""
-    within(what, MAX_POSITION, point.x, point.y, point.z)
-    return complex(point.x, point.y)
+    x, y, z = source.doubles(3)
+    within(what, MAX_POSITION, x, y, z)
+    return complex(x, y)
 
 
-def to_pose(position: complex, heading: complex) -> RosPose:
-    """geometry_msgs/Pose: `heading` e^{iθ} becomes a turn by θ about z (half angle without trigonometry)."""
+def write_pose(to: Writer, position: complex, heading: complex) -> None:
+    """geometry_msgs/Pose: `heading` e^{iθ} becomes a turn by θ about z."""
+    z, w = half_turn(heading)
+    within("position", MAX_POSITION, position.real, position.imag)
+    to.doubles(position.real, position.imag, 0.0, 0.0, 0.0, z, w)
+
+
+def read_pose(source: Reader) -> tuple[complex, complex]:
+    """Position [m] and heading e^{iθ}, unit."""
+    x, y, z, *orientation = source.doubles(7)
+    heading = heading_of(*orientation)
+    within("position", MAX_POSITION, x, y, z)
+    return complex(x, y), heading
+
+
+def half_turn(heading: complex) -> tuple[float, float]:
+    """z and w of the geometry_msgs/Quaternion that turns as `heading` e^{iθ} does, without trigonometry."""
     length = abs(heading)
     if not abs(length - 1.0) <= UNIT_TOLERANCE:
         raise BadMessage(f"heading has length {length:g}, must be 1")
     cosine, sine = heading.real / length, heading.imag / length
     if cosine >= 0.0:
         w = math.sqrt((1.0 + cosine) / 2.0)
-        z = sine / (2.0 * w)
-    else:  # from z, which is then the larger of the two
-        z = math.copysign(math.sqrt((1.0 - cosine) / 2.0), sine)
-        w = sine / (2.0 * z)
-    return RosPose(to_point("position", position), RosQuaternion(0.0, 0.0, z, w))
-
-
-def from_pose(pose: RosPose) -> tuple[complex, complex]:
-    """Position [m] and heading e^{iθ}, unit."""
-    q = pose.orientation
-    heading = heading_of(q.x, q.y, q.z, q.w)
-    return from_point("position", pose.position), heading
+        return sine / (2.0 * w), w
+    z = math.copysign(math.sqrt((1.0 - cosine) / 2.0), sine)  # from z, which is then the larger of the two
+    return z, sine / (2.0 * z)
 
 
 def heading_of(x: float, y: float, z: float, w: float) -> complex:
@@ -129,42 +130,16 @@ def heading_of(x: float, y: float, z: float, w: float) -> complex:
     return heading / abs(heading)
 
 
-def to_twist(speed: float, turn_rate: float) -> RosTwist:
+def write_twist(to: Writer, speed: float, turn_rate: float) -> None:
     """geometry_msgs/Twist [m/s; rad/s]."""
     within("speed", MAX_SPEED, speed)
     within("turn rate", MAX_SPEED, turn_rate)
-    return RosTwist(RosVector3(speed, 0.0, 0.0), RosVector3(0.0, 0.0, turn_rate))
+    to.doubles(speed, 0.0, 0.0, 0.0, 0.0, turn_rate)
 
 
-def from_twist(twist: RosTwist) -> tuple[float, float]:
+def read_twist(source: Reader) -> tuple[float, float]:
     """Forward speed [m/s] and turn rate [rad/s]; of the other components only that they are physical."""
-    linear, angular = twist.linear, twist.angular
-    within("speed", MAX_SPEED, linear.x, linear.y, linear.z)
-    within("turn rate", MAX_SPEED, angular.z, angular.x, angular.y)
-    return linear.x, angular.z
-
-
-def without_covariance(
-    pose: RosPose, twist: RosTwist
-) -> tuple[RosPoseWithCovariance, RosTwistWithCovariance]:
-    """The two halves of an odometry."""
-    return RosPoseWithCovariance(pose, _NO_COVARIANCE), RosTwistWithCovariance(twist, _NO_COVARIANCE)
-
-
-@cache
-def definition(ros_type: str) -> str:
-    """The type with all it contains, as MCAP's ``ros2msg`` schemas want it. KeyError for an unknown type."""
-    _must_know(ros_type)
-    return STORE.generate_msgdef(ros_type, ros_version=2)[0]
-
-
-@cache
-def type_hash(ros_type: str) -> str:
-    """The type's ``RIHS01_…`` hash, as rmw_zenoh writes it into keys. KeyError for an unknown type."""
-    _must_know(ros_type)
-    return STORE.hash_rihs01(ros_type)
-
-
-def _must_know(ros_type: str) -> None:
-    if ros_type not in STORE.types:
-        raise KeyError(f"{ros_type!r} is no ROS 2 type known here; one would be 'nav_msgs/msg/Odometry'")
+    speed, y, z, roll, pitch, turn_rate = source.doubles(6)
+    within("speed", MAX_SPEED, speed, y, z)
+    within("turn rate", MAX_SPEED, turn_rate, roll, pitch)
+    return speed, turn_rate

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formation.arrays import ComplexArray, FloatArray
+from formation.edges import Edges
 from formation.law import LAWS, Law, Limits
 from formation.mission import Mission
 from formation.neighbour import FRESH_PERIODS
@@ -183,8 +184,9 @@ def _steps(robot: RobotSpec) -> tuple[Command, Limits]:
 def _robots(mission: Mission, options: Options) -> NDArray[Any]:
     robots = np.zeros(len(mission.followers), loop.ROBOT)
     last = 0
-    for i, (name, degree) in enumerate(zip(mission.followers, mission.graph.degrees, strict=True)):
-        spec, first, last = mission.robots[name], last, last + int(degree)
+    for i, name in enumerate(mission.followers):
+        spec = mission.robots[name]
+        first, last = last, last + len(spec.neighbours)
         speed = Grid.of(spec.speed_step, spec.max_speed)
         turn_rate = Grid.of(spec.turn_rate_step, spec.max_turn_rate)
         local = (options.measurement or spec.measurement) == "local"
@@ -194,11 +196,11 @@ def _robots(mission: Mission, options: Options) -> NDArray[Any]:
 
 
 def _edges(mission: Mission, options: Options, step: float) -> NDArray[Any]:
-    graph = mission.graph
+    graph = Edges(mission.graph)
     robots = [mission.robots[name] for name in mission.names]
     local = np.array([(options.measurement or robot.measurement) == "local" for robot in robots])
     edges = np.zeros(len(graph.heads), loop.EDGE)
-    edges["head"], edges["desired"] = graph.heads, graph.along_edges(mission.slots())
+    edges["head"], edges["desired"] = graph.heads, graph.along_edges(np.array(mission.slots()))
     edges["late"] = np.where(local[graph.tails], 0.0, options.delay_steps(step) * step)
     edges["limit"] = np.array([FRESH_PERIODS / robot.rate for robot in robots])[graph.heads]
     edges["top_speed"] = np.array([robot.top_speed for robot in robots])[graph.heads]

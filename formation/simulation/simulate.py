@@ -181,7 +181,7 @@ class _Film:
         return History(
             title=f"{mission.name}, {law} law",
             names=mission.names,
-            edges=tuple(zip(mission.graph.tails.tolist(), mission.graph.heads.tolist(), strict=True)),
+            edges=tuple((i, j) for i, js in enumerate(mission.graph.neighbours) for j in js),
             offset=robots["offset"],
             max_speed=robots["max_speed"],
             max_turn_rate=robots["max_turn_rate"],

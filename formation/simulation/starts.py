@@ -33,5 +33,5 @@ def random_starts(mission: Mission, runs: int, spread: float, rng: np.random.Gen
     heading = np.exp(1j * rng.uniform(-np.pi, np.pi, shape))
     away = rng.uniform(-spread, spread, shape) + 1j * rng.uniform(-spread, spread, shape)
     offset = np.array([mission.robots[name].control_point_offset for name in mission.followers])
-    slots = mission.robots[mission.leader].start.position + mission.slots()[1:]
+    slots = mission.robots[mission.leader].start.position + np.array(mission.slots()[1:])
     return Starts(slots + away - offset * heading, heading)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from formation.arrays import ComplexArray
+from formation.graph import cyclic_core
 from formation.mission import Mission
 from formation.route import Route
 from formation.simulation.simulate import simulate
@@ -102,7 +103,7 @@ def analyse(mission: Mission, law: str | None = None) -> Analysis:
     return Analysis(
         law=law,
         robots=len(mission.names),
-        edges=len(graph.tails),
+        edges=sum(map(len, graph.neighbours)),
         depth=dict(zip(mission.names, graph.depths, strict=True)),
         unreachable=feasibility.unreachable(graph, mission.names),
         laplacian_eigenvalues=tuple(mu.tolist()),
@@ -141,7 +142,7 @@ def _instability(mission: Mission, mu: ComplexArray, poles: ComplexArray, forwar
         bound = _largest_integral_gain(mu, k_p)
         what = f"law.k_p = {k_p:g}, law.k_i = {k_i:g} on this graph"
         return [_unstable(what, poles, f"k_i must be below {bound:.3g} 1/s²")]
-    if forward is not None and spectrum.cyclic_core(mission.graph):
+    if forward is not None and cyclic_core(mission.graph):
         loop = spectrum.feed_forward_poles(mission.graph, k_p, k_i, forward)
         if loop.real.max() >= 0.0:
             what = f"law.feed_forward with velocity_filter = {forward:g} s on this graph"
@@ -173,7 +174,7 @@ def _sampling(mission: Mission, mu: ComplexArray, *, stable: bool) -> list[str]:
         for faster in rate * np.geomspace(1.01, 1e6, 2000)
         if feasibility.sampled_radius(mu, mission.law.k_p, mission.law.k_i, 1.0 / faster) < 1.0
     )
-    most = int(mission.graph.degrees.max())
+    most = max(map(len, mission.graph.neighbours))
     why = f"too low for law.k_p = {mission.law.k_p:g} and up to {most} neighbours: commands overshoot"
     return [f"robots.{slowest}.rate = {rate:g} Hz: {why}; {next(enough, 'no rate is enough: lower law.k_i')}"]
 

@@ -18,40 +18,17 @@ from collections import deque
 import numpy as np
 
 from formation.arrays import ComplexArray, FloatArray
-from formation.graph import Graph
-
-
-def cyclic_core(graph: Graph) -> tuple[int, ...]:
-    """Followers on a cycle of the graph, or between two; empty for an acyclic graph.
-
-    The rest can be ordered so that L_ff is triangular: each of them adds its own degree to the eigenvalues.
-    """
-    measures = [set(js) - {0} for js in graph.neighbours]
-    measured_by: list[set[int]] = [set() for _ in graph.neighbours]
-    for i, js in enumerate(measures):
-        for j in js:
-            measured_by[j].add(i)
-    left = set(range(1, graph.size))
-    for ahead, behind in ((measures, measured_by), (measured_by, measures)):
-        waiting = deque(i for i in left if not ahead[i])
-        while waiting:
-            gone = waiting.popleft()
-            left.discard(gone)
-            for i in behind[gone]:
-                ahead[i].discard(gone)
-                if not ahead[i] and i in left:
-                    waiting.append(i)
-            behind[gone] = set()
-    return tuple(sorted(left))
+from formation.edges import Edges
+from formation.graph import Graph, cyclic_core
 
 
 def laplacian(graph: Graph) -> ComplexArray:
     """Eigenvalues μ of L_ff; shape (n-1,). Exact for robots outside `cyclic_core`."""
-    core = np.array(cyclic_core(graph), dtype=np.intp)
-    apart = np.delete(graph.degrees, core - 1).astype(np.complex128)
+    core, edges = np.array(cyclic_core(graph), dtype=np.intp), Edges(graph)
+    apart = np.delete(edges.degrees, core - 1).astype(np.complex128)
     if not len(core):
         return apart
-    among = graph.follower_laplacian()[np.ix_(core - 1, core - 1)]
+    among = edges.follower_laplacian()[np.ix_(core - 1, core - 1)]
     return np.concatenate([apart, np.linalg.eigvals(among)])
 
 
@@ -77,10 +54,10 @@ def feed_forward_poles(graph: Graph, k_p: float, k_i: float, time_constant: floa
 
     Outside of it feed-forward closes no loop: there the poles are those of the PI loop and -1/τ.
     """
-    core = np.array(cyclic_core(graph), dtype=np.intp) - 1
+    core, edges = np.array(cyclic_core(graph), dtype=np.intp) - 1, Edges(graph)
     count = len(core)
-    among = graph.follower_laplacian()[np.ix_(core, core)]
-    degrees = graph.degrees[core]
+    among = edges.follower_laplacian()[np.ix_(core, core)]
+    degrees = edges.degrees[core]
     mean = (np.diag(degrees) - among) / degrees[:, None]  # velocities of the core's neighbours, averaged
     motion = np.hstack([-k_p * among, k_i * np.eye(count), mean])
     integral = np.hstack([-among, np.zeros((count, 2 * count))])
@@ -117,7 +94,8 @@ def amplification(graph: Graph, k_p: float, k_i: float, time_constant: float | N
     forward = np.zeros_like(s) if time_constant is None else 1.0 / (1.0 + time_constant * s)
     solve = _solve_cyclic if cyclic_core(graph) else _solve_acyclic
     away = solve(graph, s, control, forward)  # (frequencies, n), the leader's zero
-    mean_errors = graph.sum_per_follower(graph.along_edges(away)) / graph.degrees
+    edges = Edges(graph)
+    mean_errors = edges.sum_per_follower(edges.along_edges(away)) / edges.degrees
     peak: FloatArray = np.abs(mean_errors).max(axis=0)
     return peak
 
@@ -137,9 +115,10 @@ def _solve_cyclic(
     graph: Graph, s: ComplexArray, control: ComplexArray, forward: ComplexArray
 ) -> ComplexArray:
     away = np.zeros((len(s), graph.size), dtype=np.complex128)
-    among = graph.follower_laplacian()
-    degree = np.diag(graph.degrees)
-    mean = (degree - among) / graph.degrees[:, None]
+    edges = Edges(graph)
+    among = edges.follower_laplacian()
+    degree = np.diag(edges.degrees)
+    mean = (degree - among) / edges.degrees[:, None]
     unit = np.eye(graph.size - 1)
     for k in range(len(s)):
         matrix = s[k] * (unit - forward[k] * mean) + control[k] * among

@@ -14,7 +14,7 @@ from typing import Self
 import foxglove
 from foxglove import Channel, Context, Schema
 
-from formation.ros2.messages import definition
+from formation.ros2.definitions import definition
 from formation.wire import Sample
 from monitor.figures.keys import Watched
 from monitor.recording.attached import SUFFIX, TYPE, packed

@@ -9,7 +9,8 @@ from uuid import uuid4
 
 from mcap.records import Channel, Schema
 
-from formation.ros2.messages import definition, type_hash
+from formation.ros2.definitions import definition
+from formation.ros2.type_hashes import type_hash
 
 ABOUT = "formation"
 """Name of the metadata record that says what was recorded."""

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from formation.ros2.messages import definition
+from formation.ros2.definitions import definition
 from formation.transport.process import BadInput
 from formation.wire import Sample
 from monitor.figures.keys import Watched

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from formation.mission import Mission
-from formation.ros2.messages import definition
+from formation.ros2.definitions import definition
 from formation.topics import CMD_VEL, ODOM, POSE, TABLE
 from monitor.figures.keys import watched
 from monitor.recording.recorder import stamp_of

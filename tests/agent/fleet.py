@@ -18,7 +18,7 @@ import numpy as np
 
 from agent.core import Agent
 from agent.robots.simulated import World
-from formation.graph import formation_error
+from formation.edges import Edges, formation_error
 from formation.mission import Mission
 from formation.order import OperatorReply, OperatorRequest, encode
 from formation.order import decode as decode_order
@@ -201,7 +201,7 @@ class Fleet:
     def error(self) -> float:
         """Formation error of the robots as they really are, now, in the figure that is wanted [m]."""
         slots = np.array(self.in_charge.wanted.slots(self.mission))
-        return float(formation_error(self.mission.graph, np.array(self.points()), slots))
+        return float(formation_error(Edges(self.mission.graph), np.array(self.points()), slots))
 
     def points(self) -> list[complex]:
         """The leader, and the robots' control points as they really are, now [m; world frame]."""

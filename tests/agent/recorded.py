@@ -35,8 +35,8 @@ class Wire:
     def subscribe(self, *_where: Any, **_how: Any) -> None:
         pass
 
-    def routed(self, _key: str) -> bool:
-        return self.listens
+    def routed(self, _key: str) -> bool | None:
+        return self.listens if self.connected else None
 
     def publish(self, key: str, payload: bytes, attachment: bytes | None = None) -> None:
         self.said.append(Outgoing(key, payload, attachment))

@@ -11,7 +11,7 @@ from agent.commander import AT_REST, HALF, LONGEST, Commander
 from agent.orders import Orders
 from agent.slots import SHARE
 from agent.slots import Slots as Taken
-from formation.graph import edge_errors
+from formation.edges import Edges, edge_errors
 from formation.mission import Mission
 from formation.mission_file import load
 from formation.order import Order, Slots, Told, decode, encode
@@ -30,7 +30,7 @@ GAP = 0.15
 def farthest(fleet: Fleet) -> float:
     """Longest edge error of the robots as they really are, in the figure as it is by now [m]."""
     slots = np.array(fleet.leader.figure.slots(fleet.mission))
-    return float(np.max(edge_errors(fleet.mission.graph, np.array(fleet.points()), slots)))
+    return float(np.max(edge_errors(Edges(fleet.mission.graph), np.array(fleet.points()), slots)))
 
 
 @pytest.mark.parametrize(

@@ -50,9 +50,9 @@ class Wire:
         assert payload
         self._log.append((self._side, key, attachment))
 
-    def routed(self, key: str) -> bool:
+    def routed(self, key: str) -> bool | None:
         assert key == "robot2/cmd_vel"
-        return self.listens
+        return self.listens if self.connected else None
 
     @property
     def refused(self) -> Counter[str]:
@@ -101,7 +101,7 @@ def test_a_command_goes_out_before_what_comes_after_it_is_even_made() -> None:
         yield Outgoing("robot2/cmd_vel", b"command")
         assert [key for _, key, _ in setting.log] == ["robot2/cmd_vel"]
         yield Outgoing("robot2/position", b"position", b"order")
-        assert [key for _, key, _ in setting.log] == ["robot2/cmd_vel", "robot2/position"]
+        assert [key for _, key, _ in setting.log] == ["robot2/cmd_vel"]  # all else goes out together
 
     setting.sides.send(says())
     assert len(setting.log) == 4
@@ -175,18 +175,37 @@ def test_everything_heard_is_repeated_once_and_in_order(heard: Sequence[Sample])
     assert not {"robot2/odom", "robot2/scan"} & {key for _, key in setting.turn(mono=1.01)}
 
 
-def test_the_agent_knows_how_it_is_connected_and_the_bus_is_asked_seldom_who_was_refused(
+def test_the_agent_knows_how_it_was_connected_when_it_last_spoke(monkeypatch: pytest.MonkeyPatch) -> None:
+    setting = Setting()
+    said = list[Surroundings]()
+    monkeypatch.setattr(setting.agent, "aware", said.append)
+    for connected, listens in ((True, False), (False, False), (True, True), (True, True)):
+        setting.robot.connected, setting.robot.listens = connected, listens
+        setting.turn()
+    links = [(one.connected, one.routed) for one in said]
+    assert links == [(True, True), (True, False), (False, None), (True, True)]
+
+
+def test_a_command_does_not_wait_for_a_look_around(monkeypatch: pytest.MonkeyPatch) -> None:
+    setting = Setting()
+    routed = setting.robot.routed
+
+    def looked(key: str) -> bool | None:
+        setting.log.append(("robot", "looked", None))
+        return routed(key)
+
+    monkeypatch.setattr(setting.robot, "routed", looked)
+    assert setting.turn(ODOMETRY)[-1] == ("robot", "looked")
+
+
+def test_the_bus_is_asked_seldom_who_was_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     setting = Setting()
     said = list[Surroundings]()
     monkeypatch.setattr(setting.agent, "aware", said.append)
     setting.turn()
-    setting.robot.listens = False
     setting.turn(mono=1.01)
-    setting.robot.connected = False
-    setting.turn(mono=1.02)
-    assert [(one.connected, one.routed) for one in said] == [(True, True), (True, False), (False, None)]
     assert {one.refused["put robot3/position"] for one in said} == {2}
     assert setting.fleet.asked == 1
     setting.turn(mono=1.0 + REFUSED_PERIOD)

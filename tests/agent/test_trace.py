@@ -115,7 +115,8 @@ def test_the_link_with_the_robot_is_told_where_it_has_changed() -> None:
     assert setting.turn(1.0)["steps"] == [[1.0, 1.7e9 + 1.0, [], [True, True]]]
     assert setting.turn(1.1)["steps"] == [[1.1, 1.7e9 + 1.1, []]]
     setting.loop.robot.connected = False
-    assert setting.turn(1.2)["steps"] == [[1.2, 1.7e9 + 1.2, [], [False, None]]]
+    setting.turn(1.2)
+    assert setting.turn(1.3)["steps"] == [[1.3, 1.7e9 + 1.3, [], [False, None]]]
 
 
 def test_an_operators_request_is_told_between_the_steps_and_one_that_says_nothing_is_not() -> None:

@@ -119,7 +119,7 @@ def slot_errors(mission: Mission, result: Result) -> FloatArray:
     """Each robot's distance from its slot, RMS over the last third of the first run [m]; shape (n,)."""
     assert result.history is not None
     points = result.history.points
-    away = np.abs(points - points[:, :1] - mission.slots())
+    away = np.abs(points - points[:, :1] - np.array(mission.slots()))
     errors: FloatArray = np.sqrt(np.square(away[len(away) * 2 // 3 :]).mean(axis=0))
     return errors
 
@@ -132,7 +132,7 @@ def lower_bound(mission: Mission, runs: int, seed: int) -> FloatArray:
     offset = np.array([robot.control_point_offset for robot in robots])
     top = np.array([robot.top_speed for robot in robots])
     leader = mission.route[0].speed * mission.leader_heading
-    away = mission.robots[mission.leader].start.position + mission.slots()[1:]
+    away = mission.robots[mission.leader].start.position + np.array(mission.slots()[1:])
     away = away - starts.position - offset * starts.heading
     # |away + leader t| = top t
     a, b = top**2 - abs(leader) ** 2, (away * np.conj(leader)).real

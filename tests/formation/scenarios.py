@@ -135,6 +135,6 @@ def out_of_slot(mission: Mission, result: Result) -> list[float]:
     """Each robot's distance from its slot behind the leader, RMS over the last third of the run [cm]."""
     assert result.history is not None
     points = result.history.points
-    away = np.abs(points - points[:, :1] - mission.slots())[len(points) * 2 // 3 :]
+    away = np.abs(points - points[:, :1] - np.array(mission.slots()))[len(points) * 2 // 3 :]
     rms: list[float] = (100.0 * np.sqrt(np.square(away).mean(axis=0))).tolist()
     return rms

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formation.arrays import ComplexArray
-from formation.graph import Graph, edge_errors, formation_error
+from formation.edges import Edges, edge_errors, formation_error
+from formation.graph import Graph
 from tests.formation import oracle
 from tests.formation.planar import angles, pair, vectors
 
@@ -28,38 +29,38 @@ def shape(draw_from: st.DataObject, graph: Graph) -> ComplexArray:
 
 @given(graphs())
 def test_rows_of_the_laplacian_sum_to_zero(graph: Graph) -> None:
-    assert graph.laplacian().sum(axis=1).tolist() == [0.0] * graph.size
-    assert np.diag(graph.laplacian())[1:].tolist() == graph.degrees.tolist()
+    assert Edges(graph).laplacian().sum(axis=1).tolist() == [0.0] * graph.size
+    assert np.diag(Edges(graph).laplacian())[1:].tolist() == Edges(graph).degrees.tolist()
 
 
 @given(graphs(), st.data())
 def test_the_sparse_sum_is_the_laplacian_times_the_points(graph: Graph, data: st.DataObject) -> None:
     points = shape(data, graph)
-    sparse = graph.sum_per_follower(graph.along_edges(points))
-    assert sparse == pytest.approx((-graph.laplacian() @ points)[1:], abs=1e-9)
+    sparse = Edges(graph).sum_per_follower(Edges(graph).along_edges(points))
+    assert sparse == pytest.approx((-Edges(graph).laplacian() @ points)[1:], abs=1e-9)
 
 
 @given(graphs(), st.data())
 def test_sums_go_over_the_last_axis_of_any_stack(graph: Graph, data: st.DataObject) -> None:
     stack = np.stack([shape(data, graph), shape(data, graph)])
-    sums = graph.sum_per_follower(graph.along_edges(stack))
+    sums = Edges(graph).sum_per_follower(Edges(graph).along_edges(stack))
     assert sums.shape == (2, graph.size - 1)
-    assert sums[1].tolist() == graph.sum_per_follower(graph.along_edges(stack[1])).tolist()
+    assert sums[1].tolist() == Edges(graph).sum_per_follower(Edges(graph).along_edges(stack[1])).tolist()
 
 
 @given(graphs(), vectors, st.data())
 def test_equation_6_has_no_formation_error(graph: Graph, leader: complex, data: st.DataObject) -> None:
     slots = shape(data, graph)
-    positions = graph.desired_positions(leader, slots)
+    positions = Edges(graph).desired_positions(leader, slots)
     assert positions == pytest.approx(leader + slots[1:], abs=1e-6)
-    assert formation_error(graph, np.append(leader, positions), slots) == pytest.approx(0.0, abs=1e-5)
+    assert formation_error(Edges(graph), np.append(leader, positions), slots) == pytest.approx(0.0, abs=1e-5)
 
 
 @given(graphs(), vectors, st.data())
 def test_equation_6_is_the_papers(graph: Graph, leader: complex, data: st.DataObject) -> None:
     slots = shape(data, graph)
     expected = oracle.target(pair(leader), [pair(slot) for slot in slots.tolist()], graph.neighbours)
-    positions = graph.desired_positions(leader, slots)
+    positions = Edges(graph).desired_positions(leader, slots)
     assert np.column_stack([positions.real, positions.imag]).ravel() == pytest.approx(expected, abs=1e-6)
 
 
@@ -69,10 +70,10 @@ def test_the_formation_error_does_not_change_when_all_move_as_one(
 ) -> None:
     points, slots = shape(data, graph), shape(data, graph)
     turn = np.exp(1j * angle)
-    error = formation_error(graph, points, slots)
-    assert formation_error(graph, points + away, slots) == pytest.approx(error)
-    assert formation_error(graph, turn * points, turn * slots) == pytest.approx(error)
-    assert edge_errors(graph, points, slots).sum() == pytest.approx(error)
+    error = formation_error(Edges(graph), points, slots)
+    assert formation_error(Edges(graph), points + away, slots) == pytest.approx(error)
+    assert formation_error(Edges(graph), turn * points, turn * slots) == pytest.approx(error)
+    assert edge_errors(Edges(graph), points, slots).sum() == pytest.approx(error)
 
 
 @given(graphs())
@@ -88,13 +89,13 @@ def test_depth_counts_the_hops_to_the_leader(graph: Graph) -> None:
 def test_with_a_spanning_tree_the_eigenvalues_have_positive_real_parts(
     graph: Graph, data: st.DataObject
 ) -> None:
-    assert np.linalg.eigvals(graph.follower_laplacian()).real.min() > 0.0
+    assert np.linalg.eigvals(Edges(graph).follower_laplacian()).real.min() > 0.0
     cut_off = data.draw(st.integers(1, graph.size - 1))
     neighbours = list(graph.neighbours)
     neighbours[cut_off] = ()
     lost = Graph(tuple(neighbours))
     assert cut_off in lost.unreachable
-    assert abs(np.linalg.eigvals(lost.follower_laplacian())).min() == pytest.approx(0.0, abs=1e-9)
+    assert abs(np.linalg.eigvals(Edges(lost).follower_laplacian())).min() == pytest.approx(0.0, abs=1e-9)
 
 
 def test_without_a_path_to_the_leader_there_are_no_desired_positions() -> None:
@@ -102,4 +103,4 @@ def test_without_a_path_to_the_leader_there_are_no_desired_positions() -> None:
     assert apart.unreachable == (2, 3)
     assert apart.depths == (0, 1, None, None)
     with pytest.raises(np.linalg.LinAlgError):
-        apart.desired_positions(0j, [0j] * 4)
+        Edges(apart).desired_positions(0j, [0j] * 4)

@@ -85,7 +85,7 @@ def test_both_laws_get_the_same_starts_for_one_seed_and_others_for_another() -> 
 
 def test_random_starts_are_within_the_spread_of_their_slots_and_look_everywhere() -> None:
     starts = random_starts(SIX, 500, 3.0, np.random.default_rng(0))
-    away = starts.position + 0.2 * starts.heading - SIX.slots()[1:]
+    away = starts.position + 0.2 * starts.heading - np.array(SIX.slots()[1:])
     for axis in (away.real, away.imag):
         assert -3.0 <= axis.min() < -2.9
         assert 2.9 < axis.max() <= 3.0

@@ -8,7 +8,7 @@ from itertools import combinations, pairwise
 import numpy as np
 import pytest
 
-from formation.graph import formation_error
+from formation.edges import Edges, formation_error
 from formation.legs import Waypoints
 from formation.mission import Mission
 from formation.mission_file import load
@@ -45,7 +45,7 @@ class Watched:
     def lag(self) -> float:
         """Formation error against where the figure is by now [m]."""
         slots = np.array(self.fleet.leader.figure.slots(self.fleet.mission))
-        return float(formation_error(self.fleet.mission.graph, np.array(self.fleet.points()), slots))
+        return float(formation_error(Edges(self.fleet.mission.graph), np.array(self.fleet.points()), slots))
 
     def within_limits(self) -> bool:
         mission = self.fleet.mission

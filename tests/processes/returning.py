@@ -23,7 +23,7 @@ import numpy as np
 
 from deploy.local.plan import programs
 from deploy.local.ports import Ports
-from formation.graph import formation_error
+from formation.edges import Edges, formation_error
 from formation.mission_file import load
 from formation.order import Do, OperatorReply, OperatorRequest, decode, encode
 from formation.ros2.messages import Pose, Twist
@@ -160,7 +160,8 @@ class Team:
             seen = np.array([control_point(pose.position, pose.heading, offset) for pose in track])
             stamps = np.array([pose.stamp for pose in track])
             points.append(complex(np.interp(moment, stamps, seen.real), np.interp(moment, stamps, seen.imag)))
-        return float(formation_error(self.mission.graph, np.array(points), self.mission.slots()))
+        edges, slots = Edges(self.mission.graph), np.array(self.mission.slots())
+        return float(formation_error(edges, np.array(points), slots))
 
     def restart(self, robot: str, gone: float) -> Return:
         """Kill a robot's agent, start it again after so long [s], and watch it come back."""

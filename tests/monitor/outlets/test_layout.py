@@ -11,7 +11,7 @@ import pytest
 
 from formation.mission import Mission
 from formation.mission_file import load, parse, read
-from formation.ros2.ros import STORE
+from formation.ros2.definitions import STORE
 from monitor.figures.keys import OWN, watched
 from monitor.outlets.layout import layout, text
 

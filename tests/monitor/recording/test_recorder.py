@@ -17,7 +17,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from formation.mission import Mission
 from formation.mission_file import load, parse, read
 from formation.ros2 import messages
-from formation.ros2.messages import Displacement, Number, encode, type_hash
+from formation.ros2.messages import Displacement, Number, encode
+from formation.ros2.type_hashes import type_hash
 from formation.topics import ALIVE, CMD_VEL, ERROR, ODOM, POSITION, TABLE
 from formation.wire import Sample
 from monitor.figures.keys import OWN, watched

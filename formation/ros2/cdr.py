@@ -1,0 +1,139 @@
+"""CDR, the bytes of ROS 2's messages: numbers and texts one after the other, each where its size divides.
+
+Offsets are counted from after the encapsulation, four bytes that say how the rest is spelled. `Writer` writes
+little endian; `Reader` reads either byte order and raises BadMessage for bytes that are not what is asked
+for. Of a whole library there would be needed no more than this, in a process that is to be small and to
+start at once; tests hold it against that library, byte for byte (docs/decisions/0034).
+"""
+
+from __future__ import annotations
+
+import struct
+from functools import lru_cache
+from typing import Any, NamedTuple, Self
+
+from formation.wire import BadMessage
+
+LITTLE = b"\0\1\0\0"
+PADDING = 3
+"""So many bytes may follow the last field."""
+_MOST = 8
+"""float64 fields that follow each other."""
+
+
+class _Order(NamedTuple):
+    """How numbers are spelled in one byte order."""
+
+    doubles: tuple[struct.Struct, ...]
+    """So many of them."""
+    time: struct.Struct
+    whole: struct.Struct
+
+    @classmethod
+    def of(cls, sign: str) -> Self:
+        doubles = tuple(struct.Struct(f"{sign}{number}d") for number in range(_MOST))
+        return cls(doubles, struct.Struct(f"{sign}iI"), struct.Struct(f"{sign}I"))
+
+
+_LITTLE, _BIG, _OCTET = _Order.of("<"), _Order.of(">"), struct.Struct("B")
+
+
+class Writer:
+    """Bytes of a message, field by field."""
+
+    __slots__ = ("_data",)
+
+    def __init__(self) -> None:
+        self._data = bytearray(LITTLE)
+
+    def doubles(self, *numbers: float) -> None:
+        """float64 fields that follow each other."""
+        data = self._data
+        data += bytes((4 - len(data)) % 8) + _LITTLE.doubles[len(numbers)].pack(*numbers)
+
+    def time(self, seconds: int, nanoseconds: int) -> None:
+        """builtin_interfaces/Time."""
+        self._data += bytes(-len(self._data) % 4) + _LITTLE.time.pack(seconds, nanoseconds)
+
+    def text(self, text: str) -> None:
+        """A string."""
+        spelled = text.encode()
+        self.count(len(spelled) + 1)
+        self._data += spelled + b"\0"
+
+    def count(self, number: int) -> None:
+        """A uint32, and what a sequence begins with."""
+        self._data += bytes(-len(self._data) % 4) + _LITTLE.whole.pack(number)
+
+    def octet(self, number: int) -> None:
+        """A uint8."""
+        self._data.append(number)
+
+    def zeros(self, numbers: int) -> None:
+        """So many float64 fields of zero."""
+        self._data += bytes((4 - len(self._data)) % 8 + 8 * numbers)
+
+    def written(self) -> bytes:
+        """All of it."""
+        return bytes(self._data)
+
+
+class Reader:
+    """Fields of a message, one after the other. Methods raise BadMessage where bytes are missing."""
+
+    __slots__ = ("_at", "_data", "_order")
+
+    def __init__(self, data: bytes) -> None:
+        # 00, byte order, 00, number of padding bytes at the end of the payload
+        if len(data) <= 4 or data[0] or data[1] > 1 or data[2] or data[3] > PADDING:
+            raise BadMessage(f"no CDR header but {data[:4].hex(' ') or 'nothing'}")
+        self._data, self._at, self._order = data, 4, _LITTLE if data[1] else _BIG
+
+    def doubles(self, number: int) -> tuple[float, ...]:
+        """So many float64 fields."""
+        return self._numbers(self._order.doubles[number], (self._at + 3 & -8) + 4)
+
+    def time(self) -> tuple[int, int]:
+        """builtin_interfaces/Time: seconds and nanoseconds."""
+        seconds, nanoseconds = self._numbers(self._order.time, self._at + 3 & -4)
+        return seconds, nanoseconds
+
+    def text(self) -> str:
+        """A string, which ends with a zero."""
+        size = self.count()
+        begin, self._at = self._at, self._at + size
+        spelled = self._data[begin : self._at]
+        if not size or len(spelled) < size or spelled[-1]:
+            raise BadMessage(f"no text of {size} bytes at {begin}")
+        return _decoded(spelled)
+
+    def count(self) -> int:
+        """A uint32, and what a sequence begins with."""
+        return int(self._numbers(self._order.whole, self._at + 3 & -4)[0])
+
+    def octet(self) -> int:
+        """A uint8."""
+        return int(self._numbers(_OCTET, self._at)[0])
+
+    def skip(self, numbers: int) -> None:
+        """Pass by so many float64 fields; whether they were there `end` says."""
+        self._at = (self._at + 3 & -8) + 4 + 8 * numbers
+
+    def end(self) -> None:
+        """Raise BadMessage unless the message ends here, or ended a little before its padding."""
+        if not 0 <= len(self._data) - self._at <= PADDING:
+            raise BadMessage(f"size mismatch: {len(self._data)} bytes, should be {self._at}")
+
+    def _numbers(self, spelling: struct.Struct, begin: int) -> tuple[Any, ...]:
+        self._at = begin + spelling.size
+        if self._at > len(self._data):
+            raise BadMessage(f"{len(self._data)} bytes, should be at least {self._at}")
+        return spelling.unpack_from(self._data, begin)
+
+
+@lru_cache(maxsize=512)
+def _decoded(spelled: bytes) -> str:
+    try:
+        return spelled[:-1].decode()
+    except UnicodeDecodeError:
+        raise BadMessage(f"no text but {spelled[:40]!r}") from None
