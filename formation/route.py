@@ -15,14 +15,14 @@ from __future__ import annotations
 
 import cmath
 import math
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator
-from typing import Any, NamedTuple
+from itertools import accumulate
+from typing import NamedTuple
 
-import numpy as np
-
-from formation.arrays import ComplexArray, FloatArray
 from formation.legs import Circle, Straight, Waypoints
 from formation.mission import Mission
+from formation.plane import rotation
 from formation.unicycle import advance
 
 
@@ -39,18 +39,15 @@ class Arc(NamedTuple):
     """[rad/s], counter-clockwise positive."""
     duration: float
     """[s]; infinite for a leg that never ends."""
-    begin: float = 0.0
-    """When it is reached [s since the start]."""
 
     @property
     def end(self) -> tuple[complex, complex]:
         """Position and heading after `duration`, which must be finite."""
-        position, heading = advance(self.position, self.heading, self.speed, self.turn_rate, self.duration)
-        return complex(position), complex(heading)
+        return advance(self.position, self.heading, self.speed, self.turn_rate, self.duration)
 
 
 class Route:
-    """Where the leader is at any time, for one time or an array of times [s since the start]."""
+    """Where the leader is at any time [s since the start]."""
 
     def __init__(
         self,
@@ -64,14 +61,10 @@ class Route:
         if math.isfinite(self.total):
             position, heading = arcs[-1].end if arcs else (start, start_heading)
             arcs += (Arc(position, heading, 0.0, 0.0, math.inf),)
-        starts = np.cumsum([0.0] + [arc.duration for arc in arcs[:-1]])
-        self.arcs = tuple(arc._replace(begin=float(at)) for arc, at in zip(arcs, starts, strict=True))
+        self.arcs = arcs
         """One after the other; the last never ends."""
-        self._starts: FloatArray = starts  # [s]; shape (arcs,)
-        self._positions: ComplexArray = np.array([arc.position for arc in arcs], dtype=np.complex128)
-        self._headings: ComplexArray = np.array([arc.heading for arc in arcs], dtype=np.complex128)
-        self._speeds: FloatArray = np.array([arc.speed for arc in arcs])
-        self._turn_rates: FloatArray = np.array([arc.turn_rate for arc in arcs])
+        self.begins = tuple(accumulate((arc.duration for arc in arcs[:-1]), initial=0.0))
+        """When each of them is reached [s]."""
 
     @classmethod
     def of(cls, mission: Mission) -> Route:
@@ -82,42 +75,34 @@ class Route:
     @property
     def last_change(self) -> float:
         """From when on speed and turn rate stay as they are [s]."""
-        return float(self._starts[-1])
+        return self.begins[-1]
 
-    def position(self, time: Any) -> Any:
-        """The leader's control point [m; world frame]; complex, or an array of the shape of `time`."""
+    def position(self, time: float) -> complex:
+        """The leader's control point [m; world frame]."""
         arc, elapsed = self._locate(time)
-        position, _ = advance(
-            self._positions[arc], self._headings[arc], self._speeds[arc], self._turn_rates[arc], elapsed
-        )
-        return _like(time, position)
+        position, _ = advance(arc.position, arc.heading, arc.speed, arc.turn_rate, elapsed)
+        return position
 
-    def heading(self, time: Any) -> Any:
+    def heading(self, time: float) -> complex:
         """Direction of travel, unit complex [world frame]; while standing, the last one."""
         arc, elapsed = self._locate(time)
-        return _like(time, self._headings[arc] * np.exp(1j * self._turn_rates[arc] * elapsed))
+        return arc.heading * rotation(arc.turn_rate * elapsed)
 
-    def velocity(self, time: Any) -> Any:
+    def velocity(self, time: float) -> complex:
         """The leader's velocity [m/s; world frame], from the right where a leg begins."""
         arc, _ = self._locate(time)
-        moving = np.asarray(time, dtype=np.float64) >= 0.0
-        return _like(time, np.where(moving, self._speeds[arc], 0.0) * self.heading(time))
+        return arc.speed * self.heading(time) if time >= 0.0 else 0j
 
-    def turn_rate(self, time: Any) -> Any:
-        """How fast the direction of travel turns [rad/s]; float, or an array of the shape of `time`."""
+    def turn_rate(self, time: float) -> float:
+        """How fast the direction of travel turns [rad/s]."""
         arc, _ = self._locate(time)
-        turn_rate = np.where(np.asarray(time, dtype=np.float64) >= 0.0, self._turn_rates[arc], 0.0)
-        return turn_rate if isinstance(time, np.ndarray) else float(turn_rate)
+        return arc.turn_rate if time >= 0.0 else 0.0
 
-    def _locate(self, time: Any) -> tuple[Any, Any]:
-        """Index of the arc at each time, and how long it has lasted by then [s]."""
-        since_start = np.maximum(np.asarray(time, dtype=np.float64), 0.0)
-        arc = np.searchsorted(self._starts, since_start, side="right") - 1
-        return arc, since_start - self._starts[arc]
-
-
-def _like(time: Any, value: Any) -> Any:
-    return value if isinstance(time, np.ndarray) else complex(value)
+    def _locate(self, time: float) -> tuple[Arc, float]:
+        """The arc at a time, and how long it has lasted by then [s]."""
+        since_start = max(time, 0.0)
+        place = bisect_right(self.begins, since_start) - 1
+        return self.arcs[place], since_start - self.begins[place]
 
 
 def _arcs(

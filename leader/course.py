@@ -13,7 +13,6 @@ import math
 from collections.abc import Sequence
 from typing import Annotated, Self
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, StringConstraints, ValidationError
 
 from formation.legs import Leg, Straight
@@ -26,7 +25,9 @@ from formation.wire import BadMessage
 FARTHEST = 1e6
 """As far from the origin as a `Place` can be [m]."""
 AHEAD = 1.0
-"""So far ahead it is known how fast the leader will be [s]."""
+"""So far ahead it is known how fast the leader will be [s], …"""
+LOOKS = 10
+"""… by so many looks."""
 
 
 class _Said(BaseModel):
@@ -107,25 +108,25 @@ class Course:
 
     def position(self, time: float) -> complex:
         """Where the leader is [m; world frame] after `time` on it [s]."""
-        where = complex(self._route.position(time))
+        where = self._route.position(time)
         return complex(_within(where.real), _within(where.imag))
 
     def heading(self, time: float) -> complex:
         """Its direction of travel, unit complex [world frame]."""
-        return complex(self._route.heading(time))
+        return self._route.heading(time)
 
     def turn_rate(self, time: float) -> float:
         """How fast that turns [rad/s]."""
-        return float(self._route.turn_rate(time))
+        return self._route.turn_rate(time)
 
     def velocity(self, time: float) -> complex:
         """The leader's velocity [m/s; world frame]."""
-        return complex(self._route.velocity(time))
+        return self._route.velocity(time)
 
     def fastest(self, since: float, until: float) -> float:
         """The leader's highest speed from `since` until `AHEAD` after `until` [m/s]."""
-        times = np.linspace(since, until + AHEAD, 11)
-        return float(np.max(np.abs(self._route.velocity(times))))
+        step = (until + AHEAD - since) / LOOKS
+        return max(abs(self._route.velocity(since + number * step)) for number in range(LOOKS + 1))
 
     def place(self, time: float) -> Place:
         """Where it is, as an order says it."""

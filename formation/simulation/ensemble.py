@@ -85,7 +85,7 @@ class Ensemble:
         rng: np.random.Generator,
         plan: Plan,
     ) -> None:
-        """`law` is a key of LAWS or any other law, `step` the control period [s]."""
+        """`law` is a key of LAWS, or a law that gets what `field` does; `step` the control period [s]."""
         printed = law == "paper"
         observer = options.observer or ("mended" if printed else "innovation")
         self.steps = 0

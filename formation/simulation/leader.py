@@ -15,7 +15,7 @@ from formation.unicycle import along
 def positions(route: Route, times: FloatArray) -> ComplexArray:
     """Control points [m; world frame] at `times` [s since the start], which ascend; of their shape."""
     arcs = route.arcs
-    starts = np.array([arc.begin for arc in arcs])
+    starts = np.array(route.begins)
     position = np.array([arc.position for arc in arcs], dtype=np.complex128)
     heading = np.array([arc.heading for arc in arcs], dtype=np.complex128)
     speed = np.array([arc.speed for arc in arcs])

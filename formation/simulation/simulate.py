@@ -93,8 +93,9 @@ def simulate(
     """Run the closed loop `runs` times; what is not given is as the mission says.
 
     One run starts as the mission says, several at random: within ± `spread` [m] of the slots. The starts
-    depend on `seed` alone, so laws can be compared. `progress` is told the share done, `keep` keeps the first
-    run's history. Raises ValueError for an argument out of range.
+    depend on `seed` alone, so laws can be compared. `law` is a key of LAWS, or a law that gets what `field`
+    does. `progress` is told the share done, `keep` keeps the first run's history. Raises ValueError for an
+    argument out of range.
     """
     law = law or mission.law.kind
     horizon = mission.simulation.horizon if horizon is None else horizon

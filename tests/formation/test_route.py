@@ -37,7 +37,7 @@ def test_legs_follow_one_another_without_a_gap() -> None:
         4.0 + math.pi + abs(5 + 5j - route.position(4.0 + math.pi)) + math.sqrt(50.0) + 2.0
     )
     times = np.linspace(-1.0, route.total + 1.0, 20_001)
-    steps = np.abs(np.diff(route.position(times))) / np.diff(times)
+    steps = np.abs(np.diff([route.position(time) for time in times.tolist()])) / np.diff(times)
     assert steps.max() <= 1.0 + 1e-9
     assert route.position(route.total) == pytest.approx(-0.5j)
 
@@ -62,9 +62,9 @@ def test_before_the_start_the_leader_stands_still() -> None:
 def test_a_left_circle_keeps_its_centre_on_the_left_and_a_right_one_on_the_right() -> None:
     left = Route((Circle(radius=2.0, speed=0.5, heading_deg=0.0),), 0j)
     right = Route((Circle(radius=2.0, speed=0.5, heading_deg=0.0, turn="right"),), 0j)
-    times = np.linspace(0.0, 100.0, 501)
-    assert np.abs(left.position(times) - 2.0j) == pytest.approx(2.0)
-    assert np.abs(right.position(times) + 2.0j) == pytest.approx(2.0)
+    for number in range(501):
+        assert abs(left.position(0.2 * number) - 2.0j) == pytest.approx(2.0)
+        assert abs(right.position(0.2 * number) + 2.0j) == pytest.approx(2.0)
     assert left.turn_rate(7.0) == pytest.approx(0.25)
     assert right.turn_rate(7.0) == pytest.approx(-0.25)
     assert left.position(2.0 * math.pi * 2.0 / 0.5) == pytest.approx(0j, abs=1e-12)
@@ -128,30 +128,21 @@ legs = st.one_of(
 @given(st.lists(legs, min_size=1, max_size=4))
 def test_the_velocity_is_the_derivative_of_the_position(legs: list[Any]) -> None:
     route = Route(legs, 1.0 - 1.0j)
-    times = np.linspace(0.0, route.total + 1.0, 57)
-    between = 0.5 * (times[1:] + times[:-1])
     dt = 1e-6
-    slope = (route.position(between + dt) - route.position(between - dt)) / (2.0 * dt)
-    near_a_corner = np.array([any(abs(t - s) < 2.0 * dt for s in route._starts) for t in between])
-    assert np.abs(slope - route.velocity(between))[~near_a_corner] == pytest.approx(0.0, abs=1e-5)
-
-
-@given(st.lists(legs, min_size=1, max_size=4))
-def test_an_array_of_times_gives_what_each_time_gives(legs: list[Any]) -> None:
-    route = Route(legs, 0j)
-    times = np.linspace(-0.5, route.total + 1.0, 12).reshape(3, 4)
-    for method in (route.position, route.velocity, route.heading, route.turn_rate):
-        together = method(times)
-        assert together.shape == times.shape
-        assert together.ravel() == pytest.approx([method(t) for t in times.ravel().tolist()], abs=1e-12)
+    for number in range(56):
+        time = (number + 0.5) / 56 * (route.total + 1.0)
+        slope = (route.position(time + dt) - route.position(time - dt)) / (2.0 * dt)
+        if all(abs(time - corner) >= 2.0 * dt for corner in route.begins):
+            assert slope == pytest.approx(route.velocity(time), abs=1e-5)
 
 
 @given(st.lists(legs, min_size=1, max_size=4))
 def test_the_direction_of_travel_has_unit_length(legs: list[Any]) -> None:
     route = Route(legs, 0j)
-    assert np.abs(route.heading(np.linspace(0.0, route.total + 1.0, 50))) == pytest.approx(1.0)
+    for number in range(50):
+        assert abs(route.heading(number / 49 * (route.total + 1.0))) == pytest.approx(1.0)
 
 
 def test_arcs_begin_in_order() -> None:
     route = Route((Waypoints(waypoints=((1.0, 0.0), (1.0, 0.0), (2.0, 2.0)), speed=0.5),), 0j)
-    assert all(a < b for a, b in pairwise(route._starts.tolist()))
+    assert all(a < b for a, b in pairwise(route.begins))
