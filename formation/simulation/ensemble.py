@@ -16,7 +16,7 @@ import numpy as np
 
 from formation import heading as observers
 from formation.heading import Travel
-from formation.law import LAWS, Limits, Measured
+from formation.law import LAWS, Law, Limits, Measured
 from formation.mission import Mission
 from formation.neighbour import FRESH_PERIODS
 from formation.plane import ComplexArray, rotation, unit
@@ -64,13 +64,13 @@ class Ensemble:
     def __init__(
         self,
         mission: Mission,
-        law: str,
+        law: str | Law,
         options: Options,
         starts: Starts,
         step: float,
         rng: np.random.Generator,
     ) -> None:
-        """`law` is a key of LAWS, `step` the control period [s]."""
+        """`law` is a key of LAWS, or a law that gets what `field` does; `step` the control period [s]."""
         robots = [mission.robots[name] for name in mission.followers]
         self.steps = 0
         """Taken so far."""
@@ -89,11 +89,12 @@ class Ensemble:
         self._quantiser = Quantiser.of(_steps(robots), self.limits)
         self._remainder = self.moving
         self._mission, self._graph, self.route = mission, mission.graph, Route.of(mission)
-        self._law, self._gains, self._dt, self._rng = LAWS[law], mission.law.gains, step, rng
+        self._law = LAWS[law] if isinstance(law, str) else law
+        self._gains, self._dt, self._rng = mission.law.gains, step, rng
         self._body = options.body or Body.of(mission.simulated_robot)
         self._observer: Observer = options.observer or ("mended" if law == "paper" else "innovation")
         self._normalised = options.normalised
-        self._feed_forward = law == "field" and mission.law.feed_forward
+        self._feed_forward = law != "paper" and mission.law.feed_forward
         self._desired = self._graph.along_edges(mission.slots())
         self._all_desired = self._graph.sum_per_follower(self._desired)
         self._leader: ComplexArray = np.empty(0, dtype=np.complex128)
@@ -216,10 +217,10 @@ def _steps(robots: Sequence[RobotSpec]) -> Command:
     )
 
 
-def _terms(mission: Mission, law: str, options: Options, local: Mask, step: float) -> Terms:
+def _terms(mission: Mission, law: str | Law, options: Options, local: Mask, step: float) -> Terms:
     graph = mission.graph
     robots = [mission.robots[name] for name in mission.names]
-    field = law == "field"
+    field = law != "paper"
     return Terms(
         step=step,
         delay=int(np.ceil(options.delay / step - 1e-9)),

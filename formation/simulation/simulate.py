@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formation.graph import formation_error
-from formation.law import LAWS
+from formation.law import LAWS, Law
 from formation.mission import Mission
 from formation.plane import ComplexArray, FloatArray, angle_between
 from formation.simulation.ensemble import Ensemble, Options
@@ -79,7 +79,7 @@ def simulate(
     *,
     runs: int = 1,
     seed: int = 0,
-    law: str | None = None,
+    law: str | Law | None = None,
     options: Options | None = None,
     horizon: float | None = None,
     step: float | None = None,
@@ -91,8 +91,9 @@ def simulate(
     """Run the closed loop `runs` times; what is not given is as the mission says.
 
     One run starts as the mission says, several at random: within ± `spread` [m] of the slots. The starts
-    depend on `seed` alone, so laws can be compared. `progress` is told the share done, `keep` keeps the first
-    run's history. Raises ValueError for an argument out of range.
+    depend on `seed` alone, so laws can be compared. `law` is a key of LAWS, or a law that gets what `field`
+    does. `progress` is told the share done, `keep` keeps the first run's history. Raises ValueError
+    for an argument out of range.
     """
     law = law or mission.law.kind
     horizon = mission.simulation.horizon if horizon is None else horizon
@@ -114,13 +115,13 @@ def simulate(
             watch.look()
             if progress is not None and (ensemble.steps % watch.stride == 0 or ensemble.steps == watch.steps):
                 progress(ensemble.steps / watch.steps)
-    return watch.result(law, step, time.perf_counter() - began)
+    return watch.result(law if isinstance(law, str) else law.__name__, step, time.perf_counter() - began)
 
 
-def _check(runs: int, law: str, horizon: float, step: float, spread: float) -> None:
+def _check(runs: int, law: str | Law, horizon: float, step: float, spread: float) -> None:
     if runs < 1:
         raise ValueError(f"runs = {runs}: must be at least 1")
-    if law not in LAWS:
+    if isinstance(law, str) and law not in LAWS:
         raise ValueError(f"law {law!r}: must be one of {', '.join(LAWS)}")
     if not 0.0 < step <= 0.2:
         raise ValueError(f"step = {step}: must be above 0 and at most 0.2 s")
