@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from tests.bench import control_chains, control_parts
+from tests.bench import control_chains, control_parameters, control_parts
 from tests.bench.control_curves import draw
 from tests.bench.control_parts import Effort
 from tests.bench.figures import rounded, show
@@ -27,8 +27,8 @@ PARTS = {
     "conditions": control_parts.conditions,
     "saturation": control_parts.saturation,
     "chains": control_chains.chains,
-    "parameters": control_chains.search,
-    "peer gains": control_chains.peer_gains,
+    "parameters": control_parameters.search,
+    "peer gains": control_parameters.peer_gains,
 }
 
 

@@ -1,18 +1,16 @@
-"""How an error grows along a chain, and what the field law's parameters are worth."""
+"""How an error grows along a chain behind a leader on a circle."""
 
 from __future__ import annotations
 
-import itertools
 from typing import Any
 
 import numpy as np
 
-from formation.simulation.body import PROFILES, Body
+from formation.simulation.body import PROFILES
 from formation.simulation.ensemble import Options
-from tests.bench import lower_bound, routes
+from tests.bench import routes
 from tests.bench.control_parts import Effort
-from tests.bench.control_trials import FIELD, PAPER, PROPORTIONAL, SEED, STIFF, UNAIDED, Contender, figures
-from tests.bench.proportional import near_identity
+from tests.bench.control_trials import FIELD, PAPER, PROPORTIONAL, STIFF, Contender
 from tests.bench.table import slot_errors
 
 CHAINS: dict[str, tuple[Contender, Options]] = {
@@ -28,21 +26,6 @@ CHAINS: dict[str, tuple[Contender, Options]] = {
     "proportional, gain 40": (STIFF, Options()),
     "proportional, gain 40, 100 ms": (STIFF, Options(delay=0.1)),
 }
-GRID: dict[str, tuple[float, ...]] = {
-    "k_p": (1.5, 2.0, 2.5, 3.0, 4.0, 6.0),
-    "observer_gain": (5.0, 10.0, 20.0),
-    "velocity_filter": (0.05, 0.1, 0.2),
-}
-"""Tried in all combinations; each of the others on its own, beside the shipped values."""
-ALONE: dict[str, tuple[float, ...]] = {
-    "k_i": (0.0, 0.3, 2.0),
-    "anti_windup": (0.0, 3.0),
-    "integral_band": (0.01, 0.1, 0.3),
-    "integral_decay": (0.3, 3.0),
-}
-ROUGH = Options(delay=0.1, body=Body(position_noise=0.005))
-"""Where parameters that are too sharp show: samples 100 ms old, positions off by 5 mm."""
-PEER_GAINS = (1.0, 2.0, 5.0, 10.0, 20.0, 40.0, 60.0)
 
 
 def chains(effort: Effort) -> Any:
@@ -59,42 +42,3 @@ def chains(effort: Effort) -> Any:
         errors = slot_errors(mission, result)[1:]
         found[name] = np.minimum(errors, 1e6).tolist()
     return found
-
-
-def search(effort: Effort) -> Any:
-    """Field-law parameters, the same for all starts: settling, and what error is left in a rough world."""
-    runs = max(20, effort.runs // 5)
-    mission = routes.six_robots()
-    bound = float(np.median(lower_bound.by_distance(mission, routes.drawn(mission, runs, SEED))))
-    grid = [dict(zip(GRID, values, strict=True)) for values in itertools.product(*GRID.values())]
-    alone = [{name: value} for name, values in ALONE.items() for value in values]
-    tried = []
-    for parameters in ({}, *alone[:: effort.every], *grid[:: effort.every**2]):
-        one = Contender("field law", "field", parameters)
-        calm = figures(one.drive(mission, runs, 25.0))
-        rough = figures(one.drive(mission, max(20, runs // 3), 25.0, ROUGH))
-        tried.append({"parameters": parameters, "calm": calm, "rough": rough})
-    return {"runs": runs, "bound": bound, "tried": tried}
-
-
-def peer_gains(effort: Effort) -> Any:
-    """Gains of the proportional law: what settles, and what error is left, with and without delay."""
-    mission, runs = routes.six_robots(), max(20, effort.runs // 5)
-    found = {}
-    for gain in PEER_GAINS[:: effort.every]:
-        one = Contender("proportional", near_identity, {**UNAIDED, "k_p": gain})
-        found[str(gain)] = {
-            name: figures(one.drive(mission, runs, 30.0, Options(delay=delay)))
-            for name, delay in (("calm", 0.0), ("late", 0.1))
-        }
-    return found
-
-
-def front(tried: list[Any]) -> list[Any]:
-    """Those of the tried that no other beats in both settling and the error in the rough world."""
-    reliable = [one for one in tried if one["calm"]["share"] == 1.0]
-    best: list[Any] = []
-    for one in sorted(reliable, key=lambda one: (one["calm"]["settling"]["median"], one["rough"]["rms"])):
-        if not best or one["rough"]["rms"] < best[-1]["rough"]["rms"]:
-            best.append(one)
-    return best

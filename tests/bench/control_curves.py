@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from monitor.outlets.layout import COLOURS
-from tests.bench.control_chains import front
+from tests.bench.control_parameters import front
 from tests.reliability.plots import INK, STYLE
 
 BOUND = 0.05
@@ -25,10 +25,12 @@ COLOUR = {
     "proportional, gain 40": GREEN,
     "field law, gentle": SKY,
 }
-LENGTHS = {1e-4: "0.1 mm", 1e-3: "1 mm", 1e-2: "1 cm", 1e-1: "10 cm", 1.0: "1 m", 10.0: "10 m"}
+LENGTHS = {1e-4: "≤ 0.1 mm", 1e-3: "1 mm", 1e-2: "1 cm", 1e-1: "10 cm", 1.0: "1 m", 10.0: "10 m"}
 LEAST = 1e-4
 """Errors under this are shown as this [m]."""
 THICK, WIDE = 1.7, (8.6, 3.5)
+SLOWEST = 2.3
+"""Of the parameters that are shown, median settling over the bound."""
 Label = tuple[float, float, str, str]
 
 
@@ -55,7 +57,6 @@ def over_time(laws: Mapping[str, Any]) -> Figure:
     error.axvspan(soonest[5], soonest[15], color=INK, alpha=0.25, linewidth=0.0)
     error.axvline(soonest[10], color=INK, linewidth=THICK)
     share.plot(soonest, percent, color=INK, linewidth=THICK)
-    share.plot(laws["bounds"]["by body"], percent, color=INK, linewidth=1.0, linestyle="--")
     for name, colour in COLOUR.items():
         if name not in laws["curves"]:
             continue
@@ -70,19 +71,19 @@ def over_time(laws: Mapping[str, Any]) -> Figure:
     share.set(ylim=(0.0, 100.5), xlabel="settled within [s]", ylabel="starts [%]")
     _label(
         error,
-        (2.8, 17.0, "lower bound", INK),
-        (9.2, 0.0075, "field law", BLUE),
-        (25.5, 1.3, "paper's law", RED),
-        (24.0, 0.115, "proportional, gain 10", PINK),
-        (10.5, 0.0285, "proportional, gain 40", GREEN),
+        (2.7, 0.0014, "lower\nbound", INK),
+        (8.6, 0.0075, "field law", BLUE),
+        (24.5, 1.3, "paper's law", RED),
+        (6.2, 0.125, "proportional, gain 10", PINK),
+        (9.4, 0.0295, "proportional, gain 40", GREEN),
+        (6.2, 0.0555, "settled under 5 cm", INK),
     )
     _label(
         share,
-        (1.02, 90.0, "lower bound", INK),
-        (2.68, 6.0, "– – by body", INK),
-        (1.9, 52.0, "field", BLUE),
-        (5.9, 52.0, "gain 40", GREEN),
-        (13.5, 80.0, "paper's", RED),
+        (1.05, 84.0, "lower\nbound", INK),
+        (2.25, 32.0, "field", BLUE),
+        (5.5, 52.0, "gain 40", GREEN),
+        (13.0, 80.0, "paper's", RED),
     )
     return figure
 
@@ -109,14 +110,10 @@ def over_saturation(found: Mapping[str, Any]) -> Figure:
     for axes in (settling, rate, share):
         _numbers(axes, (1, 2, 5, 10))
         axes.set(xlabel="u_max ÷ leader's speed")
-    _label(
-        settling,
-        (2.6, 52.0, "paper's law", RED),
-        (2.9, 6.0, "field law", BLUE),
-        (2.6, 1.85, "lower bound", INK),
-    )
-    _label(rate, (2.3, 1.3, "field law", BLUE), (2.6, 0.26, "paper's law", RED))
-    _label(share, (1.9, 88.0, "paper's law", RED), (1.9, 94.0, "field law", BLUE))
+    _label(settling, (2.6, 52.0, "paper's law", RED), (2.9, 6.0, "field law", BLUE))
+    _label(settling, (1.5, 1.75, "lower bound", INK))
+    _label(rate, (1.1, 1.35, "field law", BLUE), (2.6, 0.3, "paper's law", RED))
+    _label(share, (2.0, 86.0, "paper's law", RED), (2.0, 93.0, "field law", BLUE))
     return figure
 
 
@@ -140,12 +137,13 @@ def over_conditions(found: Mapping[str, Any]) -> Figure:
         axes.set(xlabel=label, xlim=(0.0, values[-1]))
         _lengths(axes, LEAST, 2.0)
     panels[0].set(ylabel="formation error that remains")
-    _label(panels[0], (160.0, 0.003, "field law", BLUE), (62.0, 0.07, "paper's law", RED))
-    _label(panels[0], (70.0, 0.5, "gain 10", PINK), (3.0, 0.018, "gain 40", GREEN))
-    _label(panels[1], (25.0, 0.0002, "field law", BLUE), (25.0, 0.0085, "paper's law", RED))
-    _label(panels[1], (25.0, 0.19, "gain 10", PINK), (25.0, 0.064, "gain 40", GREEN))
-    _label(panels[2], (12.0, 0.5, "field law", BLUE), (12.0, 0.04, "paper's law", RED))
-    _label(panels[2], (7.0, 0.025, "gentle", SKY))
+    _label(panels[0], (160.0, 0.003, "field law", BLUE), (50.0, 0.011, "paper's\nlaw", RED))
+    _label(panels[0], (60.0, 0.4, "gain 10", PINK))
+    _label(panels[1], (24.0, 0.0002, "field law", BLUE), (24.0, 0.0085, "paper's law", RED))
+    _label(panels[1], (24.0, 0.145, "gain 10", PINK), (24.0, 0.034, "gain 40", GREEN))
+    _label(panels[2], (20.6, 1.35, "gain 40", GREEN), (20.6, 0.86, "gain 10", PINK))
+    _label(panels[2], (20.6, 0.54, "field law", BLUE), (20.6, 0.28, "– gentle", SKY))
+    _label(panels[2], (20.6, 0.1, "paper's law", RED))
     return figure
 
 
@@ -173,13 +171,13 @@ def over_depth(found: Mapping[str, Any]) -> Figure:
 
 
 def _depth_labels(laws: Axes, worse: Axes) -> None:
-    for axes, bar, mark in ((laws, 0.01, "v"), (laws, 0.02, "v")):
-        axes.plot([12], [bar], mark, color=INK, markersize=5.0)
-    _label(laws, (30.0, 3.2, "paper's law", RED), (22.0, 0.145, "gain 10", PINK))
-    _label(laws, (30.0, 0.052, "gain 40", GREEN), (30.0, 0.0075, "field law", BLUE))
-    _label(worse, (25.0, 1.1, "300 ms old", RED), (30.0, 0.075, "TurtleBot3", BROWN))
-    _label(worse, (32.0, 0.021, "100 ms old", BLUE), (30.0, 0.0075, "perfect", BLUE))
-    _label(worse, (12.0, 0.0075, "30 % lost", GREEN))
+    _label(laws, (30.0, 3.2, "paper's law", RED), (24.0, 0.155, "gain 10", PINK))
+    _label(laws, (30.0, 0.052, "gain 40", GREEN), (32.0, 0.0078, "field law", BLUE))
+    _label(laws, (18.0, 0.0004, "dashed: samples 100 ms old", INK))
+    _label(worse, (3.0, 4.8, "field law", INK))
+    _label(worse, (50.6, 1.25, "300 ms old", RED), (50.6, 0.6, "TurtleBot3 body", BROWN))
+    _label(worse, (50.6, 0.043, "100 ms old", BLUE), (50.6, 0.0255, "30 % lost", GREEN))
+    _label(worse, (50.6, 0.0155, "perfect", BLUE))
 
 
 def over_parameters(found: Mapping[str, Any]) -> Figure:
@@ -187,12 +185,19 @@ def over_parameters(found: Mapping[str, Any]) -> Figure:
     figure = Figure(figsize=(5.8, 3.6), layout="constrained")
     axes = figure.subplots()
     tried, bound = [one for one in found["tried"] if one["calm"]["share"] == 1.0], found["bound"]
+    shipped = _places(found["tried"][:1], bound)
     axes.plot(*_places(tried, bound), "o", color=INK, alpha=0.5, markersize=4.0)
     axes.plot(*_places(front(tried), bound), "o-", color=BLUE, markersize=4.5, linewidth=1.2)
-    axes.plot(*_places(found["tried"][:1], bound), "o", color=RED, markersize=7.0)
-    axes.axvline(2.0, color=INK, linewidth=0.8, linestyle=":")
-    axes.set(xlabel="median settling, of the lower bound", ylabel="error that remains in a rough world")
-    _lengths(axes, 0.03, 1.0)
+    axes.plot(*shipped, "o", color=RED, markersize=7.0)
+    axes.axvline(2.0, color=INK, linewidth=0.9, linestyle=":")
+    axes.set(xlabel="median settling ÷ lower bound", ylabel="error that remains in a rough world")
+    axes.set(yscale="log", ylim=(0.03, 0.5), xlim=(1.7, SLOWEST))
+    axes.set_yticks((0.03, 0.05, 0.1, 0.2, 0.5), ("3 cm", "5 cm", "10 cm", "20 cm", "50 cm"))
+    axes.tick_params(axis="y", which="minor", left=False, labelleft=False)
+    _label(axes, (2.01, 0.42, "target", INK), (shipped[0][0] - 0.09, 0.049, "shipped", RED))
+    _label(axes, (1.97, 0.0345, "nothing tried beats these in both", BLUE))
+    if beyond := sum(place > SLOWEST for place in _places(tried, bound)[0]):
+        axes.text(SLOWEST, 0.36, f"{beyond} more beyond →", color=INK, horizontalalignment="right")
     return figure
 
 
