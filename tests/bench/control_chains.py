@@ -40,5 +40,5 @@ def chains(effort: Effort) -> Any:
             mission, 1, effort.chain_time / contender.patience, options, starts="mission", keep=True
         )
         errors = slot_errors(mission, result)[1:]
-        found[name] = np.minimum(errors, 1e6).tolist()
+        found[name] = np.fmin(errors, 1e6).tolist()
     return found
