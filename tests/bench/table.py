@@ -16,7 +16,8 @@ from formation.arrays import FloatArray
 from formation.mission import Mission
 from formation.simulation.ensemble import Options
 from formation.simulation.simulate import Result, simulate
-from formation.simulation.starts import random_starts
+from tests.bench.lower_bound import by_distance
+from tests.bench.routes import drawn
 from tests.formation import scenarios
 
 WITHOUT_FEED_FORWARD = {"feed_forward": False, "delay_compensation": False, "integral_band": 1e6}
@@ -124,22 +125,6 @@ def slot_errors(mission: Mission, result: Result) -> FloatArray:
     return errors
 
 
-def lower_bound(mission: Mission, runs: int, seed: int) -> FloatArray:
-    """When each start could be in formation at best: the last robot straight to its moving slot [s]."""
-    drawn = np.random.default_rng(np.random.SeedSequence(seed).spawn(2)[0])
-    starts = random_starts(mission, runs, mission.simulation.spread, drawn)
-    robots = [mission.robots[name] for name in mission.followers]
-    offset = np.array([robot.control_point_offset for robot in robots])
-    top = np.array([robot.top_speed for robot in robots])
-    leader = mission.route[0].speed * mission.leader_heading
-    away = mission.robots[mission.leader].start.position + np.array(mission.slots()[1:])
-    away = away - starts.position - offset * starts.heading
-    # |away + leader t| = top t
-    a, b = top**2 - abs(leader) ** 2, (away * np.conj(leader)).real
-    best: FloatArray = ((b + np.sqrt(b**2 + a * np.abs(away) ** 2)) / a).max(axis=1)
-    return best
-
-
 def figure(scenario: Scenario, law: dict[str, Any], runs: int, seed: int) -> str:
     """What one law makes of a scenario, as the table says it."""
     mission = scenario.build(**law)
@@ -205,7 +190,8 @@ def main() -> None:
             cells += [figure(scenario, law, arguments.runs, arguments.seed), prototype]
         print(f"| {scenario.name} |", " | ".join(cells), "|", flush=True)
         if not scenario.hops and scenario.runs is None:
-            best = lower_bound(scenario.build(), arguments.runs, arguments.seed)
+            mission = scenario.build()
+            best = by_distance(mission, drawn(mission, arguments.runs, arguments.seed))
             print(
                 f"| – at best | | | | | {np.median(best):.1f} / {np.percentile(best, 95):.1f} s | |",
                 flush=True,

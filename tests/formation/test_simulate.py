@@ -83,6 +83,12 @@ def test_both_laws_get_the_same_starts_for_one_seed_and_others_for_another() -> 
     assert paper.error[0].tolist() != other.error[0].tolist()
 
 
+def test_a_law_given_as_itself_does_what_it_does_by_its_name() -> None:
+    named, given = (simulate(SIX, law=law, runs=3, horizon=2.0) for law in ("field", field))
+    assert given.law == "field"
+    assert np.array_equal(named.error, given.error)
+
+
 def test_random_starts_are_within_the_spread_of_their_slots_and_look_everywhere() -> None:
     starts = random_starts(SIX, 500, 3.0, np.random.default_rng(0))
     away = starts.position + 0.2 * starts.heading - np.array(SIX.slots()[1:])
