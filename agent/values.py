@@ -1,7 +1,6 @@
 """How a value that an agent remembers is spelled in JSON, and read again, checked, to the last bit.
 
-What Python and numpy make of one number differs in the last bit now and then (a quotient, a product on some
-machines), so a number is recalled as the kind that it was. Numbers that are not finite are spelled in words.
+Numbers that are not finite are spelled in words.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ from collections.abc import Callable, Iterable
 from enum import StrEnum
 from typing import Any, NamedTuple
 
-import numpy as np
 from pydantic import BaseModel, ValidationError
 
 Json = Any
@@ -47,13 +45,10 @@ def refuse(said: Json, where: str, what: str) -> Any:
 
 def _say_real(value: float) -> Json:
     number = float(value)
-    said = number if -_FINITE <= number <= _FINITE else str(number)
-    return ["float64", said] if isinstance(value, np.float64) else said
+    return number if -_FINITE <= number <= _FINITE else str(number)
 
 
 def _read_real(said: Json, where: str) -> float:
-    if type(said) is list and len(said) == 2 and said[0] == "float64":
-        return np.float64(_read_real(said[1], where))
     if type(said) is str and said in _WORDS:
         return _WORDS[said]
     if type(said) is float and -_FINITE <= said <= _FINITE:
@@ -62,13 +57,10 @@ def _read_real(said: Json, where: str) -> float:
 
 
 def _say_plane(value: complex) -> Json:
-    parts = [_say_real(float(value.real)), _say_real(float(value.imag))]
-    return ["complex128", *parts] if isinstance(value, np.complex128) else parts
+    return [_say_real(value.real), _say_real(value.imag)]
 
 
 def _read_plane(said: Json, where: str) -> complex:
-    if type(said) is list and len(said) == 3 and said[0] == "complex128":
-        return np.complex128(_read_plane(said[1:], where))
     if type(said) is list and len(said) == 2:
         return complex(_read_real(said[0], where), _read_real(said[1], where))
     return complex(refuse(said, where, "a vector [x, y]"))

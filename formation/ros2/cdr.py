@@ -3,7 +3,7 @@
 Offsets are counted from after the encapsulation, four bytes that say how the rest is spelled. `Writer` writes
 little endian; `Reader` reads either byte order and raises BadMessage for bytes that are not what is asked
 for. Of a whole library there would be needed no more than this, in a process that is to be small and to
-start at once; tests hold it against that library, byte for byte (docs/decisions/0034).
+start at once; tests hold it against that library, byte for byte (docs/decisions/0035).
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ what it published and received; for people it logs to stderr. Exit codes: 0 well
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import logging
 import math
@@ -228,6 +229,7 @@ class Process:
         """
         send = send or self.bus.send
         self._dropped = core.dropped
+        gc.freeze()  # what stands by now stays, and need not be looked through for garbage again and again
         try:
             while not self.stop:
                 self.mailbox.serve()

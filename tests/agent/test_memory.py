@@ -5,11 +5,11 @@ from __future__ import annotations
 import cmath
 import json
 import math
+import struct
 from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
 from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -217,19 +217,18 @@ def test_what_is_said_to_be_settled_by_construction_is_not_changed_by_a_run(miss
 
 
 @given(st.floats())
-def test_every_number_is_recalled_to_the_last_bit_and_as_the_kind_that_it_was(number: float) -> None:
-    for value in (number, np.float64(number)):
-        again = values.real.read(json.loads(json.dumps(values.real.said(value), allow_nan=False)), "it")
-        assert type(again) is type(value)
-        assert np.float64(again).tobytes() == np.float64(number).tobytes() or math.isnan(number)
+def test_every_number_is_recalled_to_the_last_bit(number: float) -> None:
+    again = values.real.read(json.loads(json.dumps(values.real.said(number), allow_nan=False)), "it")
+    assert type(again) is float
+    assert struct.pack("d", again) == struct.pack("d", number) or math.isnan(number)
 
 
 @given(st.complex_numbers())
 def test_so_is_every_vector(number: complex) -> None:
-    for value in (number, np.complex128(number)):
-        again = values.plane.read(json.loads(json.dumps(values.plane.said(value), allow_nan=False)), "it")
-        assert type(again) is type(value)
-        assert np.complex128(again).tobytes() == np.complex128(number).tobytes() or cmath.isnan(number)
+    again = values.plane.read(json.loads(json.dumps(values.plane.said(number), allow_nan=False)), "it")
+    assert type(again) is complex
+    parts = [struct.pack("2d", one.real, one.imag) for one in (again, number)]
+    assert parts[0] == parts[1] or cmath.isnan(number)
 
 
 def remembered() -> tuple[Agent, Any]:
@@ -241,7 +240,7 @@ def remembered() -> tuple[Agent, Any]:
 ROBOT3, MEMORY = remembered()
 LEAVES = st.one_of(
     st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5), st.just([]), st.just({}),
-    st.just([1.0]), st.just([1.0, 2.0, 3.0]), st.just(["complex128", 1.0, "x"]), st.just({"x": 1}),
+    st.just([1.0]), st.just([1.0, 2.0, 3.0]), st.just([1.0, "x"]), st.just({"x": 1}),
 )  # fmt: skip
 
 
