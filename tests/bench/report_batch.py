@@ -55,10 +55,10 @@ one after the other on one and the same core, {rounds}: {sides}.
   every step. Drawing the starts is part of the time. *Many runs* are of the six robots, from random starts;
   only their five followers are counted, also at "6". *One formation* drives ten abreast, each robot measuring
   the two before it.
-- **ir-sim** steps differential-drive robots that drive to a goal, its cheapest law: no figure, no sensors,
-  no collisions.
-- **Robotarium** steps robots that circle, their command constant: no law. It looks for collisions and draws
-  its sensors' noise, which cannot be turned off.
+- **ir-sim** steps differential-drive robots that circle, their command constant: no law, no figure, no
+  sensors, no collisions.
+- **Robotarium** does the same. It looks for collisions and draws its sensors' noise, which cannot be turned
+  off.
 
 What the peers leave undone is in their favour. Building their worlds is not counted.
 """
