@@ -52,9 +52,9 @@ one after the other on one and the same core, {rounds}: {sides}.
 
 - **formation** simulates the closed loop: odometry, heading observer, what neighbours say over each link and
   how fast they are, the law with its integral and limits, the body, and the formation error of every run at
-  every step. Drawing the starts is part of the time. *Many runs* are of the six robots, from random starts;
-  only their five followers are counted, also at "6". *One formation* drives ten abreast, each robot measuring
-  the two before it.
+  every step. All of `simulate` is timed, with drawing the starts. *Many runs* are of the six robots, from random
+  starts; only their five followers are counted, also at "6". *One formation* drives ten abreast, each robot
+  measuring the two before it.
 - **ir-sim** steps differential-drive robots that circle, their command constant: no law, no figure, no
   sensors, no collisions.
 - **Robotarium** does the same. It looks for collisions and draws its sensors' noise, which cannot be turned
