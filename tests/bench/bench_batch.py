@@ -41,16 +41,16 @@ class Side(NamedTuple):
     name: str
     module: str
     sizes: tuple[int, ...]
+    quick: tuple[int, ...] = ()
+    """The sizes with --quick."""
     python: str = sys.executable
     plan: Mapping[str, Any] = MappingProxyType({})
-    quick: int = 10_000
-    """With --quick, the most robots."""
 
 
 FORMATION = "tests.bench.batch_formation"
 SIDES = (
-    Side(OURS, FORMATION, SIZES, quick=SIZES[-1]),
-    Side(ONE, FORMATION, (100, 1_000, 10_000, 100_000), plan={"one_formation": True}),
+    Side(OURS, FORMATION, SIZES, (6, 1_000, 10_000, 1_000_000)),
+    Side(ONE, FORMATION, (100, 1_000, 10_000, 100_000), (1_000,), plan={"one_formation": True}),
     Side(PAPER, FORMATION, (10_000,), plan={"law": "paper"}),
     Side(LATE, FORMATION, (10_000,), plan={"delay": 0.1, "loss": 0.1}),
 )
@@ -61,10 +61,10 @@ def peer_sides(folder: Path | None, checkout: Path | None) -> Iterator[Side]:
     if folder is None:
         return
     python = str(peers.interpreter(folder))
-    yield Side(IR_SIM, "tests.bench.batch_irsim", (6, 20, 100, 1_000, 10_000), python, quick=1_000)
+    yield Side(IR_SIM, "tests.bench.batch_irsim", (6, 20, 100, 1_000, 10_000), (6, 1_000), python)
     if checkout is not None:
         plan = {"checkout": str(checkout.absolute())}
-        yield Side(ROBOTARIUM, "tests.bench.batch_robotarium", (6, 20, 50), python, plan)
+        yield Side(ROBOTARIUM, "tests.bench.batch_robotarium", (6, 20, 50), (6,), python, plan)
 
 
 def process(side: Side, robots: int, cache: Path, **plan: Any) -> dict[str, Any]:
@@ -151,13 +151,13 @@ def main() -> None:
     parser.set_defaults(rounds=3)
     parser.add_argument("--peers", type=Path, metavar="FOLDER", help="their virtual environment")
     parser.add_argument("--robotarium", type=Path, metavar="CHECKOUT", help="its simulator, besides ir-sim")
-    parser.add_argument("--quick", action="store_true", help="one short round, the largest sizes left out")
+    parser.add_argument("--quick", action="store_true", help="one short round of few sizes")
     parser.add_argument("--figure", type=Path, metavar="SVG", help="draw the curves into this file")
     given = parser.parse_args()
     _check(parser, given)
     sides = [*SIDES, *peer_sides(given.peers, given.robotarium)]
     if given.quick:
-        sides = [side._replace(sizes=tuple(n for n in side.sizes if n <= side.quick)) for side in sides]
+        sides = [side._replace(sizes=side.quick) for side in sides]
     found = measure(sides, 1 if given.quick else given.rounds, 0.2 if given.quick else 0.5)
     if given.figure:
         draw(found, given.figure)

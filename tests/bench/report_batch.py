@@ -40,7 +40,7 @@ BARS = (
 def section(found: dict[str, Any]) -> str:
     """The section in Markdown, from what `bench_batch.measure` found."""
     parts = (_words(found), _bars(found), f"![Robot steps a second and memory]({FIGURE})\n")
-    tables = (_speeds(found), _memory(found), _variants(found), _rest(found))
+    tables = (_speeds(found), _memory(found), *_variants(found), _rest(found))
     return "\n".join((*parts, *tables))
 
 
@@ -106,7 +106,7 @@ def _table(found: dict[str, Any], title: str, key: str, scale: float, digits: in
     return markdown([f"robots; {title}", *sides], rows)
 
 
-def _variants(found: dict[str, Any]) -> str:
+def _variants(found: dict[str, Any]) -> tuple[str, ...]:
     others = {name: found[name] for name in (PAPER, LATE) if name in found}
     rows = [
         [
@@ -116,7 +116,7 @@ def _variants(found: dict[str, Any]) -> str:
         for name, sizes in others.items()
         for size, figure in sizes.items()
     ]
-    return markdown(["many runs; million robot steps a second", ""], rows)
+    return (markdown(["many runs; million robot steps a second", ""], rows),) if rows else ()
 
 
 def _rest(found: dict[str, Any]) -> str:
