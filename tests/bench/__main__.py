@@ -15,7 +15,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from tests.bench import bench_agent, bench_law, bench_monitor, bench_simulate, bench_step
+from tests.bench import bench_agent, bench_batch, bench_law, bench_monitor, bench_step
 from tests.bench.figures import rounded
 
 LIBRARIES = ("eclipse-zenoh", "numpy", "pydantic", "rosbags")
@@ -44,7 +44,7 @@ PARTS = (
         ("--rounds", "1", "--seconds", "5", "--step-seconds", "5"),
     ),
     Part("One step of the mathematics", bench_law),
-    Part("The simulation", bench_simulate),
+    Part("The simulation", bench_batch, ("--quick",)),
 )
 
 

@@ -276,13 +276,13 @@ def locked(text: str) -> dict[str, set[str]]:
 
 
 def wanted() -> list[Requirement]:
-    """Everything that pyproject.toml asks for, the project itself and includes of groups left out."""
+    """Everything that pyproject.toml asks for; the project itself, includes of groups and peers left out."""
     project = PYPROJECT["project"]
     lists = [
         PYPROJECT["build-system"]["requires"],
         project["dependencies"],
         *project["optional-dependencies"].values(),
-        *PYPROJECT["dependency-groups"].values(),
+        *(group for name, group in PYPROJECT["dependency-groups"].items() if name != "bench"),
     ]
     requirements = [Requirement(item) for some in lists for item in some if isinstance(item, str)]
     return [requirement for requirement in requirements if requirement.name != project["name"]]
@@ -298,6 +298,11 @@ def test_the_robots_lock_holds_what_an_agent_needs_and_nothing_of_the_desk() -> 
     base = {Requirement(item).name for item in PYPROJECT["project"]["dependencies"]}
     assert base <= locked(ROBOT).keys()
     assert locked(ROBOT).keys().isdisjoint({"mcap", "rich", "matplotlib", "pytest", "mypy", "ruff"})
+
+
+@pytest.mark.parametrize("text", [DEV, ROBOT], ids=["dev", "agent"])
+def test_peers_to_measure_beside_are_in_no_lock(text: str) -> None:
+    assert locked(text).keys().isdisjoint({"ir-sim", "cvxopt"})
 
 
 def test_the_robots_lock_pins_the_same_versions_as_the_developers() -> None:
