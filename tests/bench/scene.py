@@ -28,11 +28,12 @@ ROBOTS = {"agent": edge.FOLLOWER, "copy": "copy", "echo": "echo"}
 class Scene:
     """All processes of the benchmark but the subjects."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder, self.origin = folder, time.monotonic()
+    def __init__(self, folder: Path, rate: float) -> None:
+        """`rate` [Hz] is everybody's."""
+        self.folder, self.rate, self.origin = folder, rate, time.monotonic()
         self.robot, leader, neighbour, agent, copy = (free_endpoint() for _ in range(5))
         self.mission = folder / "edge.toml"
-        self.mission.write_text(edge.MISSION)
+        self.mission.write_text(edge.mission(rate))
         self._neighbours = {edge.LEADER: leader, edge.NEIGHBOUR: neighbour}
         self._listen = {"agent": agent, "copy": copy}
         self._outbox = _one_step(self.mission)
@@ -43,7 +44,7 @@ class Scene:
             endpoint: [t.key(ROBOTS[who]) for t in (ODOM, CMD_VEL, POSITION, STATUS)]
             for who, endpoint in self._listen.items()
         }
-        plan = json.dumps([self.origin, self._neighbours, monitored])
+        plan = json.dumps([self.origin, self.rate, self._neighbours, monitored])
         return [sys.executable, "-m", "tests.bench.surroundings", plan]
 
     def agent(self) -> list[str]:
