@@ -14,7 +14,7 @@ import tempfile
 from pathlib import Path
 from typing import Any, get_args
 
-from tests.bench.curves import BLUE, ORANGE, counted, curve, panels
+from tests.bench.curves import BLUE, ORANGE, counted, curve, legend, milliseconds, panels
 from tests.bench.figures import curve_flags, filled, markdown, over_rounds, progress, show, span
 from tests.bench.fleet import RATE, SETTLE, Architecture, Fleet, Outcome
 
@@ -64,13 +64,12 @@ def draw(found: dict[str, Any], folder: Path) -> None:
                 took = [one[how]["latency_ms"][name] for one in robots.values()]
                 curve(latency, places, took, f"{WORDS[how]}, {name}", colour, line)
             curve(error, places, [one[how]["error_mm"]["rms"] for one in robots.values()], WORDS[how], colour)
-        latency.set_yscale("log")
-        latency.set_ylabel("odometry → command [ms]")
-        error.set_ylabel("formation error per edge, RMS [mm]")
+        milliseconds(latency, "odometry → command [ms]")
+        error.set_ylabel("error per edge, RMS [mm]")
         error.set_ylim(bottom=0.0)
         for axes in (latency, error):
             counted(axes, places, "robots")
-            axes.legend(frameon=False, fontsize=8)
+            legend(axes, 2)
 
 
 def section(found: dict[str, Any]) -> str:
@@ -145,7 +144,7 @@ What the controllers cost, in percent of one core:
 def main() -> None:
     """Print the figures."""
     parser = curve_flags(__doc__, rounds=2)
-    parser.add_argument("--seconds", type=float, default=12.0, help="of each measurement")
+    parser.add_argument("--seconds", type=float, default=10.0, help="of each measurement")
     given = parser.parse_args()
     if given.quick:
         found = measure(QUICK_COUNTS, 1, 2.0, 3.0)

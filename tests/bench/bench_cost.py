@@ -14,7 +14,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from tests.bench.curves import BLUE, GREEN, INK, ORANGE, counted, curve, panels
+from tests.bench.curves import BLUE, GREEN, INK, ORANGE, counted, curve, legend, panels
 from tests.bench.figures import curve_flags, filled, markdown, over_rounds, progress, show, span
 from tests.bench.fleet import RATE, SETTLE, Fleet, Outcome
 
@@ -77,20 +77,20 @@ def draw(found: dict[str, Any], folder: Path) -> None:
     agents = found["agents"]
     places = [float(count) for count in agents]
     lines = {"cpu_percent": BLUE, "kilobytes_per_s": ORANGE, "links": INK, "rss_mib": GREEN}
-    with panels(folder / CURVES, 3, 3.0) as (cost, late, error):
+    with panels(folder / CURVES, 3) as (cost, late, error):
         cost.axhspan(1.0 - BAR, 1.0 + BAR, color=INK, alpha=0.12, linewidth=0.0)
         for name, colour in lines.items():
             relative = [one["relative"][name] for one in agents.values()]
             curve(cost, places, relative, COSTS[name], colour)
-        cost.set_ylabel(f"per agent, of what it is with {places[0]:g}")
+        cost.set_ylabel(f"per agent, of that with {places[0]:g}")
         cost.set_ylim(0.0, 2.0)
-        cost.legend(frameon=False, fontsize=8, loc="lower left")
+        legend(cost, 2)
         curve(late, places, [one["late_percent"] for one in agents.values()], "late", BLUE)
         late.axhline(LATE_BAR, color=ORANGE, linewidth=1.0, linestyle="--")
         late.set_ylabel("late periods [%]")
         late.set_ylim(0.0, None)
         curve(error, places, [one["error_mm"]["rms"] for one in agents.values()], "error", BLUE)
-        error.set_ylabel("formation error per edge, RMS [mm]")
+        error.set_ylabel("error per edge, RMS [mm]")
         error.set_ylim(0.0, None)
         for axes in (cost, late, error):
             counted(axes, places, "agents")
@@ -191,7 +191,7 @@ def _held(count: str, one: dict[str, Any]) -> list[str]:
 def main() -> None:
     """Print the figures."""
     parser = curve_flags(__doc__, rounds=2)
-    parser.add_argument("--seconds", type=float, default=12.0, help="of each measurement")
+    parser.add_argument("--seconds", type=float, default=10.0, help="of each measurement")
     given = parser.parse_args()
     if given.quick:
         found = measure(QUICK_COUNTS, 1, 2.0, 4.0)

@@ -10,16 +10,17 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
 
 from tests.reliability.plots import BLUE, INK, ORANGE, STYLE
 
-__all__ = ["BLUE", "GREEN", "INK", "ORANGE", "counted", "curve", "panels"]
+__all__ = ["BLUE", "GREEN", "INK", "ORANGE", "counted", "curve", "legend", "milliseconds", "panels"]
 GREEN = "#3f9c6b"
+PLAIN = FuncFormatter(lambda value, _: f"{value:g}")
 
 
 @contextmanager
-def panels(path: Path, count: int, height: float = 3.2) -> Iterator[Sequence[Axes]]:
+def panels(path: Path, count: int, height: float = 3.4) -> Iterator[Sequence[Axes]]:
     """So many panels side by side, saved at the end."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(8.0, height), layout="constrained")
@@ -49,5 +50,26 @@ def counted(axes: Axes, places: Sequence[float], label: str) -> None:
     axes.set_xscale("log")
     axes.xaxis.set_major_locator(FixedLocator(list(places)))
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_major_formatter(PLAIN)
     axes.set_xlabel(label)
+
+
+def milliseconds(axes: Axes, label: str) -> None:
+    """A logarithmic axis upwards."""
+    axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter(PLAIN)
+    axes.set_ylabel(label)
+
+
+def legend(axes: Axes, columns: int) -> None:
+    """What is what, above the panel, where no curve is."""
+    axes.legend(
+        frameon=False,
+        fontsize=8,
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.0),
+        ncols=columns,
+        handlelength=3.0,
+    )

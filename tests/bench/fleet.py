@@ -7,6 +7,8 @@ import os
 import subprocess
 import sys
 import time
+from collections import deque
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -25,6 +27,8 @@ RATE = 10.0
 SETTLE = 10.0
 """From everybody on the way to everybody in formation [s]."""
 QUIET = ("--log-level", "error", "--parent", str(os.getpid()))
+AT_ONCE = 4
+"""So many of those who drive may be starting at a time."""
 Architecture = Literal["agents", "central"]
 
 
@@ -107,7 +111,7 @@ class Fleet:
             bodies.said("ready")
             others = {"bodies": bodies.process, "leader": started(leader).process}
             begun = time.monotonic()
-            drivers = {name: started(argv).process for name, argv in self._argv().items()}
+            drivers = self._drivers(started)
             moving = bodies.said("moving")["moment"] - begun
             bodies.said("settled")
             everybody = {**others, **drivers}
@@ -123,6 +127,17 @@ class Fleet:
                 {name: took[name]["cpu_percent"] for name in others},
                 moving,
             )
+
+    def _drivers(self, start: Callable[[list[str]], Running]) -> dict[str, psutil.Popen]:
+        """Start whoever drives, a few at a time: who starves gives up its links, and makes them anew."""
+        running: dict[str, Running] = {}
+        starting: deque[Running] = deque()
+        for name, argv in self._argv().items():
+            running[name] = start(argv)
+            starting.append(running[name])
+            if len(starting) == AT_ONCE:
+                starting.popleft().said("ready")
+        return {name: one.process for name, one in running.items()}
 
     def _argv(self) -> dict[str, list[str]]:
         """What ``python -m`` is given for each that drives."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from tests.bench.curves import BLUE, INK, ORANGE, curve, panels
+from tests.bench.curves import BLUE, INK, ORANGE, curve, legend, milliseconds, panels
 from tests.bench.figures import filled, markdown, span
 
 FASTEST = "as fast as it goes"
@@ -71,17 +71,18 @@ def draw(found: dict[str, Any], folder: Path) -> None:
                 curve(latency, places, took, f"{subject}, {name}", colour, line)
         for name, line in (("p50", "-"), ("p99", "--")):
             times = [one["ratio"]["latency to echo"][name] for one in rates.values()]
-            curve(ratio, places, times, f"agent ÷ echo, {name}", BLUE, line)
-        for bar, line in ((TARGETS[0].most, "-"), (TARGETS[1].most, "--")):
-            ratio.axhline(bar, color=ORANGE, linewidth=1.0, linestyle=line)
-        latency.set_yscale("log")
-        latency.set_ylabel("odometry → command [ms]")
-        ratio.set_ylabel("of the echo's (orange: the bars at 50 Hz)")
+            curve(ratio, places, times, name, BLUE, line)
+        for target, name, line in zip(TARGETS, ("p50", "p99"), ("-", "--"), strict=False):
+            label = f"{name} wanted at {JUDGED} Hz"
+            ratio.axhline(target.most, color=ORANGE, linewidth=1.0, linestyle=line, label=label)
+        milliseconds(latency, "odometry → command [ms]")
+        ratio.set_ylabel("agent's of the echo's")
         ratio.set_ylim(bottom=0.0)
         for axes in (latency, ratio):
             axes.set_xticks(places, marks)
             axes.set_xlabel("odometry [Hz]")
-            axes.legend(frameon=False, fontsize=8)
+        legend(latency, 3)
+        legend(ratio, 2)
 
 
 def _targets(found: dict[str, Any]) -> str:
