@@ -30,7 +30,7 @@ COSTS = {
     "threads": "threads",
 }
 BAR, LATE_BAR = 0.10, 1.0
-"""Per-robot figures of the most agents may be so far off those of the fewest; periods late [%]."""
+"""Per-robot figures of the most agents may be so far above those of the fewest; periods late [%]."""
 BARRED = ("links", "kilobytes_per_s", "cpu_percent")
 CURVES = "bench_cost.svg"
 
@@ -141,8 +141,8 @@ def _bars(agents: dict[str, Any]) -> str:
         (
             f"{COSTS[name]} per agent, {count} of {fewest}",
             span(most["relative"][name], 3, "×"),
-            f"{1.0 - BAR:g}–{1.0 + BAR:g}×",
-            _verdict(abs(most["relative"][name]["median"] - 1.0) <= BAR),
+            f"≤ {1.0 + BAR:g}×",
+            _verdict(most["relative"][name]["median"] <= 1.0 + BAR),
         )
         for name in BARRED
     ]
