@@ -35,8 +35,8 @@ from formation.unicycle import Command, control_point
 from formation.wire import Now, Sample
 from tests.bench.figures import tail
 
-PATIENCE = 240.0
-"""For everybody to be on the way [s]."""
+PATIENCE, MORE = 60.0, 3.0
+"""For everybody to be on the way, and so much more for each robot [s]."""
 SPARE = 1.0
 """Between ``settled`` and what counts: who looks at processes meanwhile disturbs them [s]."""
 
@@ -201,11 +201,12 @@ def main(plan: dict[str, Any]) -> None:
             bodies.take(mailbox.drain())
             return time.monotonic() < until and os.getppid() == parent
 
-        deadline = time.monotonic() + PATIENCE
+        patience = PATIENCE + MORE * len(bodies.robots)
+        deadline = time.monotonic() + patience
         while (waiting := bodies.waiting) and live(deadline):
             pass
         if waiting:
-            raise SystemExit(f"not told to move within {PATIENCE:g} s: {', '.join(waiting)}")
+            raise SystemExit(f"not told to move within {patience:g} s: {', '.join(waiting)}")
         moving = max(robot.moved for robot in bodies.robots.values())
         say("moving", moment=moving)
         while live(moving + plan["settle"]):
