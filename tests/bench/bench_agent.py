@@ -1,8 +1,8 @@
-"""What the edge costs: one agent at 50 Hz beside Zenoh without an agent, in the same run.
+"""What the edge costs: one agent beside Zenoh without an agent, at several rates, in the same rounds.
 
-python -m tests.bench.bench_agent [--rounds N] [--seconds S] [--json]
+python -m tests.bench.bench_agent [--quick] [--rates HZ,…] [--rounds N] [--seconds S] [--json] [--draw FOLDER]
 
-Three processes take turns every 20 ms, each a third of a period after the other:
+Three processes take turns, each a third of a period after the other:
 
 - agent: `python -m agent`, unmodified, with two neighbours and a monitor
 - copy:  a bare Zenoh script with the agent's sessions, links, keys, rates and messages that computes nothing
@@ -10,12 +10,14 @@ Three processes take turns every 20 ms, each a third of a period after the other
 
 All three get the same odometry from this process and answer with a command. A latency is the time from `put`
 of the odometry to the command in this process's receive callback; the next odometry waits until the last one
-is answered, so every answer has its question. Each round starts all three anew. A round before replaces
-the agent by one with stopwatches at its seams.
+is answered, so every answer has its question. Each round starts all three anew at each rate. As fast as it
+goes (rate 0) they take turns by the half second, and the next odometry follows upon the command; all else is
+as at 50 Hz. A round before, at 50 Hz, replaces the agent by one with stopwatches at its seams.
 """
 
 from __future__ import annotations
 
+import argparse
 import gc
 import json
 import subprocess
@@ -30,11 +32,14 @@ import numpy as np
 
 from formation.topics import CMD_VEL, ODOM
 from formation.transport.bus import Bus, BusConfig
-from tests.bench.figures import flags, over_rounds, show, tail
-from tests.bench.report_agent import section
+from tests.bench import edge
+from tests.bench.figures import curve_flags, over_rounds, progress, show, tail
+from tests.bench.report_agent import FASTEST, draw, section
 from tests.bench.robot import Robots, Subject
 from tests.bench.scene import ROBOTS, Scene
 
+RATES = (20.0, 50.0, 200.0, 0.0)
+"""Of odometry [Hz]; 0 is as fast as it goes."""
 WARM_UP = 2.0
 """[s]"""
 PARTS = (
@@ -70,27 +75,20 @@ def surrounded(scene: Scene) -> Iterator[Bus]:
         others.communicate()
 
 
-def one_round(
-    bus: Bus, scene: Scene, subjects: Sequence[Subject], seconds: float
-) -> dict[str, dict[str, dict[str, float]]]:
-    """Start all subjects, measure them for so long and end them; figures by subject and kind."""
-    bus.drain()  # last words of the round before
-    robots = Robots(bus, subjects, scene.origin)
-    try:
-        for subject in subjects:
-            subject.start()
-            robots.drive(subject.has_moved)
-        robots.drive_for(WARM_UP)
-        for subject in subjects:
-            subject.forget()
+Figures = dict[str, dict[str, dict[str, float]]]
+"""By subject and kind."""
+
+
+def one_round(bus: Bus, scene: Scene, subjects: Sequence[Subject], seconds: float) -> Figures:
+    """Start all subjects, measure them at the scene's rate for so long and end them."""
+    with started(bus, scene, subjects) as robots:
         before, start = [subject.cpu_time for subject in subjects], time.monotonic()
         robots.drive_for(seconds)
         after, elapsed = [subject.cpu_time for subject in subjects], time.monotonic() - start
         figures = {}
         for subject, busy in zip(subjects, np.subtract(after, before).tolist(), strict=True):
             figures[subject.name] = {
-                "latency_ms": tail([(one.answered - one.sent) * 1e3 for one in subject.exchanges]),
-                "answers": {"counted": float(len(subject.exchanges)), "lost": float(subject.lost)},
+                **latencies(subject),
                 "cost": {"cpu_percent": 100.0 * busy / elapsed, **subject.cost()},
                 "start_s": {
                     "first command": subject.first - subject.started,
@@ -98,24 +96,59 @@ def one_round(
                 },
             }
         return figures
+
+
+def one_race(bus: Bus, scene: Scene, subjects: Sequence[Subject], seconds: float) -> Figures:
+    """Start all subjects, have each answer as fast as it goes for a third of so long and end them."""
+    with started(bus, scene, subjects) as robots:
+        rates = robots.race(seconds)
+        return {
+            subject.name: {**latencies(subject), "speed": {"answers_per_s": rates[subject.name]}}
+            for subject in subjects
+        }
+
+
+@contextmanager
+def started(bus: Bus, scene: Scene, subjects: Sequence[Subject]) -> Iterator[Robots]:
+    """All subjects, started one after the other and warm; they are ended at the end."""
+    bus.drain()  # last words of the round before
+    robots = Robots(bus, subjects, scene.origin, scene.rate)
+    try:
+        for subject in subjects:
+            subject.start()
+            robots.drive(subject.has_moved)
+        robots.drive_for(WARM_UP)
+        for subject in subjects:
+            subject.forget()
+        yield robots
     finally:
         for subject in subjects:
             subject.end()
 
 
-def with_ratios(figures: dict[str, dict[str, dict[str, float]]]) -> dict[str, Any]:
+def latencies(subject: Subject) -> dict[str, dict[str, float]]:
+    """What became of the odometry that counts."""
+    return {
+        "latency_ms": tail([(one.answered - one.sent) * 1e3 for one in subject.exchanges]),
+        "answers": {"counted": float(len(subject.exchanges)), "lost": float(subject.lost)},
+    }
+
+
+def with_ratios(figures: Figures) -> dict[str, Any]:
     """A round's figures with what the agent takes relative to the others in the same round."""
 
     def ratio(other: str, kind: str, name: str) -> float:
         return figures["agent"][kind][name] / figures[other][kind][name]
 
+    def ratios(other: str, kind: str) -> dict[str, float]:
+        return {name: ratio(other, kind, name) for name in figures["agent"].get(kind, ())}
+
     return {
         **figures,
         "ratio": {
-            "latency to echo": {
-                name: ratio("echo", "latency_ms", name) for name in ("p50", "p90", "p99", "max")
-            },
-            "cost to copy": {name: ratio("copy", "cost", name) for name in figures["agent"]["cost"]},
+            "latency to echo": ratios("echo", "latency_ms"),
+            "latency to copy": ratios("copy", "latency_ms"),
+            "cost to copy": ratios("copy", "cost"),
         },
     }
 
@@ -150,12 +183,13 @@ def where_it_goes(profile: dict[str, Any], agent: Subject) -> dict[str, Any]:
     return {part: {"mean": float(np.mean(took)), **tail(took)} for part, took in parts.items()}
 
 
-def profiled(bus: Bus, scene: Scene, seconds: float) -> dict[str, Any]:
+def profiled(folder: Path, seconds: float) -> dict[str, Any]:
     """A round with stopwatches inside the agent."""
-    file = scene.folder / "profile.json"
+    scene, file = Scene(folder, edge.RATE), folder / "profile.json"
     agent = Subject("agent", ROBOTS["agent"], scene.profiled_agent(file))
     echo = Subject("echo", ROBOTS["echo"], scene.echo())
-    one_round(bus, scene, [agent, echo], seconds)
+    with surrounded(scene) as bus:
+        one_round(bus, scene, [agent, echo], seconds)
     profile = json.loads(file.read_text())
     return {
         "profile_us": where_it_goes(profile, agent),
@@ -163,28 +197,53 @@ def profiled(bus: Bus, scene: Scene, seconds: float) -> dict[str, Any]:
     }
 
 
-def measure(rounds: int, seconds: float) -> dict[str, Any]:
-    """All figures of the edge; medians over rounds with their lowest and highest."""
+def measure(rates: Sequence[float], rounds: int, seconds: float) -> dict[str, Any]:
+    """All figures of the edge at each rate; medians over rounds with their lowest and highest."""
+    found: dict[str, list[dict[str, Any]]] = {f"{rate:g}" if rate else FASTEST: [] for rate in rates}
     with tempfile.TemporaryDirectory() as folder:
-        scene = Scene(Path(folder))
-        with surrounded(scene) as bus:
-            gc.freeze()  # what stands by now needs no more collecting in the middle of a measurement
-            profile = profiled(bus, scene, seconds)
-            found = []
-            for number in range(rounds):
+        progress("where the time goes …")
+        profile = profiled(Path(folder), seconds)
+        for number in range(rounds):
+            for rate, rounds_at in zip(rates, found.values(), strict=True):
+                progress(
+                    f"round {number + 1} of {rounds}: {f'{rate:g} Hz' if rate else 'as fast as it goes'} …"
+                )
+                scene = Scene(Path(folder), rate or edge.RATE)
                 subjects = [Subject(who, ROBOTS[who], getattr(scene, who)()) for who in ROBOTS]
                 # nobody is always the first to start
                 subjects = subjects[number % 3 :] + subjects[: number % 3]
-                found.append(with_ratios(one_round(bus, scene, subjects, seconds)))
-    return {"rounds": rounds, "seconds": seconds, **over_rounds(found), **profile}
+                with surrounded(scene) as bus:
+                    gc.freeze()  # what stands by now needs no more collecting in the middle of a measurement
+                    figures = (one_round if rate else one_race)(bus, scene, subjects, seconds)
+                rounds_at.append(with_ratios(figures))
+    rates_found = {name: over_rounds(rounds_at) for name, rounds_at in found.items()}
+    return {"rounds": rounds, "seconds": seconds, "rates": rates_found, **profile}
 
 
 def main() -> None:
     """Print the figures."""
-    parser = flags(__doc__)
-    parser.add_argument("--seconds", type=float, default=30.0, help="of each round")
-    arguments = parser.parse_args()
-    show(measure(arguments.rounds, arguments.seconds), section, as_json=arguments.json)
+    parser = curve_flags(__doc__, rounds=3)
+    parser.add_argument(
+        "--rates", type=_rates, default=RATES, metavar="HZ,HZ,…", help="0: as fast as it goes"
+    )
+    parser.add_argument("--seconds", type=float, default=15.0, help="of each round at each rate")
+    given = parser.parse_args()
+    found = measure(given.rates, *((1, 2.0) if given.quick else (given.rounds, given.seconds)))
+    if given.draw:
+        draw(found, given.draw)
+    show(found, section, as_json=given.json)
+
+
+def _rates(text: str) -> tuple[float, ...]:
+    try:
+        rates = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        rates = (-1.0,)
+    if not all(rate == 0.0 or 1.0 <= rate <= 200.0 for rate in rates):
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: must be numbers from 1 to 200 [Hz], or 0, such as 20,50,0"
+        )
+    return rates
 
 
 if __name__ == "__main__":

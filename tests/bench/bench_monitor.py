@@ -21,14 +21,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from textwrap import fill
 from typing import IO, Any
 from urllib.parse import urlsplit
 
 import psutil
 
 from tests.bench.crowd import mission, names
-from tests.bench.figures import flags, markdown, over_rounds, show
+from tests.bench.figures import filled, flags, markdown, over_rounds, show
 from tests.processes.child import free_endpoint
 
 ROBOTS, RATE, TOPICS = 100, 20.0, 3
@@ -240,11 +239,7 @@ def section(found: dict[str, Any]) -> str:
         "what they handed to Zenoh less what is in the recording, key by key. Where robots were late, they",
         "and not the monitor were too slow.",
     )
-    return f"{_filled(words)}\n{markdown(head, rows)}\n{_filled(how)}"
-
-
-def _filled(words: Sequence[str]) -> str:
-    return fill(" ".join(words), 110) + "\n"
+    return f"{filled(*words)}\n{markdown(head, rows)}\n{filled(*how)}"
 
 
 def _row(run: dict[str, float], seconds: float) -> list[str]:

@@ -79,7 +79,7 @@ def codec() -> dict[str, float]:
 
 def measure(rounds: int) -> Any:
     """All figures [µs]."""
-    mission = parse(edge.MISSION)
+    mission = parse(edge.mission())
     return over_rounds([{**steps(mission), **codec()} for _ in range(rounds)])
 
 

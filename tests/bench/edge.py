@@ -1,22 +1,28 @@
-"""The scene that the edge is measured in: a follower and its two neighbours at 50 Hz on a straight line."""
+"""The scene that the edge is measured in: a follower and its two neighbours on a straight line."""
 
 from __future__ import annotations
 
 from formation.ros2.messages import Odometry, Pose
 
 RATE = 50.0
-"""Of odometry and of each neighbour's positions [Hz]."""
+"""Of odometry and of each neighbour's positions, where nothing else is said [Hz]."""
 LEADER, NEIGHBOUR, FOLLOWER = "robot1", "robot2", "robot3"
 SPEED = 0.2
 """Of everybody [m/s]."""
-MISSION = f"""
+START = {LEADER: 0j, NEIGHBOUR: -1.0 + 0j, FOLLOWER: -2.3 + 0.1j}
+"""Centres at the beginning [m]; the follower stays off its slot, so that its commands are not zero."""
+
+
+def mission(rate: float = RATE) -> str:
+    """The mission's file, everybody at `rate` [Hz]."""
+    return f"""
 name = "edge"
 leader = "{LEADER}"
 [robot]
 control_point_offset = 0.2
 max_speed = 1.5
 max_turn_rate = 1.5
-rate = {RATE}
+rate = {rate}
 [shapes.line]
 {NEIGHBOUR} = [-1.0, 0.0]
 {FOLLOWER} = [-2.0, 0.0]
@@ -32,8 +38,6 @@ start = {{ x = -2.0, y = 0.1 }}
 speed = {SPEED}
 heading_deg = 0
 """
-START = {LEADER: 0j, NEIGHBOUR: -1.0 + 0j, FOLLOWER: -2.3 + 0.1j}
-"""Centres at the beginning [m]; the follower stays off its slot, so that its commands are not zero."""
 
 
 def odometry(elapsed: float, wall: float) -> Odometry:

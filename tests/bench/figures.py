@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -55,6 +58,25 @@ def flags(description: str | None) -> argparse.ArgumentParser:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--json", action="store_true", help="figures for programs, not for people")
     return parser
+
+
+def filled(*words: str) -> str:
+    """A paragraph."""
+    return fill(" ".join(" ".join(words).split()), 110, break_on_hyphens=False) + "\n"
+
+
+def curve_flags(description: str | None, rounds: int) -> argparse.ArgumentParser:
+    """The flags of a benchmark that draws curves and has a short form of its own."""
+    parser = flags(description)
+    parser.set_defaults(rounds=rounds)
+    parser.add_argument("--quick", action="store_true", help="one short round; the figures mean little")
+    parser.add_argument("--draw", type=Path, metavar="FOLDER", help="put its curves there, as SVG")
+    return parser
+
+
+def progress(words: str) -> None:
+    """Tell who waits how far it is."""
+    print(words, file=sys.stderr, flush=True)
 
 
 def show(found: Any, section: Callable[[Any], str], *, as_json: bool) -> None:

@@ -1,10 +1,18 @@
-"""The edge's figures as they stand in docs/benchmarks.md."""
+"""The edge's figures as they stand in docs/benchmarks.md, and its curves."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, NamedTuple
 
-from tests.bench.figures import markdown, span
+from tests.bench.curves import BLUE, INK, ORANGE, curve, legend, milliseconds, panels
+from tests.bench.figures import filled, markdown, span
+
+FASTEST = "as fast as it goes"
+"""What stands for a rate then."""
+JUDGED = "50"
+"""At this rate the bars stand [Hz]."""
+CURVES = "bench_agent.svg"
 
 
 class Target(NamedTuple):
@@ -25,22 +33,56 @@ TARGETS = (
     Target("start → first command of the law", ("agent", "start_s", "first motion"), 0.5, 2, " s"),
 )
 SUBJECTS = ("agent", "copy", "echo")
+TAIL = ("p50", "p90", "p99", "max")
 
 
 def section(found: dict[str, Any]) -> str:
     """The section in Markdown, from what `bench_agent.measure` found."""
     rounds = f"{found['rounds']} rounds of {found['seconds']:g} s"
-    return f"""Three processes take turns in the same run, on loopback, each at 50 Hz: the **agent**
-(`python -m agent`, unmodified, two neighbours at 50 Hz with a live order, a monitor that listens), a **copy**
-(bare Zenoh with the agent's sessions, links, keys, rates, sizes and quality of service, which computes
-nothing) and an **echo** (bare Zenoh, one key in, one out, straight in the callback). All have the same
-settings: a client of the robot's router and, but for the echo, a sparse peer in the fleet, on one runtime
-thread. Each of the {rounds} starts all three anew.
+    judged = found["rates"].get(JUDGED)
+    who = filled(
+        """Three processes take turns in the same run, on loopback: the **agent** (`python -m agent`,
+        unmodified, two neighbours with a live order at the same rate, a monitor that listens), a
+        **copy** (bare Zenoh with the agent's sessions, links, keys, rates, sizes and quality of
+        service, which computes nothing) and an **echo** (bare Zenoh, one key in, one out, straight in
+        the callback). All have the same settings: a client of the robot's router and, but for the echo,
+        a sparse peer in the fleet.""",
+        f"""Each of the {rounds} starts all three anew at each rate. As fast as it goes they take turns by
+        the half second, each with the next odometry upon its command and all else as at 50 Hz.""",
+    )
+    return f"""{who}
+![Latency of agent, copy and echo, and what the agent adds, against the rate of odometry](figures/{CURVES})
 
-{_targets(found)}
-{_latency(found)}
-{_cost(found)}
+{_targets(judged) if judged else ""}
+{_latency(found["rates"])}
+{_cost(judged) if judged else ""}
 {_profile(found)}"""
+
+
+def draw(found: dict[str, Any], folder: Path) -> None:
+    """Latencies, and the agent's as a multiple of the echo's, against the rate; the fastest stands last."""
+    rates = found["rates"]
+    places = [float(place) for place in range(len(rates))]
+    marks = ["fastest" if name == FASTEST else name for name in rates]
+    with panels(folder / CURVES, 2) as (latency, ratio):
+        for subject, colour in zip(SUBJECTS, (BLUE, ORANGE, INK), strict=True):
+            for name, line in (("p50", "-"), ("p99", "--")):
+                took = [one[subject]["latency_ms"][name] for one in rates.values()]
+                curve(latency, places, took, f"{subject}, {name}", colour, line)
+        for name, line in (("p50", "-"), ("p99", "--")):
+            times = [one["ratio"]["latency to echo"][name] for one in rates.values()]
+            curve(ratio, places, times, name, BLUE, line)
+        for target, name, line in zip(TARGETS, ("p50", "p99"), ("-", "--"), strict=False):
+            label = f"{name} wanted at {JUDGED} Hz"
+            ratio.axhline(target.most, color=ORANGE, linewidth=1.0, linestyle=line, label=label)
+        milliseconds(latency, "odometry → command [ms]")
+        ratio.set_ylabel("agent's of the echo's")
+        ratio.set_ylim(bottom=0.0)
+        for axes in (latency, ratio):
+            axes.set_xticks(places, marks)
+            axes.set_xlabel("odometry [Hz]")
+        legend(latency, 3)
+        legend(ratio, 2)
 
 
 def _targets(found: dict[str, Any]) -> str:
@@ -61,21 +103,25 @@ def _targets(found: dict[str, Any]) -> str:
     return markdown(("figure", "today", "target", ""), rows)
 
 
-def _latency(found: dict[str, Any]) -> str:
+def _latency(rates: dict[str, Any]) -> str:
     rows = []
-    for subject in SUBJECTS:
-        latency, answers = found[subject]["latency_ms"], found[subject]["answers"]
-        rows.append(
-            (
-                subject,
-                *(span(latency[name], 2) for name in ("p50", "p90", "p99", "max")),
-                f"{answers['lost']['median']:.0f} of {answers['counted']['median']:.0f}",
+    for rate, one in rates.items():
+        name = rate if rate == FASTEST else f"{rate} Hz"
+        for subject in SUBJECTS:
+            latency, answers = one[subject]["latency_ms"], one[subject]["answers"]
+            fast = f", {one[subject]['speed']['answers_per_s']['median']:,.0f}/s" if rate == FASTEST else ""
+            rows.append(
+                (
+                    f"{name}: {subject}{fast}",
+                    *(span(latency[at], 2) for at in TAIL),
+                    f"{answers['lost']['median']:.0f} of {answers['counted']['median']:.0f}",
+                )
             )
-        )
-    ratio = found["ratio"]["latency to echo"]
-    rows.append(("agent ÷ echo", *(span(ratio[name], 2, "×") for name in ("p50", "p90", "p99", "max")), ""))
+        for other in ("echo", "copy"):
+            ratio = one["ratio"][f"latency to {other}"]
+            rows.append((f"{name}: agent ÷ {other}", *(span(ratio[at], 2, "×") for at in TAIL), ""))
     return "From `put` of the odometry to the command in the receive callback [ms]:\n\n" + markdown(
-        ("", "p50", "p90", "p99", "max", "lost"), rows
+        ("", *TAIL, "lost"), rows
     )
 
 
@@ -110,7 +156,7 @@ def _cost(found: dict[str, Any]) -> str:
         "", "CPU of one core", "RSS [MiB]", "PSS [MiB]", "threads", "start → first command [s]",
         "→ first that moves [s]",
     )  # fmt: skip
-    return "What each costs, traffic to the monitor included:\n\n" + markdown(header, rows)
+    return "What each costs at 50 Hz, traffic to the monitor included:\n\n" + markdown(header, rows)
 
 
 def _profile(found: dict[str, Any]) -> str:

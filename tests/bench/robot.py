@@ -1,4 +1,4 @@
-"""The robots of the processes under the stopwatch: they send odometry at 50 Hz and time the commands."""
+"""The robots of the processes under the stopwatch: they send odometry and time the commands."""
 
 from __future__ import annotations
 
@@ -16,9 +16,12 @@ from formation.topics import CMD_VEL, ODOM
 from formation.transport.bus import Bus
 from formation.wire import Sample
 from tests.bench import edge
+from tests.bench.accounting import busy, memory
 
 PATIENCE = 30.0
 """For what takes a fraction of a second on an idle machine [s]."""
+RUN_UP, TURN = 0.1, 0.4
+"""How long a subject is asked as fast as it goes before that counts, and how long it counts [s]."""
 LOST = 1.0
 """An answer that has not come by then never will [s]."""
 
@@ -47,6 +50,8 @@ class Subject:
     waiting: float | None = None
     """Since when a command is awaited."""
     exchanges: list[Exchange] = field(default_factory=list)
+    counted: int = 0
+    """How many of these are kept when the others are taken back."""
     lost: int = 0
 
     def start(self) -> None:
@@ -70,18 +75,12 @@ class Subject:
     def cpu_time(self) -> float:
         """What it has computed since it started [s]."""
         assert self.process is not None
-        times = self.process.cpu_times()
-        return float(times.user + times.system)
+        return busy(self.process.pid)
 
     def cost(self) -> dict[str, float]:
-        """Memory that it occupies [MiB]; of what it shares, PSS counts its share. And its threads."""
+        """What it occupies."""
         assert self.process is not None
-        memory = self.process.memory_full_info()
-        return {
-            "rss_mib": memory.rss / 2**20,
-            "pss_mib": memory.pss / 2**20,
-            "threads": float(self.process.num_threads()),
-        }
+        return memory(self.process)
 
     def has_ended(self) -> bool:
         """Whether its process is gone though nobody ended it."""
@@ -93,7 +92,7 @@ class Subject:
 
     def forget(self) -> None:
         """Begin to count."""
-        self.exchanges, self.lost = [], 0
+        self.exchanges, self.counted, self.lost = [], 0, 0
 
     def ask(self, bus: Bus, payload: bytes) -> None:
         """Send it its odometry, unless it is up and the command for the last one is still to come."""
@@ -117,10 +116,10 @@ class Subject:
 class Robots:
     """The robots of all subjects, a fraction of a period after each other."""
 
-    def __init__(self, bus: Bus, subjects: Sequence[Subject], origin: float) -> None:
-        """`origin` is the scene's beginning [s, monotonic]."""
+    def __init__(self, bus: Bus, subjects: Sequence[Subject], origin: float, rate: float) -> None:
+        """`origin` is the scene's beginning [s, monotonic], `rate` that of each one's odometry [Hz]."""
         self._bus, self._origin, self._subjects = bus, origin, subjects
-        self._rate = Rate(edge.RATE * len(subjects))
+        self._rate = Rate(rate * len(subjects))
 
     def drive(self, until: Callable[[], object], limit: float = PATIENCE) -> None:
         """Send odometry to those who were started, until the condition holds.
@@ -131,7 +130,10 @@ class Robots:
         while not until():
             ended = [subject.name for subject in self._subjects if subject.has_ended()]
             if ended or time.monotonic() > end:
-                raise RuntimeError(f"{' and '.join(ended)} ended" if ended else f"no answer for {limit} s")
+                asked = " and ".join(subject.name for subject in self._subjects if subject.process)
+                raise RuntimeError(
+                    f"{' and '.join(ended)} ended" if ended else f"not so within {limit} s: {asked}"
+                )
             time.sleep(max(0.0, self._rate.due - time.monotonic()))
             if self._rate.tick(time.monotonic()):
                 self._tick()
@@ -141,11 +143,47 @@ class Robots:
         end = time.monotonic() + seconds
         self.drive(lambda: time.monotonic() >= end, seconds + PATIENCE)
 
+    def race(self, seconds: float) -> dict[str, float]:
+        """Have each subject in turn answer as fast as it goes, `seconds` in all; how many answers a second.
+
+        Nobody is asked while it is another's turn, which the agent takes for silence: what it says before it
+        is in formation control again does not count.
+        """
+        raced = dict.fromkeys((subject.name for subject in self._subjects), 0.0)
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            for subject in self._subjects:
+                if subject.has_ended():
+                    raise RuntimeError(f"{subject.name} ended")
+                self._chase(subject, RUN_UP)
+                del subject.exchanges[subject.counted :]
+                begun = time.monotonic()
+                self._chase(subject, TURN)
+                subject.counted = len(subject.exchanges)
+                raced[subject.name] += time.monotonic() - begun
+        return {subject.name: len(subject.exchanges) / raced[subject.name] for subject in self._subjects}
+
+    def _chase(self, subject: Subject, seconds: float) -> None:
+        """The next odometry upon each command, for so long."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            subject.ask(self._bus, self._odometry())
+            deadline = time.monotonic() + LOST
+            while subject.waiting is not None and (left := deadline - time.monotonic()) > 0.0:
+                self._bus.wait(left)
+                self._take()
+
     def _tick(self) -> None:
+        self._take()
+        subject = self._subjects[self._rate.ticks % len(self._subjects)]
+        if subject.process is not None:
+            subject.ask(self._bus, self._odometry())
+
+    def _take(self) -> None:
         for sample in self._bus.drain():
             for subject in self._subjects:
                 if sample.key == CMD_VEL.key(subject.robot):
                     subject.take(sample)
-        subject = self._subjects[self._rate.ticks % len(self._subjects)]
-        if subject.process is not None:
-            subject.ask(self._bus, encode(edge.odometry(time.monotonic() - self._origin, time.time())))
+
+    def _odometry(self) -> bytes:
+        return encode(edge.odometry(time.monotonic() - self._origin, time.time()))

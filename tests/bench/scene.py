@@ -28,14 +28,15 @@ ROBOTS = {"agent": edge.FOLLOWER, "copy": "copy", "echo": "echo"}
 class Scene:
     """All processes of the benchmark but the subjects."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder, self.origin = folder, time.monotonic()
+    def __init__(self, folder: Path, rate: float) -> None:
+        """`rate` [Hz] is everybody's."""
+        self.folder, self.rate, self.origin = folder, rate, time.monotonic()
         self.robot, leader, neighbour, agent, copy = (free_endpoint() for _ in range(5))
         self.mission = folder / "edge.toml"
-        self.mission.write_text(edge.MISSION)
+        self.mission.write_text(edge.mission(rate))
         self._neighbours = {edge.LEADER: leader, edge.NEIGHBOUR: neighbour}
         self._listen = {"agent": agent, "copy": copy}
-        self._outbox = _one_step(self.mission)
+        self._outbox = _one_step(self.mission, rate)
 
     def surroundings(self) -> list[str]:
         """Command line of the neighbours and the monitor."""
@@ -43,7 +44,7 @@ class Scene:
             endpoint: [t.key(ROBOTS[who]) for t in (ODOM, CMD_VEL, POSITION, STATUS)]
             for who, endpoint in self._listen.items()
         }
-        plan = json.dumps([self.origin, self._neighbours, monitored])
+        plan = json.dumps([self.origin, self.rate, self._neighbours, monitored])
         return [sys.executable, "-m", "tests.bench.surroundings", plan]
 
     def agent(self) -> list[str]:
@@ -101,21 +102,23 @@ class Scene:
         return [sys.executable, str(Path(__file__).with_name("bare.py")), json.dumps(plan)]
 
 
-def _one_step(mission_file: Path) -> list[Outgoing]:
+def _one_step(mission_file: Path, rate: float) -> list[Outgoing]:
     """What an agent in formation control says in one step: command, sign of life, position, status."""
     mission = load(mission_file)
     agent = Agent(mission, edge.FOLLOWER)
     term, outbox = time.time_ns(), list[Outgoing]()
-    for beat in (1000, 1001):  # the first alone proves no leader alive
-        now = Now(time.monotonic(), time.time())
+    began = Now(time.monotonic(), time.time())
+    for count, beat in enumerate((1000, 1001)):  # the first alone proves no leader alive
+        elapsed = count / rate
+        now = Now(began.mono + elapsed, began.wall + elapsed)
         attachment = encode_order(
             Told(voice="bench", count=beat, order=Order(term=term, beat=beat, mode="run", shape="line"))
         )
         inbox = [
-            Sample(POSITION.key(robot), encode(edge.position(robot, 0.0, now.wall)), attachment, now.mono)
+            Sample(POSITION.key(robot), encode(edge.position(robot, elapsed, now.wall)), attachment, now.mono)
             for robot in (edge.LEADER, edge.NEIGHBOUR)
         ]
-        odometry = Sample(ODOM.key(edge.FOLLOWER), encode(edge.odometry(0.0, now.wall)), None, now.mono)
+        odometry = Sample(ODOM.key(edge.FOLLOWER), encode(edge.odometry(elapsed, now.wall)), None, now.mono)
         outbox = list(agent.step(now, [*inbox, odometry]))
     return outbox
 

@@ -19,17 +19,17 @@ from formation.topics import POSITION
 from formation.transport.bus import Bus, BusConfig
 from formation.transport.process import say
 from formation.wire import Outgoing
-from tests.bench.edge import LEADER, NEIGHBOUR, RATE, position
+from tests.bench.edge import LEADER, NEIGHBOUR, position
 
 SWEEP = 100.0 / 101.0
 """Neighbours send a little slower than odometry comes, so that they meet all of its phases in turn."""
 
 
-def main(origin: float, listen: dict[str, str], monitored: dict[str, list[str]]) -> None:
+def main(origin: float, rate: float, listen: dict[str, str], monitored: dict[str, list[str]]) -> None:
     """Play them until the parent is gone.
 
-    `origin` is the scene's beginning [s, monotonic], `listen` each neighbour's endpoint; `monitored` has, by
-    endpoint to dial, the keys to listen to.
+    `origin` is the scene's beginning [s, monotonic], `rate` that of each neighbour's positions [Hz], `listen`
+    its endpoint; `monitored` has, by endpoint to dial, the keys to listen to.
     """
     parent, term, start = os.getppid(), time.time_ns(), time.monotonic()
     with ExitStack() as stack:
@@ -44,7 +44,7 @@ def main(origin: float, listen: dict[str, str], monitored: dict[str, list[str]])
         for tick in itertools.count():
             if os.getppid() != parent:
                 return
-            due = start + tick / (2.0 * RATE * SWEEP)
+            due = start + tick / (2.0 * rate * SWEEP)
             time.sleep(max(0.0, due - time.monotonic()))
             robot = NEIGHBOUR if tick % 2 else LEADER
             said = Order(term=term, beat=tick // 2, mode="run", shape="line")
