@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from agent.robots.plant import Plant
-from formation.graph import edge_errors
+from formation.edges import Edges, edge_errors
 from formation.mission import Mission
 from formation.mission_file import load
 from formation.ros2.messages import Odometry, Pose, Twist, decode, encode
@@ -93,7 +93,7 @@ class Bodies:
         self._mission, self._buses = mission, buses
         self._by_command = {CMD_VEL.key(name): robot for name, robot in self.robots.items()}
         self._leader, self._speed = POSITION.key(mission.leader), mission.route[0].speed
-        self._graph, self._slots = mission.graph, mission.slots()
+        self._edges, self._slots = Edges(mission.graph), np.array(mission.slots())
         self._turns, self._turn = list(self.robots.values()), 0
         self._period = 1.0 / mission.robots[mission.followers[0]].rate
         self._step, self._start = self._period / len(self.robots), time.monotonic()
@@ -167,7 +167,7 @@ class Bodies:
             return
         ahead = leader.heading * (self._speed * (now.wall - leader.stamp))
         points = np.array([leader.position + ahead, *(robot.point(now.mono) for robot in self._turns)])
-        self.errors.append(float(edge_errors(self._graph, points, self._slots).mean()))
+        self.errors.append(float(edge_errors(self._edges, points, self._slots).mean()))
 
     def _counts(self, due: float) -> bool:
         return self._window[0] <= due < self._window[1]
