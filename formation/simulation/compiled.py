@@ -11,6 +11,7 @@ import hashlib
 import importlib.util
 import math
 import os
+import shutil
 import sys
 from collections.abc import Callable
 from functools import cache
@@ -20,6 +21,8 @@ from typing import Any, TypeVar
 
 AVAILABLE = importlib.util.find_spec("numba") is not None
 """Whether there is something to compile with."""
+FORGOTTEN = 30.0 * 24.0 * 3600.0
+"""Machine code that nobody has used for so long is deleted [s]."""
 _PACKAGE = Path(__file__).resolve().parents[1]
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -52,9 +55,9 @@ def _made(function: Any, instead: tuple[tuple[str, Callable[..., Any]], ...], *,
         return own
     from numba import njit  # noqa: PLC0415 - takes half a second, and a robot does not have it
 
-    _keep_what_is_compiled()
     ours = all(one.__module__.startswith("formation.") for one in (function, *(one for _, one in instead)))
-    return njit(own, cache=ours and outermost, error_model="numpy", forceinline=not outermost)
+    kept = outermost and ours and _is_kept()
+    return njit(own, cache=kept, error_model="numpy", forceinline=not outermost)
 
 
 def _names(code: CodeType) -> set[str]:
@@ -63,19 +66,30 @@ def _names(code: CodeType) -> set[str]:
 
 
 @cache
-def _keep_what_is_compiled() -> None:
-    """Have machine code kept for the next process, in a folder that is another one once any source changes.
+def _is_kept() -> bool:
+    """Whether machine code is kept for the next process, in a folder that is another one once a source changes.
 
     numba by itself looks only at the file of the function that it compiles, not at those of what that calls.
     """
     from numba import config  # noqa: PLC0415
 
-    if "NUMBA_CACHE_DIR" in os.environ:
-        return
-    digest = hashlib.sha256(f"{sys.version}".encode())
+    digest = hashlib.sha256(sys.version.encode())
     for source in sorted(_PACKAGE.rglob("*.py")):
         digest.update(source.read_bytes())
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    config.CACHE_DIR = str(  # type: ignore[attr-defined] # made when numba is loaded
-        home / "formation" / digest.hexdigest()[:16]
-    )
+    try:
+        home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        folder = Path(os.environ.get("NUMBA_CACHE_DIR") or home / "formation") / digest.hexdigest()[:16]
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
+        _forget_others(folder)
+    except (OSError, RuntimeError):  # nowhere to write to, or nobody's home
+        return False
+    config.CACHE_DIR = str(folder)  # type: ignore[attr-defined] # made when numba is loaded
+    return os.access(folder, os.W_OK)
+
+
+def _forget_others(folder: Path) -> None:
+    now = folder.stat().st_mtime
+    for other in folder.parent.iterdir():
+        if other.stat().st_mtime < now - FORGOTTEN:
+            shutil.rmtree(other, ignore_errors=True)
