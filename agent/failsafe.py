@@ -6,7 +6,6 @@ Whatever is not the last row ends in zero velocity.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -26,8 +25,7 @@ class State(StrEnum):
     """Stands still until somebody releases it, or its process starts anew."""
 
 
-@dataclass(frozen=True, slots=True)
-class Facts:
+class Facts(NamedTuple):
     """All that the table looks at."""
 
     latched: Mode | None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -64,14 +63,14 @@ def test_a_robot_runs_when_there_is_no_doubt() -> None:
 def test_every_single_doubt_keeps_the_robot_from_running_and_is_named(
     doubt: dict[str, Any], state: State, reason: str
 ) -> None:
-    decision = decide(replace(FINE, **doubt))
+    decision = decide(FINE._replace(**doubt))
     assert decision.state is state
     assert reason in decision.reason
 
 
 def test_every_row_of_the_table_is_reached_by_some_doubt() -> None:
     reached = {
-        next(i for i, row in enumerate(TABLE) if row.applies(replace(FINE, **d))) for d, _, _ in DOUBTS
+        next(i for i, row in enumerate(TABLE) if row.applies(FINE._replace(**d))) for d, _, _ in DOUBTS
     }
     assert reached | {len(TABLE) - 1} == set(range(len(TABLE)))
 
@@ -83,7 +82,7 @@ def test_others_may_go_on_without_a_robot_unless_all_of_them_stand_for_the_same_
     everybody = any(
         doubt == one or {**doubt, "neighbours": {}} == {**one, "neighbours": {}} for one in TOGETHER
     )
-    assert decide(replace(FINE, **doubt)).own is not everybody
+    assert decide(FINE._replace(**doubt)).own is not everybody
 
 
 def test_a_robot_that_runs_has_no_reason_of_its_own_not_to() -> None:
@@ -96,4 +95,4 @@ def test_only_the_last_row_lets_a_robot_run() -> None:
 
 @pytest.mark.parametrize(("doubt", "_state", "_reason"), DOUBTS)
 def test_an_operators_stop_outranks_everything(doubt: dict[str, Any], _state: State, _reason: str) -> None:
-    assert decide(replace(FINE, **{**doubt, "latched": "stop"})).reason == "stopped by the operator"
+    assert decide(FINE._replace(**{**doubt, "latched": "stop"})).reason == "stopped by the operator"
