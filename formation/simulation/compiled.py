@@ -67,7 +67,7 @@ def _names(code: CodeType) -> set[str]:
 
 @cache
 def _is_kept() -> bool:
-    """Whether machine code is kept for the next process, in a folder that is another one once a source changes.
+    """Whether machine code is kept for the next process, in a folder that is another once a source changes.
 
     numba by itself looks only at the file of the function that it compiles, not at those of what that calls.
     """

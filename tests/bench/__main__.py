@@ -1,6 +1,9 @@
-"""All benchmarks, one after the other, into docs/benchmarks.md and, for programs, docs/benchmarks.json.
+"""All benchmarks, or those that are named, into docs/benchmarks.md, its figures and benchmarks.json.
 
-python -m tests.bench [--quick]
+python -m tests.bench [PART …] [--quick] [--peers FOLDER [--robotarium CHECKOUT]]
+
+Each part is a process of its own, so that none measures what another left behind. Those that are not named
+keep the figures they had. Full, all take about 40 minutes, on a machine that should have nothing else to do.
 """
 
 from __future__ import annotations
@@ -8,62 +11,34 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import platform
 import subprocess
 import sys
-from importlib.metadata import version
+import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from tests.bench import bench_agent, bench_batch, bench_law, bench_monitor, bench_step
-from tests.bench.figures import rounded
-
-LIBRARIES = ("eclipse-zenoh", "numpy", "pydantic", "rosbags")
-DOCS = Path(__file__).parents[2] / "docs"
-
-
-class Part(NamedTuple):
-    """One benchmark: a process of its own, so that none measures what another left behind."""
-
-    title: str
-    module: Any
-    quick: tuple[str, ...] = ("--rounds", "1")
-
-    @property
-    def name(self) -> str:
-        """What ``python -m`` calls it."""
-        return str(self.module.__name__)
-
-
-PARTS = (
-    Part("The edge: one agent at 50 Hz", bench_agent, ("--rounds", "1", "--seconds", "5")),
-    Part("One step of an agent", bench_step),
-    Part(
-        "The monitor: a hundred robots",
-        bench_monitor,
-        ("--rounds", "1", "--seconds", "5", "--step-seconds", "5"),
-    ),
-    Part("One step of the mathematics", bench_law),
-    Part("The simulation", bench_batch, ("--quick",)),
+from tests.bench import (
+    bench_agent,
+    bench_batch,
+    bench_central,
+    bench_control,
+    bench_cost,
+    bench_law,
+    bench_monitor,
+    bench_startup,
+    bench_step,
+    control_curves,
+    plot_batch,
+    report_agent,
 )
+from tests.bench.figures import rounded
+from tests.reliability.document import stamp
 
-
-def machine() -> str:
-    """What the figures were measured on."""
-    libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
-    load = f"shared with other work (load average {os.getloadavg()[1]:.1f} before)"
-    python = f"{platform.system()}, Python {platform.python_version()}"
-    return f"{os.cpu_count()} cores of {platform.machine()}, {load};\n{python}, {libraries}"
-
-
-def document(where: str, found: dict[str, Any]) -> str:
-    """docs/benchmarks.md."""
-    sections = "\n".join(
-        f"## {part.title}\n\n```sh\npython3 deploy/env.py python -m {part.name}\n```\n\n"
-        f"{part.module.section(found[part.name])}"
-        for part in PARTS
-    )
-    return f"""# Benchmarks
+DOCS = Path(__file__).parents[2] / "docs"
+JSON, TEXT = "benchmarks.json", "benchmarks.md"
+HEAD = """\
+# Benchmarks
 
 Written, with [the same figures for programs](benchmarks.json), by
 
@@ -71,34 +46,97 @@ Written, with [the same figures for programs](benchmarks.json), by
 python3 deploy/env.py python -m tests.bench
 ```
 
-on {where}.
-
 Figures are medians over rounds, in brackets the lowest and the highest round. On another machine the
 milliseconds will differ; compare the ratios, whose two sides come from the same rounds.
+"""
 
-{sections}"""
+
+class Part(NamedTuple):
+    """One benchmark."""
+
+    title: str
+    module: Any
+    quick: tuple[str, ...] = ("--quick",)
+    draw: Callable[[Any, Path], None] | None = None
+    """Puts its curves into a folder."""
+
+
+PARTS = {
+    "agent": Part("The edge: one agent", bench_agent, draw=report_agent.draw),
+    "step": Part("One step of an agent", bench_step, ("--rounds", "1")),
+    "law": Part("One step of the mathematics", bench_law, ("--rounds", "1")),
+    "central": Part("One node for all robots", bench_central, draw=bench_central.draw),
+    "cost": Part("What a robot costs in a larger fleet", bench_cost, draw=bench_cost.draw),
+    "startup": Part("Starting", bench_startup),
+    "control": Part("How well it drives", bench_control, draw=control_curves.draw),
+    "batch": Part(
+        "The simulation", bench_batch, draw=lambda found, to: plot_batch.draw(found, to / "bench_batch.svg")
+    ),
+    "monitor": Part(
+        "The monitor: a hundred robots",
+        bench_monitor,
+        ("--rounds", "1", "--seconds", "5", "--step-seconds", "5"),
+    ),
+}
+
+
+def measured(part: Part, more: tuple[str, ...]) -> dict[str, Any]:
+    """What a part finds, with when and where."""
+    load, began = os.getloadavg()[0], time.monotonic()
+    command = [sys.executable, "-m", part.module.__name__, "--json", *more]
+    found = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+    stamped = stamp({"found": found}, 0, time.monotonic() - began)
+    return {**stamped, "load": load}
+
+
+def document(every: Mapping[str, Any]) -> str:
+    """docs/benchmarks.md."""
+    return "\n".join(
+        [HEAD, *(_section(name, part, every[name]) for name, part in PARTS.items() if name in every)]
+    )
+
+
+def _section(name: str, part: Part, one: Mapping[str, Any]) -> str:
+    where = f"{one['date']}, commit {one['commit']}, {one['machine']}, load {one['load']:.1f} before; "
+    return (
+        f"## {part.title}\n\n```sh\npython3 deploy/env.py python -m tests.bench {name}\n```\n\n"
+        f"{where}{one['took'] / 60.0:.0f} min.\n\n{part.module.section(one['found'])}"
+    )
 
 
 def main() -> None:
-    """Run all benchmarks and write what they found."""
+    """Run benchmarks and write what they found."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(
-        "--quick", action="store_true", help="one short round, printed only; the figures mean little"
+        "part", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; all if none is named"
     )
-    quick = parser.parse_args().quick
-    where, found = machine(), {}
-    for part in PARTS:
-        print(f"{part.name} …", file=sys.stderr)
-        command = [sys.executable, "-m", part.name, "--json", *(part.quick if quick else ())]
-        found[part.name] = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
-    text = document(where, found)
-    if quick:
-        print(text)
+    parser.add_argument("--quick", action="store_true", help="short, printed only; the figures mean little")
+    parser.add_argument("--peers", metavar="FOLDER", help="the virtual environment of ir-sim, for `batch`")
+    parser.add_argument("--robotarium", metavar="CHECKOUT", help="of the Robotarium's simulator, for `batch`")
+    given = parser.parse_args()
+    if unknown := [name for name in given.part if name not in PARTS]:
+        parser.error(f"{unknown[0]!r}: must be of {', '.join(PARTS)}")
+    peers = [f"--{name}={getattr(given, name)}" for name in ("peers", "robotarium") if getattr(given, name)]
+    found = {}
+    for name in given.part or PARTS:
+        print(f"{name} …", file=sys.stderr)
+        part = PARTS[name]
+        more = (*(part.quick if given.quick else ()), *(peers if name == "batch" else ()))
+        found[name] = measured(part, more)
+    if given.quick:
+        print(document(found))
         return
-    (DOCS / "benchmarks.md").write_text(text)
-    (DOCS / "benchmarks.json").write_text(json.dumps(rounded({"machine": where, **found}), indent=1) + "\n")
+    before = json.loads((DOCS / JSON).read_text()) if (DOCS / JSON).exists() else {}
+    every = {**before, **rounded(found)}
+    for name in found:
+        if draw := PARTS[name].draw:
+            draw(found[name]["found"], DOCS / "figures")
+    (DOCS / TEXT).write_text(document(every))
+    (DOCS / JSON).write_text(
+        json.dumps({name: every[name] for name in PARTS if name in every}, indent=1) + "\n"
+    )
 
 
 if __name__ == "__main__":
