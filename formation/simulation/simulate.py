@@ -29,6 +29,8 @@ DWELL = 10.0
 """How long a run has to stay under the bound before it counts as converged [s]; half of a short horizon."""
 GROUPED, WORK = 16, 1_000_000
 """Every run goes so many steps before the next has its turn, or so many that all robots do so much work."""
+CURVE, ERRORS = 1000, 25_000_000
+"""Moments of the error that are kept of each run at most, and of all runs together."""
 MOMENTS = 2_000_000
 """Robot poses that a history holds at most; a longer run is thinned evenly."""
 
@@ -108,7 +110,7 @@ def simulate(
     else:
         first = random_starts(mission, runs, spread, drawn)
     steps = round(horizon / step)
-    stride = max(1, steps // 1000)
+    stride = math.ceil(steps / max(1, min(CURVE, ERRORS // runs)))
     ensemble = Ensemble(mission, law, options or Options(), first, step, noise, Plan(steps, stride))
     ensemble.run_on(0)  # compiles, if that was not done before
     began = time.perf_counter()

@@ -14,7 +14,8 @@ def too_close(centres: Sequence[complex], radii: Sequence[float]) -> Iterator[tu
     widest = 2.0 * max(radii, default=0.0)
     found = []
     for place, i in enumerate(order):
-        for j in order[place + 1 :]:
+        for after in range(place + 1, len(order)):
+            j = order[after]
             if centres[j].real - centres[i].real > widest:
                 break
             distance = abs(centres[j] - centres[i])

@@ -177,3 +177,16 @@ def test_an_argument_out_of_range_is_named_with_what_is_legal(wrong: dict[str, A
 def test_an_option_out_of_range_is_refused(wrong: dict[str, Any], said: str) -> None:
     with pytest.raises(ValueError, match=said):
         Options(**wrong)
+
+
+@pytest.mark.parametrize(("steps", "kept"), [(1, 2), (999, 1000), (1000, 1001), (1001, 501), (5000, 1001)])
+def test_a_curve_has_a_thousand_moments_at_most_after_its_start(steps: int, kept: int) -> None:
+    result = simulate(SIX, horizon=0.01 * steps, step=0.01)
+    assert len(result.error) == kept
+    assert result.time[-1] == pytest.approx(0.01 * (steps // 1000 + (steps % 1000 > 0)) * (kept - 1))
+
+
+def test_curves_of_very_many_runs_have_fewer_moments(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("formation.simulation.simulate.ERRORS", 100)
+    assert len(simulate(SIX, runs=20, horizon=1.0, step=0.01).error) == 6
+    assert len(simulate(SIX, runs=200, horizon=1.0, step=0.01).error) == 2
