@@ -97,11 +97,10 @@ def document(every: Mapping[str, Any]) -> str:
 
 
 def _section(name: str, part: Part, one: Mapping[str, Any]) -> str:
-    where = f"{one['date']}, commit {one['commit']}, {one['machine']}, load {one['load']:.1f} before; "
-    return (
-        f"## {part.title}\n\n```sh\npython3 deploy/env.py python -m tests.bench {name}\n```\n\n"
-        f"{where}{one['took'] / 60.0:.0f} min.\n\n{part.module.section(one['found'])}"
-    )
+    effort = f", load {one['load']:.1f} before; {one['took'] / 60.0:.0f} min" if "load" in one else ""
+    where = f"{one['date']}, commit {one['commit']}, {one['machine']}{effort}."
+    command = f"python3 deploy/env.py python -m tests.bench {name}"
+    return f"## {part.title}\n\n```sh\n{command}\n```\n\n{where}\n\n{part.module.section(one['found'])}"
 
 
 def main() -> None:
