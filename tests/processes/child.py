@@ -22,9 +22,9 @@ PATIENCE = 30.0
 class Child:
     """``python -m MODULE ARGUMENTS``, and every line that it says."""
 
-    def __init__(self, module: str, *arguments: str) -> None:
+    def __init__(self, module: str, *arguments: str, nice: int = 0) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", module, *arguments],
+            [*niced(nice), sys.executable, "-m", module, *arguments],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -79,10 +79,15 @@ class Child:
         self._errors.extend(self.process.stderr)
 
 
+def niced(nice: int) -> tuple[str, ...]:
+    """What starts a process with a priority of its own, as units do; that takes root to raise one."""
+    return ("nice", "-n", str(nice)) if nice and os.geteuid() == 0 else ()
+
+
 @contextmanager
-def started(module: str, *arguments: str) -> Iterator[Child]:
+def started(module: str, *arguments: str, nice: int = 0) -> Iterator[Child]:
     """A child that is killed at the end, if it still lives."""
-    child = Child(module, *arguments)
+    child = Child(module, *arguments, nice=nice)
     try:
         yield child
     finally:

@@ -24,6 +24,8 @@ WITHIN = 0.3
 """The bar: a robot that lost its agent stands after so long [s]."""
 ROUNDS = 4
 """Each robot loses its agent so often: 20 tries in all."""
+NICE = {"agent": -5, "agent.robots.guard": -15, "agent.robots": -20, "tests.processes.wheels": -20}
+"""Priorities by module: those of the units; robots and who watches them have computers of their own."""
 PERIOD = 0.05
 MAX_SPEED, MAX_TURN_RATE = 0.5, 1.5
 LEADER_SPEED, RAMP = 0.2, 0.25

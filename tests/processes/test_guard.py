@@ -1,7 +1,8 @@
 """Bar: whatever becomes of an agent while it drives, its robot's wheels are at zero within 0.3 s.
 
 Over real processes: leader, agents, guards, simulated robots. What a robot does is read from its own
-odometry, so each figure is up to a period (0.05 s) too long. ``pytest -s`` shows all of them.
+odometry, so each figure is up to a period (0.05 s) too long. ``pytest -s`` shows all of them. Where that is
+allowed, processes have the priorities that they have on a robot, whatever else this machine does.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ import pytest
 
 from formation.transport.wiring import Endpoints
 from tests.field.namespaces import Field, Running
-from tests.processes.child import Child, free_endpoint, started
-from tests.processes.guarded import ROBOTS, ROUNDS, WITHIN, Runs, Team, told, tries
+from tests.processes.child import Child, free_endpoint, niced, started
+from tests.processes.guarded import NICE, ROBOTS, ROUNDS, WITHIN, Runs, Team, told, tries
 from tests.processes.relay import Relay
 
 pytestmark = pytest.mark.processes
@@ -33,7 +34,7 @@ class Here:
         self._stack = stack
 
     def __call__(self, _name: str, module: str, arguments: list[str]) -> Runs:
-        child: Child = self._stack.enter_context(started(module, *arguments))
+        child: Child = self._stack.enter_context(started(module, *arguments, nice=NICE.get(module, 0)))
         return child
 
 
@@ -106,7 +107,8 @@ class Elsewhere:
 
     def __call__(self, name: str, module: str, arguments: list[str]) -> Runs:
         computer = self.computers.get(name, self.computers["robots"])
-        running: Running = computer.start(sys.executable, "-m", module, *arguments)
+        nice = niced(NICE.get(module, 0))
+        running: Running = computer.start(*nice, sys.executable, "-m", module, *arguments)
         return running
 
 
