@@ -49,9 +49,12 @@ COMMANDS = {
     "doctor": Command("deploy.doctor.cli", FIELD, "what is wrong with a robot or a team, and what to do"),
 }
 EXTRAS = {
-    **dict.fromkeys(("rich", "mcap", "starlette", "uvicorn", "prometheus_client"), "monitor"),
+    **dict.fromkeys(
+        ("rich", "mcap", "lz4", "zstandard", "starlette", "uvicorn", "prometheus_client"), "monitor"
+    ),
     "matplotlib": "plot",
     "jinja2": "plot",
+    "markupsafe": "plot",
     "cryptography": "field",
     "foxglove": "foxglove",
 }

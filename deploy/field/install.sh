@@ -134,7 +134,7 @@ fi
 
 if ! whole "$home"; then
     free=$(df -Pk "$prefix" | awk 'NR == 2 { print $4 }')
-    [ "$free" -ge 250000 ] || refuse "$prefix has only $((free / 1000)) MB free, and a release needs 250"
+    [ "$free" -ge 200000 ] || refuse "$prefix has only $((free / 1000)) MB free, and a release needs 200"
     begin=$(date +%s)
     say "installing release $release for $robot into $home (up to some minutes)"
     rm -rf "$home" # what an interrupted installation left
@@ -162,7 +162,7 @@ if ! whole "$home"; then
     find "$home/units" "$home/mission.toml" "$home/zenoh.json5" -type f -exec chmod 644 {} +
 
     "$home/venv/bin/python" -I -c '
-import sys, numpy, pydantic, rosbags, zenoh
+import sys, numpy, pydantic, zenoh
 from formation.mission_file import load
 mission = load(sys.argv[1])
 known = [*mission.robots, *mission.standbys]

@@ -14,7 +14,7 @@ from formation.ros2.type_hashes import type_hash
 
 ABOUT = "formation"
 """Name of the metadata record that says what was recorded."""
-PACKAGES = ("formation", "eclipse-zenoh", "mcap", "numpy", "pydantic", "rosbags")
+PACKAGES = ("formation", "eclipse-zenoh", "mcap", "numpy", "pydantic")
 QOS = """\
 - history: 1
   depth: 10

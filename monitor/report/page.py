@@ -24,7 +24,7 @@ CARDS = (
 """Numbers that stand on top."""
 RECOLOURED = len(drawing.PALETTE)
 """With more followers the colours are made for white, and so stays the figure's ground."""
-_PACKAGES = ("formation", "python", "eclipse-zenoh", "mcap", "numpy", "pydantic", "rosbags")
+_PACKAGES = ("formation", "python", "eclipse-zenoh", "mcap", "numpy", "pydantic")
 
 
 class Told(NamedTuple):

@@ -13,7 +13,7 @@ HEAVY = ("numpy", "rosbags", "numba", "asyncio", "mcap", "matplotlib")
 
 
 @pytest.mark.parametrize("processes", [ON_A_ROBOT, ("agent.robots.guard.__main__", *ON_A_ROBOT[1:])])
-def test_what_runs_on_a_robot_loads_no_arrays_and_no_message_definitions(processes: tuple[str, ...]) -> None:
+def test_what_runs_on_a_robot_loads_no_arrays_and_nothing_of_a_desk(processes: tuple[str, ...]) -> None:
     asked = f"import sys, {', '.join(processes)}; print(*(name for name in {HEAVY} if name in sys.modules))"
     found = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True)
     assert not found.stdout.split()

@@ -14,9 +14,10 @@ import tempfile
 from pathlib import Path
 from typing import Any, get_args
 
+from tests.bench import growing
 from tests.bench.curves import BLUE, ORANGE, counted, curve, legend, milliseconds, panels
-from tests.bench.figures import curve_flags, filled, markdown, over_rounds, progress, show, span
-from tests.bench.fleet import RATE, SETTLE, Architecture, Fleet, Outcome
+from tests.bench.figures import filled, markdown, over_rounds, progress, span
+from tests.bench.fleet import RATE, Architecture, Fleet, Outcome
 
 COUNTS, QUICK_COUNTS = (2, 10, 50), (2, 10)
 """Of followers."""
@@ -143,16 +144,7 @@ What the controllers cost, in percent of one core:
 
 def main() -> None:
     """Print the figures."""
-    parser = curve_flags(__doc__, rounds=2)
-    parser.add_argument("--seconds", type=float, default=10.0, help="of each measurement")
-    given = parser.parse_args()
-    if given.quick:
-        found = measure(QUICK_COUNTS, 1, 2.0, 3.0)
-    else:
-        found = measure(COUNTS, given.rounds, SETTLE, given.seconds)
-    if given.draw:
-        draw(found, given.draw)
-    show(found, section, as_json=given.json)
+    growing.run(__doc__, measure, COUNTS, QUICK_COUNTS, draw, section)
 
 
 if __name__ == "__main__":

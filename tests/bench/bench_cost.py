@@ -14,9 +14,10 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from tests.bench import growing
 from tests.bench.curves import BLUE, GREEN, INK, ORANGE, counted, curve, legend, panels
-from tests.bench.figures import curve_flags, filled, markdown, over_rounds, progress, show, span
-from tests.bench.fleet import RATE, SETTLE, Fleet, Outcome
+from tests.bench.figures import filled, markdown, over_rounds, progress, span
+from tests.bench.fleet import RATE, Fleet, Outcome
 
 COUNTS, QUICK_COUNTS = (6, 12, 25, 50, 100), (6, 12)
 """Of agents."""
@@ -190,16 +191,7 @@ def _held(count: str, one: dict[str, Any]) -> list[str]:
 
 def main() -> None:
     """Print the figures."""
-    parser = curve_flags(__doc__, rounds=2)
-    parser.add_argument("--seconds", type=float, default=10.0, help="of each measurement")
-    given = parser.parse_args()
-    if given.quick:
-        found = measure(QUICK_COUNTS, 1, 2.0, 4.0)
-    else:
-        found = measure(COUNTS, given.rounds, SETTLE, given.seconds)
-    if given.draw:
-        draw(found, given.draw)
-    show(found, section, as_json=given.json)
+    growing.run(__doc__, measure, COUNTS, QUICK_COUNTS, draw, section)
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ from urllib.parse import urlsplit
 
 import psutil
 
+from tests.bench.compiled import ready_to_start
 from tests.bench.crowd import mission, names
 from tests.bench.figures import filled, flags, markdown, over_rounds, show
 from tests.processes.child import free_endpoint
@@ -47,6 +48,7 @@ class Process:
     """A child that says JSON lines."""
 
     def __init__(self, *argv: str) -> None:
+        ready_to_start()
         self.popen = psutil.Popen(
             [sys.executable, "-m", *argv], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )

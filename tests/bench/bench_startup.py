@@ -5,7 +5,8 @@ python -m tests.bench.bench_startup [--quick] [--rounds N] [--json]
 One after the other in each round: bare interpreters, so that it is seen what of an agent's start is its own;
 the agent, a bare Zenoh copy of it and a bare echo (those of `bench_agent`, beside neighbours and a robot that
 are there already); then `formation run`, from the command to the last robot's first command to move, as its
-recording has it. Files are in the page cache, as at every start of a machine's day but the first.
+recording has it. Files are in the page cache and modules compiled, as at every start of a machine's day
+but the first.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from formation.topics import CMD_VEL, ODOM
 from monitor.recording.reader import read
 from tests.bench import edge
 from tests.bench.bench_agent import surrounded
+from tests.bench.compiled import ready_to_start
 from tests.bench.figures import curve_flags, filled, markdown, over_rounds, progress, show, span
 from tests.bench.robot import Robots, Subject
 from tests.bench.scene import ROBOTS, Scene
@@ -43,6 +45,7 @@ BAR = 0.5
 
 def measure(missions: tuple[str, ...], rounds: int) -> dict[str, Any]:
     """All figures [s]; medians over rounds with their lowest and highest."""
+    ready_to_start()
     found = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

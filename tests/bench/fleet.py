@@ -20,6 +20,7 @@ from formation.mission_file import load
 from formation.transport import wiring
 from tests.bench.accounting import accounts, memory, used
 from tests.bench.block import mission, typical
+from tests.bench.compiled import ready_to_start
 from tests.processes.child import free_endpoint
 
 RATE = 10.0
@@ -51,6 +52,7 @@ class Running:
     """``python -m …``, a child that says JSON lines, and is gone at the end."""
 
     def __init__(self, arguments: list[str], log: IO[str]) -> None:
+        ready_to_start()
         self.process = psutil.Popen(
             [sys.executable, "-m", *arguments],
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=log, text=True,

@@ -17,6 +17,7 @@ from formation.transport.bus import Bus
 from formation.wire import Sample
 from tests.bench import edge
 from tests.bench.accounting import busy, memory
+from tests.bench.compiled import ready_to_start
 
 PATIENCE = 30.0
 """For what takes a fraction of a second on an idle machine [s]."""
@@ -56,6 +57,7 @@ class Subject:
 
     def start(self) -> None:
         """Start the stopwatch and the process."""
+        ready_to_start()
         self.started = time.monotonic()
         self.process = psutil.Popen(self.argv, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,6 +15,7 @@ import pytest
 
 from deploy import cli
 from deploy.arguments import as_json, number, read_mission, whole
+from deploy.env import ROOT
 from deploy.refusal import Refusal
 from formation.mission_file import shipped
 
@@ -91,6 +93,26 @@ def test_a_missing_extra_is_named_with_the_line_that_brings_it(
     stand_in(monkeypatch, ModuleNotFoundError("none", name=f"{package}.sub"))
     assert cli.main(["monitor"]) == 2
     assert f"pip install 'formation[{extra}]'" in capsys.readouterr().err
+
+
+def test_every_package_that_a_robot_does_without_is_named_with_its_extra() -> None:
+    own = {"formation", "agent", "leader", "monitor", "deploy"}
+    on_a_robot = {"numpy", "pydantic", "pydantic_core", "zenoh"}
+    done_without = {"numba"}  # then it takes longer
+    found: set[str] = set()
+    for name in own:
+        for path in (ROOT / name).rglob("*.py"):
+            found.update(imported(ast.parse(path.read_text(encoding="utf-8"))))
+    assert found - own - sys.stdlib_module_names == on_a_robot | done_without | cli.EXTRAS.keys()
+
+
+def imported(module: ast.Module) -> Iterator[str]:
+    """Packages that are imported anywhere in a module."""
+    for node in ast.walk(module):
+        if isinstance(node, ast.Import):
+            yield from (one.name.partition(".")[0] for one in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module.partition(".")[0]
 
 
 def test_a_missing_module_of_our_own_is_no_missing_extra(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,6 @@ from deploy.field import folders, wheels
 MODULES = {
     "numpy.py": "",
     "pydantic.py": "",
-    "rosbags.py": "",
     "zenoh.py": "",
     "formation/__init__.py": "",
     "formation/mission_file.py": """

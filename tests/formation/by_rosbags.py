@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
 
 from formation.ros2 import ros
 from formation.ros2.cdr import PADDING
-from formation.ros2.definitions import STORE
 from formation.ros2.messages import (
     MAX_BYTES,
     BadMessage,
@@ -28,6 +28,7 @@ from formation.ros2.messages import (
     TwistStamped,
 )
 
+STORE = get_typestore(Stores.ROS2_JAZZY)
 ZEROS = np.zeros(36)
 
 

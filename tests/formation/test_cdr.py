@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 
-from formation.ros2.definitions import STORE
+from formation.ros2.definitions import definition
 from formation.ros2.messages import (
     BadMessage,
     Diagnostics,
@@ -90,4 +90,9 @@ def test_any_heading_and_any_place_comes_out_the_same_to_the_last_bit() -> None:
 
 def test_the_hashes_of_all_types_are_those_that_rosbags_finds() -> None:
     assert TYPE_HASHES.keys() == {name for topic in TABLE for name in topic.types}
-    assert all(type_hash(name) == STORE.hash_rihs01(name) for name in TYPE_HASHES)
+    assert all(type_hash(name) == by_rosbags.STORE.hash_rihs01(name) for name in TYPE_HASHES)
+
+
+def test_the_definitions_of_all_types_are_those_that_rosbags_has() -> None:
+    for name in {name for topic in TABLE for name in topic.types}:
+        assert definition(name) == by_rosbags.STORE.generate_msgdef(name, ros_version=2)[0]

@@ -11,9 +11,9 @@ import pytest
 
 from formation.mission import Mission
 from formation.mission_file import load, parse, read
-from formation.ros2.definitions import STORE
 from monitor.figures.keys import OWN, watched
 from monitor.outlets.layout import layout, text
+from tests.formation.by_rosbags import STORE
 
 MISSIONS = ("six_robots", "turtlebot3_pair", "two_chains")
 TYPES: dict[str, type[Any]] = {
