@@ -38,9 +38,9 @@ def longest_way(rate: float) -> float:
 def believed_way(way: float, longest: float) -> float:
     """How long a sample is taken to have been on the way [s] that was so for `way` [s] by its stamp.
 
-    All of that up to `longest`, then less and less, nothing from twice as long on, and nothing of a stamp from
-    the future. So it never changes by more than the stamps do, nor by more than `longest`: neither air that is
-    uneven nor a clock that is set makes a neighbour leap.
+    All of that up to `longest`, then less and less, nothing from twice as long on, and nothing of a stamp
+    from the future. So it never changes by more than the stamps do, nor by more than `longest`: neither
+    uneven air nor a clock that is set makes a neighbour leap.
     """
     return max(0.0, min(way, 2.0 * longest - way))
 
