@@ -163,7 +163,7 @@ KEPT: Mapping[type, Kept] = {
             "underway": real,
             "_suspect": maybe(row(tuple, real, real)),
         },
-        construction=("limit",),
+        construction=("limit", "longest_way"),
     ),
     Neighbourhood: Kept(
         memory={"guides": _NAMES, "_instead": flag, "_back": real},

@@ -106,8 +106,9 @@ class Neighbour:
         if not carry:
             return complex(self._track.point)
         older = self.stream.age(now) - my_age
-        # the oldest sample that counts was a limit on the way and a limit here
-        return complex(neighbour.carried_to(self._track, self._track.stamp + older, 2.0 * self.stream.limit))
+        # the oldest sample that counts was on the way for as long as is believed, and then a limit here
+        longest = self.stream.longest_way + self.stream.limit
+        return complex(neighbour.carried_to(self._track, self._track.stamp + older, longest))
 
 
 class Neighbourhood:

@@ -1,13 +1,13 @@
 """One stream of stamped messages: is it fresh, how old is its newest, can its clock be believed?
 
-Stamps are the sender's system clock, arrivals this process's monotonic one. A stamp counts only while it
-agrees with the arrival; whether a stream is fresh is a matter of arrival alone, so a sender with a wrong
-clock is still followed, only without knowing its age.
+Stamps are the sender's system clock, arrivals this process's monotonic one. A stamp counts only as far as
+its message can have been on the way; whether a stream is fresh is a matter of arrival alone, so a sender with
+a wrong clock is still followed, only without knowing its age.
 """
 
 from __future__ import annotations
 
-from formation.neighbour import FORGOTTEN, FRESH_PERIODS
+from formation.neighbour import FORGOTTEN, FRESH_PERIODS, believed_way, longest_way
 from formation.wire import BadMessage, Now
 
 ABSURD = 86_400.0
@@ -20,7 +20,9 @@ class Stream:
     def __init__(self, rate: float) -> None:
         """`rate` [Hz] is what the topic table and the mission promise."""
         self.limit = FRESH_PERIODS / rate
-        """Longest silence of a fresh stream, and oldest believable age [s]."""
+        """Longest silence of a fresh stream [s]."""
+        self.longest_way = longest_way(rate)
+        """How long a message can well have been on the way [s]."""
         self.stamp = 0.0
         """Of the newest message [s, sender's clock]."""
         self.arrived: float | None = None
@@ -66,15 +68,16 @@ class Stream:
 
     @property
     def clock_agrees(self) -> bool:
-        """Whether the newest message was, by its stamp, on the way for a believable time."""
-        return 0.0 <= self.underway <= self.limit
+        """Whether the newest message can well have been on the way for as long as its stamp says."""
+        return 0.0 <= self.underway <= self.longest_way
 
     def age(self, now: Now) -> float:
-        """Age of the newest message [s]: by its stamp if that is believable, else since it arrived."""
-        return self.silence(now) + (self.underway if self.clock_agrees else 0.0)
+        """Age of the newest message [s]: since it arrived, and its way as far as its stamp is believed."""
+        return self.silence(now) + believed_way(self.underway, self.longest_way)
 
     def _agree(self, by_stamp: float, by_arrival: float) -> bool:
-        return by_stamp > 0.0 and abs(by_stamp - by_arrival) <= self.limit
+        # the one may have been on the way for as long as can be, the other not at all
+        return by_stamp > 0.0 and abs(by_stamp - by_arrival) <= self.longest_way
 
     def _newest(self, stamp: float, arrived: float, now: Now, elapsed: float | None) -> float | None:
         self.stamp, self.arrived, self._suspect = stamp, arrived, None

@@ -13,6 +13,8 @@ from formation.plane import clip, shorten
 
 FRESH_PERIODS = 3.0
 """A neighbour that has been silent for more than this many of its periods is stale."""
+LONGEST_WAY = 0.5
+"""Bad air holds a sample up for so long; more, by its stamp, is rather a clock that is wrong [s]."""
 FORGOTTEN = 1.0
 """After so long a silence what came before says nothing about what comes now [s]."""
 
@@ -26,6 +28,21 @@ class Track(NamedTuple):
     """Control point [m; world frame]."""
     velocity: complex
     """Estimated velocity [m/s; world frame]."""
+
+
+def longest_way(rate: float) -> float:
+    """How long a sample of whoever speaks at `rate` [Hz] can well have been on the way [s]."""
+    return max(LONGEST_WAY, FRESH_PERIODS / rate)
+
+
+def believed_way(way: float, longest: float) -> float:
+    """How long a sample is taken to have been on the way [s] that was so for `way` [s] by its stamp.
+
+    All of that up to `longest`, then less and less, nothing from twice as long on, and nothing of a stamp
+    from the future. So it never changes by more than the stamps do, nor by more than `longest`: neither
+    uneven air nor a clock that is set makes a neighbour leap.
+    """
+    return max(0.0, min(way, 2.0 * longest - way))
 
 
 def first_seen(stamp: float, point: complex) -> Track:

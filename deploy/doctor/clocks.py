@@ -59,7 +59,10 @@ def behind(stream: Stream) -> float | None:
 
 
 def limit(facts: Facts) -> float:
-    """Half the age at which a position counts as stale [s]."""
+    """Half the age at which a position counts as stale [s].
+
+    An agent takes more than this for a long way, and carries positions too far: nobody but the doctor tells.
+    """
     return 0.5 * FRESH_PERIODS * facts.period
 
 

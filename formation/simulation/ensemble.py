@@ -19,7 +19,7 @@ from formation.arrays import ComplexArray, FloatArray
 from formation.edges import Edges
 from formation.law import LAWS, Law, Limits
 from formation.mission import Mission
-from formation.neighbour import FRESH_PERIODS
+from formation.neighbour import FRESH_PERIODS, longest_way
 from formation.quantiser import Grid, Quantiser
 from formation.robot_spec import RobotSpec
 from formation.route import Route
@@ -203,6 +203,7 @@ def _edges(mission: Mission, options: Options, step: float) -> NDArray[Any]:
     edges["head"], edges["desired"] = graph.heads, graph.along_edges(np.array(mission.slots()))
     edges["late"] = np.where(local[graph.tails], 0.0, options.delay_steps(step) * step)
     edges["limit"] = np.array([FRESH_PERIODS / robot.rate for robot in robots])[graph.heads]
+    edges["longest_way"] = np.array([longest_way(robot.rate) for robot in robots])[graph.heads]
     edges["top_speed"] = np.array([robot.top_speed for robot in robots])[graph.heads]
     return edges
 

@@ -1,15 +1,15 @@
 """What a follower hears of a neighbour in a simulation: samples late, lost, or measured on the spot.
 
 Freshness and ages follow the agent's rules: a neighbour is followed while its newest sample arrived within
-the limit, a sample is carried forward by its age if it was on the way for a believable time, and after a long
-silence the velocity is learned anew.
+the limit, a sample is carried forward by its age as far as its way can be believed, and after a long silence
+the velocity is learned anew.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from formation.neighbour import FORGOTTEN, Track, moved
+from formation.neighbour import FORGOTTEN, Track, believed_way, moved
 
 _ROUNDING = 1e-9
 """[s]"""
@@ -21,7 +21,9 @@ class Link(NamedTuple):
     late: float
     """Age of a sample when it is used [s]; 0 for what a sensor on the robot measures."""
     limit: float
-    """Longest silence of a fresh neighbour, and oldest believable age [s]."""
+    """Longest silence of a fresh neighbour [s]."""
+    longest_way: float
+    """How long a sample can well have been on the way [s]."""
 
 
 def arrived(last: Track, stamp: float, sample: complex, share: float, top_speed: float) -> Track:
@@ -41,6 +43,5 @@ def is_fresh(track: Track, now: float, link: Link) -> bool:
 
 def carried(track: Track, now: float, link: Link) -> complex:
     """Where the neighbour's control point is by `now` [s], as far as its samples tell [m; world frame]."""
-    age = now - track.stamp
-    believed = age if link.late <= link.limit + _ROUNDING else age - link.late
-    return track.point + believed * track.velocity
+    silence = now - track.stamp - link.late
+    return track.point + (silence + believed_way(link.late, link.longest_way)) * track.velocity

@@ -35,8 +35,12 @@ ROBOT = np.dtype(
 )  # fmt: skip
 """What a follower is: limits, `Grid` of both numbers, its edges, whether it has a sensor of its own."""
 EDGE = np.dtype(
-    [("head", "i8"), ("desired", "c16"), ("late", "f8"), ("limit", "f8"), ("top_speed", "f8")], align=True
-)
+    [
+        ("head", "i8"), ("desired", "c16"),
+        ("late", "f8"), ("limit", "f8"), ("longest_way", "f8"), ("top_speed", "f8"),
+    ],
+    align=True,
+)  # fmt: skip
 """What an edge is: index of the neighbour, z*_ij [m; world frame], `Link`."""
 FOLLOWER = np.dtype(
     [
@@ -132,7 +136,8 @@ def hear(
         last = Track(track.stamp, track.point, track.velocity)
         newest = arrived(last, now - edge.late, sample, share, edge.top_speed)
         track.stamp, track.point, track.velocity = newest.stamp, newest.point, newest.velocity
-    newest, link = Track(track.stamp, track.point, track.velocity), Link(edge.late, edge.limit)
+    newest = Track(track.stamp, track.point, track.velocity)
+    link = Link(edge.late, edge.limit, edge.longest_way)
     if world.loss > 0.0 and not is_fresh(newest, now, link):
         return heard
     if not robot.local:

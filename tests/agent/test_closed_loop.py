@@ -71,19 +71,6 @@ def test_lost_positions_do_not_keep_the_robots_from_formation(
     assert max(errors) < worst
 
 
-def test_positions_a_hundred_milliseconds_old_are_carried_forward() -> None:
-    late = Fleet(SIX, delay=(0.10, 0.101))
-    late.run(20.0)
-    assert late.error() < 0.02
-
-
-def test_without_delay_compensation_the_same_delay_leaves_an_error() -> None:
-    mission = with_change("[law] ", "[law]\ndelay_compensation = false #")
-    late = Fleet(mission, delay=(0.10, 0.101))
-    late.run(20.0)
-    assert late.error() > 0.05
-
-
 def test_robots_that_measure_displacements_themselves_come_into_formation_as_well() -> None:
     mission = with_change("rate = 20 ", 'rate = 20\nmeasurement = "local" #')
     fleet = Fleet(mission)
@@ -210,24 +197,6 @@ def test_a_stop_of_the_leader_reaches_everybody_hop_by_hop() -> None:
     fleet.run(6 * 0.06 + 0.1)
     assert {fleet.status(name)["state"] for name in fleet.mission.followers} == {"stop"}
     assert {fleet.last_command(name) for name in fleet.mission.followers} == {AT_REST}
-
-
-@pytest.mark.parametrize("error", [-3600.0, -0.3, 0.3, 3600.0])
-def test_a_robot_whose_clock_is_wrong_still_takes_its_place(error: float) -> None:
-    fleet = Fleet(SIX)
-    fleet.nodes["robot3"].clock_error = error
-    fleet.run(15.0)
-    assert fleet.error() < SIX.settled
-    assert any(key.startswith("clock") for key in fleet.status("robot3"))
-
-
-@pytest.mark.parametrize("step", [-3600.0, -10.0, 10.0, 3600.0])
-def test_a_clock_that_is_set_while_driving_is_survived(step: float) -> None:
-    fleet = Fleet(SIX)
-    fleet.run(10.0)
-    fleet.nodes["robot3"].clock_error = step
-    fleet.run(10.0)
-    assert fleet.error() < SIX.settled
 
 
 def test_a_jump_of_the_odometry_stops_the_robot_instead_of_making_it_lurch() -> None:

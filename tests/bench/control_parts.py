@@ -31,7 +31,7 @@ SHOWN = 40.0
 QUARTILES = (25.0, 50.0, 75.0)
 RATIOS = (1.05, 1.1, 1.2, 1.35, 1.6, 2.0, 3.0, 5.0, 7.5, 10.0)
 """u_max over the leader's speed; the shipped mission has 7.5."""
-DELAYS = (0.06, 0.1, 0.14, 0.16, 0.2, 0.3)
+DELAYS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8)
 LOSSES = (0.1, 0.2, 0.3, 0.4, 0.5)
 NOISES = (0.001, 0.002, 0.005, 0.01, 0.02)
 STEP_OF_COMMANDS = 0.01

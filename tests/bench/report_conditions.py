@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from formation.neighbour import LONGEST_WAY
 from tests.bench.figures import markdown
 from tests.bench.report_words import Found, centimetres, percent, times
 
@@ -29,10 +30,11 @@ Median settling, – where under half settle, and the error that remains: RMS of
 median of the starts. *Gentle* is the field law with a velocity filter of 0.5 s and an observer gain of 2 1/m.
 
 {markdown(["", *laws], rows)}
-A sample is carried forward by its age up to three periods of its sender, here 150 ms. An older one is taken
-as it is, and then every hop lags by speed × age, as it does with the paper's law. Noise is white and new in
-each sample, fifty times a second. The field law takes its neighbours' velocities from differences of
-positions, so strong noise reaches it where it does not reach the paper's law.
+A sample is carried forward by as much of its age as can be believed: all of its way up to
+{LONGEST_WAY:g} s, then less and less, nothing from {2.0 * LONGEST_WAY:g} s on. Every hop lags by
+its speed times what is left of the age, with the paper's law times all of it. Noise is white and new in each
+sample, fifty times a second. The field law takes its neighbours' velocities from differences of positions, so
+strong noise reaches it where it does not reach the paper's law.
 """
 
 

@@ -9,7 +9,7 @@ import pytest
 from formation.neighbour import FORGOTTEN, Track, learned
 from formation.simulation.links import Link, arrived, carried, is_fresh
 
-STEP, LIMIT, TOP = 0.05, 0.15, 10.0
+STEP, LIMIT, LONGEST, TOP = 0.05, 0.15, 0.5, 10.0
 NEVER = Track(-math.inf, 0j, 0j)
 
 
@@ -26,26 +26,31 @@ def test_whoever_is_heard_of_for_the_first_time_stands_still() -> None:
 
 
 def test_on_a_perfect_link_the_neighbour_is_where_it_is() -> None:
-    link = Link(0.0, LIMIT)
+    link = Link(0.0, LIMIT, LONGEST)
     assert carried(driving(60, link), 59 * STEP, link) == pytest.approx(59 * STEP)
 
 
-def test_a_late_sample_of_a_steady_neighbour_is_carried_to_the_present() -> None:
-    link = Link(2 * STEP, LIMIT)
+@pytest.mark.parametrize("steps", [2, 4, 10])
+def test_a_late_sample_of_a_steady_neighbour_is_carried_to_the_present(steps: int) -> None:
+    link = Link(steps * STEP, LIMIT, LONGEST)
     track = driving(60, link)
-    assert track.point == pytest.approx(57 * STEP)
+    assert track.point == pytest.approx((59 - steps) * STEP)
     assert track.velocity == pytest.approx(1.0, abs=1e-6)
     assert carried(track, 59 * STEP, link) == pytest.approx(59 * STEP, abs=1e-6)
 
 
-def test_a_sample_older_than_can_be_believed_is_not_carried_over_its_way() -> None:
-    link = Link(4 * STEP, LIMIT)
-    assert carried(driving(60, link), 59 * STEP, link) == pytest.approx(55 * STEP, abs=1e-6)
+@pytest.mark.parametrize(("steps", "carried_over"), [(12, 8), (16, 4), (20, 0), (30, 0)])
+def test_a_sample_older_than_can_be_believed_is_carried_over_less_of_its_way(
+    steps: int, carried_over: int
+) -> None:
+    link = Link(steps * STEP, LIMIT, LONGEST)
+    there = (59 - steps + carried_over) * STEP
+    assert carried(driving(60, link), 59 * STEP, link) == pytest.approx(there, abs=1e-6)
 
 
 def test_nobody_is_fresh_for_longer_than_the_limit() -> None:
     for late in (0.0, 3 * STEP):
-        link = Link(late, LIMIT)
+        link = Link(late, LIMIT, LONGEST)
         track = driving(60, link)
         fresh = [is_fresh(track, (59 + silence) * STEP, link) for silence in range(6)]
         assert fresh == [True, True, True, True, False, False]
@@ -53,7 +58,7 @@ def test_nobody_is_fresh_for_longer_than_the_limit() -> None:
 
 @pytest.mark.parametrize(("silence", "velocity"), [(FORGOTTEN - STEP, 1.0), (FORGOTTEN + STEP, 0.0)])
 def test_after_a_long_silence_the_velocity_is_learned_anew(silence: float, velocity: float) -> None:
-    track = driving(60, Link(0.0, LIMIT))
+    track = driving(60, Link(0.0, LIMIT, LONGEST))
     later = track.stamp + silence
     track = arrived(track, later, complex(later), 1.0, TOP)
     assert track.velocity == pytest.approx(velocity, abs=1e-6)

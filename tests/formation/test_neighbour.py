@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.neighbour import Track, carried_to, first_seen, seen
+from formation.neighbour import Track, believed_way, carried_to, first_seen, longest_way, seen
 from tests.formation.planar import vectors
 
 TAU, FASTEST = 0.1, 100.0
@@ -46,6 +46,32 @@ def test_a_sample_is_carried_no_further_than_allowed_either_way() -> None:
     assert carried_to(track, 9.0, 0.5) == 1.0
     assert carried_to(track, 0.0, 0.5) == -1.0
     assert carried_to(track, 0.9, 0.5) == pytest.approx(-0.2)
+
+
+@given(st.floats(0.0, 1.0), st.floats(0.1, 3.0))
+def test_a_way_is_believed_as_it_is_while_bad_air_explains_it(share: float, longest: float) -> None:
+    assert believed_way(share * longest, longest) == pytest.approx(share * longest)
+
+
+@given(st.floats(0.0, 1e9), st.floats(0.1, 3.0))
+def test_a_stamp_from_the_future_or_from_long_ago_says_nothing(off: float, longest: float) -> None:
+    assert believed_way(-off, longest) == 0.0
+    assert believed_way(2.0 * longest + off, longest) == 0.0
+
+
+@given(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(0.1, 3.0))
+def test_however_a_clock_is_set_what_is_believed_changes_by_no_more_than_that_nor_than_the_longest_way(
+    before: float, after: float, longest: float
+) -> None:
+    change = abs(believed_way(after, longest) - believed_way(before, longest))
+    assert change <= min(abs(after - before), longest) + 1e-12
+
+
+@pytest.mark.parametrize(("rate", "longest"), [(100.0, 0.5), (20.0, 0.5), (5.0, 0.6), (1.0, 3.0)])
+def test_the_longest_way_is_half_a_second_and_three_periods_of_slower_robots(
+    rate: float, longest: float
+) -> None:
+    assert longest_way(rate) == pytest.approx(longest)
 
 
 def test_a_jump_is_not_taken_for_a_sprint() -> None:

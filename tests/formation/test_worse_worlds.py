@@ -43,10 +43,13 @@ def test_delay_compensation_is_what_makes_late_samples_cost_nothing() -> None:
     assert without.final_error[0] > 0.01
 
 
-def test_positions_that_are_older_than_can_be_believed_are_not_carried_forward() -> None:
-    result = simulate(scenarios.straight_chain(), options=Options(delay=0.3), horizon=60.0, keep=True)
-    # 0.1 m/s for 0.3 s, each hop
-    assert scenarios.out_of_slot(scenarios.straight_chain(), result)[1] == pytest.approx(3.0, rel=0.1)
+@pytest.mark.parametrize(("delay", "lag"), [(0.3, 0.0), (0.5, 0.0), (0.6, 0.2), (1.0, 1.0)])
+def test_positions_are_carried_forward_over_as_much_of_their_age_as_can_be_believed(
+    delay: float, lag: float
+) -> None:
+    result = simulate(scenarios.straight_chain(), options=Options(delay=delay), horizon=60.0, keep=True)
+    first = scenarios.out_of_slot(scenarios.straight_chain(), result)[1]  # [cm], at 0.1 m/s
+    assert first == pytest.approx(10.0 * lag, rel=0.1, abs=0.05)
 
 
 def test_a_sensor_on_the_robot_minds_neither_delay_nor_loss() -> None:

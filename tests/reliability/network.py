@@ -81,7 +81,7 @@ CELLS = (
     Cell("loss50", 0.50, 0.0, must=False),
     Cell("delay20", 0.0, 0.02, must=True),
     Cell("delay100", 0.0, 0.10, must=True),
-    Cell("delay300", 0.0, 0.30, must=False),
+    Cell("delay300", 0.0, 0.30, must=True),
     Cell("both", 0.30, 0.10, must=True),
     Cell("tcp-none", 0.0, 0.0, must=True, shipped=True),
     Cell("tcp-loss1", 0.01, 0.0, must=True, shipped=True),
