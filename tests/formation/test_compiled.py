@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import subprocess
-import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -154,29 +150,3 @@ def test_a_run_that_leaves_the_numbers_is_given_up_with_a_compiler_and_without(
         assert not gone.converged.any()
         assert gone.final_error.tolist() == [math.inf] * 2
         assert np.isinf(gone.error[1:]).all()
-
-
-KEPT = """
-from formation.simulation.simulate import simulate
-from tests.formation import scenarios
-print(simulate(scenarios.six(), horizon=1.0).final_error[0])
-"""
-
-
-@pytest.mark.parametrize("home", ["", "file/below"])
-def test_machine_code_is_kept_where_there_is_room_and_old_code_forgotten(home: str, tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    old = tmp_path / "formation" / "old"
-    old.mkdir(parents=True)
-    os.utime(old, (0.0, 0.0))
-    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / home)}
-    environment.pop("NUMBA_CACHE_DIR", None)
-    first, second = (
-        subprocess.run(
-            (sys.executable, "-c", KEPT), env=environment, capture_output=True, text=True, check=True
-        ).stdout
-        for _ in range(2)
-    )
-    assert first == second
-    assert old.exists() == bool(home)
-    assert bool(list(tmp_path.glob("formation/*/*/*.nbc"))) == (not home)
