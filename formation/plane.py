@@ -26,8 +26,8 @@ def unit(vector: complex, otherwise: complex = 1.0 + 0.0j) -> complex:
 
 
 def clip(value: float, limit: float) -> float:
-    """`value` brought into [-limit, limit]."""
-    return max(-limit, min(value, limit))
+    """`value` brought into [-limit, limit]; NaN stays NaN."""
+    return max(min(value, limit), -limit)  # in this order: both keep their first where there is no telling
 
 
 def shorten(vector: complex, limit: float) -> complex:

@@ -73,7 +73,7 @@ def quantise(quantiser: Quantiser, wanted: Command, remainder: Command) -> tuple
 
 def nearest(grid: Grid, wanted: float) -> tuple[float, float]:
     """The nearest legal number to `wanted`, and what remains, at most one step."""
-    if grid.step <= 0.0:
+    if grid.step <= 0.0 or math.isnan(wanted):  # no whole number is the nearest to none
         return wanted, 0.0
     sent = clip(float(round(wanted / grid.step)), grid.most) * grid.step + 0.0  # no negative zero
     return clip(sent * LONGER, grid.limit), clip(wanted - sent, grid.step)

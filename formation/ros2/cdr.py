@@ -19,6 +19,8 @@ PADDING = 3
 """So many bytes may follow the last field."""
 _MOST = 8
 """float64 fields that follow each other."""
+_SHORT = 256
+"""Texts of so many bytes come again, as names do, and are remembered; a stranger's long ones are not."""
 
 
 class _Order(NamedTuple):
@@ -105,7 +107,7 @@ class Reader:
         spelled = self._data[begin : self._at]
         if not size or len(spelled) < size or spelled[-1]:
             raise BadMessage(f"no text of {size} bytes at {begin}")
-        return _decoded(spelled)
+        return _known(spelled) if size <= _SHORT else _decoded(spelled)
 
     def count(self) -> int:
         """A uint32, and what a sequence begins with."""
@@ -131,9 +133,11 @@ class Reader:
         return spelling.unpack_from(self._data, begin)
 
 
-@lru_cache(maxsize=512)
 def _decoded(spelled: bytes) -> str:
     try:
         return spelled[:-1].decode()
     except UnicodeDecodeError:
         raise BadMessage(f"no text but {spelled[:40]!r}") from None
+
+
+_known = lru_cache(maxsize=512)(_decoded)

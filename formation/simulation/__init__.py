@@ -1,1 +1,1 @@
-"""Many robots as arrays, without a network."""
+"""Many robots at once, without a network."""

@@ -7,23 +7,15 @@ machine code of the same source for whoever simulates many of them. Where numba 
 
 from __future__ import annotations
 
-import hashlib
 import importlib.util
 import math
-import os
-import shutil
-import sys
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any, TypeVar
 
 AVAILABLE = importlib.util.find_spec("numba") is not None
 """Whether there is something to compile with."""
-FORGOTTEN = 30.0 * 24.0 * 3600.0
-"""Machine code that nobody has used for so long is deleted [s]."""
-_PACKAGE = Path(__file__).resolve().parents[1]
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
@@ -55,41 +47,15 @@ def _made(function: Any, instead: tuple[tuple[str, Callable[..., Any]], ...], *,
         return own
     from numba import njit  # noqa: PLC0415 - takes half a second, and a robot does not have it
 
-    ours = all(one.__module__.startswith("formation.") for one in (function, *(one for _, one in instead)))
-    kept = outermost and ours and _is_kept()
-    return njit(own, cache=kept, error_model="numpy", forceinline=not outermost)
+    from formation.simulation.kept import keep  # noqa: PLC0415 - it loads numba too
+
+    made = njit(own, error_model="numpy", forceinline=not outermost)
+    parts = (function, *(one for _, one in instead))
+    if outermost and all(one.__module__.startswith("formation.") for one in parts):
+        keep(made)
+    return made
 
 
 def _names(code: CodeType) -> set[str]:
     inner = [one for one in code.co_consts if isinstance(one, CodeType)]
     return set(code.co_names).union(*map(_names, inner))
-
-
-@cache
-def _is_kept() -> bool:
-    """Whether machine code is kept for the next process, in a folder that is another once a source changes.
-
-    numba by itself looks only at the file of the function that it compiles, not at those of what that calls.
-    """
-    from numba import config  # noqa: PLC0415
-
-    digest = hashlib.sha256(sys.version.encode())
-    for source in sorted(_PACKAGE.rglob("*.py")):
-        digest.update(source.read_bytes())
-    try:
-        home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        folder = Path(os.environ.get("NUMBA_CACHE_DIR") or home / "formation") / digest.hexdigest()[:16]
-        folder.mkdir(parents=True, exist_ok=True)
-        os.utime(folder)
-        _forget_others(folder)
-    except (OSError, RuntimeError):  # nowhere to write to, or nobody's home
-        return False
-    config.CACHE_DIR = str(folder)  # type: ignore[attr-defined] # made when numba is loaded
-    return os.access(folder, os.W_OK)
-
-
-def _forget_others(folder: Path) -> None:
-    now = folder.stat().st_mtime
-    for other in folder.parent.iterdir():
-        if other.stat().st_mtime < now - FORGOTTEN:
-            shutil.rmtree(other, ignore_errors=True)

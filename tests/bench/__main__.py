@@ -84,8 +84,10 @@ def measured(part: Part, more: tuple[str, ...]) -> dict[str, Any]:
     """What a part finds, with when and where."""
     load, began = os.getloadavg()[0], time.monotonic()
     command = [sys.executable, "-m", part.module.__name__, "--json", *more]
-    found = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
-    stamped = stamp({"found": found}, 0, time.monotonic() - began)
+    said = subprocess.run(command, check=False, stdout=subprocess.PIPE)
+    if said.returncode != 0:
+        raise SystemExit(said.returncode)  # why, it has said itself
+    stamped = stamp({"found": json.loads(said.stdout)}, 0, time.monotonic() - began)
     return {**stamped, "load": load}
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import struct
+import tracemalloc
 from dataclasses import fields
 from typing import Any
 
@@ -86,6 +87,17 @@ def test_any_heading_and_any_place_comes_out_the_same_to_the_last_bit() -> None:
         numbers += [z, (1.0 - z * z) ** 0.5]
         payload = CORPUS[Pose][:-56] + struct.pack("<7d", *numbers)
         assert repr(outcome(Pose, payload)) == repr(by_rosbags.read(Pose, payload))
+
+
+def test_long_texts_of_strangers_are_not_kept() -> None:
+    tracemalloc.start()
+    try:
+        for number in range(300):
+            decode(Pose, encode(Pose(NOW, 0j, 1 + 0j, f"{number:05d}" * 10_000)))
+        kept, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert kept < 1_000_000
 
 
 def test_the_hashes_of_all_types_are_those_that_rosbags_finds() -> None:

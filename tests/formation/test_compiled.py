@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import subprocess
-import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +12,7 @@ from hypothesis import strategies as st
 
 from formation.heading import Travel, innovation, mended
 from formation.law import Gains, Limits, Measured, field, paper
+from formation.mission import Mission
 from formation.neighbour import Track, seen
 from formation.quantiser import Quantiser, quantise
 from formation.simulation import compiled as maker
@@ -84,15 +81,23 @@ def test_a_magnitude_is_the_absolute_value(value: complex) -> None:
 
 
 SIX, HARD = scenarios.six(), Options(delay=0.06, loss=0.1, body=PROFILES["turtlebot3_burger"])
+STEPPED = SIX.model_copy(
+    update={
+        "robots": {
+            name: robot.model_copy(update={"speed_step": 0.01, "turn_rate_step": 0.01})
+            for name, robot in SIX.robots.items()
+        }
+    }
+)
 
 
-def by_python(monkeypatch: pytest.MonkeyPatch, **more: Any) -> Result:
+def by_python(monkeypatch: pytest.MonkeyPatch, mission: Mission = SIX, **more: Any) -> Result:
     """As it is where numba is not installed."""
     monkeypatch.setattr(maker, "AVAILABLE", False)
     monkeypatch.setattr("formation.simulation.ensemble.AVAILABLE", False)
     maker._made.cache_clear()
     try:
-        return simulate(SIX, runs=2, step=0.02, **more)
+        return simulate(mission, runs=2, step=0.02, **more)
     finally:
         maker._made.cache_clear()
 
@@ -119,6 +124,12 @@ def mad(
     return Command(1.0, 1e308 / dt), integral
 
 
+def lost(
+    integral: complex, _heading: complex, _measured: Measured, _gains: Gains, _limits: Limits, _dt: float
+) -> Said:
+    return Command(math.nan, math.nan), integral
+
+
 @given(st.integers(1, 3))
 @settings(max_examples=3)
 def test_any_law_can_be_simulated(runs: int) -> None:
@@ -128,39 +139,14 @@ def test_any_law_can_be_simulated(runs: int) -> None:
     assert np.ptp(result.history.position[:, 1:], axis=0).max() == 0.0
 
 
+@pytest.mark.parametrize(("law", "mission"), [(mad, SIX), (lost, SIX), (lost, STEPPED)])
 def test_a_run_that_leaves_the_numbers_is_given_up_with_a_compiler_and_without(
-    monkeypatch: pytest.MonkeyPatch,
+    law: Any, mission: Mission, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    quick = simulate(SIX, runs=2, step=0.02, law=mad, horizon=1.0)
+    quick = simulate(mission, runs=2, step=0.02, law=law, horizon=1.0)
     with np.errstate(all="ignore"):
-        slow = by_python(monkeypatch, law=mad, horizon=1.0)
-    for lost in (quick, slow):
-        assert not lost.converged.any()
-        assert lost.final_error.tolist() == [math.inf] * 2
-        assert np.isinf(lost.error[1:]).all()
-
-
-KEPT = """
-from formation.simulation.simulate import simulate
-from tests.formation import scenarios
-print(simulate(scenarios.six(), horizon=1.0).final_error[0])
-"""
-
-
-@pytest.mark.parametrize("home", ["", "file/below"])
-def test_machine_code_is_kept_where_there_is_room_and_old_code_forgotten(home: str, tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    old = tmp_path / "formation" / "old"
-    old.mkdir(parents=True)
-    os.utime(old, (0.0, 0.0))
-    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / home)}
-    environment.pop("NUMBA_CACHE_DIR", None)
-    first, second = (
-        subprocess.run(
-            (sys.executable, "-c", KEPT), env=environment, capture_output=True, text=True, check=True
-        ).stdout
-        for _ in range(2)
-    )
-    assert first == second
-    assert old.exists() == bool(home)
-    assert bool(list(tmp_path.glob("formation/*/*/*.nbc"))) == (not home)
+        slow = by_python(monkeypatch, mission, law=law, horizon=1.0)
+    for gone in (quick, slow):
+        assert not gone.converged.any()
+        assert gone.final_error.tolist() == [math.inf] * 2
+        assert np.isinf(gone.error[1:]).all()

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formation.plane import angle_between, clip, rotation, shorten, unit
+from formation.simulation.compiled import compiled
 from tests.formation.planar import angles, lengths, vectors
 
 
@@ -33,6 +34,11 @@ def test_a_unit_vector_has_length_one_and_the_same_direction(vector: complex) ->
 def test_a_vector_without_direction_becomes_the_one_asked_for() -> None:
     assert unit(0j) == 1.0
     assert unit(0j, 1j) == 1j
+
+
+def test_what_is_no_number_is_not_clipped_to_one() -> None:
+    assert math.isnan(clip(math.nan, 0.2))
+    assert math.isnan(compiled(clip)(math.nan, 0.2))
 
 
 @given(st.floats(-10.0, 10.0), lengths)

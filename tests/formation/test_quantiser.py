@@ -112,3 +112,10 @@ def test_at_the_limit_the_robot_is_sent_the_largest_multiple_that_survives(step:
 
 def test_a_limit_that_is_a_multiple_is_reached() -> None:
     assert nearest(Grid.of(0.01, 0.2), 0.2)[0] == 0.2
+
+
+def test_what_is_no_number_is_not_sent_as_one() -> None:
+    assert TURTLEBOT is not None
+    command, _ = quantise(TURTLEBOT, Command(math.nan, 0.1), NOTHING)
+    assert math.isnan(command.speed)
+    assert command.turn_rate == pytest.approx(0.1)
