@@ -2,8 +2,9 @@
 
 python -m tests.bench [PART …] [--quick] [--peers FOLDER [--robotarium CHECKOUT]]
 
-Each part is a process of its own, so that none measures what another left behind. Those that are not named
-keep the figures they had. Full, all take about 40 minutes, on a machine that should have nothing else to do.
+Each part is a process of its own, so that none measures what another left behind, and written as soon as it
+has ended. Those that are not named keep the figures they had. Full, all take about 40 minutes, on a machine
+that should have nothing else to do.
 """
 
 from __future__ import annotations
@@ -120,23 +121,28 @@ def main() -> None:
     if unknown := [name for name in given.part if name not in PARTS]:
         parser.error(f"{unknown[0]!r}: must be of {', '.join(PARTS)}")
     peers = [f"--{name}={getattr(given, name)}" for name in ("peers", "robotarium") if getattr(given, name)]
-    found = {}
+    quick = {}
     for name in given.part or PARTS:
         print(f"{name} …", file=sys.stderr)
         part = PARTS[name]
-        more = (*(part.quick if given.quick else ()), *(peers if name == "batch" else ()))
-        found[name] = measured(part, more)
-    if given.quick:
-        print(document(found))
-        return
+        one = measured(part, (*(part.quick if given.quick else ()), *(peers if name == "batch" else ())))
+        if given.quick:
+            quick[name] = one
+        else:
+            write(name, one)
+    if quick:
+        print(document(quick))
+
+
+def write(name: str, one: Mapping[str, Any]) -> None:
+    """Put what a part found where the figures are; other parts keep theirs."""
     before = json.loads((DOCS / JSON).read_text()) if (DOCS / JSON).exists() else {}
-    every = {**before, **rounded(found)}
-    for name in found:
-        if draw := PARTS[name].draw:
-            draw(found[name]["found"], DOCS / "figures")
+    every = {**before, **rounded({name: one})}
+    if draw := PARTS[name].draw:
+        draw(one["found"], DOCS / "figures")
     (DOCS / TEXT).write_text(document(every))
     (DOCS / JSON).write_text(
-        json.dumps({name: every[name] for name in PARTS if name in every}, indent=1) + "\n"
+        json.dumps({part: every[part] for part in PARTS if part in every}, indent=1) + "\n"
     )
 
 

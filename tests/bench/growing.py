@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from tests.bench.accounting import LISTING
 from tests.bench.figures import curve_flags, show
 from tests.bench.fleet import SETTLE
 
@@ -28,6 +30,8 @@ def run(
     parser = curve_flags(description, rounds=2)
     parser.add_argument("--seconds", type=float, default=10.0, help="of each measurement")
     given = parser.parse_args()
+    if shutil.which(LISTING[0]) is None:
+        parser.error(f"needs {LISTING[0]}, which counts what goes over each link: apt install iproute2")
     if given.quick:
         found = measure(quick_counts, 1, *QUICK)
     else:
