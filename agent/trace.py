@@ -61,7 +61,7 @@ class Trace:
         self._voice = agent._voice  # noqa: SLF001
         self._numbers = {key: number for number, key in enumerate(agent.subscriptions)}
         self._count = 0
-        self._link: tuple[bool | None, bool | None] = (None, None)
+        self._link: tuple[bool | None, bool | None] | None = (None, None)  # as last told
         self._steps: list[Json] = []
         self._room = MOST
         self._halt: Now | None = None
@@ -141,12 +141,16 @@ class Trace:
     def _makes_room(self, entries: int) -> bool:
         self._room -= entries
         if self._room < 0 and not self._gap:
-            self._steps, self._gap = [], f"more than {MOST} messages between two commands"
+            self._begin_anew(f"more than {MOST} messages between two commands")
         return not self._gap
 
     def _fail(self, error: Exception) -> None:
         self._count_failure(error)
-        self._steps, self._gap = [], f"could not be told: {self.failure}"
+        self._begin_anew(f"could not be told: {self.failure}")
+
+    def _begin_anew(self, gap: str) -> None:
+        """Tell none of the steps so far, but why not; the link is then told whether it has changed or not."""
+        self._steps, self._link, self._gap = [], None, gap
 
     def _count_failure(self, error: Exception) -> None:
         self.failures += 1

@@ -96,8 +96,8 @@ def simulate(
 
     One run starts as the mission says, several at random: within ± `spread` [m] of the slots. The starts
     depend on `seed` alone, so laws can be compared. `law` is a key of LAWS, or a law that gets what `field`
-    does. `progress` is told the share done, `keep` keeps the first run's history; of several runs the noise and
-    losses of a seed are then others. Raises ValueError for an argument out of range.
+    does. `progress` is told the share done, `keep` keeps the first run's history; of several runs the noise
+    and losses of a seed are then others. Raises ValueError for an argument out of range.
     """
     law = law or mission.law.kind
     horizon = mission.simulation.horizon if horizon is None else horizon

@@ -171,7 +171,7 @@ def test_a_flood_is_given_up_and_the_next_command_begins_anew_with_what_the_agen
     assert "steps" not in said
     assert "messages between two commands" in said["gap"]
     assert said["memory"] == json.loads(json.dumps(remember(setting.agent)))
-    assert setting.turn(2.3)["steps"] == [[2.3, 1.7e9 + 2.3, []]]
+    assert setting.turn(2.3)["steps"] == [[2.3, 1.7e9 + 2.3, [], [True, True]]]
 
 
 def test_a_flood_that_does_not_end_has_the_agent_say_what_it_knows_once_a_second_at_most() -> None:
