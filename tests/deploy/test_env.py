@@ -313,7 +313,7 @@ def test_the_robots_lock_pins_the_same_versions_as_the_developers() -> None:
 def test_every_pin_has_a_hash(text: str) -> None:
     blocks = re.split(r"^(?=[\w.-]+==)", text, flags=re.MULTILINE)
     unhashed = [block.split()[0] for block in blocks[1:] if "--hash=sha256:" not in block]
-    assert len(blocks) > 10
+    assert {"eclipse-zenoh", "numpy", "pydantic"} <= {block.split("==")[0] for block in blocks}
     assert unhashed == []
 
 
