@@ -128,7 +128,7 @@ def section(found: dict[str, Any]) -> str:
 ![Cost per agent, late periods and formation error against the number of agents](figures/{CURVES})
 
 {_bars(agents)}
-{costs}
+{_full(agents)}{costs}
 Late is a period whose command was not there half a period after its odometry was due; the error is the mean
 over the edges, behind a leader on a circle:
 
@@ -157,6 +157,21 @@ def _bars(agents: dict[str, Any]) -> str:
         )
     )
     return markdown(("figure", "today", "target", ""), rows)
+
+
+def _full(agents: dict[str, Any]) -> str:
+    """That more agents than these processors have time for cost what is left to them, if it is so."""
+    count, most = next(reversed(agents.items()))
+    if most["late_percent"]["median"] < LATE_BAR:
+        return ""
+    full = f"With {count} agents the processors are full, and what an agent costs is what it gets."
+    in_time = [count for count, one in agents.items() if one["late_percent"]["median"] < LATE_BAR]
+    if not in_time:
+        return filled(full) + "\n"
+    relative = agents[in_time[-1]]["relative"]
+    each = ", ".join(f"{COSTS[name]} {relative[name]['median']:.2f}×" for name in BARRED)
+    in_time_at = f"The most that were in time are {in_time[-1]}; per agent, of {next(iter(agents))}: {each}."
+    return filled(full, in_time_at) + "\n"
 
 
 def _verdict(met: bool) -> str:
