@@ -248,9 +248,9 @@ class Agent:
         if not self._finite:
             self.decision, self._integral = self._decide(now), 0j
             return self._commanded(now, AT_REST)
-        self._aside.drove(float(abs(error(self._here.heading, what))) / what.count)
+        self._aside.drove(abs(error(self._here.heading, what)) / what.count)
         if not self._readonly:  # what does not move cannot be integrated away
-            self._integral = complex(integral)
+            self._integral = integral
             self._stuck.drove(self._commander.newest, self._here.point, self._here.heading, dt)
         self._rest_due = float("-inf")  # whatever stops it takes hold at once
         return self._commanded(now, command)

@@ -104,11 +104,11 @@ class Neighbour:
         if self._track is None:
             raise ValueError(f"{self.name} has not been seen yet")
         if not carry:
-            return complex(self._track.point)
+            return self._track.point
         older = self.stream.age(now) - my_age
         # the oldest sample that counts was on the way for as long as is believed, and then a limit here
         longest = self.stream.longest_way + self.stream.limit
-        return complex(neighbour.carried_to(self._track, self._track.stamp + older, longest))
+        return neighbour.carried_to(self._track, self._track.stamp + older, longest)
 
 
 class Neighbourhood:

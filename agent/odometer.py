@@ -136,9 +136,9 @@ class Odometer:
         there, facing = advance(position, heading, speed, turn_rate, over)
         rotation = facing / now.heading
         self._rotation = rotation / abs(rotation)
-        self._origin = complex(there - self._rotation * now.position)
+        self._origin = there - self._rotation * now.position
         self.realigned += 1
-        return complex(facing / heading)
+        return facing / heading
 
 
 def _believable(rate: float, most: float) -> float:

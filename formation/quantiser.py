@@ -24,7 +24,7 @@ from formation.law import Limits
 from formation.plane import clip
 from formation.unicycle import Command
 
-LONGER = 1.0 + 4.0 * 2.220446049250313e-16
+LONGER = 1.0 + 4.0 * math.ulp(1.0)
 """Makes a multiple survive the rounding of whatever product or quotient the robot cuts off."""
 
 

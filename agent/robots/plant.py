@@ -97,9 +97,5 @@ class Plant:
 
     def _go(self, command: Command, elapsed: float) -> None:
         position, heading = advance(self.position, self.heading, *command, elapsed)
-        self.position, self.heading = complex(position), complex(heading) / abs(heading)
+        self.position, self.heading = position, heading / abs(heading)
         self.path += abs(command.speed) * elapsed
-
-
-def _floats(command: Command) -> Command:
-    return Command(float(command.speed), float(command.turn_rate))

@@ -139,7 +139,7 @@ class World:
             track = self._leader_track
             if track is None or abs(now.wall - track.stamp) > SIGHT:
                 return None
-            there = complex(carried_to(track, now.wall, SIGHT))
+            there = carried_to(track, now.wall, SIGHT)
         else:
             self._hosted[other].go_to(now.mono)
             there = self._hosted[other].control_point

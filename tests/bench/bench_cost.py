@@ -16,7 +16,7 @@ from typing import Any
 
 from tests.bench import growing
 from tests.bench.curves import BLUE, GREEN, INK, ORANGE, counted, curve, legend, panels
-from tests.bench.figures import filled, markdown, over_rounds, progress, span
+from tests.bench.figures import filled, judged, markdown, over_rounds, progress, span
 from tests.bench.fleet import RATE, Fleet, Outcome
 
 COUNTS, QUICK_COUNTS = (6, 12, 25, 50, 100), (6, 12)
@@ -138,25 +138,26 @@ over the edges, behind a leader on a circle:
 def _bars(agents: dict[str, Any]) -> str:
     count, most = next(reversed(agents.items()))
     fewest = next(iter(agents))
-    rows = [
-        (
-            f"{COSTS[name]} per agent, {count} of {fewest}",
-            span(most["relative"][name], 3, "×"),
-            f"≤ {1.0 + BAR:g}×",
-            _verdict(most["relative"][name]["median"] <= 1.0 + BAR),
-        )
-        for name in BARRED
-    ]
-    late = most["late_percent"]
-    rows.append(
-        (
-            f"late periods, {count} agents",
-            span(late, 2, " %"),
-            f"< {LATE_BAR:g} %",
-            _verdict(late["median"] < LATE_BAR),
-        )
+    relative, late = most["relative"], most["late_percent"]
+    return judged(
+        [
+            *(
+                (
+                    f"{COSTS[name]} per agent, {count} of {fewest}",
+                    span(relative[name], 3, "×"),
+                    f"≤ {1.0 + BAR:g}×",
+                    relative[name]["median"] <= 1.0 + BAR,
+                )
+                for name in BARRED
+            ),
+            (
+                f"late periods, {count} agents",
+                span(late, 2, " %"),
+                f"< {LATE_BAR:g} %",
+                late["median"] < LATE_BAR,
+            ),
+        ]
     )
-    return markdown(("figure", "today", "target", ""), rows)
 
 
 def _full(agents: dict[str, Any]) -> str:
@@ -172,10 +173,6 @@ def _full(agents: dict[str, Any]) -> str:
     each = ", ".join(f"{COSTS[name]} {relative[name]['median']:.2f}×" for name in BARRED)
     in_time_at = f"The most that were in time are {in_time[-1]}; per agent, of {next(iter(agents))}: {each}."
     return filled(full, in_time_at) + "\n"
-
-
-def _verdict(met: bool) -> str:
-    return "met" if met else "falls short"
 
 
 def _costs(count: str, cost: dict[str, dict[str, float]]) -> list[str]:

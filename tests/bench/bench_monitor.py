@@ -28,7 +28,7 @@ import psutil
 
 from tests.bench.compiled import ready_to_start
 from tests.bench.crowd import mission, names
-from tests.bench.figures import filled, flags, markdown, over_rounds, show
+from tests.bench.figures import filled, flags, markdown, over_rounds, show, verdict
 from tests.processes.child import free_endpoint
 
 ROBOTS, RATE, TOPICS = 100, 20.0, 3
@@ -227,14 +227,13 @@ def section(found: dict[str, Any]) -> str:
         "robots × rate × topics", "messages/s", "for [s]", "lost", "page, lowest (mean) [1/s]",
         "CPU of one core", "memory, before → after [MiB]", "recording [MiB]",
     ]  # fmt: skip
-    verdict = "met" if not lost and lowest >= PAGE else "falls short"
     words = (
         f"{ROBOTS} robots at {RATE:g} Hz, {TOPICS} topics each (odometry, commands with their trace,",
         "positions with the order), besides those every robot's status and the leader; over loopback,",
         f"recorded, with a page open, for {found['seconds']:g} s. Of {bar['sent']['median']:,.0f} messages",
         f"{lost:,.0f} were lost, and the page got {lowest:.0f} updates in its worst second (wanted: none",
-        f"lost, {PAGE:g} a second): **{verdict}**. The highest rate without loss that was tried is",
-        f"{best:,.0f} messages a second.",
+        f"lost, {PAGE:g} a second): **{verdict(not lost and lowest >= PAGE)}**. The highest rate",
+        f"without loss that was tried is {best:,.0f} messages a second.",
     )
     how = (
         f"The robots are {SPEAKERS} processes on the same cores, every robot with a link of its own. Lost is",

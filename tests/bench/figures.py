@@ -50,6 +50,19 @@ def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
+def verdict(met: bool) -> str:
+    """What is said of a figure that was to come to something."""
+    return "met" if met else "falls short"
+
+
+def judged(rows: Iterable[tuple[str, str, str, bool | None]]) -> str:
+    """A table of figures: what, today's, the target, and whether it is met; None for what has no figure."""
+    return markdown(
+        ("figure", "today", "target", ""),
+        [(*said, "" if met is None else verdict(met)) for *said, met in rows],
+    )
+
+
 def flags(description: str | None) -> argparse.ArgumentParser:
     """The flags of every benchmark."""
     parser = argparse.ArgumentParser(

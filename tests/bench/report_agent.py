@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from tests.bench.curves import BLUE, INK, ORANGE, curve, legend, milliseconds, panels
-from tests.bench.figures import filled, markdown, span
+from tests.bench.figures import filled, judged, markdown, span
 
 FASTEST = "as fast as it goes"
 """What stands for a rate then."""
@@ -91,16 +91,9 @@ def _targets(found: dict[str, Any]) -> str:
         figure: Any = found
         for step in target.path:
             figure = figure[step]
-        verdict = "met" if figure["median"] <= target.most else "falls short"
-        rows.append(
-            (
-                target.what,
-                span(figure, target.digits, target.unit),
-                f"≤ {target.most:g}{target.unit}",
-                verdict,
-            )
-        )
-    return markdown(("figure", "today", "target", ""), rows)
+        today, most = span(figure, target.digits, target.unit), f"≤ {target.most:g}{target.unit}"
+        rows.append((target.what, today, most, figure["median"] <= target.most))
+    return judged(rows)
 
 
 def _latency(rates: dict[str, Any]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from tests.bench.figures import markdown, span
+from tests.bench.figures import judged, markdown, span
 
 OURS, ONE = "formation, many runs", "formation, one formation"
 IR_SIM, ROBOTARIUM = "ir-sim", "Robotarium"
@@ -64,19 +64,19 @@ What the peers leave undone is in their favour. On no side is making ready count
 
 
 def _bars(found: dict[str, Any]) -> str:
-    rows = []
+    rows: list[tuple[str, str, str, bool | None]] = []
     for bar in BARS:
         figure: Any = found
         for step in bar.path:
             figure = figure.get(step, {}) if figure else figure
         wanted = f"{'≥' if bar.least else '<'} {bar.bound:g}{bar.unit}"
         if not figure:
-            rows.append((bar.what, "not measured", wanted, ""))
+            rows.append((bar.what, "not measured", wanted, None))
             continue
         scaled = {key: bar.scale * value for key, value in figure.items()}
         met = scaled["median"] >= bar.bound if bar.least else scaled["median"] < bar.bound
-        rows.append((bar.what, span(scaled, 1, bar.unit), wanted, "met" if met else "falls short"))
-    return markdown(["figure", "today", "bar", ""], rows)
+        rows.append((bar.what, span(scaled, 1, bar.unit), wanted, met))
+    return judged(rows)
 
 
 def _speeds(found: dict[str, Any]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tests.bench.figures import markdown
+from tests.bench.figures import judged, markdown
 from tests.bench.report_conditions import conditions, saturation
 from tests.bench.report_parameters import chains, parameters, peer_gains
 from tests.bench.report_words import Found, centimetres, percent, times
@@ -33,7 +33,7 @@ def bars(found: Found) -> str:
     field, paper = (by_law[name]["settling"]["median"] for name in ("field law", "paper's law"))
     gain, over = paper / field, field / found["laws"]["bounds"]["by distance"][10]
     tail, late = (100.0 * deep[name][11] for name in ("field law", "field law, 100 ms"))
-    judged: list[tuple[str, str, str, bool]] = [
+    rows: list[tuple[str, str, str, bool | None]] = [
         ("median settling, paper's law ÷ field law", f"{gain:.1f}×", "≥ 6×", gain >= 6.0),
         ("median settling, field law ÷ lower bound", f"{over:.2f}×", "≤ 2×", over <= 2.0),
         *(
@@ -43,13 +43,12 @@ def bars(found: Found) -> str:
         ("twelfth of a chain, circle of 1 m at 0.1 m/s", f"{tail:.2f} cm", "< 1 cm", tail < 1.0),
         ("the same, samples 100 ms old", f"{late:.2f} cm", "< 2 cm", late < 2.0),
     ]
-    rows = [[what, today, target, "met" if met else "falls short"] for what, today, target, met in judged]
     return f"""Same starts, limits, simulated robots and links for all laws; the machine does not matter.
 Unless said: the shipped six robots with ideal bodies, control points starting within ± 3 m of their slots on
 each axis, headings at random, steps of 20 ms. *Settled* is a formation error, summed over the nine edges, of
 under 5 cm until the end of the run, and for at least 10 s.
 
-{markdown(["figure", "today", "target", ""], rows)}"""
+{judged(rows)}"""
 
 
 def laws(found: Found) -> str:

@@ -18,8 +18,8 @@ from formation.topics import DIAGNOSTICS
 from formation.transport.bus import Bus, BusConfig
 from monitor.figures.keys import OWN
 from tests.monitor.outlets.viewer import Told, Viewer, viewing
+from tests.processes.actor import KEYS, Actor, recorded, router
 from tests.processes.child import PATIENCE, free_endpoint, started
-from tests.processes.test_monitor import KEYS, Actor, recorded, router
 
 pytestmark = pytest.mark.processes
 ALL = {f"/{one.key}" for one in (*KEYS, *OWN)}

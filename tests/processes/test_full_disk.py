@@ -15,8 +15,8 @@ from formation.ros2.messages import LogEntry, decode
 from formation.topics import EVENTS, ODOM
 from monitor.recording.reader import is_whole, read
 from tests.monitor.recording.disks import in_memory
+from tests.processes.actor import Actor, watching
 from tests.processes.child import PATIENCE, Child
-from tests.processes.test_monitor import Actor, watching
 
 pytestmark = [pytest.mark.processes, pytest.mark.mounts]
 

@@ -20,8 +20,8 @@ from formation.topics import POSITION
 from formation.transport.bus import Bus, BusConfig
 from monitor.page.address import Bind, listening
 from tests.monitor.page.looking import PLAIN, looking
+from tests.processes.actor import Actor, router
 from tests.processes.child import PATIENCE, Child, free_endpoint, started
-from tests.processes.test_monitor import Actor, router
 
 pytestmark = pytest.mark.processes
 

@@ -17,9 +17,9 @@ from monitor.recording.attached import SUFFIX
 from monitor.recording.extent import extent_of
 from monitor.recording.reader import is_whole, read
 from monitor.recording.recover import recover
+from tests.processes.actor import events, watching
 from tests.processes.launched import result_of
 from tests.processes.launched import started as run_started
-from tests.processes.test_monitor import events, watching
 
 pytestmark = pytest.mark.processes
 
