@@ -72,7 +72,7 @@ class Agent:
         self._integral = 0j
         self._finite = True
         self._orders = Orders(mission)
-        self._tuning = Tuning(mission)
+        self._tuning = Tuning(mission, robot)
         self._slots = Slots(mission, robot)
         self._aside, self._stuck = Aside(), Stuck(spec.limits)
         self._commander = Commander(mission, robot, self.law_name)
@@ -243,7 +243,7 @@ class Agent:
         self._slots.follow(wanted, self._orders.rose, now.mono)
         what = self._neighbours.measured(self._here, self._slots, now)
         dt = min(interval or 0.0, self._here.stream.limit)
-        gains, integral = self._tuning.follow(wanted, dt, self._integral)
+        gains, integral = self._tuning.follow(wanted, dt, self._integral, self._here.heading, what)
         command, integral = self._law(integral, self._here.heading, what, gains, self._spec.limits, dt)
         self._finite = cmath.isfinite(complex(command.speed, command.turn_rate)) and cmath.isfinite(integral)
         if not self._finite:

@@ -225,7 +225,7 @@ KEPT: Mapping[type, Kept] = {
         memory={"promise": count, "echo": count, "_given": count, "_renewed": maybe(real), "_rose": real},
         construction=("_mission", "_votes", "_bound"),
     ),
-    Tuning: Kept(memory={"k_p": real, "k_i": real}, construction=("_gains", "_original")),
+    Tuning: Kept(memory={"k_p": real, "k_i": real}, construction=("_limits", "_gains", "_original")),
     Slots: Kept(
         memory={
             "at": by_name(plane),

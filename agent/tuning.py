@@ -1,13 +1,14 @@
 """The gains that one agent goes by: the mission's, or what the leader has tuned them to, taken on smoothly.
 
 An order says where gains are to be in the end. Each robot goes there by its own time, straight in
-(ln k_P, ln k_I) and at most so fast that k_P grows or shrinks e-fold in a second, and k_I twice as far:
+(ln k_P, ln k_I): k_P grows or shrinks at most e-fold in a second, k_I twice as far.
 
 | property | why |
 |---|---|
-| the command does not jump | k_I ξ stays, as ξ is rescaled, and k_P moves by 5 % a period at most |
-| between stable gains all are stable | for each eigenvalue that is a half-plane there (`formation.stability`) |
-| a message more or less is nothing | it goes by time, from where gains are to where an order has them |
+| what the integral commands stays | ξ is rescaled, so that k_I ξ is what it was |
+| no command jumps | a step of the gains that would change one by more than `JUMP` is shorter |
+| between stable gains all are | for each eigenvalue stability is a half-plane there (`formation.stability`) |
+| a message more or less is nothing | it goes by time, from where gains are to where they shall be |
 | a forged order shakes nobody | what robots could not bear is no order, and nothing comes suddenly |
 """
 
@@ -17,19 +18,20 @@ import math
 from typing import NamedTuple, Self
 
 from formation.graph import cyclic_core
-from formation.law import Gains
+from formation.law import Gains, Measured, nominal
 from formation.mission import Mission
 from formation.order import LEAST_GAIN, Order, Tuned
+from formation.unicycle import Command, saturate
 from formation.wire import BadMessage
 
 RATE = 1.0
 """ln k_P moves at most so fast [1/s]."""
 INTEGRAL = 2.0
 """ln k_I so many times as fast: as stability has it, k_I goes with k_P²."""
-MOST = 0.05
-"""ln k_P moves at most so far between two commands, however slow the robot is."""
-
-
+JUMP = 0.05
+"""So large a share of a limit a command may change because gains do, from one to the next."""
+HALVINGS = 8
+"""So often a step is halved that is too long; then it is left for the next time."""
 ROUNDING = 1.0 + 1e-6
 """By so little the leader, who finds the eigenvalues otherwise, may judge otherwise."""
 
@@ -37,11 +39,11 @@ ROUNDING = 1.0 + 1e-6
 class Tuning:
     """The gains of one robot."""
 
-    def __init__(self, mission: Mission) -> None:
+    def __init__(self, mission: Mission, robot: str) -> None:
         law = mission.law
         self.k_p, self.k_i = law.k_p, law.k_i
         """In force [1/s], [1/s²]."""
-        self._gains = law.gains
+        self._limits, self._gains = mission.robots[robot].limits, law.gains
         self._original = Tuned.model_construct(k_p=law.k_p, k_i=law.k_i)
 
     @property
@@ -51,26 +53,49 @@ class Tuning:
             return ""
         return f"k_p = {self.k_p:.4g}, k_i = {self.k_i:.4g}"
 
-    def follow(self, order: Order, dt: float, integral: complex) -> tuple[Gains, complex]:
-        """The gains `dt` [s] on towards those of the newest order, and the integral rescaled for them."""
-        wanted = order.tuned or self._original
-        if (self.k_p, self.k_i) != (wanted.k_p, wanted.k_i):
-            before = self.k_i
-            self._go(wanted, min(RATE * dt, MOST))
-            if wanted.k_i > 0.0:  # else it fades with the gain
-                integral *= before / self.k_i
-        return self._gains._replace(k_p=self.k_p, k_i=self.k_i), integral
+    @property
+    def gains(self) -> Gains:
+        """As the law takes them."""
+        return self._gains._replace(k_p=self.k_p, k_i=self.k_i)
 
-    def _go(self, wanted: Tuned, most: float) -> None:
+    def follow(
+        self, order: Order, dt: float, integral: complex, heading: complex, what: Measured
+    ) -> tuple[Gains, complex]:
+        """The gains `dt` [s] on towards those of the newest order, and the integral rescaled for them.
+
+        The last two are what the law is to be given with them: see `formation.law`.
+        """
+        wanted = order.tuned or self._original
+        if (self.k_p, self.k_i) == (wanted.k_p, wanted.k_i):
+            return self.gains, integral
+        before = self._command(self.gains, integral, heading, what)
+        for halved in range(HALVINGS):
+            gains = self._towards(wanted, RATE * dt * 0.5**halved)
+            # towards no integral at all it fades with its gain
+            rescaled = integral * (self.k_i / gains.k_i if wanted.k_i > 0.0 else 1.0)
+            after = self._command(gains, rescaled, heading, what)
+            if (
+                abs(after.speed - before.speed) <= JUMP * self._limits.max_speed
+                and abs(after.turn_rate - before.turn_rate) <= JUMP * self._limits.max_turn_rate
+            ):
+                self.k_p, self.k_i = gains.k_p, gains.k_i
+                return gains, rescaled
+        return self.gains, integral
+
+    def _towards(self, wanted: Tuned, most: float) -> Gains:
+        """The gains `most` along the way, by ln k_P, or at its end."""
         integral, aim = max(self.k_i, LEAST_GAIN), max(wanted.k_i, LEAST_GAIN)
         proportional = math.log(wanted.k_p / self.k_p)
         far = max(abs(proportional), abs(math.log(aim / integral)) / INTEGRAL)
         if far <= most:
-            self.k_p, self.k_i = wanted.k_p, wanted.k_i
-            return
+            return self._gains._replace(k_p=wanted.k_p, k_i=wanted.k_i)
         part = most / far
-        self.k_p *= math.exp(part * proportional)
-        self.k_i = integral * (aim / integral) ** part
+        k_i = wanted.k_i if aim == integral else integral * (aim / integral) ** part
+        return self._gains._replace(k_p=self.k_p * math.exp(part * proportional), k_i=k_i)
+
+    def _command(self, gains: Gains, integral: complex, heading: complex, what: Measured) -> Command:
+        wished = nominal(integral, heading, what, gains) + heading.conjugate() * what.velocity
+        return saturate(wished, *self._limits)
 
 
 class Bearable(NamedTuple):

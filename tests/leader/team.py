@@ -203,6 +203,7 @@ class Team:
             and one.newest.term == led.term
             and one.newest.mode == led.mode
             and one.newest.shape == led.shape
+            and one.newest.tuned == led.conduct.tuned
             for one in orders
         )
 

@@ -28,6 +28,7 @@ ONE = st.sampled_from(NAMES)
 SOME = st.frozensets(ONE, min_size=1, max_size=4)
 CANDIDATE = st.sampled_from(MISSION.candidates)
 MEANWHILE = st.integers(0, 4)
+GAINS = st.sampled_from([{"k_p": 1.0}, {"k_i": 0.4}, {"k_p": 3.0, "k_i": 1.5}, {"k_p": 50.0}])
 
 
 class Machine(RuleBasedStateMachine):
@@ -139,6 +140,11 @@ class Machine(RuleBasedStateMachine):
     def take(self, shape: str, name: str, meanwhile: int) -> None:
         self._ask(OperatorRequest(do="shape", shape=shape, id=self._id()), (name,))
         self.done("shape", meanwhile)
+
+    @rule(gains=GAINS, name=CANDIDATE, meanwhile=MEANWHILE)
+    def tune(self, gains: dict[str, float], name: str, meanwhile: int) -> None:
+        self._ask(OperatorRequest.model_validate({"do": "tune", **gains, "id": self._id()}), (name,))
+        self.done("tune", meanwhile)
 
     @rule(age=st.sampled_from([0.1, 1.0, 5.0]), meanwhile=MEANWHILE)
     def ask_again(self, age: float, meanwhile: int) -> None:
