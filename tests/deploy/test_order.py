@@ -43,6 +43,8 @@ def test_with_nobody_there_the_command_names_all_that_are_missing(capsys: pytest
         ("rotate -.5e1", {"degrees": -5.0}),
         ("scale 1.5", {"factor": 1.5}),
         ("speed 0.1 -90", {"speed": 0.1, "degrees": -90.0}),
+        ("tune k_p=3 k_i=0.5", {"k_p": 3.0, "k_i": 0.5}),
+        ("tune k_i=1e-1", {"k_i": 0.1}),
         ("route six_robots", {"legs": [{"speed": 0.2, "heading_deg": 30.0}]}),
     ],
 )

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from agent.tuning import Bearable
 from formation import intent
-from formation.arrays import FloatArray
+from formation.arrays import ComplexArray
 from formation.edges import Edges
 from formation.mission import Mission
 from formation.mission_file import load
@@ -35,7 +35,7 @@ def drawn(random: np.random.Generator, rate: float = 20.0, **law: Any) -> Missio
         others = [j for j in range(size) if j != i and random.random() < 0.25]
         parent = int(random.integers(0, i))
         neighbours.append(sorted({parent, *others}))
-    slots = np.arange(size) * (1.0 + 0.0j)
+    slots: ComplexArray = np.arange(size, dtype=np.complex128)
     return scenarios.build(slots, neighbours, law=law, robot={"rate": rate})
 
 
@@ -57,7 +57,7 @@ def growth(mission: Mission, gains: Tuned) -> float:
     return float(np.linalg.eigvals(loop).real.max())
 
 
-def most(mu: FloatArray, k_p: float) -> float:
+def most(mu: ComplexArray, k_p: float) -> float:
     """k_I up to which the continuous loop is stable; infinite for real eigenvalues."""
     with np.errstate(divide="ignore"):
         return float((k_p**2 * mu.real * np.abs(mu) ** 2 / mu.imag**2).min())
