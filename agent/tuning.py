@@ -128,7 +128,7 @@ class Bearable(NamedTuple):
         if not (
             all(_settles(tuned, *one) for one in self.apart) and all(_may(tuned, one) for one in self.core)
         ):
-            raise BadMessage(f"unbearable gains: k_p = {tuned.k_p:g}, k_i = {tuned.k_i:g}")
+            raise BadMessage(f"unbearable gains: {tuned.words}")
 
 
 def _settles(tuned: Tuned, degree: int, period: float) -> bool:

@@ -91,6 +91,11 @@ class Tuned(_Json):
     k_i: Integral
     """[1/s²]"""
 
+    @property
+    def words(self) -> str:
+        """``k_p = 2, k_i = 1``."""
+        return f"k_p = {self.k_p:g}, k_i = {self.k_i:g}"
+
 
 class Order(_Json):
     """What the leader wants of the team, and all that a successor needs to go on from here."""

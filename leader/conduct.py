@@ -156,7 +156,7 @@ class Conduct:
         law = self._mission.law
         self.tuned = None if (wanted.k_p, wanted.k_i) == (law.k_p, law.k_i) else wanted
         margin = spectrum.delay_margin(spectrum.laplacian(self._mission.graph), wanted.k_p, wanted.k_i)
-        return True, f"k_p = {wanted.k_p:g}, k_i = {wanted.k_i:g}; bears a delay of {margin * 1e3:.0f} ms"
+        return True, f"{wanted.words}; bears a delay of {margin * 1e3:.0f} ms"
 
     def _change_figure(self, request: OperatorRequest) -> tuple[bool, str]:
         before = self.mover.wish

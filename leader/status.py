@@ -103,7 +103,7 @@ def _conducted(report: Report) -> dict[str, str]:
         "shape": conduct.mover.wish.shape,
         "figure": spelled(conduct.mover.figure),
         "changing": f"{conduct.mover.remaining:.1f}",
-        "gains": f"k_p = {conduct.gains.k_p:g}, k_i = {conduct.gains.k_i:g}",
+        "gains": conduct.gains.words,
         "route": conduct.course.id,
         "route_time": f"{conduct.route_time:.3f}",
         "pace": f"{conduct.together.pace:.2f}",

@@ -102,8 +102,7 @@ def _said(legal: Callable[[Tuned], bool], fault: _Fault, wanted: Tuned, asked: t
         if bound is not None:
             needs = f"needs {name} {bound} at {other} = {getattr(wanted, other):g}"
             return f"{name} = {getattr(wanted, name):g}: {fault.why}, {fault.what} {needs}"
-    both = f"k_p = {wanted.k_p:g}, k_i = {wanted.k_i:g}"
-    return f"{both}: {fault.why}, {fault.what}; no {' or '.join(asked)} will do without the other"
+    return f"{wanted.words}: {fault.why}, {fault.what}; no {' or '.join(asked)} will do without the other"
 
 
 def _nearest(legal: Callable[[Tuned], bool], wanted: Tuned, name: str) -> str | None:
