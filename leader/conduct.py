@@ -12,7 +12,7 @@ from formation import intent
 from formation.figure import Figure
 from formation.mission import Mission
 from formation.order import Mode, OperatorRequest, Order, Slots, Tuned
-from formation.stability import spectrum
+from formation.stability import spectrum, tuning
 from leader.course import Course
 from leader.mover import Mover, Wish
 from leader.together import Together
@@ -94,7 +94,8 @@ class Conduct:
         elif order.place is not None:
             self.course = Course.standing(order.route, order.place)
             self.will.lost = "does not know the route that the leader was on: order a speed or a route"
-        self.tuned = order.tuned
+        borne = order.tuned is None or tuning.refusal(self._mission, order.tuned) is None
+        self.tuned = order.tuned if borne else None
         wish = Wish(order.shape, order.rotation, order.scale)
         self.mover = Mover(self._mission, Figure.of(order), wish, self._speed)
 

@@ -185,6 +185,19 @@ def test_velocities_fed_forward_round_a_cycle_are_looked_at_as_well() -> None:
         assert (why is None) == (poles.real.max() < 0.0)
 
 
+def test_of_a_large_cycle_the_pole_is_named_and_no_range_is_looked_for() -> None:
+    size = 40
+    around = np.concatenate([[0.0], 10.0 * np.exp(2j * np.pi * np.arange(size) / size)])
+    neighbours = ((), (0, size), *((i,) for i in range(1, size)))
+    mission = scenarios.build(around, neighbours, law={"k_i": 0.001, "velocity_filter": 0.5})
+    assert spectrum.stable(spectrum.laplacian(mission.graph), 2.0, 0.001)
+    why = tuning.refusal(mission, Tuned(k_p=2.0, k_i=0.001))
+    assert why is not None
+    assert re.fullmatch(
+        r"k_p = 2, k_i = 0\.001: unstable with law.feed_forward, pole \S+ 1/s; other gains are needed", why
+    )
+
+
 def test_the_loop_without_an_integral_is_judged_by_its_positions_alone() -> None:
     assert tuning.refusal(SIX, Tuned(k_p=2.0, k_i=0.0)) is None
     assert tuning.refusal(scenarios.ring(6), Tuned(k_p=2.0, k_i=0.0)) is None
