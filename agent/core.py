@@ -23,6 +23,7 @@ from agent.neighbourhood import Neighbour, Neighbourhood
 from agent.orders import Orders
 from agent.slots import Slots
 from agent.status import Report, Surroundings, status
+from agent.tuning import Tuning
 from formation import order
 from formation.law import LAWS, error
 from formation.mission import Mission
@@ -71,6 +72,7 @@ class Agent:
         self._integral = 0j
         self._finite = True
         self._orders = Orders(mission)
+        self._tuning = Tuning(mission, robot)
         self._slots = Slots(mission, robot)
         self._aside, self._stuck = Aside(), Stuck(spec.limits)
         self._commander = Commander(mission, robot, self.law_name)
@@ -241,9 +243,8 @@ class Agent:
         self._slots.follow(wanted, self._orders.rose, now.mono)
         what = self._neighbours.measured(self._here, self._slots, now)
         dt = min(interval or 0.0, self._here.stream.limit)
-        command, integral = self._law(
-            self._integral, self._here.heading, what, self._mission.law.gains, self._spec.limits, dt
-        )
+        gains, integral = self._tuning.follow(wanted, dt, self._integral, self._here.heading, what)
+        command, integral = self._law(integral, self._here.heading, what, gains, self._spec.limits, dt)
         self._finite = cmath.isfinite(complex(command.speed, command.turn_rate)) and cmath.isfinite(integral)
         if not self._finite:
             self.decision, self._integral = self._decide(now), 0j
@@ -293,6 +294,7 @@ class Agent:
             neighbours=self._neighbours,
             aside=self._aside.told,
             stuck=self._stuck.now,
+            gains=self._tuning.told,
             surroundings=self._surroundings,
             dropped={where: (count, self.last_dropped[where]) for where, count in self.dropped.items()},
             mission=self._mission.fingerprint,

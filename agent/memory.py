@@ -24,6 +24,7 @@ from agent.overhead import Overhead, Sent
 from agent.slots import Slots
 from agent.status import Surroundings
 from agent.stream import Stream
+from agent.tuning import Tuning
 from agent.values import (
     BadMemoryError,
     Json,
@@ -99,7 +100,17 @@ KEPT: Mapping[type, Kept] = {
             "_status_due": real,
             "_rest_due": real,
         },
-        parts=("_here", "_neighbours", "_orders", "_slots", "_aside", "_stuck", "_commander", "_latch"),
+        parts=(
+            "_here",
+            "_neighbours",
+            "_orders",
+            "_tuning",
+            "_slots",
+            "_aside",
+            "_stuck",
+            "_commander",
+            "_latch",
+        ),
         construction=(
             "robot",
             "law_name",
@@ -208,12 +219,13 @@ KEPT: Mapping[type, Kept] = {
             "_heard": by_name(row(tuple, _ORDER, real)),
         },
         parts=("voter",),
-        construction=("_shapes", "_rate"),
+        construction=("_shapes", "_bearable", "_rate"),
     ),
     Voter: Kept(
         memory={"promise": count, "echo": count, "_given": count, "_renewed": maybe(real), "_rose": real},
         construction=("_mission", "_votes", "_bound"),
     ),
+    Tuning: Kept(memory={"k_p": real, "k_i": real}, construction=("_limits", "_gains", "_original")),
     Slots: Kept(
         memory={
             "at": by_name(plane),

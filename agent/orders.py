@@ -10,6 +10,7 @@ Where there are standbys, a robot that has promised itself to a term takes no or
 from __future__ import annotations
 
 from agent.stream import ABSURD
+from agent.tuning import Bearable
 from formation.election import Voter
 from formation.figure import check_figure
 from formation.mission import Mission
@@ -30,13 +31,15 @@ class Orders:
         """When its beat last rose [s, monotonic]."""
         self.voter = Voter(mission)
         """Its voice in who leads."""
-        self._shapes = mission.shapes
+        self._shapes, self._bearable = mission.shapes, Bearable.of(mission)
         self._rate = mission.robots[mission.leader].rate
         self._heard: dict[str, tuple[Order, float]] = {}  # from each neighbour, and when [s, monotonic]
 
     def hear(self, heard: Order, neighbour: str, arrived: float, now: Now) -> None:
         """Learn from the order that came with a neighbour's position. Raises BadMessage."""
         check_figure(heard, self._shapes)
+        if heard.tuned is not None:
+            self._bearable.check(heard.tuned)
         if heard.term * 1e-9 - now.wall > ABSURD:
             raise BadMessage(f"absurd term: begins {heard.term * 1e-9 - now.wall:.0f} s from now")
         before = self._heard.get(neighbour)

@@ -51,6 +51,8 @@ class Report(NamedTuple):
     aside: bool
     """Whether the others are to go on without it."""
     stuck: bool
+    gains: str
+    """Of the law, where they are not the mission's."""
     surroundings: Surroundings
     dropped: Mapping[str, tuple[int, str]]
     mission: str = ""
@@ -70,6 +72,7 @@ def status(report: Report, now: Now) -> Diagnostics:
         "state": state,
         "reason": report.decision.reason,
         "law": report.law,
+        **({"gains": report.gains} if report.gains else {}),
         **({"mission": report.mission} if report.mission else {}),
         "speed": f"{command.speed:.4f}",
         "turn_rate": f"{command.turn_rate:.4f}",

@@ -2,9 +2,9 @@
 
     stops   what an operator asked of the robot, and which requests were answered. It holds until it is
             released, whatever happens in between. What cannot be read may have been a stop: the robot stands.
-    way     where the robot was and how it faced, by which odometry, its integral, the promised term. Taken
-            over if it is of this robot, mission, law and boot, a minute old at most, and if the first message
-            of the new process follows from it; else the agent begins as one that knows nothing.
+    way     where the robot was and how it faced, by which odometry, its integral and gains, the promised
+            term. Taken over if it is of this robot, mission, law and boot, a minute old at most, and if the
+            first message of the new process follows from it; else the agent begins as one that knows nothing.
 
 Of neighbours nothing is kept: they are heard again within a period. `agent.keeping` has the files.
 """
@@ -70,6 +70,8 @@ class Way(_Table):
     here: dict[str, Any]
     """The memory of its `agent.localisation`."""
     integral: Any
+    tuning: Any
+    """The memory of its `agent.tuning`: what the integral stands for depends on the gains."""
 
 
 class Taken(NamedTuple):
@@ -160,7 +162,7 @@ class Survival:
             if strange := here.goes_on(message, sample.arrived, way.mono):
                 return _anew(strange)
             age = sample.arrived - way.mono
-            memory = {"here": remember(here), "integral": way.integral}
+            memory = {"here": remember(here), "integral": way.integral, "tuning": way.tuning}
             if age > OLDEST_INTEGRAL:
                 del memory["integral"]
             return self._taken(memory, f"goes on from where it was {age:.1f} s ago")
@@ -169,7 +171,7 @@ class Survival:
 
     def way(self, now: Now) -> dict[str, Json] | None:
         """What is to be kept now and then, for `json`; None before the robot has been heard."""
-        known = remember(self._agent, "here", "integral")
+        known = remember(self._agent, "here", "integral", "tuning")
         if known["here"]["stream"]["arrived"] is None:
             return None
         if self._external:  # what it was told until then does not say how it has turned since
@@ -183,6 +185,7 @@ class Survival:
             "promise": self._agent._orders.voter.promise,  # noqa: SLF001
             "here": known["here"],
             "integral": known["integral"],
+            "tuning": known["tuning"],
         }
 
     def _latch(self, mode: Mode | None, why: str, rested: float, answers: dict[str, str]) -> Taken:
@@ -208,7 +211,7 @@ class Survival:
         for name, mine in ours.items():
             if (theirs := getattr(way, name)) != mine:
                 return f"it is of {name} {theirs}, this one of {mine}"
-        if _odd([way.here, way.integral]):
+        if _odd([way.here, way.integral, way.tuning]):
             return "a number in it is none"
         try:
             check_term(way.promise, now)

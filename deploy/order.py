@@ -13,7 +13,7 @@ from deploy.refusal import Refusal
 from deploy.terminal.waiting import waiting
 from formation.mission import Mission
 from formation.mission_file import MissionError, parse_route, read
-from formation.order import OperatorRequest
+from formation.order import TAKES, OperatorRequest
 from formation.outcome import Outcome
 from formation.transport import asking, wiring
 from formation.transport.asking import OPERATOR
@@ -43,6 +43,7 @@ VERBS = {
         {"speed": "V", "degrees": "HEADING"}, "straight on from here, V m/s, towards HEADING degrees"
     ),
     "route": Verb({"legs": "FILE"}, "from here along the [[route]] of a TOML file, or of a mission"),
+    "tune": Verb({"gains": "GAIN=…"}, "other gains of the law while driving: k_p=2.5 k_i=1, or one of them"),
 }
 
 WHAT = "Give an order to the robots of a running mission, and see who obeys.\n\norders:\n"
@@ -57,6 +58,7 @@ EXAMPLES = """\
   formation order six_robots shape wedge
   formation order six_robots rotate -30
   formation order six_robots speed 0.1 90    a tenth of a metre a second, to the left of x
+  formation order six_robots tune k_p=3 k_i=1.5
   formation order my_mission.toml stop -e tcp/192.168.1.11:7460 -e tcp/192.168.1.12:7460
   formation order my_mission.toml stop -c operator/zenoh.json5      with the operator's certificate
 
@@ -133,14 +135,38 @@ def _request(mission: Mission, words: Sequence[str]) -> OperatorRequest:
     verb = VERBS[do]
     if do == "shape" and not given:
         raise Refusal(f"shape: must be one of {', '.join(mission.shapes)}")
+    if do == "tune":
+        return _asked(mission, do, _gains(given))
     if len(given) != len(verb.takes):
         takes = " and ".join(verb.takes.values()) or "nothing more"
         raise Refusal(f"{do} takes {takes}; here: {' '.join(given) or 'nothing'}")
     what = {name: READ_AS.get(name, _number)(text) for name, text in zip(verb.takes, given, strict=True)}
+    return _asked(mission, do, what)
+
+
+def _asked(mission: Mission, do: str, what: dict[str, Any]) -> OperatorRequest:
     try:
         return asking.request_for(mission, do, **what)
     except ValueError as error:
         raise Refusal(str(error)) from None
+
+
+def _gains(words: Sequence[str]) -> dict[str, float]:
+    """``k_p=2 k_i=1`` as a table."""
+    legal = " and ".join(TAKES["tune"])
+    if not words:
+        raise Refusal(f"tune takes gains as k_p=2 k_i=1; those that can be tuned are {legal}")
+    given: dict[str, float] = {}
+    for word in words:
+        name, equals, value = word.partition("=")
+        if not equals:
+            raise Refusal(f"{word!r}: must be a gain as k_p=2; those that can be tuned are {legal}")
+        if name not in TAKES["tune"]:
+            raise Refusal(f"tune: no gain {name!r} can be tuned; those that can are {legal}")
+        if name in given:
+            raise Refusal(f"tune: {name} is given twice")
+        given[name] = _number(value)
+    return given
 
 
 def _number(text: str) -> float:

@@ -16,7 +16,8 @@ from formation.arrays import ComplexArray
 from formation.figure import Figure
 from formation.legs import Circle, Leg, Straight
 from formation.mission import Mission
-from formation.order import OperatorRequest
+from formation.order import TAKES, OperatorRequest, Tuned
+from formation.stability import tuning
 
 SAMPLES = 33
 """Of a straight way from one figure to another."""
@@ -32,26 +33,27 @@ def refusal(
     figure: Figure | None = None,
     way: Sequence[Figure] = (),
     legs: Sequence[Leg] | None = None,
+    gains: Tuned | None = None,
 ) -> str | None:
     """Why `request` cannot be done, in one sentence with what is legal; None if nothing speaks against it.
 
     `figure` is the one that is wanted by now, its rotation as an order says it (with ``turning`` from the
     leader's heading); None for not known, and then only what no figure makes possible is refused. `way` is
     how it would go from where it is; by default it goes straight from `figure`. `legs` is the route that the
-    leader is on, by default the mission's.
+    leader is on, by default the mission's. `gains` are those that `tuned` gives; None for not known.
     """
     if request.shape is not None and request.shape not in mission.shapes:
         return f"shape {request.shape!r}: must be one of {', '.join(mission.shapes)}"
+    if request.do == "tune":
+        return _untunable(mission, request, gains)
     if request.speed is not None:
         return _too_fast(mission, request.speed, "speed")
     if request.legs is not None:
         why = _route(mission, request.legs)
         return why if why or figure is None else swings_too_fast(mission, figure, request.legs)
-    if figure is None:
-        return _small_in_any_shape(mission, request.factor)
-    wanted = wish(request, figure)
-    if wanted is None:
-        return None
+    wanted = None if figure is None else wish(request, figure)
+    if figure is None or wanted is None:
+        return _small_in_any_shape(mission, request.factor) if figure is None else None
     return (
         _touches(mission, wanted)
         or _touches_on_the_way(mission, way or straight(figure, wanted))
@@ -83,6 +85,22 @@ def straight(begin: Figure, end: Figure) -> list[Figure]:
         scale = (1.0 - part) * begin.scale + part * end.scale
         ways.append(Figure(mix, begin.rotation + part * turn, scale))
     return ways
+
+
+def tuned(request: OperatorRequest, before: Tuned) -> Tuned:
+    """The gains that ``tune`` asks for where these were wanted before: six figures are near enough."""
+    asked = {name: getattr(request, name) for name in TAKES["tune"]}
+    return before.model_copy(
+        update={name: float(f"{value:.6g}") for name, value in asked.items() if value is not None}
+    )
+
+
+def _untunable(mission: Mission, request: OperatorRequest, gains: Tuned | None) -> str | None:
+    """Who does not know the other gain can say nothing of one alone."""
+    asked = tuple(name for name in TAKES["tune"] if getattr(request, name) is not None)
+    if gains is None and request.k_p is not None and request.k_i is not None:
+        gains = tuned(request, Tuned(k_p=request.k_p, k_i=request.k_i))
+    return None if gains is None else tuning.refusal(mission, gains, asked)
 
 
 def _route(mission: Mission, legs: Sequence[Leg]) -> str | None:

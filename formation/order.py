@@ -42,13 +42,17 @@ LONGEST_REASON = 120
 """[characters]"""
 
 Mode = Literal["hold", "run", "stop"]
-Do = Literal["hold", "run", "stop", "release", "shape", "rotate", "scale", "speed", "route"]
+Do = Literal["hold", "run", "stop", "release", "shape", "rotate", "scale", "speed", "route", "tune"]
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
 Voice = Annotated[str, StringConstraints(max_length=64, pattern=r"^[A-Za-z0-9_.-]*$")]
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
 Scale = Annotated[float, Field(allow_inf_nan=False, ge=1e-3, le=1e3)]
 Share = Annotated[float, Field(allow_inf_nan=False, ge=0.0, le=1.0)]
+LEAST_GAIN, MOST_GAIN = 1e-3, 1e3
+"""A gain that can be ordered is between these; k_i may also be 0."""
+Proportional = Annotated[float, Field(allow_inf_nan=False, ge=LEAST_GAIN, le=MOST_GAIN)]
+Integral = Annotated[float, Field(allow_inf_nan=False, ge=0.0, le=MOST_GAIN)]
 
 
 Legs = Annotated[tuple[Leg, ...], BeforeValidator(as_tuple), Field(min_length=1, max_length=500)]
@@ -79,6 +83,20 @@ class Place(_Json):
     """Direction of travel [rad; world frame]."""
 
 
+class Tuned(_Json):
+    """Gains of the law, in the place of the mission's."""
+
+    k_p: Proportional
+    """[1/s]"""
+    k_i: Integral
+    """[1/s²]"""
+
+    @property
+    def words(self) -> str:
+        """``k_p = 2, k_i = 1``."""
+        return f"k_p = {self.k_p:g}, k_i = {self.k_i:g}"
+
+
 class Order(_Json):
     """What the leader wants of the team, and all that a successor needs to go on from here."""
 
@@ -106,6 +124,8 @@ class Order(_Json):
     """How long it has been on it [s]."""
     place: Place | None = None
     """Where it is."""
+    tuned: Tuned | None = None
+    """Gains that everybody is to have; None for the mission's."""
 
 
 class Told(_Json):
@@ -152,6 +172,10 @@ class OperatorRequest(_Json):
         Annotated[tuple[Leg, ...], BeforeValidator(as_tuple), Field(min_length=1, max_length=500)] | None
     ) = None
     """With ``route``: where the leader is to go from where it is."""
+    k_p: Proportional | None = None
+    """With ``tune``: the law's proportional gain [1/s]; without it that stays as it is."""
+    k_i: Integral | None = None
+    """With ``tune``: the law's integral gain [1/s²], likewise."""
     id: Voice = ""
     """Of one order, however often it is put: a repetition takes no effect a second time. Empty: unknown."""
     age: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
@@ -159,10 +183,12 @@ class OperatorRequest(_Json):
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
-        for name in ("shape", "degrees", "factor", "speed", "legs"):
-            if (getattr(self, name) is not None) != (name in TAKES.get(self.do, ())):
-                wanted = " and ".join(TAKES.get(self.do, ())) or "nothing"
-                raise PydanticCustomError("takes", f"{self.do} takes {wanted}")
+        takes = TAKES.get(self.do, ())
+        given = tuple(name for name in PARTS if getattr(self, name) is not None)
+        some = self.do == "tune" and bool(given) and set(given) < set(takes)
+        if not some and set(given) != set(takes):
+            wanted = (" or " if self.do == "tune" else " and ").join(takes) or "nothing"
+            raise PydanticCustomError("takes", f"{self.do} takes {wanted}")
         return self
 
 
@@ -173,9 +199,12 @@ TAKES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "scale": ("factor",),
         "speed": ("speed", "degrees"),
         "route": ("legs",),
+        "tune": ("k_p", "k_i"),
     }
 )
-"""What belongs to a request; nothing to those that are not here."""
+"""What belongs to a request, all of it (with ``tune``, any); nothing to those that are not here."""
+PARTS = tuple(dict.fromkeys(name for takes in TAKES.values() for name in takes))
+"""All of these."""
 
 
 class OperatorReply(_Json):

@@ -164,4 +164,7 @@ def called(request: OperatorRequest) -> str:
         case "route":
             legs = len(request.legs or ())
             what = ("of one leg" if legs == 1 else f"of {legs} legs",)
+        case "tune":
+            asked = {"k_p": request.k_p, "k_i": request.k_i}
+            what = tuple(f"{name}={value:g}" for name, value in asked.items() if value is not None)
     return " ".join([request.do, *map(str, what)])

@@ -116,7 +116,7 @@ EVENTS = Topic(
 )  # fmt: skip
 ORDER = Topic(
     "order", "{robot}/order", "", "operator", "agent or leader (queryable)", "on demand", None,
-    "hold, run, stop, release, another figure or course, acknowledged one by one (JSON)",
+    "hold, run, stop, release, another figure, course or gains, acknowledged one by one (JSON)",
 )  # fmt: skip
 
 BALLOT = Topic(

@@ -11,7 +11,8 @@ import math
 from formation import intent
 from formation.figure import Figure
 from formation.mission import Mission
-from formation.order import Mode, OperatorRequest, Order, Slots
+from formation.order import Mode, OperatorRequest, Order, Slots, Tuned
+from formation.stability import spectrum, tuning
 from leader.course import Course
 from leader.mover import Mover, Wish
 from leader.together import Together
@@ -36,6 +37,8 @@ class Conduct:
         """How long it has been on its course, and so where on it it is [s]."""
         self.mover = Mover.first(mission)
         self.together = Together(mission)
+        self.tuned: Tuned | None = None
+        """Gains in the place of the mission's."""
         self._mission = mission
         self._courses = {"": self.course}
 
@@ -91,6 +94,8 @@ class Conduct:
         elif order.place is not None:
             self.course = Course.standing(order.route, order.place)
             self.will.lost = "does not know the route that the leader was on: order a speed or a route"
+        borne = order.tuned is None or tuning.refusal(self._mission, order.tuned) is None
+        self.tuned = order.tuned if borne else None
         wish = Wish(order.shape, order.rotation, order.scale)
         self.mover = Mover(self._mission, Figure.of(order), wish, self._speed)
 
@@ -110,6 +115,7 @@ class Conduct:
             route=self.course.id,
             time=round(min(self.route_time, LONGEST_TIME), 3),
             place=self.course.place(self.route_time),
+            tuned=self.tuned,
         )
 
     def obey(self, request: OperatorRequest) -> tuple[bool, str]:
@@ -118,6 +124,8 @@ class Conduct:
             return self.will.change(request.do)
         if request.do in {"speed", "route"}:
             return self._set_out(request)
+        if request.do == "tune":
+            return self._tune(request)
         return self._change_figure(request)
 
     def _set_out(self, request: OperatorRequest) -> tuple[bool, str]:
@@ -134,6 +142,22 @@ class Conduct:
         self.route_time, self.will.lost = 0.0, ""
         lasts = "without an end" if math.isinf(self.course.total) else f"of {self.course.total:.3g} s"
         return True, f"on a route {lasts} from where it is"
+
+    @property
+    def gains(self) -> Tuned:
+        """Of the law, as everybody is to have them."""
+        law = self._mission.law
+        return self.tuned or Tuned.model_construct(k_p=law.k_p, k_i=law.k_i)
+
+    def _tune(self, request: OperatorRequest) -> tuple[bool, str]:
+        wanted = intent.tuned(request, self.gains)
+        why = intent.refusal(self._mission, request, gains=wanted)
+        if why is not None:
+            return False, why
+        law = self._mission.law
+        self.tuned = None if (wanted.k_p, wanted.k_i) == (law.k_p, law.k_i) else wanted
+        margin = spectrum.delay_margin(spectrum.laplacian(self._mission.graph), wanted.k_p, wanted.k_i)
+        return True, f"{wanted.words}; bears a delay of {margin * 1e3:.0f} ms"
 
     def _change_figure(self, request: OperatorRequest) -> tuple[bool, str]:
         before = self.mover.wish

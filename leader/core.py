@@ -291,7 +291,8 @@ class Leader:
 
     @property
     def _wanted(self) -> tuple[object, ...]:
-        return self.conduct.will.mode, self.conduct.mover.wish, self.conduct.course.id
+        conduct = self.conduct
+        return conduct.will.mode, conduct.mover.wish, conduct.course.id, conduct.tuned
 
     def _note_waiting(self) -> None:
         waiting = self.conduct.together.waits_for if self._mode == "run" else ()

@@ -103,6 +103,7 @@ def _conducted(report: Report) -> dict[str, str]:
         "shape": conduct.mover.wish.shape,
         "figure": spelled(conduct.mover.figure),
         "changing": f"{conduct.mover.remaining:.1f}",
+        "gains": conduct.gains.words,
         "route": conduct.course.id,
         "route_time": f"{conduct.route_time:.3f}",
         "pace": f"{conduct.together.pace:.2f}",

@@ -166,13 +166,13 @@ def _sampling(mission: Mission, mu: ComplexArray, *, stable: bool) -> list[str]:
         return []
     slowest = min(mission.followers, key=lambda name: mission.robots[name].rate)
     rate = mission.robots[slowest].rate
-    radius = feasibility.sampled_radius(mu, mission.law.k_p, mission.law.k_i, 1.0 / rate)
+    radius = spectrum.sampled_radius(mu, mission.law.k_p, mission.law.k_i, 1.0 / rate)
     if radius < 1.0:
         return []
     enough = (
         f"must be above {faster:.3g} Hz"
         for faster in rate * np.geomspace(1.01, 1e6, 2000)
-        if feasibility.sampled_radius(mu, mission.law.k_p, mission.law.k_i, 1.0 / faster) < 1.0
+        if spectrum.sampled_radius(mu, mission.law.k_p, mission.law.k_i, 1.0 / faster) < 1.0
     )
     most = max(map(len, mission.graph.neighbours))
     why = f"too low for law.k_p = {mission.law.k_p:g} and up to {most} neighbours: commands overshoot"

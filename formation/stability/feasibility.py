@@ -8,9 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-import numpy as np
-
-from formation.arrays import ComplexArray
 from formation.figure import Figure
 from formation.graph import Graph
 from formation.intent import swings_too_fast
@@ -50,16 +47,6 @@ def unreachable(graph: Graph, names: tuple[str, ...]) -> dict[str, str]:
         others = ", ".join(names[j] for j in sorted(found - {i}))
         reasons[names[i]] = f"its neighbours lead only to {others}" if others else "it measures nobody"
     return reasons
-
-
-def sampled_radius(mu: ComplexArray, k_p: float, k_i: float, period: float) -> float:
-    """Largest |z| of the PI loop when each command holds for `period` [s]; from 1 on it does not settle.
-
-    One mode is δ ← δ - T μ (k_P δ + k_I ξ), ξ ← ξ + T δ.
-    """
-    trace = 2.0 - k_p * mu * period
-    root = np.sqrt(trace**2 - 4.0 * (1.0 - k_p * mu * period + k_i * mu * period**2))
-    return float(np.maximum(np.abs(trace + root), np.abs(trace - root)).max() / 2.0)
 
 
 def _limits(mission: Mission, name: str) -> tuple[float, float]:

@@ -49,6 +49,24 @@ def stable(mu: ComplexArray, k_p: float, k_i: float) -> bool:
     return bool(np.all((mu.real > 0.0) & exact))
 
 
+def sampled_radius(mu: ComplexArray, k_p: float, k_i: float, period: float) -> float:
+    """Largest |z| of the PI loop when each command holds for `period` [s]; from 1 on it does not settle."""
+    return float(sampled_radii(mu, k_p, k_i, period).max())
+
+
+def sampled_radii(mu: ComplexArray, k_p: float, k_i: float, period: float) -> FloatArray:
+    """The same for each μ by itself.
+
+    One mode is δ ← δ - T μ (k_P δ + k_I ξ), ξ ← ξ + T δ.
+    """
+    if k_i == 0.0:  # δ goes by itself
+        return np.abs(1.0 - k_p * mu * period)
+    trace = 2.0 - k_p * mu * period
+    root = np.sqrt(trace**2 - 4.0 * (1.0 - k_p * mu * period + k_i * mu * period**2))
+    radii: FloatArray = np.maximum(np.abs(trace + root), np.abs(trace - root)) / 2.0
+    return radii
+
+
 def feed_forward_poles(graph: Graph, k_p: float, k_i: float, time_constant: float) -> ComplexArray:
     """Poles [1/s] of the loop with the neighbours' filtered velocity fed forward, for the `cyclic_core`.
 
@@ -63,7 +81,11 @@ def feed_forward_poles(graph: Graph, k_p: float, k_i: float, time_constant: floa
     integral = np.hstack([-among, np.zeros((count, 2 * count))])
     estimate = motion / time_constant
     estimate[:, 2 * count :] -= np.eye(count) / time_constant
-    values: ComplexArray = np.linalg.eigvals(np.vstack([motion, integral, estimate])).astype(np.complex128)
+    loop = np.vstack([motion, integral, estimate])
+    if k_i == 0.0:  # nothing goes by the integral
+        moving = np.r_[:count, 2 * count : 3 * count]
+        loop = loop[np.ix_(moving, moving)]
+    values: ComplexArray = np.linalg.eigvals(loop).astype(np.complex128)
     return values
 
 

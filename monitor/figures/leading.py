@@ -78,7 +78,8 @@ class Leading:
     def _ordered(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
         if snapshot.mode is None or snapshot.wish is None:
             return
-        before = self._order.see(f"{snapshot.mode}, {described(snapshot.wish)}", now.mono)
+        gains = f", {snapshot.tuned.words}" if snapshot.tuned else ""
+        before = self._order.see(f"{snapshot.mode}, {described(snapshot.wish)}{gains}", now.mono)
         if before is not None:
             level = INFO if snapshot.mode == "run" else WARNING
             text = f"the leader orders {self._order.state}{more(before)}"

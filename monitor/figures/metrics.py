@@ -130,6 +130,7 @@ class Metrics:
             wished_at=self._settling.wished_at,
             figure=self._orders.figure,
             formed=self._orders.formed,
+            tuned=self.order.tuned if self.order else None,
             lead=lead,
             leads=leads,
             waits=self._waits(leads, now),

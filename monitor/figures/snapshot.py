@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from formation.figure import Figure
-from formation.order import Mode
+from formation.order import Mode, Tuned
 from monitor.figures.asked import Asked
 from monitor.figures.orders import Lead, Wish
 
@@ -120,6 +120,8 @@ class Snapshot:
     """Where the slots are by now."""
     formed: bool = True
     """Whether they have been where they are wanted since that was wished."""
+    tuned: Tuned | None = None
+    """Gains of the law in the place of the mission's."""
     lead: Lead | None = None
     """Who led last; None before the first order."""
     leads: str | None = None

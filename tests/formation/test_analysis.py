@@ -261,8 +261,14 @@ def test_a_rate_that_is_called_high_enough_is_high_enough() -> None:
     (problem,) = analyse(mission).problems
     needed = float(problem.split("above ")[1].split()[0])
     mu = spectrum.laplacian(mission.graph)
-    assert feasibility.sampled_radius(mu, 2.5, 0.2, 1.0 / (1.02 * needed)) < 1.0
-    assert feasibility.sampled_radius(mu, 2.5, 0.2, 1.0 / (0.98 * needed)) > 1.0
+    assert spectrum.sampled_radius(mu, 2.5, 0.2, 1.0 / (1.02 * needed)) < 1.0
+    assert spectrum.sampled_radius(mu, 2.5, 0.2, 1.0 / (0.98 * needed)) > 1.0
+
+
+def test_a_law_without_an_integral_is_judged_by_its_positions_alone() -> None:
+    assert analyse(changed(PAIR, law={"k_i": 0.0})).problems == ()
+    (problem,) = analyse(changed(PAIR, robot={"rate": 1.0}, law={"k_p": 2.5, "k_i": 0.0})).problems
+    assert "too low for law.k_p" in problem
 
 
 def test_who_cannot_reach_the_leader_is_told_why() -> None:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from agent.core import Agent
 from agent.failsafe import State
 from agent.survival import Survival
-from formation import order
+from formation import intent, order
 from formation.mission import Mission
 from formation.mission_file import parse
 from formation.order import OperatorReply, OperatorRequest, Order, Told
@@ -157,7 +157,13 @@ class Team:
         process = self.processes[name]
         if not process.alive or process.frozen:
             return
+        before = process.core.conduct.tuned if isinstance(process.core, Leader) else None
         reply = order.decode(OperatorReply, process.core.request(order.encode(request)))
+        after = process.core.conduct.tuned if isinstance(process.core, Leader) else None
+        if not reply.ok or request.id in process.asked or request.do != "tune":
+            assert after == before, f"{name} has other gains though nothing new was asked"
+        elif isinstance(process.core, Leader):
+            assert process.core.conduct.gains == intent.tuned(request, process.core.conduct.gains)
         if reply.ok and request.id not in process.asked and request.do in {"stop", "release"}:
             process.stopped = request.do == "stop"
         process.asked.add(request.id)
@@ -203,6 +209,7 @@ class Team:
             and one.newest.term == led.term
             and one.newest.mode == led.mode
             and one.newest.shape == led.shape
+            and one.newest.tuned == led.conduct.tuned
             for one in orders
         )
 

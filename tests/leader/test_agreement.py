@@ -22,12 +22,15 @@ LONG = 100
 AGREED = 8.0
 """So long after everything works again everybody agrees, at the latest [takeovers]."""
 TAKEN: Counter[str] = Counter()
+ENDS = ("agreed", "gains kept", "reigns")
+"""What is counted when a run has ended, and is no step."""
 
 NAMES = (*MISSION.candidates, *MISSION.followers)
 ONE = st.sampled_from(NAMES)
 SOME = st.frozensets(ONE, min_size=1, max_size=4)
 CANDIDATE = st.sampled_from(MISSION.candidates)
 MEANWHILE = st.integers(0, 4)
+GAINS = st.sampled_from([{"k_p": 1.0}, {"k_i": 0.4}, {"k_p": 3.0, "k_i": 1.5}, {"k_p": 50.0}])
 
 
 class Machine(RuleBasedStateMachine):
@@ -140,6 +143,11 @@ class Machine(RuleBasedStateMachine):
         self._ask(OperatorRequest(do="shape", shape=shape, id=self._id()), (name,))
         self.done("shape", meanwhile)
 
+    @rule(gains=GAINS, name=CANDIDATE, meanwhile=MEANWHILE)
+    def tune(self, gains: dict[str, float], name: str, meanwhile: int) -> None:
+        self._ask(OperatorRequest.model_validate({"do": "tune", **gains, "id": self._id()}), (name,))
+        self.done("tune", meanwhile)
+
     @rule(age=st.sampled_from([0.1, 1.0, 5.0]), meanwhile=MEANWHILE)
     def ask_again(self, age: float, meanwhile: int) -> None:
         self._ask(self.wish.model_copy(update={"age": age}), NAMES)
@@ -161,14 +169,39 @@ class Machine(RuleBasedStateMachine):
         while not self.team.agreed and self.team.true < bound:
             self.team.run(5 * TICK)
         assert self.team.agreed
+        self._gains_outlive_who_ordered_them()
         TAKEN["agreed"] += 1
         TAKEN["reigns"] += len(self.team.reigns)
+
+    def _gains_outlive_who_ordered_them(self) -> None:
+        """What everybody has heard is neither lost nor another's when the next leads."""
+        bound = self.team.true + AGREED * MISSION.takeover
+        while not self._tuned(2.5):
+            assert self.team.true < bound
+            self._ask(OperatorRequest(do="tune", k_p=2.5, id=self._id()), tuple(self.team.leaders))
+            self.team.run(2.0)
+        (led,) = self.team.leaders
+        tuned = self.team.leader(led).conduct.tuned
+        self.team.processes[led].alive = False
+        bound = self.team.true + AGREED * MISSION.takeover
+        self.team.run(MISSION.takeover)
+        while not self.team.agreed and self.team.true < bound:
+            self.team.run(5 * TICK)
+        assert self.team.agreed
+        assert self.team.leader(self.team.leaders[0]).conduct.tuned == tuned
+        TAKEN["gains kept"] += 1
+
+    def _tuned(self, k_p: float) -> bool:
+        """Whether one leads and everybody has these gains from it."""
+        newest = [self.team.agent(name)._orders.newest for name in MISSION.followers]
+        gains = [one.tuned.k_p if one is not None and one.tuned is not None else None for one in newest]
+        return self.team.agreed and gains == [k_p] * len(gains)
 
 
 @pytest.mark.timeout(0)
 def test_no_two_lead_no_two_orders_share_a_beat_no_stop_is_lost_and_all_agree_in_the_end() -> None:
     TAKEN.clear()
-    while (taken := sum(TAKEN.values()) - TAKEN["agreed"] - TAKEN["reigns"]) < STEPS:
+    while (taken := sum(TAKEN.values()) - sum(TAKEN[one] for one in ENDS)) < STEPS:
         run_state_machine_as_test(
             Machine,
             settings=settings(

@@ -17,7 +17,7 @@ from leader.core import Leader
 from tests.leader.leading import EPOCH, at, leading
 
 SIX = load("six_robots")
-NINE: list[dict[str, Any]] = [
+TEN: list[dict[str, Any]] = [
     {"do": "stop"},
     {"do": "release"},
     {"do": "hold"},
@@ -27,6 +27,7 @@ NINE: list[dict[str, Any]] = [
     {"do": "scale", "factor": 1.5},
     {"do": "speed", "speed": 0.1, "degrees": 90.0},
     {"do": "route", "legs": (Straight(speed=0.1, heading_deg=0.0),)},
+    {"do": "tune", "k_p": 3.0, "k_i": 0.5},
 ]
 
 
@@ -44,7 +45,7 @@ def step(leader: Leader, mono: float) -> list[list[dict[str, Any]]]:
 
 def test_each_order_is_said_at_once_and_a_few_times_more_with_what_was_answered() -> None:
     leader, mono = leading(SIX, 10.0), 11.0
-    for number, what in enumerate(NINE):
+    for number, what in enumerate(TEN):
         request = OperatorRequest(id=f"{number}", **what)
         reply = order.decode(OperatorReply, leader.request(order.encode(request)))
         assert reply.ok, reply.reason

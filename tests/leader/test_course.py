@@ -166,6 +166,7 @@ def test_the_longest_order_of_the_worst_mission_is_read_by_everybody_who_relays_
     leader, longest, most = leading(worst), 0, 0
     drive(leader, 0.0, 400.0, 10.0)
     ask(leader, b'{"do":"speed","speed":0.9,"degrees":123.4567}')
+    assert ask(leader, b'{"do":"tune","k_p":1.2345678,"k_i":0.0012345678}').ok
     for k, name in enumerate(names[1:]):
         ask(leader, json.dumps({"do": "shape", "shape": name}).encode())
         ask(leader, b'{"do":"scale","factor":1.2345678}')

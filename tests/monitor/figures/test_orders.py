@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 from formation import order
 from formation.figure import Figure
 from formation.mission_file import load, parse, read
-from formation.order import Order, Slots, Told
+from formation.order import Order, Slots, Told, Tuned
 from formation.topics import POSITION
 from formation.wire import Sample
 from monitor.figures.metrics import Metrics
 from monitor.figures.orders import Orders
+from monitor.figures.words import as_json
 from tests.monitor.fleet import EPOCH, Fleet, hear, now
 
 SIX = load("six_robots")
@@ -161,3 +162,12 @@ def test_the_clock_of_the_machine_that_watches_may_be_set_while_a_figure_moves()
         metrics.take(sample, sample.arrived + EPOCH + 3600.0)
     snapshot = metrics.snapshot(now(14.0)._replace(wall=14.0 + EPOCH + 3600.0))
     assert snapshot.formation_error == pytest.approx(0.0, abs=0.005)
+
+
+def test_gains_in_force_are_told_and_are_no_other_wish() -> None:
+    tuned = Tuned(k_p=3.0, k_i=0.5)
+    metrics = driven(Fleet(wants=lambda time: {"tuned": tuned} if time > 14.0 else {}), 18.0)
+    seen = metrics.snapshot(now(18.0))
+    assert seen.tuned == tuned
+    assert seen.wished_at == 0.0
+    assert as_json(seen)["gains"] == {"k_p": 3.0, "k_i": 0.5}

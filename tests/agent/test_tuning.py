@@ -1,0 +1,279 @@
+"""Gains that change while robots drive: no lurch, the same for all in the end, verifiable to the last bit."""
+
+from __future__ import annotations
+
+import cmath
+import json
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agent.core import Agent
+from agent.orders import Orders
+from agent.survival import Survival
+from agent.tuning import INTEGRAL, RATE, Tuning
+from agent.tuning import JUMP as MOST
+from agent.verify.core import verify
+from formation.law import LAWS, Gains, Limits, Measured
+from formation.mission import Mission
+from formation.mission_file import load
+from formation.order import OperatorReply, OperatorRequest, Order, Tuned, decode, encode
+from formation.topics import ODOM
+from formation.unicycle import Command
+from formation.wire import BadMessage, Now, Sample
+from tests.agent.fleet import EPOCH, Fleet
+from tests.agent.recorded import RecordedFleet, all_alike
+from tests.agent.sudden import most_sudden
+
+SIX, PAIR, PATROL = load("six_robots"), load("turtlebot3_pair"), load("patrol")
+MISSIONS = {"six": SIX, "pair": PAIR, "patrol": PATROL}
+GAINS = st.builds(Tuned, k_p=st.floats(0.05, 50.0), k_i=st.one_of(st.just(0.0), st.floats(0.01, 50.0)))
+PLANE = st.complex_numbers(max_magnitude=5.0)
+AT_PLACE = Measured(0j, 0j, 1)
+JUMP = 0.1
+"""No command may change by a larger share of a limit because gains do."""
+
+
+def ordered(tuned: Tuned | None) -> Order:
+    return Order(term=1, beat=1, mode="run", shape="hexagon", tuned=tuned)
+
+
+def tune(fleet: Fleet, **gains: float) -> OperatorReply:
+    request = OperatorRequest.model_validate({"do": "tune", **gains})
+    return decode(OperatorReply, fleet.in_charge.request(encode(request)))
+
+
+def in_force(fleet: Fleet) -> set[tuple[float, float]]:
+    return {(agent._tuning.k_p, agent._tuning.k_i) for agent in fleet.agents.values()}
+
+
+def limited(command: Command, limits: Limits) -> tuple[float, float]:
+    return command.speed / limits.max_speed, command.turn_rate / limits.max_turn_rate
+
+
+class Watch:
+    """How far each command of an agent's law is from what the gains of the step before would have it."""
+
+    def __init__(self, agent: Agent) -> None:
+        self.most = 0.0
+        """[share of a limit]"""
+        self._follow, self._law = agent._tuning.follow, agent._law
+        self._gains, self._integral = agent._mission.law.gains, 0j
+        agent._tuning.follow = self.follow  # type: ignore[method-assign]
+        agent._law = self.law
+
+    def follow(
+        self, order: Order, dt: float, integral: complex, heading: complex, what: Measured
+    ) -> tuple[Gains, complex]:
+        self._integral = integral
+        return self._follow(order, dt, integral, heading, what)
+
+    def law(
+        self, integral: complex, heading: complex, what: Measured, gains: Gains, limits: Limits, dt: float
+    ) -> tuple[Command, complex]:
+        was, _ = self._law(self._integral, heading, what, self._gains, limits, dt)
+        command, after = self._law(integral, heading, what, gains, limits, dt)
+        pairs = zip(limited(was, limits), limited(command, limits), strict=True)
+        self.most = max(self.most, *(abs(one - other) for one, other in pairs))
+        self._gains = gains
+        return command, after
+
+
+def some(k_p: float, k_i: float) -> Tuning:
+    one = Tuning(SIX, "robot2")
+    one.k_p, one.k_i = k_p, k_i
+    return one
+
+
+@given(since=GAINS, to=GAINS, dts=st.lists(st.floats(0.0, 0.3), max_size=60), integral=PLANE)
+def test_what_the_integral_commands_stays_while_gains_change(
+    since: Tuned, to: Tuned, dts: list[float], integral: complex
+) -> None:
+    one = some(since.k_p, since.k_i)
+    for dt in dts:
+        before = one.k_i * integral
+        gains, integral = one.follow(ordered(to), dt, integral, 1.0 + 0.0j, AT_PLACE)
+        assert cmath.isfinite(integral)
+        if to.k_i > 0.0:
+            assert cmath.isclose(gains.k_i * integral, before, rel_tol=1e-12, abs_tol=1e-300)
+        else:
+            assert abs(gains.k_i * integral) <= abs(before)
+
+
+@given(since=GAINS, to=GAINS, dt=st.floats(0.001, 0.5))
+def test_gains_move_no_faster_than_they_may_and_arrive_exactly(since: Tuned, to: Tuned, dt: float) -> None:
+    one, steps = some(since.k_p, since.k_i), 0
+    while (one.k_p, one.k_i) != (to.k_p, to.k_i):
+        before, steps = (one.k_p, one.k_i), steps + 1
+        one.follow(ordered(to), dt, 0j, 1.0 + 0.0j, AT_PLACE)
+        assert abs(math.log(one.k_p / before[0])) <= RATE * dt * (1.0 + 1e-9)
+        if before[1] > 1e-3 < one.k_i:
+            assert abs(math.log(one.k_i / before[1])) <= INTEGRAL * RATE * dt * (1.0 + 1e-9)
+        assert steps <= math.log(1e6) / (RATE * dt) + 2
+    gains, _ = one.follow(ordered(to), dt, 1j, 1.0 + 0.0j, AT_PLACE)
+    assert (gains.k_p, gains.k_i) == (to.k_p, to.k_i)
+
+
+@given(to=GAINS, split=st.lists(st.floats(0.001, 0.2), min_size=2, max_size=20))
+def test_gains_go_by_time_and_not_by_how_often_something_is_heard(to: Tuned, split: list[float]) -> None:
+    often, once = some(2.0, 1.0), some(2.0, 1.0)
+    for dt in split:
+        often.follow(ordered(to), dt, 0j, 1.0 + 0.0j, AT_PLACE)
+    once.follow(ordered(to), sum(split), 0j, 1.0 + 0.0j, AT_PLACE)
+    assert math.isclose(often.k_p, once.k_p, rel_tol=1e-9)
+    assert math.isclose(often.k_i, once.k_i, rel_tol=1e-9) or to.k_i == 0.0
+
+
+@given(
+    since=GAINS, to=GAINS, dt=st.floats(0.0, 1.0), relative=PLANE, desired=PLANE, velocity=PLANE,
+    integral=st.complex_numbers(max_magnitude=1e3), kind=st.sampled_from(sorted(LAWS)),
+)  # fmt: skip
+def test_no_command_of_any_law_jumps_because_of_gains_however_far_its_integral_has_wound_up(
+    since: Tuned,
+    to: Tuned,
+    dt: float,
+    relative: complex,
+    desired: complex,
+    velocity: complex,
+    integral: complex,
+    kind: str,
+) -> None:
+    one, limits, heading = some(since.k_p, since.k_i), SIX.robots["robot2"].limits, cmath.rect(1.0, 0.7)
+    what, law = Measured(relative, desired, 2, velocity if kind == "field" else 0j), LAWS[kind]
+    before, _ = law(integral, heading, what, one.gains, limits, 0.05)
+    gains, rescaled = one.follow(ordered(to), dt, integral, heading, what)
+    after, _ = law(rescaled, heading, what, gains, limits, 0.05)
+    for was, now in zip(limited(before, limits), limited(after, limits), strict=True):
+        assert abs(now - was) <= MOST + 1e-9
+
+
+@pytest.mark.parametrize("law", ["field", "paper"])
+@pytest.mark.parametrize("mission", MISSIONS.values(), ids=MISSIONS)
+def test_no_command_jumps_when_gains_are_accepted(mission: Mission, law: str) -> None:
+    """Right after the start, on the way, in formation; a little more, much more, and back at once."""
+    fleet = Fleet(mission, law=law, seed=3)
+    fleet.run(3.0 if mission.standbys else 0.3)
+    watched = [Watch(agent) for agent in fleet.agents.values()]
+    k_p, k_i = mission.law.k_p, mission.law.k_i
+    for after, gains in (
+        (0.0, Tuned(k_p=2.0 * k_p, k_i=k_i)),
+        (1.0, Tuned(k_p=0.4 * k_p, k_i=0.1 * k_i)),
+        (0.4, Tuned(k_p=3.0 * k_p, k_i=4.0 * k_i)),
+        (4.0, Tuned(k_p=k_p, k_i=k_i)),
+        (6.0, Tuned(k_p=3.0 * k_p, k_i=0.05)),
+        (6.0, Tuned(k_p=0.7 * k_p, k_i=0.0)),
+        (4.0, Tuned(k_p=1.2 * k_p, k_i=k_i)),
+    ):
+        fleet.run(after)
+        assert tune(fleet, k_p=gains.k_p, k_i=gains.k_i).ok
+    fleet.run(4.0)
+    if law == "field":  # the printed law's integral winds up, and gains wait while a command would jump
+        assert in_force(fleet) == {(float(f"{1.2 * k_p:.6g}"), k_i)}
+    most = max(one.most for one in watched)
+    print(f"{mission.name}, {law}: {100.0 * most:.1f} % of a limit")
+    assert 0.0 < most <= JUMP
+
+
+@pytest.mark.parametrize("gains", [{"k_p": 6.0, "k_i": 4.0}, {"k_p": 0.5, "k_i": 0.1}, {"k_i": 0.0}])
+def test_in_formation_nothing_is_felt_of_other_gains(gains: dict[str, float]) -> None:
+    fleet = Fleet(SIX, seed=1)
+    fleet.run(20.0)
+    assert fleet.error() < 0.05
+    assert tune(fleet, **gains).ok
+    fleet.run(5.0)
+    assert most_sudden(fleet, 20.0) < JUMP
+    assert fleet.error() < 0.05
+
+
+def test_a_new_agent_and_one_that_missed_it_come_to_the_same_gains() -> None:
+    fleet = Fleet(SIX, seed=2, loss=0.1)
+    fleet.run(3.0)
+    fleet.kill("robot4")
+    assert tune(fleet, k_p=3.0, k_i=0.5).ok
+    fleet.run(1.0)
+    fleet.restart("robot4")
+    fleet.run(6.0)
+    assert in_force(fleet) == {(3.0, 0.5)}
+    assert fleet.status("robot4")["gains"] == "k_p = 3, k_i = 0.5"
+    assert tune(fleet, k_p=SIX.law.k_p, k_i=SIX.law.k_i).ok
+    fleet.run(4.0)
+    assert in_force(fleet) == {(SIX.law.k_p, SIX.law.k_i)}
+    assert "gains" not in fleet.status("robot4")
+
+
+def test_gains_survive_the_leader_that_ordered_them() -> None:
+    fleet = Fleet(PATROL, seed=2)
+    fleet.run(5.0)
+    assert tune(fleet, k_p=3.0).ok
+    fleet.run(0.3)
+    fleet.kill("leader")
+    fleet.run(6.0)
+    assert fleet.reigns[-1].name != "leader"
+    assert in_force(fleet) == {(3.0, PATROL.law.k_i)}
+    assert fleet.in_charge.conduct.gains == Tuned(k_p=3.0, k_i=PATROL.law.k_i)
+    assert tune(fleet, k_i=0.5).ok
+    fleet.run(4.0)
+    assert in_force(fleet) == {(3.0, 0.5)}
+
+
+def test_a_restarted_agent_goes_on_with_its_gains_and_what_its_integral_stood_for() -> None:
+    fleet = Fleet(PAIR, seed=2)
+    fleet.run(6.0)
+    assert tune(fleet, k_p=2.5, k_i=0.3).ok
+    fleet.run(4.0)
+    name = PAIR.followers[-1]
+    before = fleet.agents[name]
+    now = Now(fleet.now, EPOCH + fleet.now)
+    way = json.dumps(Survival(before, "boot").way(now)).encode()
+    heard: list[Sample] = []
+
+    def listen(sample: Sample) -> tuple[Sample, ...]:
+        heard.append(sample)
+        return (sample,)
+
+    fleet.meddle = listen
+    fleet.run(0.2)
+    after = Agent(PAIR, name, voice="after")
+    survival = Survival(after, "boot")
+    survival.take_way(way, now)
+    odometry = next(sample for sample in heard if sample.key == ODOM.key(name))
+    taken = survival.meet([odometry], Now(odometry.arrived, EPOCH + odometry.arrived))
+    assert taken is not None
+    assert taken.news.startswith("goes on")
+    assert (after._tuning.k_p, after._tuning.k_i) == (2.5, 0.3)
+    assert after._integral != 0j
+
+
+@pytest.mark.parametrize("law", ["field", "paper"])
+def test_commands_are_computed_again_to_the_last_bit_across_changes(law: str) -> None:
+    fleet = RecordedFleet(SIX, law=law, loss=0.1)
+    fleet.run(2.0)
+    assert tune(fleet, k_p=3.0, k_i=0.5).ok
+    fleet.run(0.5)
+    assert tune(fleet, k_p=1.0).ok
+    fleet.run(4.5)
+    assert {k_i for _, k_i in in_force(fleet)} == {0.5}
+    assert all_alike(verify(SIX, fleet.record))
+    late = [one for one in fleet.record if one[1] > EPOCH + 2.2]  # from a memory on that was made on the way
+    later = verify(SIX, late)
+    assert all(one.exact == one.compared > 0 for one in later.values())
+
+
+@pytest.mark.parametrize(
+    "gains", [Tuned(k_p=60.0, k_i=1.0), Tuned(k_p=2.0, k_i=50.0), Tuned(k_p=1000.0, k_i=1000.0)]
+)
+def test_forged_gains_that_no_robot_can_bear_are_no_order(gains: Tuned) -> None:
+    orders = Orders(SIX)
+    forged = Order(term=1, beat=1, mode="run", shape="hexagon", tuned=gains)
+    with pytest.raises(BadMessage, match="unbearable gains"):
+        orders.hear(forged, "robot1", 0.0, Now(0.0, EPOCH))
+    assert orders.newest is None
+
+
+@pytest.mark.parametrize("said", ['{"k_p":-1.0,"k_i":1.0}', '{"k_p":1e9,"k_i":1.0}', '{"k_p":0.0,"k_i":1.0}'])
+def test_forged_gains_that_are_none_are_not_read(said: str) -> None:
+    whole = f'{{"term":1,"beat":1,"mode":"run","shape":"hexagon","tuned":{said}}}'
+    with pytest.raises(BadMessage, match=r"Order: tuned\.k_p"):
+        decode(Order, whole.encode())
