@@ -39,6 +39,8 @@ COMMANDS = {
     "replay": Command("deploy.replay", HERE, "play a recording to the live page, and onto keys of its own"),
     "recover": Command("deploy.recover", HERE, "make a recording whole that was cut off"),
     "report": Command("deploy.report", HERE, "a recording as a page and figures; two, side by side"),
+    "new": Command("deploy.new", HERE, "write a mission: a line, wedge, circle, … of so many robots"),
+    "assign": Command("deploy.assign", HERE, "who takes which slot, and whom to measure"),
     "missions": Command("deploy.shelf", HERE, "list the missions that are shipped"),
     "agent": Command("agent.__main__", ALONE, "control one robot"),
     "leader": Command("leader.__main__", ALONE, "go along the route and give the orders"),
