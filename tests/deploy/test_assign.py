@@ -5,16 +5,14 @@ from __future__ import annotations
 import json
 import random
 import re
-import tomllib
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from deploy.cli import main
-from deploy.making.text import Change, edited
 from formation.mission import Mission
-from formation.mission_file import load, read, shipped
+from formation.mission_file import load, read
 from formation.slots.shapes import SHAPES
 
 
@@ -160,6 +158,21 @@ def test_a_leader_elsewhere_takes_the_slots_along(capsys: pytest.CaptureFixture[
     assert found["way"]["before"]["longest"] == pytest.approx(0.05)
 
 
+def test_slots_that_turn_are_where_the_leader_s_first_heading_has_them(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["new", "wedge", "--robots", "7", "--out", "mine.toml"]) == 0
+    text = Path("mine.toml").read_text(encoding="utf-8")
+    text = text.replace("\nheading_deg = 0\n", "\nheading_deg = 90\n")
+    Path("mine.toml").write_text(text, encoding="utf-8")
+    mission = load("mine.toml")
+    turned = {name: 1j * (mission.slot(name) - 0.05) for name in mission.followers}
+    at = {name: [centre.real, centre.imag] for name, centre in turned.items()}
+    Path("now.json").write_text(json.dumps(at), encoding="utf-8")
+    found = assigned(capsys, "mine.toml", "--positions", "now.json", "--dry-run")
+    assert found["way"]["before"]["longest"] == pytest.approx(0.0, abs=1e-9)
+
+
 def test_another_shape_can_be_the_one_to_go_into(capsys: pytest.CaptureFixture[str]) -> None:
     one = assigned(capsys, "patrol", "--dry-run")
     other = assigned(capsys, "patrol", "--dry-run", "--shape", "line")
@@ -201,37 +214,6 @@ def test_what_cannot_be_is_one_line_that_says_what_can(
     assert out == ""
     assert says in err.splitlines()[-1]
     assert {path: path.read_bytes() for path in Path().iterdir()} == before
-
-
-@pytest.mark.parametrize("name", shipped())
-def test_any_list_of_a_shipped_mission_can_be_set_added_and_taken_out(name: str) -> None:
-    text, mission = read(name)[0], load(name)
-    for robot in mission.followers:
-        for key, value in (
-            ("neighbours", ("a", "b")),
-            ("fallback_neighbours", ("c",)),
-            ("fallback_neighbours", ()),
-        ):
-            text = edited(text, [Change("robots", robot, key, value)])
-            assert tuple(tomllib.loads(text)["robots"][robot].get(key, ())) == value
-        for shape in mission.shapes:
-            text = edited(text, [Change("shapes", shape, robot, (1.5, -2))])
-            assert tomllib.loads(text)["shapes"][shape][robot] == [1.5, -2]
-
-
-def test_lists_over_several_lines_and_odd_spaces_are_edited_as_well() -> None:
-    first, second = "[ robots . a ]  # one\n  neighbours = ", ' # two\n[robots.b]\nneighbours=["a"]'
-    text = first + '[\n    "b", # near\n    "c",\n  ]' + second
-    changed = edited(text, [Change("robots", "a", "neighbours", ("c",))])
-    assert changed == first + '["c"]' + second
-    added = edited(text, [Change("robots", "b", "fallback_neighbours", ("c",))])
-    assert added.endswith('neighbours=["a"]\nfallback_neighbours = ["c"]')
-
-
-def test_what_would_come_out_otherwise_than_meant_is_not_written() -> None:
-    text = '[robots.a]\nneighbours = ["b", # ] here\n"c"]\n'
-    with pytest.raises(ValueError, match=r"robots\.a\.neighbours"):
-        edited(text, [Change("robots", "a", "neighbours", ("c",))])
 
 
 def test_a_link_to_a_mission_stays_a_link_and_the_file_keeps_its_mode(
