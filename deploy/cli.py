@@ -65,6 +65,7 @@ EXTRAS = {
 EXAMPLES = """\
 examples:
   formation run                          six robots, until they hold the paper's formation
+  formation new wedge --robots 7         a mission of your own, into wedge_7.toml
   formation check two_chains             what the eigenvalues say of a mission
   formation simulate six_robots --runs 100 --seed 1
   formation order six_robots stop        in a second terminal, while it runs
