@@ -25,8 +25,8 @@ def parser(command: str, summary: str, examples: str = "") -> argparse.ArgumentP
     )
 
 
-def add_mission(to: argparse.ArgumentParser, default: str | None = None) -> None:
-    """The MISSION argument, and --law, which overrides what it says."""
+def add_mission(to: argparse.ArgumentParser, default: str | None = None, *, law: bool = True) -> None:
+    """The MISSION argument, and with `law` --law, which overrides what it says."""
     to.add_argument(
         "mission",
         metavar="MISSION",
@@ -34,7 +34,8 @@ def add_mission(to: argparse.ArgumentParser, default: str | None = None) -> None
         default=default,
         help="a TOML file, or the name of a shipped mission" + (f" (default {default})" if default else ""),
     )
-    to.add_argument("--law", choices=list(LAWS), help="the control law, instead of the mission's")
+    if law:
+        to.add_argument("--law", choices=list(LAWS), help="the control law, instead of the mission's")
 
 
 def read_mission(name: str, law: str | None = None) -> Mission:

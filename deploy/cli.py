@@ -39,6 +39,8 @@ COMMANDS = {
     "replay": Command("deploy.replay", HERE, "play a recording to the live page, and onto keys of its own"),
     "recover": Command("deploy.recover", HERE, "make a recording whole that was cut off"),
     "report": Command("deploy.report", HERE, "a recording as a page and figures; two, side by side"),
+    "new": Command("deploy.new", HERE, "write a mission: a line, wedge, circle, … of so many robots"),
+    "assign": Command("deploy.assign", HERE, "who takes which slot, and whom to measure"),
     "missions": Command("deploy.shelf", HERE, "list the missions that are shipped"),
     "agent": Command("agent.__main__", ALONE, "control one robot"),
     "leader": Command("leader.__main__", ALONE, "go along the route and give the orders"),
@@ -63,6 +65,7 @@ EXTRAS = {
 EXAMPLES = """\
 examples:
   formation run                          six robots, until they hold the paper's formation
+  formation new wedge --robots 7         a mission of your own, into wedge_7.toml
   formation check two_chains             what the eigenvalues say of a mission
   formation simulate six_robots --runs 100 --seed 1
   formation order six_robots stop        in a second terminal, while it runs

@@ -10,7 +10,10 @@ from formation.mission_file import shipped
 
 def main(arguments: Sequence[str]) -> int:
     """List the shipped missions; the exit code."""
-    options = parser("missions", "List the missions that are shipped: copy one, change it, name the file.")
+    options = parser(
+        "missions",
+        "List the missions that are shipped: copy one, change it, name the file; or `formation new`.",
+    )
     options.add_argument("--json", action="store_true", help="one JSON object on the last line")
     chosen = options.parse_args(arguments)
     rows = {name: (read_mission(name), str(path)) for name, path in shipped().items()}

@@ -1,0 +1,154 @@
+"""`formation assign`: who takes which slot, and whom to measure, so that nobody goes further than need be."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from deploy.arguments import add_mission, as_json, parser, read_mission
+from deploy.making.places import Places, changes, chosen, positions
+from deploy.making.text import check_out, edited, keep
+from deploy.refusal import Refusal
+from deploy.terminal.units import metres
+from formation.mission import Mission
+from formation.mission_file import parse, shipped
+from formation.slots.assignment import AIMS
+
+EXAMPLES = """\
+  formation assign my_mission.toml --dry-run           what would change, and how far each would go
+  formation assign my_mission.toml                     the least way in all, written into the file
+  formation assign my_mission.toml --least longest     nobody goes further than somebody must
+  formation assign six_robots --out my_mission.toml --graph keep
+  formation assign my_mission.toml --positions now.json    with {"robot1": [0.4, -1.2], …}
+
+Whoever takes a slot takes it in every shape of the mission. Comments stay where they are: read them again.
+Robots in the field need what changed: `formation deploy bundle`, `formation deploy push`.
+"""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Assign slots and neighbours; the exit code."""
+    options = _options().parse_args(arguments)
+    mission = read_mission(options.mission)
+    out = _out(options)
+    at = {} if options.positions is None else positions(options.positions, mission)
+    kept = options.graph == "keep"
+    places = chosen(mission, _shape(options, mission), at, AIMS[options.least], keep_graph=kept)
+    written = None if out is None else _write(options.mission, mission, places, out)
+    print("\n".join(words(mission, places)))
+    if written is None:
+        print("\nnothing was written")
+    else:
+        print(f"\n{out}: {'changed' if written else 'is so already'}\n\nnext:\n  formation check {out}")
+    if options.json:
+        print(as_json(report(mission, places, options.least, out)))
+    return 0
+
+
+def words(mission: Mission, places: Places) -> Iterator[str]:
+    """The places for people."""
+    width = max(len(name) for name in ("in all", "longest", *mission.followers)) + 2
+    yield f"  {'robot':<{width}}{'takes the slot of':<{width + 14}}{'way before':<12}{'now':<10}measures"
+    for name, place in places.of.items():
+        other = "its own" if place == name else place
+        seen = ", ".join(places.neighbours[name])
+        if places.fallbacks[name]:
+            seen += f", or else {', '.join(places.fallbacks[name])}"
+        before, now = metres(places.before[name]), metres(places.now[name])
+        yield f"  {name:<{width}}{other:<{width + 14}}{before:<12}{now:<10}{seen}"
+    for title, total in (("in all", sum), ("longest", max)):
+        before, now = metres(total(places.before.values())), metres(total(places.now.values()))
+        yield f"  {title:<{width}}{'':<{width + 14}}{before:<12}{now}"
+
+
+def report(mission: Mission, places: Places, least: str, out: Path | None) -> dict[str, Any]:
+    """The places for a script."""
+    return {
+        "mission": mission.name,
+        "least": least,
+        "written": None if out is None else str(out),
+        "way": {
+            when: {"total": sum(ways.values()), "longest": max(ways.values())}
+            for when, ways in (("before", places.before), ("now", places.now))
+        },
+        "robots": {
+            name: {
+                "takes_slot_of": place,
+                "way_before": places.before[name],
+                "way_now": places.now[name],
+                "neighbours": list(places.neighbours[name]),
+                "fallback_neighbours": list(places.fallbacks[name]),
+            }
+            for name, place in places.of.items()
+        },
+    }
+
+
+def _write(source: str, mission: Mission, places: Places, out: Path) -> bool:
+    """Write the mission with these places; whether that changed anything in it."""
+    path = shipped().get(source, Path(source))
+    with path.open(encoding="utf-8", newline="") as file:
+        before = file.read()
+    try:
+        text = edited(before, changes(mission, places))
+    except ValueError as error:
+        raise Refusal(
+            f"{source}: {error} is not a list in a table of its own, so it cannot be changed in place; "
+            "write [shapes.NAME] and [robots.NAME] with a line for each key"
+        ) from None
+    parse(text, source)
+    if text != before or out != path:
+        keep(out, text)
+    return text != before
+
+
+def _out(options: argparse.Namespace) -> Path | None:
+    """Where to write; None for nowhere."""
+    if options.dry_run:
+        return None
+    if options.out is not None:
+        check_out(options.out, force=options.force)
+    elif options.mission in shipped():
+        raise Refusal(
+            f"{options.mission} is shipped, and stays as it is: --out FILE for one of your own, or --dry-run"
+        )
+    return options.out or Path(options.mission)
+
+
+def _shape(options: argparse.Namespace, mission: Mission) -> str:
+    shape: str = options.shape or mission.first_shape
+    if shape not in mission.shapes:
+        raise Refusal(f"--shape {shape}: must be one of the mission's shapes: {', '.join(mission.shapes)}")
+    return shape
+
+
+def _options() -> argparse.ArgumentParser:
+    options = parser("assign", "Choose who takes which slot, and whom to measure.", EXAMPLES)
+    add_mission(options, law=False)
+    options.add_argument(
+        "--least",
+        choices=AIMS,
+        default="total",
+        help="the way of all together, or the longest of any (default %(default)s)",
+    )
+    options.add_argument("--shape", metavar="NAME", help="the shape to go into (default the mission's first)")
+    options.add_argument(
+        "--positions",
+        type=Path,
+        metavar="FILE",
+        help="where robots are, instead of their starts: JSON, centres in metres by name",
+    )
+    options.add_argument(
+        "--graph",
+        choices=("new", "keep"),
+        default="new",
+        help="measure the nearest who are fewer hops from the leader, or as now from slot to slot "
+        "(default %(default)s)",
+    )
+    options.add_argument("--dry-run", action="store_true", help="only show what would change")
+    options.add_argument("--out", type=Path, metavar="FILE", help="write there, and leave MISSION as it is")
+    options.add_argument("--force", action="store_true", help="write over an --out that is there")
+    options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
+    return options

@@ -1,0 +1,172 @@
+"""The mission that `formation new` writes: what is asked for, and its text."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from formation.slots.measuring import measured
+from formation.slots.shapes import SHAPES, polygon
+
+SETTLED = 0.0005
+"""Mean error of an edge under which a formation of more than a hundred edges counts as settled [m]."""
+GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
+"""Turned by this from one to the next, starts look as by chance and are the same each time [rad]."""
+
+
+class Profile(NamedTuple):
+    """A kind of robots, and what suits them."""
+
+    spacing: float
+    """[m]"""
+    radius: float
+    """[m]"""
+    tables: str
+    """[law] and [robot]."""
+    speed: float
+    """The leader's [m/s]."""
+    simulated: str = ""
+    """[simulated_robot]; without it bodies are ideal."""
+
+
+PROFILES = {
+    "turtlebot3_burger": Profile(
+        spacing=0.5,
+        radius=0.105,
+        speed=0.05,
+        tables="""\
+[law]
+k_p = 2.0                    # [1/s]
+k_i = 0.2                    # [1/s²]
+
+[robot]                      # TurtleBot3 Burger; every robot, unless its own table says otherwise
+control_point_offset = 0.05  # L [m]
+max_speed = 0.2108           # [m/s], what its firmware keeps to
+max_turn_rate = 2.635        # [rad/s]
+radius = 0.105               # of a circle that holds the body [m]
+rate = 20                    # of its odometry [Hz]
+cmd_vel = "twist_stamped"    # Jazzy; "twist" for Humble
+odometry_frame = "start"     # its odometry begins with zero where it is switched on: on its start pose
+speed_step = 0.01            # its node cuts commands to hundredths,
+turn_rate_step = 0.01        # which error feedback makes up for
+""",
+        simulated="""
+[simulated_robot]
+profile = "turtlebot3_burger"
+""",
+    ),
+    "paper": Profile(
+        spacing=1.0,
+        radius=0.1,
+        speed=0.2,
+        tables="""\
+[law]                        # gains and limits of section 4 of the paper
+k_p = 2.0                    # [1/s]
+k_i = 1.0                    # [1/s²]
+
+[robot]                      # every robot, unless its own table says otherwise
+control_point_offset = 0.2   # L [m]
+max_speed = 1.5              # [m/s]
+max_turn_rate = 1.5          # [rad/s]
+radius = 0.1                 # of a circle that holds the body [m]
+rate = 20                    # of its odometry [Hz]
+""",
+    ),
+}
+"""By name, the default first."""
+
+
+class Draft(NamedTuple):
+    """What is asked for."""
+
+    shape: str
+    robots: int
+    spacing: float
+    """[m]"""
+    profile: str
+    corners: int | None = None
+    """Of a polygon; None for the default."""
+
+    @property
+    def slots(self) -> tuple[complex, ...]:
+        """Of all robots, as the file has them [m; from the leader, x ahead]."""
+        if self.shape == "polygon":
+            slots = polygon(self.robots, self.spacing, self.corners)
+        else:
+            slots = SHAPES[self.shape](self.robots, self.spacing)
+        return tuple(complex(round(slot.real, 6), round(slot.imag, 6)) for slot in slots)
+
+    @property
+    def command(self) -> str:
+        """What makes this mission."""
+        corners = "" if self.corners is None else f" --corners {self.corners}"
+        return (
+            f"formation new {self.shape} --robots {self.robots}{corners} --spacing {self.spacing:g} "
+            f"--robot {self.profile}"
+        )
+
+
+def text(draft: Draft) -> str:
+    """The whole mission file."""
+    profile, slots = PROFILES[draft.profile], draft.slots
+    graph = measured((0j, *slots))
+    bound = max(0.05, SETTLED * sum(map(len, graph.neighbours)))
+    where = "round" if draft.shape in {"circle", "polygon"} else "behind"
+    spread = min(0.5 * draft.spacing, 1.0)
+    return f"""\
+# {draft.robots} robots in a {draft.shape}, {draft.spacing:g} m apart, {where} a leader without a body. From:
+#
+#   {draft.command}
+#
+# Any single robot may be lost, and the others go on: `formation check` says how.
+# `formation assign` chooses anew who takes which slot, and whom to measure.
+name = "{draft.shape}-{draft.robots}"
+leader = "leader"
+duration = 60                # of `formation run` [s]
+settled = {bound:<18g} # formation error under which it counts as settled, summed over edges [m]
+turning = true               # slots are relative to the leader's heading: x ahead, y to the left
+
+{profile.tables}
+[shapes.{draft.shape}]{" " * max(1, 20 - len(draft.shape))}# control points relative to the leader's [m]
+{"".join(_slots(slots))}
+[robots.leader]              # a point that goes along the route
+start = {{ x = 0.0, y = 0.0 }}
+{"".join(_robots(draft, graph.neighbours, graph.fallbacks))}
+[[route]]                    # the leader's: one endless leg, straight on
+speed = {profile.speed:<20g} # [m/s]
+heading_deg = 0
+{profile.simulated}
+[simulation]
+spread = {spread:<19g} # `formation simulate --runs` draws starts within ± this of each slot [m]
+"""
+
+
+def _slots(slots: tuple[complex, ...]) -> Iterator[str]:
+    for place, slot in enumerate(slots, 1):
+        yield f"robot{place} = [{_metres(slot.real)}, {_metres(slot.imag)}]\n"
+
+
+def _robots(
+    draft: Draft, neighbours: tuple[tuple[int, ...], ...], fallbacks: tuple[tuple[int, ...], ...]
+) -> Iterator[str]:
+    """The robots' tables. Each starts aside of its slot, by less than would bring two bodies together."""
+    radius = PROFILES[draft.profile].radius
+    aside = min(0.25 * (draft.spacing - 2.0 * radius), 0.5)
+    for place, slot in enumerate(draft.slots, 1):
+        start = slot + cmath.rect(aside, GOLDEN * place)
+        heading = round(60.0 * math.sin(GOLDEN * place * place))
+        yield f"\n[robots.robot{place}]\nneighbours = [{_names(neighbours[place])}]\n"
+        if fallbacks[place]:
+            yield f"fallback_neighbours = [{_names(fallbacks[place])}]\n"
+        x, y = _metres(round(start.real, 3)), _metres(round(start.imag, 3))
+        yield f"start = {{ x = {x}, y = {y}, heading_deg = {heading} }}\n"
+
+
+def _names(robots: tuple[int, ...]) -> str:
+    return ", ".join(f'"robot{i}"' if i else '"leader"' for i in robots)
+
+
+def _metres(value: float) -> str:
+    return repr(value + 0.0)  # no -0.0

@@ -1,0 +1,119 @@
+"""Who takes which slot: the least total way, or the least longest.
+
+Exact, for costs c[i, k] >= 0 of robot i on place k. `least_total` is the Hungarian method by shortest
+augmenting paths, O(n³), its inner loop over arrays. `least_longest` finds by bisection the least bound under
+which there is a perfect matching, O(n³ log n), and of all that keep it the one with the least total.
+
+Source: R. Burkard, M. Dell'Amico, S. Martello, Assignment Problems, SIAM 2009, sections 4.4 and 6.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formation.arrays import FloatArray
+
+
+class Aim(NamedTuple):
+    """What is to be least."""
+
+    assign: Callable[[FloatArray], tuple[int, ...]]
+    """The place of each robot; costs are of shape (n, n), and finite."""
+    worth: Callable[[FloatArray, Sequence[int]], tuple[float, ...]]
+    """What places cost; the less, the better."""
+
+
+def least_total(costs: FloatArray) -> tuple[int, ...]:
+    """The place of each robot with the least sum of costs; `costs` of shape (n, n), all finite."""
+    n = len(costs)
+    of_robot, of_place = np.zeros(n + 1), np.zeros(n + 1)  # potentials; place n stands for "none yet"
+    taken_by = np.full(n + 1, -1)
+    for robot in range(n):
+        taken_by[n] = robot
+        place, least = n, np.full(n, np.inf)
+        came_from, seen = np.full(n, n), np.zeros(n + 1, dtype=bool)
+        while taken_by[place] >= 0:
+            seen[place] = True
+            i = taken_by[place]
+            reduced = costs[i] - of_robot[i] - of_place[:n]
+            better = ~seen[:n] & (reduced < least)
+            least[better], came_from[better] = reduced[better], place
+            place = int(np.where(seen[:n], np.inf, least).argmin())
+            step = least[place]
+            of_robot[taken_by[seen]] += step
+            of_place[seen] -= step
+            least[~seen[:n]] -= step
+        while place != n:
+            before = int(came_from[place])
+            taken_by[place] = taken_by[before]
+            place = before
+    places = np.empty(n, dtype=np.intp)
+    places[taken_by[:n]] = np.arange(n)
+    return tuple(places.tolist())
+
+
+def least_longest(costs: FloatArray) -> tuple[int, ...]:
+    """The place of each robot with the least largest cost and, of these, the least sum; `costs` as above."""
+    bounds = np.unique(costs)
+    low, high = 0, len(bounds) - 1
+    while low < high:
+        middle = (low + high) // 2
+        if _matched(costs <= bounds[middle]):
+            high = middle
+        else:
+            low = middle + 1
+    longest = float(bounds[low])
+    beyond = (len(costs) + 1.0) * (longest + 1.0)  # dearer than all that are allowed together
+    return least_total(np.where(costs <= longest, costs, beyond))
+
+
+def total(costs: FloatArray, places: Sequence[int]) -> tuple[float, ...]:
+    """The sum of what these places cost."""
+    return (float(costs[range(len(costs)), places].sum()),)
+
+
+def longest_then_total(costs: FloatArray, places: Sequence[int]) -> tuple[float, ...]:
+    """The largest and the sum of what these places cost."""
+    return (float(costs[range(len(costs)), places].max()), *total(costs, places))
+
+
+AIMS = {"total": Aim(least_total, total), "longest": Aim(least_longest, longest_then_total)}
+"""By name, the default first."""
+
+
+def _matched(allowed: NDArray[np.bool_]) -> bool:
+    """Whether each robot can have an allowed place of its own: by augmenting paths, breadth first."""
+    choices: list[list[int]] = [np.flatnonzero(row).tolist() for row in allowed]
+    taken_by: dict[int, int] = {}
+    has: dict[int, int] = {}
+    for robot in range(len(choices)):
+        found, came_from = _free_place(robot, choices, taken_by)
+        if found is None:
+            return False
+        place: int | None = found
+        while place is not None:  # everybody on the path moves on by one
+            mover = came_from[place]
+            before = has.get(mover)
+            has[mover], taken_by[place] = place, mover
+            place = before
+    return True
+
+
+def _free_place(
+    robot: int, choices: Sequence[Sequence[int]], taken_by: Mapping[int, int]
+) -> tuple[int | None, dict[int, int]]:
+    """A place that is free once others have moved, None if there is none; and who comes to each place."""
+    came_from: dict[int, int] = {}
+    waiting = [robot]
+    for mover in waiting:  # grows meanwhile
+        for place in choices[mover]:
+            if place not in came_from:
+                came_from[place] = mover
+                if place not in taken_by:
+                    return place, came_from
+                waiting.append(taken_by[place])
+    return None, came_from

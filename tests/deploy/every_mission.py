@@ -1,0 +1,67 @@
+"""Every mission that `formation new` writes, from 3 to 50 robots, checked and simulated.
+
+    python -m tests.deploy.every_mission              six shapes, 48 sizes, both kinds of robots; minutes
+
+Prints what does not pass; exit code 0 if all do.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+
+from deploy.making.draft import PROFILES, Draft, text
+from formation.mission import Mission
+from formation.mission_file import parse
+from formation.simulation.simulate import simulate
+from formation.slots.shapes import SHAPES
+from formation.stability.analysis import analyse
+from formation.stability.losses import losses
+
+SIZES = range(3, 51)
+RUNS = 20
+
+
+def made(shape: str, robots: int, profile: str) -> Mission:
+    """The mission that `formation new` writes."""
+    return parse(
+        text(Draft(shape, robots, PROFILES[profile].spacing, profile)), f"{shape}-{robots}, {profile}"
+    )
+
+
+def faults(mission: Mission, runs: int = RUNS) -> Iterator[str]:
+    """What is wrong with it: what `check` says, who holds after a loss, starts that do not converge."""
+    found = analyse(mission)
+    yield from found.problems
+    yield from found.warnings
+    for name, loss in losses(mission).items():
+        if name != mission.leader and loss.holding:
+            yield f"without {name}, {', '.join(loss.holding)} hold"
+    if mission.settled > 0.05:
+        yield f"counts as settled under {mission.settled:g} m"
+    if not simulate(mission).converged.all():
+        yield "does not converge from its own starts"
+    converged = simulate(mission, runs=runs).converged
+    if not converged.all():
+        yield f"only {converged.sum()} of {runs} random starts converge"
+
+
+def main() -> int:
+    """Try all; the exit code."""
+    began, tried, wrong = time.monotonic(), 0, 0
+    for profile in PROFILES:
+        for shape in SHAPES:
+            for robots in SIZES:
+                mission = made(shape, robots, profile)
+                tried += 1
+                for fault in faults(mission):
+                    wrong += 1
+                    print(f"{mission.name}, {profile}: {fault}")
+            print(f"{shape}, {profile}: sizes tried after {time.monotonic() - began:.0f} s", flush=True)
+    print(f"{tried} missions, {wrong} faults, {time.monotonic() - began:.0f} s")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

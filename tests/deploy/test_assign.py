@@ -1,0 +1,227 @@
+"""`formation assign`, as it is used."""
+
+from __future__ import annotations
+
+import json
+import random
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from deploy.cli import main
+from formation.mission import Mission
+from formation.mission_file import load, read
+from formation.slots.shapes import SHAPES
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def assigned(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+    """What `formation assign` says to a machine."""
+    assert main(["assign", *arguments, "--json"]) == 0
+    result: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
+    return result
+
+
+def shuffled(shape: str = "grid", robots: int = 9) -> str:
+    """A mission whose robots start near slots that are not theirs."""
+    assert main(["new", shape, "--robots", str(robots), "--out", "mine.toml", "--force"]) == 0
+    path = Path("mine.toml")
+    text = path.read_text(encoding="utf-8")
+    line = re.compile(r"^start = .*heading.*$", re.MULTILINE)
+    starts = line.findall(text)
+    random.Random(3).shuffle(starts)
+    path.write_text(line.sub(lambda _: starts.pop(), text), encoding="utf-8")
+    return "mine.toml"
+
+
+def ways(mission: Mission) -> list[float]:
+    """From each start to the slot, centre to centre [m]."""
+    ahead = mission.robots[mission.followers[0]].control_point_offset
+    return [
+        abs(mission.slot(name) - ahead - mission.robots[name].start.position) for name in mission.followers
+    ]
+
+
+@pytest.mark.parametrize("least", ["total", "longest"])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_who_starts_near_another_s_slot_takes_it(
+    shape: str, least: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mission = shuffled(shape)
+    before = sum(ways(load(mission)))
+    found = assigned(capsys, mission, "--least", least)
+    after = load(mission)
+    assert sum(ways(after)) == pytest.approx(found["way"]["now"]["total"])
+    assert before == pytest.approx(found["way"]["before"]["total"])
+    assert max(ways(after)) < 0.2 < 0.2 * before
+    assert main(["check", mission]) == 0
+
+
+def test_assigning_again_changes_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    mission = shuffled()
+    assigned(capsys, mission)
+    text = Path(mission).read_bytes()
+    assert main(["assign", mission]) == 0
+    assert "is so already" in capsys.readouterr().out
+    assert Path(mission).read_bytes() == text
+
+
+@pytest.mark.parametrize("robots", [3, 8, 50])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_new_mission_is_assigned_already(
+    shape: str, robots: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["new", shape, "--robots", str(robots), "--out", "mine.toml"]) == 0
+    text = Path("mine.toml").read_bytes()
+    assigned(capsys, "mine.toml")
+    assert Path("mine.toml").read_bytes() == text
+
+
+def test_comments_order_and_all_other_values_stay(capsys: pytest.CaptureFixture[str]) -> None:
+    assigned(capsys, "six_robots", "--out", "mine.toml")
+    before, after = read("six_robots")[0], Path("mine.toml").read_text(encoding="utf-8")
+    differing = {
+        line.partition("=")[0].strip() for line in set(before.splitlines()) ^ set(after.splitlines())
+    }
+    assert differing == {"neighbours", "fallback_neighbours"}
+    assert re.findall("#.*", before) == re.findall("#.*", after)
+    assert list(load("mine.toml").robots) == list(load("six_robots").robots)
+
+
+def test_line_ends_stay_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("mine.toml").write_bytes(read("six_robots")[0].replace("\n", "\r\n").encode())
+    assigned(capsys, "mine.toml")
+    raw = Path("mine.toml").read_bytes()
+    assert b"fallback_neighbours" in raw
+    assert raw.count(b"\n") == raw.count(b"\r\n")
+
+
+def test_whoever_takes_a_slot_takes_it_in_every_shape(capsys: pytest.CaptureFixture[str]) -> None:
+    swapped = read("patrol")[0].replace("robot1 = [", "robotx = [").replace("robot3 = [", "robot1 = [")
+    Path("mine.toml").write_text(swapped.replace("robotx = [", "robot3 = ["), encoding="utf-8")
+    found = assigned(capsys, "mine.toml")
+    assert found["robots"]["robot1"]["takes_slot_of"] == "robot3"
+    own, mine = load("patrol"), load("mine.toml")
+    assert mine.shapes == own.shapes
+    assert mine.graph == own.graph
+
+
+def test_with_keep_slots_measure_each_other_as_they_did(capsys: pytest.CaptureFixture[str]) -> None:
+    text = read("two_chains")[0]
+    text = text.replace("left1 = [-0.6, 0.4]", "x = [-0.6, 0.4]").replace("left6 = [-3.6,", "left1 = [-3.6,")
+    Path("mine.toml").write_text(text.replace("x = [", "left6 = ["), encoding="utf-8")
+    assigned(capsys, "mine.toml", "--graph", "keep")
+    after = load("mine.toml")
+    assert after.slot("left1") == complex(-0.6, 0.4)
+    assert after.robots["left1"].neighbours == ("left5",)  # as that slot did
+    assert after.robots["left6"].neighbours == ("leader",)
+
+
+def test_a_dry_run_shows_the_ways_and_writes_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    mission = shuffled()
+    text = Path(mission).read_bytes()
+    assert main(["assign", mission, "--dry-run"]) == 0
+    out = capsys.readouterr().out
+    assert "nothing was written" in out
+    assert all(f"\n  {name} " in out for name in load(mission).followers)
+    assert "in all" in out
+    assert "longest" in out
+    assert Path(mission).read_bytes() == text
+
+
+def test_the_way_can_begin_where_robots_are_instead_of_at_their_starts(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    first = load("turtlebot3_pair")
+    at = {
+        name: [*first.shapes["triangle"][other]]
+        for name, other in (("robot1", "robot2"), ("robot2", "robot1"))
+    }
+    Path("now.json").write_text(json.dumps(at), encoding="utf-8")
+    found = assigned(capsys, "turtlebot3_pair", "--positions", "now.json", "--out", "mine.toml")
+    assert found["robots"]["robot1"]["takes_slot_of"] == "robot2"
+    assert found["way"]["now"]["longest"] == pytest.approx(0.05)  # the control point is that far ahead
+    assert load("mine.toml").robots["robot1"].start == first.robots["robot1"].start
+
+
+def test_a_leader_elsewhere_takes_the_slots_along(capsys: pytest.CaptureFixture[str]) -> None:
+    first = load("turtlebot3_pair")
+    at = {name: [x + 7.0, y - 2.0] for name, (x, y) in first.shapes["triangle"].items()}
+    Path("now.json").write_text(json.dumps({**at, "leader": [7.0, -2.0]}), encoding="utf-8")
+    found = assigned(capsys, "turtlebot3_pair", "--positions", "now.json", "--dry-run")
+    assert found["way"]["before"]["longest"] == pytest.approx(0.05)
+
+
+def test_slots_that_turn_are_where_the_leader_s_first_heading_has_them(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["new", "wedge", "--robots", "7", "--out", "mine.toml"]) == 0
+    text = Path("mine.toml").read_text(encoding="utf-8")
+    text = text.replace("\nheading_deg = 0\n", "\nheading_deg = 90\n")
+    Path("mine.toml").write_text(text, encoding="utf-8")
+    mission = load("mine.toml")
+    turned = {name: 1j * (mission.slot(name) - 0.05) for name in mission.followers}
+    at = {name: [centre.real, centre.imag] for name, centre in turned.items()}
+    Path("now.json").write_text(json.dumps(at), encoding="utf-8")
+    found = assigned(capsys, "mine.toml", "--positions", "now.json", "--dry-run")
+    assert found["way"]["before"]["longest"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_another_shape_can_be_the_one_to_go_into(capsys: pytest.CaptureFixture[str]) -> None:
+    one = assigned(capsys, "patrol", "--dry-run")
+    other = assigned(capsys, "patrol", "--dry-run", "--shape", "line")
+    assert one["way"]["before"]["total"] != other["way"]["before"]["total"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ("nowhere.toml", "no such file"),
+        ("six_robots", "--out FILE"),
+        ("six_robots --out mine.yaml", "must end in .toml"),
+        ("six_robots --out there.toml", "--force"),
+        ("six_robots --dry-run --shape star", "hexagon, wedge"),
+        ("six_robots --dry-run --least time", "total"),
+        ("six_robots --dry-run --positions none.json", "No such file"),
+        ("six_robots --dry-run --positions there.toml", "not JSON"),
+        ("six_robots --dry-run --positions list.json", "must be an object"),
+        ("six_robots --dry-run --positions who.json", "unknown robot robot9; known: robot1, robot2"),
+        ("six_robots --dry-run --positions point.json", "robot2 = [1, True]: must be [x, y]"),
+        ("inline.toml", "shapes.triangle.robot1 is not a list in a table of its own"),
+    ],
+)
+def test_what_cannot_be_is_one_line_that_says_what_can(
+    arguments: str, says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("there.toml").write_text("precious", encoding="utf-8")
+    Path("list.json").write_text("[1, 2]", encoding="utf-8")
+    Path("who.json").write_text('{"robot9": [1, 2]}', encoding="utf-8")
+    Path("point.json").write_text('{"robot2": [1, true]}', encoding="utf-8")
+    inline = read("turtlebot3_pair")[0].replace("[shapes.triangle]", "[shapes]\ntriangle = { #")
+    inline = inline.replace("{ # ", "{ robot1 = [-0.433013, -0.25], robot2 = [-0.433013, 0.25] } # ")
+    Path("inline.toml").write_text(
+        re.sub(r"^robot[12] = .*\n", "", inline, flags=re.MULTILINE), encoding="utf-8"
+    )
+    before = {path: path.read_bytes() for path in Path().iterdir()}
+    assert main(["assign", *arguments.split()]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert says in err.splitlines()[-1]
+    assert {path: path.read_bytes() for path in Path().iterdir()} == before
+
+
+def test_a_link_to_a_mission_stays_a_link_and_the_file_keeps_its_mode(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    Path(shuffled()).rename("real.toml")
+    Path("real.toml").chmod(0o640)
+    Path("link.toml").symlink_to("real.toml")
+    assigned(capsys, "link.toml")
+    assert Path("link.toml").is_symlink()
+    assert Path("real.toml").stat().st_mode & 0o777 == 0o640
