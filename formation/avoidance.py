@@ -42,6 +42,8 @@ SHARPER = 20.0
 """The filter learns the heading so many times faster than the law does: a guess is no use to it."""
 SLACK = 0.05
 """And may still be so wrong about it [rad]."""
+LAG = 4.0
+"""So many times the time constant with which robots follow commands counts like time that a command lasts."""
 NEGLIGIBLE = 1e-12
 """Below what anything can measure; more than rounding makes of a bound that is kept [m/s]."""
 
@@ -116,13 +118,13 @@ def avoid(
 
 
 def give_way(wanted: Command, obstacles: Sequence[Obstacle], manners: Manners, limits: Limits) -> Command:
-    """The command nearest to `wanted` that leaves everybody the right of way; zero where there is none."""
+    """The command nearest to `wanted` that leaves everybody the right of way."""
     velocity = body_velocity(wanted.speed, wanted.turn_rate, limits.offset)
     bounds = [half_plane(obstacles[k], manners, limits) for k in range(len(obstacles))]
     free = True
     for bound in bounds:
         free = free and bound.x * velocity.real + bound.y * velocity.imag <= bound.most + NEGLIGIBLE
-    if free:
+    if free:  # the very same, to the last bit
         return wanted
     sideways = limits.offset * limits.max_turn_rate
     bounds.append(HalfPlane(1.0, 0.0, limits.max_speed))
@@ -153,17 +155,18 @@ def half_plane(obstacle: Obstacle, manners: Manners, limits: Limits) -> HalfPlan
 
 
 def nearest(wanted: complex, bounds: list[HalfPlane]) -> tuple[bool, complex]:
-    """Whether half-planes have points in common, and which is nearest to `wanted`, which is not one of them.
+    """Whether half-planes have points in common, and which of these is nearest to `wanted`.
 
-    It lies on the edge of one of them: the nearest point of each line, cut to what the others leave of it.
+    If not that itself it lies on an edge: the nearest point of each line, cut to what the others leave of it.
     """
-    best, least = 0j, math.inf
+    best, least, within = 0j, math.inf, True
     for i in range(len(bounds)):
         edge = bounds[i]
         squared = edge.x * edge.x + edge.y * edge.y
         beyond = edge.x * wanted.real + edge.y * wanted.imag - edge.most
         if beyond < 0.0 or squared < NEGLIGIBLE:
             continue
+        within = False
         foot = wanted - complex(edge.x, edge.y) * (beyond / squared)
         along = complex(-edge.y, edge.x)
         low, high = -math.inf, math.inf
@@ -185,30 +188,30 @@ def nearest(wanted: complex, bounds: list[HalfPlane]) -> tuple[bool, complex]:
         distance = abs(point - wanted)
         if distance < least:
             best, least = point, distance
-    return least < math.inf, best
+    return within or least < math.inf, wanted if within else best
 
 
 def brake(wanted: Command, obstacles: Sequence[Obstacle], manners: Manners, doubt: float) -> Command:
     """`wanted`, its speed cut so that no obstacle comes nearer by more than half of the room in `hold` [s].
 
     However long the command lasts up to then: the robot turns meanwhile, and what counts is when it faces
-    the obstacle most. Standing still, and turning on the spot, are always allowed.
+    the obstacle most. Standing still, and turning on the spot, are always allowed. Who does not know its
+    heading needs room to find out: it leaves no margin.
     """
     low, high = -math.inf, math.inf
+    margin = manners.margin if doubt < math.pi else 0.0
     for k in range(len(obstacles)):
         one = obstacles[k]
-        room = abs(one.at) - (manners.radius + one.radius + manners.margin)
+        room = abs(one.at) - (manners.radius + one.radius + margin)
         most = max(0.0, 0.5 * room / manners.hold)
         least, greatest = facing(unit(one.at), wanted.turn_rate * manners.hold, doubt)
         if greatest > 0.0:
             high = min(high, most / greatest)
         if least < 0.0:
             low = max(low, most / least)
-    return (
-        wanted
-        if low <= wanted.speed <= high
-        else Command(max(low, min(high, wanted.speed)), wanted.turn_rate)
-    )
+    if low <= wanted.speed <= high:
+        return wanted
+    return Command(max(low, min(high, wanted.speed)), wanted.turn_rate)
 
 
 def facing(towards: complex, turn: float, doubt: float) -> tuple[float, float]:
@@ -230,8 +233,9 @@ def _remembered(
     """How long the robot has been kept, or still goes another way."""
     if before.detour > 0.0:
         return Avoidance(0.0, max(0.0, before.detour - dt), before.deadlocks)
+    velocity = body_velocity(done.speed, done.turn_rate, limits.offset)
     want = abs(body_velocity(wanted.speed, wanted.turn_rate, limits.offset) - along)
-    does = abs(body_velocity(done.speed, done.turn_rate, limits.offset) - along)
+    does = min(abs(velocity), abs(velocity - along))  # it stands, or goes along and gets no nearer
     if does >= HELD * limits.max_speed or want <= WANTING * limits.max_speed:
         return Avoidance(max(0.0, before.kept - dt), 0.0, before.deadlocks)
     if before.kept + dt <= PATIENCE:

@@ -22,6 +22,7 @@ from formation.avoidance import (
     brake,
     facing,
     give_way,
+    half_plane,
     heading_doubt,
     nearest,
 )
@@ -97,7 +98,7 @@ def test_bodies_never_touch_whatever_their_robots_want(seed: int, doubt: float) 
         dt = crowd.draw.uniform(0.01, MANNERS.hold)
         said = crowd.commands(dt)
         for part in (0.25, 0.5, 0.75, 1.0):
-            assert crowd.gap(said, part * dt) > MANNERS.margin - 1e-9
+            assert crowd.gap(said, part * dt) > (MANNERS.margin if doubt < math.pi else 0.0) - 1e-9
         crowd.move(said, dt)
 
 
@@ -156,6 +157,18 @@ def test_nothing_within_all_bounds_is_nearer(
         other = point + complex(draw.gauss(0.0, 0.3), draw.gauss(0.0, 0.3))
         if beyond(other) <= 0.0:
             assert abs(other - wanted) >= abs(point - wanted) - 1e-6
+
+
+def test_what_is_within_all_bounds_is_nearest_to_itself() -> None:
+    assert nearest(0.5 + 0.5j, [HalfPlane(1.0, 0.0, 1.0), HalfPlane(0.0, 1.0, 1.0)]) == (True, 0.5 + 0.5j)
+
+
+def test_who_is_hemmed_in_by_those_it_yields_to_stays_and_approaches_nobody() -> None:
+    around = [Obstacle(rotation(angle) * 0.35, 0.1, 0j, first=True) for angle in (0.0, 2.1, 4.2)]
+    done = give_way(Command(1.5, 1.0), around, MANNERS, BODY)
+    for one in around:
+        bound = half_plane(one, MANNERS, BODY)
+        assert bound.x * done.speed + bound.y * BODY.offset * done.turn_rate <= max(bound.most, 0.0) + 1e-9
 
 
 def test_bounds_that_have_nothing_in_common_are_found_out() -> None:
