@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from agent.alive import FAREWELL
 from formation.mission import Mission
 from formation.neighbour import FRESH_PERIODS
@@ -54,13 +56,17 @@ class Commander:
         command, _ = self.say(now, AT_REST)
         return [command, Outgoing(self._alive, encode(Number(FAREWELL)))]
 
-    def say(self, now: Now, wanted: Command) -> list[Outgoing]:
+    def say(
+        self, now: Now, wanted: Command, brake: Callable[[Command], Command] | None = None
+    ) -> list[Outgoing]:
         """`wanted`, which is within limits, to the robot, or as near as the ramp allows; zero is zero.
 
-        And that this agent is alive, to its guard.
+        What `brake` makes of that waits for no ramp. And that this agent is alive, to its guard.
         """
         if self._ramp > 0.0:
             wanted = self._ramping(now, wanted)
+        if brake is not None:
+            wanted = brake(wanted)
         self._ramped, self._said = wanted, now.mono
         if self._quantiser is not None:
             wanted, self.remainder = quantise(self._quantiser, wanted, self.remainder)

@@ -15,6 +15,7 @@ from itertools import chain
 
 from agent import failsafe
 from agent.aside import Aside, Stuck
+from agent.avoiding import Avoiding, Brake
 from agent.commander import AT_REST, Commander
 from agent.failsafe import Decision, Facts, State
 from agent.latch import Latch
@@ -25,7 +26,7 @@ from agent.slots import Slots
 from agent.status import Report, Surroundings, status
 from agent.tuning import Tuning
 from formation import order
-from formation.law import LAWS, error
+from formation.law import LAWS, error, unwound
 from formation.mission import Mission
 from formation.order import LONGEST_REASON, Ballot, Told
 from formation.ros2.messages import Displacement, Odometry, Pose, Text, decode, encode
@@ -69,6 +70,7 @@ class Agent:
         self._law = LAWS[self.law_name]
         self._here = Localisation(mission, robot, self.law_name)
         self._neighbours = Neighbourhood(mission, robot, self.law_name)
+        self._avoiding = Avoiding(mission, robot, self.law_name)
         self._integral = 0j
         self._finite = True
         self._orders = Orders(mission)
@@ -85,7 +87,7 @@ class Agent:
 
     @property
     def subscriptions(self) -> tuple[str, ...]:
-        """Every key this agent listens to: what tells its own position, its neighbours, nothing else."""
+        """Every key this agent listens to: what tells its own position, its neighbours, whom it minds."""
         return tuple(self._handlers)
 
     @property
@@ -173,6 +175,8 @@ class Agent:
             handlers[POSITION.key(name)] = partial(self._take_position, neighbour)
             if self._spec.measurement == "local":
                 handlers[RELATIVE.key(self.robot, name)] = partial(self._take_displacement, neighbour)
+        for name, other in self._avoiding.others.items():
+            handlers[POSITION.key(name)] = partial(self._take_minded, other)
         if self._mission.standbys:
             for name in self._mission.candidates:
                 handlers[BALLOT.key(name)] = partial(self._take_ballot, name)
@@ -196,6 +200,12 @@ class Agent:
                 self._drop(sample.key, bad)
         if self._spec.measurement == "network":
             neighbour.take_position(pose, sample.arrived, now)
+
+    def _take_minded(self, other: Neighbour, sample: Sample, now: Now) -> None:
+        """Nothing but where it is counts of whom it only minds: that it relays no orders keeps ways short."""
+        pose = decode(Pose, sample.payload)
+        other.voice.admit(order.decode(Told, sample.attachment or b""), sample.arrived, 0)
+        other.take_position(pose, sample.arrived, now)
 
     def _take_displacement(self, neighbour: Neighbour, sample: Sample, now: Now) -> None:
         displacement = decode(Displacement, sample.payload)
@@ -239,22 +249,27 @@ class Agent:
         if self.decision.state is not State.RUN or wanted is None:
             self._finite = True
             self._stuck.rested()
+            self._avoiding.rested()
             return self._commanded(now, AT_REST)
         self._slots.follow(wanted, self._orders.rose, now.mono)
         what = self._neighbours.measured(self._here, self._slots, now)
         dt = min(interval or 0.0, self._here.stream.limit)
-        gains, integral = self._tuning.follow(wanted, dt, self._integral, self._here.heading, what)
-        command, integral = self._law(integral, self._here.heading, what, gains, self._spec.limits, dt)
-        self._finite = cmath.isfinite(complex(command.speed, command.turn_rate)) and cmath.isfinite(integral)
+        heading, limits = self._here.heading, self._spec.limits
+        gains, integral = self._tuning.follow(wanted, dt, self._integral, heading, what)
+        said, integral = self._law(integral, heading, what, gains, limits, dt)
+        self._finite = cmath.isfinite(complex(said.speed, said.turn_rate)) and cmath.isfinite(integral)
         if not self._finite:
             self.decision, self._integral = self._decide(now), 0j
             return self._commanded(now, AT_REST)
-        self._aside.drove(abs(error(self._here.heading, what)) / what.count)
+        along = heading.conjugate() * what.velocity
+        command, brake = self._avoiding.command(said, along, self._here, self._neighbours, now, dt)
+        integral = unwound(integral, heading, what, gains, limits, said, command, dt)
+        self._aside.drove(abs(error(heading, what)) / what.count)
         if not self._readonly:  # what does not move cannot be integrated away
             self._integral = integral
             self._stuck.drove(self._commander.newest, self._here.point, self._here.heading, dt)
         self._rest_due = float("-inf")  # whatever stops it takes hold at once
-        return self._commanded(now, command)
+        return self._commanded(now, command, brake)
 
     def _rest(self, now: Now) -> list[Outgoing]:
         """A robot that must not move is told so every period: there may be no position, commands get lost."""
@@ -263,8 +278,8 @@ class Agent:
         self._rest_due = now.mono + 1.0 / self._spec.rate
         return self._commanded(now, AT_REST)
 
-    def _commanded(self, now: Now, wanted: Command) -> list[Outgoing]:
-        outbox = self._commander.say(now, wanted)
+    def _commanded(self, now: Now, wanted: Command, brake: Brake | None = None) -> list[Outgoing]:
+        outbox = self._commander.say(now, wanted, brake)
         if not self._readonly:
             self._here.told(now.mono, self._commander.newest)
         return outbox
@@ -292,6 +307,7 @@ class Agent:
             commander=self._commander,
             here=self._here,
             neighbours=self._neighbours,
+            avoiding=self._avoiding,
             aside=self._aside.told,
             stuck=self._stuck.now,
             gains=self._tuning.told,

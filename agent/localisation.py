@@ -7,6 +7,7 @@ from agent.overhead import Overhead
 from agent.sighting import Sighting
 from agent.stream import Stream
 from formation import heading as observers
+from formation.avoidance import SHARPER, SLACK, heading_doubt
 from formation.mission import Mission
 from formation.order import Order
 from formation.plane import rotation, shorten, unit
@@ -58,6 +59,10 @@ class Localisation:
         self._guessed = counted and spec.first_heading_deg is None and not self._measures_heading
         # from then on its robot may face another way than any that the mission knows of
         self._guesses = spec.first_heading_deg is None and not self._measures_heading and not self._printed
+        # the filter's own: positions from outside are too noisy to learn from them faster
+        self._sharp_gain = self._gain * (SHARPER if spec.localisation == "odometry" else 1.0)
+        self._course = self._estimate
+        self._way = 0.0  # since it knew nothing of it [m]
         self._joined = False
         self._before: tuple[float, complex, complex] | None = None
         self._calm = 0.0
@@ -92,6 +97,16 @@ class Localisation:
     def point(self) -> complex:
         """Estimated control point [m; world frame]."""
         return control_point(self.position, self.heading, self._limits.offset)
+
+    @property
+    def course(self) -> complex:
+        """Heading as the collision filter is to take it, of unit length [world frame]."""
+        return self._measured if self._measures_heading else unit(self._course)
+
+    @property
+    def course_doubt(self) -> float:
+        """By how much that may be wrong [rad]."""
+        return SLACK if self._measures_heading else heading_doubt(self._way, self._sharp_gain)
 
     def seen_from(self, stamp: float) -> tuple[complex, complex]:
         """Control point [m; world frame] and heading when something was measured on board at `stamp` [s]."""
@@ -146,16 +161,18 @@ class Localisation:
             if self._printed:
                 self._estimate = observers.printed_start(seen.position, self._gain)
             elif self._guessed and before is None:
-                self._estimate = seen.heading
+                self._estimate = self._course = seen.heading
             return None
         if seen.jumped is not None:
             self.jumped, self._calm = seen.jumped, 0.0
             self.jumps += 1
             self._estimate *= 0.0 if self._measures_heading and not self._printed else seen.turned
+            self._course, self._way = self.heading, 0.0
             return None
         if elapsed is None or elapsed > self.stream.limit:
             if not self._printed:  # nothing is learned from so long a way, but it turned meanwhile
                 self._estimate *= rotation(seen.travel.turn)
+                self._course *= rotation(seen.travel.turn)
             return None
         self.late += elapsed > 1.5 * self._period
         self.follows = True
@@ -164,6 +181,8 @@ class Localisation:
             self._estimate = shorten(observers.mended(self._estimate, seen.travel, self._gain), LONGEST)
         else:
             self._estimate = observers.innovation(self._estimate, seen.travel, self._gain)
+            self._course = observers.innovation(self._course, seen.travel, self._sharp_gain)
+            self._way += abs(seen.travel.distance)
         return elapsed
 
     def _see(self, message: Odometry | Pose, over: float | None, now: Now) -> Sighting:

@@ -12,6 +12,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from agent.aside import Aside, Stuck
+from agent.avoiding import Avoiding
 from agent.commander import Commander
 from agent.core import Agent
 from agent.failsafe import Decision, State
@@ -45,6 +46,7 @@ from agent.values import (
     word,
 )
 from agent.voice import REMEMBERED, Voice
+from formation.avoidance import Avoidance
 from formation.election import Voter
 from formation.neighbour import Track
 from formation.once import Once
@@ -72,6 +74,7 @@ def _sent(numbers: Iterable[float]) -> Sent:
 
 
 _COMMAND = row(Command._make, real, real)
+_TRACK = row(Track._make, real, plane, plane)
 _NAMES = Kind(list, lambda said, where: tuple(recent(text).read(said, where)))
 _ORDER = model(Order)
 _ODOMETRY = record(
@@ -103,6 +106,7 @@ KEPT: Mapping[type, Kept] = {
         parts=(
             "_here",
             "_neighbours",
+            "_avoiding",
             "_orders",
             "_tuning",
             "_slots",
@@ -135,6 +139,8 @@ KEPT: Mapping[type, Kept] = {
             "position": plane,
             "_measured": plane,
             "_estimate": plane,
+            "_course": plane,
+            "_way": real,
             "_before": maybe(row(tuple, real, plane, plane)),
             "_calm": real,
         },
@@ -143,6 +149,7 @@ KEPT: Mapping[type, Kept] = {
             "_printed",
             "_measures_heading",
             "_gain",
+            "_sharp_gain",
             "_limits",
             "_period",
             "_guessed",
@@ -196,11 +203,25 @@ KEPT: Mapping[type, Kept] = {
             "aside": flag,
             "_anchor": plane,
             "_moved": real,
-            "_track": maybe(row(Track._make, real, plane, plane)),
+            "_track": maybe(_TRACK),
+            "_body": maybe(_TRACK),
             "_unplaced": maybe(row(tuple, maybe(real))),
         },
         parts=("stream", "voice"),
         construction=("name", "_offset", "_top_speed", "_filter"),
+    ),
+    Avoiding: Kept(
+        memory={"memory": row(Avoidance._make, real, real, count), "avoided": count, "acting": flag},
+        parts=("others",),
+        construction=(
+            "mode",
+            "_minded",
+            "_specs",
+            "_first",
+            "_local",
+            "_limits",
+            "_manners",
+        ),
     ),
     Voice: Kept(
         memory={

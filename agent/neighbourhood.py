@@ -47,6 +47,7 @@ class Neighbour:
         self._top_speed = spec.top_speed
         self._filter = mission.law.velocity_filter
         self._track: neighbour.Track | None = None
+        self._body: neighbour.Track | None = None  # its centre; only where positions come over the network
         self._unplaced: tuple[float | None] | None = None
         self._anchor = 0j  # where it was when it last moved,
         self._moved = float("-inf")  # and when [s, monotonic]
@@ -54,6 +55,8 @@ class Neighbour:
     def take_position(self, pose: Pose, arrived: float, now: Now) -> None:
         """Learn from its published pose. Raises BadMessage."""
         elapsed = self.stream.admit(pose.stamp, arrived, now)
+        stamp = self.stream.stamp
+        self._body = self._followed(self._body, stamp, pose.position, elapsed)
         self._see(control_point(pose.position, pose.heading, self._offset), elapsed)
 
     def take_displacement(self, measured: Displacement, arrived: float, now: Now) -> None:
@@ -80,11 +83,15 @@ class Neighbour:
         stamp = self.stream.stamp
         if self.stream.arrived is not None and abs(point - self._anchor) > MOVED:
             self._anchor, self._moved = point, self.stream.arrived
-        if elapsed is None or self._track is None:
-            self._track = neighbour.first_seen(stamp, point)
-        else:
-            before = self._track._replace(stamp=stamp - elapsed)
-            self._track = neighbour.seen(before, stamp, point, self._filter, self._top_speed)
+        self._track = self._followed(self._track, stamp, point, elapsed)
+
+    def _followed(
+        self, track: neighbour.Track | None, stamp: float, point: complex, elapsed: float | None
+    ) -> neighbour.Track:
+        if elapsed is None or track is None:
+            return neighbour.first_seen(stamp, point)
+        before = track._replace(stamp=stamp - elapsed)
+        return neighbour.seen(before, stamp, point, self._filter, self._top_speed)
 
     def fresh(self, now: Now) -> bool:
         """Whether what is known of it is from now."""
@@ -103,12 +110,19 @@ class Neighbour:
         """Its control point when my own measurement, `my_age` [s] old, was made [m; world frame]."""
         if self._track is None:
             raise ValueError(f"{self.name} has not been seen yet")
-        if not carry:
-            return self._track.point
+        return self._carried(self._track, now, my_age) if carry else self._track.point
+
+    def body(self, now: Now, my_age: float) -> tuple[complex, complex]:
+        """Its centre at that moment, and how fast that moves [m, m/s; world frame]."""
+        if self._body is None:
+            raise ValueError(f"{self.name} has not been seen yet")
+        return self._carried(self._body, now, my_age), self._body.velocity
+
+    def _carried(self, track: neighbour.Track, now: Now, my_age: float) -> complex:
         older = self.stream.age(now) - my_age
         # the oldest sample that counts was on the way for as long as is believed, and then a limit here
         longest = self.stream.longest_way + self.stream.limit
-        return neighbour.carried_to(self._track, self._track.stamp + older, longest)
+        return neighbour.carried_to(track, track.stamp + older, longest)
 
 
 class Neighbourhood:

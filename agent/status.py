@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
+from agent.avoiding import Avoiding
 from agent.commander import Commander
 from agent.failsafe import Decision, State
 from agent.localisation import Localisation
@@ -48,6 +49,7 @@ class Report(NamedTuple):
     commander: Commander
     here: Localisation
     neighbours: Neighbourhood
+    avoiding: Avoiding
     aside: bool
     """Whether the others are to go on without it."""
     stuck: bool
@@ -80,6 +82,7 @@ def status(report: Report, now: Now) -> Diagnostics:
         **({"follows": ", ".join(around.guides)} if report.decision.state is State.RUN else {}),
         **({"aside": "the others go on without it"} if report.aside else {}),
         **({"stuck": "does not move though it is told to"} if report.stuck else {}),
+        **report.avoiding.words(around),
         "localisation": report.here.alignment,
         **_steps(report.commander),
         "jumps": str(report.here.jumps),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
@@ -86,11 +86,30 @@ def words(mission: Mission, seed: int | None, result: Result) -> str:
         lines.append(f"  final error      {metres(final['max'])}")
     else:
         lines.append(f"  final error      {metres(final['median'])} median, {metres(final['max'])} worst")
+    lines += _bodies(mission, result)
     lines.append(
         f"  took             {found['wall_time']:.2f} s, "
         f"{found['robot_steps_per_second']:,.0f} robot steps a second"
     )
     return "\n".join(lines)
+
+
+def _bodies(mission: Mission, result: Result) -> Iterator[str]:
+    """Whether bodies have touched, and what became of robots that kept each other from moving."""
+    found = result.summary()
+    if found["nearest"] is None:
+        return
+    runs, touched = found["runs"], found["touched"]
+    where = ("they touch" if touched else "none touch") if runs == 1 else f"touch in {touched} of {runs} runs"
+    idle = (
+        result.law == "paper"
+        or mission.collisions.mode != "on"
+        or not any(mission.minded(name) for name in mission.followers)
+    )
+    nearest = "" if touched else f", {metres(found['nearest'])} apart at least"
+    yield f"  bodies           {where}{nearest}{'; nobody avoids anybody' if idle else ''}"
+    if found["deadlocks"]:
+        yield f"  deadlocks        {found['deadlocks']}, after each of which a robot went another way"
 
 
 def report(mission: Mission, options: argparse.Namespace, result: Result) -> dict[str, Any]:

@@ -105,6 +105,22 @@ def field(
     return command, integral + dt * growth - (1.0 - weight) * forgotten * integral
 
 
+def unwound(
+    integral: complex, heading: complex, measured: Measured, gains: Gains, limits: Limits,
+    wanted: Command, done: Command, dt: float,
+) -> complex:  # fmt: skip
+    """The field law's integral after `dt` where `done` took the place of the `wanted` that it had said.
+
+    What is held back after the law counts like what saturation has cut off: they add up.
+    """
+    if wanted == done:
+        return integral
+    speed, turn_rate = done.speed - wanted.speed, done.turn_rate - wanted.turn_rate
+    cut_off = heading * body_velocity(speed, turn_rate, limits.offset)
+    weight = near(abs(error(heading, measured)) / measured.count, gains.integral_band)
+    return integral + dt * weight * gains.anti_windup * cut_off
+
+
 def near(distance: float, band: float) -> float:
     """1 at zero, 1/2 at `band`, falling as the fourth power beyond; flat at zero, so noise cannot chatter."""
     ratio = distance / band

@@ -87,6 +87,17 @@ class Standby(Table):
     """Where it listens."""
 
 
+class Collisions(Table):
+    """[collisions]: how robots keep clear of each other."""
+
+    mode: Literal["on", "warn", "off"] = "on"
+    """`warn` only says in the status what would be done."""
+    margin: NotNegative = 0.02
+    """Room that is left between two bodies [m]."""
+    lag: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
+    """Time constant with which robots follow commands [s]."""
+
+
 class Together(Table):
     """[together]: the leader slows, and waits, while the formation is torn."""
 
@@ -119,6 +130,7 @@ class Mission(Table):
     robots: dict[Name, RobotSpec] = Field(min_length=2)
     route: Annotated[tuple[Leg, ...], BeforeValidator(as_tuple), Field(min_length=1)]
     standbys: dict[Name, Standby] = Field(default={}, max_length=63)
+    collisions: Collisions = Collisions()
     together: Together | None = None
     simulated_robot: SimulatedRobot = SimulatedRobot()
     simulation: SimulationSpec = SimulationSpec()
@@ -163,6 +175,28 @@ class Mission(Table):
     def fingerprint(self) -> str:
         """A short name of all that the mission says: equal for equal missions, however their files look."""
         return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:12]
+
+    def minded(self, robot: str) -> tuple[str, ...]:
+        """Followers out of whose way `robot` gets: whom it may measure, and whom it is to mind.
+
+        The virtual leader has no body, and with collisions "off" nobody minds anybody.
+        """
+        if robot == self.leader or self.collisions.mode == "off":
+            return ()
+        spec = self.robots[robot]
+        more = self.followers if spec.mind == "all" else spec.mind
+        return tuple(
+            name for name in self.followers if name != robot and (name in spec.measurable or name in more)
+        )
+
+    def heard(self, robot: str) -> tuple[str, ...]:
+        """Whose positions `robot` is to hear: whom it may measure, then whom else it minds."""
+        return tuple(dict.fromkeys((*self.robots[robot].measurable, *self.minded(robot))))
+
+    def has_right_of_way(self, robot: str, other: str) -> bool:
+        """Whether `robot` passes first: it is nearer to the leader in the graph, or else in the file."""
+        first, second = self.names.index(robot), self.names.index(other)
+        return (self.graph.depths[first] or 0, first) < (self.graph.depths[second] or 0, second)
 
     @property
     def first_shape(self) -> str:

@@ -12,7 +12,15 @@ from pydantic import BaseModel, BeforeValidator, Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from formation.legs import Circle, Leg, Straight, Waypoints
-from formation.mission import LawSpec, Mission, SimulatedRobot, SimulationSpec, Standby, Together
+from formation.mission import (
+    Collisions,
+    LawSpec,
+    Mission,
+    SimulatedRobot,
+    SimulationSpec,
+    Standby,
+    Together,
+)
 from formation.robot_spec import RobotDefaults, RobotSpec, Start
 from formation.tables import NAME, TITLE, Table, as_tuple
 
@@ -139,6 +147,7 @@ def _keys_beside(loc: tuple[int | str, ...], whole: type[BaseModel]) -> str:
         "simulation": SimulationSpec,
         "robots": RobotSpec,
         "standbys": Standby,
+        "collisions": Collisions,
         "together": Together,
         "start": Start,
         "straight": Straight,

@@ -75,6 +75,21 @@ def neighbours_exist(mission: Mission) -> Iterator[Violation]:
                     yield Violation(f"robots.{name}.{key}", other, problem)
 
 
+def minded_have_bodies(mission: Mission) -> Iterator[Violation]:
+    """Whom a robot is to mind is a follower: the virtual leader has no body."""
+    for name, robot in mission.robots.items():
+        for other in () if robot.mind == "all" else robot.mind:
+            if other not in mission.robots:
+                yield Violation(
+                    f"robots.{name}.mind", other, f"unknown robot; choose from {_others(mission, name)}"
+                )
+            elif other == mission.leader:
+                yield Violation(
+                    f"robots.{name}.mind", other, "has no body, for it leads; choose from "
+                    + _list(one for one in mission.followers if one != name),
+                )  # fmt: skip
+
+
 def tree_from_the_leader(mission: Mission) -> Iterator[Violation]:
     """Assumption 1: every follower has a path of neighbours to the leader."""
     lost = [mission.names[i] for i in mission.graph.unreachable]
@@ -231,6 +246,7 @@ def steps_leave_room(mission: Mission) -> Iterator[Violation]:
 RULES = (
     leader_is_a_robot,
     neighbours_exist,
+    minded_have_bodies,
     shapes_are_complete,
     tree_from_the_leader,
     leader_slower_than_followers,

@@ -19,6 +19,10 @@ FORGOTTEN = 1.0
 """After so long a silence what came before says nothing about what comes now [s]."""
 
 
+UNSEEN = 0.5
+"""Share of its top speed by which a robot may be elsewhere than where its velocity carries it."""
+
+
 class Track(NamedTuple):
     """What is known of a neighbour's control point."""
 
@@ -77,3 +81,8 @@ def carried_to(track: Track, moment: float, longest: float) -> complex:
     Backwards too: a neighbour's sample may be a little younger than the measurement it is compared with.
     """
     return track.point + track.velocity * clip(moment - track.stamp, longest)
+
+
+def uncertain(age: float, top_speed: float) -> float:
+    """How far one last seen `age` [s] ago may be from where it is carried to [m]; so far also who is lost."""
+    return UNSEEN * top_speed * min(age, LONGEST_WAY)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import cmath
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
+from pydantic_core import PydanticCustomError
 
 from formation.endpoint import Endpoint
 from formation.law import Limits
+from formation.neighbour import FRESH_PERIODS
 from formation.tables import Metres, Name, Namespace, NotNegative, Positive, Ros, Speed, Table, as_tuple
 
 
@@ -29,6 +31,14 @@ class Start(Table):
     def heading(self) -> complex:
         """Unit complex heading [world frame]."""
         return cmath.rect(1.0, math.radians(self.heading_deg))
+
+
+def _minded(value: Any) -> Any:
+    """A list as TOML has it, as a tuple; what is neither that nor "all" is refused in one sentence."""
+    value = as_tuple(value)
+    if value == "all" or (isinstance(value, tuple) and all(isinstance(one, str) for one in value)):
+        return value
+    raise PydanticCustomError("minded", 'Input should be "all" or a list of robots')
 
 
 class RobotDefaults(Table):
@@ -63,6 +73,8 @@ class RobotDefaults(Table):
     ramp: Annotated[float, Field(ge=0.0, le=10.0)] = 0.25
     """From rest to a limit takes a command at least so long, and as long back; 0 for at once [s].
     Zero velocity never waits."""
+    mind: Annotated[Literal["all"] | tuple[str, ...], BeforeValidator(_minded)] = ()
+    """Followers out of whose way it gets, beside those whom it measures; it hears their positions."""
     speed_step: NotNegative = 0.0
     """The robot cuts commands to multiples of this, which error feedback makes up for [m/s]; 0 for none."""
     turn_rate_step: NotNegative = 0.0
@@ -85,6 +97,11 @@ class RobotSpec(RobotDefaults):
     def measurable(self) -> tuple[str, ...]:
         """Whom it may come to measure: its neighbours, then its fallbacks."""
         return (*self.neighbours, *self.fallback_neighbours)
+
+    @property
+    def longest_command(self) -> float:
+        """After so long a silence the guard stops the robot [s]: no command lasts longer."""
+        return FRESH_PERIODS / self.rate
 
     @property
     def limits(self) -> Limits:

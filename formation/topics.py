@@ -74,7 +74,7 @@ CMD_VEL = Topic(
 )  # fmt: skip
 POSITION = Topic(
     "position", "{robot}/position", "geometry_msgs/msg/PoseStamped", "agent or leader",
-    "robots that have it as neighbour", "each odom", Qos("data", express=True),
+    "robots that measure or mind it", "each odom", Qos("data", express=True),
     "centre and estimated heading in the world frame; the order rides as attachment",
 )  # fmt: skip
 SCAN = Topic(

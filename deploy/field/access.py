@@ -60,7 +60,7 @@ def words(mission: Mission) -> Iterator[Word]:
 def _in_the_fleet(mission: Mission) -> Iterator[Word]:
     """Positions to who measures them, and to who may lead; ballots of those, and the leader's course."""
     for me in mission.followers:
-        for other in mission.robots[me].measurable:
+        for other in mission.heard(me):
             for speaker in _voices(mission, other):
                 yield from _listens(me, speaker, POSITION.key(other))
         for one in mission.candidates if mission.standbys else ():

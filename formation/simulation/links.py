@@ -9,8 +9,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from formation.neighbour import FORGOTTEN, Track, believed_way, moved
 
+TRACK = np.dtype([("stamp", "f8"), ("point", "c16"), ("velocity", "c16")], align=True)
+"""`Track` of a neighbour."""
 _ROUNDING = 1e-9
 """[s]"""
 

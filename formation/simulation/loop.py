@@ -13,50 +13,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from formation.heading import Travel, innovation, mended, printed
-from formation.law import Gains, Limits, Measured
+from formation.law import Gains, Limits, Measured, unwound
 from formation.law import field as law  # or whichever law this is compiled with
 from formation.neighbour import Track, learned
 from formation.plane import unit
 from formation.quantiser import Grid, Quantiser, quantise
 from formation.simulation.body import Body, driven, obeyed
 from formation.simulation.links import Link, arrived, carried, is_fresh
+from formation.simulation.minding import Minds, clearance, keep_clear, look, minds_of
 from formation.unicycle import Command, along, control_point
 
 INNOVATION, MENDED, PRINTED = 0, 1, 2
 """Observers: the field law's; Eq. (3) with erratum 1 mended; Eq. (3) as printed."""
-ROBOT = np.dtype(
-    [
-        ("offset", "f8"), ("max_speed", "f8"), ("max_turn_rate", "f8"),
-        ("speed_step", "f8"), ("speed_most", "f8"), ("turn_rate_step", "f8"), ("turn_rate_most", "f8"),
-        ("first", "i8"), ("last", "i8"),
-        ("local", "b1"),
-    ],
-    align=True,
-)  # fmt: skip
-"""What a follower is: limits, `Grid` of both numbers, its edges, whether it has a sensor of its own."""
-EDGE = np.dtype(
-    [
-        ("head", "i8"), ("desired", "c16"),
-        ("late", "f8"), ("limit", "f8"), ("longest_way", "f8"), ("top_speed", "f8"),
-    ],
-    align=True,
-)  # fmt: skip
-"""What an edge is: index of the neighbour, z*_ij [m; world frame], `Link`."""
-FOLLOWER = np.dtype(
-    [
-        ("position", "c16"), ("heading", "c16"),
-        ("odometry", "c16"), ("estimate", "c16"), ("facing", "c16"), ("integral", "c16"),
-        ("speed", "f8"), ("turn_rate", "f8"), ("wanted_speed", "f8"), ("wanted_turn_rate", "f8"),
-        ("wheel_speed", "f8"), ("wheel_turn_rate", "f8"), ("owed_speed", "f8"), ("owed_turn_rate", "f8"),
-        ("drift", "c16"),
-    ],
-    align=True,
-)  # fmt: skip
-"""How a follower is: pose without noise; what it measured and makes of it; mean motion over the last step,
-what the law wants, the wheels at its end, what the quantiser owes; where its odometry drifts to, a share of
-the way."""
-TRACK = np.dtype([("stamp", "f8"), ("point", "c16"), ("velocity", "c16")], align=True)
-"""`Track` of a neighbour."""
 
 
 class World(NamedTuple):
@@ -69,6 +37,8 @@ class World(NamedTuple):
     observer: int
     observer_gain: float
     """[1/m]"""
+    course_gain: float
+    """The same for the filter's own observer; 0 where nobody minds anybody [1/m]."""
     normalised: bool
     """Whether ζ̂/|ζ̂| is used, or ζ̂ as it is."""
     feed_forward: bool
@@ -152,8 +122,8 @@ def hear(
     )
 
 
-def decide(me: Any, robot: Any, heard: Heard, world: World) -> None:
-    """Apply the law; who has nobody to follow stands still, and learns nothing."""
+def decide(me: Any, robot: Any, heard: Heard, minds: Minds, count: int, world: World) -> None:
+    """Apply the law, minding `count` others; who has nobody to follow stands still, and learns nothing."""
     wanted = Command(0.0, 0.0)
     if heard.known > 0.0:
         relative = heard.relative if robot.local else me.facing.conjugate() * heard.relative
@@ -161,6 +131,12 @@ def decide(me: Any, robot: Any, heard: Heard, world: World) -> None:
         measured = Measured(relative, heard.desired, heard.known, velocity)
         limits = Limits(robot.offset, robot.max_speed, robot.max_turn_rate)
         wanted, me.integral = law(me.integral, me.facing, measured, world.gains, limits, world.step)
+        if count > 0:
+            ahead, said = me.facing.conjugate() * velocity, wanted
+            wanted = keep_clear(me, robot, said, minds, count, ahead, world)
+            me.integral = unwound(
+                me.integral, me.facing, measured, world.gains, limits, said, wanted, world.step
+            )
     if world.quantises:
         quantiser = Quantiser(
             Grid(robot.speed_step, robot.max_speed, robot.speed_most),
@@ -185,6 +161,9 @@ def drive(me: Any, noise: complex, world: World) -> None:
     me.position, me.heading = position, heading
     travel = Travel(distance, turn, position + noise - me.odometry)
     me.odometry = position + noise
+    if world.course_gain > 0.0:
+        me.course = innovation(me.course, travel, world.course_gain)
+        me.way += abs(distance)
     if world.observer == INNOVATION:
         me.estimate = innovation(me.estimate, travel, world.observer_gain)
     elif world.observer == MENDED:
@@ -207,16 +186,18 @@ def formation_error(run: Any, robots: Any, edges: Any, leader: complex) -> float
 
 def run_on(
     begin: int, leader: Any, world: World, robots: Any, edges: Any, run: Any, tracks: Any, said: Any,
-    draw: Any, kept: Any,
-) -> tuple[int, float]:  # fmt: skip
+    draw: Any, kept: Any, minds: Minds,
+) -> tuple[int, float, float]:  # fmt: skip
     """Take one run from step `begin` on.
 
     `leader` is where that is [m; world frame] at this and each next step. `run` and `tracks` are the run's
     followers and what they know, shapes (F,) and (E,); `said` what all published lately, in a ring of shape
     (K, N); `kept` takes the error every `World.stride` steps. Random numbers are drawn from `draw`.
 
-    Returns the last step after which its error was not under the bound, or -1, and the error at the end.
+    Returns the last step after which its error was not under the bound, or -1, the error at the end, and
+    how near two bodies came to each other [m].
     """
+    nearest = clearance(run, robots)
     last_out, ring = -1, len(said)
     error = formation_error(run, robots, edges, leader[0])
     for step in range(begin, begin + len(leader) - 1):
@@ -225,6 +206,8 @@ def run_on(
         said[newest, 0] = here
         for i in range(len(robots)):
             said[newest, i + 1] = speak(run[i], robots[i], world)
+            if minds.avoids:
+                minds.said[newest, i] = run[i].odometry
         heard = NOBODY
         for i in range(len(robots)):
             me, robot, heard = run[i], robots[i], Heard(0j, 0j, 0j, 0.0, heard.elapsed, heard.share)
@@ -233,26 +216,30 @@ def run_on(
                 there = here if j < 0 else true_point(run[j], robots[j])
                 lost = world.loss > 0.0 and draw.random() < world.loss and step > 0
                 heard = hear(heard, me, robot, edge, tracks[e], said[oldest, j + 1], there, lost, now, world)
-            decide(me, robot, heard, world)
+            count = look(run, i, robots, minds, oldest, now, world, draw) if minds.avoids else 0
+            decide(me, robot, heard, minds, count, world)
         for i in range(len(robots)):
             noise = 0j
             if world.body.position_noise > 0.0:
                 noise = world.body.position_noise * complex(draw.normal(0.0, 1.0), draw.normal(0.0, 1.0))
             drive(run[i], noise, world)
+        nearest = min(nearest, clearance(run, robots))
         error = formation_error(run, robots, edges, leader[step - begin + 1])
         last_out = step + 1 if error >= world.settled else last_out
         if (step + 1) % world.stride == 0:
             kept[(step + 1) // world.stride] = error
-    return last_out, error
+    return last_out, error, nearest
 
 
 def all_run_on(
     begin: int, leader: Any, world: World, robots: Any, edges: Any, followers: Any, tracks: Any, said: Any,
-    draw: Any, errors: Any, last_out: Any, error: Any,
+    draw: Any, errors: Any, last_out: Any, error: Any, nearest: Any, minds: Minds,
 ) -> None:  # fmt: skip
     """`run_on` of every run, one after the other: what belongs to one stays in the processor's cache."""
     for r in range(len(followers)):
-        out, error[r] = run_on(
-            begin, leader, world, robots, edges, followers[r], tracks[r], said[r], draw, errors[:, r]
-        )
+        out, error[r], room = run_on(
+            begin, leader, world, robots, edges, followers[r], tracks[r], said[r], draw, errors[:, r],
+            minds_of(minds, r),
+        )  # fmt: skip
         last_out[r] = max(last_out[r], out)
+        nearest[r] = min(nearest[r], room)

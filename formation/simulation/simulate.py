@@ -48,6 +48,10 @@ class Result:
     """Shape (R,)."""
     final_error: FloatArray
     """At the horizon [m], infinite where a run left the numbers; shape (R,)."""
+    nearest: FloatArray
+    """How near two bodies came to each other [m], negative where they touched; shape (R,)."""
+    deadlocks: NDArray[np.int64]
+    """Of all robots; shape (R,)."""
     time: FloatArray
     """Moments of `error` [s]; shape (K,)."""
     error: FloatArray
@@ -73,6 +77,9 @@ class Result:
                 "median": _number(np.median(self.final_error)),
                 "max": _number(self.final_error.max()),
             },
+            "touched": int((self.nearest < 0.0).sum()),
+            "nearest": _number(self.nearest.min()),
+            "deadlocks": int(self.deadlocks.sum()),
             "wall_time": self.wall_time,
             "robot_steps_per_second": self.robot_steps / max(self.wall_time, 1e-9),
         }
@@ -151,6 +158,8 @@ def _result(
         settling_time=np.where(converged, (ensemble.last_out + 1) * step, np.nan),
         converged=converged,
         final_error=ensemble.error,
+        nearest=ensemble.nearest,
+        deadlocks=ensemble.followers["deadlocks"].sum(axis=1),
         time=step * stride * np.arange(len(ensemble.errors), dtype=np.float64),
         error=ensemble.errors,
         wall_time=wall_time,

@@ -9,6 +9,11 @@ import numpy as np
 from formation.arrays import ComplexArray
 from formation.mission import Mission
 
+APART = 0.05
+"""Bodies that are drawn leave so much room between each other [m]."""
+TRIES = 100
+"""So often is a start drawn again that leaves less; where there is no room it stays."""
+
 
 class Starts(NamedTuple):
     """Where followers start; shapes (R, F)."""
@@ -28,10 +33,23 @@ def own_starts(mission: Mission, runs: int) -> Starts:
 
 
 def random_starts(mission: Mission, runs: int, spread: float, rng: np.random.Generator) -> Starts:
-    """Control points uniformly within ± `spread` [m] of their slots on each axis, headings uniformly."""
+    """Control points uniformly within ± `spread` [m] of their slots on each axis, headings uniformly.
+
+    Where two bodies would begin in each other the later one of them is drawn again.
+    """
     shape = (runs, len(mission.followers))
     heading = np.exp(1j * rng.uniform(-np.pi, np.pi, shape))
     away = rng.uniform(-spread, spread, shape) + 1j * rng.uniform(-spread, spread, shape)
     offset = np.array([mission.robots[name].control_point_offset for name in mission.followers])
     slots = mission.robots[mission.leader].start.position + np.array(mission.slots()[1:])
-    return Starts(slots + away - offset * heading, heading)
+    position = slots + away - offset * heading
+    radii = np.array([mission.robots[name].radius for name in mission.followers])
+    for j in range(1, len(radii)):
+        for _ in range(TRIES):
+            distance = np.abs(position[:, :j] - position[:, j : j + 1])
+            crowded = np.flatnonzero((distance < radii[:j] + radii[j] + APART).any(axis=1))
+            if not len(crowded):
+                break
+            again = rng.uniform(-spread, spread, (2, len(crowded)))
+            position[crowded, j] = slots[j] + again[0] + 1j * again[1] - offset[j] * heading[crowded, j]
+    return Starts(position, heading)

@@ -134,7 +134,7 @@ def _endpoints(names: Iterable[str], where: Endpoints) -> tuple[str, ...]:
 def _linked(mission: Mission, pair: frozenset[str]) -> bool:
     """Whether these two have anything to say to each other."""
     for name in pair & mission.robots.keys():
-        if not pair.isdisjoint(mission.robots[name].measurable):
+        if not pair.isdisjoint(mission.heard(name)):
             return True
     candidates = len(pair.intersection(mission.candidates))
     if mission.standbys:

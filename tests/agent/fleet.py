@@ -271,4 +271,4 @@ class Fleet:
 
 def keys_of_neighbours(mission: Mission, name: str) -> set[str]:
     ballots = {BALLOT.key(one) for one in mission.candidates} if mission.standbys else set()
-    return {ODOM.key(name)} | {POSITION.key(other) for other in mission.robots[name].measurable} | ballots
+    return {ODOM.key(name)} | {POSITION.key(other) for other in mission.heard(name)} | ballots

@@ -34,6 +34,7 @@ MISSIONS: dict[str, Mission] = {
     "pair": load("turtlebot3_pair"),
     "fallbacks": load("patrol"),
     "start frame": with_robots("six_robots", odometry_frame="start"),
+    "minding": with_robots("six_robots", mind="all"),
     "local": with_robots("six_robots", measurement="local"),
     "measured heading": with_robots("turtlebot3_pair", heading="measured"),
     "external": with_robots("turtlebot3_pair", localisation="external", **STEPS),

@@ -56,6 +56,19 @@ def test_one_run_from_a_random_start_does_not_claim_to_be_the_missions(
     assert "the mission's own" not in text
 
 
+def test_it_says_whether_bodies_touched_and_whether_anybody_avoided_that(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    text, result = simulated(capsys, "--runs", "20", "--seed", "1")
+    assert f"bodies           touch in {result['touched']} of 20 runs" in text
+    assert "; nobody avoids anybody" in text  # they measure the leader only, which has no body
+    assert (result["touched"] > 0) == (result["nearest"] < 0.0)
+    assert main(["simulate", "six_robots", *SHORT]) == 0
+    text = capsys.readouterr().out
+    assert "bodies           none touch, " in text
+    assert "nobody avoids" not in text
+
+
 def test_runs_that_do_not_fit_into_memory_are_refused(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -19,6 +19,7 @@ from formation.mission_file import shipped
 from formation.topics import BALLOT, COURSE, ORDER, POSITION, STATUS, TABLE
 from formation.transport.wiring import members, partners
 from tests.field.missions import in_the_field, on_a_wireless_network
+from tests.formation import scenarios
 
 MISSIONS = {
     f"{name}{'-' + team if team else ''}": in_the_field(name, on_a_wireless_network, team)
@@ -30,6 +31,7 @@ MESSAGES = (
     "put", "delete", "declare_subscriber", "query", "declare_queryable", "reply",
     "liveliness_token", "liveliness_query", "declare_liveliness_subscriber",
 )  # fmt: skip
+MISSIONS["minding"] = scenarios.clearing(MISSIONS["turtlebot3_pair"])
 EVERY_MISSION = pytest.mark.parametrize("mission", MISSIONS.values(), ids=MISSIONS)
 
 

@@ -26,7 +26,10 @@ def build(
     route: dict[str, Any] | None = None,
     **tables: Any,
 ) -> Mission:
-    """A mission of robots robot1 (the leader), robot2, … that start in their slots; `tables` as in a file."""
+    """A mission of robots robot1 (the leader), robot2, … that start in their slots; `tables` as in a file.
+
+    They are points, as in theory: nobody gets out of anybody's way, unless `tables` say so.
+    """
     names = [f"robot{number + 1}" for number in range(len(slots))]
     return Mission.model_validate(
         {
@@ -43,9 +46,27 @@ def build(
                 for name, slot, js in zip(names, slots.tolist(), neighbours, strict=True)
             },
             "route": [route or STRAIGHT_ON],
+            "collisions": {"mode": "off"},
             **tables,
         }
     )
+
+
+def clearing(mission: Mission, mind: object = "all", **collisions: Any) -> Mission:
+    """The same with followers that get out of the way of whom they `mind`, besides whom they measure."""
+    said = mission.model_dump()
+    for name in mission.followers:
+        said["robots"][name]["mind"] = mind
+    return Mission.model_validate({**said, "collisions": collisions})
+
+
+def exchanged(mission: Mission, mind: object = "all", **collisions: Any) -> Mission:
+    """The same, besides, with followers that start in each other's slots, the first in the last's."""
+    said = clearing(mission, mind, **collisions).model_dump()
+    places = [mission.slot(name) for name in reversed(mission.followers)]
+    for name, place in zip(mission.followers, places, strict=True):
+        said["robots"][name]["start"] = {"x": place.real, "y": place.imag}
+    return Mission.model_validate(said)
 
 
 def six(**law: Any) -> Mission:

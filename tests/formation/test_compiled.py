@@ -81,6 +81,7 @@ def test_a_magnitude_is_the_absolute_value(value: complex) -> None:
 
 
 SIX, HARD = scenarios.six(), Options(delay=0.06, loss=0.1, body=PROFILES["turtlebot3_burger"])
+MINDING = {"nobody": SIX, "neighbours": scenarios.exchanged(SIX, mind=()), "all": scenarios.exchanged(SIX)}
 STEPPED = SIX.model_copy(
     update={
         "robots": {
@@ -102,10 +103,14 @@ def by_python(monkeypatch: pytest.MonkeyPatch, mission: Mission = SIX, **more: A
         maker._made.cache_clear()
 
 
+@pytest.mark.parametrize("mission", MINDING.values(), ids=MINDING)
 @pytest.mark.parametrize("options", [Options(), HARD, Options(measurement="local")])
-def test_without_a_compiler_the_same_comes_out(options: Options, monkeypatch: pytest.MonkeyPatch) -> None:
-    quick = simulate(SIX, runs=2, step=0.02, options=options, horizon=2.0)
-    slow = by_python(monkeypatch, options=options, horizon=2.0)
+def test_without_a_compiler_the_same_comes_out(
+    options: Options, mission: Mission, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    quick = simulate(mission, runs=2, step=0.02, options=options, horizon=2.0)
+    slow = by_python(monkeypatch, mission, options=options, horizon=2.0)
+    assert slow.nearest == pytest.approx(quick.nearest, rel=1e-6, abs=1e-9)
     assert slow.error == pytest.approx(quick.error, rel=1e-6, abs=1e-9)
 
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.law import LAWS, Gains, Law, Limits, Measured, error, field, near, nominal, paper
-from formation.unicycle import body_velocity
+from formation.law import LAWS, Gains, Law, Limits, Measured, error, field, near, nominal, paper, unwound
+from formation.unicycle import Command, body_velocity
 from tests.formation import oracle
 from tests.formation.planar import angles, gains, headings, lengths, pair, vectors
 
@@ -132,6 +132,20 @@ def test_near_formation_what_saturation_cuts_off_comes_out_of_the_integral() -> 
     for _ in range(200):
         _, integral = field(integral, 1.0 + 0j, Measured(0j, 0j, 1), law, body, 0.05)
     assert integral.real == pytest.approx(0.1, abs=1e-3)
+
+
+@given(st.floats(-0.1, 0.1), st.floats(-1.0, 1.0), headings)
+def test_what_is_held_back_after_the_law_counts_like_what_saturation_cuts_off(
+    speed: float, turn_rate: float, heading: complex
+) -> None:
+    law, wide, wanted = Gains(2.0, 1.0), Limits(0.1, 5.0, 50.0), Measured(0.01 + 0.02j, 0j, 1, 0.3 + 0j)
+    said, after = field(0.1 + 0j, heading, wanted, law, wide, 0.05)
+    assert unwound(after, heading, wanted, law, wide, said, said, 0.05) == after
+    done = Command(speed, turn_rate)
+    held = body_velocity(*done, 0.1) - body_velocity(*said, 0.1)
+    growth = unwound(after, heading, wanted, law, wide, said, done, 0.05) - after
+    near_enough = near(abs(error(heading, wanted)), law.integral_band)
+    assert growth == pytest.approx(0.05 * near_enough * heading * held, abs=1e-12)
 
 
 @given(st.floats(0.001, 1.0))

@@ -18,7 +18,7 @@ from formation.plane import unit
 from formation.route import Route
 from formation.simulation.ensemble import Options
 from formation.simulation.simulate import DWELL, simulate
-from formation.simulation.starts import random_starts
+from formation.simulation.starts import APART, random_starts
 from formation.unicycle import advance, control_point
 from tests.formation import scenarios
 
@@ -99,6 +99,15 @@ def test_random_starts_are_within_the_spread_of_their_slots_and_look_everywhere(
     assert np.abs(starts.heading) == pytest.approx(1.0)
 
 
+def test_bodies_do_not_start_in_each_other_where_there_is_room() -> None:
+    crowded = SIX.model_copy(
+        update={"robots": {n: one.model_copy(update={"radius": 0.4}) for n, one in SIX.robots.items()}}
+    )
+    starts = random_starts(crowded, 200, 3.0, np.random.default_rng(0))
+    for run in starts.position:
+        assert min(abs(a - b) for k, a in enumerate(run) for b in run[:k]) >= 0.8 + APART
+
+
 def test_a_single_run_starts_as_the_mission_says() -> None:
     mission = load("six_robots")
     history = simulate(mission, horizon=0.1, keep=True).history
@@ -115,6 +124,7 @@ def test_the_summary_has_the_keys_of_the_command_and_no_infinities() -> None:
     found = simulate(SIX, runs=3, horizon=30.0).summary()
     assert set(found) == {
         *("runs", "converged_fraction", "settling_time"),
+        *("touched", "nearest", "deadlocks"),
         *("final_error", "wall_time", "robot_steps_per_second"),
     }
     assert set(found["settling_time"]) == {"median", "p95"}

@@ -31,6 +31,14 @@ def measured(mission: Mission) -> set[frozenset[str]]:
     return {frozenset((i, j)) for i in mission.names for j in mission.robots[i].neighbours}
 
 
+def test_who_minds_a_robot_has_a_link_with_it_and_the_leader_has_none_more() -> None:
+    mission = parse(edited(SIX, "robots.robot2", 'mind = ["robot6"]'))
+    assert set(links(mission)) == measured(mission) | {frozenset(("robot2", "robot6"))}
+    everybody = parse(edited(SIX, "robot", 'mind = "all"'))
+    among = {frozenset(pair) for pair in combinations(everybody.followers, 2)}
+    assert set(links(everybody)) == measured(everybody) | among
+
+
 @pytest.mark.parametrize("name", [name for name in shipped() if not load(name).standbys])
 def test_a_link_exists_exactly_where_one_of_two_robots_measures_the_other(name: str) -> None:
     mission = load(name)

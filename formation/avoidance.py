@@ -1,0 +1,252 @@
+"""The collision filter: what stands between the law and the command, so that bodies do not meet.
+
+Not in the paper. Three layers, each of which leaves a command alone that it has nothing against
+(docs/decisions/0039-out-of-each-others-way.md has the proof of the brake and what was measured):
+
+1. Right of way. A half-plane for each obstacle bounds how fast the front of the body may come nearer to it.
+   Who does not have right of way gets out of the way; who has it minds only its distance. What is done is
+   what is nearest to what is wanted within all half-planes and limits.
+2. The brake. In the time that a command may last a robot uses up at most half of the room that there is
+   between two bodies, and the other robot at most the other half. So they never touch.
+3. Deadlocks. A robot that is kept from moving for a while turns what it wants to the right for a while.
+
+| symbol | here | meaning | unit |
+|---|---|---|---|
+| u + i L ω | `wanted`, `done` | velocity of the control point, body frame | m/s |
+| d | `room` | distance between two bodies, less the margin | m |
+| n | `towards` | unit vector to the obstacle, body frame | – |
+| T | `hold` | longest time that a command may last | s |
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from formation.law import Limits
+from formation.plane import rotation, unit
+from formation.unicycle import Command, body_velocity, saturate
+
+YIELDING, PASSING = 4.0, 8.0
+"""How fast the room to an obstacle may shrink, as a share of it: who yields, and who passes first [1/s]."""
+RETREAT = 1.0 / 3.0
+"""Nobody backs out of the way faster than this share of its top speed."""
+HELD, WANTING = 0.05, 0.15
+"""Of its top speed: a robot that does less than the one though it wants more than the other is kept."""
+PATIENCE, DETOUR = 0.5, 1.5
+"""So long is a robot kept before that is a deadlock, and so long does it then go another way [s]."""
+TO_THE_RIGHT = rotation(-1.2)
+"""By how much that turns what it wants."""
+SHARPER = 20.0
+"""The filter learns the heading so many times faster than the law does: a guess is no use to it."""
+SLACK = 0.05
+"""And may still be so wrong about it [rad]."""
+LAG = 4.0
+"""So many times the time constant with which robots follow commands counts like time that a command lasts."""
+NEGLIGIBLE = 1e-12
+"""Below what anything can measure; more than rounding makes of a bound that is kept [m/s]."""
+
+
+class Obstacle(NamedTuple):
+    """Something round that a robot must not touch."""
+
+    at: complex
+    """Its centre relative to the robot's centre [m; body frame]."""
+    radius: float
+    """[m]"""
+    velocity: complex
+    """[m/s; body frame]"""
+    first: bool
+    """Whether it has right of way."""
+
+
+class Manners(NamedTuple):
+    """How a robot keeps clear of others."""
+
+    radius: float
+    """Of its own body [m]."""
+    margin: float
+    """Room that is left between two bodies [m]."""
+    hold: float
+    """Longest time that a command may last, and the robot take to follow it [s]."""
+
+
+class Avoidance(NamedTuple):
+    """What the filter remembers."""
+
+    kept: float = 0.0
+    """How long the robot has been kept from moving [s]."""
+    detour: float = 0.0
+    """How long it still goes another way [s]."""
+    deadlocks: int = 0
+    """How many there were."""
+
+
+class HalfPlane(NamedTuple):
+    """x v + y w <= most, for the control point's velocity v + i w [m/s; body frame]."""
+
+    x: float
+    y: float
+    most: float
+
+
+def avoid(
+    wanted: Command,
+    obstacles: Sequence[Obstacle],
+    manners: Manners,
+    limits: Limits,
+    along: complex,
+    doubt: float,
+    before: Avoidance,
+    dt: float,
+) -> tuple[Command, Avoidance]:
+    """What to do instead of `wanted` (within limits) for the next `dt` [s]; the same where nothing is near.
+
+    `along` is how the robots it follows move [m/s; body frame]: who only goes along with them is kept, too.
+    `doubt` is by how much the robot may be wrong about its heading [rad]; from π on it knows nothing of it,
+    and goes no faster than it could towards whatever is nearest.
+    """
+    if len(obstacles) == 0:
+        return wanted, Avoidance(0.0, 0.0, before.deadlocks)
+    aim = wanted
+    if before.detour > 0.0:
+        turned = TO_THE_RIGHT * body_velocity(wanted.speed, wanted.turn_rate, limits.offset)
+        aim = saturate(turned, limits.offset, limits.max_speed, limits.max_turn_rate)
+    done = brake(give_way(aim, obstacles, manners, limits), obstacles, manners, doubt)
+    return done, _remembered(wanted, done, along, limits, before, dt)
+
+
+def give_way(wanted: Command, obstacles: Sequence[Obstacle], manners: Manners, limits: Limits) -> Command:
+    """The command nearest to `wanted` that leaves everybody the right of way."""
+    velocity = body_velocity(wanted.speed, wanted.turn_rate, limits.offset)
+    bounds = [half_plane(obstacles[k], manners, limits) for k in range(len(obstacles))]
+    free = True
+    for bound in bounds:
+        free = free and bound.x * velocity.real + bound.y * velocity.imag <= bound.most + NEGLIGIBLE
+    if free:  # the very same, to the last bit
+        return wanted
+    sideways = limits.offset * limits.max_turn_rate
+    bounds.append(HalfPlane(1.0, 0.0, limits.max_speed))
+    bounds.append(HalfPlane(-1.0, 0.0, limits.max_speed))
+    bounds.append(HalfPlane(0.0, 1.0, sideways))
+    bounds.append(HalfPlane(0.0, -1.0, sideways))
+    found, point = nearest(velocity, bounds)
+    if not found:  # not all can be left as much as they ask for; that nobody is approached can always be
+        patient = [HalfPlane(bound.x, bound.y, max(bound.most, 0.0)) for bound in bounds]
+        _, point = nearest(velocity, patient)
+    return saturate(point, limits.offset, limits.max_speed, limits.max_turn_rate)
+
+
+def half_plane(obstacle: Obstacle, manners: Manners, limits: Limits) -> HalfPlane:
+    """How fast the front of the body, a radius ahead of its centre, may come nearer to an obstacle."""
+    away = obstacle.at - manners.radius
+    distance, towards = abs(away), unit(away)
+    room = distance - (2.0 * manners.radius + obstacle.radius + manners.margin)
+    most = PASSING * room
+    if obstacle.first:
+        velocity = obstacle.velocity
+        most = YIELDING * room + towards.real * velocity.real + towards.imag * velocity.imag
+    return HalfPlane(
+        towards.real,
+        towards.imag * manners.radius / limits.offset,
+        max(most, -RETREAT * limits.max_speed),
+    )
+
+
+def nearest(wanted: complex, bounds: list[HalfPlane]) -> tuple[bool, complex]:
+    """Whether half-planes have points in common, and which of these is nearest to `wanted`.
+
+    If not that itself it lies on an edge: the nearest point of each line, cut to what the others leave of it.
+    """
+    best, least, within = 0j, math.inf, True
+    for i in range(len(bounds)):
+        edge = bounds[i]
+        squared = edge.x * edge.x + edge.y * edge.y
+        beyond = edge.x * wanted.real + edge.y * wanted.imag - edge.most
+        if beyond < 0.0 or squared < NEGLIGIBLE:
+            continue
+        within = False
+        foot = wanted - complex(edge.x, edge.y) * (beyond / squared)
+        along = complex(-edge.y, edge.x)
+        low, high = -math.inf, math.inf
+        for j in range(len(bounds)):
+            if j == i:
+                continue
+            other = bounds[j]
+            slope = other.x * along.real + other.y * along.imag
+            left = other.most - other.x * foot.real - other.y * foot.imag
+            if abs(slope) < NEGLIGIBLE:
+                high = high if left >= -NEGLIGIBLE else -math.inf
+            elif slope > 0.0:
+                high = min(high, left / slope)
+            else:
+                low = max(low, left / slope)
+        if low > high:
+            continue
+        point = foot + max(low, min(high, 0.0)) * along
+        distance = abs(point - wanted)
+        if distance < least:
+            best, least = point, distance
+    return within or least < math.inf, wanted if within else best
+
+
+def brake(wanted: Command, obstacles: Sequence[Obstacle], manners: Manners, doubt: float) -> Command:
+    """`wanted`, its speed cut so that no obstacle comes nearer by more than half of the room in `hold` [s].
+
+    However long the command lasts up to then: the robot turns meanwhile, and what counts is when it faces
+    the obstacle most. Standing still, and turning on the spot, are always allowed. Who does not know its
+    heading needs room to find out: it leaves no margin.
+    """
+    low, high = -math.inf, math.inf
+    margin = manners.margin if doubt < math.pi else 0.0
+    for k in range(len(obstacles)):
+        one = obstacles[k]
+        room = abs(one.at) - (manners.radius + one.radius + margin)
+        most = max(0.0, 0.5 * room / manners.hold)
+        least, greatest = facing(unit(one.at), wanted.turn_rate * manners.hold, doubt)
+        if greatest > 0.0:
+            high = min(high, most / greatest)
+        if least < 0.0:
+            low = max(low, most / least)
+    if low <= wanted.speed <= high:
+        return wanted
+    return Command(max(low, min(high, wanted.speed)), wanted.turn_rate)
+
+
+def facing(towards: complex, turn: float, doubt: float) -> tuple[float, float]:
+    """Least and greatest cosine between the heading and `towards` while the robot turns by `turn` [rad].
+
+    `doubt` [rad] is how far off `towards` may be, to either side.
+    """
+    spread = 0.5 * abs(turn) + doubt
+    if spread >= math.pi:
+        return -1.0, 1.0
+    ahead = towards * rotation(-0.5 * turn)
+    middle = abs(math.atan2(ahead.imag, ahead.real))
+    return math.cos(min(math.pi, middle + spread)), math.cos(max(0.0, middle - spread))
+
+
+def _remembered(
+    wanted: Command, done: Command, along: complex, limits: Limits, before: Avoidance, dt: float
+) -> Avoidance:
+    """How long the robot has been kept, or still goes another way."""
+    if before.detour > 0.0:
+        return Avoidance(0.0, max(0.0, before.detour - dt), before.deadlocks)
+    velocity = body_velocity(done.speed, done.turn_rate, limits.offset)
+    want = abs(body_velocity(wanted.speed, wanted.turn_rate, limits.offset) - along)
+    does = min(abs(velocity), abs(velocity - along))  # it stands, or goes along and gets no nearer
+    if does >= HELD * limits.max_speed or want <= WANTING * limits.max_speed:
+        return Avoidance(max(0.0, before.kept - dt), 0.0, before.deadlocks)
+    if before.kept + dt <= PATIENCE:
+        return Avoidance(before.kept + dt, 0.0, before.deadlocks)
+    return Avoidance(0.0, DETOUR, before.deadlocks + 1)
+
+
+def heading_doubt(travelled: float, gain: float) -> float:
+    """By how much the observer may be wrong about the heading after so long a way [rad].
+
+    Whatever the first guess was, |ζ̂ - ζ| <= 2 e^{-k·way}. `travelled` in [m], `gain` k in [1/m].
+    """
+    wrong = 2.0 * math.exp(-gain * travelled)
+    return SLACK + math.asin(wrong) if wrong < 1.0 else math.pi

@@ -1,0 +1,147 @@
+"""Whom a follower minds in a simulation, and what the collision filter makes of them; bodies that touch.
+
+Like `formation.simulation.loop`, one number at a time, for `formation.simulation.compiled`. M is how many
+robots all followers mind together.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from formation.avoidance import LAG, Avoidance, Manners, avoid, heading_doubt
+from formation.law import Limits
+from formation.mission import Mission
+from formation.neighbour import FRESH_PERIODS, Track, learned, longest_way, uncertain
+from formation.plane import unit
+from formation.simulation.links import TRACK, Link, arrived, carried
+from formation.unicycle import Command, control_point
+
+MIND = np.dtype(
+    [
+        ("head", "i8"), ("radius", "f8"), ("offset", "f8"), ("first", "b1"),
+        ("late", "f8"), ("limit", "f8"), ("longest_way", "f8"), ("top_speed", "f8"),
+    ],
+    align=True,
+)  # fmt: skip
+"""Who is minded: index among followers, its body, whether it has right of way, `Link`."""
+OBSTACLE = np.dtype([("at", "c16"), ("radius", "f8"), ("velocity", "c16"), ("first", "b1")], align=True)
+"""`formation.avoidance.Obstacle`."""
+
+
+class Minds(NamedTuple):
+    """Who minds whom; arrays of records."""
+
+    avoids: bool
+    """Whether anybody gets out of anybody's way."""
+    margin: float
+    """[m]"""
+    lag: float
+    """[s]"""
+    whom: Any
+    """Records of `MIND`, robot by robot; shape (M,)."""
+    tracks: Any
+    """`links.TRACK` of each one's centre; shape (M,), or (R, M) of all runs."""
+    said: Any
+    """Centres that all published lately, in a ring [m; world frame]; shape (K, F), or (R, K, F)."""
+    around: Any
+    """Room for the obstacles of one robot, records of `OBSTACLE`."""
+
+
+def minds_of(all_runs: Minds, run: int) -> Minds:
+    """What belongs to one run."""
+    avoids, margin, lag, whom, tracks, said, around = all_runs
+    return Minds(avoids, margin, lag, whom, tracks[run], said[run], around)
+
+
+def minds_in(
+    mission: Mission,
+    measurement: str | None,
+    late: float,
+    shape: tuple[int, ...],
+    *,
+    avoids: bool,
+) -> Minds:
+    """Who minds whom in a mission; nobody where nobody `avoids`.
+
+    `measurement` is how all measure, by default as the mission says; `late` the age of what is heard [s];
+    `shape` (R, K, N) that of a ring of what all say.
+    """
+    minded = [(name, other) for name in mission.followers for other in mission.minded(name)] if avoids else []
+    whom = np.zeros(len(minded), MIND)
+    for m, (name, other) in enumerate(minded):
+        spec, local = mission.robots[other], (measurement or mission.robots[name].measurement) == "local"
+        whom[m] = (
+            *(mission.followers.index(other), spec.radius, spec.control_point_offset),
+            mission.has_right_of_way(other, name),
+            *(0.0 if local else late, FRESH_PERIODS / spec.rate, longest_way(spec.rate), spec.top_speed),
+        )
+    runs, moments, robots = shape
+    tracks = np.zeros((runs, len(whom)), TRACK)
+    tracks["stamp"] = -np.inf
+    said = np.zeros((runs, moments, robots - 1 if minded else 0), dtype=np.complex128)
+    around, rules = np.zeros(robots, OBSTACLE), mission.collisions
+    return Minds(len(minded) > 0, rules.margin, rules.lag, whom, tracks, said, around)
+
+
+def look(run: Any, i: int, robots: Any, minds: Minds, oldest: int, now: float, world: Any, draw: Any) -> int:
+    """Fill `minds.around` with those whom robot i minds; how many they are."""
+    me, robot = run[i], robots[i]
+    count = 0
+    for m in range(robot.minds, robot.minds_end):
+        whom, track, known = minds.whom[m], minds.tracks[m], minds.around[count]
+        link = Link(whom.late, whom.limit, whom.longest_way)
+        elapsed = now - whom.late - track.stamp
+        if robot.local or not (world.loss > 0.0 and draw.random() < world.loss and now > 0.0):
+            sample = minds.said[oldest, whom.head]
+            if robot.local:
+                there = run[whom.head]
+                sample = control_point(there.position, there.heading, whom.offset)
+            share = learned(elapsed, world.time_constant) if world.time_constant > 0.0 else 0.0
+            newest = arrived(
+                Track(track.stamp, track.point, track.velocity),
+                now - whom.late,
+                sample,
+                share,
+                whom.top_speed,
+            )
+            track.stamp, track.point, track.velocity = newest.stamp, newest.point, newest.velocity
+        newest = Track(track.stamp, track.point, track.velocity)
+        if robot.local:
+            known.at = me.heading.conjugate() * (newest.point - me.position)
+            known.radius = whom.radius + whom.offset
+            known.velocity = me.heading.conjugate() * newest.velocity
+        else:
+            known.at = unit(me.course).conjugate() * (carried(newest, now, link) - me.odometry)
+            known.radius = whom.radius + uncertain(now - track.stamp, whom.top_speed)
+            known.velocity = unit(me.course).conjugate() * newest.velocity
+        known.first = whom.first
+        count += 1
+    return count
+
+
+def keep_clear(
+    me: Any, robot: Any, wanted: Command, minds: Minds, count: int, along: complex, world: Any
+) -> Command:
+    """What the filter makes of what the law wants."""
+    manners = Manners(robot.radius, minds.margin, robot.hold + LAG * minds.lag)
+    limits = Limits(robot.offset, robot.max_speed, robot.max_turn_rate)
+    doubt = 0.0 if robot.local else heading_doubt(me.way, world.course_gain)
+    before = Avoidance(me.kept, me.detour, me.deadlocks)
+    done, after = avoid(wanted, minds.around[:count], manners, limits, along, doubt, before, world.step)
+    me.kept, me.detour, me.deadlocks = after
+    return done
+
+
+def clearance(run: Any, robots: Any) -> float:
+    """Least distance between two bodies of one run [m], negative where they touch; infinite for one body."""
+    least = np.inf
+    for i in range(len(robots)):
+        for j in range(i):
+            away, radii = run[i].position - run[j].position, robots[i].radius + robots[j].radius
+            squared, near = away.real * away.real + away.imag * away.imag, least + radii
+            if near > 0.0 and squared < near * near:  # roots are for the few that are
+                least = math.sqrt(squared) - radii
+    return least
