@@ -10,7 +10,8 @@ world is stepped. As on a TurtleBot3 nothing times out: the last command holds f
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 
@@ -30,13 +31,64 @@ FILTER = 0.01
 """Time constant of the leader's velocity between its positions [s]; they come without noise."""
 
 
+class Moving(Protocol):
+    """What moves for a robot: a `Plant`, or something with mass and wheels."""
+
+    @property
+    def position(self) -> complex:
+        """True centre [m; world frame]."""
+
+    @property
+    def heading(self) -> complex:
+        """True heading, unit complex [world frame]."""
+
+    @property
+    def moving(self) -> Command:
+        """Forward speed and turn rate as odometry tells them."""
+
+    @property
+    def command(self) -> Command:
+        """What it strives for."""
+
+    def obey(self, command: Command) -> None:
+        """Strive for what the firmware makes of `command`."""
+
+    def go_to(self, time: float) -> None:
+        """Live up to `time` [s, monotonic]."""
+
+    def odometry(self) -> tuple[complex, complex]:
+        """Centre [m] and heading as this robot measures them [its own frame]; each call is a new sample."""
+
+    def seen(self) -> tuple[complex, complex]:
+        """Centre [m] and heading as a camera above sees them [world frame]; each call is a new sample."""
+
+
+def kinematic(mission: Mission, robots: Sequence[str], seed: int) -> dict[str, Plant]:
+    """Robots that do what Eq. (1) says. Their noise does not depend on who else is hosted."""
+    body = Body.of(mission.simulated_robot)
+    plants = {}
+    for name in robots:
+        spec, noise = mission.robots[name], np.random.default_rng([seed, mission.names.index(name)])
+        from_start = spec.odometry_frame == "start"
+        plants[name] = Plant(
+            body, spec.start.position, spec.start.heading, noise, counts_from_here=from_start
+        )
+    return plants
+
+
 class World:
     """Every robot that one process hosts."""
 
-    def __init__(self, mission: Mission, robots: Iterable[str] | None = None, seed: int = 0) -> None:
+    def __init__(
+        self,
+        mission: Mission,
+        robots: Iterable[str] | None = None,
+        seed: int = 0,
+        plants: Callable[[Mission, Sequence[str], int], Mapping[str, Moving]] = kinematic,
+    ) -> None:
         """`robots` are followers, by default all. Raises ValueError for what cannot be simulated here.
 
-        A robot's noise depends on `seed` and its place in the mission, not on who else is hosted.
+        `plants` makes what moves for each of them, from the mission, who they are, and the seed of all noise.
         """
         names = mission.followers if robots is None else tuple(dict.fromkeys(robots))
         _check(mission, names)
@@ -46,8 +98,10 @@ class World:
         self._leader = mission.leader
         self._leader_track: Track | None = None
         self._top_speed = max(1e-3, *(leg.speed for leg in mission.route))
+        moving = plants(mission, names, seed)
         self._hosted = {
-            name: _Robot(mission, name, seed, phase=number / len(names)) for number, name in enumerate(names)
+            name: _Robot(mission, name, moving[name], phase=number / len(names))
+            for number, name in enumerate(names)
         }
         self._by_key = {CMD_VEL.key(name): robot for name, robot in self._hosted.items()}
         self._sees_leader = any(mission.leader in robot.sees for robot in self._hosted.values())
@@ -74,7 +128,7 @@ class World:
         """When the next robot has something to say [s, monotonic]."""
         return min(robot.rate.due for robot in self._hosted.values())
 
-    def plant(self, robot: str) -> Plant:
+    def plant(self, robot: str) -> Moving:
         """The body of a hosted robot, as of the last step."""
         return self._hosted[robot].plant
 
@@ -149,21 +203,17 @@ class World:
 class _Robot:
     """A plant with its clock, its rate and its sensor."""
 
-    def __init__(self, mission: Mission, name: str, seed: int, phase: float) -> None:
+    def __init__(self, mission: Mission, name: str, plant: Moving, phase: float) -> None:
         spec = mission.robots[name]
-        noise = np.random.default_rng([seed, mission.names.index(name)])
         self.name = name
-        body = Body.of(mission.simulated_robot)
-        from_start = spec.odometry_frame == "start"
-        self.plant = Plant(body, spec.start.position, spec.start.heading, noise, counts_from_here=from_start)
-        self.odometry_frame = "odom" if from_start else "map"
+        self.plant = plant
+        self.odometry_frame = "odom" if spec.odometry_frame == "start" else "map"
         self.watched = spec.localisation == "external"
         """Whether a camera above tells its position."""
         self.rate = Rate(spec.rate, phase)
         self.sees = spec.measurable if spec.measurement == "local" else ()
         self._stamped = spec.cmd_vel == "twist_stamped"
         self._offset = spec.control_point_offset
-        self._time: float | None = None  # of the plant [s, monotonic]
 
     @property
     def control_point(self) -> complex:
@@ -176,12 +226,8 @@ class _Robot:
         return Command(twist.speed, twist.turn_rate)
 
     def go_to(self, time: float) -> None:
-        """Let the plant live up to `time` [s, monotonic]; time never runs backwards."""
-        if self._time is None:
-            self._time = time
-        if time > self._time:
-            self.plant.advance(time - self._time)
-            self._time = time
+        """Let the plant live up to `time` [s, monotonic]."""
+        self.plant.go_to(time)
 
 
 def _check(mission: Mission, names: Sequence[str]) -> None:
