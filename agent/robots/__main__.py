@@ -26,7 +26,7 @@ EXAMPLES = """\
   formation robot six_robots --robot robot2 --robot robot3 --seed 7
   formation robot six_robots --robot robot2 -l tcp/0.0.0.0:7662      its agent says --robot-connect
   formation robot six_robots --world mujoco               all of them with mass, and wheels that slip
-  formation robot six_robots --world mujoco --post=-1,0.5,0.1 --picture end.png
+  formation robot six_robots --world mujoco --picture end.png
   python -m agent.robots six_robots                       the same as the first"""
 
 NODE = "simulated_robot"
@@ -91,7 +91,7 @@ def _world(args: argparse.Namespace, mission: Mission) -> tuple[World, Callable[
     # what only the physics world needs is loaded for nobody else
     from agent.robots.physics.hosting import in_physics  # noqa: PLC0415
 
-    return in_physics(mission, args.seed, (*args.post, *args.wall), args.picture)
+    return in_physics(mission, args.seed, args.picture)
 
 
 def _listened(given: Sequence[str], robots: Sequence[str], default: Endpoints) -> dict[str, str]:

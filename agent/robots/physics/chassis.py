@@ -7,7 +7,7 @@ The TurtleBot3 Burger after its published dimensions and URDF:
 | wheels 33 mm, 160 mm apart; 138 × 178 × 192 mm; caster 81 mm behind the axle | published |
 | 0.826 kg and its moments, wheels 28 g each, scanner 114 g, caster 5 g | its URDF; 1 kg in all |
 | base's centre of mass 32 mm behind the axle, 60 mm up | the middle of the base |
-| 4096 ticks a turn, 1 N m | encoders and stall torque of its servos |
+| 4096 ticks a turn, 1 N m, 61 turns a minute | its servos' encoders, stall torque and speed at 12 V |
 | ways by wheels, turns by gyroscope | as its node counts them |
 | gyroscope off by 0.0001 rad/s | chosen |
 | friction 1.0 of a wheel | chosen: rubber on a dry hard floor |
@@ -27,6 +27,7 @@ from rest to 1.5 m/s in a third of a second has to.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from formation.robot_spec import RobotSpec
@@ -111,15 +112,14 @@ class Chassis(NamedTuple):
         return 0.5 * self.weight * self.wheel_radius**2 / self.response
 
 
-def burger(max_speed: float, max_turn_rate: float) -> Chassis:
-    """The TurtleBot3 Burger, with motors that just reach these limits [m/s; rad/s] both at once."""
-    wheel_radius, track = 0.033, 0.160
+def burger() -> Chassis:
+    """The TurtleBot3 Burger. Its motors reach top speed or top turn rate, not both at once."""
     return Chassis(
         deck=Deck(-0.032, 0.070, 0.010, 0.153),
         sides=(0.066, 0.178, 0.066),
         lds=Deck(-0.032, 0.035, 0.153, 0.192),
-        wheel_radius=wheel_radius,
-        track=track,
+        wheel_radius=0.033,
+        track=0.160,
         casters=(-0.081,),
         mass=0.831,  # with the caster
         centre=(-0.032, 0.060),
@@ -128,14 +128,14 @@ def burger(max_speed: float, max_turn_rate: float) -> Chassis:
         wheel_moments=(1.12e-5, 2.07e-5),
         lds_mass=0.114,
         torque=1.0,
+        wheel_rate=61.0 * 2.0 * math.pi / 60.0,
         acceleration=2.0,
-        wheel_rate=(max_speed + 0.5 * track * max_turn_rate) / wheel_radius,
     )
 
 
 def scaled(radius: float, max_speed: float, max_turn_rate: float) -> Chassis:
     """A robot within `radius` [m] whose motors reach these limits [m/s; rad/s] both at once."""
-    size, one = radius / BURGER_RADIUS, burger(max_speed, max_turn_rate)
+    size, one = radius / BURGER_RADIUS, burger()
     wheel_radius, track = one.wheel_radius * size, one.track * size
     return one._replace(
         deck=Deck(0.0, radius, one.deck.bottom * size, one.deck.top * size),
@@ -160,5 +160,5 @@ def scaled(radius: float, max_speed: float, max_turn_rate: float) -> Chassis:
 def chassis_of(spec: RobotSpec, *, is_burger: bool) -> Chassis:
     """What this robot of a mission is made of."""
     if is_burger:
-        return burger(spec.max_speed, spec.max_turn_rate)
+        return burger()
     return scaled(spec.radius, spec.max_speed, spec.max_turn_rate)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 from agent.robots import simulated
-from agent.robots.obstacles import Post, Wall
 from agent.robots.physics.picture import Camera, NoPicture
 from agent.robots.physics.wheeled import wheeled
 from agent.robots.physics.world import World
@@ -15,13 +14,13 @@ from formation.mission import Mission
 
 
 def in_physics(
-    mission: Mission, seed: int, obstacles: Iterable[Post | Wall], picture: Path | None
+    mission: Mission, seed: int, picture: Path | None
 ) -> tuple[simulated.World, Callable[[], None]]:
     """All robots of the mission in one physics world, and what leaves the `picture` at the end.
 
     Raises ValueError where nothing can be rendered, or for what cannot be simulated here.
     """
-    world = World(mission, seed, obstacles)
+    world = World(mission, seed)
     hosted = simulated.World(mission, None, seed, partial(wheeled, world))
     if picture is None:
         return hosted, lambda: None

@@ -10,13 +10,16 @@ import cmath
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-from agent.robots.obstacles import Post, Wall
 from agent.robots.physics.chassis import Chassis, Deck
 
 STEP = 0.002
 """One step of the engine [s]."""
-HEIGHT = 0.5
-"""Of walls and posts [m]."""
+HEIGHT, THICKNESS = 0.5, 0.02
+"""Of walls, and of posts as high [m]."""
+Post = tuple[complex, float]
+"""An upright cylinder: its axis and its radius [m; world frame]."""
+Wall = tuple[complex, complex]
+"""A straight wall from one point to another [m; world frame]."""
 
 
 class Placed(NamedTuple):
@@ -31,8 +34,8 @@ class Placed(NamedTuple):
     """What the wheels, left and right, really measure [m]."""
 
 
-def mjcf(robots: Mapping[str, Placed], obstacles: Iterable[Post | Wall]) -> str:
-    """The world in MuJoCo's XML: robot NAME is body NAME, its joints and motors NAME/left, NAME/right."""
+def mjcf(robots: Mapping[str, Placed], posts: Iterable[Post], walls: Iterable[Wall]) -> str:
+    """The world in MuJoCo's XML: robot NAME is body NAME/base, its joints and motors NAME/left, NAME/right."""
     bodies = "".join(_robot(name, one) for name, one in robots.items())
     motors = "".join(_motors(name, one.chassis) for name, one in robots.items())
     return f"""
@@ -55,23 +58,26 @@ def mjcf(robots: Mapping[str, Placed], obstacles: Iterable[Post | Wall]) -> str:
   <worldbody>
     <light pos="0 0 10" dir="0 0 -1" directional="true"/>
     <geom class="floor" type="plane" size="0 0 1" material="tiles"/>
-    {"".join(map(_fixed, obstacles))}
+    {"".join(_post(*one) for one in posts)}
+    {"".join(_wall(*one) for one in walls)}
     {bodies}
   </worldbody>
   <actuator>{motors}</actuator>
 </mujoco>"""
 
 
-def _fixed(one: Post | Wall) -> str:
-    if isinstance(one, Post):
-        return (
-            f'<geom class="body" type="cylinder" rgba="0.6 0.35 0.2 1" size="{one.radius} {HEIGHT / 2}"'
-            f' pos="{one.at.real} {one.at.imag} {HEIGHT / 2}"/>'
-        )
-    middle, way = 0.5 * (one.start + one.end), one.end - one.start
+def _post(at: complex, radius: float) -> str:
+    return (
+        f'<geom class="body" type="cylinder" rgba="0.6 0.35 0.2 1" size="{radius} {HEIGHT / 2}"'
+        f' pos="{at.real} {at.imag} {HEIGHT / 2}"/>'
+    )
+
+
+def _wall(begin: complex, end: complex) -> str:
+    middle, way = 0.5 * (begin + end), end - begin
     return (
         f'<geom class="body" type="box" rgba="0.5 0.5 0.5 1" pos="{middle.real} {middle.imag} {HEIGHT / 2}"'
-        f' size="{abs(way) / 2} {one.thickness / 2} {HEIGHT / 2}" quat="{_quaternion(way)}"/>'
+        f' size="{abs(way) / 2} {THICKNESS / 2} {HEIGHT / 2}" quat="{_quaternion(way)}"/>'
     )
 
 
@@ -91,7 +97,7 @@ def _robot(name: str, placed: Placed) -> str:
             f' pos="0 0 {height / 2 + one.deck.bottom}" rgba="0 0 0 0"/>'
         )
     return f"""
-    <body name="{name}" pos="{at.real} {at.imag} 0" quat="{_quaternion(placed.heading)}">
+    <body name="{name}/base" pos="{at.real} {at.imag} 0" quat="{_quaternion(placed.heading)}">
       <freejoint/>
       <inertial pos="{x} 0 {z}" mass="{mass}" diaginertia="{base_moments}"/>
       {_deck(one.deck, "0.25 0.4 0.65 1")}
@@ -101,7 +107,6 @@ def _robot(name: str, placed: Placed) -> str:
       {"".join(_caster(one, x) for x in one.casters)}
       {_wheel(f"{name}/left", one, 0.5 * one.track, placed.wheel_radii[0])}
       {_wheel(f"{name}/right", one, -0.5 * one.track, placed.wheel_radii[1])}
-      <site name="{name}/scanner" pos="{one.lds.x} 0 {scanner}"/>
     </body>"""
 
 

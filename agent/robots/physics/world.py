@@ -15,9 +15,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.robots.obstacles import Post, Wall
 from agent.robots.physics.chassis import GYRO_BIAS, TICKS, TOLERANCE, chassis_of
-from agent.robots.physics.model import STEP, Placed, mjcf
+from agent.robots.physics.model import STEP, Placed, Post, Wall, mjcf
 from formation.mission import Mission
 from formation.simulation.body import Body, obeyed
 from formation.unicycle import Command, advance
@@ -26,8 +25,8 @@ INTEGRATION = 0.5
 """Time in which the firmware makes up for what friction takes from a wheel's speed [s]."""
 BEAMS = 360
 """Of the scanner, the first ahead, counter-clockwise."""
-NEAREST, FARTHEST = 0.12, 3.5
-"""What the scanner sees [m]."""
+FARTHEST = 3.5
+"""What the scanner sees at best [m]."""
 ALL_GROUPS = np.array([1, 0, 1, 1, 1, 1], dtype=np.uint8)
 """What a beam can hit: all but what is there for pictures only."""
 
@@ -55,7 +54,9 @@ class World:
     Equal seeds and commands give equal runs.
     """
 
-    def __init__(self, mission: Mission, seed: int = 0, obstacles: Iterable[Post | Wall] = ()) -> None:
+    def __init__(
+        self, mission: Mission, seed: int = 0, posts: Iterable[Post] = (), walls: Iterable[Wall] = ()
+    ) -> None:
         """Everybody stands at its start. `seed` decides how far wheels and gyroscopes are off."""
         names, count = mission.followers, len(mission.followers)
         self.robots = names
@@ -78,14 +79,14 @@ class World:
             name: Placed(one, spec.start.position, spec.start.heading, (float(left), float(right)))
             for name, one, spec, (left, right) in zip(names, chassis, specs, real, strict=True)
         }
-        self.model = mujoco.MjModel.from_xml_string(mjcf(placed, obstacles))
+        self.model = mujoco.MjModel.from_xml_string(mjcf(placed, posts, walls))
         """What MuJoCo knows of it, for pictures."""
         self.data = mujoco.MjData(self.model)
         """How it is, for pictures."""
         self._find(names)
         self._wheel_radius, self._track = radii[:, 0], np.array([one.track for one in chassis])
         self._torque = np.array([[one.torque] * 2 for one in chassis])
-        self._rate = np.array([[one.wheel_rate] * 2 for one in chassis])
+        self._most_rate = np.array([[one.wheel_rate] * 2 for one in chassis])
         self._most_change = np.array([[STEP * one.acceleration / one.wheel_radius] * 2 for one in chassis])
         self._wanted = np.zeros((count, 2))  # of wheels left and right [rad/s]
         self._asked = np.zeros((count, 2))  # of their servos by now [rad/s]
@@ -136,36 +137,29 @@ class World:
             if self.model.geom_contype[first] == _BODY
         )
 
-    def scan(self, robot: str) -> NDArray[np.float64]:
-        """What a robot's scanner measures, a beam a degree [m]; infinite where it sees nothing: (BEAMS,)."""
+    def scan(self, robot: str, at: complex = 0j, heading: complex = 1.0 + 0.0j) -> NDArray[np.float64]:
+        """How far each beam of its scanner goes [m], infinite where nothing is in its way. (BEAMS,)
+
+        The scanner sits at `at` [m] and looks to `heading` [unit complex; both robot's frame], as high as its
+        chassis says: among robots of one height it sees the others' scanners and nothing else of them.
+        """
         number = self.robots.index(robot)
-        site = self.model.site(f"{robot}/scanner").id
-        facing = self._heading(number)
-        beams = facing * np.exp(2j * np.pi * np.arange(BEAMS) / BEAMS)
+        facing, lds = self._heading(number), self.chassis[robot].lds
+        x, y, _ = self.data.qpos[self._pose[number] : self._pose[number] + 3]
+        here = complex(x, y) + facing * at
+        eye = np.array([here.real, here.imag, 0.5 * (lds.bottom + lds.top)])
+        beams = facing * heading * np.exp(2j * np.pi * np.arange(BEAMS) / BEAMS)
         rays = np.stack([beams.real, beams.imag, np.zeros(BEAMS)], axis=1).ravel()
-        hit, ranges = np.full(BEAMS, -1, dtype=np.int32), np.zeros(BEAMS)
-        here = self.data.site_xpos[site]
-        mujoco.mj_multiRay(
-            self.model,
-            self.data,
-            here,
-            rays,
-            ALL_GROUPS,
-            True,
-            self._bodies[number],
-            hit,
-            ranges,
-            None,
-            BEAMS,
-            FARTHEST,
-        )
-        return np.where((hit >= 0) & (ranges >= NEAREST) & (ranges <= FARTHEST), ranges, np.inf)
+        hit, far = np.full(BEAMS, -1, dtype=np.int32), np.zeros(BEAMS)
+        me, world = self._bodies[number], (self.model, self.data)
+        mujoco.mj_multiRay(*world, eye, rays, ALL_GROUPS, True, me, hit, far, None, BEAMS, FARTHEST)
+        return np.where((hit >= 0) & (far <= FARTHEST), far, np.inf)
 
     def _find(self, names: tuple[str, ...]) -> None:
         """Where in MuJoCo's arrays the robots are."""
         model, sides = self.model, ("left", "right")
         joints = [[model.joint(f"{name}/{side}") for side in sides] for name in names]
-        self._bodies = np.array([model.body(name).id for name in names])
+        self._bodies = np.array([model.body(f"{name}/base").id for name in names])
         self._named = {int(body): name for body, name in zip(self._bodies, names, strict=True)}
         free = [int(model.body_jntadr[body]) for body in self._bodies]
         self._pose, self._motion = model.jnt_qposadr[free], model.jnt_dofadr[free]
@@ -183,7 +177,7 @@ class World:
 
     def _drive(self) -> None:
         """Tell the servos the speeds that are wanted by now, and what friction is known to take."""
-        change = np.clip(self._wanted, -self._rate, self._rate) - self._asked
+        change = np.clip(self._wanted, -self._most_rate, self._most_rate) - self._asked
         self._asked += np.clip(change, -self._most_change, self._most_change)
         self._expected += self._follow * (self._asked - self._expected)
         missing = self._expected - self.data.qvel[self._rates]

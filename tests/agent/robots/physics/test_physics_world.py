@@ -7,7 +7,6 @@ import math
 
 import pytest
 
-from agent.robots.obstacles import Post, Wall
 from formation.mission import Mission
 from formation.unicycle import Command
 from tests import needs
@@ -71,25 +70,43 @@ def test_a_robot_that_is_told_to_stop_stops_upright_and_soon(mission: Mission, n
     after = drive(world, 1.0)[name]
     assert abs(after.moving.speed) < 0.01
     assert abs(after.position - before.position) < 0.5 * top
-    tilt = world.data.body(name).xmat[8]
+    tilt = world.data.body(f"{name}/base").xmat[8]
     assert tilt == pytest.approx(1.0, abs=1e-3)
 
 
 def test_motors_give_no_more_than_they_can_and_wheels_turn_no_faster_than_they_may() -> None:
-    world, top = World(PAIR), PAIR.robots["robot1"].max_speed
+    world, fastest = World(PAIR), 0.0
     most = world.chassis["robot1"]
-    fastest = 0.0
     for number in range(200):
-        told = (100.0, 0.0) if number < 100 else (-100.0, 100.0)
-        state = drive(world, 0.02, robot1=told)["robot1"]
-        fastest = max(fastest, abs(state.counted_moving.speed))
+        drive(world, 0.02, robot1=(100.0, 0.0) if number < 100 else (-100.0, 100.0))
+        rates = [abs(world.data.joint(f"robot1/{side}").qvel[0]) for side in ("left", "right")]
+        fastest = max(fastest, *rates)
         assert max(map(abs, world.torques["robot1"])) <= most.torque
-    assert 0.9 * top < fastest < 1.05 * top
+    assert 0.98 * most.wheel_rate < fastest < 1.05 * most.wheel_rate
+
+
+def test_a_burgers_motors_reach_top_speed_or_top_turn_rate_but_not_both() -> None:
+    top, most_turn = PAIR.robots["robot1"].max_speed, PAIR.robots["robot1"].max_turn_rate
+    one, other, both = (
+        drive(World(PAIR), 2.0, robot1=told)["robot1"].moving
+        for told in ((top, 0.0), (0.0, most_turn), (top, most_turn))
+    )
+    assert one.speed == pytest.approx(0.21, rel=0.01)  # its node cuts off hundredths
+    assert other.turn_rate == pytest.approx(2.63, rel=0.01)
+    assert both.speed < 0.6 * top
+    assert both.turn_rate < 0.6 * most_turn
+
+
+def test_the_motors_of_other_robots_reach_both_limits_at_once() -> None:
+    world, spec = World(SIX), SIX.robots["robot2"]
+    moving = drive(world, 3.0, robot2=(spec.max_speed, spec.max_turn_rate))["robot2"].moving
+    assert moving.speed == pytest.approx(spec.max_speed, rel=0.02)
+    assert moving.turn_rate == pytest.approx(spec.max_turn_rate, rel=0.02)
 
 
 def test_wheels_slip_at_a_wall_where_odometry_runs_on_and_the_robot_does_not() -> None:
     mission = placed(PAIR, robot1=(0j, 0.0), robot2=(0.0 - 2j, 0.0))
-    world = World(mission, obstacles=[Wall(0.2 - 1j, 0.2 + 1j)])
+    world = World(mission, walls=[(0.2 - 1j, 0.2 + 1j)])
     drive(world, 4.0, robot1=(0.1, 0.0))
     assert frozenset({"robot1"}) in world.touching
     before = world.states["robot1"]
@@ -111,7 +128,7 @@ def test_two_robots_that_drive_at_each_other_cannot_pass_through(mission: Missio
 
 
 def test_a_post_stands_in_the_way() -> None:
-    world = World(placed(SIX, robot2=(9j, 0.0)), obstacles=[Post(0.6 + 9j, 0.1)])
+    world = World(placed(SIX, robot2=(9j, 0.0)), posts=[(0.6 + 9j, 0.1)])
     for _ in range(100):
         state = drive(world, 0.1, robot2=(0.2, 0.0))["robot2"]
         assert abs(state.position - (0.6 + 9j)) > 0.19
@@ -160,16 +177,16 @@ def test_time_goes_by_as_asked_however_it_is_cut() -> None:
 def test_a_robot_weighs_what_its_size_says_and_stands_on_its_wheels(mission: Mission, name: str) -> None:
     world = World(mission)
     one = world.chassis[name]
-    assert world.model.body(name).subtreemass[0] == pytest.approx(one.weight)
+    assert world.model.body(f"{name}/base").subtreemass[0] == pytest.approx(one.weight)
     if mission is PAIR:
         assert one.weight == pytest.approx(1.0, abs=0.01)
     drive(world, 1.0)
-    assert abs(world.data.body(name).xpos[2]) < 0.002
+    assert abs(world.data.body(f"{name}/base").xpos[2]) < 0.002
 
 
 def test_a_scanner_measures_how_far_a_post_a_wall_and_another_robots_scanner_are() -> None:
     mission = placed(SIX, robot2=(9j, math.pi / 2), robot3=(-1.0 + 9j, 0.0))
-    world = World(mission, obstacles=[Post(1.0 + 9j, 0.1), Wall(-2 + 11j, 2 + 11j)])
+    world = World(mission, posts=[(1.0 + 9j, 0.1)], walls=[(-2 + 11j, 2 + 11j)])
     ranges = world.scan("robot2")
     assert ranges.shape == (360,)
     assert ranges[0] == pytest.approx(1.99, abs=0.001)  # ahead: the wall
@@ -180,5 +197,5 @@ def test_a_scanner_measures_how_far_a_post_a_wall_and_another_robots_scanner_are
 
 def test_a_scanner_turns_with_its_robot() -> None:
     heading = 0.7
-    world = World(placed(SIX, robot2=(9j, heading)), obstacles=[Post(cmath.rect(1.0, heading) + 9j, 0.1)])
+    world = World(placed(SIX, robot2=(9j, heading)), posts=[(cmath.rect(1.0, heading) + 9j, 0.1)])
     assert world.scan("robot2").argmin() in {359, 0, 1}
