@@ -35,7 +35,7 @@ class Placed(NamedTuple):
 
 
 def mjcf(robots: Mapping[str, Placed], posts: Iterable[Post], walls: Iterable[Wall]) -> str:
-    """The world in MuJoCo's XML: robot NAME is body NAME/base, its joints and motors NAME/left, NAME/right."""
+    """The world in MuJoCo's XML: robot NAME is body NAME/base, joints and motors NAME/left, NAME/right."""
     bodies = "".join(_robot(name, one) for name, one in robots.items())
     motors = "".join(_motors(name, one.chassis) for name, one in robots.items())
     return f"""
