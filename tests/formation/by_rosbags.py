@@ -86,7 +86,8 @@ FIELDS: Mapping[type, Callable[[Any], tuple[Any, ...]]] = {
     LaserScan: lambda m: (
         header(m.stamp, m.frame),
         m.angle_min,
-        *np.float32([m.angle_min + m.angle_increment * (len(m.ranges) - 1), m.angle_increment]),
+        m.angle_min + m.angle_increment * (len(m.ranges) - 1),
+        m.angle_increment,
         m.time_increment,
         m.scan_time,
         m.range_min,

@@ -63,7 +63,8 @@ def test_scanners_that_turn_clockwise_or_see_a_sector_are_read() -> None:
 
 def test_beams_that_say_nothing_make_no_bad_scan() -> None:
     scan = decode(LaserScan, as_sent(ranges=[math.inf, math.nan, -math.inf, 0.0, -1.0, 1e30], intensities=[]))
-    assert scan.ranges == (math.inf, math.inf, -math.inf, 0.0, -1.0, pytest.approx(1e30))
+    assert scan.ranges[:5] == (math.inf, math.inf, -math.inf, 0.0, -1.0)
+    assert scan.ranges[5] == pytest.approx(1e30)
 
 
 @pytest.mark.parametrize(
