@@ -55,6 +55,8 @@ class Circle(NamedTuple):
     """Centre [m; body frame]."""
     radius: float
     """[m]"""
+    points: tuple[complex, ...] = ()
+    """What it holds [m; body frame]."""
 
 
 class Mate(NamedTuple):
@@ -103,10 +105,13 @@ def circles(found: Iterable[complex], increment: float) -> list[Circle]:
 
 
 def carried(found: Sequence[Circle], motion: tuple[complex, complex]) -> list[Circle]:
-    """The circles as a body sees them that has moved meanwhile; `motion` is its pose now, in the old frame."""
+    """The circles as a body sees them that has moved since, to the pose `motion` in the frame of then."""
     position, heading = motion
     back = heading.conjugate()
-    return [Circle(back * (circle.at - position), circle.radius) for circle in found]
+    return [
+        Circle(back * (at - position), radius, tuple([back * (point - position) for point in held]))
+        for at, radius, held in found
+    ]
 
 
 def mate(circle: Circle, mates: Iterable[Mate]) -> str | None:
@@ -123,7 +128,7 @@ def strangers(found: Iterable[Circle], mates: Sequence[Mate]) -> list[Circle]:
 
 
 def obstacles(found: Iterable[Circle], within: float) -> tuple[Obstacle, ...]:
-    """The nearest circle in each of `SECTORS` directions, if it is nearer than `within` [m], nearest first.
+    """The nearest circle in each of `SECTORS` directions that is nearer than `within` [m], nearest first.
 
     They have right of way, for they do not know of this robot, and are taken to stand: along a wall the
     difference of two scans is noise and not a velocity.
@@ -134,7 +139,8 @@ def obstacles(found: Iterable[Circle], within: float) -> tuple[Obstacle, ...]:
         sector = int(math.atan2(circle.at.imag, circle.at.real) / math.tau * SECTORS + SECTORS) % SECTORS
         if clearance < within and (sector not in nearest or clearance < nearest[sector][0]):
             nearest[sector] = clearance, circle
-    return tuple(Obstacle(circle.at, circle.radius, 0j, True) for _, circle in sorted(nearest.values()))
+    ordered = sorted(nearest.values(), key=lambda one: one[0])
+    return tuple(Obstacle(circle.at, circle.radius, 0j, True) for _, circle in ordered)
 
 
 @lru_cache(maxsize=8)
@@ -167,4 +173,4 @@ def _around(chunk: Sequence[complex], half: float) -> Circle:
     xs, ys = [point.real for point in chunk], [point.imag for point in chunk]
     centre = complex(0.5 * (min(xs) + max(xs)), 0.5 * (min(ys) + max(ys)))
     reach = max([abs(point - centre) for point in chunk])
-    return Circle(centre, reach + half * abs(centre))
+    return Circle(centre, reach + half * abs(centre), tuple(chunk))

@@ -15,13 +15,15 @@ where nothing else ends before the point (stop). What is behind a robot does not
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
 from formation.unicycle import Command
 
 AT_REST = Command(0.0, 0.0)
+STANDS = 1e-3
+"""A robot that rolls on for no more than this stands [m]."""
 
 
 class Zone(StrEnum):
@@ -46,35 +48,37 @@ class Body(NamedTuple):
 
 
 def guarded(
-    command: Command, moving: Command, seen: Iterable[complex], body: Body, hold: float
+    command: Command, moving: Command, seen: Sequence[complex], body: Body, hold: float
 ) -> tuple[Command, Zone]:
     """The command that a robot may follow for `hold` [s], and then still stop before all points seen.
 
     `moving` is what it does now, `seen` are points [m; body frame, now]. Only its forward speed is cut. Where
     not even zero speed will do while it turns as wanted, it is told to stop, which then is the same way
-    that it could have stopped along before.
+    that it could have stopped along before. Who turns round near something comes to rest first.
     """
-    sign = math.copysign(1.0, command.speed or moving.speed)
-    rolling = sign * moving.speed  # along with the command if positive
-    # who still rolls the other way may be that far off when it goes as told
-    radius = body.radius + body.margin + body.lag * max(0.0, -rolling)
     was, will = body.lag * moving.turn_rate, hold * command.turn_rate
     left = body.spread + max(0.0, was) + max(0.0, will)
     right = -body.spread + min(0.0, was) + min(0.0, will)
-    stopping = body.lag * max(0.0, rolling)
+    radius, rolls, goes = body.radius + body.margin, body.lag * moving.speed, hold * command.speed
+    turns_round = rolls * goes < 0.0 and abs(rolls) > STANDS
+    if turns_round and all(abs(point) > radius + abs(rolls) + abs(goes) for point in seen):
+        return command, Zone.CLEAR
+    sign = math.copysign(1.0, moving.speed if turns_round or not command.speed else command.speed)
+    stopping = max(0.0, sign * rolls)
     room = free((sign * point for point in seen), radius, right, left)
     if room < stopping:
         return AT_REST, Zone.STOP
-    fastest = (room - stopping) / hold
+    fastest = 0.0 if turns_round else (room - stopping) / hold
     if abs(command.speed) <= fastest:
         return command, Zone.CLEAR
-    return Command(sign * fastest, command.turn_rate), Zone.SLOW if fastest > 0.0 else Zone.STOP
+    limited = math.copysign(fastest, command.speed)
+    return Command(limited, command.turn_rate), Zone.SLOW if fastest > 0.0 else Zone.STOP
 
 
 def free(seen: Iterable[complex], radius: float, right: float, left: float) -> float:
     """How far a circle of `radius` [m] can go before it touches a point, in the worst of its directions [m].
 
-    Those are the angles from `right` (≤ 0) to `left` (≥ 0) [rad] from the x axis. Infinite if it touches none.
+    Those are the angles from `right` (≤ 0) to `left` (≥ 0) [rad]. Infinite if it touches none.
     """
     room = math.inf
     everywhere = max(left, -right) >= 0.5 * math.pi

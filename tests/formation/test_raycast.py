@@ -38,7 +38,7 @@ def test_a_beam_ends_on_what_it_hit_and_passes_through_nothing(
 ) -> None:
     found = cast(at, heading, discs, walls, FEW)
     for number, distance in enumerate(found):
-        if distance == 0.0 or distance == math.inf:
+        if distance in {0.0, math.inf}:
             continue
         end = at + distance * ray(number, heading, FEW)
         on = [abs(abs(end - centre) - radius) for centre, radius in discs]

@@ -67,6 +67,34 @@ def test_whatever_it_is_told_and_for_however_long_a_command_acts_it_touches_noth
             assert min(abs(point - place) for point in world) > REACH - 1e-3
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_what_it_may_do_it_can_end_before_a_point_that_lies_in_its_way(seed: int) -> None:
+    rng, tried, body = random.Random(seed), 0, Body(RADIUS, MARGIN, 0.3, spread=0.0)
+    for _ in range(600):
+        hold = rng.choice((0.05, 0.2, 0.6))
+        moving = Command(rng.uniform(-1.0, 1.0), rng.uniform(-3.0, 3.0))
+        wanted = Command(rng.uniform(-1.0, 1.0), rng.uniform(-3.0, 3.0))
+        touched = rng.choice(way(moving, wanted, hold)) + cmath.rect(REACH, rng.uniform(-math.pi, math.pi))
+        command, _ = guarded(wanted, moving, [touched], body, hold)
+        if abs(touched) <= REACH or command == AT_REST:
+            continue
+        tried += 1
+        assert min(abs(touched - place) for place in way(moving, command, hold)) > REACH - 1e-3
+    assert tried > 100
+
+
+def way(moving: Command, told: Command, hold: float) -> list[complex]:
+    """Where a robot comes that is told something for `hold` [s], and then to stop."""
+    robot = Robot(0.3)
+    robot.moving = moving
+    places = []
+    for command, time in ((told, hold), (STILL, 2.0)):
+        for _ in range(10):
+            robot.go(command, time / 10)
+            places += robot.way
+    return places
+
+
 @given(st.lists(places, max_size=8), commands, commands, st.floats(0.05, 0.5))
 def test_no_command_becomes_faster_or_turns_round(
     world: list[complex], wanted: Command, moving: Command, hold: float
@@ -127,6 +155,10 @@ def test_in_no_direction_of_the_sector_is_a_point_touched_sooner(
         assert abs(point - way * direction) > REACH - 1e-9
 
 
+def test_who_spins_minds_all_around() -> None:
+    assert free([cmath.rect(0.3, -3.1)], REACH, -0.05, 3.0) == pytest.approx(0.3 - REACH)
+
+
 # What robots meet
 
 
@@ -136,6 +168,13 @@ def drive(world: Sequence[complex], wanted: Command, seconds: float = 20.0, hold
         command, _ = guarded(wanted, robot.moving, robot.sees(world), BODY, hold)
         robot.go(command, PERIOD)
     return robot
+
+
+def test_who_turns_round_near_something_comes_to_rest_first() -> None:
+    moving, wanted = Command(-0.22, 0.0), Command(0.22, 0.5)
+    assert guarded(wanted, moving, [0.18j], BODY, 0.25) == (Command(0.0, 0.5), Zone.STOP)
+    assert guarded(wanted, Command(-0.005, 0.0), [0.18j], BODY, 0.25) == (wanted, Zone.CLEAR)
+    assert guarded(wanted, moving, [0.3j], BODY, 0.25) == (wanted, Zone.CLEAR)
 
 
 def wall(begin: complex, end: complex) -> list[complex]:
