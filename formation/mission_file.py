@@ -14,6 +14,7 @@ from pydantic_core import ErrorDetails
 from formation.legs import Circle, Leg, Straight, Waypoints
 from formation.mission import LawSpec, Mission, SimulatedRobot, SimulationSpec, Standby, Together
 from formation.robot_spec import RobotDefaults, RobotSpec, Start
+from formation.scan_spec import Post, ScanSpec, SimulatedScanner, Wall
 from formation.tables import NAME, TITLE, Table, as_tuple
 
 SPELLINGS = {
@@ -136,7 +137,11 @@ def _keys_beside(loc: tuple[int | str, ...], whole: type[BaseModel]) -> str:
         "law": LawSpec,
         "robot": RobotDefaults,
         "simulated_robot": SimulatedRobot,
+        "simulated_scanner": SimulatedScanner,
         "simulation": SimulationSpec,
+        "posts": Post,
+        "walls": Wall,
+        "scan": ScanSpec,
         "robots": RobotSpec,
         "standbys": Standby,
         "together": Together,

@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, Field
 
 from formation.endpoint import Endpoint
 from formation.law import Limits
+from formation.scan_spec import ScanSpec
 from formation.tables import Metres, Name, Namespace, NotNegative, Positive, Ros, Speed, Table, as_tuple
 
 
@@ -67,6 +68,9 @@ class RobotDefaults(Table):
     """The robot cuts commands to multiples of this, which error feedback makes up for [m/s]; 0 for none."""
     turn_rate_step: NotNegative = 0.0
     """[rad/s]"""
+    scanner: Literal["none", "optional", "required"] = "none"
+    """Whether it has a range scanner to mind, and whether it holds while that is silent."""
+    scan: ScanSpec = ScanSpec()
 
 
 class RobotSpec(RobotDefaults):

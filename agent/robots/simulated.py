@@ -1,6 +1,7 @@
 """Simulated robots on the wire: commands in, odometry, ground truth and local measurements out.
 
-A robot that is localised from outside is seen by a camera above as well, at the rate of its odometry.
+A robot that is localised from outside is seen by a camera above as well, at the rate of its odometry. One
+with a range scanner sees posts, walls and the robots of its own process; they are in nobody's way.
 
 `World.step(now, inbox) -> outbox` hosts one robot or many, without a clock, a socket or a log. A robot moves
 by the time that really went by, and a command takes hold when it arrived, so neither depends on when the
@@ -16,12 +17,13 @@ from typing import Protocol
 import numpy as np
 
 from agent.robots.plant import Plant
+from agent.robots.ranging import Ranging
 from formation.mission import Mission
 from formation.neighbour import Track, carried_to, first_seen, seen
 from formation.rate import Rate
 from formation.ros2.messages import Displacement, Odometry, Pose, Twist, TwistStamped, decode, encode
 from formation.simulation.body import Body
-from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSE, POSITION, RELATIVE, Topic
+from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSE, POSITION, RELATIVE, SCAN, Topic
 from formation.unicycle import Command, control_point
 from formation.wire import BadMessage, Now, Outgoing, Sample
 
@@ -116,7 +118,8 @@ class World:
             for other in robot.sees
         ]
         cameras = [(POSE, POSE.key(name)) for name, robot in self._hosted.items() if robot.watched]
-        return (*own, *cameras, *sensors)
+        scanners = [(SCAN, SCAN.key(name)) for name, robot in self._hosted.items() if robot.ranging]
+        return (*own, *cameras, *scanners, *sensors)
 
     @property
     def subscriptions(self) -> tuple[str, ...]:
@@ -126,7 +129,7 @@ class World:
     @property
     def due(self) -> float:
         """When the next robot has something to say [s, monotonic]."""
-        return min(robot.rate.due for robot in self._hosted.values())
+        return min(rate.due for robot in self._hosted.values() for rate in robot.rates)
 
     def plant(self, robot: str) -> Moving:
         """The body of a hosted robot, as of the last step."""
@@ -141,6 +144,8 @@ class World:
                 self.dropped[sample.key] += 1
         outbox: list[Outgoing] = []
         for robot in self._hosted.values():
+            if robot.ranging and robot.ranging.rate.tick(now.mono):
+                outbox.append(self._scanned(robot, robot.ranging, now))
             if robot.rate.tick(now.mono):
                 outbox += self._spoken(robot, now)
         return outbox
@@ -187,6 +192,12 @@ class World:
         outbox.append(Outgoing(GROUND_TRUTH.key(robot.name), encode(truth)))
         return outbox
 
+    def _scanned(self, robot: _Robot, ranging: Ranging, now: Now) -> Outgoing:
+        for one in self._hosted.values():
+            one.go_to(now.mono)
+        others = [one.disc for one in self._hosted.values() if one is not robot]
+        return Outgoing(SCAN.key(robot.name), encode(ranging.scan(now.wall, robot.plant, others)))
+
     def _displacement(self, robot: _Robot, other: str, now: Now) -> complex | None:
         """From `robot`'s control point to the other's [m; robot's frame]; None if it is out of sight."""
         if other == self._leader:
@@ -211,9 +222,24 @@ class _Robot:
         self.watched = spec.localisation == "external"
         """Whether a camera above tells its position."""
         self.rate = Rate(spec.rate, phase)
+        self.ranging: Ranging | None = None
+        if spec.scanner != "none":
+            seen = np.random.default_rng([seed, mission.names.index(name), 1])
+            self.ranging = Ranging(mission, name, seen, phase)
         self.sees = spec.measurable if spec.measurement == "local" else ()
+        self._radius = spec.radius
         self._stamped = spec.cmd_vel == "twist_stamped"
         self._offset = spec.control_point_offset
+
+    @property
+    def rates(self) -> tuple[Rate, ...]:
+        """Of all that it says."""
+        return (self.rate, self.ranging.rate) if self.ranging else (self.rate,)
+
+    @property
+    def disc(self) -> tuple[complex, float]:
+        """Its body, as scanners see it: centre and radius [m; world frame]."""
+        return self.plant.position, self._radius
 
     @property
     def control_point(self) -> complex:
