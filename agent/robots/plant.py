@@ -89,6 +89,9 @@ class Plant:
         """Centre [m] and heading as a camera above sees them [world frame]; each call is a new sample."""
         return self._noisy(self.position)
 
+    def cast(self, at: complex, heading: complex, beams: int, farthest: float) -> None:  # noqa: ARG002
+        """It is alone in its world: whoever knows of others looks for them."""
+
     def reset_odometry(self) -> None:
         """Have odometry count from here, as a TurtleBot3's `reset_odometry` does."""
         self._counts_from = self._believed, self.heading

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from agent.robots.plant import Plant
+from agent.robots.moving import Moving
 from formation.mission import Mission
 from formation.rate import Rate
 from formation.raycast import cast, measured
@@ -25,11 +25,13 @@ class Ranging:
         self._walls = tuple(wall.line for wall in mission.simulation.walls)
         self._noise = noise
 
-    def scan(self, stamp: float, plant: Plant, others: Iterable[tuple[complex, float]]) -> LaserScan:
+    def scan(self, stamp: float, plant: Moving, others: Iterable[tuple[complex, float]]) -> LaserScan:
         """What it says at `stamp` [s]; `others` are the bodies of other robots: centre, radius [m; world]."""
         scanner, mount = self._scanner, self._mount
-        at, heading = plant.position + plant.heading * mount.at, plant.heading * mount.heading
-        true = cast(at, heading, (*others, *self._posts), self._walls, scanner.beams)
+        true = plant.cast(mount.at, mount.heading, scanner.beams, scanner.range_max)
+        if true is None:
+            at, heading = plant.position + plant.heading * mount.at, plant.heading * mount.heading
+            true = cast(at, heading, (*others, *self._posts), self._walls, scanner.beams)
         normal, uniform = self._noise.normal(size=scanner.beams), self._noise.random(scanner.beams)
         return LaserScan(
             stamp,

@@ -1,7 +1,8 @@
 """Simulated robots on the wire: commands in, odometry, ground truth and local measurements out.
 
 A robot that is localised from outside is seen by a camera above as well, at the rate of its odometry. One
-with a range scanner sees posts, walls and the robots of its own process; they are in nobody's way.
+with a range scanner sees posts, walls and the robots of its own process. They are in the way of who has mass
+(`agent.robots.physics`), and of nobody else.
 
 `World.step(now, inbox) -> outbox` hosts one robot or many, without a clock, a socket or a log. A robot moves
 by the time that really went by, and a command takes hold when it arrived, so neither depends on when the
@@ -12,10 +13,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Protocol
 
 import numpy as np
 
+from agent.robots.moving import Moving
 from agent.robots.plant import Plant
 from agent.robots.ranging import Ranging
 from formation.mission import Mission
@@ -31,38 +32,6 @@ SIGHT = 0.5
 """A leader that has not said where it is for so long is out of every sensor's sight [s]."""
 FILTER = 0.01
 """Time constant of the leader's velocity between its positions [s]; they come without noise."""
-
-
-class Moving(Protocol):
-    """What moves for a robot: a `Plant`, or something with mass and wheels."""
-
-    @property
-    def position(self) -> complex:
-        """True centre [m; world frame]."""
-
-    @property
-    def heading(self) -> complex:
-        """True heading, unit complex [world frame]."""
-
-    @property
-    def moving(self) -> Command:
-        """Forward speed and turn rate as odometry tells them."""
-
-    @property
-    def command(self) -> Command:
-        """What it strives for."""
-
-    def obey(self, command: Command) -> None:
-        """Strive for what the firmware makes of `command`."""
-
-    def go_to(self, time: float) -> None:
-        """Live up to `time` [s, monotonic]."""
-
-    def odometry(self) -> tuple[complex, complex]:
-        """Centre [m] and heading as this robot measures them [its own frame]; each call is a new sample."""
-
-    def seen(self) -> tuple[complex, complex]:
-        """Centre [m] and heading as a camera above sees them [world frame]; each call is a new sample."""
 
 
 def kinematic(mission: Mission, robots: Sequence[str], seed: int) -> dict[str, Plant]:
@@ -102,7 +71,7 @@ class World:
         self._top_speed = max(1e-3, *(leg.speed for leg in mission.route))
         moving = plants(mission, names, seed)
         self._hosted = {
-            name: _Robot(mission, name, moving[name], phase=number / len(names))
+            name: _Robot(mission, name, moving[name], seed, phase=number / len(names))
             for number, name in enumerate(names)
         }
         self._by_key = {CMD_VEL.key(name): robot for name, robot in self._hosted.items()}
@@ -214,7 +183,7 @@ class World:
 class _Robot:
     """A plant with its clock, its rate and its sensor."""
 
-    def __init__(self, mission: Mission, name: str, plant: Moving, phase: float) -> None:
+    def __init__(self, mission: Mission, name: str, plant: Moving, seed: int, phase: float) -> None:
         spec = mission.robots[name]
         self.name = name
         self.plant = plant

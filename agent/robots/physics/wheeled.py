@@ -93,6 +93,11 @@ class Wheeled:
             self.heading * cmath.rect(1.0, self._body.heading_noise * angle),
         )
 
+    def cast(self, at: complex, heading: complex, beams: int, farthest: float) -> list[float]:
+        """How far the beams of a scanner on this robot go [m]; infinite where nothing is in their way."""
+        found: list[float] = self._floor.world.scan(self._robot, at, heading, beams, farthest).tolist()
+        return found
+
     @property
     def _state(self) -> State:
         return self._floor.states[self._robot]

@@ -7,7 +7,7 @@ Whether the robot then goes there is the floor's doing, and that of whatever sta
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -16,17 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.robots.physics.chassis import GYRO_BIAS, TICKS, TOLERANCE, chassis_of
-from agent.robots.physics.model import STEP, Placed, Post, Wall, mjcf
+from agent.robots.physics.model import STEP, Placed, mjcf
 from formation.mission import Mission
 from formation.simulation.body import Body, obeyed
 from formation.unicycle import Command, advance
 
 INTEGRATION = 0.5
 """Time in which the firmware makes up for what friction takes from a wheel's speed [s]."""
-BEAMS = 360
-"""Of the scanner, the first ahead, counter-clockwise."""
-FARTHEST = 3.5
-"""What the scanner sees at best [m]."""
 ALL_GROUPS = np.array([1, 0, 1, 1, 1, 1], dtype=np.uint8)
 """What a beam can hit: all but what is there for pictures only."""
 
@@ -54,10 +50,11 @@ class World:
     Equal seeds and commands give equal runs.
     """
 
-    def __init__(
-        self, mission: Mission, seed: int = 0, posts: Iterable[Post] = (), walls: Iterable[Wall] = ()
-    ) -> None:
-        """Everybody stands at its start. `seed` decides how far wheels and gyroscopes are off."""
+    def __init__(self, mission: Mission, seed: int = 0) -> None:
+        """Everybody stands at its start, posts and walls where [simulation] has them.
+
+        `seed` decides how far wheels and gyroscopes are off.
+        """
         names, count = mission.followers, len(mission.followers)
         self.robots = names
         self.time = 0.0
@@ -79,6 +76,8 @@ class World:
             name: Placed(one, spec.start.position, spec.start.heading, (float(left), float(right)))
             for name, one, spec, (left, right) in zip(names, chassis, specs, real, strict=True)
         }
+        posts = [post.disc for post in mission.simulation.posts]
+        walls = [wall.line for wall in mission.simulation.walls]
         self.model = mujoco.MjModel.from_xml_string(mjcf(placed, posts, walls))
         """What MuJoCo knows of it, for pictures."""
         self.data = mujoco.MjData(self.model)
@@ -137,23 +136,26 @@ class World:
             if self.model.geom_contype[first] == _BODY
         )
 
-    def scan(self, robot: str, at: complex = 0j, heading: complex = 1.0 + 0.0j) -> NDArray[np.float64]:
-        """How far each beam of its scanner goes [m], infinite where nothing is in its way. (BEAMS,)
+    def scan(
+        self, robot: str, at: complex, heading: complex, beams: int, farthest: float
+    ) -> NDArray[np.float64]:
+        """How far each beam of its scanner goes [m], infinite where nothing is in its way: (beams,).
 
         The scanner sits at `at` [m] and looks to `heading` [unit complex; both robot's frame], as high as its
         chassis says: among robots of one height it sees the others' scanners and nothing else of them.
+        Beams go counter-clockwise round a whole turn, and end after `farthest` [m].
         """
         number = self.robots.index(robot)
         facing, lds = self._heading(number), self.chassis[robot].lds
         x, y, _ = self.data.qpos[self._pose[number] : self._pose[number] + 3]
         here = complex(x, y) + facing * at
         eye = np.array([here.real, here.imag, 0.5 * (lds.bottom + lds.top)])
-        beams = facing * heading * np.exp(2j * np.pi * np.arange(BEAMS) / BEAMS)
-        rays = np.stack([beams.real, beams.imag, np.zeros(BEAMS)], axis=1).ravel()
-        hit, far = np.full(BEAMS, -1, dtype=np.int32), np.zeros(BEAMS)
+        ways = facing * heading * np.exp(2j * np.pi * np.arange(beams) / beams)
+        rays = np.stack([ways.real, ways.imag, np.zeros(beams)], axis=1).ravel()
+        hit, far = np.full(beams, -1, dtype=np.int32), np.zeros(beams)
         me, world = self._bodies[number], (self.model, self.data)
-        mujoco.mj_multiRay(*world, eye, rays, ALL_GROUPS, True, me, hit, far, None, BEAMS, FARTHEST)
-        return np.where((hit >= 0) & (far <= FARTHEST), far, np.inf)
+        mujoco.mj_multiRay(*world, eye, rays, ALL_GROUPS, True, me, hit, far, None, beams, farthest)
+        return np.where((hit >= 0) & (far <= farthest), far, np.inf)
 
     def _find(self, names: tuple[str, ...]) -> None:
         """Where in MuJoCo's arrays the robots are."""

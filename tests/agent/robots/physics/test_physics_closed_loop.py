@@ -16,9 +16,9 @@ from agent.robots.physics.world import World  # noqa: E402 - only where there is
 from agent.robots.simulated import World as Hosted  # noqa: E402
 from formation.mission import Mission  # noqa: E402
 from formation.mission_file import parse, read  # noqa: E402
-from formation.ros2.messages import Odometry, Pose, TwistStamped, decode, encode  # noqa: E402
+from formation.ros2.messages import LaserScan, Odometry, Pose, TwistStamped, decode, encode  # noqa: E402
 from formation.wire import Now, Sample  # noqa: E402
-from tests.agent.robots.physics.worlds import PAIR, SIX, InPhysics, beside_its_slots  # noqa: E402
+from tests.agent.robots.physics.worlds import PAIR, SIX, InPhysics, beside_its_slots, standing  # noqa: E402
 
 EPOCH = 1.7e9
 
@@ -77,3 +77,16 @@ def test_a_process_that_was_frozen_goes_on_where_it_was() -> None:
     hosted.step(Now(0.0, EPOCH), [])
     hosted.step(Now(3600.0, EPOCH + 3600.0), [])
     assert hosted.plant("robot1").position == pytest.approx(world.states["robot1"].position, abs=1e-3)
+
+
+def test_a_scanner_on_the_wire_sees_what_stands_in_the_physics_world() -> None:
+    text, name = read("six_robots")
+    text = text.replace("[robot]", '[robot]\nscanner = "optional"', 1)
+    mission = standing(parse(text, name), posts=[(-1.5 + 3.0j, 0.1)])  # robot2 at -1.5 + 2j faces it
+    hosted, said = InPhysics(mission).fleet.world, []
+    for number in range(30):
+        said += hosted.step(Now(0.01 * number, EPOCH + 0.01 * number), [])
+    assert {key for _, key in hosted.publications} == {key for _, key in Hosted(mission).publications}
+    scan = next(decode(LaserScan, out.payload) for out in said if out.key == "robot2/scan")
+    assert scan.ranges[0] == pytest.approx(0.9, abs=0.1)  # noise
+    assert scan.ranges[180] == 0.0  # nothing there

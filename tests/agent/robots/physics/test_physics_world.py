@@ -15,8 +15,9 @@ pytestmark = pytest.mark.physics
 needs.leave_out_without("physics")
 
 from agent.robots.physics.world import World  # noqa: E402 - only where there is MuJoCo
-from tests.agent.robots.physics.worlds import PAIR, SIX, drive, placed, turned  # noqa: E402
+from tests.agent.robots.physics.worlds import PAIR, SIX, drive, placed, standing, turned  # noqa: E402
 
+LDS = (0j, 1.0 + 0.0j, 360, 3.5)
 MISSIONS = pytest.mark.parametrize(("mission", "name"), [(PAIR, "robot1"), (SIX, "robot2")])
 
 
@@ -106,7 +107,7 @@ def test_the_motors_of_other_robots_reach_both_limits_at_once() -> None:
 
 def test_wheels_slip_at_a_wall_where_odometry_runs_on_and_the_robot_does_not() -> None:
     mission = placed(PAIR, robot1=(0j, 0.0), robot2=(0.0 - 2j, 0.0))
-    world = World(mission, walls=[(0.2 - 1j, 0.2 + 1j)])
+    world = World(standing(mission, walls=[(0.2 - 1j, 0.2 + 1j)]))
     drive(world, 4.0, robot1=(0.1, 0.0))
     assert frozenset({"robot1"}) in world.touching
     before = world.states["robot1"]
@@ -128,7 +129,7 @@ def test_two_robots_that_drive_at_each_other_cannot_pass_through(mission: Missio
 
 
 def test_a_post_stands_in_the_way() -> None:
-    world = World(placed(SIX, robot2=(9j, 0.0)), posts=[(0.6 + 9j, 0.1)])
+    world = World(standing(placed(SIX, robot2=(9j, 0.0)), posts=[(0.6 + 9j, 0.1)]))
     for _ in range(100):
         state = drive(world, 0.1, robot2=(0.2, 0.0))["robot2"]
         assert abs(state.position - (0.6 + 9j)) > 0.19
@@ -186,8 +187,8 @@ def test_a_robot_weighs_what_its_size_says_and_stands_on_its_wheels(mission: Mis
 
 def test_a_scanner_measures_how_far_a_post_a_wall_and_another_robots_scanner_are() -> None:
     mission = placed(SIX, robot2=(9j, math.pi / 2), robot3=(-1.0 + 9j, 0.0))
-    world = World(mission, posts=[(1.0 + 9j, 0.1)], walls=[(-2 + 11j, 2 + 11j)])
-    ranges = world.scan("robot2")
+    world = World(standing(mission, posts=[(1.0 + 9j, 0.1)], walls=[(-2 + 11j, 2 + 11j)]))
+    ranges = world.scan("robot2", *LDS)
     assert ranges.shape == (360,)
     assert ranges[0] == pytest.approx(1.99, abs=0.001)  # ahead: the wall
     assert ranges[270] == pytest.approx(0.9, abs=0.001)  # to the right: the post
@@ -197,5 +198,5 @@ def test_a_scanner_measures_how_far_a_post_a_wall_and_another_robots_scanner_are
 
 def test_a_scanner_turns_with_its_robot() -> None:
     heading = 0.7
-    world = World(placed(SIX, robot2=(9j, heading)), posts=[(cmath.rect(1.0, heading) + 9j, 0.1)])
-    assert world.scan("robot2").argmin() in {359, 0, 1}
+    world = World(standing(placed(SIX, robot2=(9j, heading)), posts=[(cmath.rect(1.0, heading) + 9j, 0.1)]))
+    assert world.scan("robot2", *LDS).argmin() in {359, 0, 1}

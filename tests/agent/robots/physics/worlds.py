@@ -5,7 +5,7 @@ from __future__ import annotations
 import cmath
 import math
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,6 +14,7 @@ from agent.robots.physics.wheeled import Wheeled, wheeled
 from agent.robots.physics.world import State, World
 from formation.mission import Mission
 from formation.mission_file import load
+from formation.scan_spec import Post, Wall
 from formation.unicycle import Command
 from tests.agent.fleet import Fleet
 
@@ -28,6 +29,19 @@ def placed(mission: Mission, **poses: tuple[complex, float]) -> Mission:
         start = {"x": at.real, "y": at.imag, "heading_deg": math.degrees(heading)}
         robots[name] = spec.model_copy(update={"start": spec.start.model_copy(update=start)})
     return mission.model_copy(update={"robots": robots})
+
+
+def standing(
+    mission: Mission,
+    posts: Iterable[tuple[complex, float]] = (),
+    walls: Iterable[tuple[complex, complex]] = (),
+) -> Mission:
+    """The mission with posts (axis, radius) and walls (both ends) in its world [m]."""
+    around = {
+        "posts": tuple(Post(x=at.real, y=at.imag, radius=radius) for at, radius in posts),
+        "walls": tuple(Wall(begin=(a.real, a.imag), end=(b.real, b.imag)) for a, b in walls),
+    }
+    return mission.model_copy(update={"simulation": mission.simulation.model_copy(update=around)})
 
 
 def beside_its_slots(mission: Mission, seed: int, spread: float) -> Mission:
