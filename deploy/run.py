@@ -16,7 +16,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from agent.robots.flags import add_world_flags, unfit, world_flags
+from agent.robots.flags import NEEDED, add_world_flags, unfit, world_flags
 from deploy.arguments import add_mission, as_json, number, parser, read_mission
 from deploy.local.launch import Child, Launcher
 from deploy.local.outcome import Outcome, ended_well, how_it_ended
@@ -60,7 +60,7 @@ def main(arguments: Sequence[str]) -> int:
     wrong = unfit(options)
     if wrong is not None:
         raise Refusal(wrong)
-    physics = ("mujoco",) if options.world == "mujoco" else ()
+    physics = NEEDED if options.world == "mujoco" else ()
     for package in ("rich", "mcap", "starlette", *physics):
         if find_spec(package) is None:
             raise ModuleNotFoundError(f"No module named {package!r}", name=package)

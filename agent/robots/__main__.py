@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 
-from agent.robots.flags import add_world_flags, unfit
+from agent.robots.flags import NEEDED, add_world_flags, unfit
 from agent.robots.loop import host
 from agent.robots.simulated import World
 from formation.mission import Mission
@@ -83,8 +83,9 @@ def _world(args: argparse.Namespace, mission: Mission) -> tuple[World, Callable[
         return World(mission, args.robot, args.seed), lambda: None
     if args.robot:
         raise ValueError("--robot: a physics world has all robots of its mission; leave out --robot")
-    if find_spec("mujoco") is None:
-        raise ValueError("--world mujoco: this needs mujoco: pip install 'formation[physics]'")
+    for package in NEEDED:
+        if find_spec(package) is None:
+            raise ValueError(f"--world mujoco: this needs {package}: pip install 'formation[physics]'")
     # MuJoCo reads this when it is loaded; without a picture it need not load what renders
     os.environ.setdefault("MUJOCO_GL", "egl" if args.picture else "disable")
     logging.getLogger("OpenGL").setLevel(logging.WARNING)  # it would say what makes it no faster

@@ -7,6 +7,9 @@ import os
 from ctypes.util import find_library
 from pathlib import Path
 
+NEEDED = ("mujoco", "PIL")
+"""Packages of the physics world."""
+
 
 def add_world_flags(to: argparse.ArgumentParser) -> None:
     """Which world robots are in, and whether to take a picture of it."""
