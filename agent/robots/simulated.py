@@ -62,6 +62,9 @@ class Moving(Protocol):
     def seen(self) -> tuple[complex, complex]:
         """Centre [m] and heading as a camera above sees them [world frame]; each call is a new sample."""
 
+    def reset_odometry(self) -> None:
+        """Have odometry count from here, as a TurtleBot3's `reset_odometry` does."""
+
 
 def kinematic(mission: Mission, robots: Sequence[str], seed: int) -> dict[str, Plant]:
     """Robots that do what Eq. (1) says. Their noise does not depend on who else is hosted."""

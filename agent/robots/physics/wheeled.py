@@ -93,6 +93,10 @@ class Wheeled:
             self.heading * cmath.rect(1.0, self._body.heading_noise * angle),
         )
 
+    def reset_odometry(self) -> None:
+        """Have odometry count from here, as a TurtleBot3's `reset_odometry` does."""
+        self._origin, self._axis = self._state.counted_position, self._state.counted_heading
+
     @property
     def _state(self) -> State:
         return self._floor.states[self._robot]
