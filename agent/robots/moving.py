@@ -39,6 +39,9 @@ class Moving(Protocol):
     def seen(self) -> tuple[complex, complex]:
         """Centre [m] and heading as a camera above sees them [world frame]; each call is a new sample."""
 
+    def reset_odometry(self) -> None:
+        """Have odometry count from here, as a TurtleBot3's `reset_odometry` does."""
+
     def cast(self, at: complex, heading: complex, beams: int, farthest: float) -> Sequence[float] | None:
         """How far the beams of a scanner on this robot go [m], or None if it knows nothing of what is around.
 

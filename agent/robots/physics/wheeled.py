@@ -98,6 +98,10 @@ class Wheeled:
         found: list[float] = self._floor.world.scan(self._robot, at, heading, beams, farthest).tolist()
         return found
 
+    def reset_odometry(self) -> None:
+        """Have odometry count from here, as a TurtleBot3's `reset_odometry` does."""
+        self._origin, self._axis = self._state.counted_position, self._state.counted_heading
+
     @property
     def _state(self) -> State:
         return self._floor.states[self._robot]

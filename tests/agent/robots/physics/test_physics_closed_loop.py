@@ -17,6 +17,7 @@ from agent.robots.simulated import World as Hosted  # noqa: E402
 from formation.mission import Mission  # noqa: E402
 from formation.mission_file import parse, read  # noqa: E402
 from formation.ros2.messages import LaserScan, Odometry, Pose, TwistStamped, decode, encode  # noqa: E402
+from formation.unicycle import Command  # noqa: E402
 from formation.wire import Now, Sample  # noqa: E402
 from tests.agent.robots.physics.worlds import PAIR, SIX, InPhysics, beside_its_slots, standing  # noqa: E402
 
@@ -69,6 +70,17 @@ def test_a_camera_above_sees_the_truth() -> None:
     outbox = team.fleet.world.step(Now(0.0, EPOCH), [])
     seen = decode(Pose, next(out.payload for out in outbox if out.key == "robot1/pose"))
     assert seen.position == pytest.approx(mission.robots["robot1"].start.position, abs=1e-3)
+
+
+def test_odometry_can_be_told_to_count_from_here() -> None:
+    plant = InPhysics(PAIR).fleet.world.plant("robot1")
+    plant.go_to(0.0)
+    plant.obey(Command(0.1, 0.5))
+    plant.go_to(2.0)
+    plant.reset_odometry()
+    position, heading = plant.odometry()
+    assert position == 0j
+    assert heading == pytest.approx(1.0)
 
 
 def test_a_process_that_was_frozen_goes_on_where_it_was() -> None:
