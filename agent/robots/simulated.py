@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Protocol
 
 import numpy as np
 
+from agent.robots.moving import Moving
 from agent.robots.plant import Plant
 from formation.mission import Mission
 from formation.neighbour import Track, carried_to, first_seen, seen
@@ -29,41 +29,6 @@ SIGHT = 0.5
 """A leader that has not said where it is for so long is out of every sensor's sight [s]."""
 FILTER = 0.01
 """Time constant of the leader's velocity between its positions [s]; they come without noise."""
-
-
-class Moving(Protocol):
-    """What moves for a robot: a `Plant`, or something with mass and wheels."""
-
-    @property
-    def position(self) -> complex:
-        """True centre [m; world frame]."""
-
-    @property
-    def heading(self) -> complex:
-        """True heading, unit complex [world frame]."""
-
-    @property
-    def moving(self) -> Command:
-        """Forward speed and turn rate as odometry tells them."""
-
-    @property
-    def command(self) -> Command:
-        """What it strives for."""
-
-    def obey(self, command: Command) -> None:
-        """Strive for what the firmware makes of `command`."""
-
-    def go_to(self, time: float) -> None:
-        """Live up to `time` [s, monotonic]."""
-
-    def odometry(self) -> tuple[complex, complex]:
-        """Centre [m] and heading as this robot measures them [its own frame]; each call is a new sample."""
-
-    def seen(self) -> tuple[complex, complex]:
-        """Centre [m] and heading as a camera above sees them [world frame]; each call is a new sample."""
-
-    def reset_odometry(self) -> None:
-        """Have odometry count from here, as a TurtleBot3's `reset_odometry` does."""
 
 
 def kinematic(mission: Mission, robots: Sequence[str], seed: int) -> dict[str, Plant]:

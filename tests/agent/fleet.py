@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.core import Agent
-from agent.robots.simulated import Moving, World, kinematic
+from agent.robots.moving import Moving
+from agent.robots.simulated import World, kinematic
 from formation.edges import Edges, formation_error
 from formation.mission import Mission
 from formation.order import OperatorReply, OperatorRequest, encode
