@@ -138,7 +138,7 @@ class World:
         )
 
     def scan(self, robot: str, at: complex = 0j, heading: complex = 1.0 + 0.0j) -> NDArray[np.float64]:
-        """How far each beam of its scanner goes [m], infinite where nothing is in its way. (BEAMS,)
+        """How far each beam of its scanner goes [m], infinite where nothing is in its way: (BEAMS,).
 
         The scanner sits at `at` [m] and looks to `heading` [unit complex; both robot's frame], as high as its
         chassis says: among robots of one height it sees the others' scanners and nothing else of them.
