@@ -89,7 +89,7 @@ class Plant:
         """Centre [m] and heading as a camera above sees them [world frame]; each call is a new sample."""
         return self._noisy(self.position)
 
-    def cast(self, at: complex, heading: complex, beams: int, farthest: float) -> None:  # noqa: ARG002
+    def cast(self, at: complex, heading: complex, beams: int, farthest: float) -> None:
         """It is alone in its world: whoever knows of others looks for them."""
 
     def reset_odometry(self) -> None:

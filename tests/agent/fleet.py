@@ -18,6 +18,7 @@ import numpy as np
 
 from agent.core import Agent
 from agent.robots.moving import Moving
+from agent.robots.plant import Plant
 from agent.robots.simulated import World, kinematic
 from formation.edges import Edges, formation_error
 from formation.mission import Mission
@@ -205,6 +206,12 @@ class Fleet:
         """Formation error of the robots as they really are, now, in the figure that is wanted [m]."""
         slots = np.array(self.in_charge.wanted.slots(self.mission))
         return float(formation_error(Edges(self.mission.graph), np.array(self.points()), slots))
+
+    def plant(self, name: str) -> Plant:
+        """What moves for a kinematic robot."""
+        plant = self.world.plant(name)
+        assert isinstance(plant, Plant)
+        return plant
 
     def points(self) -> list[complex]:
         """The leader, and the robots' control points as they really are, now [m; world frame]."""

@@ -99,7 +99,7 @@ def test_a_burgers_motors_reach_top_speed_or_top_turn_rate_but_not_both() -> Non
 
 
 def test_the_motors_of_other_robots_reach_both_limits_at_once() -> None:
-    world, spec = World(SIX), SIX.robots["robot2"]
+    world, spec = World(placed(SIX, robot2=(20j, 0.0))), SIX.robots["robot2"]  # where nobody is in its way
     moving = drive(world, 3.0, robot2=(spec.max_speed, spec.max_turn_rate))["robot2"].moving
     assert moving.speed == pytest.approx(spec.max_speed, rel=0.02)
     assert moving.turn_rate == pytest.approx(spec.max_turn_rate, rel=0.02)
