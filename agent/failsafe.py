@@ -60,6 +60,10 @@ class Facts(NamedTuple):
     """Whether the robot listens to commands; None if nobody knows."""
     aside: tuple[str, ...] = ()
     """Neighbours that are heard, and are no guides: they do not follow, or only this robot."""
+    scan_silence: float = 0.0
+    """Of a scanner that the mission requires [s]; infinite before its first scan, 0 if none is required."""
+    scan_limit: float = float("inf")
+    """[s]"""
     leaderless: bool = False
     """Whether the leader itself is among the neighbours, and silent."""
 
@@ -112,6 +116,13 @@ TABLE: tuple[Row, ...] = (
         lambda f: not f.follows,
         State.HOLD,
         lambda f: f"no two {f.source} messages within {f.limit:.2f} s",
+        own=True,
+    ),
+    Row(lambda f: _never(f.scan_silence), State.WAITING, lambda _: "no range scan yet", own=True),
+    Row(
+        lambda f: f.scan_silence > f.scan_limit,
+        State.HOLD,
+        lambda f: f"range scan silent for {f.scan_silence:.2f} s",
         own=True,
     ),
     Row(lambda f: f.routed is False, State.HOLD, lambda _: "the robot does not listen to cmd_vel", own=True),

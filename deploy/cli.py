@@ -59,6 +59,7 @@ EXTRAS = {
     "markupsafe": "plot",
     "cryptography": "field",
     "foxglove": "foxglove",
+    **dict.fromkeys(("mujoco", "PIL"), "physics"),
 }
 """The extra that brings a package which a robot does without."""
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from agent.robots.flags import NEEDED, add_world_flags, unfit, world_flags
 from deploy.arguments import add_mission, as_json, number, parser, read_mission
 from deploy.local.launch import Child, Launcher
 from deploy.local.outcome import Outcome, ended_well, how_it_ended
@@ -37,6 +38,7 @@ EXAMPLES = """\
   formation run turtlebot3_pair --law paper
   formation run my_mission.toml --duration 60 --record today.mcap --json
   formation run --control                  with buttons for orders on the page
+  formation run --world mujoco             with wheels that slip, and bodies that bump into each other
 
 The first Ctrl-C stops the robots and then everything else; a second one does not wait for that.
 Exit code 0: the formation converged; 1: it did not, or a process failed; 2: nothing was started.
@@ -55,7 +57,11 @@ def main(arguments: Sequence[str]) -> int:
     """Run a mission; the exit code."""
     options = _options().parse_args(arguments)
     mission = read_mission(options.mission, options.law)
-    for package in ("rich", "mcap", "starlette"):
+    wrong = unfit(options)
+    if wrong is not None:
+        raise Refusal(wrong)
+    physics = NEEDED if options.world == "mujoco" else ()
+    for package in ("rich", "mcap", "starlette", *physics):
         if find_spec(package) is None:
             raise ModuleNotFoundError(f"No module named {package!r}", name=package)
     record = _recording(mission, options.record)
@@ -73,6 +79,7 @@ def main(arguments: Sequence[str]) -> int:
             law=options.law,
             guards=options.guards,
             page=_page_flags(options),
+            world=world_flags(options),
         )
         say = sys.stderr if options.json else sys.stdout
         print(_how_to_order(options.mission, ports), file=say, flush=True)
@@ -179,6 +186,7 @@ def _options() -> argparse.ArgumentParser:
         "--guards", action="store_true", help="a guard beside each robot, as in the field: one process more"
     )
     add_page_flags(options)
+    add_world_flags(options)
     options.add_argument("--no-table", action="store_true", help="plain lines instead of the live table")
     options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
     return options

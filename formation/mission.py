@@ -20,6 +20,7 @@ from formation.graph import Graph
 from formation.law import Gains
 from formation.legs import Leg, Waypoints
 from formation.robot_spec import RobotDefaults, RobotSpec
+from formation.scan_spec import Post, SimulatedScanner, Wall
 from formation.tables import Name, NotNegative, Point, Positive, Table, Title, as_tuple
 
 
@@ -78,6 +79,9 @@ class SimulationSpec(Table):
     """[s]"""
     step: Annotated[float, Field(gt=0.0, le=0.2)] = 0.02
     """[s]"""
+    posts: Annotated[tuple[Post, ...], BeforeValidator(as_tuple)] = ()
+    """What stands in the simulated world, for scanners to see."""
+    walls: Annotated[tuple[Wall, ...], BeforeValidator(as_tuple)] = ()
 
 
 class Standby(Table):
@@ -133,6 +137,7 @@ class Mission(Table):
     collisions: Collisions = Collisions()
     together: Together | None = None
     simulated_robot: SimulatedRobot = SimulatedRobot()
+    simulated_scanner: SimulatedScanner = SimulatedScanner()
     simulation: SimulationSpec = SimulationSpec()
 
     @model_validator(mode="before")

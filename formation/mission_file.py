@@ -22,6 +22,7 @@ from formation.mission import (
     Together,
 )
 from formation.robot_spec import RobotDefaults, RobotSpec, Start
+from formation.scan_spec import Post, ScanSpec, SimulatedScanner, Wall
 from formation.tables import NAME, TITLE, Table, as_tuple
 
 SPELLINGS = {
@@ -144,7 +145,11 @@ def _keys_beside(loc: tuple[int | str, ...], whole: type[BaseModel]) -> str:
         "law": LawSpec,
         "robot": RobotDefaults,
         "simulated_robot": SimulatedRobot,
+        "simulated_scanner": SimulatedScanner,
         "simulation": SimulationSpec,
+        "posts": Post,
+        "walls": Wall,
+        "scan": ScanSpec,
         "robots": RobotSpec,
         "standbys": Standby,
         "collisions": Collisions,

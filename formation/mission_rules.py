@@ -243,6 +243,14 @@ def steps_leave_room(mission: Mission) -> Iterator[Violation]:
                 )
 
 
+def a_scanner_sees_something(mission: Mission) -> Iterator[Violation]:
+    """A simulated scanner's longest range is longer than its shortest."""
+    scanner = mission.simulated_scanner
+    if scanner.range_min >= scanner.range_max:
+        legal = f"must be less than its range_max of {scanner.range_max:g} m"
+        yield Violation("simulated_scanner.range_min", scanner.range_min, legal)
+
+
 RULES = (
     leader_is_a_robot,
     neighbours_exist,
@@ -258,6 +266,7 @@ RULES = (
     namespaces_are_ros_names,
     ros_names_are_a_robots_own,
     steps_leave_room,
+    a_scanner_sees_something,
 )
 
 

@@ -12,6 +12,7 @@ from pydantic_core import PydanticCustomError
 from formation.endpoint import Endpoint
 from formation.law import Limits
 from formation.neighbour import FRESH_PERIODS
+from formation.scan_spec import ScanSpec
 from formation.tables import Metres, Name, Namespace, NotNegative, Positive, Ros, Speed, Table, as_tuple
 
 
@@ -79,6 +80,9 @@ class RobotDefaults(Table):
     """The robot cuts commands to multiples of this, which error feedback makes up for [m/s]; 0 for none."""
     turn_rate_step: NotNegative = 0.0
     """[rad/s]"""
+    scanner: Literal["none", "optional", "required"] = "none"
+    """Whether it has a range scanner to mind, and whether it holds while that is silent."""
+    scan: ScanSpec = ScanSpec()
 
 
 class RobotSpec(RobotDefaults):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import settings
 
-from tests.needs import PROGRAMS, missing
+from tests.needs import MARKS, missing
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -57,5 +57,5 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 def _lacking(item: pytest.Item) -> str:
-    marks = (mark for mark in PROGRAMS if item.get_closest_marker(mark) is not None)
+    marks = (mark for mark in MARKS if item.get_closest_marker(mark) is not None)
     return next(filter(None, map(missing, marks)), "")

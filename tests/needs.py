@@ -5,8 +5,12 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 from functools import cache
+from importlib.util import find_spec
+
+import pytest
 
 PROGRAMS = {
     "namespaces": ("ip", "nft", "ss"),
@@ -17,6 +21,8 @@ PROGRAMS = {
     "browser": ("chromium",),
 }
 """The programs that a test with this mark starts."""
+MARKS = (*PROGRAMS, "physics", "rendering")
+"""The marks of tests that need something of the machine."""
 PACKAGES = {
     "ip": "iproute2",
     "ss": "iproute2",
@@ -51,13 +57,38 @@ def path_of(program: str) -> str:
     return found
 
 
+def leave_out_without(mark: str) -> None:
+    """Leave out the module that calls this if what its mark needs is not here, and may be lacking."""
+    lacking = missing(mark)
+    if lacking and os.environ.get("FORMATION_TEST_ALL") != "1":
+        pytest.skip(f"all of it needs {lacking}", allow_module_level=True)
+
+
 @cache
 def missing(mark: str) -> str:
     """What a test with this mark lacks on this machine; empty if nothing."""
     for program in PROGRAMS.get(mark, ()):
         if find(program) is None:
             return f"{program} (apt install {PACKAGES[program]})"
-    return {"namespaces": _no_namespaces, "mounts": _no_mounts}.get(mark, str)()
+    more = {
+        "namespaces": _no_namespaces,
+        "mounts": _no_mounts,
+        "physics": _no_physics,
+        "rendering": _no_rendering,
+    }
+    return more.get(mark, str)()
+
+
+def _no_physics() -> str:
+    return "" if find_spec("mujoco") else "MuJoCo (pip install 'formation[physics]')"
+
+
+def _no_rendering() -> str:
+    if lacking := _no_physics():
+        return lacking
+    words = [sys.executable, "-c", "import mujoco; mujoco.GLContext(8, 8).make_current()"]
+    tried = subprocess.run(words, env={"MUJOCO_GL": "egl", **os.environ}, capture_output=True, check=False)
+    return "" if tried.returncode == 0 else "EGL (apt install libegl1)"
 
 
 def _no_namespaces() -> str:

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import logging
+import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from importlib.util import find_spec
 
+from agent.robots.flags import NEEDED, add_world_flags, unfit
 from agent.robots.loop import host
 from agent.robots.simulated import World
+from formation.mission import Mission
 from formation.mission_file import load
 from formation.transport import flags, wiring
 from formation.transport.mailbox import Mailbox
@@ -20,6 +25,8 @@ EXAMPLES = """\
   formation robot six_robots --robot robot2               one of them
   formation robot six_robots --robot robot2 --robot robot3 --seed 7
   formation robot six_robots --robot robot2 -l tcp/0.0.0.0:7662      its agent says --robot-connect
+  formation robot six_robots --world mujoco               all of them with mass, and wheels that slip
+  formation robot six_robots --world mujoco --picture end.png
   python -m agent.robots six_robots                       the same as the first"""
 
 NODE = "simulated_robot"
@@ -40,6 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="a robot to simulate; repeatable (default: all followers)",
     )
     parser.add_argument("--seed", type=_seed, default=0, help="of all noise (default: 0)")
+    add_world_flags(parser)
     args = parser.parse_args(arguments)
     return run_process(" ".join(args.robot or ["robots"]), args, lambda stop: _run(args, stop))
 
@@ -47,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(args: argparse.Namespace, stop: Stop) -> None:
     mission = load(args.mission)
     try:
-        world = World(mission, args.robot, args.seed)
+        world, at_the_end = _world(args, mission)
     except ValueError as error:
         raise BadInput(str(error)) from None
     name = " ".join(["robot", *args.robot]) if args.robot else "robots"
@@ -63,6 +71,28 @@ def _run(args: argparse.Namespace, stop: Stop) -> None:
     on_fleet = any(fleet) or bool(args.connect)
     with Process(name, args, config if on_fleet else None, stop, robots) as process:
         host(world, process)
+        at_the_end()
+
+
+def _world(args: argparse.Namespace, mission: Mission) -> tuple[World, Callable[[], None]]:
+    """The robots, and what is left to be done when they have ended. Raises ValueError for what cannot be."""
+    reason = unfit(args)
+    if reason is not None:
+        raise ValueError(reason)
+    if args.world == "kinematic":
+        return World(mission, args.robot, args.seed), lambda: None
+    if args.robot:
+        raise ValueError("--robot: a physics world has all robots of its mission; leave out --robot")
+    for package in NEEDED:
+        if find_spec(package) is None:
+            raise ValueError(f"--world mujoco: this needs {package}: pip install 'formation[physics]'")
+    # MuJoCo reads this when it is loaded; without a picture it need not load what renders
+    os.environ.setdefault("MUJOCO_GL", "egl" if args.picture else "disable")
+    logging.getLogger("OpenGL").setLevel(logging.WARNING)  # it would say what makes it no faster
+    # what only the physics world needs is loaded for nobody else
+    from agent.robots.physics.hosting import in_physics  # noqa: PLC0415
+
+    return in_physics(mission, args.seed, args.picture)
 
 
 def _listened(given: Sequence[str], robots: Sequence[str], default: Endpoints) -> dict[str, str]:

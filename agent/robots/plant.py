@@ -49,9 +49,18 @@ class Plant:
         """Length of the way so far [m]."""
         self._body = body
         self._noise = noise
+        self._time: float | None = None
         # Odometry errs by a share of the path, to a side of the world that is this robot's own.
         self._drift = body.drift * cmath.rect(1.0, noise.uniform(-math.pi, math.pi))
         self._counts_from = (position, heading) if counts_from_here else (0j, 1.0 + 0.0j)
+
+    def go_to(self, time: float) -> None:
+        """Live up to `time` [s, any clock], from the first such time on; time never runs backwards."""
+        if self._time is None:
+            self._time = time
+        if time > self._time:
+            self.advance(time - self._time)
+            self._time = time
 
     def obey(self, command: Command) -> None:
         """Strive for what the firmware makes of `command`."""
@@ -79,6 +88,9 @@ class Plant:
     def seen(self) -> tuple[complex, complex]:
         """Centre [m] and heading as a camera above sees them [world frame]; each call is a new sample."""
         return self._noisy(self.position)
+
+    def cast(self, at: complex, heading: complex, beams: int, farthest: float) -> None:
+        """It is alone in its world: whoever knows of others looks for them."""
 
     def reset_odometry(self) -> None:
         """Have odometry count from here, as a TurtleBot3's `reset_odometry` does."""

@@ -1,6 +1,8 @@
 """Simulated robots on the wire: commands in, odometry, ground truth and local measurements out.
 
-A robot that is localised from outside is seen by a camera above as well, at the rate of its odometry.
+A robot that is localised from outside is seen by a camera above as well, at the rate of its odometry. One
+with a range scanner sees posts, walls and the robots of its own process. They are in the way of who has mass
+(`agent.robots.physics`), and of nobody else.
 
 `World.step(now, inbox) -> outbox` hosts one robot or many, without a clock, a socket or a log. A robot moves
 by the time that really went by, and a command takes hold when it arrived, so neither depends on when the
@@ -10,17 +12,19 @@ world is stepped. As on a TurtleBot3 nothing times out: the last command holds f
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
+from agent.robots.moving import Moving
 from agent.robots.plant import Plant
+from agent.robots.ranging import Ranging
 from formation.mission import Mission
 from formation.neighbour import Track, carried_to, first_seen, seen
 from formation.rate import Rate
 from formation.ros2.messages import Displacement, Odometry, Pose, Twist, TwistStamped, decode, encode
 from formation.simulation.body import Body
-from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSE, POSITION, RELATIVE, Topic
+from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSE, POSITION, RELATIVE, SCAN, Topic
 from formation.unicycle import Command, control_point
 from formation.wire import BadMessage, Now, Outgoing, Sample
 
@@ -30,13 +34,32 @@ FILTER = 0.01
 """Time constant of the leader's velocity between its positions [s]; they come without noise."""
 
 
+def kinematic(mission: Mission, robots: Sequence[str], seed: int) -> dict[str, Plant]:
+    """Robots that do what Eq. (1) says. Their noise does not depend on who else is hosted."""
+    body = Body.of(mission.simulated_robot)
+    plants = {}
+    for name in robots:
+        spec, noise = mission.robots[name], np.random.default_rng([seed, mission.names.index(name)])
+        from_start = spec.odometry_frame == "start"
+        plants[name] = Plant(
+            body, spec.start.position, spec.start.heading, noise, counts_from_here=from_start
+        )
+    return plants
+
+
 class World:
     """Every robot that one process hosts."""
 
-    def __init__(self, mission: Mission, robots: Iterable[str] | None = None, seed: int = 0) -> None:
+    def __init__(
+        self,
+        mission: Mission,
+        robots: Iterable[str] | None = None,
+        seed: int = 0,
+        plants: Callable[[Mission, Sequence[str], int], Mapping[str, Moving]] = kinematic,
+    ) -> None:
         """`robots` are followers, by default all. Raises ValueError for what cannot be simulated here.
 
-        A robot's noise depends on `seed` and its place in the mission, not on who else is hosted.
+        `plants` makes what moves for each of them, from the mission, who they are, and the seed of all noise.
         """
         names = mission.followers if robots is None else tuple(dict.fromkeys(robots))
         _check(mission, names)
@@ -46,8 +69,10 @@ class World:
         self._leader = mission.leader
         self._leader_track: Track | None = None
         self._top_speed = max(1e-3, *(leg.speed for leg in mission.route))
+        moving = plants(mission, names, seed)
         self._hosted = {
-            name: _Robot(mission, name, seed, phase=number / len(names)) for number, name in enumerate(names)
+            name: _Robot(mission, name, moving[name], seed, phase=number / len(names))
+            for number, name in enumerate(names)
         }
         self._by_key = {CMD_VEL.key(name): robot for name, robot in self._hosted.items()}
         self._sees_leader = any(mission.leader in robot.sees for robot in self._hosted.values())
@@ -62,7 +87,8 @@ class World:
             for other in robot.sees
         ]
         cameras = [(POSE, POSE.key(name)) for name, robot in self._hosted.items() if robot.watched]
-        return (*own, *cameras, *sensors)
+        scanners = [(SCAN, SCAN.key(name)) for name, robot in self._hosted.items() if robot.ranging]
+        return (*own, *cameras, *scanners, *sensors)
 
     @property
     def subscriptions(self) -> tuple[str, ...]:
@@ -72,9 +98,9 @@ class World:
     @property
     def due(self) -> float:
         """When the next robot has something to say [s, monotonic]."""
-        return min(robot.rate.due for robot in self._hosted.values())
+        return min(rate.due for robot in self._hosted.values() for rate in robot.rates)
 
-    def plant(self, robot: str) -> Plant:
+    def plant(self, robot: str) -> Moving:
         """The body of a hosted robot, as of the last step."""
         return self._hosted[robot].plant
 
@@ -87,6 +113,8 @@ class World:
                 self.dropped[sample.key] += 1
         outbox: list[Outgoing] = []
         for robot in self._hosted.values():
+            if robot.ranging and robot.ranging.rate.tick(now.mono):
+                outbox.append(self._scanned(robot, robot.ranging, now))
             if robot.rate.tick(now.mono):
                 outbox += self._spoken(robot, now)
         return outbox
@@ -133,6 +161,12 @@ class World:
         outbox.append(Outgoing(GROUND_TRUTH.key(robot.name), encode(truth)))
         return outbox
 
+    def _scanned(self, robot: _Robot, ranging: Ranging, now: Now) -> Outgoing:
+        for one in self._hosted.values():
+            one.go_to(now.mono)
+        others = [one.disc for one in self._hosted.values() if one is not robot]
+        return Outgoing(SCAN.key(robot.name), encode(ranging.scan(now.wall, robot.plant, others)))
+
     def _displacement(self, robot: _Robot, other: str, now: Now) -> complex | None:
         """From `robot`'s control point to the other's [m; robot's frame]; None if it is out of sight."""
         if other == self._leader:
@@ -149,21 +183,32 @@ class World:
 class _Robot:
     """A plant with its clock, its rate and its sensor."""
 
-    def __init__(self, mission: Mission, name: str, seed: int, phase: float) -> None:
+    def __init__(self, mission: Mission, name: str, plant: Moving, seed: int, phase: float) -> None:
         spec = mission.robots[name]
-        noise = np.random.default_rng([seed, mission.names.index(name)])
         self.name = name
-        body = Body.of(mission.simulated_robot)
-        from_start = spec.odometry_frame == "start"
-        self.plant = Plant(body, spec.start.position, spec.start.heading, noise, counts_from_here=from_start)
-        self.odometry_frame = "odom" if from_start else "map"
+        self.plant = plant
+        self.odometry_frame = "odom" if spec.odometry_frame == "start" else "map"
         self.watched = spec.localisation == "external"
         """Whether a camera above tells its position."""
         self.rate = Rate(spec.rate, phase)
+        self.ranging: Ranging | None = None
+        if spec.scanner != "none":
+            seen = np.random.default_rng([seed, mission.names.index(name), 1])
+            self.ranging = Ranging(mission, name, seen, phase)
         self.sees = spec.measurable if spec.measurement == "local" else ()
+        self._radius = spec.radius
         self._stamped = spec.cmd_vel == "twist_stamped"
         self._offset = spec.control_point_offset
-        self._time: float | None = None  # of the plant [s, monotonic]
+
+    @property
+    def rates(self) -> tuple[Rate, ...]:
+        """Of all that it says."""
+        return (self.rate, self.ranging.rate) if self.ranging else (self.rate,)
+
+    @property
+    def disc(self) -> tuple[complex, float]:
+        """Its body, as scanners see it: centre and radius [m; world frame]."""
+        return self.plant.position, self._radius
 
     @property
     def control_point(self) -> complex:
@@ -176,12 +221,8 @@ class _Robot:
         return Command(twist.speed, twist.turn_rate)
 
     def go_to(self, time: float) -> None:
-        """Let the plant live up to `time` [s, monotonic]; time never runs backwards."""
-        if self._time is None:
-            self._time = time
-        if time > self._time:
-            self.plant.advance(time - self._time)
-            self._time = time
+        """Let the plant live up to `time` [s, monotonic]."""
+        self.plant.go_to(time)
 
 
 def _check(mission: Mission, names: Sequence[str]) -> None:

@@ -25,9 +25,9 @@ from deploy.local.plan import Part, Program
 
 STOP_ORDER: tuple[Part, ...] = ("control", "guard", "body", "watch")
 """Agents and leader first: their last words are zero velocity, which the others still have to hear."""
-GRACE: Mapping[Part, float] = {"control": 5.0, "guard": 5.0, "body": 5.0, "watch": 10.0}
+GRACE: Mapping[Part, float] = {"control": 5.0, "guard": 5.0, "body": 15.0, "watch": 10.0}
 """How long a child has to end after it was asked to, before it is killed [s]: a tenth of it, if nobody else
-needs the processors."""
+needs the processors. Robots may have a picture to render at the end."""
 COAST = 1.0
 """How long the robots go on after the agents have ended, so that they come to rest, wheels lag [s]."""
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

@@ -43,13 +43,14 @@ def programs(
     law: str | None = None,
     guards: bool = False,
     page: Sequence[str] = (),
+    world: Sequence[str] = (),
     patience: float = 30.0,
 ) -> tuple[Program, ...]:
     """Every process of `mission`, read from `source` by each of them, in the order of starting.
 
     `parent` is the process whose death ends them all; `guards` adds one for each robot; `page` are the
-    monitor's flags for its page; `patience` [s] is how long they wait for the monitor before they publish
-    anything, so that the recording misses nothing.
+    monitor's flags for its page, `world` those of the simulated robots for theirs; `patience` [s] is how long
+    they wait for the monitor before they publish anything, so that the recording misses nothing.
     """
 
     def program(name: str, part: Part, module: str, *flags: str, links: Links = NO_LINKS) -> Program:
@@ -82,7 +83,7 @@ def programs(
     robots = Links(tuple(where.robots.values()), wiring.of_robots(mission, mission.followers, where).connect)
     return (
         program("monitor", "watch", "monitor", *watch, links=wiring.of_monitor(where)),
-        program("robots", "body", "agent.robots", *wait, links=robots),
+        program("robots", "body", "agent.robots", *world, *wait, links=robots),
         *map(leader, mission.candidates),
         *(guard(name) for name in mission.followers if guards),
         *(agent(name) for name in mission.followers),

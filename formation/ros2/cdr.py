@@ -9,6 +9,7 @@ start at once; tests hold it against that library, byte for byte (docs/decisions
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple, Self
 
@@ -30,11 +31,27 @@ class _Order(NamedTuple):
     """So many of them."""
     time: struct.Struct
     whole: struct.Struct
+    sign: str
 
     @classmethod
     def of(cls, sign: str) -> Self:
         doubles = tuple(struct.Struct(f"{sign}{number}d") for number in range(_MOST))
-        return cls(doubles, struct.Struct(f"{sign}iI"), struct.Struct(f"{sign}I"))
+        return cls(doubles, struct.Struct(f"{sign}iI"), struct.Struct(f"{sign}I"), sign)
+
+
+@lru_cache(maxsize=32)
+def _singles(sign: str, number: int) -> struct.Struct:
+    """So many float32 fields in one byte order; a scanner's scans are all of a length, or nearly."""
+    return struct.Struct(f"{sign}{number}f")
+
+
+def singles(numbers: Sequence[float]) -> tuple[float, ...]:
+    """The numbers as float32 fields keep them. Raises BadMessage for what is too large for these."""
+    spelling = _singles("<", len(numbers))
+    try:
+        return spelling.unpack(spelling.pack(*numbers))
+    except OverflowError:
+        raise BadMessage("a number is too large for single precision") from None
 
 
 _LITTLE, _BIG, _OCTET = _Order.of("<"), _Order.of(">"), struct.Struct("B")
@@ -52,6 +69,10 @@ class Writer:
         """float64 fields that follow each other."""
         data = self._data
         data += bytes((4 - len(data)) % 8) + _LITTLE.doubles[len(numbers)].pack(*numbers)
+
+    def floats(self, numbers: Sequence[float]) -> None:
+        """float32 fields that follow each other; the numbers are such already (`singles`)."""
+        self._data += bytes(-len(self._data) % 4) + _singles("<", len(numbers)).pack(*numbers)
 
     def time(self, seconds: int, nanoseconds: int) -> None:
         """builtin_interfaces/Time."""
@@ -94,6 +115,10 @@ class Reader:
     def doubles(self, number: int) -> tuple[float, ...]:
         """So many float64 fields."""
         return self._numbers(self._order.doubles[number], (self._at + 3 & -8) + 4)
+
+    def floats(self, number: int) -> tuple[float, ...]:
+        """So many float32 fields; who asks for them has seen to it that they are not too many."""
+        return self._numbers(_singles(self._order.sign, number), self._at + 3 & -4)
 
     def time(self) -> tuple[int, int]:
         """builtin_interfaces/Time: seconds and nanoseconds."""

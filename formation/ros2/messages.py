@@ -14,6 +14,7 @@ from typing import ClassVar, Self, TypeVar
 
 from formation.ros2 import ros
 from formation.ros2.cdr import Reader, Writer
+from formation.ros2.laser_scan import LaserScan
 from formation.wire import BadMessage
 
 __all__ = [
@@ -21,6 +22,7 @@ __all__ = [
     "BadMessage",
     "Diagnostics",
     "Displacement",
+    "LaserScan",
     "LogEntry",
     "Message",
     "Number",
@@ -247,8 +249,12 @@ class Text:
         return cls(ros.read_text(source))
 
 
-Message = Odometry | Twist | TwistStamped | Pose | Displacement | Number | Diagnostics | LogEntry | Text
-M = TypeVar("M", Odometry, Twist, TwistStamped, Pose, Displacement, Number, Diagnostics, LogEntry, Text)
+Message = (
+    Odometry | Twist | TwistStamped | Pose | Displacement | Number | Diagnostics | LogEntry | Text | LaserScan
+)
+M = TypeVar(
+    "M", Odometry, Twist, TwistStamped, Pose, Displacement, Number, Diagnostics, LogEntry, Text, LaserScan
+)
 
 
 def encode(message: Message) -> bytes:

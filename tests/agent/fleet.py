@@ -10,14 +10,16 @@ import heapq
 import itertools
 import random
 from collections import defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from agent.core import Agent
-from agent.robots.simulated import World
+from agent.robots.moving import Moving
+from agent.robots.plant import Plant
+from agent.robots.simulated import World, kinematic
 from formation.edges import Edges, formation_error
 from formation.mission import Mission
 from formation.order import OperatorReply, OperatorRequest, encode
@@ -79,6 +81,8 @@ class Fleet:
     meddle: Callable[[Sample], Iterable[Sample]] = lambda sample: (sample,)
     links: dict[tuple[str, str], Link] = field(default_factory=dict)
     """Those that are not as all others: from whom to whom."""
+    plants: Callable[[Mission, Sequence[str], int], Mapping[str, Moving]] = kinematic
+    """What makes what moves for the robots."""
     cuts: set[tuple[str, str]] = field(default_factory=set)
     """Who is not heard by whom."""
     reigns: list[Reign] = field(default_factory=list)
@@ -87,7 +91,7 @@ class Fleet:
 
     def __post_init__(self) -> None:
         self.random = random.Random(self.seed)
-        self.world = World(self.mission, seed=self.seed)
+        self.world = World(self.mission, seed=self.seed, plants=self.plants)
         self.voices = (f"voice{number}" for number in itertools.count())
         self.leader = Leader(self.mission, voice=next(self.voices))
         self.agents = {name: self.new_agent(name) for name in self.mission.followers}
@@ -202,6 +206,12 @@ class Fleet:
         """Formation error of the robots as they really are, now, in the figure that is wanted [m]."""
         slots = np.array(self.in_charge.wanted.slots(self.mission))
         return float(formation_error(Edges(self.mission.graph), np.array(self.points()), slots))
+
+    def plant(self, name: str) -> Plant:
+        """What moves for a kinematic robot."""
+        plant = self.world.plant(name)
+        assert isinstance(plant, Plant)
+        return plant
 
     def points(self) -> list[complex]:
         """The leader, and the robots' control points as they really are, now [m; world frame]."""

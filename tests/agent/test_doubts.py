@@ -112,7 +112,7 @@ def test_odometry_too_rare_to_follow_the_heading_by_never_moves_the_robot() -> N
     fleet.meddle = thin_out
     fleet.run(10.0)
     assert set(commands_since(fleet, "robot3", 0.0)) == {AT_REST}
-    assert fleet.world.plant("robot3").path == 0.0
+    assert fleet.plant("robot3").path == 0.0
 
 
 def test_one_glitch_of_a_robots_odometry_makes_nobody_lurch_who_measures_it() -> None:

@@ -162,11 +162,11 @@ def test_a_camera_that_goes_on_telling_one_and_the_same_place_stops_the_robot(mi
         return (sample._replace(payload=encode(replace(frozen[0], stamp=seen.stamp))),)
 
     fleet.meddle = freeze
-    driven = fleet.world.plant("robot1").path
+    driven = fleet.plant("robot1").path
     fleet.run(10.0)
     assert fleet.last_command("robot1") == AT_REST
     assert "has not changed" in fleet.status("robot1")["reason"]
-    assert fleet.world.plant("robot1").path - driven < 0.15
+    assert fleet.plant("robot1").path - driven < 0.15
     fleet.meddle = lambda sample: (sample,)
     fleet.run(20.0)
     assert fleet.status("robot1")["state"] == "run"
@@ -177,11 +177,11 @@ def test_a_measured_heading_that_stays_flipped_does_not_send_the_robot_the_other
     fleet = Fleet(MEASURED)
     fleet.run(20.0)
     fleet.meddle = changed(POSE.key("robot1"), lambda seen: replace(seen, heading=-seen.heading))
-    driven = fleet.world.plant("robot1").path
+    driven = fleet.plant("robot1").path
     fleet.run(10.0)
     assert fleet.last_command("robot1") == AT_REST
     assert "heading" in fleet.status("robot1")["reason"]
-    assert fleet.world.plant("robot1").path - driven < 0.3
+    assert fleet.plant("robot1").path - driven < 0.3
     fleet.meddle = lambda sample: (sample,)
     fleet.run(20.0)
     assert fleet.status("robot1")["state"] == "run"
@@ -196,12 +196,12 @@ def test_a_marker_that_is_mounted_the_wrong_way_round_is_found_within_half_a_met
     fleet.run(20.0)
     assert fleet.last_command("robot1") == AT_REST
     assert "heading" in fleet.status("robot1")["reason"]
-    assert fleet.world.plant("robot1").path < 0.5
+    assert fleet.plant("robot1").path < 0.5
 
 
 @pytest.mark.parametrize("degrees", [90, 180])
 def test_a_measured_heading_needs_no_start_pose_to_agree_with(degrees: float) -> None:
     fleet = Fleet(MEASURED)
-    fleet.world.plant("robot1").heading *= cmath.rect(1.0, math.radians(degrees))
+    fleet.plant("robot1").heading *= cmath.rect(1.0, math.radians(degrees))
     fleet.run(20.0)
     assert fleet.error() < 0.01

@@ -92,7 +92,7 @@ def test_readonly_says_what_it_would_do_and_winds_nothing_up_while_nothing_moves
     assert said["state"] == "readonly: would run"
     assert said["reason"] == "in formation control"
     assert fleet.last_command("robot1") != AT_REST
-    assert fleet.world.plant("robot1").path == 0.0
+    assert fleet.plant("robot1").path == 0.0
     start = fleet.mission.first_heading("robot1")
     assert agent._here.heading == pytest.approx(start, abs=0.01)  # nothing was learned from going nowhere
     assert all(abs(left) <= 0.01 for left in agent._commander.remainder)

@@ -10,13 +10,14 @@ import numpy as np
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
-from formation.ros2 import ros
+from formation.ros2 import laser_scan, ros
 from formation.ros2.cdr import PADDING
 from formation.ros2.messages import (
     MAX_BYTES,
     BadMessage,
     Diagnostics,
     Displacement,
+    LaserScan,
     LogEntry,
     Message,
     Number,
@@ -82,6 +83,18 @@ FIELDS: Mapping[type, Callable[[Any], tuple[Any, ...]]] = {
     Diagnostics: lambda m: (header(m.stamp, ""), [status(one) for one in m.statuses]),
     LogEntry: lambda m: (stamp(m.stamp), m.level, m.name, m.text, "", m.kind, 0),
     Text: lambda m: (m.text,),
+    LaserScan: lambda m: (
+        header(m.stamp, m.frame),
+        m.angle_min,
+        m.angle_min + m.angle_increment * (len(m.ranges) - 1),
+        m.angle_increment,
+        m.time_increment,
+        m.scan_time,
+        m.range_min,
+        m.range_max,
+        np.array(m.ranges, np.float32),
+        np.array([], np.float32),
+    ),
 }
 """What rosbags takes for each class."""
 
@@ -145,6 +158,29 @@ def _status(raw: Any) -> Status:
     return Status(name, _level(raw.level, (0, 1, 2, 3)), message, hardware_id, values)
 
 
+def _scan(raw: Any) -> tuple[Any, ...]:
+    beams, increment = len(raw.ranges), abs(raw.angle_increment)
+    ros.within("", laser_scan.MAX_ANGLE, raw.angle_min, raw.angle_max, raw.angle_increment)
+    legal = (
+        0.0 <= raw.range_min < raw.range_max <= laser_scan.MAX_RANGE
+        and all(0.0 <= time <= laser_scan.MAX_TIME for time in (raw.time_increment, raw.scan_time))
+        and 1 <= beams <= laser_scan.MAX_BEAMS
+        and len(raw.intensities) in {0, beams}
+        and increment >= laser_scan.FINEST
+        and (beams - 1) * increment <= laser_scan.FULL_TURN
+    )
+    if not legal:
+        raise BadMessage("scan")
+    ranges = np.where(np.isnan(raw.ranges), np.inf, raw.ranges)
+    return (
+        _stamp(raw.header.stamp),
+        *(raw.angle_min, raw.angle_increment, raw.range_min, raw.range_max),
+        tuple(float(distance) for distance in ranges),
+        *(raw.time_increment, raw.scan_time),
+        _text(raw.header.frame_id),
+    )
+
+
 def _number(raw: Any) -> float:
     ros.within("", 1.797_693_134_862_315_7e308, raw.data)
     return float(raw.data)
@@ -173,5 +209,6 @@ READ: Mapping[type, Callable[[Any], tuple[Any, ...]]] = {
         *map(_text, (raw.name, raw.msg, raw.function)),
     ),
     Text: lambda raw: (_text(raw.data),),
+    LaserScan: _scan,
 }
 """The fields of each class, in order."""

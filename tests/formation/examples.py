@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import cmath
+import math
 from typing import Any
 
 from formation.ros2.messages import (
     Diagnostics,
     Displacement,
+    LaserScan,
     LogEntry,
     Message,
     Number,
@@ -35,6 +37,7 @@ EXAMPLES: tuple[Message, ...] = (
     ),
     LogEntry(NOW, 30, "robot2", "held: no fresh neighbour", "held"),
     Text('{"voice":"a"}'),
+    LaserScan(NOW, -0.5, 0.25, 0.125, 3.5, (0.5, math.inf, 0.0, 3.25, -math.inf), 0.03125, 0.25),
 )
 CLASSES: tuple[type[Any], ...] = tuple(type(example) for example in EXAMPLES)
 

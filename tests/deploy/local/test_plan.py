@@ -38,6 +38,20 @@ def test_the_process_table_has_one_process_per_agent_and_links_along_the_graph_o
     assert all("--await-monitor" in one.argv for one in plan if one.name != "monitor")
 
 
+def test_robots_of_another_world_are_one_process_like_the_others_and_agents_are_told_nothing_of_it() -> None:
+    mission = load("six_robots")
+    with Ports(mission) as ports:
+        kinematic, physics = (
+            programs(mission, "six_robots", ports.endpoints, parent=1, record=Path("a.mcap"), world=world)
+            for world in ((), ("--world", "mujoco"))
+        )
+    changed = [(one, other) for one, other in zip(kinematic, physics, strict=True) if one != other]
+    ((one, other),) = changed
+    assert one.name == other.name == "robots"
+    assert flags_of(other.argv, "--world") == ["mujoco"]
+    assert flags_of(other.argv, "-l") == flags_of(one.argv, "-l")
+
+
 def test_each_standby_is_a_leader_process_that_is_linked_with_all_followers_and_whoever_may_lead() -> None:
     mission = load("patrol")
     with Ports(mission) as ports:

@@ -1,0 +1,51 @@
+"""A picture of the physics world, without a window: by EGL or OSMesa, as MUJOCO_GL says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+from PIL import Image
+
+from agent.robots.physics.world import World
+
+WIDTH, HEIGHT = 1280, 960
+"""[pixels]"""
+MARGIN = 0.5
+"""So much room is left around the outermost robots [m]."""
+AWAY = 1.5
+"""How far the camera is away, as a share of the width that it looks at."""
+ELEVATION = -55.0
+"""The camera looks down by so much [deg]."""
+
+
+class NoPicture(Exception):  # noqa: N818 - nothing can be rendered here
+    """This machine cannot render; the text says what it lacks."""
+
+
+class Camera:
+    """Looks at a world from above, aside, so that all its robots are in the picture."""
+
+    def __init__(self, world: World) -> None:
+        """Raises NoPicture where nothing can be rendered."""
+        self._world = world
+        try:
+            self._renderer = mujoco.Renderer(world.model, HEIGHT, WIDTH)
+        except Exception as error:  # noqa: BLE001 - whatever OpenGL's many parts raise
+            raise NoPicture(f"nothing can be rendered here: {type(error).__name__}: {error}") from None
+
+    def save(self, path: Path) -> None:
+        """Write a picture of how the world is now. OSError if it cannot be written."""
+        where = [state.position for state in self._world.states.values()]
+        east, north = [at.real for at in where], [at.imag for at in where]
+        camera = mujoco.MjvCamera()
+        camera.type = mujoco.mjtCamera.mjCAMERA_FREE
+        camera.lookat[:] = (0.5 * (min(east) + max(east)), 0.5 * (min(north) + max(north)), 0.0)
+        camera.distance = AWAY * (2.0 * MARGIN + max(max(east) - min(east), max(north) - min(north)))
+        camera.azimuth, camera.elevation = 90.0, ELEVATION
+        self._renderer.update_scene(self._world.data, camera)
+        Image.fromarray(self._renderer.render()).save(path, format="PNG")
+
+    def close(self) -> None:
+        """Let go of what renders."""
+        self._renderer.close()

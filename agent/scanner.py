@@ -1,0 +1,124 @@
+"""What an agent makes of its robot's range scan: what is in the way, how fast it may go, is it from now.
+
+A scan is put where its robot is by now: by dead reckoning from the speeds that odometry reports, over the
+fraction of a second that a scan is old. That asks for no position and no heading, so neither a heading that
+is still being learned nor odometry that begins to count anew moves a post.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from agent.stream import Stream
+from formation import scan as scans
+from formation.mission import Mission
+from formation.ros2.messages import LaserScan
+from formation.scan import STOOD, Circle, Mate, Motion
+from formation.unicycle import Command, along
+from formation.wire import Now
+from formation.zones import AT_REST, Body, Zone, guarded
+
+HORIZON = 2.0
+"""What is further away is in nobody's way yet [m]."""
+KEPT = 2.0
+"""Speeds older than this are forgotten [s]."""
+LONGEST_SWEEP = 1.0
+"""[s]"""
+
+
+class Moving(NamedTuple):
+    """How the robot has moved from a moment on [s, monotonic]."""
+
+    since: float
+    command: Command
+
+
+class Scanner:
+    """One robot's range scanner. Feed it with `moved` and `take`; ask for the rest when a command is due."""
+
+    def __init__(self, mission: Mission, robot: str) -> None:
+        spec = mission.robots[robot]
+        self.required = spec.scanner == "required"
+        """Whether the robot may not move while it is silent."""
+        self.stream = Stream(spec.scan.rate)
+        self.zone = Zone.CLEAR
+        """What the newest command met."""
+        self._scan, self._radius = spec.scan, spec.radius
+        self._body = Body(spec.radius, spec.scan.margin, spec.scan.lag)
+        self._period, longest = 1.0 / spec.rate, 2.0 * self.stream.limit
+        zone = spec.radius + spec.scan.margin + spec.max_speed * (longest + self._period + spec.scan.lag)
+        # what is further away than this cannot matter before the next scan
+        self._reach = max(HORIZON, zone) + spec.max_speed * longest
+        self._moves: deque[Moving] = deque()
+        self._circles: list[Circle] = []  # of the newest scan [m; body frame at its end]
+        self._ended = 0.0  # [s, monotonic]
+
+    def moved(self, moment: float, moving: Command) -> None:
+        """The robot said at `moment` [s, monotonic] that it goes so fast, or nobody knows better."""
+        while len(self._moves) > 1 and self._moves[1].since < moment - KEPT:
+            self._moves.popleft()
+        self._moves.append(Moving(moment, moving))
+
+    def take(self, scan: LaserScan, arrived: float, now: Now) -> None:
+        """Learn from a scan. Raises BadMessage for one whose stamp does not follow from the last."""
+        self.stream.admit(scan.stamp, arrived, now)
+        says = scan.time_increment * (len(scan.ranges) - 1)
+        sweep = min(says if self._scan.sweep is None else self._scan.sweep, LONGEST_SWEEP)
+        began = now.mono - self.stream.age(now)
+        self._ended = min(began + sweep, arrived)
+        motion = self._motion(began, self._ended) if sweep else STOOD
+        hits = scans.points(scan, self._scan.mount, self._radius, motion)
+        found = scans.circles(hits, scan.angle_increment)
+        self._circles = [circle for circle in found if abs(circle.at) - circle.radius < self._reach]
+
+    def fresh(self, now: Now) -> bool:
+        """Whether there is a scan that is believed."""
+        return self.stream.fresh(now)
+
+    def silence(self, now: Now) -> float:
+        """For how long a scan has been missing that the robot may not move without [s]; else 0."""
+        return self.stream.silence(now) if self.required else 0.0
+
+    def strangers(self, now: Now, mates: Sequence[Mate]) -> list[Circle]:
+        """What was seen and is none of `mates` [body frame, now]; nothing by a scan that is old.
+
+        `mates` are those of the team whose places are known from elsewhere, and who are minded there.
+        """
+        if not self.fresh(now):
+            return []
+        return scans.strangers(scans.carried(self._circles, self._went(self._ended, now.mono)), mates)
+
+    def guarded(self, command: Command, strangers: Sequence[Circle], now: Now) -> Command:
+        """The command, slowed as the protective zones ask for `strangers`.
+
+        It is taken to last for as long as the scan is old and a period more, so that what has come nearer
+        meanwhile, as fast as the robot itself, is minded as well.
+        """
+        moving = self._moves[-1].command if self._moves else AT_REST
+        hold = max(0.0, now.mono - self._ended) + self._period
+        seen = [point for circle in strangers for point in circle.points]
+        command, self.zone = guarded(command, moving, seen, self._body, hold)
+        return command
+
+    def _motion(self, begin: float, end: float) -> Motion:
+        """Way and turn from one moment to another [s, monotonic]."""
+        each = self._during(begin, end)
+        return Motion(sum(t * c.speed for t, c in each), sum(t * c.turn_rate for t, c in each))
+
+    def _went(self, begin: float, end: float) -> tuple[complex, complex]:
+        pose = 0j, 1.0 + 0.0j
+        for time, command in self._during(begin, end):
+            pose = along(*pose, command.speed * time, command.turn_rate * time)
+        return pose
+
+    def _during(self, begin: float, end: float) -> list[tuple[float, Command]]:
+        """What it did for how long [s]; before the first that is known, it stood."""
+        spans = []
+        for move in reversed(self._moves):
+            time = end - max(move.since, begin)
+            if time > 0.0:
+                spans.append((time, move.command))
+            end = min(end, move.since)
+        return spans[::-1]

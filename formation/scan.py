@@ -1,0 +1,176 @@
+"""From the beams of a range scan to circles that hold what they hit; not in the paper.
+
+Pure, in plain numbers. A beam becomes a point in the body frame at the end of its sweep; points that follow
+each other are held by small circles, the smaller the nearer they are. So a post is one circle or two, and a
+wall a chain of them that bulges towards the robot by a tenth of its distance at most. Every point is in a
+circle, whatever was lost between two of them: noise and lost beams make more circles, never a gap in what
+was seen. Circles that lie where a team mate says to be are that mate, all others are strangers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+from formation.avoidance import Obstacle
+from formation.plane import rotation
+from formation.ros2.laser_scan import LaserScan
+from formation.unicycle import along
+
+SHARE, SMALLEST = 0.1, 0.03
+"""A circle is no larger than this share of its distance, or than this where that is less [m]."""
+ASTRAY = 0.1
+"""So far from where it says to be a team mate may be seen [m]: odometry drifts, ranges are noisy."""
+SECTORS = 16
+"""Directions, of each of which the nearest circle is minded."""
+
+
+class Mount(NamedTuple):
+    """Where a scanner sits on its robot."""
+
+    at: complex = 0j
+    """[m; body frame]"""
+    heading: complex = 1.0 + 0.0j
+    """Of its x axis, unit [body frame]."""
+
+
+class Motion(NamedTuple):
+    """How a body has moved, along an arc."""
+
+    distance: float
+    """Signed length [m]."""
+    turn: float
+    """[rad]"""
+
+
+STOOD = Motion(0.0, 0.0)
+
+
+class Circle(NamedTuple):
+    """What holds points that a scan has hit next to each other."""
+
+    at: complex
+    """Centre [m; body frame]."""
+    radius: float
+    """[m]"""
+    points: tuple[complex, ...] = ()
+    """What it holds [m; body frame]."""
+
+
+class Mate(NamedTuple):
+    """A team mate as it tells where it is."""
+
+    name: str
+    at: complex
+    """Centre [m; body frame]."""
+    radius: float
+    """Of its body [m]."""
+
+
+def points(scan: LaserScan, mount: Mount, body_radius: float, motion: Motion = STOOD) -> list[complex]:
+    """Where the beams hit, in the order of the beams [m; body frame at the last beam].
+
+    `motion` is that of the body from the first beam to the last. What lies within `body_radius` [m] of the
+    robot's centre is its own body.
+    """
+    nearest, furthest, sits = scan.range_min, scan.range_max, mount.at
+    rays = _rays(scan.angle_min, scan.angle_increment, len(scan.ranges), mount.heading)
+    found = []
+    last = max(1, len(rays) - 1)
+    for number, distance in enumerate(scan.ranges):
+        if distance == -math.inf:  # something is there, and nearer than the scanner can tell
+            distance = nearest  # noqa: PLW2901
+        if not nearest <= distance <= furthest:
+            continue
+        point = sits + distance * rays[number]
+        if abs(point) <= body_radius:
+            continue
+        if motion is not STOOD:
+            back = number / last - 1.0
+            position, heading = along(0j, 1.0 + 0.0j, back * motion.distance, back * motion.turn)
+            point = position + heading * point
+        found.append(point)
+    return found
+
+
+def circles(found: Iterable[complex], increment: float) -> list[Circle]:
+    """Small circles that hold all points of a scan, `increment` [rad] from beam to beam.
+
+    They reach past their outermost points by half the distance of two beams, for what stands between two.
+    """
+    half = 0.5 * abs(increment)
+    return [_around(chunk, half) for chunk in _chunks(found)]
+
+
+def carried(found: Sequence[Circle], motion: tuple[complex, complex]) -> list[Circle]:
+    """The circles as a body sees them that has moved since, to the pose `motion` in the frame of then."""
+    position, heading = motion
+    back = heading.conjugate()
+    return [
+        Circle(back * (at - position), radius, tuple([back * (point - position) for point in held]))
+        for at, radius, held in found
+    ]
+
+
+def mate(circle: Circle, mates: Iterable[Mate]) -> str | None:
+    """Which of the team it is; None for a stranger, and for what only touches a mate."""
+    for one in mates:
+        if abs(circle.at - one.at) + circle.radius <= one.radius + ASTRAY:
+            return one.name
+    return None
+
+
+def strangers(found: Iterable[Circle], mates: Sequence[Mate]) -> list[Circle]:
+    """Those that are no team mates: what the network knows nothing of."""
+    return [circle for circle in found if mate(circle, mates) is None]
+
+
+def obstacles(found: Iterable[Circle], within: float) -> tuple[Obstacle, ...]:
+    """The nearest circle in each of `SECTORS` directions that is nearer than `within` [m], nearest first.
+
+    They have right of way, for they do not know of this robot, and are taken to stand: along a wall the
+    difference of two scans is noise and not a velocity.
+    """
+    nearest: dict[int, tuple[float, Circle]] = {}
+    for circle in found:
+        clearance = abs(circle.at) - circle.radius
+        sector = int(math.atan2(circle.at.imag, circle.at.real) / math.tau * SECTORS + SECTORS) % SECTORS
+        if clearance < within and (sector not in nearest or clearance < nearest[sector][0]):
+            nearest[sector] = clearance, circle
+    ordered = sorted(nearest.values(), key=lambda one: one[0])
+    return tuple(Obstacle(circle.at, circle.radius, 0j, True) for _, circle in ordered)
+
+
+@lru_cache(maxsize=8)
+def _rays(first: float, increment: float, beams: int, heading: complex) -> tuple[complex, ...]:
+    """Directions of all beams, unit [body frame]; a scanner's are the same with every scan."""
+    return tuple(heading * rotation(first + number * increment) for number in range(beams))
+
+
+def _chunks(found: Iterable[complex]) -> Iterator[list[complex]]:
+    """Points that follow each other, as many as a small circle holds."""
+    chunk: list[complex] = []
+    left = right = low = high = limit = 0.0
+    for point in found:
+        x, y = point.real, point.imag
+        if chunk:
+            west, east, south, north = min(left, x), max(right, x), min(low, y), max(high, y)
+            if (east - west) * (east - west) + (north - south) * (north - south) <= limit:
+                left, right, low, high = west, east, south, north
+                chunk.append(point)
+                continue
+            yield chunk
+        chunk, left, right, low, high = [point], x, x, y, y
+        limit = 4.0 * max(SMALLEST, SHARE * abs(point)) ** 2  # of a diagonal, squared
+    if chunk:
+        yield chunk
+
+
+def _around(chunk: Sequence[complex], half: float) -> Circle:
+    """A circle around the middle of the points' bounding box."""
+    xs, ys = [point.real for point in chunk], [point.imag for point in chunk]
+    centre = complex(0.5 * (min(xs) + max(xs)), 0.5 * (min(ys) + max(ys)))
+    reach = max([abs(point - centre) for point in chunk])
+    return Circle(centre, reach + half * abs(centre), tuple(chunk))

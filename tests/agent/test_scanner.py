@@ -1,0 +1,221 @@
+"""An agent's view of its range scan, with scans that are old, noisy, swept on the way, or missing."""
+
+from __future__ import annotations
+
+import cmath
+import math
+import random
+from collections.abc import Sequence
+
+import pytest
+
+from agent.scanner import HORIZON, Scanner
+from formation.mission import Mission
+from formation.mission_file import parse, read
+from formation.raycast import Scanner as Device
+from formation.raycast import cast, measured
+from formation.ros2.messages import BadMessage, LaserScan, decode, encode
+from formation.scan import Mate, obstacles
+from formation.simulation.body import Body, driven
+from formation.unicycle import Command, advance
+from formation.wire import Now
+from formation.zones import Zone
+
+EPOCH, STEP, PERIOD = 1.7e9, 0.01, 0.05
+LAG, RADIUS, MARGIN = 0.1, 0.1, 0.05
+Wall = tuple[complex, complex]
+Disc = tuple[complex, float]
+
+
+def mission(scanner: str = "required", scan: str = "") -> Mission:
+    text, name = read("six_robots")
+    robot = f'[robot]\nscanner = "{scanner}"\nscan = {{ margin = {MARGIN}, lag = {LAG}{scan} }}'
+    return parse(text.replace("[robot]", robot), name)
+
+
+def at(mono: float) -> Now:
+    return Now(mono, EPOCH + mono)
+
+
+def scan(stamp: float, ranges: Sequence[float], time_increment: float = 0.0) -> LaserScan:
+    step = math.tau / len(ranges)
+    return LaserScan(EPOCH + stamp, 0.0, step, 0.12, 3.5, tuple(ranges), time_increment)
+
+
+def post(distance: float) -> list[float]:
+    """A scan with one thing straight ahead."""
+    return [distance, *[math.inf] * 359]
+
+
+class Robot:
+    """A disc with a scanner and an agent's view of it, among posts and walls."""
+
+    def __init__(
+        self, discs: Sequence[Disc] = (), walls: Sequence[Wall] = (), way: float = 0.0, **device: float
+    ) -> None:
+        self.scanner = Scanner(mission(), "robot2")
+        self.position, self.heading, self.moving, self.time = 0j, 1.0 + 0j, Command(0.0, 0.0), 0.0
+        self.discs, self.walls, self.way = discs, walls, way
+        self.device = Device(**device)  # type: ignore[arg-type]
+        self.rng = random.Random(3)
+        self.nearest = math.inf
+        self._underway: list[LaserScan] = []
+
+    def drive(self, wanted: Command, seconds: float) -> None:
+        """Do as told, as far as the scans allow."""
+        body = Body(lag=LAG)
+        command = Command(0.0, 0.0)
+        for _ in range(round(seconds / STEP)):
+            tick = round(self.time / STEP)
+            if tick % 20 == 0:
+                self._underway.append(self.look())
+            while self._underway and self.time >= self._underway[0].stamp - EPOCH + self.way - 1e-9:
+                self.scanner.take(self._underway.pop(0), self.time, at(self.time))
+            if tick % 5 == 0:
+                self.scanner.moved(self.time, self.moving)
+                now = at(self.time)
+                strangers = self.scanner.strangers(now, [])
+                command = self.scanner.guarded(wanted, strangers, now) if self.scanner.fresh(now) else command
+            mean, self.moving = driven(body, self.moving, command, STEP)
+            self.position, self.heading = advance(self.position, self.heading, *mean, STEP)
+            self.time += STEP
+            self.nearest = min(self.nearest, *self.gaps())
+
+    def gaps(self) -> list[float]:
+        """How far body and things are apart."""
+        gaps = [abs(centre - self.position) - radius - RADIUS for centre, radius in self.discs]
+        for begin, end in self.walls:
+            along = (self.position - begin) / (end - begin)
+            foot = begin + min(max(along.real, 0.0), 1.0) * (end - begin)
+            gaps.append(abs(foot - self.position) - RADIUS)
+        return gaps
+
+    def look(self) -> LaserScan:
+        true = cast(self.position, self.heading, self.discs, self.walls, 360)
+        normal = [self.rng.gauss(0.0, 1.0) for _ in true]
+        uniform = [self.rng.random() for _ in true]
+        said = scan(self.time, measured(true, self.device, normal, uniform))
+        return decode(LaserScan, encode(said))
+
+
+# How fast it may go
+
+
+@pytest.mark.parametrize("speed", [0.2, 0.7, 1.5, -0.7])
+@pytest.mark.parametrize("way", [0.0, 0.1])
+def test_it_stops_before_a_wall_and_a_post_with_old_noisy_and_lossy_scans(speed: float, way: float) -> None:
+    ahead = math.copysign(2.5, speed)
+    robot = Robot([(ahead + 0j, 0.1)], [(ahead - 3j, ahead + 3j)], way, lost=0.1)
+    robot.drive(Command(speed, 0.0), 25.0)
+    assert 0.0 < robot.nearest < MARGIN + 0.1
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_whatever_it_is_told_it_touches_nothing_that_it_can_see(seed: int) -> None:
+    rng = random.Random(seed)
+    discs = [(cmath.rect(rng.uniform(0.5, 1.8), rng.uniform(0, math.tau)), 0.08) for _ in range(6)]
+    walls = [(-2 - 2j, 2 - 2j), (2 - 2j, 2 + 2j), (2 + 2j, -2 + 2j), (-2 + 2j, -2 - 2j)]
+    robot = Robot(discs, walls, noise=0.003, relative_noise=0.003)
+    for _ in range(25):
+        robot.drive(Command(rng.uniform(-0.5, 0.8), rng.uniform(-1.5, 1.5)), rng.uniform(0.1, 1.5))
+    assert robot.nearest > 0.0
+
+
+def test_along_a_wall_and_through_a_doorway_it_goes_on() -> None:
+    robot = Robot(walls=[(-1 + 0.25j, 6 + 0.25j)], noise=0.002, relative_noise=0.0)
+    robot.drive(Command(0.3, 0.0), 10.0)
+    assert robot.position.real > 2.5
+    robot = Robot(walls=[(1 - 3j, 1 - 0.3j), (1 + 0.3j, 1 + 3j)], noise=0.002, relative_noise=0.0)
+    robot.drive(Command(0.3, 0.0), 10.0)
+    assert robot.position.real > 2.5
+
+
+def test_a_team_mate_that_is_minded_elsewhere_does_not_slow_it() -> None:
+    scanner, fast = Scanner(mission(), "robot2"), Command(1.5, 0.0)
+    scanner.moved(0.0, fast)
+    scanner.take(scan(0.0, post(0.28)), 0.0, at(0.0))
+    for mates, zone in (([Mate("robot3", 0.38 + 0j, 0.1)], Zone.CLEAR), ([], Zone.STOP)):
+        scanner.guarded(fast, scanner.strangers(at(0.0), mates), at(0.0))
+        assert scanner.zone is zone
+
+
+# Where things are
+
+
+def test_what_stands_stays_where_it_is_while_the_robot_goes_on() -> None:
+    robot = Robot([(1.5 + 0.3j, 0.1)], noise=0.0, relative_noise=0.0)
+    robot.drive(Command(0.4, 0.5), 0.99)  # nearly a scan's period after the last
+    (circle, *_) = robot.scanner.strangers(at(robot.time), [])
+    there = robot.position + robot.heading * circle.at
+    assert abs(there - (1.5 + 0.3j)) < 0.12
+
+
+def test_a_swept_scan_is_put_where_its_last_beam_was() -> None:
+    scanner = Scanner(mission(), "robot2")
+    turning = Command(0.0, 1.0)
+    for moment in (0.0, 0.1, 0.2, 0.3):
+        scanner.moved(moment, turning)
+    scanner.take(scan(0.0, post(1.0), time_increment=0.2 / 359), 0.25, at(0.25))
+    (circle,) = scanner.strangers(at(0.25), [])
+    assert cmath.phase(circle.at) == pytest.approx(-0.25)  # of the first beam, a quarter of a second ago
+
+
+def test_the_mission_knows_better_how_long_a_sweep_takes_than_a_driver_that_is_wrong() -> None:
+    ends = []
+    for sweep in ("", ", sweep = 0.2"):
+        scanner = Scanner(mission(scan=sweep), "robot2")
+        scanner.moved(0.0, Command(0.0, 1.0))
+        ranges = [*[math.inf] * 359, 1.0]
+        scanner.take(scan(0.0, ranges, time_increment=3e-5), 0.2, at(0.2))
+        (circle,) = scanner.strangers(at(0.2), [])
+        ends.append(cmath.phase(circle.at))
+    last = -math.tau / 360
+    assert ends == pytest.approx([last - 0.2 + 359 * 3e-5, last], abs=1e-6)
+
+
+def test_only_what_is_near_becomes_an_obstacle() -> None:
+    scanner = Scanner(mission(), "robot2")
+    scanner.take(scan(0.0, [1.0, *[math.inf] * 179, 3.4, *[math.inf] * 179]), 0.0, at(0.0))
+    (one,) = obstacles(scanner.strangers(at(0.0), []), HORIZON)
+    assert one.at == pytest.approx(1.0)
+
+
+def test_a_circle_knows_what_it_holds_wherever_the_robot_goes() -> None:
+    scanner = Scanner(mission(), "robot2")
+    scanner.moved(0.0, Command(0.5, 0.3))
+    scanner.take(scan(0.0, [1.0, 1.0, 1.0, *[math.inf] * 357]), 0.0, at(0.0))
+    (circle,) = scanner.strangers(at(0.4), [])
+    assert len(circle.points) == 3
+    assert all(abs(point - circle.at) <= circle.radius for point in circle.points)
+
+
+# Whether it is from now
+
+
+def test_a_required_scanner_is_missed_and_an_optional_one_is_not() -> None:
+    for says, missed in (("required", math.inf), ("optional", 0.0), ("none", 0.0)):
+        assert Scanner(mission(says), "robot2").silence(at(5.0)) == missed
+
+
+def test_a_scanner_that_falls_silent_is_missed_after_three_of_its_periods() -> None:
+    scanner = Scanner(mission(), "robot2")
+    scanner.take(scan(1.0, post(0.5)), 1.0, at(1.0))
+    assert scanner.stream.limit == pytest.approx(0.6)
+    assert scanner.silence(at(1.5)) == pytest.approx(0.5)
+    assert scanner.strangers(at(1.5), [])
+    assert scanner.silence(at(1.7)) > scanner.stream.limit
+    assert scanner.strangers(at(1.7), []) == []
+
+
+def test_a_replayed_scan_is_refused() -> None:
+    scanner = Scanner(mission(), "robot2")
+    scanner.take(scan(1.0, post(0.5)), 1.0, at(1.0))
+    with pytest.raises(BadMessage, match="out of step"):
+        scanner.take(scan(1.0, post(0.5)), 1.2, at(1.2))
+
+
+def test_the_scanner_sits_where_the_mission_says() -> None:
+    scanner = Scanner(mission(scan=", x = -0.05, y = 0.02, yaw_deg = 90"), "robot2")
+    scanner.take(scan(0.0, post(1.0)), 0.0, at(0.0))
+    (circle,) = scanner.strangers(at(0.0), [])
+    assert circle.at == pytest.approx(-0.05 + 1.02j)

@@ -1,0 +1,22 @@
+"""`formation run --world mujoco` for real: the same processes, but for the one in which the robots are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.processes.launched import result_of, started
+
+pytestmark = [pytest.mark.processes, pytest.mark.physics]
+
+
+def test_the_papers_turtlebots_converge_when_they_have_mass(tmp_path: Path) -> None:
+    flags = ("--world", "mujoco", "--duration", "15", "--record", "run.mcap")
+    with started("turtlebot3_pair", *flags, folder=tmp_path) as process:
+        result = result_of(process)
+    assert set(result["processes"]) == {"monitor", "robots", "leader", "agent robot1", "agent robot2"}
+    assert {name: one["exit"] for name, one in result["processes"].items() if one["exit"] != 0} == {}
+    assert process.returncode == 0
+    assert result["converged"]
+    assert result["formation_error"] < 0.05
