@@ -14,6 +14,7 @@ from typing import NamedTuple
 from agent.stream import Stream
 from formation import scan as scans
 from formation.mission import Mission
+from formation.neighbour import FRESH_PERIODS
 from formation.ros2.messages import LaserScan
 from formation.scan import STOOD, Circle, Mate, Motion
 from formation.unicycle import Command, along
@@ -47,8 +48,9 @@ class Scanner:
         """What the newest command met."""
         self._scan, self._radius = spec.scan, spec.radius
         self._body = Body(spec.radius, spec.scan.margin, spec.scan.lag)
-        self._period, longest = 1.0 / spec.rate, 2.0 * self.stream.limit
-        zone = spec.radius + spec.scan.margin + spec.max_speed * (longest + self._period + spec.scan.lag)
+        self._lasts = FRESH_PERIODS / spec.rate  # a command at most, then the guard stops the robot [s]
+        longest = 2.0 * self.stream.limit
+        zone = spec.radius + spec.scan.margin + spec.max_speed * (longest + self._lasts + spec.scan.lag)
         # what is further away than this cannot matter before the next scan
         self._reach = max(HORIZON, zone) + spec.max_speed * longest
         self._moves: deque[Moving] = deque()
@@ -84,20 +86,24 @@ class Scanner:
     def strangers(self, now: Now, mates: Sequence[Mate]) -> list[Circle]:
         """What was seen and is none of `mates` [body frame, now]; nothing by a scan that is old.
 
-        `mates` are those of the team whose places are known from elsewhere, and who are minded there.
+        `mates` are those of the team whose places now are known from elsewhere, and who are minded there;
+        they are looked for where they were when the scan was made.
         """
         if not self.fresh(now):
             return []
-        return scans.strangers(scans.carried(self._circles, self._went(self._ended, now.mono)), mates)
+        age = now.mono - self._ended
+        then = [mate._replace(at=mate.at - age * mate.velocity) for mate in mates]
+        return scans.strangers(scans.carried(self._circles, self._went(self._ended, now.mono)), then)
 
     def guarded(self, command: Command, strangers: Sequence[Circle], now: Now) -> Command:
         """The command, slowed as the protective zones ask for `strangers`.
 
-        It is taken to last for as long as the scan is old and a period more, so that what has come nearer
-        meanwhile, as fast as the robot itself, is minded as well.
+        It is taken to last until the guard would end it, so that the robot stops in time though this agent
+        dies; and for as long as the scan is old, so that what has come nearer meanwhile, as fast as the robot
+        itself, is minded as well.
         """
         moving = self._moves[-1].command if self._moves else AT_REST
-        hold = max(0.0, now.mono - self._ended) + self._period
+        hold = max(0.0, now.mono - self._ended) + self._lasts
         seen = [point for circle in strangers for point in circle.points]
         command, self.zone = guarded(command, moving, seen, self._body, hold)
         return command

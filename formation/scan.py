@@ -67,6 +67,8 @@ class Mate(NamedTuple):
     """Centre [m; body frame]."""
     radius: float
     """Of its body [m]."""
+    velocity: complex = 0j
+    """[m/s; body frame]"""
 
 
 def points(scan: LaserScan, mount: Mount, body_radius: float, motion: Motion = STOOD) -> list[complex]:

@@ -139,6 +139,14 @@ def test_a_team_mate_that_is_minded_elsewhere_does_not_slow_it() -> None:
         assert scanner.zone is zone
 
 
+def test_a_team_mate_is_known_that_has_gone_on_since_the_scan() -> None:
+    scanner = Scanner(mission(), "robot2")
+    scanner.take(scan(0.0, post(1.0)), 0.0, at(0.0))
+    gone_on = Mate("robot3", 1.1 + 0.3j, 0.1, velocity=1j)
+    assert scanner.strangers(at(0.3), [gone_on]) == []
+    assert scanner.strangers(at(0.3), [gone_on._replace(velocity=0j)])
+
+
 # Where things are
 
 

@@ -19,7 +19,8 @@ def six(text: str = "", robot: str = "") -> Mission:
 def test_a_mission_that_says_nothing_has_no_scanners_and_an_empty_world() -> None:
     mission = six()
     assert {robot.scanner for robot in mission.robots.values()} == {"none"}
-    assert mission.simulation.posts == mission.simulation.walls == ()
+    assert mission.simulation.posts == ()
+    assert mission.simulation.walls == ()
 
 
 def test_a_simulated_scanner_is_an_lds_01_unless_the_mission_says_otherwise() -> None:
