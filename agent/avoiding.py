@@ -1,21 +1,25 @@
 """Out of whose way a robot gets, and what the collision filter makes of what the law wants.
 
 It minds the bodies of those whom it may measure and of those whom its mission has it mind; of the latter it
-hears positions for nothing else. Who has fallen silent is taken to be within what it can have moved of where
-it was last seen, for as long as this agent runs: what is not heard of may well stand there. Of who was never
-heard nothing is known; the status names it.
+hears positions for nothing else. And whatever its range scan sees that is none of them, if it has one. Who
+has fallen silent is taken to be within what it can have moved of where it was last seen, for as long as this
+agent runs: what is not heard of may well stand there. Of who was never heard nothing is known; the status
+names it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from agent.localisation import Localisation
 from agent.neighbourhood import Neighbour, Neighbourhood
+from agent.scanner import HORIZON, Scanner
+from formation import scan
 from formation.avoidance import LAG, Avoidance, Manners, Obstacle, avoid, brake
 from formation.mission import Mission
 from formation.neighbour import uncertain
+from formation.scan import Circle, Mate
 from formation.unicycle import Command
 from formation.wire import Now
 
@@ -36,6 +40,8 @@ class Avoiding:
             if name not in spec.measurable and self.mode != "off"
         }
         """Those whom it minds without measuring them."""
+        self.scanner = Scanner(mission, robot) if spec.scanner != "none" else None
+        """What is in the way whoever it is; its protective zones do not ask for the mode or the law."""
         self.memory = Avoidance()
         self.avoided = 0
         """So many commands were changed, or would have been."""
@@ -49,6 +55,8 @@ class Avoiding:
         self._manners = Manners(
             spec.radius, mission.collisions.margin, spec.longest_command + LAG * mission.collisions.lag
         )
+        # what it goes round it passes at the distance that its protective zones ask for
+        self._wider = max(0.0, spec.scan.margin - mission.collisions.margin)
 
     def command(
         self, wanted: Command, along: complex, here: Localisation, around: Neighbourhood, now: Now, dt: float
@@ -58,19 +66,30 @@ class Avoiding:
         Those it follows move `along` [m/s; body frame]. And what is to be made of any other command that
         comes about of it.
         """
-        if not self._minded:
+        if not self._minded and self.scanner is None:
             return wanted, None
         known = self._known(around)
-        obstacles = [self._obstacle(name, one, here, now) for name, one in known.items()]
-        doubt = 0.0 if all(self._sensed(name) for name in known) else here.course_doubt
-        done, self.memory = avoid(
-            wanted, obstacles, self._manners, self._limits, along, doubt, self.memory, dt
-        )
+        obstacles = {name: self._obstacle(name, one, here, now) for name, one in known.items()}
+        strangers = self._strangers(obstacles, known, now)
+        minded, done = [*obstacles.values(), *self._seen(strangers)], wanted
+        if self.mode != "off":
+            done, self.memory = avoid(wanted, minded, self._manners, self._limits, along, self.memory, dt)
         self.acting = done != wanted
         self.avoided += self.acting
-        if self.mode == "warn":
-            return wanted, None
-        return done, partial(brake, obstacles=obstacles, manners=self._manners, doubt=doubt)
+        braked = minded if self.mode == "on" else []
+
+        def safe(command: Command) -> Command:
+            command = brake(command, braked, self._manners)
+            return command if self.scanner is None else self.scanner.guarded(command, strangers, now)
+
+        return done if self.mode == "on" else wanted, safe
+
+    @property
+    def blind_at(self) -> float:
+        """When a scanner that is required counts as silent, if nothing comes [s, monotonic]."""
+        return (
+            self.scanner.stream.stale_at if self.scanner is not None and self.scanner.required else math.inf
+        )
 
     def rested(self) -> None:
         """The robot does not drive: nothing keeps it from moving."""
@@ -78,22 +97,42 @@ class Avoiding:
 
     def words(self, around: Neighbourhood) -> dict[str, str]:
         """What the status says of it."""
-        if not self._minded:
-            return {}
-        unseen = set(self._minded).difference(self._known(around))
-        does = "gets out of the way" if self.mode == "on" else "would get out of the way"
-        return {
-            "collisions": f"{self.mode}: {does if self.acting else 'clear'}",
-            "minds": ", ".join(self._minded),
-            **({"minds unseen": ", ".join(sorted(unseen))} if unseen else {}),
-            "avoided": str(self.avoided),
-            "deadlocks": str(self.memory.deadlocks),
-        }
+        said = {}
+        if self._minded or (self.scanner is not None and self.mode != "off"):
+            unseen = set(self._minded).difference(self._known(around))
+            does = "gets out of the way" if self.mode == "on" else "would get out of the way"
+            said = {
+                "collisions": f"{self.mode}: {does if self.acting else 'clear'}",
+                "minds": ", ".join(self._minded),
+                **({"minds unseen": ", ".join(sorted(unseen))} if unseen else {}),
+                "avoided": str(self.avoided),
+                "deadlocks": str(self.memory.deadlocks),
+            }
+        if self.scanner is not None:
+            said["protective zone"] = str(self.scanner.zone)
+        return said
 
     def _known(self, around: Neighbourhood) -> dict[str, Neighbour]:
         """Those who were heard, or seen, at least once."""
         all_of_them = {name: self.others.get(name) or around.each[name] for name in self._minded}
         return {name: one for name, one in all_of_them.items() if one.stream.arrived is not None}
+
+    def _strangers(
+        self, obstacles: Mapping[str, Obstacle], known: Mapping[str, Neighbour], now: Now
+    ) -> list[Circle]:
+        """What is seen and is nobody who is minded anyway, because it tells where it is [body frame]."""
+        if self.scanner is None:
+            return []
+        mates = [
+            Mate(name, one.at, one.radius, one.velocity)
+            for name, one in obstacles.items()
+            if self.mode == "on" and known[name].stream.fresh(now)
+        ]
+        return self.scanner.strangers(now, mates)
+
+    def _seen(self, strangers: Sequence[Circle]) -> Iterator[Obstacle]:
+        for one in scan.obstacles(strangers, HORIZON):
+            yield one._replace(radius=one.radius + self._wider)
 
     def _sensed(self, name: str) -> bool:
         """Whether a sensor sees it, which does not mind which way the robot faces in the world."""
@@ -110,9 +149,14 @@ class Avoiding:
                 spec.radius + spec.control_point_offset + unsure,
                 here.heading.conjugate() * one.velocity,
                 self._first[name],
+                0.0,
             )
         at, velocity = one.body(now, my_age)
         facing = here.course.conjugate()
         return Obstacle(
-            facing * (at - here.position), spec.radius + unsure, facing * velocity, self._first[name]
+            facing * (at - here.position),
+            spec.radius + unsure,
+            facing * velocity,
+            self._first[name],
+            here.course_doubt,
         )

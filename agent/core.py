@@ -8,6 +8,7 @@ law, command, at once. A step without that only watches for silence.
 from __future__ import annotations
 
 import cmath
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
@@ -22,6 +23,7 @@ from agent.latch import Latch
 from agent.localisation import Localisation
 from agent.neighbourhood import Neighbour, Neighbourhood
 from agent.orders import Orders
+from agent.scanner import Scanner
 from agent.slots import Slots
 from agent.status import Report, Surroundings, status
 from agent.tuning import Tuning
@@ -29,8 +31,8 @@ from formation import order
 from formation.law import LAWS, error, unwound
 from formation.mission import Mission
 from formation.order import LONGEST_REASON, Ballot, Told
-from formation.ros2.messages import Displacement, Odometry, Pose, Text, decode, encode
-from formation.topics import BALLOT, ODOM, POSE, POSITION, RELATIVE, STATUS, Topic
+from formation.ros2.messages import Displacement, LaserScan, Odometry, Pose, Text, decode, encode
+from formation.topics import BALLOT, ODOM, POSE, POSITION, RELATIVE, SCAN, STATUS, Topic
 from formation.unicycle import Command
 from formation.wire import BadMessage, Now, Outgoing, Sample
 
@@ -105,7 +107,7 @@ class Agent:
     def due(self) -> float:
         """When a step is wanted though nothing arrives [s, monotonic]."""
         if self.decision.state is State.RUN:
-            return min(self._status_due, self._here.stream.stale_at)
+            return min(self._status_due, self._here.stream.stale_at, self._avoiding.blind_at)
         return min(self._status_due, self._rest_due)
 
     def aware(self, surroundings: Surroundings) -> None:
@@ -177,6 +179,8 @@ class Agent:
                 handlers[RELATIVE.key(self.robot, name)] = partial(self._take_displacement, neighbour)
         for name, other in self._avoiding.others.items():
             handlers[POSITION.key(name)] = partial(self._take_minded, other)
+        if self._avoiding.scanner is not None:
+            handlers[SCAN.key(self.robot)] = partial(self._take_scan, self._avoiding.scanner)
         if self._mission.standbys:
             for name in self._mission.candidates:
                 handlers[BALLOT.key(name)] = partial(self._take_ballot, name)
@@ -184,7 +188,11 @@ class Agent:
 
     def _take_own(self, sample: Sample, now: Now) -> float | None:
         if self._spec.localisation == "odometry":
-            return self._here.take(decode(Odometry, sample.payload), sample.arrived, now)
+            odometry = decode(Odometry, sample.payload)
+            taken = self._here.take(odometry, sample.arrived, now)
+            if self._avoiding.scanner is not None:
+                self._avoiding.scanner.moved(sample.arrived, Command(odometry.speed, odometry.turn_rate))
+            return taken
         return self._here.take(decode(Pose, sample.payload), sample.arrived, now)
 
     def _take_position(self, neighbour: Neighbour, sample: Sample, now: Now) -> None:
@@ -211,12 +219,15 @@ class Agent:
         displacement = decode(Displacement, sample.payload)
         neighbour.take_displacement(displacement, sample.arrived, now)
 
+    def _take_scan(self, scanner: Scanner, sample: Sample, now: Now) -> None:
+        scanner.take(decode(LaserScan, sample.payload), sample.arrived, now)
+
     def _take_ballot(self, candidate: str, sample: Sample, now: Now) -> None:
         ballot = order.decode(Ballot, decode(Text, sample.payload).text.encode())
         self._orders.voter.hear(ballot, candidate, sample.arrived, now)
 
     def _decide(self, now: Now) -> Decision:
-        around = self._neighbours
+        around, scanner = self._neighbours, self._avoiding.scanner
         around.choose(now)
         return failsafe.decide(
             Facts(
@@ -237,6 +248,8 @@ class Agent:
                 aside=() if around.guides else around.aside(now),
                 leaderless=not around.guides and around.leaderless(now),
                 finite=self._finite,
+                scan_silence=0.0 if scanner is None else scanner.silence(now),
+                scan_limit=math.inf if scanner is None else scanner.stream.limit,
             )
         )
 
@@ -282,6 +295,8 @@ class Agent:
         outbox = self._commander.say(now, wanted, brake)
         if not self._readonly:
             self._here.told(now.mono, self._commander.newest)
+            if self._avoiding.scanner is not None and self._spec.localisation != "odometry":
+                self._avoiding.scanner.moved(now.mono, self._commander.newest)  # nobody knows better
         return outbox
 
     def _position(self) -> Outgoing:

@@ -22,6 +22,7 @@ from agent.neighbourhood import Neighbour, Neighbourhood
 from agent.odometer import Odometer
 from agent.orders import Orders
 from agent.overhead import Overhead, Sent
+from agent.scanner import Moving, Scanner
 from agent.slots import Slots
 from agent.status import Surroundings
 from agent.stream import Stream
@@ -41,6 +42,7 @@ from agent.values import (
     record,
     refuse,
     row,
+    several,
     spoken,
     text,
     word,
@@ -52,7 +54,9 @@ from formation.neighbour import Track
 from formation.once import Once
 from formation.order import Order, Told
 from formation.ros2.messages import Odometry, Pose
+from formation.scan import Circle
 from formation.unicycle import Command
+from formation.zones import Zone
 
 __all__ = ["KEPT", "BadMemoryError", "Json", "Kept", "recall", "remember"]
 
@@ -63,7 +67,7 @@ class Kept(NamedTuple):
     memory: Mapping[str, Kind]
     """What it learns."""
     parts: tuple[str, ...] = ()
-    """What has a memory of its own: one object, or a dict of them by name."""
+    """What has a memory of its own: one object, None where there is none, or a dict of them by name."""
     construction: tuple[str, ...] = ()
     """What is the same in all agents with this mission, robot, law and voice."""
 
@@ -75,7 +79,7 @@ def _sent(numbers: Iterable[float]) -> Sent:
 
 _COMMAND = row(Command._make, real, real)
 _TRACK = row(Track._make, real, plane, plane)
-_NAMES = Kind(list, lambda said, where: tuple(recent(text).read(said, where)))
+_NAMES = Kind(list, lambda said, where: tuple(several(text).read(said, where)))
 _ORDER = model(Order)
 _ODOMETRY = record(
     Odometry, stamp=real, position=plane, heading=plane, speed=real, turn_rate=real, frame=text,
@@ -85,6 +89,29 @@ _SENT = Kind(  # hundreds of them: numbers of Python's own, and finite, so they 
     lambda sent: [sent.since, *sent.command],
     row(_sent, real, real, real).read,
 )
+_MOVE = row(Moving._make, real, _COMMAND)
+_FLAT = several(real)
+
+
+def _circle(said: Json, where: str) -> Circle:
+    """Centre, radius and points, as numbers in a row."""
+    numbers = _FLAT.read(said, where)
+    if len(numbers) < 3 or len(numbers) % 2 == 0:
+        refuse(said, where, "x, y, radius, and x and y of each point")
+    rest = iter(numbers[3:])
+    points = tuple(complex(x, y) for x, y in zip(rest, rest, strict=True))
+    return Circle(complex(*numbers[:2]), numbers[2], points)
+
+
+def _said_circle(one: Circle) -> Json:  # numbers as `_SENT` has them
+    return [*_xy(one.at), one.radius, *[part for point in one.points for part in _xy(point)]]
+
+
+def _xy(point: complex) -> tuple[float, float]:
+    return point.real, point.imag
+
+
+_CIRCLES = several(Kind(_said_circle, _circle))
 _POSE = record(Pose, stamp=real, position=plane, heading=plane, frame=text)
 
 KEPT: Mapping[type, Kept] = {
@@ -212,7 +239,7 @@ KEPT: Mapping[type, Kept] = {
     ),
     Avoiding: Kept(
         memory={"memory": row(Avoidance._make, real, real, count), "avoided": count, "acting": flag},
-        parts=("others",),
+        parts=("others", "scanner"),
         construction=(
             "mode",
             "_minded",
@@ -221,7 +248,13 @@ KEPT: Mapping[type, Kept] = {
             "_local",
             "_limits",
             "_manners",
+            "_wider",
         ),
+    ),
+    Scanner: Kept(
+        memory={"zone": word(*Zone, of=Zone), "_moves": recent(_MOVE), "_circles": _CIRCLES, "_ended": real},
+        parts=("stream",),
+        construction=("required", "_scan", "_radius", "_body", "_lasts", "_reach"),
     ),
     Voice: Kept(
         memory={
@@ -302,7 +335,7 @@ KEPT: Mapping[type, Kept] = {
 
 def remember(agent: Agent | Localisation, *only: str) -> dict[str, Json]:
     """All that `agent` has learned, or `only` these attributes and parts of it."""
-    return _remember(agent, only)
+    return dict(_remember(agent, only))
 
 
 def recall(agent: Agent | Localisation, memory: Json, *, partly: bool = False) -> None:
@@ -316,7 +349,9 @@ def recall(agent: Agent | Localisation, memory: Json, *, partly: bool = False) -
         setattr(thing, name, value)
 
 
-def _remember(thing: Any, only: Collection[str] = ()) -> dict[str, Json]:
+def _remember(thing: Any, only: Collection[str] = ()) -> Json:
+    if thing is None:
+        return None
     kept = KEPT[type(thing)]
     said = {
         name.lstrip("_"): kind.said(getattr(thing, name))
@@ -345,6 +380,10 @@ def _learned(thing: Any, said: Json, where: str, *, partly: bool = False) -> Ite
     for name in kept.parts:
         part, spelled = getattr(thing, name), name.lstrip("_")
         if spelled not in said:
+            continue
+        if part is None:
+            if said[spelled] is not None:
+                refuse(said[spelled], f"{where}.{spelled}", "null")
             continue
         if not isinstance(part, dict):
             yield from _learned(part, said[spelled], f"{where}.{spelled}")

@@ -129,6 +129,12 @@ def recent(kind: Kind, most: int | None = None) -> Kind:
     return Kind(lambda values: [kind.said(one) for one in values], read)
 
 
+def several(kind: Kind) -> Kind:
+    """A list."""
+    as_recent = recent(kind)
+    return Kind(as_recent.said, lambda said, where: list(as_recent.read(said, where)))
+
+
 def by_name(kind: Kind, make: Callable[[dict[str, Any]], Any] = dict) -> Kind:
     """A dict from text, in its order."""
 

@@ -59,6 +59,8 @@ class Obstacle(NamedTuple):
     """[m/s; body frame]"""
     first: bool
     """Whether it has right of way."""
+    doubt: float = 0.0
+    """By how much its direction may be off [rad]; from π on nothing is known of that."""
 
 
 class Manners(NamedTuple):
@@ -97,15 +99,12 @@ def avoid(
     manners: Manners,
     limits: Limits,
     along: complex,
-    doubt: float,
     before: Avoidance,
     dt: float,
 ) -> tuple[Command, Avoidance]:
     """What to do instead of `wanted` (within limits) for the next `dt` [s]; the same where nothing is near.
 
     `along` is how the robots it follows move [m/s; body frame]: who only goes along with them is kept, too.
-    `doubt` is by how much the robot may be wrong about its heading [rad]; from π on it knows nothing of it,
-    and goes no faster than it could towards whatever is nearest.
     """
     if len(obstacles) == 0:
         return wanted, Avoidance(0.0, 0.0, before.deadlocks)
@@ -113,7 +112,7 @@ def avoid(
     if before.detour > 0.0:
         turned = TO_THE_RIGHT * body_velocity(wanted.speed, wanted.turn_rate, limits.offset)
         aim = saturate(turned, limits.offset, limits.max_speed, limits.max_turn_rate)
-    done = brake(give_way(aim, obstacles, manners, limits), obstacles, manners, doubt)
+    done = brake(give_way(aim, obstacles, manners, limits), obstacles, manners)
     return done, _remembered(wanted, done, along, limits, before, dt)
 
 
@@ -191,20 +190,20 @@ def nearest(wanted: complex, bounds: list[HalfPlane]) -> tuple[bool, complex]:
     return within or least < math.inf, wanted if within else best
 
 
-def brake(wanted: Command, obstacles: Sequence[Obstacle], manners: Manners, doubt: float) -> Command:
+def brake(wanted: Command, obstacles: Sequence[Obstacle], manners: Manners) -> Command:
     """`wanted`, its speed cut so that no obstacle comes nearer by more than half of the room in `hold` [s].
 
     However long the command lasts up to then: the robot turns meanwhile, and what counts is when it faces
-    the obstacle most. Standing still, and turning on the spot, are always allowed. Who does not know its
-    heading needs room to find out: it leaves no margin.
+    the obstacle most. Standing still, and turning on the spot, are always allowed. Towards what may be in
+    any direction it goes no faster than if it were ahead, and leaves no margin: to find out needs room.
     """
     low, high = -math.inf, math.inf
-    margin = manners.margin if doubt < math.pi else 0.0
     for k in range(len(obstacles)):
         one = obstacles[k]
+        margin = manners.margin if one.doubt < math.pi else 0.0
         room = abs(one.at) - (manners.radius + one.radius + margin)
         most = max(0.0, 0.5 * room / manners.hold)
-        least, greatest = facing(unit(one.at), wanted.turn_rate * manners.hold, doubt)
+        least, greatest = facing(unit(one.at), wanted.turn_rate * manners.hold, one.doubt)
         if greatest > 0.0:
             high = min(high, most / greatest)
         if least < 0.0:

@@ -27,7 +27,9 @@ MIND = np.dtype(
     align=True,
 )  # fmt: skip
 """Who is minded: index among followers, its body, whether it has right of way, `Link`."""
-OBSTACLE = np.dtype([("at", "c16"), ("radius", "f8"), ("velocity", "c16"), ("first", "b1")], align=True)
+OBSTACLE = np.dtype(
+    [("at", "c16"), ("radius", "f8"), ("velocity", "c16"), ("first", "b1"), ("doubt", "f8")], align=True
+)
 """`formation.avoidance.Obstacle`."""
 
 
@@ -89,6 +91,7 @@ def minds_in(
 def look(run: Any, i: int, robots: Any, minds: Minds, oldest: int, now: float, world: Any, draw: Any) -> int:
     """Fill `minds.around` with those whom robot i minds; how many they are."""
     me, robot = run[i], robots[i]
+    doubt = 0.0 if robot.local else heading_doubt(me.way, world.course_gain)
     count = 0
     for m in range(robot.minds, robot.minds_end):
         whom, track, known = minds.whom[m], minds.tracks[m], minds.around[count]
@@ -118,6 +121,7 @@ def look(run: Any, i: int, robots: Any, minds: Minds, oldest: int, now: float, w
             known.radius = whom.radius + uncertain(now - track.stamp, whom.top_speed)
             known.velocity = unit(me.course).conjugate() * newest.velocity
         known.first = whom.first
+        known.doubt = doubt
         count += 1
     return count
 
@@ -128,9 +132,8 @@ def keep_clear(
     """What the filter makes of what the law wants."""
     manners = Manners(robot.radius, minds.margin, robot.hold + LAG * minds.lag)
     limits = Limits(robot.offset, robot.max_speed, robot.max_turn_rate)
-    doubt = 0.0 if robot.local else heading_doubt(me.way, world.course_gain)
     before = Avoidance(me.kept, me.detour, me.deadlocks)
-    done, after = avoid(wanted, minds.around[:count], manners, limits, along, doubt, before, world.step)
+    done, after = avoid(wanted, minds.around[:count], manners, limits, along, before, world.step)
     me.kept, me.detour, me.deadlocks = after
     return done
 

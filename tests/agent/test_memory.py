@@ -35,6 +35,8 @@ MISSIONS: dict[str, Mission] = {
     "fallbacks": load("patrol"),
     "start frame": with_robots("six_robots", odometry_frame="start"),
     "minding": with_robots("six_robots", mind="all"),
+    "scanning": with_robots("six_robots", scanner="required"),
+    "scanning pair": with_robots("turtlebot3_pair", scanner="optional", **STEPS),
     "local": with_robots("six_robots", measurement="local"),
     "measured heading": with_robots("turtlebot3_pair", heading="measured"),
     "external": with_robots("turtlebot3_pair", localisation="external", **STEPS),
@@ -48,7 +50,8 @@ def parts(thing: Any) -> Iterator[Any]:
     for name in KEPT[type(thing)].parts:
         part = getattr(thing, name)
         for one in part.values() if isinstance(part, dict) else (part,):
-            yield from parts(one)
+            if one is not None:
+                yield from parts(one)
 
 
 def through_a_file(agent: Agent) -> Any:

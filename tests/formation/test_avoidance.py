@@ -34,13 +34,15 @@ from tests.formation.planar import angles, headings, vectors
 
 BODY = Limits(0.2, 1.5, 1.5)
 MANNERS = Manners(0.1, 0.02, 0.15)
-commands = st.builds(Command, st.floats(-1.5, 1.5), st.floats(-1.5, 1.5))
-obstacles = st.lists(
-    st.builds(Obstacle, vectors.map(lambda at: 0.2 * at), st.floats(0.05, 0.3), vectors, st.booleans()),
-    max_size=5,
-)
 seeds = st.integers(0, 2**32)
 doubts = st.floats(0.0, 4.0)
+commands = st.builds(Command, st.floats(-1.5, 1.5), st.floats(-1.5, 1.5))
+obstacles = st.lists(
+    st.builds(
+        Obstacle, vectors.map(lambda at: 0.2 * at), st.floats(0.05, 0.3), vectors, st.booleans(), doubts
+    ),
+    max_size=5,
+)
 
 
 def mirrored(one: Obstacle) -> Obstacle:
@@ -65,12 +67,18 @@ class Crowd:
         for i, here in enumerate(self.at):
             believed = self.heading[i] * rotation(self.draw.uniform(-self.doubt, self.doubt))
             around = [
-                Obstacle(believed.conjugate() * (at - here), 0.1, complex(self.draw.uniform(-1, 1)), j < i)
+                Obstacle(
+                    believed.conjugate() * (at - here),
+                    0.1,
+                    complex(self.draw.uniform(-1, 1)),
+                    j < i,
+                    self.doubt,
+                )
                 for j, at in enumerate(self.at)
                 if j != i
             ]
             wanted = Command(self.draw.choice((-1.5, 1.5)), self.draw.uniform(-1.5, 1.5))
-            done, self.memory[i] = avoid(wanted, around, MANNERS, BODY, 0j, self.doubt, self.memory[i], dt)
+            done, self.memory[i] = avoid(wanted, around, MANNERS, BODY, 0j, self.memory[i], dt)
             said.append(done)
         return said
 
@@ -102,39 +110,37 @@ def test_bodies_never_touch_whatever_their_robots_want(seed: int, doubt: float) 
         crowd.move(said, dt)
 
 
-@given(commands, obstacles, doubts, st.floats(0.0, 1.0))
-def test_commands_stay_within_limits(
-    wanted: Command, around: list[Obstacle], doubt: float, detour: float
-) -> None:
-    done, _ = avoid(wanted, around, MANNERS, BODY, 0j, doubt, Avoidance(0.0, detour), 0.05)
+@given(commands, obstacles, st.floats(0.0, 1.0))
+def test_commands_stay_within_limits(wanted: Command, around: list[Obstacle], detour: float) -> None:
+    done, _ = avoid(wanted, around, MANNERS, BODY, 0j, Avoidance(0.0, detour), 0.05)
     assert abs(done.speed) <= BODY.max_speed
     assert abs(done.turn_rate) <= BODY.max_turn_rate
 
 
-@given(st.floats(-1.5, 1.5), obstacles, doubts)
+@given(st.floats(-1.5, 1.5), obstacles)
 def test_standing_and_turning_on_the_spot_are_always_allowed(
-    turn_rate: float, around: list[Obstacle], doubt: float
+    turn_rate: float, around: list[Obstacle]
 ) -> None:
     turning = Command(0.0, turn_rate)
-    assert brake(turning, around, MANNERS, doubt) is turning
+    assert brake(turning, around, MANNERS) is turning
 
 
 @given(commands, st.lists(st.builds(cmath.rect, st.floats(5.0, 9.0), angles), max_size=5), doubts)
 def test_a_command_that_nothing_is_in_the_way_of_is_the_very_same(
     wanted: Command, at: list[complex], doubt: float
 ) -> None:
-    around = [Obstacle(one, 0.1, 0j, first=True) for one in at]
-    done, after = avoid(wanted, around, MANNERS, BODY, 0j, doubt, Avoidance(), 0.05)
+    around = [Obstacle(one, 0.1, 0j, first=True, doubt=doubt) for one in at]
+    done, after = avoid(wanted, around, MANNERS, BODY, 0j, Avoidance(), 0.05)
     assert done is wanted
     assert after == Avoidance()
 
 
-@given(commands, obstacles, doubts)
-def test_left_is_the_mirror_of_right(wanted: Command, around: list[Obstacle], doubt: float) -> None:
-    done = brake(give_way(wanted, around, MANNERS, BODY), around, MANNERS, doubt)
+@given(commands, obstacles)
+def test_left_is_the_mirror_of_right(wanted: Command, around: list[Obstacle]) -> None:
+    done = brake(give_way(wanted, around, MANNERS, BODY), around, MANNERS)
     flipped = Command(wanted.speed, -wanted.turn_rate)
     others = [mirrored(one) for one in around]
-    assert brake(give_way(flipped, others, MANNERS, BODY), others, MANNERS, doubt) == pytest.approx(
+    assert brake(give_way(flipped, others, MANNERS, BODY), others, MANNERS) == pytest.approx(
         (done.speed, -done.turn_rate), abs=1e-6
     )
 
@@ -197,7 +203,7 @@ def test_who_is_kept_for_a_while_goes_to_the_right_for_a_while_and_that_is_count
     wall = [Obstacle(0.52 + 0j, 0.2, 0j, first=True)]
     memory, elapsed, turned = Avoidance(), 0.0, []
     while elapsed < PATIENCE + DETOUR + 0.2:
-        done, memory = avoid(Command(1.5, 0.0), wall, MANNERS, BODY, 0j, 0.0, memory, 0.05)
+        done, memory = avoid(Command(1.5, 0.0), wall, MANNERS, BODY, 0j, memory, 0.05)
         turned.append(done.turn_rate)
         elapsed += 0.05
     assert memory.deadlocks == 1
@@ -209,7 +215,7 @@ def test_who_goes_along_with_those_it_follows_and_no_further_is_kept_too() -> No
     wall = [Obstacle(0.52 + 0j, 0.2, 0.2 + 0j, first=True)]
     memory = Avoidance()
     for _ in range(20):
-        _, memory = avoid(Command(1.5, 0.0), wall, MANNERS, BODY, 0.2 + 0j, 0.0, memory, 0.05)
+        _, memory = avoid(Command(1.5, 0.0), wall, MANNERS, BODY, 0.2 + 0j, memory, 0.05)
     assert memory.deadlocks == 1
 
 

@@ -91,7 +91,7 @@ def test_a_post_in_the_way_is_gone_round(aside: float) -> None:
         around = [Obstacle(heading.conjugate() * (post - at), 0.2, 0j, first=True)]
         away = heading.conjugate() * (goal - control_point(at, heading, body.offset))
         wanted = saturate(2.0 * away, body.offset, body.max_speed, body.max_turn_rate)
-        command, memory = avoid(wanted, around, manners, body, 0j, 0.0, memory, 0.05)
+        command, memory = avoid(wanted, around, manners, body, 0j, memory, 0.05)
         at, heading = advance(at, heading, command.speed, command.turn_rate, 0.05)
         nearest = min(nearest, abs(at - post))
     assert nearest > 0.3
