@@ -149,7 +149,7 @@ class Avoiding:
                 spec.radius + spec.control_point_offset + unsure,
                 here.heading.conjugate() * one.velocity,
                 self._first[name],
-                0.0,
+                stands=not one.stream.fresh(now),
             )
         at, velocity = one.body(now, my_age)
         facing = here.course.conjugate()
@@ -158,5 +158,6 @@ class Avoiding:
             spec.radius + unsure,
             facing * velocity,
             self._first[name],
-            here.course_doubt,
+            stands=not one.stream.fresh(now),
+            doubt=here.course_doubt,
         )

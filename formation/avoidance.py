@@ -12,7 +12,7 @@ Not in the paper. Three layers, each of which leaves a command alone that it has
 
 | symbol | here | meaning | unit |
 |---|---|---|---|
-| u + i L ω | `wanted`, `done` | velocity of the control point, body frame | m/s |
+| u + i p ω | `velocity` | velocity of a point p ahead, body frame | m/s |
 | d | `room` | distance between two bodies, less the margin | m |
 | n | `towards` | unit vector to the obstacle, body frame | – |
 | T | `hold` | longest time that a command may last | s |
@@ -59,6 +59,8 @@ class Obstacle(NamedTuple):
     """[m/s; body frame]"""
     first: bool
     """Whether it has right of way."""
+    stands: bool = False
+    """Whether it will be there for ever: it is gone round and not waited for."""
     doubt: float = 0.0
     """By how much its direction may be off [rad]; from π on nothing is known of that."""
 
@@ -86,7 +88,7 @@ class Avoidance(NamedTuple):
 
 
 class HalfPlane(NamedTuple):
-    """x v + y w <= most, for the control point's velocity v + i w [m/s; body frame]."""
+    """x v + y w <= most, for the velocity v + i w of a point ahead, at first the front [m/s; body frame]."""
 
     x: float
     y: float
@@ -117,40 +119,52 @@ def avoid(
 
 
 def give_way(wanted: Command, obstacles: Sequence[Obstacle], manners: Manners, limits: Limits) -> Command:
-    """The command nearest to `wanted` that leaves everybody the right of way."""
-    velocity = body_velocity(wanted.speed, wanted.turn_rate, limits.offset)
+    """The command nearest to `wanted` that leaves everybody the right of way.
+
+    Nearest for the control point, for who is in the way goes on by itself, and the law knows best where to
+    wait. Nearest for the front where something stands: a control point further ahead than that is drawn past
+    it, and turns the robot back to it for ever.
+    """
     bounds = [half_plane(obstacles[k], manners, limits) for k in range(len(obstacles))]
-    free = True
-    for bound in bounds:
-        free = free and bound.x * velocity.real + bound.y * velocity.imag <= bound.most + NEGLIGIBLE
+    lever, scale = front(manners, limits), limits.offset
+    velocity, free = body_velocity(wanted.speed, wanted.turn_rate, lever), True
+    for k in range(len(bounds)):
+        bound = bounds[k]
+        if bound.x * velocity.real + bound.y * velocity.imag > bound.most + NEGLIGIBLE:
+            free = False
+            scale = lever if obstacles[k].stands else scale
     if free:  # the very same, to the last bit
         return wanted
-    sideways = limits.offset * limits.max_turn_rate
+    bounds = [HalfPlane(bound.x, bound.y * lever / scale, bound.most) for bound in bounds]
+    sideways = scale * limits.max_turn_rate
     bounds.append(HalfPlane(1.0, 0.0, limits.max_speed))
     bounds.append(HalfPlane(-1.0, 0.0, limits.max_speed))
     bounds.append(HalfPlane(0.0, 1.0, sideways))
     bounds.append(HalfPlane(0.0, -1.0, sideways))
+    velocity = body_velocity(wanted.speed, wanted.turn_rate, scale)
     found, point = nearest(velocity, bounds)
     if not found:  # not all can be left as much as they ask for; that nobody is approached can always be
         patient = [HalfPlane(bound.x, bound.y, max(bound.most, 0.0)) for bound in bounds]
         _, point = nearest(velocity, patient)
-    return saturate(point, limits.offset, limits.max_speed, limits.max_turn_rate)
+    return saturate(point, scale, limits.max_speed, limits.max_turn_rate)
+
+
+def front(manners: Manners, limits: Limits) -> float:
+    """How far ahead of the centre the point is whose velocity is bounded [m]."""
+    return min(manners.radius, limits.offset)
 
 
 def half_plane(obstacle: Obstacle, manners: Manners, limits: Limits) -> HalfPlane:
-    """How fast the front of the body, a radius ahead of its centre, may come nearer to an obstacle."""
-    away = obstacle.at - manners.radius
+    """How fast the front of the body may come nearer to an obstacle; a disc around it holds the body."""
+    lever = front(manners, limits)
+    away = obstacle.at - lever
     distance, towards = abs(away), unit(away)
-    room = distance - (2.0 * manners.radius + obstacle.radius + manners.margin)
+    room = distance - (lever + manners.radius + obstacle.radius + manners.margin)
     most = PASSING * room
     if obstacle.first:
         velocity = obstacle.velocity
         most = YIELDING * room + towards.real * velocity.real + towards.imag * velocity.imag
-    return HalfPlane(
-        towards.real,
-        towards.imag * manners.radius / limits.offset,
-        max(most, -RETREAT * limits.max_speed),
-    )
+    return HalfPlane(towards.real, towards.imag, max(most, -RETREAT * limits.max_speed))
 
 
 def nearest(wanted: complex, bounds: list[HalfPlane]) -> tuple[bool, complex]:

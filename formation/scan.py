@@ -142,7 +142,7 @@ def obstacles(found: Iterable[Circle], within: float) -> tuple[Obstacle, ...]:
         if clearance < within and (sector not in nearest or clearance < nearest[sector][0]):
             nearest[sector] = clearance, circle
     ordered = sorted(nearest.values(), key=lambda one: one[0])
-    return tuple(Obstacle(circle.at, circle.radius, 0j, True) for _, circle in ordered)
+    return tuple(Obstacle(circle.at, circle.radius, 0j, first=True, stands=True) for _, circle in ordered)
 
 
 @lru_cache(maxsize=8)

@@ -12,6 +12,10 @@ from formation.slots.shapes import SHAPES, polygon
 
 SETTLED = 0.0005
 """Mean error of an edge under which a formation of more than a hundred edges counts as settled [m]."""
+MIND_ALL = 12
+"""Up to so many robots all mind all; of more, each minds those in the slots around its own."""
+AROUND = 1.5
+"""Those are so many spacings away at most."""
 GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
 """Turned by this from one to the next, starts look as by chance and are the same each time [rad]."""
 
@@ -128,7 +132,7 @@ duration = 60                # of `formation run` [s]
 settled = {bound:<18g} # formation error under which it counts as settled, summed over edges [m]
 turning = true               # slots are relative to the leader's heading: x ahead, y to the left
 
-{profile.tables}
+{profile.tables}{_all(draft)}
 [shapes.{draft.shape}]{" " * max(1, 20 - len(draft.shape))}# control points relative to the leader's [m]
 {"".join(_slots(slots))}
 [robots.leader]              # a point that goes along the route
@@ -160,8 +164,23 @@ def _robots(
         yield f"\n[robots.robot{place}]\nneighbours = [{_names(neighbours[place])}]\n"
         if fallbacks[place]:
             yield f"fallback_neighbours = [{_names(fallbacks[place])}]\n"
+        if beside := _beside(draft, place, {*neighbours[place], *fallbacks[place]}):
+            yield f"mind = [{_names(beside)}]\n"
         x, y = _metres(round(start.real, 3)), _metres(round(start.imag, 3))
         yield f"start = {{ x = {x}, y = {y}, heading_deg = {heading} }}\n"
+
+
+def _all(draft: Draft) -> str:
+    return 'mind = "all"                 # whoever comes near\n' if draft.robots <= MIND_ALL else ""
+
+
+def _beside(draft: Draft, place: int, measured: set[int]) -> tuple[int, ...]:
+    """Who may come near besides those whom it measures anyway."""
+    if draft.robots <= MIND_ALL:
+        return ()
+    here, reach = draft.slots[place - 1], AROUND * draft.spacing
+    near = [other for other, slot in enumerate(draft.slots, 1) if abs(slot - here) <= reach]
+    return tuple(other for other in near if other != place and other not in measured)
 
 
 def _names(robots: tuple[int, ...]) -> str:

@@ -28,7 +28,15 @@ MIND = np.dtype(
 )  # fmt: skip
 """Who is minded: index among followers, its body, whether it has right of way, `Link`."""
 OBSTACLE = np.dtype(
-    [("at", "c16"), ("radius", "f8"), ("velocity", "c16"), ("first", "b1"), ("doubt", "f8")], align=True
+    [
+        ("at", "c16"),
+        ("radius", "f8"),
+        ("velocity", "c16"),
+        ("first", "b1"),
+        ("stands", "b1"),
+        ("doubt", "f8"),
+    ],
+    align=True,
 )
 """`formation.avoidance.Obstacle`."""
 

@@ -31,7 +31,7 @@ def made(shape: str, robots: int, profile: str) -> Mission:
 
 
 def faults(mission: Mission, runs: int = RUNS) -> Iterator[str]:
-    """What is wrong with it: what `check` says, who holds after a loss, starts that do not converge."""
+    """What is wrong with it: what `check` says, who holds after a loss, starts that go wrong."""
     found = analyse(mission)
     yield from found.problems
     yield from found.warnings
@@ -42,9 +42,12 @@ def faults(mission: Mission, runs: int = RUNS) -> Iterator[str]:
         yield f"counts as settled under {mission.settled:g} m"
     if not simulate(mission).converged.all():
         yield "does not converge from its own starts"
-    converged = simulate(mission, runs=runs).converged
+    found_by_chance = simulate(mission, runs=runs)
+    converged, touched = found_by_chance.converged, found_by_chance.nearest < 0.0
     if not converged.all():
         yield f"only {converged.sum()} of {runs} random starts converge"
+    if touched.any():
+        yield f"robots touch in {touched.sum()} of {runs} random starts"
 
 
 def main() -> int:

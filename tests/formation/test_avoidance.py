@@ -39,7 +39,13 @@ doubts = st.floats(0.0, 4.0)
 commands = st.builds(Command, st.floats(-1.5, 1.5), st.floats(-1.5, 1.5))
 obstacles = st.lists(
     st.builds(
-        Obstacle, vectors.map(lambda at: 0.2 * at), st.floats(0.05, 0.3), vectors, st.booleans(), doubts
+        Obstacle,
+        vectors.map(lambda at: 0.2 * at),
+        st.floats(0.05, 0.3),
+        vectors,
+        st.booleans(),
+        st.booleans(),
+        doubts,
     ),
     max_size=5,
 )
@@ -72,7 +78,7 @@ class Crowd:
                     0.1,
                     complex(self.draw.uniform(-1, 1)),
                     j < i,
-                    self.doubt,
+                    doubt=self.doubt,
                 )
                 for j, at in enumerate(self.at)
                 if j != i
