@@ -22,6 +22,7 @@ from formation.neighbour import uncertain
 from formation.scan import Circle, Mate
 from formation.unicycle import Command
 from formation.wire import Now
+from formation.zones import Zone
 
 Brake = Callable[[Command], Command]
 """What leaves everybody room of a command."""
@@ -94,6 +95,8 @@ class Avoiding:
     def rested(self) -> None:
         """The robot does not drive: nothing keeps it from moving."""
         self.memory, self.acting = self.memory._replace(kept=0.0, detour=0.0), False
+        if self.scanner is not None:
+            self.scanner.zone = Zone.CLEAR
 
     def words(self, around: Neighbourhood) -> dict[str, str]:
         """What the status says of it."""
