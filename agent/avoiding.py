@@ -24,6 +24,9 @@ from formation.unicycle import Command
 from formation.wire import Now
 from formation.zones import Zone
 
+RECOGNISED = 0.2
+"""Who may be further off than this [rad] from where it is looked for is not taken out of a scan: a post that
+stands there would be taken for it."""
 Brake = Callable[[Command], Command]
 """What leaves everybody room of a command."""
 
@@ -129,7 +132,7 @@ class Avoiding:
         mates = [
             Mate(name, one.at, one.radius, one.velocity)
             for name, one in obstacles.items()
-            if self.mode == "on" and known[name].stream.fresh(now)
+            if self.mode == "on" and known[name].stream.fresh(now) and one.doubt < RECOGNISED
         ]
         return self.scanner.strangers(now, mates)
 

@@ -184,6 +184,25 @@ def test_a_mate_that_tells_where_it_is_is_no_stranger_however_near_it_drives() -
     assert said == {"all": (True, "on: clear"), (): (False, "on: gets out of the way")}
 
 
+def test_while_a_robot_does_not_know_where_it_faces_a_post_is_not_taken_for_a_mate() -> None:
+    """The second believes to face the first, and faces a post as far away instead."""
+    mission = team(IN_FILE, scanner="required", mind="all")
+    robots = dict(mission.robots)
+    turned = robots["robot2"].start.model_copy(update={"heading_deg": 90.0})
+    robots["robot2"] = robots["robot2"].model_copy(update={"start": turned})
+    ahead = Post(x=turned.x, y=turned.y + 0.8, radius=0.1)
+    fleet = Fleet(among(mission.model_copy(update={"robots": robots}), ahead))
+    seen: list[int] = []
+    look = fleet.agents["robot2"]._avoiding.scanner
+    assert look is not None
+    strangers = look.strangers
+    look.strangers = lambda now, mates: seen.append(len(mates)) or strangers(now, mates)  # type: ignore[method-assign,func-returns-value]
+    fleet.run(6.0)
+    assert seen[0] == 0
+    assert seen[-1] == 1
+    assert room(fleet, 10.0) > 0.0
+
+
 @pytest.mark.parametrize("when", [0.0, 6.0], ids=["from the beginning", "on the way"])
 def test_a_mate_that_has_fallen_silent_and_is_seen_is_gone_round(when: float) -> None:
     mission = team(IN_FILE, scanner="required", mind="all")
