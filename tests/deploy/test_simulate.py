@@ -36,6 +36,18 @@ def test_the_json_has_every_figure(capsys: pytest.CaptureFixture[str]) -> None:
     assert result["robot_steps_per_second"] > 0.0
 
 
+def test_it_says_that_it_simulates_no_scanners_and_nothing_that_stands_about(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["simulate", "posts", "--json"]) == 0
+    *lines, last = capsys.readouterr().out.splitlines()
+    assert "  not simulated    scanners, posts, walls; formation run has them" in lines
+    assert json.loads(last)["not_simulated"] == ["scanners", "posts", "walls"]
+    text, result = simulated(capsys)
+    assert "not simulated" not in text
+    assert result["not_simulated"] == []
+
+
 def test_one_run_starts_as_the_mission_says_and_many_as_the_seed_says(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
