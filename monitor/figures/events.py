@@ -169,7 +169,7 @@ class _Robot:
             yield Event(now.wall, level, self.name, state, f"{text}{more(before)}")
         before = self._deadlocks.see(str(robot.deadlocks), now.mono)
         if before is not None and robot.deadlocks:
-            text = f"was kept from moving and goes another way, {robot.deadlocks} times so far{more(before)}"
+            text = f"kept from moving, it goes another way ({robot.deadlocks} so far){more(before)}"
             yield Event(now.wall, INFO, self.name, "deadlock", text)
 
 
