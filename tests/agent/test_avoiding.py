@@ -17,6 +17,7 @@ from tests.agent.fleet import Fleet
 from tests.formation import scenarios
 
 SIX = load("six_robots")
+ALONE = scenarios.clearing(SIX, ())
 CROSSING = scenarios.exchanged(SIX)
 """In which everybody has to pass somebody, and minds all."""
 FILE = scenarios.build(np.array([0, -1, -2, -3 + 0j]), ((), (0,), (1,), (2,)))
@@ -80,7 +81,7 @@ def test_who_only_warns_says_what_it_would_do_and_does_what_it_did() -> None:
 
 
 def test_a_robot_hears_the_positions_of_those_it_minds_and_nothing_else_of_them() -> None:
-    alone, minding = (set(Agent(one, "robot2").subscriptions) for one in (SIX, CROSSING))
+    alone, minding = (set(Agent(one, "robot2").subscriptions) for one in (ALONE, CROSSING))
     others = {POSITION.key(name) for name in SIX.followers if name != "robot2"}
     assert minding - alone == others
     assert set(Agent(CROSSING, "robot2", "paper").subscriptions) == alone
@@ -99,7 +100,7 @@ def test_the_status_says_who_is_minded_who_was_never_heard_and_what_came_of_it()
 
 
 def test_who_measures_only_the_leader_minds_nobody_unless_told_to() -> None:
-    fleet = Fleet(SIX)
+    fleet = Fleet(ALONE)
     fleet.run(2.0)
     assert "collisions" not in fleet.status("robot2")
 
