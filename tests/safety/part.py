@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TypeVar
 
@@ -32,7 +32,7 @@ class Part(Protocol):
     """What was done and under which conditions, in sentences."""
 
     def run(self, options: Options) -> Found:
-        """Do it; what was found, with ``bars``: a list of what `bar` gives, for the table above the section."""
+        """Do it; what was found, with ``bars``: a list of what `bar` gives, shown above the section."""
 
     def section(self, found: Found) -> str:
         """Tables for people, and pictures as ``![what it shows](figures/safety_NAME.svg)``."""
@@ -43,13 +43,24 @@ def bar(words: str, found: str, held: bool) -> dict[str, Any]:
     return {"bar": words, "found": found, "held": bool(held)}
 
 
-def told(name: str, tries: Sequence[T], every: float = 2.0) -> Iterator[T]:
-    """The same one by one, with a line on stderr every so often [s] of how many are done."""
-    began = last = time.monotonic()
+def told(name: str, tries: Sequence[T]) -> Iterator[T]:
+    """The same one by one, and who waits is told how far it is."""
+    tell = telling(name)
     for done, one in enumerate(tries):
         yield one
+        tell((done + 1) / len(tries))
+
+
+def telling(name: str, every: float = 2.0) -> Callable[[float], None]:
+    """What is to be told the share done, for a line on stderr every so often [s]."""
+    began = last = time.monotonic()
+
+    def tell(done: float) -> None:
+        nonlocal last
         now = time.monotonic()
         if now - last >= every:
-            left = (now - began) / (done + 1) * (len(tries) - done - 1)
-            print(f"{name}: {done + 1} of {len(tries)}, {left:.0f} s left", file=sys.stderr, flush=True)
+            left = (now - began) * (1.0 / done - 1.0)
+            print(f"{name}: {100 * done:.0f} %, {left:.0f} s left", file=sys.stderr, flush=True)
             last = now
+
+    return tell
