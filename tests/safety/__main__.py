@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import cast
 
 from tests.reliability.document import DOCS, stamp
-from tests.safety import crossing, document, missions
+from tests.safety import crossing, document, missions, physics
 from tests.safety.part import Options, Part
 
 PARTS: Mapping[str, Part] = {
@@ -20,6 +20,7 @@ PARTS: Mapping[str, Part] = {
     for name, module in {
         "crossing": crossing,
         "missions": missions,
+        "physics": physics,
     }.items()
 }
 EPILOG = """\
