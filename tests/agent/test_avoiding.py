@@ -17,7 +17,6 @@ from tests.agent.fleet import Fleet
 from tests.formation import scenarios
 
 SIX = load("six_robots")
-ALONE = scenarios.clearing(SIX, ())
 CROSSING = scenarios.exchanged(SIX)
 """In which everybody has to pass somebody, and minds all."""
 FILE = scenarios.build(np.array([0, -1, -2, -3 + 0j]), ((), (0,), (1,), (2,)))
@@ -29,6 +28,10 @@ def changed(mission: Mission, **robots: Any) -> Mission:
     """The same with other robots."""
     changed = {name: one.model_copy(update=robots) for name, one in mission.robots.items()}
     return mission.model_copy(update={"robots": changed})
+
+
+LONERS = changed(SIX, mind=())
+"""Who mind nobody but those they measure."""
 
 
 def room(fleet: Fleet, seconds: float) -> float:
@@ -81,7 +84,7 @@ def test_who_only_warns_says_what_it_would_do_and_does_what_it_did() -> None:
 
 
 def test_a_robot_hears_the_positions_of_those_it_minds_and_nothing_else_of_them() -> None:
-    alone, minding = (set(Agent(one, "robot2").subscriptions) for one in (ALONE, CROSSING))
+    alone, minding = (set(Agent(one, "robot2").subscriptions) for one in (LONERS, CROSSING))
     others = {POSITION.key(name) for name in SIX.followers if name != "robot2"}
     assert minding - alone == others
     assert set(Agent(CROSSING, "robot2", "paper").subscriptions) == alone
@@ -100,7 +103,7 @@ def test_the_status_says_who_is_minded_who_was_never_heard_and_what_came_of_it()
 
 
 def test_who_measures_only_the_leader_minds_nobody_unless_told_to() -> None:
-    fleet = Fleet(ALONE)
+    fleet = Fleet(LONERS)
     fleet.run(2.0)
     assert "collisions" not in fleet.status("robot2")
 

@@ -1,25 +1,16 @@
-"""Every mission that `formation new` writes, from 3 to 50 robots, checked and simulated.
-
-    python -m tests.deploy.every_mission              six shapes, 48 sizes, both kinds of robots; minutes
-
-Prints what does not pass; exit code 0 if all do.
-"""
+"""Missions that `formation new` writes, checked and simulated: `python -m tests.safety missions`."""
 
 from __future__ import annotations
 
-import sys
-import time
 from collections.abc import Iterator
 
 from deploy.making.draft import PROFILES, Draft, text
 from formation.mission import Mission
 from formation.mission_file import parse
 from formation.simulation.simulate import simulate
-from formation.slots.shapes import SHAPES
 from formation.stability.analysis import analyse
 from formation.stability.losses import losses
 
-SIZES = range(3, 51)
 RUNS = 20
 
 
@@ -48,23 +39,3 @@ def faults(mission: Mission, runs: int = RUNS) -> Iterator[str]:
         yield f"only {converged.sum()} of {runs} random starts converge"
     if touched.any():
         yield f"robots touch in {touched.sum()} of {runs} random starts"
-
-
-def main() -> int:
-    """Try all; the exit code."""
-    began, tried, wrong = time.monotonic(), 0, 0
-    for profile in PROFILES:
-        for shape in SHAPES:
-            for robots in SIZES:
-                mission = made(shape, robots, profile)
-                tried += 1
-                for fault in faults(mission):
-                    wrong += 1
-                    print(f"{mission.name}, {profile}: {fault}")
-            print(f"{shape}, {profile}: sizes tried after {time.monotonic() - began:.0f} s", flush=True)
-    print(f"{tried} missions, {wrong} faults, {time.monotonic() - began:.0f} s")
-    return 1 if wrong else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -16,7 +16,7 @@ from formation.slots.shapes import SHAPES
 from tests.deploy.every_mission import faults, made
 
 SAMPLE = (3, 4, 7, 16, 50)
-"""Of the sizes that `tests.deploy.every_mission` tries all of."""
+"""Of the sizes that `python -m tests.safety missions` tries all of."""
 
 
 @pytest.fixture(autouse=True)
