@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure as Figure2D
 from matplotlib.patches import Circle
@@ -48,7 +49,7 @@ def test_posts_and_walls_are_drawn_where_the_world_is_a_simulated_one(truth: boo
     parts.trajectories(axes, one, View.of([one]))
     posts = [patch for patch in axes.patches if isinstance(patch, Circle)]
     assert [(post.center, post.radius) for post in posts] == ([((1.0, 2.0), 0.3)] if truth else [])
-    walls = [line for line in axes.lines if list(line.get_xdata()) == list(line.get_ydata()) == [0.0, 1.0]]
+    walls = [line for line in axes.lines if np.array_equal(line.get_xydata(), [[0.0, 0.0], [1.0, 1.0]])]
     assert len(walls) == truth
 
 
