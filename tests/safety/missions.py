@@ -18,8 +18,8 @@ ABOUT = f"""\
 `formation new` for every shape, 3 to 50 robots, both kinds of robots. Of each mission: does `check` find a
 problem or a warning, would anybody hold after the loss of any one follower, is the bound under which it
 counts as converged above 5 cm, does it converge from its own starts and from {RUNS} random ones. *Touch* are
-random starts in which two bodies do: these missions have robots mind whom they measure and stand beside, and
-starts that are strewn widely bring others together, of whom nobody knows. That is no bar."""
+random starts in which two bodies do, which is no bar: of more than twelve robots each minds those in the
+slots around its own, and starts that are strewn widely bring others together."""
 
 
 def run(options: Options) -> Found:
