@@ -16,16 +16,16 @@ from agent.survival import Survival
 from agent.tuning import INTEGRAL, RATE, Tuning
 from agent.tuning import JUMP as MOST
 from agent.verify.core import verify
-from formation.law import LAWS, Gains, Limits, Measured
+from formation.law import LAWS, Measured
 from formation.mission import Mission
 from formation.mission_file import load
-from formation.order import OperatorReply, OperatorRequest, Order, Tuned, decode, encode
+from formation.order import Order, Tuned, decode
 from formation.topics import ODOM
-from formation.unicycle import Command
 from formation.wire import BadMessage, Now, Sample
 from tests.agent.fleet import EPOCH, Fleet
 from tests.agent.recorded import RecordedFleet, all_alike
 from tests.agent.sudden import most_sudden
+from tests.agent.tuned import changed, limited, tune
 
 SIX, PAIR, PATROL = load("six_robots"), load("turtlebot3_pair"), load("patrol")
 MISSIONS = {"six": SIX, "pair": PAIR, "patrol": PATROL}
@@ -40,45 +40,8 @@ def ordered(tuned: Tuned | None) -> Order:
     return Order(term=1, beat=1, mode="run", shape="hexagon", tuned=tuned)
 
 
-def tune(fleet: Fleet, **gains: float) -> OperatorReply:
-    request = OperatorRequest.model_validate({"do": "tune", **gains})
-    return decode(OperatorReply, fleet.in_charge.request(encode(request)))
-
-
 def in_force(fleet: Fleet) -> set[tuple[float, float]]:
     return {(agent._tuning.k_p, agent._tuning.k_i) for agent in fleet.agents.values()}
-
-
-def limited(command: Command, limits: Limits) -> tuple[float, float]:
-    return command.speed / limits.max_speed, command.turn_rate / limits.max_turn_rate
-
-
-class Watch:
-    """How far each command of an agent's law is from what the gains of the step before would have it."""
-
-    def __init__(self, agent: Agent) -> None:
-        self.most = 0.0
-        """[share of a limit]"""
-        self._follow, self._law = agent._tuning.follow, agent._law
-        self._gains, self._integral = agent._mission.law.gains, 0j
-        agent._tuning.follow = self.follow  # type: ignore[method-assign]
-        agent._law = self.law
-
-    def follow(
-        self, order: Order, dt: float, integral: complex, heading: complex, what: Measured
-    ) -> tuple[Gains, complex]:
-        self._integral = integral
-        return self._follow(order, dt, integral, heading, what)
-
-    def law(
-        self, integral: complex, heading: complex, what: Measured, gains: Gains, limits: Limits, dt: float
-    ) -> tuple[Command, complex]:
-        was, _ = self._law(self._integral, heading, what, self._gains, limits, dt)
-        command, after = self._law(integral, heading, what, gains, limits, dt)
-        pairs = zip(limited(was, limits), limited(command, limits), strict=True)
-        self.most = max(self.most, *(abs(one - other) for one, other in pairs))
-        self._gains = gains
-        return command, after
 
 
 def some(k_p: float, k_i: float) -> Tuning:
@@ -153,25 +116,9 @@ def test_no_command_of_any_law_jumps_because_of_gains_however_far_its_integral_h
 @pytest.mark.parametrize("mission", MISSIONS.values(), ids=MISSIONS)
 def test_no_command_jumps_when_gains_are_accepted(mission: Mission, law: str) -> None:
     """Right after the start, on the way, in formation; a little more, much more, and back at once."""
-    fleet = Fleet(mission, law=law, seed=3)
-    fleet.run(3.0 if mission.standbys else 0.3)
-    watched = [Watch(agent) for agent in fleet.agents.values()]
-    k_p, k_i = mission.law.k_p, mission.law.k_i
-    for after, gains in (
-        (0.0, Tuned(k_p=2.0 * k_p, k_i=k_i)),
-        (1.0, Tuned(k_p=0.4 * k_p, k_i=0.1 * k_i)),
-        (0.4, Tuned(k_p=3.0 * k_p, k_i=4.0 * k_i)),
-        (4.0, Tuned(k_p=k_p, k_i=k_i)),
-        (6.0, Tuned(k_p=3.0 * k_p, k_i=0.05)),
-        (6.0, Tuned(k_p=0.7 * k_p, k_i=0.0)),
-        (4.0, Tuned(k_p=1.2 * k_p, k_i=k_i)),
-    ):
-        fleet.run(after)
-        assert tune(fleet, k_p=gains.k_p, k_i=gains.k_i).ok
-    fleet.run(4.0)
+    fleet, most = changed(mission, law)
     if law == "field":  # the printed law's integral winds up, and gains wait while a command would jump
-        assert in_force(fleet) == {(float(f"{1.2 * k_p:.6g}"), k_i)}
-    most = max(one.most for one in watched)
+        assert in_force(fleet) == {(float(f"{1.2 * mission.law.k_p:.6g}"), mission.law.k_i)}
     print(f"{mission.name}, {law}: {100.0 * most:.1f} % of a limit")
     assert 0.0 < most <= JUMP
 

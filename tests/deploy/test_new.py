@@ -12,6 +12,7 @@ import pytest
 from deploy.cli import main
 from deploy.making.draft import PROFILES
 from formation.mission_file import load
+from formation.simulation.simulate import simulate
 from formation.slots.shapes import SHAPES
 from tests.deploy.every_mission import faults, made
 
@@ -28,7 +29,10 @@ def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("profile", PROFILES)
 def test_what_it_writes_passes_the_check_and_converges(shape: str, robots: int, profile: str) -> None:
-    assert not list(faults(made(shape, robots, profile), runs=5))
+    mission = made(shape, robots, profile)
+    by_chance = simulate(mission, runs=5)
+    assert not list(faults(mission, by_chance))
+    assert by_chance.nearest.min() > 0.0
 
 
 @pytest.mark.parametrize("shape", SHAPES)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,91 +12,29 @@ from hypothesis import strategies as st
 
 from agent.tuning import Bearable
 from formation import intent
-from formation.arrays import ComplexArray
-from formation.edges import Edges
 from formation.mission import Mission
 from formation.mission_file import load
 from formation.order import OperatorRequest, Tuned
 from formation.stability import spectrum, tuning
 from formation.transport.asking import request_for
 from tests.formation import scenarios
+from tests.formation.gains import MARGIN, drawn, held, stable, unstable
 
-MARGIN = 0.01
-"""Gains are drawn so near to the boundary."""
 SIX = load("six_robots")
 
 
-def drawn(random: np.random.Generator, rate: float = 20.0, **law: Any) -> Mission:
-    """A random graph of 2 to 9 followers with a path to the leader for each, with cycles or without."""
-    size = int(random.integers(3, 11))
-    neighbours: list[list[int]] = [[]]
-    for i in range(1, size):
-        others = [j for j in range(size) if j != i and random.random() < 0.25]
-        parent = int(random.integers(0, i))
-        neighbours.append(sorted({parent, *others}))
-    slots: ComplexArray = np.arange(size, dtype=np.complex128)
-    return scenarios.build(slots, neighbours, law=law, robot={"rate": rate})
-
-
-def held(mission: Mission, gains: Tuned, period: float) -> float:
-    """Largest |z| of the whole sampled loop, from its matrix: what the eigenvalues μ must lead to as well."""
-    laplacian = Edges(mission.graph).follower_laplacian()
-    unit = np.eye(len(laplacian))
-    loop = np.block(
-        [[unit - period * gains.k_p * laplacian, -period * gains.k_i * laplacian], [period * unit, unit]]
-    )
-    return float(np.abs(np.linalg.eigvals(loop)).max())
-
-
-def growth(mission: Mission, gains: Tuned) -> float:
-    """Largest real part of the continuous loop's poles, from its matrix [1/s]."""
-    laplacian = Edges(mission.graph).follower_laplacian()
-    zero = np.zeros_like(laplacian)
-    loop = np.block([[-gains.k_p * laplacian, -gains.k_i * laplacian], [np.eye(len(laplacian)), zero]])
-    return float(np.linalg.eigvals(loop).real.max())
-
-
-def most(mu: ComplexArray, k_p: float) -> float:
-    """k_I up to which the continuous loop is stable; infinite for real eigenvalues."""
-    with np.errstate(divide="ignore"):
-        return float((k_p**2 * mu.real * np.abs(mu) ** 2 / mu.imag**2).min())
-
-
-def turning(random: np.random.Generator) -> tuple[Mission, float, float]:
-    """A mission of some graph with complex eigenvalues, a k_P, and the k_I at which it becomes unstable."""
-    while True:
-        mission = drawn(random, 200.0, kind="paper")
-        k_p, mu = float(random.uniform(0.3, 3.0)), spectrum.laplacian(mission.graph)
-        bound = most(mu, k_p)
-        if bound < 5.0 and held(mission, Tuned(k_p=k_p, k_i=bound * 0.9), 1 / 200.0) < 1.0:
-            return mission, k_p, bound
-
-
 def test_a_hundred_unstable_gains_of_a_hundred_are_refused() -> None:
-    random, refused = np.random.default_rng(7), 0
-    for _ in range(100):
-        mission, k_p, bound = turning(random)
-        gains = Tuned(k_p=k_p, k_i=bound * (1.0 + MARGIN))
-        assert growth(mission, gains) > 0.0
+    refused = 0
+    for mission, gains in unstable(100):
         why = tuning.refusal(mission, gains)
-        refused += why is not None and "eigenvalue" in why and f"at k_p = {k_p:g}" in why
+        refused += why is not None and "eigenvalue" in why and f"at k_p = {gains.k_p:g}" in why
     assert refused == 100
 
 
 def test_a_hundred_stable_gains_of_a_hundred_are_accepted() -> None:
-    random, accepted, near = np.random.default_rng(8), 0, 0
-    for number in range(100):
-        mission, k_p, bound = turning(random)
-        share = 1.0 - MARGIN * float(random.uniform(1.0, 10.0)) if number % 2 else float(random.random())
-        gains = Tuned(k_p=k_p, k_i=bound * share)
-        if held(mission, gains, 1 / 200.0) >= 1.0:  # the sampled loop ends a little before
-            gains = Tuned(k_p=k_p, k_i=bound * 0.5)
-        near += gains.k_i > 0.9 * bound
-        assert growth(mission, gains) < 0.0
-        assert held(mission, gains, 1 / 200.0) < 1.0
-        accepted += tuning.refusal(mission, gains) is None
-    assert accepted == 100
-    assert near > 20
+    drawn_ones = list(stable(100))
+    assert sum(tuning.refusal(mission, gains) is None for mission, gains, _ in drawn_ones) == 100
+    assert sum(near for _, _, near in drawn_ones) > 20
 
 
 @pytest.mark.parametrize("side", [1.0 - MARGIN, 1.0 + MARGIN])

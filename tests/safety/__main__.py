@@ -12,15 +12,17 @@ from collections.abc import Mapping, Sequence
 from typing import cast
 
 from tests.reliability.document import DOCS, stamp
-from tests.safety import crossing, document, missions, physics
+from tests.safety import crossing, document, gains, missions, physics, posts
 from tests.safety.part import Options, Part
 
 PARTS: Mapping[str, Part] = {
     name: cast("Part", module)
     for name, module in {
         "crossing": crossing,
+        "posts": posts,
         "missions": missions,
         "physics": physics,
+        "gains": gains,
     }.items()
 }
 EPILOG = """\
