@@ -123,7 +123,9 @@ class Ensemble:
         ring = options.delay_steps(step) + 1
         self._said = np.zeros((len(self._followers), ring, len(mission.names)), dtype=np.complex128)
         late = options.delay_steps(step) * step
-        self._minds = minds_in(mission, options.measurement, late, self._said.shape, avoids=minds)
+        self._minds = minds_in(
+            mission, options.measurement, late, self._said.shape, starts.position, avoids=minds
+        )
         guesses = [mission.first_heading(name) for name in mission.followers]
         self._followers["estimate"] = self._followers["course"] = guesses
         if observer != "innovation":
@@ -134,7 +136,8 @@ class Ensemble:
         self.error: FloatArray = self._error_now()
         """Formation error of every run now [m], infinite where it has left the numbers; shape (R,)."""
         self.nearest: FloatArray = np.full(len(self.error), np.inf)
-        """How near two bodies came to each other [m], negative where they touched; shape (R,)."""
+        """How near two bodies came to each other [m], shape (R,): negative where they touched, infinite with
+        collisions off."""
         self.last_out = np.where(self.error >= mission.settled, 0, -1)
         """Step at which it was not under the mission's bound for the last time, -1 for never; shape (R,)."""
         self.errors: FloatArray = np.full((plan.steps // plan.stride + 1, len(self.error)), np.inf)

@@ -195,9 +195,9 @@ def run_on(
     (K, N); `kept` takes the error every `World.stride` steps. Random numbers are drawn from `draw`.
 
     Returns the last step after which its error was not under the bound, or -1, the error at the end, and
-    how near two bodies came to each other [m].
+    how near two bodies came to each other [m], infinite where nobody looks.
     """
-    nearest = clearance(run, robots)
+    nearest = clearance(run, robots, minds.order, np.inf) if minds.watches else np.inf
     last_out, ring = -1, len(said)
     error = formation_error(run, robots, edges, leader[0])
     for step in range(begin, begin + len(leader) - 1):
@@ -223,7 +223,7 @@ def run_on(
             if world.body.position_noise > 0.0:
                 noise = world.body.position_noise * complex(draw.normal(0.0, 1.0), draw.normal(0.0, 1.0))
             drive(run[i], noise, world)
-        nearest = min(nearest, clearance(run, robots))
+        nearest = clearance(run, robots, minds.order, nearest) if minds.watches else nearest
         error = formation_error(run, robots, edges, leader[step - begin + 1])
         last_out = step + 1 if error >= world.settled else last_out
         if (step + 1) % world.stride == 0:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from formation.arrays import ComplexArray
 from formation.avoidance import LAG, Avoidance, Manners, avoid, heading_doubt
 from formation.law import Limits
 from formation.mission import Mission
@@ -46,6 +47,8 @@ class Minds(NamedTuple):
 
     avoids: bool
     """Whether anybody gets out of anybody's way."""
+    watches: bool
+    """Whether it is looked who touches whom: not where the mission has collisions off."""
     margin: float
     """[m]"""
     lag: float
@@ -58,12 +61,14 @@ class Minds(NamedTuple):
     """Centres that all published lately, in a ring [m; world frame]; shape (K, F), or (R, K, F)."""
     around: Any
     """Room for the obstacles of one robot, records of `OBSTACLE`."""
+    order: Any
+    """Followers from west to east, as they were at the last look; shape (F,), or (R, F)."""
 
 
 def minds_of(all_runs: Minds, run: int) -> Minds:
     """What belongs to one run."""
-    avoids, margin, lag, whom, tracks, said, around = all_runs
-    return Minds(avoids, margin, lag, whom, tracks[run], said[run], around)
+    avoids, watches, margin, lag, whom, tracks, said, around, order = all_runs
+    return Minds(avoids, watches, margin, lag, whom, tracks[run], said[run], around, order[run])
 
 
 def minds_in(
@@ -71,13 +76,14 @@ def minds_in(
     measurement: str | None,
     late: float,
     shape: tuple[int, ...],
+    starts: ComplexArray,
     *,
     avoids: bool,
 ) -> Minds:
     """Who minds whom in a mission; nobody where nobody `avoids`.
 
     `measurement` is how all measure, by default as the mission says; `late` the age of what is heard [s];
-    `shape` (R, K, N) that of a ring of what all say.
+    `shape` (R, K, N) that of a ring of what all say, `starts` (R, F) where they begin [m; world frame].
     """
     minded = [(name, other) for name in mission.followers for other in mission.minded(name)] if avoids else []
     whom = np.zeros(len(minded), MIND)
@@ -93,7 +99,8 @@ def minds_in(
     tracks["stamp"] = -np.inf
     said = np.zeros((runs, moments, robots - 1 if minded else 0), dtype=np.complex128)
     around, rules = np.zeros(robots, OBSTACLE), mission.collisions
-    return Minds(len(minded) > 0, rules.margin, rules.lag, whom, tracks, said, around)
+    order, watches = np.argsort(starts.real, axis=1), rules.mode != "off"
+    return Minds(len(minded) > 0, watches, rules.margin, rules.lag, whom, tracks, said, around, order)
 
 
 def look(run: Any, i: int, robots: Any, minds: Minds, oldest: int, now: float, world: Any, draw: Any) -> int:
@@ -146,13 +153,27 @@ def keep_clear(
     return done
 
 
-def clearance(run: Any, robots: Any) -> float:
-    """Least distance between two bodies of one run [m], negative where they touch; infinite for one body."""
-    least = np.inf
-    for i in range(len(robots)):
-        for j in range(i):
-            away, radii = run[i].position - run[j].position, robots[i].radius + robots[j].radius
+def clearance(run: Any, robots: Any, order: Any, least: float) -> float:
+    """Least distance between two bodies of one run [m], negative where they touch; `least` if that is less.
+
+    `order` is put in order again. Only who is near enough from west to east is looked at.
+    """
+    widest = 0.0
+    for k in range(len(order)):
+        i = order[k]
+        widest = max(widest, robots[i].radius)
+        m = k
+        while m > 0 and run[order[m - 1]].position.real > run[i].position.real:
+            order[m] = order[m - 1]
+            m -= 1
+        order[m] = i
+    for k in range(len(order)):
+        here, radius = run[order[k]].position, robots[order[k]].radius
+        m = k - 1
+        while m >= 0 and here.real - run[order[m]].position.real < least + radius + widest:
+            away, radii = here - run[order[m]].position, radius + robots[order[m]].radius
             squared, near = away.real * away.real + away.imag * away.imag, least + radii
             if near > 0.0 and squared < near * near:  # roots are for the few that are
                 least = math.sqrt(squared) - radii
+            m -= 1
     return least

@@ -49,7 +49,8 @@ class Result:
     final_error: FloatArray
     """At the horizon [m], infinite where a run left the numbers; shape (R,)."""
     nearest: FloatArray
-    """How near two bodies came to each other [m], negative where they touched; shape (R,)."""
+    """How near two bodies came to each other [m], shape (R,): negative where they touched, infinite with
+    collisions off."""
     deadlocks: NDArray[np.int64]
     """Of all robots; shape (R,)."""
     time: FloatArray
