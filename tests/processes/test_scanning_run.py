@@ -8,7 +8,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from itertools import combinations, dropwhile
+from itertools import combinations, groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -171,10 +171,9 @@ def test_robots_whose_scans_stop_hold_until_they_come_again(tmp_path: Path) -> N
     blind_ones = blindness(record, held)
     assert set(blind_ones) == set(POSTS.followers)
     for name, blind in blind_ones.items():
-        stood = blind.commands[blind.commands.index(AT_REST) :]
-        again = list(dropwhile(lambda command: command == AT_REST, stood))
-        assert len(again) < len(stood), name
-        assert AT_REST not in again, name  # which overtook the scan that they waited for
+        stands = [stands for stands, _ in groupby(blind.commands, lambda command: command == AT_REST)]
+        # it drove, stood, and may have been told to go on before the scan that let it is recorded
+        assert stands[stands.index(False) :] in ([False, True], [False, True, False]), name
     code, text, _ = verified(record)
     assert code == 0, text
     assert min(commands(record).values()) > 0
