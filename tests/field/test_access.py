@@ -143,10 +143,10 @@ def hearers(mission: Mission, speaker: str, key: str) -> set[str]:
     leaders, everybody = set(mission.candidates), set(mission.followers)
     match topic:
         case "position":
-            measuring = {i for i in everybody if robot in mission.robots[i].measurable}
+            hearing = {i for i in everybody if robot in mission.heard(i)}  # who measures or minds it
             if robot == mission.leader:
-                return measuring
-            return measuring | {one for one in leaders if robot in partners(mission, one)}
+                return hearing
+            return hearing | {one for one in leaders if robot in partners(mission, one)}
         case "ballot" if mission.standbys and speaker in leaders:
             return everybody | leaders
         case "course" if mission.standbys and speaker in leaders:
