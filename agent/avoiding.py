@@ -22,7 +22,11 @@ from formation.neighbour import uncertain
 from formation.scan import Circle, Mate
 from formation.unicycle import Command
 from formation.wire import Now
+from formation.zones import Zone
 
+RECOGNISED = 0.2
+"""Who may be further off than this [rad] from where it is looked for is not taken out of a scan: a post that
+stands there would be taken for it."""
 Brake = Callable[[Command], Command]
 """What leaves everybody room of a command."""
 
@@ -94,6 +98,8 @@ class Avoiding:
     def rested(self) -> None:
         """The robot does not drive: nothing keeps it from moving."""
         self.memory, self.acting = self.memory._replace(kept=0.0, detour=0.0), False
+        if self.scanner is not None:
+            self.scanner.zone = Zone.CLEAR
 
     def words(self, around: Neighbourhood) -> dict[str, str]:
         """What the status says of it."""
@@ -126,7 +132,7 @@ class Avoiding:
         mates = [
             Mate(name, one.at, one.radius, one.velocity)
             for name, one in obstacles.items()
-            if self.mode == "on" and known[name].stream.fresh(now)
+            if self.mode == "on" and known[name].stream.fresh(now) and one.doubt < RECOGNISED
         ]
         return self.scanner.strangers(now, mates)
 

@@ -165,7 +165,10 @@ def _gains(words: Sequence[str]) -> dict[str, float]:
             raise Refusal(f"tune: no gain {name!r} can be tuned; those that can are {legal}")
         if name in given:
             raise Refusal(f"tune: {name} is given twice")
-        given[name] = _number(value)
+        try:
+            given[name] = _number(value)
+        except Refusal as refusal:
+            raise Refusal(f"tune: {name}: {refusal}") from None
     return given
 
 

@@ -87,6 +87,8 @@ def words(mission: Mission, seed: int | None, result: Result) -> str:
     else:
         lines.append(f"  final error      {metres(final['median'])} median, {metres(final['max'])} worst")
     lines += _bodies(mission, result)
+    if missing := left_out(mission):
+        lines.append(f"  not simulated    {', '.join(missing)}; formation run has them")
     lines.append(
         f"  took             {found['wall_time']:.2f} s, "
         f"{found['robot_steps_per_second']:,.0f} robot steps a second"
@@ -112,10 +114,28 @@ def _bodies(mission: Mission, result: Result) -> Iterator[str]:
         yield f"  deadlocks        {found['deadlocks']}, after each of which a robot went another way"
 
 
+def left_out(mission: Mission) -> list[str]:
+    """What the mission has, and this does not simulate."""
+    world, robots = mission.simulation, (mission.robots[name] for name in mission.followers)
+    found = {
+        "scanners": any(robot.scanner != "none" for robot in robots),
+        "posts": bool(world.posts),
+        "walls": bool(world.walls),
+    }
+    return [what for what, there in found.items() if there]
+
+
 def report(mission: Mission, options: argparse.Namespace, result: Result) -> dict[str, Any]:
     """The result for a script."""
     plot = {} if options.plot is None else {"plot": str(options.plot)}
-    return {"mission": mission.name, "law": result.law, "seed": options.seed, **result.summary(), **plot}
+    return {
+        "mission": mission.name,
+        "law": result.law,
+        "seed": options.seed,
+        **result.summary(),
+        "not_simulated": left_out(mission),
+        **plot,
+    }
 
 
 def _body(mission: Mission, options: argparse.Namespace) -> Body:

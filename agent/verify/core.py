@@ -16,7 +16,7 @@ from agent.verify.traced import BadTraceError, read
 from agent.verify.verdict import TOLERANCE, Comparison, Verdict
 from formation.mission import Mission
 from formation.ros2.ros_names import address
-from formation.topics import BALLOT, CMD_VEL, ODOM, POSE, POSITION, RELATIVE
+from formation.topics import BALLOT, CMD_VEL, ODOM, POSE, POSITION, RELATIVE, SCAN
 from formation.wire import Sample
 
 LATE = 3.0
@@ -25,7 +25,7 @@ LEAP = 1.0
 """More than this between two messages is a clock that was set, or a pause: nothing comes late in it [s]."""
 MOST_VOICES = 16
 """Agents of one robot that are told apart at a time."""
-_HEARD = frozenset({BALLOT, ODOM, POSE, POSITION, RELATIVE})
+_HEARD = frozenset({BALLOT, ODOM, POSE, POSITION, RELATIVE, SCAN})
 
 
 class Verification:

@@ -14,8 +14,8 @@ SETTLED = 0.0005
 """Mean error of an edge under which a formation of more than a hundred edges counts as settled [m]."""
 MIND_ALL = 12
 """Up to so many robots all mind all; of more, each minds those in the slots around its own."""
-AROUND = 1.5
-"""Those are so many spacings away at most."""
+AROUND = 2.1
+"""Those are so many spacings away at most: starts are drawn up to half a spacing off slots."""
 GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
 """Turned by this from one to the next, starts look as by chance and are the same each time [rad]."""
 

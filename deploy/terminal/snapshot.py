@@ -28,6 +28,8 @@ class RobotNow(NamedTuple):
     """It does not follow, and others go on without it."""
     stuck: bool = False
     """It does not move though it is told to."""
+    evades: str = ""
+    """What it does instead of what its law wants, in a word: ``yields``, ``slowed`` or ``blocked``."""
     fallback: str = ""
     """Whom it follows in place of its neighbours."""
 
@@ -77,6 +79,7 @@ def _robot(robot: Mapping[str, Any]) -> RobotNow:
         age=_number(robot.get("age")),
         aside=robot.get("aside") is True,
         stuck=robot.get("stuck") is True,
+        evades=_text(robot.get("evades")),
         fallback=_text(robot.get("fallback")),
     )
 

@@ -142,11 +142,13 @@ def _called(progress: Progress) -> str:
 
 
 def _state(state: str, robot: RobotNow) -> Text:
-    """What it does; of one that runs, whether it follows."""
+    """What it does; of one that runs, whether it follows, and whether anything is in its way."""
     if state == "run" and robot.stuck:
         return Text("stuck", style="yellow")
     if state == "run" and robot.aside:
         return Text("aside", style="yellow")
+    if state == "run" and robot.evades:
+        return Text(robot.evades, style="yellow" if robot.evades == "blocked" else "cyan")
     return Text(state or "-", style=COLOURS.get(state, ""))
 
 

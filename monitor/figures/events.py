@@ -26,7 +26,7 @@ from monitor.figures.event import (
 )
 from monitor.figures.feed import freshness_limit
 from monitor.figures.leading import Leading
-from monitor.figures.snapshot import RobotFigures, Snapshot
+from monitor.figures.snapshot import EVADES, RobotFigures, Snapshot
 from monitor.figures.turns import Pace, Turns
 
 __all__ = [
@@ -50,6 +50,8 @@ STATES = {
     "waiting": ("waiting", INFO),
 }
 """What an agent (or the leader) says of itself, and the event that this makes."""
+CLEAR_FOR = 2.0
+"""Whose way has been clear for so long [s] gets out of nobody's way any more."""
 READONLY = "readonly: would "
 
 
@@ -82,11 +84,14 @@ class _Robot:
         self._presence, self._state, self._voices = Turns("lost"), Turns(), Turns("one voice")
         self._aside, self._fallback, self._process = Turns("follows"), Turns(), Turns("1")
         self._stuck = Turns("moves")
+        self._evades, self._evaded = Turns("clear"), -math.inf  # and when it last did [s, monotonic]
+        self._deadlocks = Turns("0")
 
     def see(self, now: Now, robot: RobotFigures, contested: bool) -> Iterator[Event]:
         yield from self._there(now, robot)
         yield from self._doing(now, robot)
         yield from self._following(now, robot)
+        yield from self._evading(now, robot)
         before = self._voices.see("a second voice" if contested else "one voice", now.mono)
         if before is not None:
             level = ERROR if contested else INFO
@@ -149,6 +154,23 @@ class _Robot:
             if robot.fallback:
                 level, text = WARNING, f"none of its own neighbours is left, it follows {robot.fallback}"
             yield Event(now.wall, level, self.name, "fallback", f"{text}{more(before)}")
+
+    def _evading(self, now: Now, robot: RobotFigures) -> Iterator[Event]:
+        """Whether anything is in its way."""
+        if robot.evades:
+            self._evaded = now.mono
+        state = "blocked" if robot.evades == "blocked" else "evades" if robot.evades else "clear"
+        if state == "clear" and now.mono - self._evaded < CLEAR_FOR:
+            state = self._evades.state
+        before = self._evades.see(state, now.mono)
+        if before is not None:
+            level = WARNING if state == "blocked" else INFO
+            text = EVADES.get(robot.evades, "its way is clear again")
+            yield Event(now.wall, level, self.name, state, f"{text}{more(before)}")
+        before = self._deadlocks.see(str(robot.deadlocks), now.mono)
+        if before is not None and robot.deadlocks:
+            text = f"kept from moving, it goes another way ({robot.deadlocks} so far){more(before)}"
+            yield Event(now.wall, INFO, self.name, "deadlock", text)
 
 
 class _Settled:

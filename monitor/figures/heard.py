@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -34,6 +34,11 @@ SECOND_VOICE = "second voice "
 """What an agent's status says of a neighbour for whom two processes speak begins so."""
 GUIDES, STUCK = "follows", "stuck"
 """Where an agent's status names whom it follows, and where it says that it does not get on."""
+COLLISIONS, ZONE, DEADLOCKS = "collisions", "protective zone", "deadlocks"
+"""Where it says whether it gets out of the way, what its scanner makes of its commands, and how often it was
+kept from moving."""
+YIELDS, ZONES = "on: gets out of the way", {"slow": "slowed", "stop": "blocked"}
+MOST_DEADLOCKS = 1_000_000
 
 
 class Tracked(NamedTuple):
@@ -117,6 +122,8 @@ class Heard:
             rejected_age=_finite(now.mono - max(feed.rejected for feed in self._feeds.values())),
             aside=self.riding.aside,
             stuck=STUCK in said,
+            evades=_evades(said) if does == "run" else "",
+            deadlocks=_deadlocks(said),
             fallback=", ".join(one for one in guides if one and one not in self._spec.neighbours),
             voices=self.riding.voices,
         )
@@ -194,6 +201,18 @@ def _figures(feed: Feed, now: Now) -> KeyFigures:
     return KeyFigures(
         feed.count, feed.rate(now.mono), _finite(feed.silence(now.mono)), feed.missed, feed.clock, feed.loss
     )
+
+
+def _evades(said: Mapping[str, str]) -> str:
+    """What keeps it from doing as its law wants, the hardest first; a key of `EVADES`, or nothing."""
+    yields = "yields" if said.get(COLLISIONS) == YIELDS else ""
+    return ZONES.get(said.get(ZONE, ""), yields)
+
+
+def _deadlocks(said: Mapping[str, str]) -> int:
+    """A count as a status says it; whatever else stands there is none."""
+    text = said.get(DEADLOCKS, "")
+    return min(int(text), MOST_DEADLOCKS) if text.isascii() and text.isdigit() and len(text) < 9 else 0
 
 
 def _finite(value: float) -> float | None:

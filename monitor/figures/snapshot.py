@@ -45,6 +45,14 @@ class CandidateFigures(NamedTuple):
     """Since it last said how it is [s]."""
 
 
+EVADES = {
+    "yields": "gets out of the way",
+    "slowed": "slowed by its protective zone",
+    "blocked": "stopped by its protective zone",
+}
+"""What a robot may do instead of what its law wants: a word for a table, and more of them."""
+
+
 @dataclass(frozen=True, slots=True)
 class RobotFigures:
     """One robot."""
@@ -76,6 +84,10 @@ class RobotFigures:
     """It says that it does not follow, or not closely yet."""
     stuck: bool = False
     """It says that it does not move though it is told to."""
+    evades: str = ""
+    """What it does instead of what its law wants, by its newest status: one of `EVADES`, or nothing."""
+    deadlocks: int = 0
+    """How often it was kept from moving by others, and went another way, since its agent's start."""
     fallback: str = ""
     """Which fallback neighbours it follows."""
     voices: int = 0

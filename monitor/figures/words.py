@@ -8,7 +8,7 @@ from typing import Any
 
 from formation.figure import Figure
 from formation.ros2.messages import Diagnostics, Status
-from monitor.figures.snapshot import KeyFigures, RobotFigures, Snapshot
+from monitor.figures.snapshot import EVADES, KeyFigures, RobotFigures, Snapshot
 from monitor.figures.statuses import SILENT
 
 OK, WARNING, STALE = 0, 1, 3
@@ -141,6 +141,8 @@ def _robot_status(name: str, robot: RobotFigures, errors: Mapping[str, float | N
         "turn rate": _text(robot.turn_rate),
         **({"aside": "true"} if robot.aside else {}),
         **({"stuck": "true"} if robot.stuck else {}),
+        **({"evades": EVADES[robot.evades]} if robot.evades else {}),
+        **({"deadlocks": str(robot.deadlocks)} if robot.deadlocks else {}),
         **({"fallback": robot.fallback} if robot.fallback else {}),
         **{
             f"{what} {key.partition('/')[2]}": text
@@ -178,6 +180,8 @@ def _robot(robot: RobotFigures) -> dict[str, Any]:
         "rate": _round(robot.rate, 2),
         "aside": robot.aside,
         "stuck": robot.stuck,
+        "evades": robot.evades,
+        "deadlocks": robot.deadlocks,
         "fallback": robot.fallback,
         "voices": robot.voices,
     }

@@ -24,6 +24,16 @@ ROBOT: tuple[tuple[str, str, Callable[[RobotFigures], float | None]], ...] = (
     ("position_age_seconds", "Since its last position arrived", lambda one: one.age),
     ("aside", "1 while it does not follow, and others go on without it", lambda one: float(one.aside)),
     ("stuck", "1 while it does not move though it is told to", lambda one: float(one.stuck)),
+    (
+        "evades",
+        "1 while it gets out of the way, or its protective zone slows or stops it",
+        lambda one: float(bool(one.evades)),
+    ),
+    (
+        "deadlocks",
+        "How often it was kept from moving, and went another way, since its agent's start",
+        lambda one: float(one.deadlocks),
+    ),
     ("voices", "Processes that have spoken for it: each start is another", lambda one: float(one.voices)),
 )
 """Gauges of one robot: name after ``formation_robot_``, help, and where it stands."""

@@ -17,13 +17,14 @@ from formation.wire import Now
 from monitor.figures.events import Event
 from monitor.figures.health import Health, health
 from monitor.figures.metrics import Metrics
-from monitor.figures.snapshot import RobotFigures, Snapshot
+from monitor.figures.snapshot import EVADES, RobotFigures, Snapshot
 from monitor.figures.trajectory import Placed
 
 FIELDS = (
     "x", "y", "heading", "point_x", "point_y", "slot_x", "slot_y", "error", "speed", "turn_rate",
     "speed_share", "turn_rate_share", "age", "rate", "loss", "health", "state", "reason",
     "true_x", "true_y", "heading_error", "health_why", "aside", "fallback",
+    "evades",
 )  # fmt: skip
 """Columns of a robot's row: its centre, its control point, where that should be, and figures."""
 MILLI, TENTH_MILLI = 3, 4
@@ -52,6 +53,8 @@ def hello(
         "shapes": {
             shape: [_xy(mission.slot(name, shape)) for name in mission.names] for shape in mission.shapes
         },
+        "posts": [[post.x, post.y, post.radius] for post in mission.simulation.posts],
+        "walls": [[*wall.begin, *wall.end] for wall in mission.simulation.walls],
         "candidates": list(mission.candidates) if mission.standbys else [],
         "fields": list(FIELDS),
     }
@@ -170,6 +173,7 @@ def _row(
         well.why,
         2 if robot.stuck else int(robot.aside),
         robot.fallback,
+        EVADES.get(robot.evades, ""),
     ]
 
 

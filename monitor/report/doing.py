@@ -26,6 +26,12 @@ class Doing:
     """While it did not follow, and others went on without it [s]."""
     fallback: float = 0.0
     """While it measured fallback neighbours [s]."""
+    evading: float = 0.0
+    """While it got out of the way, or its protective zone slowed it [s]."""
+    blocked: float = 0.0
+    """While its protective zone stopped it [s]."""
+    deadlocks: int = 0
+    """How often it was kept from moving, and went another way."""
     asides: int = 0
     """How often that began."""
     starts: int = 0
@@ -41,6 +47,7 @@ class Doings:
             name: max(LOST, freshness_limit(mission.robots[name].rate)) for name in mission.followers
         }
         self._aside = dict.fromkeys(mission.followers, False)
+        self._deadlocks = dict.fromkeys(mission.followers, 0)
         self._looked = float("inf")
 
     def look(self, wall: float, robots: Mapping[str, RobotFigures]) -> None:
@@ -54,12 +61,16 @@ class Doings:
             doing.starts = max(robot.voices - 1, 0)
             doing.asides += robot.aside and not self._aside[name]
             self._aside[name] = robot.aside
+            doing.deadlocks += max(0, robot.deadlocks - self._deadlocks[name])
+            self._deadlocks[name] = robot.deadlocks
             if robot.age is None or not 0.0 < passed <= WIDEST:
                 continue
             state = self._state(name, robot)
             doing.seconds[state] = doing.seconds.get(state, 0.0) + passed
             doing.aside += passed * robot.aside
             doing.fallback += passed * bool(robot.fallback)
+            doing.evading += passed * (robot.evades in {"yields", "slowed"})
+            doing.blocked += passed * (robot.evades == "blocked")
 
     def _state(self, name: str, robot: RobotFigures) -> str:
         if self._lost(name, robot):

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from formation.arrays import ComplexArray, FloatArray
+from formation.mission import SimulationSpec
 from formation.plane import unit
 
 if TYPE_CHECKING:
@@ -143,6 +144,16 @@ def formations(axes: Axes, points: ComplexArray, edges: Iterable[tuple[int, int]
             ends = marks[[i, j]]
             axes.plot(ends.real, ends.imag, linewidth=0.6 if first else 0.9, **line)
         axes.plot(marks.real, marks.imag, "o", markersize=2.0, **line)
+
+
+def things(axes: Axes, world: SimulationSpec) -> None:
+    """Posts and walls of a simulated world."""
+    from matplotlib.patches import Circle  # noqa: PLC0415
+
+    for post in world.posts:
+        axes.add_patch(Circle((post.x, post.y), post.radius, color=FAINT, linewidth=0.0))
+    for wall in world.walls:
+        axes.plot(*zip(wall.begin, wall.end, strict=True), color=FAINT, linewidth=1.6)
 
 
 def moments(times: Iterable[float]) -> str:

@@ -18,7 +18,9 @@ LEADERS = (
 )
 DOINGS = (
     "By their own words, as the monitor heard them. Lost: not heard for a second. Aside: it said that it did"
-    " not follow, and who measures it went on without it."
+    " not follow, and who measures it went on without it. Out of the way: the collision filter turned or"
+    " slowed it, or its protective zone slowed it. Blocked: that stopped it. Deadlocks: it was kept from"
+    " moving, and went another way for a while."
 )
 
 
@@ -62,8 +64,8 @@ def reigns(run: Run) -> Table:
 def doings(run: Run) -> Table:
     """What followers did with their time."""
     heads = (
-        "robot", "ran", "held", "stopped", "waited", "lost", "aside", "with fallback neighbours",
-        "started anew",
+        "robot", "ran", "held", "stopped", "waited", "lost", "aside", "out of the way",
+        "blocked", "deadlocks", "with fallback neighbours", "started anew",
     )  # fmt: skip
     rows = []
     for name, one in run.doings.items():
@@ -74,6 +76,9 @@ def doings(run: Run) -> Table:
                 name,
                 *(words.lasting(time) if time else "" for time in times),
                 aside if one.asides else "",
+                words.lasting(one.evading) if one.evading else "",
+                words.lasting(one.blocked) if one.blocked else "",
+                words.whole(one.deadlocks) if one.deadlocks else "",
                 words.lasting(one.fallback) if one.fallback else "",
                 words.whole(one.starts) if one.starts else "",
             )

@@ -48,6 +48,8 @@ def trajectories(axes: Axes, run: Run, view: View) -> None:
     time, points = ways.time[shown], ways.points[shown]
     moments = np.unique(np.searchsorted(time, np.linspace(time[0], time[-1], 4)).clip(0, len(time) - 1))
     drawing.formations(axes, points[moments], edges(run))
+    if run.truth:  # in the field [simulation] is about another world
+        drawing.things(axes, mission.simulation)
     axes.set_title(f"{axes.get_title(loc='left')}; formation at {drawing.moments(time[moments])}", loc="left")
     if view.box is not None:
         low, high = view.box

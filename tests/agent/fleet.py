@@ -25,7 +25,7 @@ from formation.mission import Mission
 from formation.order import OperatorReply, OperatorRequest, encode
 from formation.order import decode as decode_order
 from formation.ros2.messages import Diagnostics, Twist, TwistStamped, decode
-from formation.topics import BALLOT, CMD_VEL, COURSE, ODOM, POSITION, STATUS
+from formation.topics import BALLOT, CMD_VEL, COURSE, ODOM, POSITION, SCAN, STATUS
 from formation.transport.process import Core
 from formation.wire import Now, Outgoing, Sample
 from leader.core import Leader
@@ -281,4 +281,5 @@ class Fleet:
 
 def keys_of_neighbours(mission: Mission, name: str) -> set[str]:
     ballots = {BALLOT.key(one) for one in mission.candidates} if mission.standbys else set()
-    return {ODOM.key(name)} | {POSITION.key(other) for other in mission.heard(name)} | ballots
+    scans = {SCAN.key(name)} if mission.robots[name].scanner != "none" else set()
+    return {ODOM.key(name)} | {POSITION.key(other) for other in mission.heard(name)} | ballots | scans

@@ -30,6 +30,10 @@ def changed(mission: Mission, **robots: Any) -> Mission:
     return mission.model_copy(update={"robots": changed})
 
 
+LONERS = changed(SIX, mind=())
+"""Who mind nobody but those they measure."""
+
+
 def room(fleet: Fleet, seconds: float) -> float:
     """How near two bodies come to each other [m]."""
     least = float("inf")
@@ -80,7 +84,7 @@ def test_who_only_warns_says_what_it_would_do_and_does_what_it_did() -> None:
 
 
 def test_a_robot_hears_the_positions_of_those_it_minds_and_nothing_else_of_them() -> None:
-    alone, minding = (set(Agent(one, "robot2").subscriptions) for one in (SIX, CROSSING))
+    alone, minding = (set(Agent(one, "robot2").subscriptions) for one in (LONERS, CROSSING))
     others = {POSITION.key(name) for name in SIX.followers if name != "robot2"}
     assert minding - alone == others
     assert set(Agent(CROSSING, "robot2", "paper").subscriptions) == alone
@@ -99,7 +103,7 @@ def test_the_status_says_who_is_minded_who_was_never_heard_and_what_came_of_it()
 
 
 def test_who_measures_only_the_leader_minds_nobody_unless_told_to() -> None:
-    fleet = Fleet(SIX)
+    fleet = Fleet(LONERS)
     fleet.run(2.0)
     assert "collisions" not in fleet.status("robot2")
 

@@ -43,7 +43,7 @@ def changed(key: str, change: Callable[[Pose], Pose]) -> Callable[[Sample], tupl
 
 def test_an_agent_that_is_told_its_position_from_outside_does_not_listen_to_odometry() -> None:
     keys = set(Agent(SEEN, "robot1").subscriptions)
-    assert keys == {POSE.key("robot1"), POSITION.key("leader")}
+    assert keys == {POSE.key("robot1"), POSITION.key("leader"), POSITION.key("robot2")}
     assert ODOM.key("robot1") in {key for _, key in Fleet(SEEN).world.publications}
 
 

@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 
 from agent import values
 from agent.core import Agent
-from agent.memory import KEPT, BadMemoryError, recall, remember
+from agent.kept import KEPT
+from agent.memory import BadMemoryError, recall, remember
 from agent.status import Surroundings
 from formation.mission import Mission
 from formation.mission_file import load

@@ -26,7 +26,7 @@ from tests.agent.recorded import Looped, RecordedFleet, Recording
 
 SIX = load("six_robots")
 KEY = CMD_VEL.key("robot3")
-HELD = [ODOM.key("robot3"), POSITION.key("robot1"), POSITION.key("robot2")]
+HELD = [ODOM.key("robot3"), *(POSITION.key(f"robot{other}") for other in (1, 2, 4, 5, 6))]
 
 
 def now(mono: float) -> Now:

@@ -19,13 +19,14 @@ from agent.verify.verdict import MOST_STRETCHES, Verdict
 from formation.mission import Mission
 from formation.mission_file import load, parse, read
 from formation.ros2.messages import Twist, encode
-from formation.topics import BALLOT, CMD_VEL, ODOM, POSITION
+from formation.topics import BALLOT, CMD_VEL, ODOM, POSITION, SCAN
 from formation.wire import Now, Sample
 from monitor.figures.keys import watched
 from tests.agent.missions import with_robots
 from tests.agent.recorded import RecordedFleet, Recording, all_alike
 
 SIX, PAIR, CHAINS = load("six_robots"), load("turtlebot3_pair"), load("two_chains")
+POSTS = load("posts")
 STEPS = {"speed_step": 0.01, "turn_rate_step": 0.01}
 
 
@@ -63,8 +64,9 @@ def between(key: str, since: float, until: float) -> Callable[[Sample, float], b
         with_robots("six_robots", odometry_frame="start"),
         with_robots("turtlebot3_pair", heading="measured"),
         with_robots("turtlebot3_pair", localisation="external", **STEPS),
+        POSTS,
     ],
-    ids=["six", "pair", "chains", "local", "start frame", "measured heading", "external"],
+    ids=["six", "pair", "chains", "local", "start frame", "measured heading", "external", "posts"],
 )  # fmt: skip
 def test_every_command_of_a_run_is_computed_again_to_the_last_bit(mission: Mission, law: str) -> None:
     fleet = RecordedFleet(mission, law=law, loss=0.1)
@@ -73,12 +75,12 @@ def test_every_command_of_a_run_is_computed_again_to_the_last_bit(mission: Missi
 
 
 def test_whatever_an_agent_listens_to_is_recorded_and_kept_for_its_judgement() -> None:
-    text, name = read("six_robots")
+    text, name = read("posts")
     mission = parse(f"{text}\n[standbys.spare1]\n[standbys.spare2]\n", name)
     recorded = {one.key for one in watched(mission)}
     for robot in mission.followers:
         heard = set(Agent(mission, robot).subscriptions)
-        assert BALLOT.key("spare2") in heard
+        assert {BALLOT.key("spare2"), SCAN.key(robot)} <= heard
         assert heard <= recorded
         assert all(core._may_be_heard(key) for key in heard)
 

@@ -112,7 +112,7 @@ def test_a_route_that_is_none_is_refused_as_in_a_mission(
         ("tune 3", "'3': must be a gain as k_p=2"),
         ("tune kp=3", "tune: no gain 'kp' can be tuned; those that can are k_p and k_i"),
         ("tune k_p=3 k_p=4", "tune: k_p is given twice"),
-        ("tune k_p=fast", "'fast': must be a number"),
+        ("tune k_p=fast", "tune: k_p: 'fast': must be a number"),
         ("tune k_p=-1", "tune: k_p = -1.0: must be greater than or equal to 0.001"),
         ("tune k_p=2 k_i=50", "k_i = 50: overshoots at robot2's 20 Hz, eigenvalue"),
         ("speed 0.1", "speed takes V and HEADING; here: 0.1"),

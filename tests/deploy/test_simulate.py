@@ -36,6 +36,18 @@ def test_the_json_has_every_figure(capsys: pytest.CaptureFixture[str]) -> None:
     assert result["robot_steps_per_second"] > 0.0
 
 
+def test_it_says_that_it_simulates_no_scanners_and_nothing_that_stands_about(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["simulate", "posts", "--json"]) == 0
+    *lines, last = capsys.readouterr().out.splitlines()
+    assert "  not simulated    scanners, posts, walls; formation run has them" in lines
+    assert json.loads(last)["not_simulated"] == ["scanners", "posts", "walls"]
+    text, result = simulated(capsys)
+    assert "not simulated" not in text
+    assert result["not_simulated"] == []
+
+
 def test_one_run_starts_as_the_mission_says_and_many_as_the_seed_says(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -59,9 +71,9 @@ def test_one_run_from_a_random_start_does_not_claim_to_be_the_missions(
 def test_it_says_whether_bodies_touched_and_whether_anybody_avoided_that(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    text, result = simulated(capsys, "--runs", "20", "--seed", "1")
+    text, result = simulated(capsys, "--runs", "20", "--seed", "1", "--law", "paper")
     assert f"bodies           touch in {result['touched']} of 20 runs" in text
-    assert "; nobody avoids anybody" in text  # they measure the leader only, which has no body
+    assert "; nobody avoids anybody" in text  # the printed law is said as it is
     assert (result["touched"] > 0) == (result["nearest"] < 0.0)
     assert main(["simulate", "six_robots", *SHORT]) == 0
     text = capsys.readouterr().out

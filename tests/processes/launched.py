@@ -43,7 +43,7 @@ def wait_until_running(process: subprocess.Popen[str], seconds: float) -> list[p
     assert process.stderr is not None
     for text in process.stderr:
         words = text.split()
-        if "error" in words and float(words[0]) >= seconds:
+        if words[1:2] == ["of"] and "error" in words and float(words[0]) >= seconds:
             return psutil.Process(process.pid).children(recursive=True)
     raise AssertionError(f"it ended with exit code {process.wait()} before {seconds} s")
 

@@ -118,7 +118,7 @@ def test_without_control_the_page_of_a_run_only_shows(browser: Browser, tmp_path
         started("turtlebot3_pair", "--duration", "60", *PAGE, folder=tmp_path) as process,
         watched(browser, page_of(process), tolerated="status of 404") as page,
     ):
-        until(page, "formation.model.frame?.error > 0")
+        until(page, f"formation.model.frame?.error > 0 && {STATES}.every((word) => word === 'run')")
         assert not page.is_visible("#orders")
         assert page.evaluate(POST, "anything") in {404, 405}
         assert page.evaluate(STATES) == ["run"] * 3

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import cast
 
 from tests.reliability.document import DOCS, stamp
-from tests.safety import crossing, document, gains, missions, posts
+from tests.safety import crossing, document, gains, missions, physics, posts
 from tests.safety.part import Options, Part
 
 PARTS: Mapping[str, Part] = {
@@ -21,6 +21,7 @@ PARTS: Mapping[str, Part] = {
         "crossing": crossing,
         "posts": posts,
         "missions": missions,
+        "physics": physics,
         "gains": gains,
     }.items()
 }

@@ -43,7 +43,8 @@ def mjcf(robots: Mapping[str, Placed], posts: Iterable[Post], walls: Iterable[Wa
   <option timestep="{STEP}" integrator="implicitfast" cone="elliptic" impratio="10"/>
   <visual>
     <global offwidth="1280" offheight="960"/>
-    <headlight ambient="0.4 0.4 0.4" diffuse="0.3 0.3 0.3"/>
+    <quality shadowsize="4096" offsamples="8"/>
+    <headlight ambient="0.4 0.4 0.4" diffuse="0.2 0.2 0.2" specular="0 0 0"/>
   </visual>
   <default>
     <default class="floor"><geom contype="1" conaffinity="2"/></default>
@@ -52,11 +53,12 @@ def mjcf(robots: Mapping[str, Placed], posts: Iterable[Post], walls: Iterable[Wa
     <default class="seen"><geom contype="0" conaffinity="0" mass="0" group="1"/></default>
   </default>
   <asset>
-    <texture name="tiles" type="2d" builtin="checker" width="64" height="64" rgb1=".8 .8 .8" rgb2=".7 .7 .7"/>
+    <texture name="tiles" type="2d" builtin="checker" width="512" height="512"
+      rgb1=".84 .84 .85" rgb2=".74 .74 .76"/>
     <material name="tiles" texture="tiles" texrepeat="1 1" texuniform="true"/>
   </asset>
   <worldbody>
-    <light pos="0 0 10" dir="0 0 -1" directional="true"/>
+    <light dir="0.4 0.5 -1" directional="true" diffuse="0.55 0.55 0.55" specular="0.1 0.1 0.1"/>
     <geom class="floor" type="plane" size="0 0 1" material="tiles"/>
     {"".join(_post(*one) for one in posts)}
     {"".join(_wall(*one) for one in walls)}

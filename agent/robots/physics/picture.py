@@ -11,12 +11,16 @@ from agent.robots.physics.world import World
 
 WIDTH, HEIGHT = 1280, 960
 """[pixels]"""
-MARGIN = 0.5
+MARGIN = 0.25
 """So much room is left around the outermost robots [m]."""
-AWAY = 1.5
+AWAY = 1.35
 """How far the camera is away, as a share of the width that it looks at."""
-ELEVATION = -55.0
+ELEVATION = -35.0
 """The camera looks down by so much [deg]."""
+AZIMUTH = 70.0
+"""It looks this way, counter-clockwise from the world's x axis [deg]."""
+LIGHT = (-1.6, -2.0, 4.0)
+"""Where the light is from what the camera looks at [m]: shadows fall true only near it."""
 
 
 class NoPicture(Exception):  # noqa: N818 - nothing can be rendered here
@@ -42,8 +46,11 @@ class Camera:
         camera.type = mujoco.mjtCamera.mjCAMERA_FREE
         camera.lookat[:] = (0.5 * (min(east) + max(east)), 0.5 * (min(north) + max(north)), 0.0)
         camera.distance = AWAY * (2.0 * MARGIN + max(max(east) - min(east), max(north) - min(north)))
-        camera.azimuth, camera.elevation = 90.0, ELEVATION
+        camera.azimuth, camera.elevation = AZIMUTH, ELEVATION
         self._renderer.update_scene(self._world.data, camera)
+        for light in self._renderer.scene.lights[: self._renderer.scene.nlight]:
+            if not light.headlight:
+                light.pos = camera.lookat + LIGHT
         Image.fromarray(self._renderer.render()).save(path, format="PNG")
 
     def close(self) -> None:

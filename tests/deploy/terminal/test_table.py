@@ -41,7 +41,7 @@ def row(lines: list[str], robot: str) -> str:
     return next(text for text in lines if text.startswith(robot))
 
 
-@pytest.mark.parametrize("mission", ["six_robots", "turtlebot3_pair", "two_chains"])
+@pytest.mark.parametrize("mission", ["six_robots", "turtlebot3_pair", "two_chains", "posts"])
 def test_every_shipped_mission_fits_a_terminal_of_80_by_24(mission: str) -> None:
     now = progress(mission)
     lines = picture(now)
@@ -54,6 +54,13 @@ def test_every_shipped_mission_fits_a_terminal_of_80_by_24(mission: str) -> None
 def test_a_robots_row_says_state_error_commands_heading_and_age() -> None:
     words = row(picture(progress()), "robot3").split()
     assert words == ["robot3", "run", "12", "cm", "0.75", "━━╌╌", "-0.40", "━╌╌╌", "-3.0°", "31", "ms"]
+
+
+@pytest.mark.parametrize("word", ["yields", "slowed", "blocked"])
+def test_of_a_robot_that_runs_and_does_not_as_its_law_wants_a_word_says_why(word: str) -> None:
+    assert (
+        row(picture(progress(robots={"robot3": RUNNING._replace(evades=word)})), "robot3").split()[1] == word
+    )
 
 
 def test_a_long_name_is_cut_and_takes_nothing_from_the_figures() -> None:

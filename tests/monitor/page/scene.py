@@ -35,6 +35,8 @@ class Scene:
         self.state = dict.fromkeys(self.names, ("run", "in formation control"))
         self.aside: set[str] = set()
         """Who does not follow."""
+        self.evades: dict[str, str] = {}
+        """Who does what instead of what its law wants."""
         self.fallback: dict[str, str] = {}
         """Who measures whom instead of its own neighbours."""
         self.wedge, self.rotation, self.scale = 0.0, 0.0, 1.0
@@ -48,6 +50,9 @@ class Scene:
         """For whom the leader waits."""
         self.replay: dict[str, Any] = {"speed": 1.0, "paused": False}
         """What a frame says of the replay, but for its times."""
+        self.posts: list[list[float]] = []
+        self.walls: list[list[float]] = []
+        """What stands about [m]: x, y and radius, and both ends."""
         self._live, self._control = live, control
         self._drawn = _hexagon() if count == 6 else _block(count)
         self._slots = self._drawn
@@ -90,6 +95,7 @@ class Scene:
         return {
             "live": self._live, "mission": f"{len(self.names)}-robots", "law": "field", "settled": 0.05,
             "control": self._control, "version": "0.1.0", "robots": robots, "edges": self.edges,
+            "posts": self.posts, "walls": self.walls,
             "shapes": {"hexagon": [], "wedge": []}, "candidates": list(self.candidates),
             "fields": list(FIELDS),
         }  # fmt: skip
@@ -187,7 +193,7 @@ class Scene:
             *((None,) * 4 if gone else _driven(speed, turn)),
             round(age, 3), None if gone else 20.0, loss, health, state, reason,
             round(place.real, 3), round(place.imag, 3), round(guess, 3), why,
-            int(name in self.aside), self.fallback.get(name, ""),
+            int(name in self.aside), self.fallback.get(name, ""), self.evades.get(name, ""),
         ]  # fmt: skip
 
 

@@ -74,6 +74,12 @@ def test_edges_and_shapes_go_by_the_robots_places_in_the_list() -> None:
     assert names == [tuple(edge) for edge in snapshot.edges]  # so a frame's errors stand in the same order
 
 
+def test_a_page_is_told_what_stands_in_the_simulated_world() -> None:
+    told = hello(load("posts"), live=True, control=False, version="")
+    assert told["posts"][1] == [2.6, -0.4, 0.06]
+    assert told["walls"] == [[3.4, -1.2, 5.0, -0.45]]
+
+
 def test_a_frame_shows_every_robot_at_one_moment() -> None:
     fleet = Fleet(away=lambda robot, _: 0.25j if robot == "robot3" else 0j)
     metrics = heard(fleet)

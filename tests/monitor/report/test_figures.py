@@ -4,9 +4,13 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure as Figure2D
+from matplotlib.patches import Circle
 
 from formation.figure import Figure
+from formation.mission_file import read
 from monitor.report import drawing, figures, parts
 from monitor.report.gather import Run
 from monitor.report.view import View
@@ -32,6 +36,21 @@ def test_every_panel_is_a_file_of_its_own_and_both_figures_of_the_paper_are_ther
     fig2 = (tmp_path / "new" / "folder" / "fig2.svg").read_text(encoding="utf-8")
     for letter in "abcdef":
         assert f"({letter})" in fig2
+
+
+@pytest.mark.parametrize("truth", [True, False])
+def test_posts_and_walls_are_drawn_where_the_world_is_a_simulated_one(truth: bool, tmp_path: Path) -> None:
+    post = "[[simulation.posts]]\nx = 1.0\ny = 2.0\nradius = 0.3\n"
+    wall = "[[simulation.walls]]\nbegin = [0, 0]\nend = [1, 1]\n"
+    path = tmp_path / "run.mcap"
+    record(path, talk(Fleet(), 2.0, truth=truth), f"{read('six_robots')[0]}\n{post}{wall}")
+    one = gathered(path)
+    axes = Figure2D().subplots()
+    parts.trajectories(axes, one, View.of([one]))
+    posts = [patch for patch in axes.patches if isinstance(patch, Circle)]
+    assert [(post.center, post.radius) for post in posts] == ([((1.0, 2.0), 0.3)] if truth else [])
+    walls = [line for line in axes.lines if np.array_equal(line.get_xydata(), [[0.0, 0.0], [1.0, 1.0]])]
+    assert len(walls) == truth
 
 
 @pytest.mark.parametrize(("suffix", "start"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])

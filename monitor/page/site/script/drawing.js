@@ -1,4 +1,4 @@
-/** What the top view shows, in layers: grid, trails, edges, slots, ghosts, robots, names, scale bar. */
+/** What the top view shows, in layers: grid, what stands about, trails, edges, slots, ghosts, robots, names, scale bar. */
 
 import { standIn } from "./candidates.js";
 import { colour, edgeStep, robotColour } from "./palette.js";
@@ -13,6 +13,7 @@ export function draw(pen, camera, model, unit) {
   pen.clearRect(0, 0, camera.width, camera.height);
   drawGrid(pen, camera);
   const size = sizeOf(model, camera, unit);
+  drawThings(pen, camera, model, unit);
   for (const robot of model.robots) drawTrail(pen, camera, robot, model, unit);
   drawEdges(pen, camera, model, unit);
   for (const robot of model.robots) drawSlot(pen, camera, robot, size, unit);
@@ -53,6 +54,26 @@ function drawGrid(pen, camera) {
     const sy = Math.round(camera.sy(n * step)) + 0.5;
     line(n % 5 === 0, 0, sy, camera.width, sy);
   }
+}
+
+/** Posts and walls of a simulated world; where nobody tells the truth, the world is another. */
+function drawThings(pen, camera, { hello, robots }, unit) {
+  if (!robots.some((robot) => robot.truth)) return;
+  pen.fillStyle = pen.strokeStyle = colour("muted");
+  for (const [x, y, radius] of hello.posts) {
+    pen.beginPath();
+    pen.arc(camera.sx(x), camera.sy(y), Math.max(radius * camera.scale, unit), 0, 2 * Math.PI);
+    pen.fill();
+  }
+  pen.lineWidth = 3 * unit;
+  pen.lineCap = "round";
+  for (const [fromX, fromY, toX, toY] of hello.walls) {
+    pen.beginPath();
+    pen.moveTo(camera.sx(fromX), camera.sy(fromY));
+    pen.lineTo(camera.sx(toX), camera.sy(toY));
+    pen.stroke();
+  }
+  pen.lineCap = "butt";
 }
 
 function drawTrail(pen, camera, robot, model, unit) {

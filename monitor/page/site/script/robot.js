@@ -67,7 +67,8 @@ export class Robot {
     if (this.waits) return `waits for ${this.waits}`;
     if (this.get("aside") === 2 && !this.lost) return "stuck, does not move";
     if (this.aside) return "does not follow";
-    return fallback ? `follows ${fallback} instead` : "";
+    const evades = this.lost ? "" : this.get("evades");
+    return evades || (fallback ? `follows ${fallback} instead` : "");
   }
 
   get slot() {

@@ -19,7 +19,14 @@ from formation.mission_file import parse, read  # noqa: E402
 from formation.ros2.messages import LaserScan, Odometry, Pose, TwistStamped, decode, encode  # noqa: E402
 from formation.unicycle import Command  # noqa: E402
 from formation.wire import Now, Sample  # noqa: E402
-from tests.agent.robots.physics.worlds import PAIR, SIX, InPhysics, beside_its_slots, standing  # noqa: E402
+from tests.agent.robots.physics.worlds import (  # noqa: E402
+    PAIR,
+    SIX,
+    InPhysics,
+    at_random,
+    beside_its_slots,
+    standing,
+)
 
 EPOCH = 1.7e9
 
@@ -33,7 +40,20 @@ def test_the_papers_missions_hold_their_formation_within_three_centimetres_of_tr
     team.errors(20.0)
     errors = team.errors(10.0)
     assert math.sqrt(fmean(error**2 for error in errors)) < 0.03
-    assert not team.touched
+    assert not team.world.touched
+
+
+@pytest.mark.parametrize(("mission", "start"), [(SIX, 7), (PAIR, 8)])
+def test_robots_with_mass_that_would_run_into_each_other_keep_apart(mission: Mission, start: int) -> None:
+    off = mission.model_copy(update={"collisions": mission.collisions.model_copy(update={"mode": "off"})})
+    rash, careful = (InPhysics(at_random(one, 20, 1)[start], start) for one in (off, mission))
+    rash.fleet.run(5.0)
+    assert rash.world.touched
+    careful.fleet.run(15.0)
+    errors = careful.errors(10.0)
+    assert not careful.world.touched
+    assert careful.world.nearest > 0.0
+    assert math.sqrt(fmean(error**2 for error in errors)) < 0.03
 
 
 def test_robots_in_physics_say_the_same_on_the_same_keys() -> None:

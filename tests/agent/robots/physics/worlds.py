@@ -6,16 +6,18 @@ import cmath
 import math
 import random
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
 
 from agent.robots.physics.wheeled import Wheeled, wheeled
 from agent.robots.physics.world import State, World
+from formation.arrays import ComplexArray
 from formation.mission import Mission
 from formation.mission_file import load
 from formation.scan_spec import Post, Wall
-from formation.unicycle import Command
+from formation.simulation.starts import random_starts
+from formation.unicycle import Command, control_point
 from tests.agent.fleet import Fleet
 
 PAIR, SIX = load("turtlebot3_pair"), load("six_robots")
@@ -56,6 +58,21 @@ def beside_its_slots(mission: Mission, seed: int, spread: float) -> Mission:
     return placed(mission, **poses)
 
 
+def at_random(mission: Mission, runs: int, seed: int) -> list[Mission]:
+    """The mission with starts as `formation simulate` draws them: around the slots, bodies apart."""
+    starts = random_starts(mission, runs, mission.simulation.spread, np.random.default_rng(seed))
+    return [
+        placed(
+            mission,
+            **{
+                name: (complex(at), cmath.phase(heading))
+                for name, at, heading in zip(mission.followers, places, headings, strict=True)
+            },
+        )
+        for places, headings in zip(starts.position, starts.heading, strict=True)
+    ]
+
+
 def drive(world: World, seconds: float, **commands: tuple[float, float]) -> Mapping[str, State]:
     """Let robots drive; those that are not named keep to what they did."""
     return world.step({name: Command(*command) for name, command in commands.items()}, seconds)
@@ -66,17 +83,33 @@ def turned(before: State, after: State) -> float:
     return cmath.phase(after.heading / before.heading)
 
 
-@dataclass
+class Watched(World):
+    """A physics world that remembers who touched whom, and how near two bodies came."""
+
+    def __init__(self, mission: Mission, seed: int = 0) -> None:
+        super().__init__(mission, seed)
+        self.touched: set[frozenset[str]] = set()
+        self.nearest = math.inf
+        """Room between the circles that hold two robots, at least [m]."""
+        self._radii = {name: mission.robots[name].radius for name in self.robots}
+
+    def step(self, commands: Mapping[str, Command], dt: float) -> Mapping[str, State]:
+        """Go on, at most by what lies between two messages of a fleet, and look."""
+        states = super().step(commands, dt)
+        self.touched |= self.touching
+        for one, other in combinations(self.robots, 2):
+            away = abs(states[one].position - states[other].position)
+            self.nearest = min(self.nearest, away - self._radii[one] - self._radii[other])
+        return states
+
+
 class InPhysics:
     """A fleet whose robots are in a physics world."""
 
-    mission: Mission
-    seed: int = 0
-    touched: set[frozenset[str]] = field(default_factory=set)
-
-    def __post_init__(self) -> None:
-        self.world = World(self.mission, self.seed)
-        self.fleet = Fleet(self.mission, seed=self.seed, plants=self._plants)
+    def __init__(self, mission: Mission, seed: int = 0) -> None:
+        self.mission = mission
+        self.world = Watched(mission, seed)
+        self.fleet = Fleet(mission, seed=seed, plants=self._plants)
 
     def errors(self, seconds: float) -> list[float]:
         """Go on for so long; each half second, RMS over followers of how far they really are off [m].
@@ -86,11 +119,22 @@ class InPhysics:
         errors = []
         for _ in range(round(2 * seconds)):
             self.fleet.run(0.5)
-            self.touched |= self.world.touching
-            slots = np.array(self.fleet.in_charge.wanted.slots(self.mission))
-            off = np.array(self.fleet.points()) - slots
+            off, _ = self.off()
             errors.append(float(np.sqrt(np.mean(np.abs(off[1:] - off[0]) ** 2))))
         return errors
+
+    def off(self) -> tuple[ComplexArray, ComplexArray]:
+        """How far all control points are off their slots now, truly and by odometry, the leader's first [m].
+
+        The leader is off by where it is, so that only differences mean something.
+        """
+        points = self.fleet.points()  # has all be where they are by now
+        slots = np.array(self.fleet.in_charge.wanted.slots(self.mission))
+        counted = [points[0]]
+        for name, state in self.world.states.items():
+            offset = self.mission.robots[name].control_point_offset
+            counted.append(control_point(state.counted_position, state.counted_heading, offset))
+        return np.array(points) - slots, np.array(counted) - slots
 
     def _plants(self, mission: Mission, robots: Sequence[str], seed: int) -> dict[str, Wheeled]:
         return wheeled(self.world, mission, robots, seed)

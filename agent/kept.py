@@ -1,0 +1,329 @@
+"""What each class keeps that an agent is made of, in one table.
+
+Its memory, its parts that have one of their own, and what its construction settles for good. An attribute
+that stands nowhere in the table fails a test.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+from agent.aside import Aside, Stuck
+from agent.avoiding import Avoiding
+from agent.commander import Commander
+from agent.core import Agent
+from agent.failsafe import Decision, State
+from agent.latch import Latch
+from agent.localisation import Localisation
+from agent.neighbourhood import Neighbour, Neighbourhood
+from agent.odometer import Odometer
+from agent.orders import Orders
+from agent.overhead import Overhead, Sent
+from agent.scanner import Moving, Scanner
+from agent.slots import Slots
+from agent.status import Surroundings
+from agent.stream import Stream
+from agent.tuning import Tuning
+from agent.values import (
+    Json,
+    Kind,
+    by_name,
+    count,
+    flag,
+    maybe,
+    model,
+    plane,
+    real,
+    recent,
+    record,
+    refuse,
+    row,
+    several,
+    spoken,
+    text,
+    word,
+)
+from agent.voice import REMEMBERED, Voice
+from formation.avoidance import Avoidance
+from formation.election import Voter
+from formation.neighbour import Track
+from formation.once import Once
+from formation.order import Order, Told
+from formation.ros2.messages import Odometry, Pose
+from formation.scan import Circle
+from formation.unicycle import Command
+from formation.zones import Zone
+
+
+class Kept(NamedTuple):
+    """What a class keeps, attribute by attribute."""
+
+    memory: Mapping[str, Kind]
+    """What it learns."""
+    parts: tuple[str, ...] = ()
+    """What has a memory of its own: one object, None where there is none, or a dict of them by name."""
+    construction: tuple[str, ...] = ()
+    """What is the same in all agents with this mission, robot, law and voice."""
+
+
+def _sent(numbers: Iterable[float]) -> Sent:
+    since, speed, turn_rate = numbers
+    return Sent(since, Command(speed, turn_rate))
+
+
+_COMMAND = row(Command._make, real, real)
+_TRACK = row(Track._make, real, plane, plane)
+_NAMES = Kind(list, lambda said, where: tuple(several(text).read(said, where)))
+_ORDER = model(Order)
+_ODOMETRY = record(
+    Odometry, stamp=real, position=plane, heading=plane, speed=real, turn_rate=real, frame=text,
+    child_frame=text,
+)  # fmt: skip
+_SENT = Kind(  # hundreds of them: numbers of Python's own, and finite, so they are said as they are
+    lambda sent: [sent.since, *sent.command],
+    row(_sent, real, real, real).read,
+)
+_MOVE = row(Moving._make, real, _COMMAND)
+_FLAT = several(real)
+
+
+def _circle(said: Json, where: str) -> Circle:
+    """Centre, radius and points, as numbers in a row."""
+    numbers = _FLAT.read(said, where)
+    if len(numbers) < 3 or len(numbers) % 2 == 0:
+        refuse(said, where, "x, y, radius, and x and y of each point")
+    rest = iter(numbers[3:])
+    points = tuple(complex(x, y) for x, y in zip(rest, rest, strict=True))
+    return Circle(complex(*numbers[:2]), numbers[2], points)
+
+
+def _said_circle(one: Circle) -> Json:  # numbers as `_SENT` has them
+    return [*_xy(one.at), one.radius, *[part for point in one.points for part in _xy(point)]]
+
+
+def _xy(point: complex) -> tuple[float, float]:
+    return point.real, point.imag
+
+
+_CIRCLES = several(Kind(_said_circle, _circle))
+_POSE = record(Pose, stamp=real, position=plane, heading=plane, frame=text)
+
+KEPT: Mapping[type, Kept] = {
+    Agent: Kept(
+        memory={
+            "dropped": by_name(count, Counter),
+            "last_dropped": by_name(text),
+            "decision": row(Decision._make, word(*State, of=State), text, flag),
+            "_told": count,
+            "_surroundings": record(
+                Surroundings, connected=maybe(flag), routed=maybe(flag), refused=by_name(count)
+            ),
+            "_moved": flag,
+            "_integral": plane,
+            "_finite": flag,
+            "_status_due": real,
+            "_rest_due": real,
+        },
+        parts=(
+            "_here",
+            "_neighbours",
+            "_avoiding",
+            "_orders",
+            "_tuning",
+            "_slots",
+            "_aside",
+            "_stuck",
+            "_commander",
+            "_latch",
+        ),
+        construction=(
+            "robot",
+            "law_name",
+            "_mission",
+            "_spec",
+            "_readonly",
+            "_voice",
+            "_law",
+            "_own",
+            "_status_key",
+            "_position_key",
+            "_handlers",
+        ),
+    ),
+    Localisation: Kept(
+        memory={
+            "jumped": maybe(text),
+            "jumps": count,
+            "follows": flag,
+            "_joined": flag,
+            "late": count,
+            "position": plane,
+            "_measured": plane,
+            "_estimate": plane,
+            "_course": plane,
+            "_way": real,
+            "_before": maybe(row(tuple, real, plane, plane)),
+            "_calm": real,
+        },
+        parts=("stream", "_source"),
+        construction=(
+            "_printed",
+            "_measures_heading",
+            "_gain",
+            "_sharp_gain",
+            "_limits",
+            "_period",
+            "_guessed",
+            "_guesses",
+        ),
+    ),
+    Odometer: Kept(
+        memory={
+            "realigned": count,
+            "_rotation": plane,
+            "_origin": plane,
+            "_last": maybe(_ODOMETRY),
+            "_why": text,
+        },
+        construction=("_counts_from_start", "_limits"),
+    ),
+    Overhead: Kept(
+        memory={
+            "_last": maybe(_POSE),
+            "_sent": recent(_SENT),
+            "_unmoved": real,
+        },
+        construction=("_limits", "_reads_heading"),
+    ),
+    Stream: Kept(
+        memory={
+            "stamp": real,
+            "arrived": maybe(real),
+            "underway": real,
+            "_suspect": maybe(row(tuple, real, real)),
+        },
+        construction=("limit", "longest_way"),
+    ),
+    Neighbourhood: Kept(
+        memory={"guides": _NAMES, "_instead": flag, "_back": real},
+        parts=("each",),
+        construction=(
+            "_mission",
+            "_robot",
+            "_neighbours",
+            "_fallbacks",
+            "_circular",
+            "_carry",
+            "_feed_forward",
+            "_as_measured",
+        ),
+    ),
+    Neighbour: Kept(
+        memory={
+            "displacement": plane,
+            "aside": flag,
+            "_anchor": plane,
+            "_moved": real,
+            "_track": maybe(_TRACK),
+            "_body": maybe(_TRACK),
+            "_unplaced": maybe(row(tuple, maybe(real))),
+        },
+        parts=("stream", "voice"),
+        construction=("name", "_offset", "_top_speed", "_filter"),
+    ),
+    Avoiding: Kept(
+        memory={"memory": row(Avoidance._make, real, real, count), "avoided": count, "acting": flag},
+        parts=("others", "scanner"),
+        construction=(
+            "mode",
+            "_minded",
+            "_specs",
+            "_first",
+            "_local",
+            "_limits",
+            "_manners",
+            "_wider",
+        ),
+    ),
+    Scanner: Kept(
+        memory={"zone": word(*Zone, of=Zone), "_moves": recent(_MOVE), "_circles": _CIRCLES, "_ended": real},
+        parts=("stream",),
+        construction=("required", "_scan", "_radius", "_body", "_lasts", "_reach"),
+    ),
+    Voice: Kept(
+        memory={
+            "contested": real,
+            "_bound": maybe(model(Told)),
+            "_heard": real,
+            "_leapt": maybe(row(tuple, count, real)),
+            "_former": recent(text, REMEMBERED),
+        },
+        construction=("limit", "_name", "_rate"),
+    ),
+    Orders: Kept(
+        memory={
+            "newest": maybe(_ORDER),
+            "rose": real,
+            "_heard": by_name(row(tuple, _ORDER, real)),
+        },
+        parts=("voter",),
+        construction=("_shapes", "_bearable", "_rate"),
+    ),
+    Voter: Kept(
+        memory={"promise": count, "echo": count, "_given": count, "_renewed": maybe(real), "_rose": real},
+        construction=("_mission", "_votes", "_bound"),
+    ),
+    Tuning: Kept(memory={"k_p": real, "k_i": real}, construction=("_limits", "_gains", "_original")),
+    Slots: Kept(
+        memory={
+            "at": by_name(plane),
+            "velocity": by_name(plane),
+            "_order": maybe(_ORDER),
+            "_ordered": by_name(plane),
+            "_going": by_name(plane),
+            "_beats_began": real,
+            "_moment": real,
+            "_standing": flag,
+        },
+        construction=("_mission", "_fastest", "_period"),
+    ),
+    Aside: Kept(
+        memory={"told": flag, "behind": flag, "_set_out": flag, "_since": real, "_error": real},
+    ),
+    Stuck: Kept(
+        memory={"now": flag, "_anchor": row(tuple, plane, plane), "_way": real, "_lasts": real},
+        construction=("_offset", "_slow"),
+    ),
+    Commander: Kept(
+        memory={
+            "newest": _COMMAND,
+            "remainder": _COMMAND,
+            "_ramped": _COMMAND,
+            "_said": real,
+            "_gentle_until": real,
+            "_began": maybe(real),
+        },
+        construction=(
+            "steps",
+            "topics",
+            "_stamped",
+            "_cmd_vel",
+            "_alive",
+            "_quantiser",
+            "_limits",
+            "_ramp",
+            "_longest",
+            "_guarded",
+            "_period",
+        ),
+    ),
+    Latch: Kept(
+        memory={"mode": maybe(word("hold", "run", "stop")), "why": text},
+        parts=("once",),
+        construction=("_robot",),
+    ),
+    Once: Kept(memory={"now": real, "_rested": real, "_answers": by_name(spoken)}),
+}
+"""What every class that an agent is made of keeps."""
