@@ -143,7 +143,7 @@ def hearers(mission: Mission, speaker: str, key: str) -> set[str]:
     leaders, everybody = set(mission.candidates), set(mission.followers)
     match topic:
         case "position":
-            measuring = {i for i in everybody if robot in mission.robots[i].measurable}
+            measuring = {i for i in everybody if robot in mission.heard(i)}
             if robot == mission.leader:
                 return measuring
             return measuring | {one for one in leaders if robot in partners(mission, one)}

@@ -59,7 +59,7 @@ def test_the_default_mission_is_the_papers_section_4() -> None:
         ('mind = "all" ', 'mind = "some" #', ["robot.mind = 'some'", '"all" or a list of robots']),
         ('mind = "all" ', 'mind = ["robot9"] #', ["mind = 'robot9'", "unknown robot", "robot2"]),
         ('mind = "all" ', 'mind = ["robot1"] #', ["mind = 'robot1'", "no body", "robot2"]),
-        ("[law] ", "[collisions]\nmargn = 1\n[law]", ["unknown key collisions.margn", "mode, margin, lag"]),
+        ("[collisions]", "[collisions]\nmargn = 1", ["unknown key collisions.margn", "mode, margin, lag"]),
         ("speed = 0.2 ", "speed = 1.5 ", ["route.0.speed = 1.5", "below", "max_speed of 1.5"]),
         ("speed = 0.2 ", "sped = 0.2 ", ["unknown key route.0.sped", "speed, heading_deg, duration"]),
         ("x = -3.0, y = 1.5", "x = -1.5, y = 2.1", ["robots.robot3.start", "both radii", "robot2", "0.1 m"]),

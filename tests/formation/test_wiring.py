@@ -1,4 +1,4 @@
-"""Links follow the measurement graph, its fallbacks, and who may lead."""
+"""Links follow the measurement graph, its fallbacks, who minds whom, and who may lead."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from formation.mission_file import load, parse, read, shipped
 from formation.transport import wiring
 from tests.formation.edited import edited
 
+SIX = read("six_robots")[0].replace('mind = "all"', "mind = []")
+"""In which robots mind nobody but those they measure."""
 STANDBYS = "[standbys.north]\n[standbys.south]\n"
-FALLBACK = edited(read("six_robots")[0], "robots.robot6", 'fallback_neighbours = ["robot2", "robot1"]')
-SIX = read("six_robots")[0]
+FALLBACK = edited(SIX, "robots.robot6", 'fallback_neighbours = ["robot2", "robot1"]')
 
 
 def links(mission: Mission) -> list[frozenset[str]]:
@@ -31,19 +32,23 @@ def measured(mission: Mission) -> set[frozenset[str]]:
     return {frozenset((i, j)) for i in mission.names for j in mission.robots[i].neighbours}
 
 
+def minding(mission: Mission) -> set[frozenset[str]]:
+    return {frozenset((i, j)) for i in mission.followers for j in mission.minded(i)}
+
+
 def test_who_minds_a_robot_has_a_link_with_it_and_the_leader_has_none_more() -> None:
     mission = parse(edited(SIX, "robots.robot2", 'mind = ["robot6"]'))
     assert set(links(mission)) == measured(mission) | {frozenset(("robot2", "robot6"))}
-    everybody = parse(edited(SIX, "robot", 'mind = "all"'))
+    everybody = load("six_robots")
     among = {frozenset(pair) for pair in combinations(everybody.followers, 2)}
     assert set(links(everybody)) == measured(everybody) | among
 
 
 @pytest.mark.parametrize("name", [name for name in shipped() if not load(name).standbys])
-def test_a_link_exists_exactly_where_one_of_two_robots_measures_the_other(name: str) -> None:
+def test_a_link_exists_exactly_where_one_of_two_robots_measures_or_minds_the_other(name: str) -> None:
     mission = load(name)
     assert len(links(mission)) == len(set(links(mission)))
-    assert set(links(mission)) == measured(mission)
+    assert set(links(mission)) == measured(mission) | minding(mission)
 
 
 def test_a_fallback_neighbour_is_linked_before_it_is_needed() -> None:
