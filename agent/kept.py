@@ -234,7 +234,11 @@ KEPT: Mapping[type, Kept] = {
         construction=("name", "_offset", "_top_speed", "_filter"),
     ),
     Avoiding: Kept(
-        memory={"memory": row(Avoidance._make, real, real, count), "avoided": count, "acting": flag},
+        memory={
+            "memory": row(Avoidance._make, real, real, count, real, real),
+            "avoided": count,
+            "acting": flag,
+        },
         parts=("others", "scanner"),
         construction=(
             "mode",

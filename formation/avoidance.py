@@ -34,8 +34,12 @@ RETREAT = 1.0 / 3.0
 """Nobody backs out of the way faster than this share of its top speed."""
 HELD, WANTING = 0.05, 0.15
 """Of its top speed: a robot that does less than the one though it wants more than the other is kept."""
+LATELY = 0.5
+"""Before what stands a robot may go to and fro: there it counts how far it came in about so long [s]."""
 PATIENCE, DETOUR = 0.5, 1.5
 """So long is a robot kept before that is a deadlock, and so long does it then go another way [s]."""
+AGAIN, FORGET = 3.0, 6.0
+"""Each time in a row as long again, but not more often; it forgets one of them while free for so long [s]."""
 TO_THE_RIGHT = rotation(-1.2)
 """By how much that turns what it wants."""
 SHARPER = 20.0
@@ -80,11 +84,15 @@ class Avoidance(NamedTuple):
     """What the filter remembers."""
 
     kept: float = 0.0
-    """How long the robot has been kept from moving [s]."""
+    """How long the robot has been kept from getting where it wants [s]."""
     detour: float = 0.0
     """How long it still goes another way [s]."""
     deadlocks: int = 0
     """How many there were."""
+    pace: float = 0.0
+    """How fast it came forward lately [m/s]."""
+    again: float = 0.0
+    """How often it was kept in a row."""
 
 
 class HalfPlane(NamedTuple):
@@ -109,13 +117,16 @@ def avoid(
     `along` is how the robots it follows move [m/s; body frame]: who only goes along with them is kept, too.
     """
     if len(obstacles) == 0:
-        return wanted, Avoidance(0.0, 0.0, before.deadlocks)
+        return wanted, Avoidance(0.0, 0.0, before.deadlocks, 0.0, before.again)
     aim = wanted
     if before.detour > 0.0:
         turned = TO_THE_RIGHT * body_velocity(wanted.speed, wanted.turn_rate, limits.offset)
         aim = saturate(turned, limits.offset, limits.max_speed, limits.max_turn_rate)
     done = brake(give_way(aim, obstacles, manners, limits), obstacles, manners)
-    return done, _remembered(wanted, done, along, limits, before, dt)
+    stands = False
+    for k in range(len(obstacles)):
+        stands = stands or obstacles[k].stands
+    return done, _remembered(wanted, done, along, limits, before, dt, stands)
 
 
 def give_way(wanted: Command, obstacles: Sequence[Obstacle], manners: Manners, limits: Limits) -> Command:
@@ -195,7 +206,7 @@ def nearest(wanted: complex, bounds: list[HalfPlane]) -> tuple[bool, complex]:
                 high = min(high, left / slope)
             else:
                 low = max(low, left / slope)
-        if low > high:
+        if low > high + NEGLIGIBLE:
             continue
         point = foot + max(low, min(high, 0.0)) * along
         distance = abs(point - wanted)
@@ -241,19 +252,31 @@ def facing(towards: complex, turn: float, doubt: float) -> tuple[float, float]:
 
 
 def _remembered(
-    wanted: Command, done: Command, along: complex, limits: Limits, before: Avoidance, dt: float
+    wanted: Command,
+    done: Command,
+    along: complex,
+    limits: Limits,
+    before: Avoidance,
+    dt: float,
+    stands: bool,
 ) -> Avoidance:
-    """How long the robot has been kept, or still goes another way."""
-    if before.detour > 0.0:
-        return Avoidance(0.0, max(0.0, before.detour - dt), before.deadlocks)
+    """How long the robot has been kept, or still goes another way; something near it `stands`, or nothing."""
+    want = body_velocity(wanted.speed, wanted.turn_rate, limits.offset) - along
     velocity = body_velocity(done.speed, done.turn_rate, limits.offset)
-    want = abs(body_velocity(wanted.speed, wanted.turn_rate, limits.offset) - along)
+    forward = (unit(want).conjugate() * (velocity - along)).real
+    pace = before.pace + min(1.0, dt / LATELY) * (forward - before.pace)
+    if before.detour > 0.0:
+        return Avoidance(0.0, max(0.0, before.detour - dt), before.deadlocks, pace, before.again)
     does = min(abs(velocity), abs(velocity - along))  # it stands, or goes along and gets no nearer
-    if does >= HELD * limits.max_speed or want <= WANTING * limits.max_speed:
-        return Avoidance(max(0.0, before.kept - dt), 0.0, before.deadlocks)
+    if stands:
+        does = pace
+    if does >= HELD * limits.max_speed or abs(want) <= WANTING * limits.max_speed:
+        again = max(0.0, before.again - dt / FORGET)
+        return Avoidance(max(0.0, before.kept - dt), 0.0, before.deadlocks, pace, again)
     if before.kept + dt <= PATIENCE:
-        return Avoidance(before.kept + dt, 0.0, before.deadlocks)
-    return Avoidance(0.0, DETOUR, before.deadlocks + 1)
+        return Avoidance(before.kept + dt, 0.0, before.deadlocks, pace, before.again)
+    detour, again = DETOUR * (1.0 + before.again), min(AGAIN, before.again + 1.0)
+    return Avoidance(0.0, detour, before.deadlocks + 1, pace, again)
 
 
 def heading_doubt(travelled: float, gain: float) -> float:

@@ -138,7 +138,7 @@ def test_a_command_that_nothing_is_in_the_way_of_is_the_very_same(
     around = [Obstacle(one, 0.1, 0j, first=True, doubt=doubt) for one in at]
     done, after = avoid(wanted, around, MANNERS, BODY, 0j, Avoidance(), 0.05)
     assert done is wanted
-    assert after == Avoidance()
+    assert after._replace(pace=0.0) == Avoidance()
 
 
 @given(commands, obstacles)
@@ -215,6 +215,33 @@ def test_who_is_kept_for_a_while_goes_to_the_right_for_a_while_and_that_is_count
     assert memory.deadlocks == 1
     assert min(turned) == -BODY.max_turn_rate
     assert turned[0] == turned[-1] == 0.0
+
+
+def test_who_is_kept_again_goes_another_way_for_longer_until_it_was_free_for_a_while() -> None:
+    wall = [Obstacle(0.52 + 0j, 0.2, 0j, first=True)]
+    memory, turns = Avoidance(), [0]
+    for _ in range(400):
+        before = memory
+        _, memory = avoid(Command(1.5, 0.0), wall, MANNERS, BODY, 0j, memory, 0.05)
+        turns[-1] += memory.detour > 0.0
+        if memory.deadlocks > before.deadlocks:
+            turns.append(0)
+    assert turns[1:4] == pytest.approx([DETOUR * times / 0.05 for times in (1, 2, 3)], abs=1.0)
+    free = [Obstacle(9.0 + 0j, 0.2, 0j, first=True)]
+    for _ in range(600):
+        _, memory = avoid(Command(1.5, 0.0), free, MANNERS, BODY, 0j, memory, 0.05)
+    assert memory.again == 0.0
+
+
+@pytest.mark.parametrize("stands", [True, False])
+def test_who_goes_to_and_fro_before_what_stands_is_kept(stands: bool) -> None:
+    post, memory, speeds = Obstacle(0j, 0.2, 0j, first=True, stands=stands), Avoidance(), set()
+    for step in range(40):
+        seen = post._replace(at=0.57 + 0j if step % 2 else 0.47 + 0j)  # as noise has it
+        done, memory = avoid(Command(1.5, 0.0), [seen], MANNERS, BODY, 0j, memory, 0.05)
+        speeds.add(round(done.speed, 3))
+    assert {0.2, -0.2} <= speeds
+    assert (memory.deadlocks > 0) == stands
 
 
 def test_who_goes_along_with_those_it_follows_and_no_further_is_kept_too() -> None:
