@@ -147,9 +147,10 @@ def test_a_scan_is_repeated_and_is_none_of_the_agents_business() -> None:
 
 def test_positions_of_neighbours_come_from_the_fleet_and_are_not_repeated() -> None:
     setting = Setting()
-    assert setting.fleet.subscribed == ["robot1/position"]
+    others = [f"robot{other}/position" for other in (1, 3, 4, 5, 6)]  # whom it measures, then whom it minds
+    assert setting.fleet.subscribed == others
     assert setting.robot.subscribed == ["robot2/odom", "robot2/scan"]
-    assert setting.fleet.waiting == {"robot1/position"}, "it is the robot's own messages that drive an agent"
+    assert setting.fleet.waiting == set(others), "it is the robot's own messages that drive an agent"
     assert setting.robot.waiting == set()
     position = Sample("robot1/position", b"anything", None, 1.0)
     assert ("fleet", "robot1/position") not in setting.turn(position)
