@@ -97,7 +97,7 @@ class Avoiding:
 
     def rested(self) -> None:
         """The robot does not drive: nothing keeps it from moving."""
-        self.memory, self.acting = self.memory._replace(kept=0.0, detour=0.0), False
+        self.memory, self.acting = self.memory._replace(kept=0.0, detour=0.0, side=0.0), False
         if self.scanner is not None:
             self.scanner.zone = Zone.CLEAR
 

@@ -75,6 +75,7 @@ def _sent(numbers: Iterable[float]) -> Sent:
 
 _COMMAND = row(Command._make, real, real)
 _TRACK = row(Track._make, real, plane, plane)
+_AVOIDANCE = row(Avoidance._make, real, real, count, plane, real, real)
 _NAMES = Kind(list, lambda said, where: tuple(several(text).read(said, where)))
 _ORDER = model(Order)
 _ODOMETRY = record(
@@ -235,7 +236,7 @@ KEPT: Mapping[type, Kept] = {
     ),
     Avoiding: Kept(
         memory={
-            "memory": row(Avoidance._make, real, real, count, real, real),
+            "memory": _AVOIDANCE,
             "avoided": count,
             "acting": flag,
         },

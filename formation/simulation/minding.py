@@ -147,9 +147,9 @@ def keep_clear(
     """What the filter makes of what the law wants."""
     manners = Manners(robot.radius, minds.margin, robot.hold + LAG * minds.lag)
     limits = Limits(robot.offset, robot.max_speed, robot.max_turn_rate)
-    before = Avoidance(me.kept, me.detour, me.deadlocks, me.pace, me.again)
+    before = Avoidance(me.kept, me.detour, me.deadlocks, me.went, me.again, me.side)
     done, after = avoid(wanted, minds.around[:count], manners, limits, along, before, world.step)
-    me.kept, me.detour, me.deadlocks, me.pace, me.again = after
+    me.kept, me.detour, me.deadlocks, me.went, me.again, me.side = after
     return done
 
 

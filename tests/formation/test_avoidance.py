@@ -138,7 +138,7 @@ def test_a_command_that_nothing_is_in_the_way_of_is_the_very_same(
     around = [Obstacle(one, 0.1, 0j, first=True, doubt=doubt) for one in at]
     done, after = avoid(wanted, around, MANNERS, BODY, 0j, Avoidance(), 0.05)
     assert done is wanted
-    assert after._replace(pace=0.0) == Avoidance()
+    assert after._replace(went=0j) == Avoidance()
 
 
 @given(commands, obstacles)
