@@ -125,14 +125,13 @@ def keys(topic: Topic, names: Iterable[str]) -> set[str]:
     return {topic.key(name) for name in names}
 
 
-def test_in_the_fleet_an_agent_hears_its_neighbours_positions_and_nothing_else(team: Team) -> None:
+def test_in_the_fleet_an_agent_hears_whom_it_measures_or_minds_and_nothing_else(team: Team) -> None:
     """And where there are standbys, who of those that may lead asks for its voice."""
     seen, mission = peers(team), team.mission
     for robot in mission.followers:
-        spec = mission.robots[robot]
-        measured = keys(POSITION, (*spec.neighbours, *spec.fallback_neighbours))
+        positions = keys(POSITION, mission.heard(robot))
         asked = keys(BALLOT, mission.candidates) if mission.standbys else set()
-        assert seen[robot].subscriptions == measured | asked
+        assert seen[robot].subscriptions == positions | asked
         assert seen[robot].queryables == {ORDER.key(robot)}
 
 

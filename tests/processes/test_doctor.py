@@ -45,6 +45,7 @@ class Team:
     def __init__(self, folder: Path, wire: Wire, takes: str, stack: ExitStack) -> None:
         """Robots speak as `wire`, but what they `take` on cmd_vel is their own affair."""
         text, _ = read("turtlebot3_pair")
+        text = text.replace('mind = "all"', "mind = []")  # each has to do with the leader only
         self.agents = {name: free_endpoint() for name in NAMES}
         self.routers = {name: free_endpoint() for name in FOLLOWERS}
         for name in NAMES:
