@@ -16,7 +16,8 @@ from agent.localisation import Localisation
 from agent.neighbourhood import Neighbour, Neighbourhood
 from agent.scanner import HORIZON, Scanner
 from formation import scan
-from formation.avoidance import LAG, Avoidance, Manners, Obstacle, avoid, brake
+from formation.avoidance import LAG, Manners, Obstacle, brake
+from formation.detour import Avoidance, avoid
 from formation.mission import Mission
 from formation.neighbour import uncertain
 from formation.scan import Circle, Mate

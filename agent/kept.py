@@ -46,7 +46,7 @@ from agent.values import (
     word,
 )
 from agent.voice import REMEMBERED, Voice
-from formation.avoidance import Avoidance
+from formation.detour import Avoidance
 from formation.election import Voter
 from formation.neighbour import Track
 from formation.once import Once

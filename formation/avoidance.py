@@ -8,8 +8,7 @@ Not in the paper. Three layers, each of which leaves a command alone that it has
    what is nearest to what is wanted within all half-planes and limits.
 2. The brake. In the time that a command may last a robot uses up at most half of the room that there is
    between two bodies, and the other robot at most the other half. So they never touch.
-3. Deadlocks. A robot that is kept from moving for a while goes another way for a while: round what stands,
-   or else to the right of where it wants.
+3. Deadlocks. A robot that is kept from moving goes another way for a while (`formation.detour`).
 
 | symbol | here | meaning | unit |
 |---|---|---|---|
@@ -33,19 +32,6 @@ YIELDING, PASSING = 4.0, 8.0
 """How fast the room to an obstacle may shrink, as a share of it: who yields, and who passes first [1/s]."""
 RETREAT = 1.0 / 3.0
 """Nobody backs out of the way faster than this share of its top speed."""
-HELD, WANTING = 0.05, 0.15
-"""Of its top speed: a robot that does less than the one though it wants more than the other is kept."""
-LATELY = 1.0
-"""Before what stands a robot may go to and fro: there counts how far it came in about so long [s]."""
-PATIENCE, DETOUR = 0.5, 1.5
-"""So long is a robot kept before that is a deadlock, and so long does it then go another way [s]."""
-ROUND, NEAR, BEHIND, LONGEST = 1.8, 0.5, -0.2, 10.0
-"""Who is kept goes at such an angle [rad] to what stands nearer than so [m], that is round it, until nothing
-of that is nearer to where it wants than this cosine says; so long at most [s]."""
-AGAIN, FORGET = 3.0, 6.0
-"""Each time in a row as long again, but not more often; it forgets one of them while free for so long [s]."""
-TO_THE_RIGHT = rotation(-1.2)
-"""By how much that turns what it wants."""
 SHARPER = 20.0
 """The filter learns the heading so many times faster than the law does: a guess is no use to it."""
 SLACK = 0.05
@@ -84,73 +70,12 @@ class Manners(NamedTuple):
     """Longest time that a command may last, and the robot take to follow it [s]."""
 
 
-class Avoidance(NamedTuple):
-    """What the filter remembers."""
-
-    kept: float = 0.0
-    """How long the robot has been kept from getting where it wants [s]."""
-    detour: float = 0.0
-    """How long it still goes another way [s]."""
-    deadlocks: int = 0
-    """How many there were."""
-    went: complex = 0j
-    """Velocity of its control point lately, to and fro taken together [m/s; body frame]."""
-    again: float = 0.0
-    """How often it was kept in a row."""
-    side: float = 0.0
-    """To which side it goes round what stands: 1 left, -1 right, 0 if it does not."""
-
-
 class HalfPlane(NamedTuple):
     """x v + y w <= most, for the velocity v + i w of a point ahead, at first the front [m/s; body frame]."""
 
     x: float
     y: float
     most: float
-
-
-def avoid(
-    wanted: Command,
-    obstacles: Sequence[Obstacle],
-    manners: Manners,
-    limits: Limits,
-    along: complex,
-    before: Avoidance,
-    dt: float,
-) -> tuple[Command, Avoidance]:
-    """What to do instead of `wanted` (within limits) for the next `dt` [s]; the same where nothing is near.
-
-    `along` is how the robots it follows move [m/s; body frame]: who only goes along with them is kept, too.
-    """
-    if len(obstacles) == 0:
-        return wanted, Avoidance(0.0, 0.0, before.deadlocks, 0j, before.again, 0.0)
-    want = body_velocity(wanted.speed, wanted.turn_rate, limits.offset)
-    near, ahead = _standing(obstacles, manners, want)
-    side = before.side if ahead > BEHIND else 0.0  # who has it behind itself goes its own way again
-    detour = before.detour if side == before.side else 0.0
-    before = Avoidance(before.kept, detour, before.deadlocks, before.went, before.again, side)
-    aim = wanted
-    if detour > 0.0:
-        turned = near * rotation(side * ROUND) * abs(want) if side != 0.0 else TO_THE_RIGHT * want
-        aim = saturate(turned, limits.offset, limits.max_speed, limits.max_turn_rate)
-    done = brake(give_way(aim, obstacles, manners, limits), obstacles, manners)
-    return done, _remembered(want, done, near, along, limits, before, dt)
-
-
-def _standing(obstacles: Sequence[Obstacle], manners: Manners, want: complex) -> tuple[complex, float]:
-    """Of the things near that stand: unit vector to the nearest [body frame], 0 if there are none.
-
-    And the greatest cosine of all of them to where the robot wants.
-    """
-    least, towards, ahead = NEAR + manners.radius, 0j, -1.0
-    for k in range(len(obstacles)):
-        one = obstacles[k]
-        room, there = abs(one.at) - one.radius, unit(one.at)
-        if one.stands and room < NEAR + manners.radius:
-            ahead = max(ahead, (there.conjugate() * unit(want)).real)
-            if room < least:
-                least, towards = room, there
-    return towards, ahead
 
 
 def give_way(wanted: Command, obstacles: Sequence[Obstacle], manners: Manners, limits: Limits) -> Command:
@@ -273,40 +198,6 @@ def facing(towards: complex, turn: float, doubt: float) -> tuple[float, float]:
     ahead = towards * rotation(-0.5 * turn)
     middle = abs(math.atan2(ahead.imag, ahead.real))
     return math.cos(min(math.pi, middle + spread)), math.cos(max(0.0, middle - spread))
-
-
-def _remembered(
-    want: complex,
-    done: Command,
-    near: complex,
-    along: complex,
-    limits: Limits,
-    before: Avoidance,
-    dt: float,
-) -> Avoidance:
-    """How long the robot has been kept, or still goes another way."""
-    velocity = body_velocity(done.speed, done.turn_rate, limits.offset)
-    went = before.went + min(1.0, dt / LATELY) * (velocity - before.went)
-    detour = max(0.0, before.detour - dt)
-    if before.detour > 0.0 and before.side == 0.0:
-        return Avoidance(0.0, detour, before.deadlocks, went, before.again, 0.0)
-    side = before.side if detour > 0.0 else 0.0
-    does, wants = abs(went), abs(want)
-    if near == 0j:
-        does = min(abs(velocity), abs(velocity - along))  # it stands, or goes along and gets no nearer
-        wants = abs(want - along)
-    if does >= HELD * limits.max_speed or wants <= WANTING * limits.max_speed:
-        again = max(0.0, before.again - dt / FORGET)
-        return Avoidance(max(0.0, before.kept - dt), detour, before.deadlocks, went, again, side)
-    if before.kept + dt <= PATIENCE:
-        return Avoidance(before.kept + dt, detour, before.deadlocks, went, before.again, side)
-    again = min(AGAIN, before.again + 1.0)
-    if near != 0j:
-        left = near.real * want.imag - near.imag * want.real >= 0.0
-        other = -side if side != 0.0 else (1.0 if left else -1.0)
-        return Avoidance(0.0, LONGEST, before.deadlocks + 1, went, again, other)
-    detour = DETOUR * (1.0 + before.again)
-    return Avoidance(0.0, detour, before.deadlocks + 1, went, again, 0.0)
 
 
 def heading_doubt(travelled: float, gain: float) -> float:

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from formation.arrays import ComplexArray
-from formation.avoidance import LAG, Avoidance, Manners, avoid, heading_doubt
+from formation.avoidance import LAG, Manners, heading_doubt
+from formation.detour import Avoidance, avoid
 from formation.law import Limits
 from formation.mission import Mission
 from formation.neighbour import FRESH_PERIODS, Track, learned, longest_way, uncertain

@@ -11,14 +11,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from formation.avoidance import (
-    DETOUR,
-    PATIENCE,
     SLACK,
-    Avoidance,
     HalfPlane,
     Manners,
     Obstacle,
-    avoid,
     brake,
     facing,
     give_way,
@@ -26,6 +22,7 @@ from formation.avoidance import (
     heading_doubt,
     nearest,
 )
+from formation.detour import Avoidance, avoid
 from formation.heading import Travel, innovation
 from formation.law import Limits
 from formation.plane import angle_between, rotation
@@ -203,53 +200,6 @@ def test_who_yields_gets_out_of_the_way_of_who_comes() -> None:
     assert done.speed < 0.0
     passing = give_way(Command(0.5, 0.0), [coming._replace(first=False)], MANNERS, BODY)
     assert passing.speed > 0.0
-
-
-def test_who_is_kept_for_a_while_goes_to_the_right_for_a_while_and_that_is_counted() -> None:
-    wall = [Obstacle(0.52 + 0j, 0.2, 0j, first=True)]
-    memory, elapsed, turned = Avoidance(), 0.0, []
-    while elapsed < PATIENCE + DETOUR + 0.2:
-        done, memory = avoid(Command(1.5, 0.0), wall, MANNERS, BODY, 0j, memory, 0.05)
-        turned.append(done.turn_rate)
-        elapsed += 0.05
-    assert memory.deadlocks == 1
-    assert min(turned) == -BODY.max_turn_rate
-    assert turned[0] == turned[-1] == 0.0
-
-
-def test_who_is_kept_again_goes_another_way_for_longer_until_it_was_free_for_a_while() -> None:
-    wall = [Obstacle(0.52 + 0j, 0.2, 0j, first=True)]
-    memory, turns = Avoidance(), [0]
-    for _ in range(400):
-        before = memory
-        _, memory = avoid(Command(1.5, 0.0), wall, MANNERS, BODY, 0j, memory, 0.05)
-        turns[-1] += memory.detour > 0.0
-        if memory.deadlocks > before.deadlocks:
-            turns.append(0)
-    assert turns[1:4] == pytest.approx([DETOUR * times / 0.05 for times in (1, 2, 3)], abs=1.0)
-    free = [Obstacle(9.0 + 0j, 0.2, 0j, first=True)]
-    for _ in range(600):
-        _, memory = avoid(Command(1.5, 0.0), free, MANNERS, BODY, 0j, memory, 0.05)
-    assert memory.again == 0.0
-
-
-@pytest.mark.parametrize("stands", [True, False])
-def test_who_goes_to_and_fro_before_what_stands_is_kept(stands: bool) -> None:
-    post, memory, speeds = Obstacle(0j, 0.2, 0j, first=True, stands=stands), Avoidance(), set()
-    for step in range(40):
-        seen = post._replace(at=0.57 + 0j if step % 2 else 0.47 + 0j)  # as noise has it
-        done, memory = avoid(Command(1.5, 0.0), [seen], MANNERS, BODY, 0j, memory, 0.05)
-        speeds.add(round(done.speed, 3))
-    assert {0.2, -0.2} <= speeds
-    assert (memory.deadlocks > 0) == stands
-
-
-def test_who_goes_along_with_those_it_follows_and_no_further_is_kept_too() -> None:
-    wall = [Obstacle(0.52 + 0j, 0.2, 0.2 + 0j, first=True)]
-    memory = Avoidance()
-    for _ in range(20):
-        _, memory = avoid(Command(1.5, 0.0), wall, MANNERS, BODY, 0.2 + 0j, memory, 0.05)
-    assert memory.deadlocks == 1
 
 
 @given(headings, headings, seeds)

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from formation.avoidance import Avoidance, Manners, Obstacle, avoid
+from formation.avoidance import Manners, Obstacle
+from formation.detour import Avoidance, avoid
 from formation.law import Limits
 from formation.mission import Mission
 from formation.simulation.body import PROFILES

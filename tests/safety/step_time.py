@@ -7,7 +7,8 @@ from collections.abc import Callable
 from typing import Any
 
 from agent.core import Agent
-from formation.avoidance import Avoidance, Manners, Obstacle, avoid
+from formation.avoidance import Manners, Obstacle
+from formation.detour import Avoidance, avoid
 from formation.law import Limits
 from formation.mission_file import load
 from formation.plane import rotation
