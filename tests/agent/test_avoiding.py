@@ -113,7 +113,7 @@ def test_a_robot_that_died_in_front_is_driven_round() -> None:
     fleet.run(9.0)
     fleet.kill("robot1")
     fleet.world._hosted["robot1"].plant.obey(AT_REST)
-    assert room(fleet, 11.0) > 0.0
+    assert room(fleet, 13.0) > 0.0
     leader, *points = fleet.points()
     slot = fleet.leader.figure.slots(fleet.mission)[2]
     assert abs(points[1] - leader - slot) < 0.02
