@@ -15,7 +15,7 @@ from tests.safety.layouts import ASIDE, BODY, FAR, GAP, MOST, NEAR, THICK, THIN,
 from tests.safety.part import Found, Options, bar, telling
 
 TITLE = "Posts in the way"
-SECONDS, STEP, LAST = 42.0, 0.05, 5.0
+SECONDS, STEP, LAST = 70.0, 0.05, 5.0
 """Of a run, between two looks, at the end of which all has to be in formation [s]."""
 FORMED = 0.05
 """Summed formation error under which it is [m]."""
