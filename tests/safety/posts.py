@@ -19,7 +19,7 @@ SECONDS, STEP, LAST = 70.0, 0.05, 5.0
 """Of a run, between two looks, at the end of which all has to be in formation [s]."""
 FORMED = 0.05
 """Summed formation error under which it is [m]."""
-LAYOUTS, CLEAN = 200, 100
+LAYOUTS, CLEAN = 200, 40
 """With noise and lost beams, and without."""
 SHOWN = 6
 """The layout of the picture."""
