@@ -1,14 +1,15 @@
 """The collision filter: what stands between the law and the command, so that bodies do not meet.
 
-Not in the paper. Three layers, each of which leaves a command alone that it has nothing against
-(docs/decisions/0039-out-of-each-others-way.md has the proof of the brake and what was measured):
+Not in the paper. Three layers, the third in `formation.detour`, where they are put together; each leaves a
+command alone that it has nothing against (docs/decisions/0039-out-of-each-others-way.md has the proof of the
+brake and what was measured):
 
 1. Right of way. A half-plane for each obstacle bounds how fast the front of the body may come nearer to it.
    Who does not have right of way gets out of the way; who has it minds only its distance. What is done is
    what is nearest to what is wanted within all half-planes and limits.
 2. The brake. In the time that a command may last a robot uses up at most half of the room that there is
    between two bodies, and the other robot at most the other half. So they never touch.
-3. Deadlocks. A robot that is kept from moving goes another way for a while (`formation.detour`).
+3. Deadlocks. A robot that is kept from moving goes another way for a while.
 
 | symbol | here | meaning | unit |
 |---|---|---|---|
