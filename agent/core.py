@@ -121,7 +121,6 @@ class Agent:
     def act(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
         """The first half of a step, whose result need not wait for the second: learn, decide, command."""
         interval, moved = None, False
-        self._latch.aware(now)
         self._orders.voter.aware(now.mono)
         for sample in inbox:
             try:
@@ -162,11 +161,11 @@ class Agent:
         self._latch.mode, self.decision = "stop", Decision(State.STOP, reason)
         return chain(self._commander.leave(now), map(self._status, (now,)))
 
-    def request(self, data: bytes) -> bytes:
-        """Answer an operator's request; it takes effect with the next step."""
+    def request(self, data: bytes, heard: float) -> bytes:
+        """Answer what an operator asked at `heard` [s, monotonic]; it takes effect with the next step."""
         ordered = self._orders.newest.mode if self._orders.newest else "hold"
         try:
-            return self._latch.ask(data, ordered)
+            return self._latch.ask(data, heard, ordered)
         except BadMessage as bad:
             self._drop("order", bad)
             return self._latch.reply(ordered, ok=False, reason=str(bad))

@@ -329,6 +329,6 @@ KEPT: Mapping[type, Kept] = {
         parts=("once",),
         construction=("_robot",),
     ),
-    Once: Kept(memory={"now": real, "_rested": real, "_answers": by_name(spoken)}),
+    Once: Kept(memory={"_rested": real, "_answers": by_name(spoken)}),
 }
 """What every class that an agent is made of keeps."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 from formation import order
 from formation.once import Once
 from formation.order import LONGEST_REASON, Do, Mode, OperatorReply, OperatorRequest
-from formation.wire import Now
 
 MINE = frozenset({"stop", "hold", "run", "release"})
 """What a robot itself may be asked for."""
@@ -26,18 +25,18 @@ class Latch:
         self.once = Once()
         """Which requests are known."""
 
-    def ask(self, data: bytes, ordered: Mode) -> bytes:
-        """Answer a request; `ordered` is what the leader wants. Raises BadMessage for what is no request."""
+    def ask(self, data: bytes, heard: float, ordered: Mode) -> bytes:
+        """Answer a request that came at `heard` [s, monotonic]; `ordered` is what the leader wants.
+
+        Raises BadMessage for what is no request.
+        """
         request = order.decode(OperatorRequest, data)
         return self.once.answer(
             request,
+            heard,
             lambda: self._obey(request.do, ordered),
             lambda reason: self.reply(ordered, ok=False, reason=reason),
         )
-
-    def aware(self, now: Now) -> None:
-        """Learn the time, by which requests are told that others have overtaken."""
-        self.once.aware(now.mono)
 
     def _obey(self, wanted: Do, ordered: Mode) -> bytes:
         if wanted not in MINE:

@@ -61,7 +61,7 @@ class Legacy:
         return self._keeping.written(PATIENCE)
 
     def stepped(self, now: Now) -> None:
-        """The agent has taken a step, and knows by now when it was asked."""
+        """The agent has taken a step, and its robot knows by now what was asked."""
         if self._asked:
             self._asked = False
             self._keeping.keep_stops(self._survival.stops)

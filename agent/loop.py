@@ -129,13 +129,14 @@ class Sides:
         if self._legacy is not None:
             self._legacy.end(now)
 
-    def request(self, data: bytes) -> bytes:
-        """Answer an operator's request; what is to be kept of it is, by then, safe from a kill.
+    def request(self, data: bytes, heard: float) -> bytes:
+        """Answer an operator's request, which came at `heard` [s, monotonic].
 
+        What is to be kept of it is, by then, safe from a kill.
         Or the answer says that it is not.
         """
-        reply = self._agent.request(data)
-        self._trace.asked(data)
+        reply = self._agent.request(data, heard)
+        self._trace.asked(data, heard)
         if self._legacy is not None:
             self._legacy.asked()
             try:

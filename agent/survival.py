@@ -11,8 +11,7 @@ Of neighbours nothing is kept: they are heard again within a period. `agent.keep
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -33,7 +32,6 @@ OLDEST = 60.0
 """A way that was kept longer ago is of no use [s]."""
 OLDEST_INTEGRAL = 5.0
 """… and its integral after so long: the leader may by then go another way [s]."""
-_RESTED: Mapping[float, str] = MappingProxyType({float("-inf"): "never", float("inf"): "now"})
 _DONE = {"stop": "stopped", "hold": "held", "run": "released"}
 
 
@@ -49,8 +47,8 @@ class Stops(_Table):
     """What is to be released; None for nothing."""
     boot: str
     """Of the machine: times are of its monotonic clock."""
-    rested: float | Literal["never", "now"]
-    """When a stop or a hold was heard last [s, monotonic]; ``now`` if this was written with it."""
+    rested: float | Literal["never"]
+    """When a stop or a hold was heard last [s, monotonic]."""
     answers: dict[str, str]
     """To requests, by their ids."""
 
@@ -121,7 +119,7 @@ class Survival:
             "robot": self._agent.robot,
             "mode": latch.mode,
             "boot": self._boot,
-            "rested": _RESTED.get(rested, rested),
+            "rested": "never" if rested == float("-inf") else rested,
             "answers": latch.once.answers,
         }
 
@@ -189,7 +187,7 @@ class Survival:
         }
 
     def _latch(self, mode: Mode | None, why: str, rested: float, answers: dict[str, str]) -> Taken:
-        once = {"now": "-inf", "rested": real.said(rested), "answers": answers}
+        once = {"rested": real.said(rested), "answers": answers}
         return self._taken({"latch": {"mode": mode, "why": why, "once": once}}, why)
 
     def _taken(self, memory: dict[str, Json], news: str) -> Taken:
@@ -200,9 +198,8 @@ class Survival:
         """When a stop or a hold was heard last [s, monotonic]; where nobody knows, just now."""
         if stops.rested == "never":
             return float("-inf")
-        if stops.rested == "now" or stops.boot != self._boot or not self._boot:
-            return float("inf")
-        return stops.rested if stops.rested <= now.mono else float("inf")
+        known = stops.boot == self._boot and self._boot
+        return min(stops.rested, now.mono) if known else now.mono
 
     def _unfit(self, way: Way, now: Now) -> str:
         """Why it is of no use to this agent, in words."""

@@ -8,7 +8,7 @@ has lost something, is followed again. `agent.verify` reads it.
     {"n": 17, "voice": "…",                          the 17th command of this voice
      "steps": [[mono, wall, [[key, crc, arrived], …]],          key: which of the agent's subscriptions
                [mono, wall, […], [connected, routed]],          the link with the robot, where it has changed
-               "{\"do\": …}",                                   an operator's request, between two steps
+               [heard, "{\"do\": …}"],                          an operator's request, between two steps
                {"recalled": {…}}],                              what it took over from the process before it
      "halt": [mono, wall],                           after these steps the agent said its last words
      "gap": "…",                                     instead of steps: why they are not told
@@ -83,11 +83,11 @@ class Trace:
         except Exception as error:  # noqa: BLE001 - whatever it is, the agent drives on
             self._fail(error)
 
-    def asked(self, request: bytes) -> None:
-        """An operator asked something of the agent. Never raises."""
+    def asked(self, request: bytes, heard: float) -> None:
+        """An operator asked something of the agent, at `heard` [s, monotonic]. Never raises."""
         try:  # what is too long or no text is refused, and changes nothing that a command follows from
             if len(request) <= LONGEST_REQUEST and self._makes_room(1):
-                self._steps.append(request.decode())
+                self._steps.append([heard, request.decode()])
         except UnicodeDecodeError:
             return
         except Exception as error:  # noqa: BLE001 - as above

@@ -12,8 +12,11 @@ REMEMBERED = 64
 RESTS = frozenset({"stop", "hold"})
 """What brings robots to rest."""
 
-STEPS = 0.25
-"""Who is asked knows the time by its newest step, which may be so old [s]."""
+TRAVEL = 0.005
+"""A request is on its way for about so long on a local network [s], which its age cannot say.
+
+More would refuse the release of a program that asks for it as soon as all have acknowledged its stop.
+"""
 
 
 class Once:
@@ -21,33 +24,20 @@ class Once:
 
     Operators repeat theirs until all have answered. A release that is put again must undo neither the hold
     below the stop nor a stop that came meanwhile; and one that was put before a stop, and is heard after it,
-    was meant for something else.
+    was meant for something else. Times are those at which requests came, by the clock of who is asked.
     """
 
     def __init__(self) -> None:
-        self.now = float("-inf")
-        """When the newest step was [s, monotonic]."""
-        self._rested = float("-inf")  # when a stop or a hold was heard last; infinite: since the newest step
+        self._rested = float("-inf")
         self._answers: dict[str, bytes] = {}
 
-    def aware(self, mono: float) -> None:
-        """A step is taken [s, monotonic]. What was heard since the one before counts as heard only now.
-
-        Before the first step nobody knows the time, and after one that took long nobody knows it well: a stop
-        that was heard then must not be taken for an older one than it is.
-        """
-        self.now, self._rested = mono, min(self._rested, mono)
-
-    def rest(self) -> None:
-        """A stop or a hold is in force, nobody here knows since when: it counts as heard only now."""
-        self._rested = float("inf")
+    def rest(self, mono: float) -> None:
+        """A stop or a hold is in force, nobody here knows since when: it counts as heard at `mono` [s]."""
+        self._rested = max(self._rested, mono)
 
     @property
     def rested(self) -> float:
-        """When a stop or a hold was heard last [s, monotonic].
-
-        Infinite: since the newest step; minus infinity: never.
-        """
+        """When a stop or a hold was heard last [s, monotonic]; minus infinity: never."""
         return self._rested
 
     @property
@@ -56,12 +46,19 @@ class Once:
         return {number: reply.decode() for number, reply in self._answers.items()}
 
     def answer(
-        self, request: OperatorRequest, obey: Callable[[], bytes], refuse: Callable[[str], bytes]
+        self,
+        request: OperatorRequest,
+        heard: float,
+        obey: Callable[[], bytes],
+        refuse: Callable[[str], bytes],
     ) -> bytes:
-        """What ``obey()`` answers, or answered to the same request before; ``refuse(why)`` if overtaken."""
+        """What ``obey()`` answers, or answered to the same request before; ``refuse(why)`` if overtaken.
+
+        It came at `heard` [s, monotonic].
+        """
         if request.id in self._answers:
             return self._answers[request.id]
-        overtaken = self._overtaken(request)
+        overtaken = self._overtaken(request, heard)
         reply = refuse("asked for before the newest stop or hold: ask again") if overtaken else obey()
         if request.id:
             self._answers[request.id] = reply
@@ -69,8 +66,8 @@ class Once:
                 self._answers.pop(next(iter(self._answers)))
         return reply
 
-    def _overtaken(self, request: OperatorRequest) -> bool:
+    def _overtaken(self, request: OperatorRequest, heard: float) -> bool:
         if request.do in RESTS:
-            self.rest()
+            self.rest(heard)
             return False
-        return request.age > 0.0 and self.now - self._rested < request.age + STEPS
+        return request.age > 0.0 and heard - request.age < self._rested + TRAVEL

@@ -162,8 +162,7 @@ class Leader:
             except BadMessage:
                 self.dropped[sample.key] += 1
         outbox = self._voted(self._candidacy.step(now))
-        changed = self._settle() | self._catch_up() | self._go_on(now)
-        self._desk.aware(now.mono)
+        changed = self._settle(now) | self._catch_up(now) | self._go_on(now)
         if self._leads and (self._rate.tick(now.mono) or changed):
             outbox.append(self._position(now, self.mode))
         if self._mission.standbys and (self._course_rate.tick(now.mono) or changed):
@@ -178,20 +177,20 @@ class Leader:
         What it was told stays in the order, so that the next to lead goes on with that.
         """
         self._candidacy.step(now)
-        self._settle()
+        self._settle(now)
         self._go_on(now)
         outbox = [self._position(now, "stop" if self.mode == "stop" else "hold")] if self._leads else []
         outbox += self._voted(self._candidacy.leave(now))
         return [*outbox, self._status(now, reason)]
 
-    def request(self, data: bytes) -> bytes:
-        """Answer an operator's request; it takes effect with the next step."""
+    def request(self, data: bytes, heard: float) -> bytes:
+        """Answer what an operator asked at `heard` [s, monotonic]; it takes effect with the next step."""
         try:
             request = order.decode(OperatorRequest, data)
         except BadMessage as bad:
             self.dropped["order"] += 1
             return self._desk.reply(ok=False, reason=str(bad))
-        return self._desk.answer(request)
+        return self._desk.answer(request, heard)
 
     @property
     def _seat(self) -> Seat:
@@ -234,7 +233,7 @@ class Leader:
             self._unsure = False
             self._late = heard if heard.term < self.term else None
 
-    def _settle(self) -> bool:
+    def _settle(self, now: Now) -> bool:
         """Begin to lead, or cease to, as the candidacy says; whether it has."""
         if self._candidacy.leading == self._leads:
             return False
@@ -248,7 +247,7 @@ class Leader:
         self._unsure = self._newest is None
         if self._newest is not None:
             self._continue(self._newest)
-        self._desk.goes_on()
+        self._desk.goes_on(now.mono)
         gone_on = self._newest is not None and not (self._anew and self._reigns == 1)
         where = f"goes on after {self.route_time:.1f} s of its route" if gone_on else "from the start"
         self.notes.append(f"leads in term {self.term}, {where}: {self.mode}")
@@ -261,13 +260,13 @@ class Leader:
         else:
             self.conduct.restore(newest)
 
-    def _catch_up(self) -> bool:
+    def _catch_up(self, now: Now) -> bool:
         """Go on, after all, from where the team was, if its links came later than it listened; whether so."""
         late, self._late = self._late, None
         if late is None or not self._leads:
             return False
         self._continue(late)
-        self._desk.goes_on()
+        self._desk.goes_on(now.mono)
         self._stepped = None
         self.notes.append(f"goes on after all after {self.route_time:.1f} s of its route: {self.mode}")
         return True

@@ -56,22 +56,24 @@ class Desk:
         self._once = Once()
         self._asked: list[Asked] = []  # of late
 
-    def aware(self, mono: float) -> None:
-        """A step is taken [s, monotonic]."""
-        self._once.aware(mono)
+    def goes_on(self, mono: float) -> None:
+        """It goes on, at `mono` [s], with what another was told.
 
-    def goes_on(self) -> None:
-        """It goes on with what another was told; who asked to run before a stop of then did not mean now."""
+        Who asked to run before a stop of then did not mean now.
+        """
         if self._conduct.will.stopped or self._conduct.will.holding:
-            self._once.rest()
+            self._once.rest(mono)
 
-    def answer(self, request: OperatorRequest) -> bytes:
-        """The reply; what is asked takes effect with the next step."""
+    def answer(self, request: OperatorRequest, heard: float) -> bytes:
+        """The reply to what came at `heard` [s, monotonic]; what is asked takes effect with the next step."""
         why = self._not_mine(request)
         if why:
             return self.reply(ok=False, reason=why)
         answer = self._once.answer(
-            request, lambda: self._obey(request), lambda reason: self._note(request, ok=False, reason=reason)
+            request,
+            heard,
+            lambda: self._obey(request),
+            lambda reason: self._note(request, ok=False, reason=reason),
         )
         # who asks again and again wants to know whether it leads by now
         known = order.decode(OperatorReply, answer)

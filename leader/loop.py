@@ -45,10 +45,10 @@ def lead(leader: Leader, process: Process) -> None:
     """Declare, wait for whoever watches, then lead, or stand by, until told to stop."""
     logged = _Logged(leader)
 
-    def answer(request: bytes) -> bytes:
+    def answer(request: bytes, heard: float) -> bytes:
         if logged.began:  # one that was frozen finds out first whether it still leads
             process.bus.send(logged.step(clocks(), ()))
-        return leader.request(request)
+        return leader.request(request, heard)
 
     process.declare(leader)
     process.bus.answer(ORDER.key(leader.name), answer)

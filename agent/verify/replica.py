@@ -9,7 +9,7 @@ from agent.core import Agent
 from agent.memory import BadMemoryError, recall
 from agent.status import Surroundings
 from agent.verify.shelf import Shelf, Title
-from agent.verify.traced import About, BadTraceError, Recalled, Step, Traced
+from agent.verify.traced import About, Asked, BadTraceError, Recalled, Step, Traced
 from agent.verify.verdict import Comparison, Input, Told
 from formation.law import LAWS
 from formation.mission import Mission
@@ -132,8 +132,8 @@ class Replica:
         """Take the steps of `traced`; the commands that `agent` says in them. Whatever that raises."""
         keys = self._keys
         for step in traced.steps:
-            if isinstance(step, str):
-                agent.request(step.encode())
+            if isinstance(step, Asked):
+                agent.request(step.request.encode(), step.heard)
                 continue
             if isinstance(step, Recalled):
                 recall(agent, step.recalled, partly=True)

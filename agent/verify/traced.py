@@ -41,6 +41,14 @@ class Step(NamedTuple):
         return Now(self.mono, self.wall)
 
 
+class Asked(NamedTuple):
+    """An operator's request, between two steps."""
+
+    heard: float
+    """[s, monotonic]"""
+    request: Annotated[str, Field(max_length=2000)]
+
+
 class _Table(BaseModel):
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
 
@@ -68,7 +76,7 @@ class Traced(_Table):
     n: Count
     """Which command of this voice, from 1."""
     voice: Text
-    steps: tuple[Step | Annotated[str, Field(max_length=2000)] | Recalled, ...] = ()
+    steps: tuple[Step | Asked | Recalled, ...] = ()
     """What led to it since the command before: steps, and between them an operator's requests."""
     halt: Now | None = None
     """When the agent said its last words."""

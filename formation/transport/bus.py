@@ -11,7 +11,7 @@ import os
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Collection, Iterable
 from types import TracebackType
 from typing import Self
 
@@ -20,7 +20,7 @@ import zenoh
 from formation.topics import Topic
 from formation.transport.bus_config import THREADS, BusConfig, BusError
 from formation.transport.heap import share_one_heap
-from formation.transport.mailbox import Mailbox
+from formation.transport.mailbox import Handler, Mailbox
 from formation.transport.question import Question, Reply
 from formation.transport.session import closed, named, opened, refusals_of, setting, settings_of
 from formation.wire import Outgoing, Sample
@@ -184,8 +184,8 @@ class Bus:
         """Have the current or next `wait` return at once. Safe in a signal handler."""
         self.mailbox.wake()
 
-    def answer(self, key: str, handler: Callable[[bytes], bytes]) -> None:
-        """Answer queries on `key` with ``handler(request)``, called by `serve` on the main thread."""
+    def answer(self, key: str, handler: Handler) -> None:
+        """Answer queries on `key` by `handler`, which `serve` calls on the main thread."""
 
         def receive(query: zenoh.Query) -> None:  # on Zenoh's thread: must return at once
             self.mailbox.accept(_Query(query, key), handler)

@@ -20,6 +20,10 @@ MAX_QUERIES = 64
 """Queries that may wait to be served; more are turned away."""
 
 
+Handler = Callable[[bytes, float], bytes]
+"""Answers ``handler(request, heard)``; it came at ``heard`` [s, monotonic]."""
+
+
 class Query(Protocol):
     """A question that waits for its answer."""
 
@@ -48,7 +52,7 @@ class Mailbox:
         self.overflowed = 0
         """Messages that arrived and were pushed out by newer ones before anybody drained them."""
         self._samples: deque[Sample] = deque(maxlen=capacity)
-        self._queries: deque[tuple[Query, Callable[[bytes], bytes]]] = deque()
+        self._queries: deque[tuple[Query, Handler, float]] = deque()
         self._woken = False
         self._pressing = False  # whether anything among the samples has rung
         self._counting = threading.Lock()
@@ -69,10 +73,10 @@ class Mailbox:
         if wakes:
             self.ring()
 
-    def accept(self, query: Query, handler: Callable[[bytes], bytes]) -> None:
-        """Have `query` wait to be answered with ``handler(request)``; too many are turned away."""
+    def accept(self, query: Query, handler: Handler) -> None:
+        """Have `query` wait to be answered by `handler`; too many are turned away."""
         if len(self._queries) < MAX_QUERIES:
-            self._queries.append((query, handler))
+            self._queries.append((query, handler, time.monotonic()))
             self.ring()
         else:
             query.drop()
@@ -87,8 +91,8 @@ class Mailbox:
         """Answer the queries that wait; how many."""
         waiting = len(self._queries)
         for _ in range(waiting):
-            query, handler = self._queries.popleft()
-            query.answer(handler(query.request))
+            query, handler, heard = self._queries.popleft()
+            query.answer(handler(query.request, heard))
         return waiting
 
     def turn_away(self) -> None:

@@ -195,12 +195,14 @@ class Fleet:
         """Have an operator ask a robot, a standby, or by the leader's name the leader's own process."""
         known = {**self.agents, **self.candidates, self.mission.leader: self.leader}
         core = known[name]
-        return decode_order(OperatorReply, core.request(encode(OperatorRequest.model_validate({"do": do}))))
+        return decode_order(
+            OperatorReply, core.request(encode(OperatorRequest.model_validate({"do": do})), self.now)
+        )
 
     def take(self, shape: str) -> OperatorReply:
         """Have whoever leads ask for another shape."""
         request = OperatorRequest(do="shape", shape=shape)
-        return decode_order(OperatorReply, self.in_charge.request(encode(request)))
+        return decode_order(OperatorReply, self.in_charge.request(encode(request), self.now))
 
     def error(self) -> float:
         """Formation error of the robots as they really are, now, in the figure that is wanted [m]."""

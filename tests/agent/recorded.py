@@ -113,7 +113,7 @@ class RecordedFleet(Fleet):
     def ask_once(self, name: str, do: str, number: str = "") -> OperatorReply:
         """Put a request to an agent's loop."""
         request = encode(OperatorRequest.model_validate({"do": do, "id": number}))
-        return decode(OperatorReply, self.loop(name).sides.request(request))
+        return decode(OperatorReply, self.loop(name).sides.request(request, self.now))
 
     def _note(self, sender: str, out: Outgoing) -> None:
         super()._note(sender, out)

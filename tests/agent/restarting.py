@@ -102,8 +102,8 @@ class Team(RecordedFleet):
         """Ask an agent, or the leader."""
         request = encode(OperatorRequest.model_validate({"do": do, **more}))
         if name == self.mission.leader:
-            return decode(OperatorReply, self.leader.request(request))
-        return decode(OperatorReply, self.loop(name).sides.request(request))
+            return decode(OperatorReply, self.leader.request(request, self.now))
+        return decode(OperatorReply, self.loop(name).sides.request(request, self.now))
 
     def heading_error(self, name: str) -> float:
         """How far an agent's heading is off its robot's, now [deg]."""

@@ -163,7 +163,7 @@ def test_an_order_of_a_shape_that_nobody_knows_is_dropped_but_the_position_it_ca
 @pytest.mark.parametrize("request_bytes", [b"", b"stop", b"{}", b'{"do": "explode"}', b"\xff" * 4000])
 def test_an_operators_request_that_makes_no_sense_is_answered_with_a_reason(request_bytes: bytes) -> None:
     agent = Agent(SIX, ME)
-    reply = order.decode(OperatorReply, agent.request(request_bytes))
+    reply = order.decode(OperatorReply, agent.request(request_bytes, 0.5))
     assert not reply.ok
     assert reply.reason
     assert commands(agent.step(moment(1), [])) == [Twist(0.0, 0.0)]

@@ -100,7 +100,7 @@ def test_what_the_team_was_told_stays_in_force_under_the_next_leader(fleet: Flee
     fleet.run(2.0)
     deputy = fleet.candidates["deputy"]
     assert (deputy.leads, deputy.shape, deputy.mode) == (True, "line", "hold")
-    reply = deputy.request(order.encode(OperatorRequest(do="release")))
+    reply = deputy.request(order.encode(OperatorRequest(do="release")), fleet.now)
     assert order.decode(OperatorReply, reply).mode == "run"
     fleet.run(8.0)
     assert fleet.error() < 0.1

@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 
 from agent.latch import Latch
-from formation.once import REMEMBERED, STEPS
+from formation.once import REMEMBERED, TRAVEL
 from formation.order import Do, Mode, OperatorReply, OperatorRequest, decode, encode
-from formation.wire import Now
 
 
-def ask(latch: Latch, do: Do, of: str = "") -> OperatorReply:
-    return decode(OperatorReply, latch.ask(encode(OperatorRequest(do=do, id=of)), "run"))
+def ask(latch: Latch, do: Do, of: str = "", heard: float = 0.0, age: float = 0.0) -> OperatorReply:
+    request = OperatorRequest(do=do, id=of, age=age)
+    return decode(OperatorReply, latch.ask(encode(request), heard, "run"))
 
 
 def test_a_release_that_is_put_again_does_not_undo_a_stop_that_came_meanwhile() -> None:
@@ -42,7 +42,9 @@ def test_a_shape_is_not_an_agents_to_change_and_releases_nothing() -> None:
     modes: tuple[Mode, ...] = ("stop", "hold")
     for do in modes:
         latch.mode = do
-        reply = decode(OperatorReply, latch.ask(encode(OperatorRequest(do="shape", shape="line")), "run"))
+        reply = decode(
+            OperatorReply, latch.ask(encode(OperatorRequest(do="shape", shape="line")), 0.0, "run")
+        )
         assert (reply.ok, latch.mode, reply.mode) == (False, do, do)
         assert "leader" in reply.reason
 
@@ -50,54 +52,42 @@ def test_a_shape_is_not_an_agents_to_change_and_releases_nothing() -> None:
 @pytest.mark.parametrize("rest", ["stop", "hold"])
 def test_a_release_that_was_asked_for_before_a_stop_and_is_heard_after_it_lets_nobody_go(rest: Do) -> None:
     latch = Latch("robot1")
-    latch.aware(Now(100.0, 0.0))
-    ask(latch, rest)
-    latch.aware(Now(110.0, 0.0))
-    late = OperatorRequest(do="release", id="late", age=10.5)
-    for _ in range(2):  # it is put again, and goes on being too late
-        reply = decode(OperatorReply, latch.ask(encode(late), "run"))
+    ask(latch, rest, heard=100.0)
+    for heard in (110.0, 200.0):  # it is put again, and goes on being too late
+        reply = ask(latch, "release", "late", heard, age=10.5)
         assert (reply.ok, latch.mode) == (False, rest)
         assert "before the newest stop" in reply.reason
-        latch.aware(Now(200.0, 0.0))
     assert ask(latch, "release").ok
     assert latch.mode is None
 
 
 def test_a_release_that_was_asked_for_after_the_stop_counts_however_late_it_is_heard() -> None:
     latch = Latch("robot1")
-    latch.aware(Now(100.0, 0.0))
-    ask(latch, "stop")
-    latch.aware(Now(100.2, 0.0))
-    latch.aware(Now(110.0, 0.0))
-    late = OperatorRequest(do="release", id="late", age=9.5)
-    assert decode(OperatorReply, latch.ask(encode(late), "run")).ok
+    ask(latch, "stop", heard=100.0)
+    assert ask(latch, "release", "late", 110.0, age=9.9).ok
+    assert latch.mode is None
+
+
+def test_a_script_that_releases_right_after_its_stop_is_obeyed_by_who_hears_only_its_second_question() -> (
+    None
+):
+    latch = Latch("robot1")
+    ask(latch, "stop", heard=100.0)
+    assert ask(latch, "release", "next", 100.05, age=0.04).ok
     assert latch.mode is None
 
 
 def test_a_release_so_close_after_the_stop_that_nobody_knows_which_was_first_lets_nobody_go() -> None:
     latch = Latch("robot1")
-    latch.aware(Now(100.0, 0.0))
-    ask(latch, "stop")
-    latch.aware(Now(100.1, 0.0))
-    latch.aware(Now(110.0, 0.0))
-    for age, ok in ((9.9 - 0.8 * STEPS, False), (9.9 - 1.2 * STEPS, True)):
-        late = OperatorRequest(do="release", id=f"at{age:g}", age=age)
-        assert decode(OperatorReply, latch.ask(encode(late), "run")).ok is ok
+    ask(latch, "stop", heard=100.0)
+    for age, ok in ((10.0 - 0.8 * TRAVEL, False), (10.0 - 1.2 * TRAVEL, True)):
+        assert ask(latch, "release", f"at{age:g}", 110.0, age).ok is ok
 
 
-@pytest.mark.parametrize("steps", [(), (0.0, 50.0)])
-def test_a_stop_heard_before_the_first_step_or_after_a_long_one_is_no_older_than_it_may_be(
-    steps: tuple[float, ...],
-) -> None:
+def test_a_stop_that_came_first_counts_from_then_though_it_is_answered_with_another_after_a_pause() -> None:
     latch = Latch("robot1")
-    for mono in steps:
-        latch.aware(Now(mono, 0.0))
-    ask(latch, "stop")  # at 99.9: the agent has just begun, or hung
-    late = OperatorRequest(do="release", id="late", age=5.0)  # put at 97, when nobody was to be stopped
-    assert not decode(OperatorReply, latch.ask(encode(late), "run")).ok
-    for mono in (100.0, 102.0):
-        latch.aware(Now(mono, 0.0))
-    assert not decode(OperatorReply, latch.ask(encode(late.model_copy(update={"id": "b"})), "run")).ok
+    ask(latch, "stop", heard=99.9)  # while its process hung
+    ask(latch, "hold", heard=50.0)  # is refused, and the stop is no older for that
+    assert not ask(latch, "release", "late", 100.0, age=5.0).ok
     assert latch.mode == "stop"
-    latch.aware(Now(106.0, 0.0))
-    assert decode(OperatorReply, latch.ask(encode(late.model_copy(update={"id": "c"})), "run")).ok
+    assert ask(latch, "release", "c", 106.0, age=5.0).ok

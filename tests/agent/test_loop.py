@@ -254,11 +254,11 @@ def test_a_robot_that_is_stopped_is_told_so_before_anybody_waits_for_a_disk() ->
     setting = Setting()
     disk = Slow(setting.log)
     keeping(setting, disk)
-    setting.sides.request(b'{"do":"hold"}')
+    setting.sides.request(b'{"do":"hold"}', 1.1)
     assert disk.before == [], "who has not begun says nothing before it may"
     setting.turn(ODOMETRY)
     setting.log.clear()
-    assert b'"ok":true' in setting.sides.request(b'{"do":"stop"}')
+    assert b'"ok":true' in setting.sides.request(b'{"do":"stop"}', 1.1)
     assert disk.before[0] == ("robot", "robot2/cmd_vel")
     assert ("fleet", "robot2/status") not in disk.before, "nor does the operator wait for a report"
     assert ("fleet", "robot2/status") in setting.turn(mono=1.2)
@@ -275,5 +275,5 @@ def test_a_stop_is_kept_though_the_step_that_takes_it_in_fails(monkeypatch: pyte
 
     monkeypatch.setattr(setting.agent, "act", fail)
     with pytest.raises(ZeroDivisionError):
-        setting.sides.request(b'{"do":"stop"}')
+        setting.sides.request(b'{"do":"stop"}', 1.1)
     assert b'"mode": "stop"' in disk.texts["stops"]

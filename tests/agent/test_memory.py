@@ -95,8 +95,8 @@ class Twins:
         outbox: list[Outgoing] = self._same(said)
         return outbox
 
-    def request(self, data: bytes) -> bytes:
-        reply: bytes = self._same([one.request(data) for one in self.agents])
+    def request(self, data: bytes, heard: float) -> bytes:
+        reply: bytes = self._same([one.request(data, heard) for one in self.agents])
         return reply
 
     def halt(self, now: Now, reason: str) -> list[Outgoing]:
@@ -145,7 +145,7 @@ class World:
         assert isinstance(twins, Twins)
         if what == "order":
             do, number = data.draw(ORDERS), data.draw(st.sampled_from(["", "a", "b"]))
-            twins.request(encode(OperatorRequest.model_validate({"do": do, "id": number})))
+            twins.request(encode(OperatorRequest.model_validate({"do": do, "id": number})), self.fleet.now)
         elif what == "shape":
             self.fleet.take(data.draw(st.sampled_from(sorted(self.fleet.mission.shapes))))
         elif what == "jump":

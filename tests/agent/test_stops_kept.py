@@ -145,7 +145,7 @@ def test_a_release_that_was_first_put_before_the_stop_is_overtaken_by_it(boot: s
     team.run(0.5)
     assert not team.tell("robot3", "release", id="old-too", age=5.0).ok
     assert team.agents["robot3"].decision.state is State.STOP
-    assert team.tell("robot3", "release", id="new", age=0.4).ok is (boot == "this very boot")
+    assert team.tell("robot3", "release", id="new", age=0.6).ok is (boot == "this very boot")
 
 
 def test_when_everybody_is_started_anew_who_was_stopped_stays_stopped() -> None:

@@ -123,8 +123,8 @@ def test_an_operators_request_is_told_between_the_steps_and_one_that_says_nothin
     setting = Setting()
     setting.turn(1.0)
     for request in (b'{"do":"stop"}', b"\xff\xfe", b"x" * 2000):
-        setting.loop.sides.request(request)
-    assert setting.turn(1.1)["steps"] == ['{"do":"stop"}', [1.1, 1.7e9 + 1.1, []]]
+        setting.loop.sides.request(request, 1.05)
+    assert setting.turn(1.1)["steps"] == [[1.05, '{"do":"stop"}'], [1.1, 1.7e9 + 1.1, []]]
 
 
 def test_the_last_words_carry_a_trace_as_well() -> None:
@@ -188,7 +188,7 @@ def test_minutes_without_a_command_hold_no_more_than_so_much() -> None:
     one = Trace(Agent(SIX, "robot3"))
     for tick in range(10_000):
         one.stepped(now(0.01 * tick), True, True, [position(0.01 * tick, tick)])
-        one.asked(b'{"do":"hold"}')
+        one.asked(b'{"do":"hold"}', 0.01 * tick)
         assert len(one._steps) <= MOST
     said = one.attachment()
     assert said is not None
@@ -208,7 +208,7 @@ def test_a_recording_can_keep_whatever_rides() -> None:
     setting = Setting()
     setting.turn(1.0)
     for _ in range(64):
-        setting.loop.sides.request(('{"do":"' + "ä\t\x7f\u2028" * 250).encode()[:1024])
+        setting.loop.sides.request(('{"do":"' + "ä\t\x7f\u2028" * 250).encode()[:1024], 1.0)
     setting.record.clear()
     setting.loop.step(now(1.1), [])
     attachment = next(sample.attachment for sample, _ in setting.record if sample.key == KEY)

@@ -12,7 +12,7 @@ from tests.agent.fleet import Fleet
 
 def tune(fleet: Fleet, **gains: float) -> OperatorReply:
     request = OperatorRequest.model_validate({"do": "tune", **gains})
-    return decode(OperatorReply, fleet.in_charge.request(encode(request)))
+    return decode(OperatorReply, fleet.in_charge.request(encode(request), fleet.now))
 
 
 def limited(command: Command, limits: Limits) -> tuple[float, float]:

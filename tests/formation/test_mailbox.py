@@ -26,6 +26,10 @@ class Asked:
         self.dropped += 1
 
 
+def echo(request: bytes, _: float) -> bytes:
+    return request
+
+
 def sample(key: str, number: int) -> Sample:
     return Sample(key, bytes([number]), None, float(number))
 
@@ -78,7 +82,7 @@ def test_wait_returns_at_once_for_a_sample_a_query_and_a_wake_and_in_time_for_no
     box.put(sample("a", 1))
     assert box.wait(PATIENCE)
     box.drain()
-    box.accept(Asked(b"?"), bytes)
+    box.accept(Asked(b"?"), echo)
     assert box.wait(PATIENCE)
     box.serve()
     box.wake()
@@ -154,16 +158,31 @@ def test_queries_are_answered_in_turn_and_too_many_are_turned_away() -> None:
     box = Mailbox()
     asked = [Asked(bytes([number])) for number in range(MAX_QUERIES + 2)]
     for query in asked:
-        box.accept(query, lambda request: request + b"!")
+        box.accept(query, lambda request, _: request + b"!")
     assert [query.dropped for query in asked] == [0] * MAX_QUERIES + [1, 1]
     assert box.serve() == MAX_QUERIES
     assert [query.answers for query in asked[:2]] == [[b"\0!"], [b"\1!"]]
     assert box.serve() == 0
 
 
+def test_a_query_is_answered_with_the_time_at_which_it_came_however_long_it_has_waited() -> None:
+    box, times = Mailbox(), list[float]()
+
+    def answer(request: bytes, heard: float) -> bytes:
+        times.append(heard)
+        return request
+
+    before = time.monotonic()
+    box.accept(Asked(b"?"), answer)
+    after = time.monotonic()
+    time.sleep(0.01)
+    box.serve()
+    assert before <= times[0] <= after
+
+
 def test_queries_that_nobody_will_answer_are_turned_away() -> None:
     box = Mailbox()
     query = Asked(b"?")
-    box.accept(query, bytes)
+    box.accept(query, echo)
     box.turn_away()
     assert (query.dropped, query.answers, box.serve()) == (1, [], 0)

@@ -82,8 +82,8 @@ def drive(leader: Leader, start: float, seconds: float, step: float = 0.04) -> l
     return said
 
 
-def ask(leader: Leader, request: bytes) -> OperatorReply:
-    return order.decode(OperatorReply, leader.request(request))
+def ask(leader: Leader, request: bytes, heard: float = 0.0) -> OperatorReply:
+    return order.decode(OperatorReply, leader.request(request, heard))
 
 
 def status(name: str, outbox: list[Outgoing]) -> dict[str, str]:

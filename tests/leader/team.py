@@ -158,7 +158,9 @@ class Team:
         if not process.alive or process.frozen:
             return
         before = process.core.conduct.tuned if isinstance(process.core, Leader) else None
-        reply = order.decode(OperatorReply, process.core.request(order.encode(request)))
+        reply = order.decode(
+            OperatorReply, process.core.request(order.encode(request), process.now(self.true).mono)
+        )
         after = process.core.conduct.tuned if isinstance(process.core, Leader) else None
         if not reply.ok or request.id in process.asked or request.do != "tune":
             assert after == before, f"{name} has other gains though nothing new was asked"

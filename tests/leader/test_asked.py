@@ -47,7 +47,7 @@ def test_each_order_is_said_at_once_and_a_few_times_more_with_what_was_answered(
     leader, mono = leading(SIX, 10.0), 11.0
     for number, what in enumerate(TEN):
         request = OperatorRequest(id=f"{number}", **what)
-        reply = order.decode(OperatorReply, leader.request(order.encode(request)))
+        reply = order.decode(OperatorReply, leader.request(order.encode(request), mono))
         assert reply.ok, reply.reason
         mono += 0.01
         ((*_, newest),) = step(leader, mono)
@@ -62,7 +62,7 @@ def test_what_is_refused_is_said_too_and_a_repetition_is_not() -> None:
     leader = leading(SIX, 10.0)
     small = order.encode(OperatorRequest(do="scale", factor=0.01, id="a"))
     for _ in range(3):
-        assert not order.decode(OperatorReply, leader.request(small)).ok
+        assert not order.decode(OperatorReply, leader.request(small, 10.0)).ok
     ((said,),) = step(leader, 11.0)
     assert (said["do"], said["factor"], said["ok"]) == ("scale", 0.01, False)
     assert "would touch" in said["reason"]
@@ -71,9 +71,9 @@ def test_what_is_refused_is_said_too_and_a_repetition_is_not() -> None:
 def test_who_is_asked_again_says_whether_it_leads_by_now() -> None:
     leader, stop = Leader(SIX), order.encode(OperatorRequest(do="stop", id="a"))
     leader.step(at(0.0), [])  # it still listens
-    assert order.decode(OperatorReply, leader.request(stop)).leads is False
+    assert order.decode(OperatorReply, leader.request(stop, 0.0)).leads is False
     leader.step(at(LISTENING), [])
-    assert order.decode(OperatorReply, leader.request(stop)).leads is True
+    assert order.decode(OperatorReply, leader.request(stop, 0.0)).leads is True
 
 
 def test_however_many_long_routes_are_asked_for_at_once_the_status_can_be_sent() -> None:
@@ -81,7 +81,7 @@ def test_however_many_long_routes_are_asked_for_at_once_the_status_can_be_sent()
     legs = [{"waypoints": [[1e5 - k, 1e5]], "speed": 1.0} for k in range(300)]
     for k in range(9):
         request = json.dumps({"do": "route", "legs": legs, "id": str(k)}).encode()
-        assert order.decode(OperatorReply, leader.request(request)).ok
+        assert order.decode(OperatorReply, leader.request(request, 0.0)).ok
     (said,) = asked(leader.step(at(0.01), []))
     assert 1 <= len(said) < 9
     assert said[-1]["id"] == "8"

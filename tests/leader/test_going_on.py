@@ -236,6 +236,6 @@ def test_two_leaders_by_mistake_do_not_both_go_on(mission: Mission) -> None:
 def test_a_release_from_before_it_led_does_not_undo_a_stop_that_it_goes_on_with(mission: Mission) -> None:
     stopped = Order(term=TERM, beat=9, mode="stop", shape="line", time=1.0)
     leader = restarted(mission, stopped, 5.0)
-    late = ask(leader, b'{"do":"release","id":"a","age":1.5}')
+    late = ask(leader, b'{"do":"release","id":"a","age":1.5}', 6.0)
     assert (late.ok, late.mode) == (False, "stop")
     assert ask(leader, b'{"do":"release","id":"b"}').mode == "run"

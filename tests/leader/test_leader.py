@@ -131,11 +131,11 @@ def test_what_sets_the_team_going_does_not_count_if_a_stop_or_a_hold_came_betwee
 ) -> None:
     leader = listened(mission)
     drive(leader, 0.0, 10.0)
-    ask(leader, f'{{"do":"{rest}"}}'.encode())
+    ask(leader, f'{{"do":"{rest}"}}'.encode(), 10.0)
     drive(leader, 10.0, 5.0)
-    late = ask(leader, f'{{"do":"{go}","id":"a","age":5.5}}'.encode())  # put before the rest, heard after it
+    late = ask(leader, f'{{"do":"{go}","id":"a","age":5.5}}'.encode(), 15.0)  # put before the rest
     assert (late.ok, late.mode) == (False, rest)
-    assert ask(leader, f'{{"do":"{go}","id":"b","age":4.0}}'.encode()).mode == "run"
+    assert ask(leader, f'{{"do":"{go}","id":"b","age":4.9}}'.encode(), 15.0).mode == "run"
 
 
 def test_release_of_a_stop_goes_back_to_what_it_was_told_before(mission: Mission) -> None:

@@ -12,6 +12,7 @@ from formation import order
 from formation.mission import Mission
 from formation.mission_file import load, parse
 from formation.order import OperatorReply
+from formation.transport.mailbox import Handler
 from formation.transport.process import BadInput, Process, clocks
 from formation.wire import Outgoing
 from leader.__main__ import _name
@@ -26,10 +27,10 @@ class Bus:
     """Where the leader's answers and words come out."""
 
     def __init__(self) -> None:
-        self.request: Callable[[bytes], bytes] = lambda _: b""
+        self.request: Handler = lambda _, __: b""
         self.sent: list[Outgoing] = []
 
-    def answer(self, _: str, request: Callable[[bytes], bytes]) -> None:
+    def answer(self, _: str, request: Handler) -> None:
         self.request = request
 
     def send(self, outbox: list[Outgoing]) -> None:
@@ -67,7 +68,7 @@ def test_one_that_was_frozen_finds_out_whether_it_still_leads_before_it_answers(
         monkeypatch.setattr(
             leader._candidacy, "_beat", (leader.term + 64, 1)
         )  # another one has begun meanwhile
-        reply = order.decode(OperatorReply, bus.request(b'{"do":"hold"}'))
+        reply = order.decode(OperatorReply, bus.request(b'{"do":"hold"}', clocks().mono))
         assert (reply.ok, reply.leads) == (False, False)
         assert reply.reason.startswith("stands by")
         assert "ann/position" not in {out.key for out in bus.sent}
@@ -79,7 +80,7 @@ def test_before_the_first_step_a_question_begins_nothing() -> None:
     leader = Leader(SIX)
 
     def asked(_: Any, bus: Bus) -> None:
-        assert order.decode(OperatorReply, bus.request(b'{"do":"stop"}')).ok
+        assert order.decode(OperatorReply, bus.request(b'{"do":"stop"}', clocks().mono)).ok
         assert bus.sent == []
 
     on(leader, asked)
@@ -91,7 +92,7 @@ def test_what_changes_is_logged(caplog: pytest.LogCaptureFixture) -> None:
         for ago in (2.0, 1.0):
             core.step(now._replace(mono=now.mono - ago), ())
         for request in (b'{"do":"shape","shape":"wedge"}', b'{"do":"hold"}'):
-            bus.request(request)
+            bus.request(request, clocks().mono)
         core.step(clocks(), ())
 
     with caplog.at_level(logging.INFO):

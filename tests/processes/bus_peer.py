@@ -39,7 +39,7 @@ def failing(endpoint: str) -> None:
     """Fail with a callback subscriber, an unanswered query and traffic under way."""
     with Bus(BusConfig(listen=(endpoint,))) as bus:
         bus.subscribe(ODOMETRY)
-        bus.answer(POSITION.key("robot1"), lambda request: request)
+        bus.answer(POSITION.key("robot1"), lambda request, _: request)
         say("ready")
         while len(bus.drain()) == 0:
             bus.wait(60.0)

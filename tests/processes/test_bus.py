@@ -81,7 +81,7 @@ def test_the_oldest_sample_makes_room_and_is_counted(endpoint: str) -> None:
 
 def test_a_main_loop_that_never_drains_stalls_nothing_on_its_link(pair: tuple[Bus, Bus]) -> None:
     here, there = pair
-    there.answer(ASKED, lambda request: b"answered " + request)
+    there.answer(ASKED, lambda request, _: b"answered " + request)
     slowest = 0.0
     for number in range(3000):
         start = time.perf_counter()
@@ -154,7 +154,7 @@ def test_everybody_asked_answers_on_its_own_main_thread(endpoint: str) -> None:
     other = free_endpoint()
     threads = []
 
-    def answer(request: bytes) -> bytes:
+    def answer(request: bytes, _: float) -> bytes:
         threads.append(threading.current_thread())
         return request.upper()
 
@@ -177,7 +177,7 @@ def test_everybody_asked_answers_on_its_own_main_thread(endpoint: str) -> None:
 
 def test_a_query_wakes_the_loop_that_answers_it(pair: tuple[Bus, Bus]) -> None:
     here, there = pair
-    here.answer(ASKED, lambda request: request)
+    here.answer(ASKED, lambda request, _: request)
     acquaint(here, there)
     asking = threading.Thread(target=there.ask, args=(ASKED, b"?", PATIENCE))
     asking.start()
@@ -190,7 +190,7 @@ def test_a_query_wakes_the_loop_that_answers_it(pair: tuple[Bus, Bus]) -> None:
 def test_a_flood_of_queries_is_turned_away(pair: tuple[Bus, Bus], monkeypatch: pytest.MonkeyPatch) -> None:
     here, there = pair
     monkeypatch.setattr(mailbox, "MAX_QUERIES", 1)
-    here.answer(ASKED, lambda request: request)
+    here.answer(ASKED, lambda request, _: request)
     acquaint(here, there)
     replies = []
     asking = threading.Thread(target=lambda: replies.extend(there.ask(ASKED, b"first", PATIENCE)))
@@ -212,7 +212,7 @@ def test_nobody_to_ask_is_no_reply_and_no_waiting(pair: tuple[Bus, Bus]) -> None
 
 def test_who_does_not_answer_in_time_is_missing(pair: tuple[Bus, Bus]) -> None:
     here, there = pair
-    here.answer(ASKED, lambda request: request)
+    here.answer(ASKED, lambda request, _: request)
     acquaint(here, there)
     start = time.monotonic()
     assert there.ask(ASKED, b"stop", 0.2) == []
@@ -238,7 +238,7 @@ def test_a_closed_bus_says_so(endpoint: str) -> None:
         lambda: bus.watched(ODOMETRY),
         lambda: bus.subscribe(ODOMETRY),
         lambda: bus.advertise(CMD_VEL, COMMAND),
-        lambda: bus.answer(ASKED, bytes),
+        lambda: bus.answer(ASKED, lambda request, _: request),
         lambda: bus.ask(ASKED, b"", 0.1),
     ):
         with pytest.raises(BusError, match="the bus is closed"):

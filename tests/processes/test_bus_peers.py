@@ -122,7 +122,7 @@ def test_two_teams_on_one_network_hear_nothing_of_each_other(endpoint: str) -> N
         Bus(BusConfig(connect=(endpoint,), namespace="blue/one")) as stranger,
     ):
         here.subscribe(ODOMETRY)
-        here.answer(ASKED, lambda request: request)
+        here.answer(ASKED, lambda request, _: request)
         mate.advertise(ODOM, ODOMETRY)
         stranger.advertise(ODOM, ODOMETRY)
         until(lambda: mate.watched(ODOMETRY) and len(inspect(endpoint).links) == 2)

@@ -12,7 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from formation.transport import wiring
+from formation.transport import asking, wiring
+from formation.transport.bus import Bus
+from formation.transport.bus_config import BusConfig
+from tests.processes.child import PATIENCE
 from tests.processes.twenty import LEADER, Given, Team, twenty
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
@@ -41,6 +44,17 @@ def test_all_acknowledge_every_stop_and_every_release(team: Team) -> None:
         assert stopped(given) == set(team.mission.names)
         assert given.slowest > 0.0
         assert team.order("release").code == 0
+
+
+def test_who_releases_in_the_moment_in_which_all_have_acknowledged_the_stop_is_obeyed_by_all(
+    team: Team,
+) -> None:
+    connect = tuple(wiring.endpoints(team.mission).agents.values())
+    for do in ("stop", "release") * TRIES:
+        asked = asking.addressed(team.mission, do)
+        with Bus(BusConfig(connect=connect)) as bus:  # a new one, of which robots hear one after another
+            given = asking.ask(bus.question, asked, asking.request_for(team.mission, do), PATIENCE)
+        assert given.obeyed, given.words()
 
 
 def test_who_hangs_is_named_and_all_others_stop(team: Team) -> None:

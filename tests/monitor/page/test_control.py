@@ -65,8 +65,8 @@ class Team:
 
     def _ask(self, name: str, payload: bytes) -> bytes:
         if name == SIX.leader:
-            return self.leader.request(payload)
-        return self.latches[name].ask(payload, self.leader.mode)
+            return self.leader.request(payload, 0.0)
+        return self.latches[name].ask(payload, 0.0, self.leader.mode)
 
 
 @pytest.fixture
@@ -142,7 +142,7 @@ def test_who_cannot_be_reached_is_named(
 
 
 def test_a_refusal_is_an_event_with_its_reason(operator: Operator, team: Team, events: list[Event]) -> None:
-    team.leader.request(b'{"do":"stop"}')
+    team.leader.request(b'{"do":"stop"}', 0.0)
     assert [one["robot"] for one in operator.order("run")["refused"]] == [SIX.leader]
     assert "robot1 refuses: stopped: release it first" in events[0].text
 

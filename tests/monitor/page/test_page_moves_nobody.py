@@ -37,7 +37,7 @@ class Now(Scene):
 def team() -> Team:
     """It stands, by a stop and by a hold below that."""
     team = Team()
-    team.leader.request(b'{"do":"hold"}')
+    team.leader.request(b'{"do":"hold"}', 0.0)
     for name in SIX.names:
         team._ask(name, b'{"do":"stop"}')
     return team
