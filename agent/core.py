@@ -10,8 +10,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
-from functools import partial
+from collections.abc import Iterable, Sequence
 from itertools import chain
 
 from agent import failsafe
@@ -19,26 +18,25 @@ from agent.aside import Aside, Stuck
 from agent.avoiding import Avoiding, Brake
 from agent.commander import AT_REST, Commander
 from agent.failsafe import Decision, Facts, State
+from agent.hearing import Hearing
 from agent.latch import Latch
 from agent.localisation import Localisation
-from agent.neighbourhood import Neighbour, Neighbourhood
+from agent.neighbourhood import Neighbourhood
 from agent.orders import Orders
-from agent.scanner import Scanner
 from agent.slots import Slots
 from agent.status import Report, Surroundings, status
 from agent.tuning import Tuning
 from formation import order
 from formation.law import LAWS, error, unwound
 from formation.mission import Mission
-from formation.order import LONGEST_REASON, Ballot, Told
-from formation.ros2.messages import Displacement, LaserScan, Odometry, Pose, Text, decode, encode
-from formation.topics import BALLOT, ODOM, POSE, POSITION, RELATIVE, SCAN, STATUS, Topic
+from formation.order import Told
+from formation.ros2.messages import Pose, encode
+from formation.topics import POSITION, STATUS, Topic
 from formation.unicycle import Command
 from formation.wire import BadMessage, Now, Outgoing, Sample
 
 STATUS_PERIOD = 0.5
 """[s]"""
-Handler = Callable[[Sample, Now], float | None]
 
 
 class Agent:
@@ -60,10 +58,6 @@ class Agent:
         spec = mission.robots[robot]
         self.robot = robot
         self.law_name = law or mission.law.kind
-        self.dropped: Counter[str] = Counter()
-        """Messages that were not used, by key."""
-        self.last_dropped: dict[str, str] = {}
-        """Why the newest of them was not used, by key."""
         self.decision = Decision(State.WAITING, "just started")
         self._mission, self._spec = mission, spec
         self._readonly, self._voice, self._told = readonly, voice, 0
@@ -83,14 +77,18 @@ class Agent:
         self._latch = Latch(robot)
         self._status_due = float("-inf")
         self._rest_due = float("-inf")
-        self._own = ODOM.key(robot) if spec.localisation == "odometry" else POSE.key(robot)
         self._status_key, self._position_key = STATUS.key(robot), POSITION.key(robot)
-        self._handlers = self._by_key()
+        self._hearing = Hearing(mission, robot, self._here, self._neighbours, self._avoiding, self._orders)
 
     @property
     def subscriptions(self) -> tuple[str, ...]:
         """Every key this agent listens to: what tells its own position, its neighbours, whom it minds."""
-        return tuple(self._handlers)
+        return self._hearing.keys
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Messages that were not used, by key."""
+        return self._hearing.dropped
 
     @property
     def publications(self) -> tuple[tuple[Topic, str], ...]:
@@ -120,23 +118,10 @@ class Agent:
 
     def act(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
         """The first half of a step, whose result need not wait for the second: learn, decide, command."""
-        interval, moved = None, False
         self._orders.voter.aware(now.mono)
-        for sample in inbox:
-            try:
-                handle = self._handlers.get(sample.key)
-                if handle is None:
-                    raise BadMessage("unknown key")
-                taken = handle(sample, now)
-            except BadMessage as bad:
-                self._drop(sample.key, bad)
-                continue
-            if sample.key == self._own:
-                moved = True
-                interval = taken if interval is None else interval + (taken or 0.0)
+        self._moved, interval = self._hearing.take(inbox, now)
         before, self.decision = self.decision.state, self._decide(now)
-        self._moved = moved
-        outbox = self._drive(now, interval) if moved else self._rest(now)
+        outbox = self._drive(now, interval) if self._moved else self._rest(now)
         self._aside.judge(self.decision, self._orders.newest, now.mono, stuck=self._stuck.now)
         if self.decision.state is not before:
             self._status_due = now.mono
@@ -167,63 +152,8 @@ class Agent:
         try:
             return self._latch.ask(data, heard, ordered)
         except BadMessage as bad:
-            self._drop("order", bad)
+            self._hearing.drop("order", bad)
             return self._latch.reply(ordered, ok=False, reason=str(bad))
-
-    def _by_key(self) -> dict[str, Handler]:
-        handlers: dict[str, Handler] = {self._own: self._take_own}
-        for name, neighbour in self._neighbours.each.items():
-            handlers[POSITION.key(name)] = partial(self._take_position, neighbour)
-            if self._spec.measurement == "local":
-                handlers[RELATIVE.key(self.robot, name)] = partial(self._take_displacement, neighbour)
-        for name, other in self._avoiding.others.items():
-            handlers[POSITION.key(name)] = partial(self._take_minded, other)
-        if self._avoiding.scanner is not None:
-            handlers[SCAN.key(self.robot)] = partial(self._take_scan, self._avoiding.scanner)
-        if self._mission.standbys:
-            for name in self._mission.candidates:
-                handlers[BALLOT.key(name)] = partial(self._take_ballot, name)
-        return handlers
-
-    def _take_own(self, sample: Sample, now: Now) -> float | None:
-        if self._spec.localisation == "odometry":
-            odometry = decode(Odometry, sample.payload)
-            taken = self._here.take(odometry, sample.arrived, now)
-            if self._avoiding.scanner is not None:
-                self._avoiding.scanner.moved(sample.arrived, Command(odometry.speed, odometry.turn_rate))
-            return taken
-        return self._here.take(decode(Pose, sample.payload), sample.arrived, now)
-
-    def _take_position(self, neighbour: Neighbour, sample: Sample, now: Now) -> None:
-        pose = decode(Pose, sample.payload)
-        told = order.decode(Told, sample.attachment or b"")
-        leads = neighbour.name == self._mission.leader
-        neighbour.voice.admit(told, sample.arrived, self._orders.voter.promise if leads else 0)
-        neighbour.aside = told.aside
-        if told.order is not None:
-            try:
-                self._orders.hear(told.order, neighbour.name, sample.arrived, now)
-            except BadMessage as bad:
-                self._drop(sample.key, bad)
-        if self._spec.measurement == "network":
-            neighbour.take_position(pose, sample.arrived, now)
-
-    def _take_minded(self, other: Neighbour, sample: Sample, now: Now) -> None:
-        """Nothing but where it is counts of whom it only minds: that it relays no orders keeps ways short."""
-        pose = decode(Pose, sample.payload)
-        other.voice.admit(order.decode(Told, sample.attachment or b""), sample.arrived, 0)
-        other.take_position(pose, sample.arrived, now)
-
-    def _take_displacement(self, neighbour: Neighbour, sample: Sample, now: Now) -> None:
-        displacement = decode(Displacement, sample.payload)
-        neighbour.take_displacement(displacement, sample.arrived, now)
-
-    def _take_scan(self, scanner: Scanner, sample: Sample, now: Now) -> None:
-        scanner.take(decode(LaserScan, sample.payload), sample.arrived, now)
-
-    def _take_ballot(self, candidate: str, sample: Sample, now: Now) -> None:
-        ballot = order.decode(Ballot, decode(Text, sample.payload).text.encode())
-        self._orders.voter.hear(ballot, candidate, sample.arrived, now)
 
     def _decide(self, now: Now) -> Decision:
         around, scanner = self._neighbours, self._avoiding.scanner
@@ -326,12 +256,7 @@ class Agent:
             stuck=self._stuck.now,
             gains=self._tuning.told,
             surroundings=self._surroundings,
-            dropped={where: (count, self.last_dropped[where]) for where, count in self.dropped.items()},
+            dropped=self._hearing.unused,
             mission=self._mission.fingerprint,
         )
         return Outgoing(self._status_key, encode(status(report, now)))
-
-    def _drop(self, key: str, bad: BadMessage) -> None:
-        where = key if key in self._handlers or key == "order" else "elsewhere"
-        self.dropped[where] += 1
-        self.last_dropped[where] = str(bad)[:LONGEST_REASON]  # it may quote what a stranger wrote

@@ -15,6 +15,7 @@ from agent.avoiding import Avoiding
 from agent.commander import Commander
 from agent.core import Agent
 from agent.failsafe import Decision, State
+from agent.hearing import Hearing
 from agent.latch import Latch
 from agent.localisation import Localisation
 from agent.neighbourhood import Neighbour, Neighbourhood
@@ -114,8 +115,6 @@ _POSE = record(Pose, stamp=real, position=plane, heading=plane, frame=text)
 KEPT: Mapping[type, Kept] = {
     Agent: Kept(
         memory={
-            "dropped": by_name(count, Counter),
-            "last_dropped": by_name(text),
             "decision": row(Decision._make, word(*State, of=State), text, flag),
             "_told": count,
             "_surroundings": record(
@@ -138,6 +137,7 @@ KEPT: Mapping[type, Kept] = {
             "_stuck",
             "_commander",
             "_latch",
+            "_hearing",
         ),
         construction=(
             "robot",
@@ -147,11 +147,13 @@ KEPT: Mapping[type, Kept] = {
             "_readonly",
             "_voice",
             "_law",
-            "_own",
             "_status_key",
             "_position_key",
-            "_handlers",
         ),
+    ),
+    Hearing: Kept(
+        memory={"dropped": by_name(count, Counter), "last_dropped": by_name(text)},
+        construction=("_spec", "_leader", "_own", "_handlers"),
     ),
     Localisation: Kept(
         memory={

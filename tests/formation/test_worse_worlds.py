@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import warnings
 from dataclasses import replace
 
@@ -92,11 +93,24 @@ def test_a_run_that_leaves_the_numbers_has_not_converged_and_warns_nobody() -> N
     json.dumps(result.summary(), allow_nan=False)
 
 
-def test_ten_thousand_robots_are_steps_of_arrays() -> None:
+def test_ten_thousand_robots_are_steps_of_arrays_and_not_of_robots() -> None:
     side = 100
     grid = -(np.arange(side * side) % side) - 1j * (np.arange(side * side) // side)
-    grid = grid.astype(np.complex128)
     behind = [() if i == 0 else (i - 1 if i % side else i - side,) for i in range(side * side)]
-    result = simulate(scenarios.build(grid, behind), horizon=1.0, step=0.05)
-    assert result.robot_steps == 20 * (side * side - 1)
-    assert result.wall_time < 5.0
+    mission, called = scenarios.build(grid.astype(np.complex128), behind), [0]
+
+    def calls(seconds: float) -> int:
+        def count(_frame: object, event: str, _what: object) -> None:
+            called[0] += event in {"call", "c_call"}
+
+        before, called[0] = sys.getprofile(), 0
+        sys.setprofile(count)
+        try:
+            result = simulate(mission, horizon=seconds, step=0.05)
+        finally:
+            sys.setprofile(before)
+        assert result.robot_steps == round(seconds / 0.05) * (side * side - 1)
+        return called[0]
+
+    calls(0.1)  # what is made once
+    assert calls(1.1) - calls(0.1) < 20 * side
