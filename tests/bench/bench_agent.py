@@ -49,6 +49,7 @@ PARTS = (
     "observer",
     "failsafe table",
     "law",
+    "collision filter",
     "encode command and sign of life",
     "encode position and order",
     "rest of the step",
@@ -168,6 +169,7 @@ def where_it_goes(profile: dict[str, Any], agent: Subject) -> dict[str, Any]:
             "observer": step.get("observer", 0.0),
             "failsafe table": step.get("failsafe", 0.0),
             "law": step.get("law", 0.0),
+            "collision filter": step.get("collision filter", 0.0),
             "encode command and sign of life": step.get("encode Twist", 0.0) + step.get("encode Number", 0.0),
             "encode position and order": step.get("encode Pose", 0.0) + step.get("encode Order", 0.0),
         }

@@ -17,7 +17,9 @@ from typing import Any
 import agent.__main__
 import agent.commander
 import agent.core
+import agent.hearing
 from agent import failsafe
+from agent.avoiding import Avoiding
 from agent.localisation import Localisation
 from agent.loop import Sides
 from agent.neighbourhood import Neighbourhood
@@ -80,7 +82,7 @@ class Profile:
 
 def install(profile: Profile) -> None:
     """Put the stopwatches in."""
-    profile.replace(agent.core, "decode", "decode")
+    profile.replace(agent.hearing, "decode", "decode")
     profile.replace(order, "decode", "decode")
     for module in (agent.core, agent.commander):
         profile.replace(module, "encode", lambda message: f"encode {type(message).__name__}")
@@ -88,6 +90,7 @@ def install(profile: Profile) -> None:
     profile.replace(failsafe, "decide", "failsafe")
     profile.replace(Neighbourhood, "measured", "law")
     profile.replace(Localisation, "take", "observer")
+    profile.replace(Avoiding, "command", "collision filter")
     vars(agent.core)["LAWS"] = {name: profile.timed(law, "law") for name, law in LAWS.items()}
     setattr(Sides, Sides.step.__name__, profile.step(Sides.step))
     publish = Bus.publish

@@ -63,7 +63,7 @@ class Subject:
 
     def end(self) -> None:
         """Ask the process to end; kill it if it does not."""
-        if self.process is None:
+        if self.process is None or self.process.poll() is not None:
             return
         self.process.terminate()
         try:
