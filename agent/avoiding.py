@@ -2,9 +2,9 @@
 
 It minds the bodies of those whom it may measure and of those whom its mission has it mind; of the latter it
 hears positions for nothing else. And whatever its range scan sees that is none of them, if it has one. Who
-has fallen silent is taken to be within what it can have moved of where it was last seen, for as long as this
-agent runs: what is not heard of may well stand there. Of who was never heard nothing is known; the status
-names it.
+has fallen silent is taken to stand anywhere between where it was last seen and where its velocity would have
+carried it before its failsafe stops it, for as long as this agent runs: it may well have died at once. Of who
+was never heard nothing is known; the status names it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from formation import scan
 from formation.avoidance import LAG, Manners, Obstacle, brake
 from formation.detour import Avoidance, avoid
 from formation.mission import Mission
-from formation.neighbour import uncertain
 from formation.scan import Circle, Mate
 from formation.unicycle import Command
 from formation.wire import Now
@@ -146,25 +145,18 @@ class Avoiding:
         return self._local and name not in self.others
 
     def _obstacle(self, name: str, one: Neighbour, here: Localisation, now: Now) -> Obstacle:
-        spec, my_age = self._specs[name], here.stream.age(now)
-        unsure = uncertain(one.stream.age(now), spec.top_speed)
-        if self._sensed(name):
-            # a sensor sees the control point; the centre is somewhere around it
-            relative = here.heading.conjugate() * (one.point(now, my_age, carry=True) - here.point)
-            return Obstacle(
-                relative + self._limits.offset,
-                spec.radius + spec.control_point_offset + unsure,
-                here.heading.conjugate() * one.velocity,
-                self._first[name],
-                stands=not one.stream.fresh(now),
-            )
-        at, velocity = one.body(now, my_age)
-        facing = here.course.conjugate()
+        spec, sensed = self._specs[name], self._sensed(name)
+        at, unsure, velocity = one.around(now, here.stream.age(now), body=not sensed)
+        # a sensor sees the control point; the centre is somewhere around it
+        mine, facing, radius = here.position, here.course.conjugate(), spec.radius
+        if sensed:
+            mine, facing = here.point, here.heading.conjugate()
+            radius += spec.control_point_offset
         return Obstacle(
-            facing * (at - here.position),
-            spec.radius + unsure,
+            facing * (at - mine) + (self._limits.offset if sensed else 0.0),
+            radius + unsure,
             facing * velocity,
             self._first[name],
-            stands=not one.stream.fresh(now),
-            doubt=here.course_doubt,
+            stands=not one.fresh(now),
+            doubt=0.0 if sensed else here.course_doubt,
         )

@@ -112,11 +112,19 @@ class Neighbour:
             raise ValueError(f"{self.name} has not been seen yet")
         return self._carried(self._track, now, my_age) if carry else self._track.point
 
-    def body(self, now: Now, my_age: float) -> tuple[complex, complex]:
-        """Its centre at that moment, and how fast that moves [m, m/s; world frame]."""
-        if self._body is None:
+    def around(self, now: Now, my_age: float, *, body: bool) -> tuple[complex, float, complex]:
+        """Where its centre, or else its control point, was at that moment: a disc's middle and radius [m].
+
+        And how fast that moves [m/s; world frame].
+        """
+        track = self._body if body else self._track
+        if track is None:
             raise ValueError(f"{self.name} has not been seen yet")
-        return self._carried(self._body, now, my_age), self._body.velocity
+        carried = self._carried(track, now, my_age)
+        unsure = neighbour.uncertain(self.stream.age(now), self._top_speed)
+        if self.fresh(now):
+            return carried, unsure, track.velocity
+        return *neighbour.somewhere(track.point, carried, unsure), 0j
 
     def _carried(self, track: neighbour.Track, now: Now, my_age: float) -> complex:
         older = self.stream.age(now) - my_age

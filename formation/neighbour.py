@@ -86,3 +86,12 @@ def carried_to(track: Track, moment: float, longest: float) -> complex:
 def uncertain(age: float, top_speed: float) -> float:
     """How far one last seen `age` [s] ago may be from where it is carried to [m]; so far also who is lost."""
     return UNSEEN * top_speed * min(age, LONGEST_WAY)
+
+
+def somewhere(last: complex, carried: complex, unsure: float) -> tuple[complex, float]:
+    """Where whoever fell silent may be: middle and radius [m] of a disc with both ends of its way in it.
+
+    It may have stood still where it was seen `last`, or have gone on to where it is `carried`, give or take
+    `unsure` [m].
+    """
+    return 0.5 * (last + carried), max(unsure, 0.5 * abs(carried - last))

@@ -10,10 +10,12 @@ import pytest
 
 from agent.commander import AT_REST
 from agent.core import Agent
+from formation.legs import Straight
 from formation.mission import Mission
 from formation.mission_file import load
 from formation.topics import POSITION
 from tests.agent.fleet import Fleet
+from tests.agent.missions import team
 from tests.formation import scenarios
 
 SIX = load("six_robots")
@@ -117,3 +119,31 @@ def test_a_robot_that_died_in_front_is_driven_round() -> None:
     leader, *points = fleet.points()
     slot = fleet.leader.figure.slots(fleet.mission)[2]
     assert abs(points[1] - leader - slot) < 0.02
+
+
+@pytest.mark.parametrize("measurement", ["network", "local"])
+@pytest.mark.parametrize(
+    ("speed", "top", "rate", "coasts"),
+    [(0.2, 0.8, 20.0, 0.0), (0.6, 0.8, 20.0, 0.0), (0.6, 0.8, 20.0, 0.15), (0.28, 0.3, 5.0, 0.0)],
+)
+def test_who_dies_at_any_speed_in_front_of_another_is_not_run_over(
+    speed: float, top: float, rate: float, coasts: float, measurement: str
+) -> None:
+    mission = team(
+        {"robot1": ("leader",), "robot2": ("leader",)},
+        mind="all",
+        max_speed=top,
+        rate=rate,
+        measurement=measurement,
+    )
+    row = {"robot1": (-0.8, 0.0), "robot2": (-1.5, 0.0)}
+    fleet = Fleet(
+        mission.model_copy(
+            update={"shapes": {"row": row}, "route": (Straight(speed=speed, heading_deg=0.0),)}
+        )
+    )
+    fleet.run(8.0)
+    fleet.kill("robot1")
+    fleet.run(coasts)
+    fleet.plant("robot1").obey(AT_REST)
+    assert room(fleet, 8.0) > 0.0
