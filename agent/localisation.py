@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from agent.odometer import Odometer
 from agent.overhead import Overhead
 from agent.sighting import Sighting
@@ -106,7 +108,13 @@ class Localisation:
     @property
     def course_doubt(self) -> float:
         """By how much that may be wrong [rad]."""
-        return SLACK if self._measures_heading else heading_doubt(self._way, self._sharp_gain)
+        if self._measures_heading:
+            return SLACK
+        by_way, lacks = heading_doubt(self._way, self._sharp_gain), 1.0 - abs(self._course)
+        # its way explains so much; seen from outside, wheels may stand though they were told to go
+        if math.sin(min(by_way - SLACK, 0.5 * math.pi)) >= lacks:
+            return by_way
+        return SLACK + math.asin(lacks) if lacks < SURE else math.pi
 
     def seen_from(self, stamp: float) -> tuple[complex, complex]:
         """Control point [m; world frame] and heading when something was measured on board at `stamp` [s]."""

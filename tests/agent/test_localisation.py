@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import cmath
+import math
+import random
 
 import pytest
 
 from agent.localisation import Localisation
 from formation.mission_file import load
-from formation.ros2.messages import Odometry
+from formation.ros2.messages import Odometry, Pose
+from formation.unicycle import Command
 from formation.wire import Now
+from tests.agent.missions import team
 
 SIX = load("six_robots")
 EPOCH = 1.7e9
@@ -110,3 +114,34 @@ def test_the_printed_observer_stays_a_number_however_far_a_robot_reverses() -> N
         driver.drive(speed=-1.5)
         assert cmath.isfinite(driver.here._estimate)
     assert abs(driver.here.heading) == pytest.approx(1.0)
+
+
+def test_wheels_that_stand_teach_nothing_and_the_collision_filter_knows_it() -> None:
+    here, noise = (
+        Localisation(team({"robot1": ("leader",)}, localisation="external"), "robot1", "field"),
+        random.Random(1),
+    )
+    faces, position, moment = cmath.rect(1.0, 2.5), 0j, 0.0
+
+    def drive(seconds: float, speed: float) -> None:
+        nonlocal position, moment
+        for _ in range(round(seconds * 20)):
+            moment += 0.05
+            position += speed * 0.05 * faces
+            seen = position + complex(noise.gauss(0.0, 1e-3), noise.gauss(0.0, 1e-3))
+            here.take(Pose(1.7e9 + moment, seen, 1.0 + 0.0j), moment, Now(moment, 1.7e9 + moment))
+            here.told(moment, Command(0.5, 0.0))
+
+    def wrong() -> float:
+        return abs(cmath.phase(here.course / faces))
+
+    drive(2.0, 0.0)  # blocked, though told to drive
+    assert here.course_doubt == math.pi
+    for _ in range(40):
+        drive(0.05, 0.5)
+        assert wrong() <= here.course_doubt
+    assert here.course_doubt < 0.2
+    for _ in range(40):
+        drive(0.05, 0.0)
+        assert wrong() <= here.course_doubt
+    assert here.course_doubt == math.pi
