@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -30,6 +30,8 @@ class Places(NamedTuple):
     """Its way to the slot that it takes [m]."""
     neighbours: dict[str, tuple[str, ...]]
     fallbacks: dict[str, tuple[str, ...]]
+    minds: dict[str, tuple[str, ...] | Literal["all"]]
+    """Whom it is to mind beside those; only of robots whose mission has to say so anew."""
 
 
 def chosen(mission: Mission, shape: str, at: Mapping[str, complex], aim: Aim, *, keep_graph: bool) -> Places:
@@ -50,6 +52,7 @@ def chosen(mission: Mission, shape: str, at: Mapping[str, complex], aim: Aim, *,
         now={name: float(ways[i, place]) for i, (name, place) in enumerate(zip(names, places, strict=True))},
         neighbours=neighbours,
         fallbacks=fallbacks,
+        minds=_minds(mission, of, neighbours, fallbacks),
     )
 
 
@@ -61,6 +64,8 @@ def changes(mission: Mission, places: Places) -> Iterator[Change]:
     for name in mission.followers:
         yield Change("robots", name, "neighbours", places.neighbours[name])
         yield Change("robots", name, "fallback_neighbours", places.fallbacks[name])
+    for name, minded in places.minds.items():
+        yield Change("robots", name, "mind", minded, otherwise=mission.robot.mind)
 
 
 def positions(path: Path, mission: Mission) -> dict[str, complex]:
@@ -118,6 +123,37 @@ def _kept(mission: Mission, of: Mapping[str, str]) -> tuple[dict[str, tuple[str,
         }
         for key in ("neighbours", "fallback_neighbours")
     )
+
+
+def _minds(
+    mission: Mission,
+    of: Mapping[str, str],
+    neighbours: Mapping[str, tuple[str, ...]],
+    fallbacks: Mapping[str, tuple[str, ...]],
+) -> dict[str, tuple[str, ...] | Literal["all"]]:
+    """Whom robots mind, from slot to slot, where that is not what they have.
+
+    Who was minded for being measured, and is measured no more, is listed from now on. Where nobody has a
+    `mind` nothing is added.
+    """
+    robots = mission.robots
+    if not any(robots[name].mind for name in mission.followers):
+        return {}
+    taken_by = {place: name for name, place in of.items()}
+    minds: dict[str, tuple[str, ...] | Literal["all"]] = {}
+    for name, place in of.items():
+        had, has = robots[place].mind, robots[name].mind
+        if had == "all":
+            if has != "all":
+                minds[name] = "all"
+            continue
+        listed = [taken_by[other] for other in had]
+        before = [taken_by[other] for other in robots[place].measurable if other != mission.leader]
+        still = {*listed, *neighbours[name], *fallbacks[name]}
+        listed += [other for other in before if other not in still]
+        if has == "all" or set(listed) != set(has):
+            minds[name] = tuple(listed)
+    return minds
 
 
 def _measured(mission: Mission, shape: str, of: Mapping[str, str]) -> tuple[dict[str, tuple[str, ...]], ...]:

@@ -14,12 +14,14 @@ from deploy.refusal import Refusal
 
 
 class Change(NamedTuple):
-    """``key`` in ``[group.name]`` becomes a list; nothing where it is empty."""
+    """``key`` in ``[group.name]`` becomes a list, or a word; nothing where that holds anyway."""
 
     group: str
     name: str
     key: str
-    value: tuple[Any, ...]
+    value: tuple[Any, ...] | str
+    otherwise: tuple[Any, ...] | str = ()
+    """What holds where the table says nothing."""
 
 
 def edited(text: str, changes: Iterable[Change]) -> str:
@@ -31,10 +33,11 @@ def edited(text: str, changes: Iterable[Change]) -> str:
     made = []
     for change in changes:
         table = wanted[change.group][change.name]
-        if list(table.get(change.key, ())) == list(change.value):
+        value = _plain(change.value)
+        if table.get(change.key, _plain(change.otherwise)) == value:
             continue
-        if change.value:
-            table[change.key] = list(change.value)
+        if change.value != change.otherwise:
+            table[change.key] = value
         else:
             del table[change.key]
         text = _changed(text, change)
@@ -93,10 +96,12 @@ def _changed(text: str, change: Change) -> str:
 
 
 def _in_table(lines: str, change: Change) -> str:
-    value = "[" + ", ".join(f'"{one}"' if isinstance(one, str) else repr(one) for one in change.value) + "]"
-    own = re.compile(rf"^([ \t]*{change.key}[ \t]*=[ \t]*)\[[^\]]*\]([^\n]*\n?)", re.MULTILINE)
+    value, said = _toml(change.value), change.value != change.otherwise
+    own = re.compile(
+        rf"^([ \t]*{change.key}[ \t]*=[ \t]*)(?:\[[^\]]*\]|\"[^\"\n]*\"|'[^'\n]*')([^\n]*\n?)", re.MULTILINE
+    )
     if own.search(lines):
-        return own.sub(lambda line: f"{line[1]}{value}{line[2]}" if change.value else "", lines, count=1)
+        return own.sub(lambda line: f"{line[1]}{value}{line[2]}" if said else "", lines, count=1)
     # a new list goes under the one that it belongs with
     beside = re.compile(r"^([ \t]*)neighbours[ \t]*=[ \t]*\[[^\]]*\][^\r\n]*(\r?\n|\Z)", re.MULTILINE)
     if not beside.search(lines):
@@ -106,6 +111,17 @@ def _in_table(lines: str, change: Change) -> str:
         lines,
         count=1,
     )
+
+
+def _plain(value: tuple[Any, ...] | str) -> list[Any] | str:
+    """As TOML is read."""
+    return value if isinstance(value, str) else list(value)
+
+
+def _toml(value: tuple[Any, ...] | str) -> str:
+    if isinstance(value, str):
+        return f'"{value}"'
+    return "[" + ", ".join(_toml(one) if isinstance(one, str) else repr(one) for one in value) + "]"
 
 
 def _where(change: Change) -> str:
