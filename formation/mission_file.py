@@ -130,6 +130,7 @@ def _explain(detail: ErrorDetails, whole: type[BaseModel]) -> str:
         case _:
             wanted = detail["msg"].removeprefix("Input should be ").removeprefix("Input ")
             wanted = wanted.replace("a valid tuple", "a list").replace("a valid dictionary", "a table")
+            wanted = wanted.partition(" or instance of ")[0]  # of a class, which no file has
             legal = f"{key} = {value}: should be {wanted}"
     return legal
 

@@ -77,17 +77,18 @@ def neighbours_exist(mission: Mission) -> Iterator[Violation]:
 
 def minded_have_bodies(mission: Mission) -> Iterator[Violation]:
     """Whom a robot is to mind is a follower: the virtual leader has no body."""
-    for name, robot in mission.robots.items():
-        for other in () if robot.mind == "all" else robot.mind:
+    for name in mission.followers:
+        mind = mission.robots[name].mind
+        # what stands under [robot] is of every robot, and each may stand in the others' list
+        by_default = mind == mission.robot.mind
+        key = "robot.mind" if by_default else f"robots.{name}.mind"
+        others = [one for one in mission.followers if by_default or one != name]
+        legal = f'choose from {", ".join(others)}, or mind = "all"' if others else 'must be mind = "all"'
+        for other in () if mind == "all" else mind:
             if other not in mission.robots:
-                yield Violation(
-                    f"robots.{name}.mind", other, f"unknown robot; choose from {_others(mission, name)}"
-                )
+                yield Violation(key, other, f"unknown robot; {legal}")
             elif other == mission.leader:
-                yield Violation(
-                    f"robots.{name}.mind", other, "has no body, for it leads; choose from "
-                    + _list(one for one in mission.followers if one != name),
-                )  # fmt: skip
+                yield Violation(key, other, f"has no body, for it leads; {legal}")
 
 
 def tree_from_the_leader(mission: Mission) -> Iterator[Violation]:

@@ -12,6 +12,8 @@ from tests.formation.edited import edited
 
 SIX = read("six_robots")[0]
 
+ROBOTS = 'choose from robot2, robot3, robot4, robot5, robot6, or mind = "all"'
+
 
 def error_of(old: str, new: str) -> str:
     assert old in SIX
@@ -57,8 +59,19 @@ def test_the_default_mission_is_the_papers_section_4() -> None:
         ('["robot1", "robot2"]', '["robot1", "robot1"]', ["robots.robot3.neighbours", "'robot1'", "twice"]),
         ('["robot1"]', '"robot1"', ["robots.robot2.neighbours = 'robot1'", "list"]),
         ('mind = "all" ', 'mind = "some" #', ["robot.mind = 'some'", '"all" or a list of robots']),
-        ('mind = "all" ', 'mind = ["robot9"] #', ["mind = 'robot9'", "unknown robot", "robot2"]),
-        ('mind = "all" ', 'mind = ["robot1"] #', ["mind = 'robot1'", "no body", "robot2"]),
+        (
+            'mind = "all" ',
+            'mind = ["robot9"] #',
+            ["six.toml: robot.mind = 'robot9': unknown robot; ", ROBOTS],
+        ),
+        ('mind = "all" ', 'mind = ["robot1"] #', ["six.toml: robot.mind = 'robot1': has no body", ROBOTS]),
+        ('mind = "all" ', 'mind = ["all"] #', ["robot.mind = 'all'", 'or mind = "all"']),
+        (
+            "[robots.robot3]",
+            '[robots.robot3]\nmind = ["robot9"]',
+            ["robots.robot3.mind = 'robot9'", 'from robot2, robot4, robot5, robot6, or mind = "all"'],
+        ),
+        ("[collisions]", "[[collisions]]", ["collisions = [{'lag'", "should be a table"]),
         ("lag = 0.05 ", "margn = 1 #", ["unknown key collisions.margn", "mode, margin, lag"]),
         ("speed = 0.2 ", "speed = 1.5 ", ["route.0.speed = 1.5", "below", "max_speed of 1.5"]),
         ("speed = 0.2 ", "sped = 0.2 ", ["unknown key route.0.sped", "speed, heading_deg, duration"]),
@@ -81,6 +94,7 @@ def test_a_mistake_is_named_with_file_key_value_and_what_is_legal(
     error = error_of(old, new)
     assert error.startswith("six.toml: ")
     assert "\n" not in error
+    assert "instance" not in error
     for words in says:
         assert words in error
 
