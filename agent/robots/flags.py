@@ -9,6 +9,8 @@ from pathlib import Path
 
 NEEDED = ("mujoco", "PIL")
 """Packages of the physics world."""
+PNG = b"\x89PNG\r\n\x1a\n"
+"""So every PNG begins."""
 
 
 def add_world_flags(to: argparse.ArgumentParser) -> None:
@@ -32,13 +34,36 @@ def unfit(args: argparse.Namespace) -> str | None:
         return None
     if args.world != "mujoco":
         return "--picture: needs --world mujoco"
-    if not args.picture.absolute().parent.is_dir():
-        return f"--picture {args.picture}: there is no folder {args.picture.parent}"
-    if not os.access(args.picture.absolute().parent, os.W_OK):
-        return f"--picture {args.picture}: the folder cannot be written to"
+    try:
+        wrong = _no_place(args.picture)
+    except OSError as error:
+        wrong = error.strerror
+    if wrong is not None:
+        return f"--picture {args.picture}: {wrong}"
     if "MUJOCO_GL" not in os.environ and find_library("EGL") is None:
         return "--picture: needs EGL to render; on Debian and Ubuntu: apt install libegl1"
     return None
+
+
+def _no_place(picture: Path) -> str | None:
+    """Why a picture cannot be kept there, None if it can. Raises OSError for what cannot be looked at."""
+    if picture.suffix.lower() != ".png":
+        return "must end in .png"
+    if not picture.absolute().parent.is_dir():
+        return f"there is no folder {picture.parent}"
+    if picture.is_dir():
+        return "is a folder; name a file"
+    if not picture.exists():
+        return None if os.access(picture.absolute().parent, os.W_OK) else "the folder cannot be written to"
+    # a new picture may take an old one's place, and no other file's
+    if not picture.is_file() or _begin(picture) not in {PNG, b""}:
+        return "is there already, and is no picture; name another file"
+    return None if os.access(picture, os.W_OK) else "cannot be written to"
+
+
+def _begin(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(len(PNG))
 
 
 def world_flags(args: argparse.Namespace) -> tuple[str, ...]:

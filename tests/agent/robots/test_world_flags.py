@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,35 @@ def test_a_picture_needs_the_physics_world_and_a_folder(tmp_path: Path) -> None:
     assert unfit(read("--picture", "end.png")) == "--picture: needs --world mujoco"
     nowhere = str(tmp_path / "none" / "end.png")
     assert "there is no folder" in str(unfit(read("--world", "mujoco", "--picture", nowhere)))
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("mission.toml", "must end in .png"),
+        ("end.jpg", "must end in .png"),
+        ("folder.png", "is a folder; name a file"),
+        ("text.png", "is there already, and is no picture; name another file"),
+        ("pipe.png", "is there already, and is no picture; name another file"),
+        (f"{'long' * 75}.png", "File name too long"),
+        ("old.png", None),
+        ("nothing.PNG", None),
+        ("new.png", None),
+    ],
+)
+def test_a_picture_takes_the_place_of_an_older_one_and_of_nothing_else(
+    name: str, says: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MUJOCO_GL", "egl")
+    (tmp_path / "mission.toml").write_text("precious")
+    (tmp_path / "text.png").write_text("precious")
+    (tmp_path / "old.png").write_bytes(b"\x89PNG\r\n\x1a\n and so on")
+    (tmp_path / "nothing.PNG").touch()
+    (tmp_path / "folder.png").mkdir()
+    os.mkfifo(tmp_path / "pipe.png")
+    picture = str(tmp_path / name)
+    wrong = unfit(read("--world", "mujoco", "--picture", picture))
+    assert wrong == (None if says is None else f"--picture {picture}: {says}")
 
 
 def test_a_picture_needs_something_that_renders(monkeypatch: pytest.MonkeyPatch) -> None:
