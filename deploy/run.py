@@ -22,7 +22,7 @@ from deploy.local.launch import Child, Launcher
 from deploy.local.outcome import Outcome, ended_well, how_it_ended
 from deploy.local.plan import Program, programs
 from deploy.local.ports import Ports
-from deploy.refusal import Refusal
+from deploy.refusal import Refusal, refused
 from deploy.terminal.progress import Progress
 from deploy.terminal.snapshot import Snapshot
 from deploy.terminal.views import LiveTable, PlainLines, View, in_a_terminal
@@ -203,12 +203,13 @@ def _page_flags(options: argparse.Namespace) -> list[str]:
 def _recording(mission: Mission, asked: Path | None) -> Path:
     """Where the recording goes: a new file, in a folder that can be written to. Raises Refusal."""
     path = asked or Path("recordings", f"{mission.name}-{time.strftime('%Y%m%d-%H%M%S')}.mcap")
-    if path.exists():
-        raise Refusal(f"--record {path}: exists already; name a new file")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise Refusal(f"--record {path}: {error.strerror}: {error.filename}") from None
+    with refused(f"--record {path}"):
+        if path.exists():
+            raise Refusal(f"--record {path}: exists already; name a new file")
     if not os.access(path.parent, os.W_OK):
         raise Refusal(f"--record {path}: the folder cannot be written to")
     return path

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from deploy.arguments import add_mission, as_json, number, parser, read_mission, whole
-from deploy.refusal import Refusal
+from deploy.refusal import Refusal, refused
 from deploy.terminal.bar import Bar
 from deploy.terminal.units import metres
 from formation.mission import Mission
@@ -155,8 +155,11 @@ def _check_plot(path: Path) -> None:
         raise ModuleNotFoundError("No module named 'matplotlib'", name="matplotlib")
     if path.suffix.lower() not in {".png", ".svg", ".pdf"}:
         raise Refusal(f"--plot {path}: must end in .png, .svg or .pdf")
-    if not path.parent.is_dir():
-        raise Refusal(f"--plot {path}: there is no folder {path.parent}")
+    with refused(f"--plot {path}"):
+        if not path.parent.is_dir():
+            raise Refusal(f"--plot {path}: there is no folder {path.parent}")
+        if path.is_dir():
+            raise Refusal(f"--plot {path}: is a folder; name a file")
 
 
 def _options() -> argparse.ArgumentParser:

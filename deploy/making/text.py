@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from deploy.refusal import Refusal
+from deploy.refusal import Refusal, refused
 
 
 class Change(NamedTuple):
@@ -49,7 +49,7 @@ def edited(text: str, changes: Iterable[Change]) -> str:
 
 def keep(path: Path, text: str) -> None:
     """Write a file, all of it or nothing; line ends are as in `text`. Raises Refusal."""
-    target = path.resolve()  # what a link points to, not the link
+    target = Path(os.path.realpath(path))  # what a link points to, not the link
     try:
         mode = target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask()
         handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
@@ -69,10 +69,13 @@ def check_out(out: Path, *, force: bool) -> None:
     """Raise Refusal for a file that a mission cannot be kept in."""
     if out.suffix != ".toml":
         raise Refusal(f"--out {out}: must end in .toml")
-    if not out.parent.is_dir():
-        raise Refusal(f"--out {out}: there is no folder {out.parent}")
-    if out.exists() and not force:
-        raise Refusal(f"--out {out}: is there already; name another, or write over it with --force")
+    with refused(f"--out {out}"):
+        if not out.parent.is_dir():
+            raise Refusal(f"--out {out}: there is no folder {out.parent}")
+        if out.is_dir():
+            raise Refusal(f"--out {out}: is a folder; name a file")
+        if out.exists() and not force:
+            raise Refusal(f"--out {out}: is there already; name another, or write over it with --force")
 
 
 def _says(text: str, wanted: dict[str, Any]) -> bool:

@@ -106,6 +106,7 @@ def test_a_file_that_is_there_is_not_written_over_unless_that_is_asked_for(
         ("line --robots 5 --spacing nan", "above 0 and at most 100"),
         ("line --robots 5 --robot roomba", "turtlebot3_burger"),
         ("line --robots 5 --out mission.yaml", "must end in .toml"),
+        (f"line --robots 5 --out {'long' * 75}.toml", "long.toml: File name too long"),
         ("line --robots 5 --out nowhere/mission.toml", "there is no folder nowhere"),
     ],
 )

@@ -276,6 +276,13 @@ def test_a_folder_that_cannot_be_made_is_refused(ran: Runner, tmp_path: Path) ->
     assert done.err.count("\n") == 1
 
 
+def test_a_recording_s_name_that_no_disk_takes_is_refused(ran: Runner) -> None:
+    done = ran(*good(), record=f"{'long' * 75}.mcap")
+    assert (done.code, done.out) == (2, "")
+    assert done.err.endswith("long.mcap: File name too long\n")
+    assert done.err.count("\n") == 1
+
+
 def test_the_order_it_suggests_can_be_pasted_whatever_the_file_is_called() -> None:
     with Ports(load("turtlebot3_pair")) as ports:
         words = shlex.split(run._how_to_order("my missions/it's.toml", ports))

@@ -122,6 +122,7 @@ def test_a_worse_world_is_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
         (["--horizon", "0.0001"], "at least one step"),
         (["--plot", "figure.bmp"], "must end in .png, .svg or .pdf"),
         (["--plot", "/no/such/folder/figure.png"], "no folder"),
+        (["--plot", f"{'long' * 75}.png"], "long.png: File name too long"),
         (["--law", "best"], "choose from"),
     ],
 )
