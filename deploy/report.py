@@ -10,7 +10,7 @@ from typing import Any
 
 from deploy import check
 from deploy.arguments import as_json, number, parser
-from deploy.refusal import Refusal
+from deploy.refusal import Refusal, refused
 from deploy.terminal.bar import Bar
 from formation.stability.analysis import analyse
 from monitor.recording.reader import Recording, UnreadableError, read
@@ -24,6 +24,8 @@ from monitor.report.view import View
 
 READING = 0.6
 """Share of the work that reading is; the rest is drawing."""
+GENERATOR = b'<meta name="generator" content="formation '
+"""Stands near the beginning of every page that is made."""
 EXAMPLES = """\
   formation report recordings/monday.mcap                        monday.html beside it
   formation report monday.mcap --figures figures                 and every panel, for a paper
@@ -79,16 +81,30 @@ def _gather(recording: Recording, bar: Bar, shares: tuple[float, float]) -> Run:
 
 
 def _out(asked: Path | None, recordings: Sequence[Recording]) -> Path:
-    """Where the page goes. Raises Refusal for what would destroy a recording."""
+    """Where the page goes. Raises Refusal for what would destroy another file."""
     first = recordings[0].path
     stem = "-and-".join(recording.path.stem for recording in recordings)
     path: Path = asked or first.with_name(f"{stem}.html")
-    if path.is_dir():
-        raise Refusal(f"-o {path}: is a folder; name a file")
     mine = {part.resolve() for recording in recordings for part in (recording.path, *recording.parts)}
-    if path.resolve() in mine:
-        raise Refusal(f"-o {path}: is the recording itself; name another file")
+    with refused(f"-o {path}"):
+        if path.is_dir():
+            raise Refusal(f"-o {path}: is a folder; name a file")
+        if path.exists() and path.resolve() in mine:
+            raise Refusal(f"-o {path}: is the recording itself; name another file")
+        if path.suffix.lower() != ".html":
+            raise Refusal(f"-o {path}: must end in .html")
+        if path.exists() and not _is_report(path):
+            raise Refusal(f"-o {path}: is there already, and is no report; name another file")
     return path
+
+
+def _is_report(path: Path) -> bool:
+    """Whether a page of ours is there, or nothing that could be lost."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        begin = file.read(1000)
+    return not begin or GENERATOR in begin
 
 
 def _write(path: Path, text: str) -> None:
@@ -151,7 +167,7 @@ def _options() -> argparse.ArgumentParser:
     options.add_argument("file", type=Path, metavar="FILE", help="a recording, MCAP")
     options.add_argument("second", type=Path, metavar="FILE2", nargs="?", help="one more, to compare with")
     options.add_argument(
-        "-o", dest="out", type=Path, metavar="OUT", help="the page (default: FILE, as .html)"
+        "-o", dest="out", type=Path, metavar="OUT", help="the page, .html (default: that of FILE)"
     )
     options.add_argument(
         "--figures", type=Path, metavar="DIR", help="write every figure into this folder, too"

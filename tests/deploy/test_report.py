@@ -78,6 +78,10 @@ def test_a_cut_recording_is_reported_and_said_to_be_cut(
         (["{run}", "-o", "{run}"], "is the recording itself; name another file"),
         (["{run}", "-o", "{folder}"], "is a folder; name a file"),
         (["{run}", "-o", "{text}/page.html"], "cannot be written"),
+        (["{run}", "-o", "{mission}"], "wedge_5.toml: must end in .html"),
+        (["{run}", "-o", "{text}"], "text.txt: must end in .html"),
+        (["{run}", "-o", "{other}"], "home.html: is there already, and is no report; name another file"),
+        (["{run}", "-o", "{folder}/{long}.html"], "File name too long"),
         (["{run}", "-o", "{folder}/p.html", "--figures", "{text}"], "--figures"),
         (["{run}", "--format", "gif"], "must be one or more of png, svg, pdf"),
         (["{run}", "--until", "0"], "above 0"),
@@ -87,13 +91,24 @@ def test_a_cut_recording_is_reported_and_said_to_be_cut(
 def test_what_cannot_be_reported_is_refused_in_a_line(
     flags: list[str], named: str, recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "text.txt").write_text("no recording")
-    places = {
-        "run": recording, "missing": tmp_path / "no.mcap", "text": tmp_path / "text.txt", "folder": tmp_path,
-    }  # fmt: skip
-    before = recording.read_bytes()
+    names = {"run": "run.mcap", "text": "text.txt", "mission": "wedge_5.toml", "other": "home.html"}
+    for name in names.values():
+        (tmp_path / name).write_text("<!DOCTYPE html>, but not of a recording")
+    (tmp_path / "run.mcap").write_bytes(recording.read_bytes())
+    places = {name: tmp_path / file for name, file in names.items()}
+    places |= {"missing": tmp_path / "no.mcap", "folder": tmp_path, "long": Path("long" * 75)}
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     assert main(["report", *(flag.format(**places) for flag in flags)]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert named in err
-    assert recording.read_bytes() == before
+    assert err.count("\n") == 1 or "usage" in err
+    assert {path: path.read_bytes() for path in before} == before
+
+
+def test_a_report_takes_the_place_of_an_older_one(recording: Path, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    page.touch()
+    for _ in range(2):
+        assert main(["report", str(recording), "-o", str(page), "--until", "2"]) == 0
+    assert "</html>" in page.read_text(encoding="utf-8")
