@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import random
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -14,30 +12,12 @@ from deploy.cli import main
 from formation.mission import Mission
 from formation.mission_file import load, read
 from formation.slots.shapes import SHAPES
+from tests.deploy.assigning import assigned, shuffled
 
 
 @pytest.fixture(autouse=True)
 def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-
-
-def assigned(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
-    """What `formation assign` says to a machine."""
-    assert main(["assign", *arguments, "--json"]) == 0
-    result: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
-    return result
-
-
-def shuffled(shape: str = "grid", robots: int = 9) -> str:
-    """A mission whose robots start near slots that are not theirs."""
-    assert main(["new", shape, "--robots", str(robots), "--out", "mine.toml", "--force"]) == 0
-    path = Path("mine.toml")
-    text = path.read_text(encoding="utf-8")
-    line = re.compile(r"^start = .*heading.*$", re.MULTILINE)
-    starts = line.findall(text)
-    random.Random(3).shuffle(starts)
-    path.write_text(line.sub(lambda _: starts.pop(), text), encoding="utf-8")
-    return "mine.toml"
 
 
 def ways(mission: Mission) -> list[float]:
@@ -94,14 +74,6 @@ def test_comments_order_and_all_other_values_stay(capsys: pytest.CaptureFixture[
     assert list(load("mine.toml").robots) == list(load("six_robots").robots)
 
 
-def test_line_ends_stay_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
-    Path("mine.toml").write_bytes(read("six_robots")[0].replace("\n", "\r\n").encode())
-    assigned(capsys, "mine.toml")
-    raw = Path("mine.toml").read_bytes()
-    assert b"fallback_neighbours" in raw
-    assert raw.count(b"\n") == raw.count(b"\r\n")
-
-
 def test_whoever_takes_a_slot_takes_it_in_every_shape(capsys: pytest.CaptureFixture[str]) -> None:
     swapped = read("patrol")[0].replace("robot1 = [", "robotx = [").replace("robot3 = [", "robot1 = [")
     Path("mine.toml").write_text(swapped.replace("robotx = [", "robot3 = ["), encoding="utf-8")
@@ -121,57 +93,6 @@ def test_with_keep_slots_measure_each_other_as_they_did(capsys: pytest.CaptureFi
     assert after.slot("left1") == complex(-0.6, 0.4)
     assert after.robots["left1"].neighbours == ("left5",)  # as that slot did
     assert after.robots["left6"].neighbours == ("leader",)
-
-
-def minding(mission: Mission) -> set[tuple[complex, complex]]:
-    """Which slots mind which."""
-    return {
-        (mission.slot(robot), mission.slot(other))
-        for robot in mission.followers
-        for other in mission.minded(robot)
-    }
-
-
-@pytest.mark.parametrize("graph", ["new", "keep"])
-@pytest.mark.parametrize("shape", SHAPES)
-def test_slots_that_minded_each_other_do_so_in_whoever_s_hands_they_are(
-    shape: str, graph: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    before = load(shuffled(shape, 16))
-    found = assigned(capsys, "mine.toml", "--graph", graph)
-    after = load("mine.toml")
-    assert any(name != robot["takes_slot_of"] for name, robot in found["robots"].items())
-    assert minding(before) <= minding(after)
-
-
-def test_slots_whose_robots_measured_each_other_mind_each_other_when_the_graph_is_another(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    own = re.sub('mind = "all".*', "", read("six_robots")[0])
-    Path("mine.toml").write_text(
-        own.replace('["robot1"]\n', '["robot1"]\nmind = ["robot6"]\n'), encoding="utf-8"
-    )
-    before = load("mine.toml")
-    assigned(capsys, "mine.toml")
-    after = load("mine.toml")
-    assert after.graph != before.graph
-    assert minding(before) <= minding(after)
-
-
-@pytest.mark.parametrize("default", ['"all"', '["robot1", "robot2"]', "[]"])
-@pytest.mark.parametrize("own", ['"all"', "'all'", '["robot3"]', "[]"])
-def test_a_mind_of_its_own_goes_along_with_the_slot_whatever_all_others_have(
-    own: str, default: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    text = re.sub(r"mind = \S+", f"mind = {default}", read("patrol")[0], count=1)
-    text = text.replace("[robots.robot1]\n", f"[robots.robot1]\nmind = {own} # mine\n")
-    text = text.replace("robot1 = [", "robotx = [").replace("robot3 = [", "robot1 = [")
-    Path("mine.toml").write_text(text.replace("robotx = [", "robot3 = ["), encoding="utf-8")
-    before = load("mine.toml")
-    found = assigned(capsys, "mine.toml", "--graph", "keep")
-    after = load("mine.toml")
-    assert found["robots"]["robot1"]["takes_slot_of"] == "robot3"
-    assert minding(before) == minding(after)
 
 
 def test_a_dry_run_shows_the_ways_and_writes_nothing(capsys: pytest.CaptureFixture[str]) -> None:
@@ -228,51 +149,3 @@ def test_another_shape_can_be_the_one_to_go_into(capsys: pytest.CaptureFixture[s
     one = assigned(capsys, "patrol", "--dry-run")
     other = assigned(capsys, "patrol", "--dry-run", "--shape", "line")
     assert one["way"]["before"]["total"] != other["way"]["before"]["total"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        ("nowhere.toml", "no such file"),
-        ("six_robots", "--out FILE"),
-        ("six_robots --out mine.yaml", "must end in .toml"),
-        ("six_robots --out there.toml", "--force"),
-        ("six_robots --dry-run --shape star", "hexagon, wedge"),
-        ("six_robots --dry-run --least time", "total"),
-        ("six_robots --dry-run --positions none.json", "No such file"),
-        ("six_robots --dry-run --positions there.toml", "not JSON"),
-        ("six_robots --dry-run --positions list.json", "must be an object"),
-        ("six_robots --dry-run --positions who.json", "unknown robot robot9; known: robot1, robot2"),
-        ("six_robots --dry-run --positions point.json", "robot2 = [1, True]: must be [x, y]"),
-        ("inline.toml", "shapes.triangle.robot1 is not a list in a table of its own"),
-    ],
-)
-def test_what_cannot_be_is_one_line_that_says_what_can(
-    arguments: str, says: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    Path("there.toml").write_text("precious", encoding="utf-8")
-    Path("list.json").write_text("[1, 2]", encoding="utf-8")
-    Path("who.json").write_text('{"robot9": [1, 2]}', encoding="utf-8")
-    Path("point.json").write_text('{"robot2": [1, true]}', encoding="utf-8")
-    inline = read("turtlebot3_pair")[0].replace("[shapes.triangle]", "[shapes]\ntriangle = { #")
-    inline = inline.replace("{ # ", "{ robot1 = [-0.433013, -0.25], robot2 = [-0.433013, 0.25] } # ")
-    Path("inline.toml").write_text(
-        re.sub(r"^robot[12] = .*\n", "", inline, flags=re.MULTILINE), encoding="utf-8"
-    )
-    before = {path: path.read_bytes() for path in Path().iterdir()}
-    assert main(["assign", *arguments.split()]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert says in err.splitlines()[-1]
-    assert {path: path.read_bytes() for path in Path().iterdir()} == before
-
-
-def test_a_link_to_a_mission_stays_a_link_and_the_file_keeps_its_mode(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    Path(shuffled()).rename("real.toml")
-    Path("real.toml").chmod(0o640)
-    Path("link.toml").symlink_to("real.toml")
-    assigned(capsys, "link.toml")
-    assert Path("link.toml").is_symlink()
-    assert Path("real.toml").stat().st_mode & 0o777 == 0o640
