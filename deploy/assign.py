@@ -9,7 +9,7 @@ from typing import Any
 
 from deploy.arguments import add_mission, as_json, parser, read_mission
 from deploy.making.places import Places, changes, chosen, positions
-from deploy.making.text import check_out, edited, keep
+from deploy.making.text import check_out, edited, is_shipped, keep
 from deploy.refusal import Refusal
 from deploy.terminal.units import metres
 from formation.mission import Mission
@@ -110,7 +110,7 @@ def _out(options: argparse.Namespace) -> Path | None:
         return None
     if options.out is not None:
         check_out(options.out, force=options.force)
-    elif options.mission in shipped():
+    elif options.mission in shipped() or is_shipped(Path(options.mission)):
         raise Refusal(
             f"{options.mission} is shipped, and stays as it is: --out FILE for one of your own, or --dry-run"
         )

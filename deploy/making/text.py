@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from deploy.refusal import Refusal, refused
+from formation.mission_file import shipped
 
 
 class Change(NamedTuple):
@@ -72,10 +73,18 @@ def check_out(out: Path, *, force: bool) -> None:
     with refused(f"--out {out}"):
         if not out.parent.is_dir():
             raise Refusal(f"--out {out}: there is no folder {out.parent}")
+        if is_shipped(out):
+            raise Refusal(f"--out {out}: is shipped, and stays as it is; name another")
         if out.is_dir():
             raise Refusal(f"--out {out}: is a folder; name a file")
         if out.exists() and not force:
             raise Refusal(f"--out {out}: is there already; name another, or write over it with --force")
+
+
+def is_shipped(mission: Path) -> bool:
+    """Whether this is a mission of the package, by whatever way and links."""
+    # not Path.resolve, which has an error of its own for links in a circle
+    return os.path.realpath(mission) in {os.path.realpath(path) for path in shipped().values()}
 
 
 def _says(text: str, wanted: dict[str, Any]) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -61,6 +62,32 @@ def test_what_cannot_be_is_one_line_that_says_what_can(
     assert out == ""
     assert says in err.splitlines()[-1]
     assert {path: path.read_bytes() for path in Path().iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "assign missions/six_robots.toml",
+        "assign ../{here}/missions/six_robots.toml --positions now.json",
+        "assign link.toml",
+        "assign patrol --out missions/six_robots.toml --force",
+        "assign patrol --out link.toml --force",
+        "new line --robots 4 --out link.toml --force",
+    ],
+)
+def test_a_mission_that_ships_stays_as_it_is_by_whatever_way_it_is_named(
+    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(shipped()["six_robots"].parent, "missions")
+    monkeypatch.setattr("formation.mission_file.files", lambda _: Path())
+    Path("link.toml").symlink_to("missions/six_robots.toml")
+    Path("now.json").write_text('{"robot2": [-2, -1]}', encoding="utf-8")
+    text = Path("link.toml").read_bytes()
+    assert main(command.format(here=Path.cwd().name).split()) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "is shipped, and stays as it is" in err
+    assert Path("link.toml").read_bytes() == text
 
 
 def test_a_link_to_a_mission_stays_a_link_and_the_file_keeps_its_mode(
