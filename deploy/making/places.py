@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -17,6 +16,9 @@ from formation.figure import Figure
 from formation.mission import Mission
 from formation.slots.assignment import Aim
 from formation.slots.measuring import measured
+
+FARTHEST = 100_000
+"""Positions of a mission are within ± this, on each axis [m]."""
 
 
 class Places(NamedTuple):
@@ -76,6 +78,8 @@ def positions(path: Path, mission: Mission) -> dict[str, complex]:
         raise Refusal(f"--positions {path}: {error.strerror}") from None
     except ValueError as error:
         raise Refusal(f"--positions {path}: not JSON: {error}") from None
+    except RecursionError:
+        raise Refusal(f"--positions {path}: lists or objects a thousand deep") from None
     if not isinstance(data, dict):
         raise Refusal(
             f'--positions {path}: must be an object such as {{"{mission.followers[0]}": [0.4, -1.2]}}'
@@ -84,7 +88,10 @@ def positions(path: Path, mission: Mission) -> dict[str, complex]:
         if name not in mission.robots:
             raise Refusal(f"--positions {path}: unknown robot {name}; known: {', '.join(mission.robots)}")
         if not _is_point(point):
-            raise Refusal(f"--positions {path}: {name} = {point!r}: must be [x, y], two numbers in metres")
+            raise Refusal(
+                f"--positions {path}: {name} = {point!r:.80}: must be [x, y], "
+                f"two numbers from {-FARTHEST} to {FARTHEST} in metres"
+            )
     return {name: complex(*point) for name, point in data.items()}
 
 
@@ -92,7 +99,7 @@ def _is_point(value: Any) -> bool:
     return (
         isinstance(value, list)
         and len(value) == 2
-        and all(type(number) in {int, float} and math.isfinite(number) for number in value)
+        and all(type(number) in {int, float} and abs(number) <= FARTHEST for number in value)
     )
 
 

@@ -40,6 +40,9 @@ def test_line_ends_stay_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
         ("six_robots --dry-run --positions list.json", "must be an object"),
         ("six_robots --dry-run --positions who.json", "unknown robot robot9; known: robot1, robot2"),
         ("six_robots --dry-run --positions point.json", "robot2 = [1, True]: must be [x, y]"),
+        ("six_robots --dry-run --positions deep.json", "a thousand deep"),
+        ("six_robots --dry-run --positions far.json", "two numbers from -100000 to 100000 in metres"),
+        ("six_robots --dry-run --positions farther.json", "robot2 = [1, 10000000000"),
         (f"six_robots --out {'long' * 75}.toml", "long.toml: File name too long"),
         ("inline.toml", "shapes.triangle.robot1 is not a list in a table of its own"),
     ],
@@ -51,6 +54,9 @@ def test_what_cannot_be_is_one_line_that_says_what_can(
     Path("list.json").write_text("[1, 2]", encoding="utf-8")
     Path("who.json").write_text('{"robot9": [1, 2]}', encoding="utf-8")
     Path("point.json").write_text('{"robot2": [1, true]}', encoding="utf-8")
+    Path("deep.json").write_text("[" * 100_000, encoding="utf-8")
+    Path("far.json").write_text('{"robot2": [1, -1.7e308]}', encoding="utf-8")
+    Path("farther.json").write_text('{"robot2": [1, 1%s]}' % ("0" * 400), encoding="utf-8")
     inline = read("turtlebot3_pair")[0].replace("[shapes.triangle]", "[shapes]\ntriangle = { #")
     inline = inline.replace("{ # ", "{ robot1 = [-0.433013, -0.25], robot2 = [-0.433013, 0.25] } # ")
     Path("inline.toml").write_text(
