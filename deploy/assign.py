@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 from deploy.arguments import add_mission, as_json, parser, read_mission
@@ -41,7 +42,8 @@ def main(arguments: Sequence[str]) -> int:
     if written is None:
         print("\nnothing was written")
     else:
-        print(f"\n{out}: {'changed' if written else 'is so already'}\n\nnext:\n  formation check {out}")
+        print(f"\n{out}: {'changed' if written else 'is so already'}")
+        print(f"\nnext:\n  formation check {quote(str(out))}")
     if options.json:
         print(as_json(report(mission, places, options.least, out)))
     return 0

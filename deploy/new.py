@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 from deploy.arguments import as_json, number, parser, whole
@@ -47,13 +48,14 @@ def words(draft: Draft, mission: Mission, out: Path) -> str:
     """What was written, and what to type next."""
     deepest = max(hops or 0 for hops in mission.graph.depths)
     hops = f"{deepest} hop{'' if deepest == 1 else 's'} to the leader at most"
+    file = quote(str(out))
     return f"""\
 {out}: {draft.robots} robots in a {draft.shape}, {draft.spacing:g} m apart, {hops}
 
 next:
-  formation check {out}
-  formation simulate {out} --runs 100
-  formation run {out}"""
+  formation check {file}
+  formation simulate {file} --runs 100
+  formation run {file}"""
 
 
 def report(draft: Draft, mission: Mission, out: Path) -> dict[str, Any]:

@@ -7,6 +7,7 @@ people can watch beside the monitor that records.
 from __future__ import annotations
 
 import argparse
+import shlex
 import shutil
 import sys
 import time
@@ -129,7 +130,7 @@ def nobody(mission: Mission, options: argparse.Namespace) -> str:
     """What to say, and what to try, when nobody answers."""
     ends = options.connect or list(wiring.endpoints(mission).agents.values())
     where = "" if options.config else f" at {ends[0]}{f' … {ends[-1]}' if len(ends) > 1 else ''}"
-    tries = [f"does it run here? formation run {options.mission}"]
+    tries = [f"does it run here? formation run {shlex.quote(options.mission)}"]
     if not options.connect:
         tries.append(
             "a run whose usual ports were taken prints its -e flags; a field has those of its robots"

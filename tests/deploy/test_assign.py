@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from pathlib import Path
 
 import pytest
@@ -93,6 +94,14 @@ def test_with_keep_slots_measure_each_other_as_they_did(capsys: pytest.CaptureFi
     assert after.slot("left1") == complex(-0.6, 0.4)
     assert after.robots["left1"].neighbours == ("left5",)  # as that slot did
     assert after.robots["left6"].neighbours == ("leader",)
+
+
+def test_what_to_type_next_can_be_pasted_whatever_the_file_is_called(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["assign", "six_robots", "--out", "it's mine.toml"]) == 0
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("  formation ")]
+    assert main(shlex.split(line)[1:]) == 0
 
 
 def test_a_dry_run_shows_the_ways_and_writes_nothing(capsys: pytest.CaptureFixture[str]) -> None:

@@ -39,10 +39,10 @@ def test_what_it_writes_passes_the_check_and_converges(shape: str, robots: int, 
 def test_a_mission_is_there_and_what_to_type_next_works(
     shape: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["new", shape, "--robots", "7", "--out", "mine.toml"]) == 0
+    assert main(["new", shape, "--robots", "7", "--out", "it's mine.toml"]) == 0
     out = capsys.readouterr().out
     lines = [shlex.split(line) for line in out.splitlines() if line.startswith("  formation ")]
-    assert [line[1:3] for line in lines] == [[do, "mine.toml"] for do in ("check", "simulate", "run")]
+    assert [line[1:3] for line in lines] == [[do, "it's mine.toml"] for do in ("check", "simulate", "run")]
     assert main(lines[0][1:]) == 0
     assert main(lines[1][1:]) == 0
     assert "converged        100 of 100" in capsys.readouterr().out

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import re
+import shlex
 import signal
 import subprocess
 from collections.abc import Iterator
@@ -13,6 +15,7 @@ from typing import IO, Any
 
 import pytest
 
+from deploy.watch import nobody
 from formation.mission_file import load
 from tests.processes.child import PATIENCE, free_endpoint
 from tests.processes.launched import command
@@ -103,6 +106,12 @@ def test_when_nobody_answers_it_says_what_to_try(flags: list[str], tmp_path: Pat
     assert "formation run six_robots" in nobody.stderr
     assert "-c FILE" in nobody.stderr
     assert not nobody.stdout or not json.loads(nobody.stdout)["all_run"]
+
+
+def test_what_it_says_to_try_can_be_pasted_whatever_the_file_is_called() -> None:
+    options = argparse.Namespace(mission="it's mine.toml", connect=[], config=None)
+    (line,) = [line for line in nobody(SIX, options).splitlines() if "formation run" in line]
+    assert shlex.split(line.partition("? ")[2])[-1] == options.mission
 
 
 def test_who_watches_for_nobody_is_told_so_and_goes_on_waiting(tmp_path: Path) -> None:
