@@ -143,7 +143,7 @@ class Agent:
 
         The latter is made only when the former has been taken: it may be what the agent fails for.
         """
-        self._latch.mode, self.decision = "stop", Decision(State.STOP, reason)
+        self._latch.stopped, self.decision = True, Decision(State.STOP, reason)
         return chain(self._commander.leave(now), map(self._status, (now,)))
 
     def request(self, data: bytes, heard: float) -> bytes:

@@ -327,7 +327,7 @@ KEPT: Mapping[type, Kept] = {
         ),
     ),
     Latch: Kept(
-        memory={"mode": maybe(word("hold", "run", "stop")), "why": text},
+        memory={"stopped": flag, "holding": flag, "why": text},
         parts=("once",),
         construction=("_robot",),
     ),

@@ -17,13 +17,20 @@ class Latch:
     """What stays in force until the operator releases it."""
 
     def __init__(self, robot: str) -> None:
-        self.mode: Mode | None = None
-        """``stop`` or ``hold`` until released; None when there is nothing to release."""
+        self.stopped = False
+        """Until it is released."""
+        self.holding = False
+        """Until it is released, which a stop's release does not do, or told to run."""
         self.why = ""
         """Why, where nobody asked that of this very process."""
         self._robot = robot
         self.once = Once()
         """Which requests are known."""
+
+    @property
+    def mode(self) -> Mode | None:
+        """What is in force, a stop before a hold; None when there is nothing to release."""
+        return "stop" if self.stopped else "hold" if self.holding else None
 
     def ask(self, data: bytes, heard: float, ordered: Mode) -> bytes:
         """Answer a request that came at `heard` [s, monotonic]; `ordered` is what the leader wants.
@@ -41,9 +48,19 @@ class Latch:
     def _obey(self, wanted: Do, ordered: Mode) -> bytes:
         if wanted not in MINE:
             return self.reply(ordered, ok=False, reason=f"{wanted}: that is the leader's to say")
-        if self.mode == "stop" and wanted in {"run", "hold"}:
+        if wanted == "run" and self.stopped:
             return self.reply(ordered, ok=False, reason="stopped: release it first")
-        self.mode, self.why = wanted if wanted in {"stop", "hold"} else None, ""
+        before = self.mode
+        if wanted == "stop":
+            self.stopped = True
+        elif wanted == "hold":
+            self.holding = True
+        elif self.stopped:  # to be released; a hold below it stays, as the leader's does
+            self.stopped = False
+        else:
+            self.holding = False
+        if self.mode != before or self.mode == wanted:
+            self.why = ""
         return self.reply(ordered, ok=True, reason="")
 
     def reply(self, ordered: Mode, *, ok: bool, reason: str) -> bytes:

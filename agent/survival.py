@@ -44,13 +44,15 @@ class Stops(_Table):
 
     robot: Name
     mode: Mode | None
-    """What is to be released; None for nothing."""
+    """What is to be released first; None for nothing."""
+    holding: bool = False
+    """Whether there is a hold below a stop."""
     boot: str
     """Of the machine: times are of its monotonic clock."""
     rested: float | Literal["never"]
     """When a stop or a hold was heard last [s, monotonic]."""
     answers: dict[str, str]
-    """To requests, by their ids."""
+    """To requests, each by what it was and its id."""
 
 
 class Way(_Table):
@@ -101,14 +103,16 @@ class Survival:
             if stops.robot != self._agent.robot:
                 raise BadMemoryError(f"it is of {stops.robot}")
             why = f"{_DONE[stops.mode]} by the operator, before this agent began" if stops.mode else ""
-            return self._latch(stops.mode, why, self._rested(stops, now), stops.answers)
+            stopped, holding = stops.mode == "stop", stops.holding or stops.mode == "hold"
+            rested = self._rested(stops, now)
+            return self._latch(why, rested, stops.answers, stopped=stopped, holding=holding)
         except BadMemoryError as bad:
             return self.doubt(f"{where} cannot be read: {bad}")
 
     def doubt(self, what: str) -> Taken:
         """Be stopped, for `what` may have been a stop."""
         why = f"{what}; it may have kept a stop, so release it if it may drive"
-        return self._latch("stop", why, float("-inf"), {})
+        return self._latch(why, float("-inf"), {}, stopped=True)
 
     @property
     def stops(self) -> dict[str, Json]:
@@ -118,6 +122,8 @@ class Survival:
         return {
             "robot": self._agent.robot,
             "mode": latch.mode,
+            # said only where there is one, so that a version from before it can read the file
+            **({"holding": True} if latch.stopped and latch.holding else {}),
             "boot": self._boot,
             "rested": "never" if rested == float("-inf") else rested,
             "answers": latch.once.answers,
@@ -186,9 +192,12 @@ class Survival:
             "tuning": known["tuning"],
         }
 
-    def _latch(self, mode: Mode | None, why: str, rested: float, answers: dict[str, str]) -> Taken:
+    def _latch(
+        self, why: str, rested: float, answers: dict[str, str], *, stopped: bool, holding: bool = False
+    ) -> Taken:
         once = {"rested": real.said(rested), "answers": answers}
-        return self._taken({"latch": {"mode": mode, "why": why, "once": once}}, why)
+        latch = {"stopped": stopped, "holding": holding, "why": why, "once": once}
+        return self._taken({"latch": latch}, why)
 
     def _taken(self, memory: dict[str, Json], news: str) -> Taken:
         recall(self._agent, memory, partly=True)

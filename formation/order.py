@@ -155,7 +155,7 @@ class Ballot(_Json):
 
 
 class OperatorRequest(_Json):
-    """What an operator asks of one robot. ``release`` ends a stop or hold that the operator asked for."""
+    """What an operator asks of one robot. ``release`` ends his stop, or if there is none his hold."""
 
     longest: ClassVar[int] = MAX_REQUEST
     do: Do

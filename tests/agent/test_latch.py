@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from agent.latch import Latch
 from formation.once import REMEMBERED, TRAVEL
-from formation.order import Do, Mode, OperatorReply, OperatorRequest, decode, encode
+from formation.order import Do, OperatorReply, OperatorRequest, decode, encode
+from leader.will import Will
 
 
 def ask(latch: Latch, do: Do, of: str = "", heard: float = 0.0, age: float = 0.0) -> OperatorReply:
@@ -39,14 +42,43 @@ def test_requests_without_a_name_or_with_another_one_are_each_obeyed(of: str) ->
 
 def test_a_shape_is_not_an_agents_to_change_and_releases_nothing() -> None:
     latch = Latch("robot1")
-    modes: tuple[Mode, ...] = ("stop", "hold")
-    for do in modes:
-        latch.mode = do
+    rests: tuple[Do, ...] = ("hold", "stop")
+    for do in rests:
+        ask(latch, do)
         reply = decode(
             OperatorReply, latch.ask(encode(OperatorRequest(do="shape", shape="line")), 0.0, "run")
         )
         assert (reply.ok, latch.mode, reply.mode) == (False, do, do)
         assert "leader" in reply.reason
+
+
+@pytest.mark.parametrize("rests", [("hold", "stop"), ("stop", "hold")])
+def test_a_hold_below_a_stop_outlives_the_stops_release(rests: tuple[Do, ...]) -> None:
+    latch = Latch("robot1")
+    assert all(ask(latch, do).ok for do in rests)
+    told = [(reply.ok, reply.mode) for reply in (ask(latch, "run"), ask(latch, "release"))]
+    assert told == [(False, "stop"), (True, "hold")]
+    assert latch.mode == "hold"
+    assert ask(latch, "release").mode == "run"
+    assert latch.mode is None
+
+
+@given(st.lists(st.sampled_from(["stop", "hold", "run", "release"]), max_size=8))
+def test_a_robots_latch_answers_as_its_leaders_will_does(wishes: list[Do]) -> None:
+    latch, will = Latch("robot1"), Will()
+    for do in wishes:
+        ok, _ = will.change(do)
+        assert (ask(latch, do).ok, latch.mode or "run") == (ok, will.mode)
+
+
+@pytest.mark.parametrize(
+    ("do", "known"), [("hold", True), ("run", True), ("stop", False), ("release", False)]
+)
+def test_why_it_came_up_stopped_is_said_until_that_is_released_or_asked_for_anew(do: Do, known: bool) -> None:
+    latch = Latch("robot1")
+    latch.stopped, latch.why = True, "its file cannot be read"
+    ask(latch, do)
+    assert bool(latch.why) is known
 
 
 @pytest.mark.parametrize("rest", ["stop", "hold"])
@@ -87,7 +119,7 @@ def test_a_release_so_close_after_the_stop_that_nobody_knows_which_was_first_let
 def test_a_stop_that_came_first_counts_from_then_though_it_is_answered_with_another_after_a_pause() -> None:
     latch = Latch("robot1")
     ask(latch, "stop", heard=99.9)  # while its process hung
-    ask(latch, "hold", heard=50.0)  # is refused, and the stop is no older for that
+    ask(latch, "hold", heard=50.0)  # and the stop is no older for that
     assert not ask(latch, "release", "late", 100.0, age=5.0).ok
     assert latch.mode == "stop"
     assert ask(latch, "release", "c", 106.0, age=5.0).ok

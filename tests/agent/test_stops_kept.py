@@ -46,6 +46,33 @@ def test_what_an_operator_asked_outlives_process_and_machine_until_it_is_release
     assert team.agents["robot3"].decision.state is State.RUN
 
 
+def test_a_hold_below_a_stop_outlives_the_process_and_the_stops_release() -> None:
+    team = stopped("hold")
+    assert team.tell("robot3", "stop").ok
+    for state in (State.STOP, State.HOLD):
+        team.lose("robot3", 1.0)
+        team.begin("robot3")
+        team.run(2.0)
+        assert state_of(team) is state
+        assert team.agents["robot3"].decision.reason.endswith("by the operator, before this agent began")
+        assert team.tell("robot3", "release").ok
+        team.run(1.0)
+    assert state_of(team) is State.RUN
+
+
+@pytest.mark.parametrize(("mode", "state"), [("stop", State.STOP), ("hold", State.HOLD), (None, State.RUN)])
+def test_a_file_that_says_nothing_of_a_hold_below_its_mode_has_none(mode: str | None, state: State) -> None:
+    team = driving(SIX, 5.0)
+    team.tell("robot3", "run")
+    kept = json.loads(team.drawers["robot3"].texts["stops"])
+    assert "holding" not in kept, "who goes back to a version that did not know of it can read it"
+    team.lose("robot3", 1.0)
+    team.drawers["robot3"].texts["stops"] = json.dumps({**kept, "mode": mode}).encode()
+    team.begin("robot3")
+    team.run(1.0)
+    assert state_of(team) is state
+
+
 def test_a_stop_that_is_killed_right_after_its_acknowledgement_is_kept() -> None:
     team = driving(SIX, 5.0)
     assert team.tell("robot3", "stop").ok
