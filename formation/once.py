@@ -22,6 +22,8 @@ More would refuse the release of a program that asks for it as soon as all have 
 class Once:
     """Obeys each request once, and none that a stop or a hold has overtaken.
 
+    A stop or a hold that is asked for afresh is always obeyed: who uses an id again means it again.
+
     Operators repeat theirs until all have answered. A release that is put again must undo neither the hold
     below the stop nor a stop that came meanwhile; and one that was put before a stop, and is heard after it,
     was meant for something else. Times are those at which requests came, by the clock of who is asked.
@@ -42,8 +44,8 @@ class Once:
 
     @property
     def answers(self) -> dict[str, str]:
-        """What was answered to the requests that are known, by their ids."""
-        return {number: reply.decode() for number, reply in self._answers.items()}
+        """What was answered to the requests that are known, each by what it was and its id."""
+        return {known: reply.decode() for known, reply in self._answers.items()}
 
     def answer(
         self,
@@ -56,12 +58,14 @@ class Once:
 
         It came at `heard` [s, monotonic].
         """
-        if request.id in self._answers:
-            return self._answers[request.id]
+        known = f"{request.do} {request.id}"
+        if known in self._answers and not (request.do in RESTS and request.age == 0.0):
+            return self._answers[known]
         overtaken = self._overtaken(request, heard)
         reply = refuse("asked for before the newest stop or hold: ask again") if overtaken else obey()
         if request.id:
-            self._answers[request.id] = reply
+            self._answers.pop(known, None)  # the newest are remembered longest
+            self._answers[known] = reply
             if len(self._answers) > REMEMBERED:
                 self._answers.pop(next(iter(self._answers)))
         return reply

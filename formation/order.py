@@ -179,7 +179,7 @@ class OperatorRequest(_Json):
     id: Voice = ""
     """Of one order, however often it is put: a repetition takes no effect a second time. Empty: unknown."""
     age: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
-    """Since it was put for the first time [s]."""
+    """Since it was put for the first time [s]. A stop or a hold of age 0 is new, whatever its id."""
 
     @model_validator(mode="after")
     def _whole(self) -> Self:

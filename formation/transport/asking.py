@@ -17,7 +17,6 @@ from pydantic import ValidationError
 
 from formation import intent, order
 from formation.mission import Mission
-from formation.once import RESTS
 from formation.order import MAX_REQUEST, TAKES, Do, OperatorReply, OperatorRequest
 from formation.outcome import Answer, Asked, Outcome
 from formation.topics import ORDER
@@ -178,9 +177,11 @@ def _now() -> float:
 
 
 def _aged(request: OperatorRequest, age: float) -> bytes:
-    """The request as it is put when it is so old [s]; a stop counts however old it is."""
-    aged = {} if request.do in RESTS else {"age": round(age, 2)}
-    return order.encode(request.model_copy(update=aged))
+    """The request as it is put when it is so old [s]: what is put again is older than 0, by `AGAIN` at least.
+
+    Who has obeyed a stop does so again only if it is new; who has not, however old it is.
+    """
+    return order.encode(request.model_copy(update={"age": round(age, 2)}))
 
 
 def _read(replies: Sequence[Reply]) -> Iterator[tuple[OperatorReply, float]]:

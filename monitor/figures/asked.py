@@ -37,7 +37,7 @@ class Requests:
 
     def __init__(self) -> None:
         self.newest: deque[Asked] = deque(maxlen=64)
-        self._known: dict[tuple[str, str], None] = {}
+        self._known: dict[tuple[str, str, str], None] = {}  # who was asked to do what, by its id
         self._count = 0
 
     def take(self, name: str, values: Mapping[str, str]) -> None:
@@ -58,9 +58,10 @@ class Requests:
             request = decode(OperatorRequest, json.dumps(said).encode())
         except (BadMessage, RecursionError):
             return
-        if not request.id or (name, request.id) in self._known:
+        known = name, request.do, request.id
+        if not request.id or known in self._known:
             return
-        self._known[name, request.id] = None
+        self._known[known] = None
         if len(self._known) > REMEMBERED:
             self._known.pop(next(iter(self._known)))
         self._count += 1

@@ -9,6 +9,9 @@ from hypothesis import strategies as st
 from agent.latch import Latch
 from formation.once import REMEMBERED, TRAVEL
 from formation.order import Do, OperatorReply, OperatorRequest, decode, encode
+from formation.outcome import Asked
+from formation.transport import asking
+from formation.transport.question import Question
 from leader.will import Will
 
 
@@ -50,6 +53,44 @@ def test_a_shape_is_not_an_agents_to_change_and_releases_nothing() -> None:
         )
         assert (reply.ok, latch.mode, reply.mode) == (False, do, do)
         assert "leader" in reply.reason
+
+
+@pytest.mark.parametrize("rest", ["stop", "hold"])
+def test_a_stop_with_the_id_of_an_earlier_release_is_obeyed(rest: Do) -> None:
+    latch = Latch("robot1")
+    assert ask(latch, "release", "1", heard=10.0).mode == "run"
+    assert ask(latch, rest, "1", heard=20.0).mode == latch.mode == rest
+    assert ask(latch, "release", "1", heard=30.0, age=20.0).mode == "run", "what was answered to it"
+    assert latch.mode == rest
+
+
+@pytest.mark.parametrize("rest", ["stop", "hold"])
+def test_a_stop_that_is_asked_afresh_is_obeyed_though_its_id_was_used_before(rest: Do) -> None:
+    latch = Latch("robot1")
+    ask(latch, rest, "s", heard=1.0)
+    ask(latch, "release", "r", heard=5.0)
+    assert ask(latch, rest, "s", heard=60.0).mode == latch.mode == rest
+    assert list(latch.once.answers) == ["release r", f"{rest} s"]
+    assert not ask(latch, "release", "late", 61.0, age=2.0).ok, "it is as new as any other"
+
+
+@pytest.mark.parametrize("rest", ["stop", "hold"])
+def test_a_stop_that_goes_on_being_put_until_all_have_answered_does_not_outdo_a_release_of_somebody_else(
+    rest: Do,
+) -> None:
+    latch, modes = Latch("robot1"), []
+
+    def put(_key: str, payload: bytes, _: float) -> Question:
+        latch.ask(payload, 100.0, "run")
+        modes.append(latch.mode)
+        if len(modes) == 2:
+            assert ask(latch, "release", "another", 100.0).ok
+        question = Question()  # nobody's answer comes through
+        question.end()
+        return question
+
+    asking.ask(put, Asked(("robot1",)), OperatorRequest(do=rest, id="mine"), 9.0, lambda: len(modes) > 4)
+    assert modes == [rest, rest, None, None, None]
 
 
 @pytest.mark.parametrize("rests", [("hold", "stop"), ("stop", "hold")])

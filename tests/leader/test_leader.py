@@ -125,6 +125,21 @@ def test_a_release_that_is_put_again_does_not_undo_what_was_asked_before_or_mean
     assert {one.order.mode for one in drive(leader, 1.0, 1.0)} == {"stop"}
 
 
+@pytest.mark.parametrize("rest", ["stop", "hold"])
+def test_a_rest_that_is_asked_afresh_is_obeyed_whatever_its_id_was_used_for_before(
+    mission: Mission, rest: str
+) -> None:
+    leader = listened(mission)
+    fresh, again = f'{{"do":"{rest}","id":"1"}}'.encode(), f'{{"do":"{rest}","id":"1","age":3.5}}'.encode()
+    for start in (0.0, 1.0):
+        assert ask(leader, fresh).mode == rest
+        assert ask(leader, b'{"do":"release"}').mode == "run"
+        ask(leader, again)  # somebody else has not answered it yet
+        assert {one.order.mode for one in drive(leader, start, 1.0)} == {"run"}
+    assert ask(leader, b'{"do":"release","id":"2"}').ok
+    assert ask(leader, f'{{"do":"{rest}","id":"2"}}'.encode()).mode == rest
+
+
 @pytest.mark.parametrize(("rest", "go"), [("stop", "release"), ("hold", "release"), ("hold", "run")])
 def test_what_sets_the_team_going_does_not_count_if_a_stop_or_a_hold_came_between(
     mission: Mission, rest: str, go: str

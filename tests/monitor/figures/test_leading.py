@@ -266,7 +266,7 @@ def test_everything_that_an_operator_asks_is_told_once_and_how_it_was_answered()
         {"do": "shape", "shape": "wedge", "id": "a1", "ok": True, "reason": "in 4.2 s"},
         {"do": "speed", "speed": 9.0, "degrees": 45.0, "id": "b2", "ok": False, "reason": "at most 1.5 m/s"},
     ]
-    later = [*asked, {"do": "stop", "id": "c3", "ok": True, "reason": ""}]
+    later = [*asked, {"do": "stop", "id": "a1", "ok": True, "reason": ""}]  # an id is of one kind of order
     samples = [values("robot1", 11.0 + n / 2, asked=json.dumps(asked if n < 3 else later)) for n in range(6)]
     samples += [values("spare1", 14.2, asked=json.dumps(later[2:]))]
     told = [(event.robot, event.level, event.text) for event in of(one.drive(16.0, *samples), "asked")]
