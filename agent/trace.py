@@ -27,7 +27,7 @@ from zlib import crc32
 
 from agent.core import Agent
 from agent.memory import Json, remember
-from formation.order import MAX_BYTES as LONGEST_REQUEST
+from formation.order import MAX_REQUEST
 from formation.ros2.messages import MAX_BYTES
 from formation.ros2.ros_names import address
 from formation.wire import Now, Sample
@@ -86,7 +86,7 @@ class Trace:
     def asked(self, request: bytes, heard: float) -> None:
         """An operator asked something of the agent, at `heard` [s, monotonic]. Never raises."""
         try:  # what is too long or no text is refused, and changes nothing that a command follows from
-            if len(request) <= LONGEST_REQUEST and self._makes_room(1):
+            if len(request) <= MAX_REQUEST and self._makes_room(1):
                 self._steps.append([heard, request.decode()])
         except UnicodeDecodeError:
             return

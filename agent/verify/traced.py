@@ -6,6 +6,7 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from formation.order import MAX_REQUEST
 from formation.wire import Now
 
 Count = Annotated[int, Field(ge=0, lt=2**63)]
@@ -46,7 +47,7 @@ class Asked(NamedTuple):
 
     heard: float
     """[s, monotonic]"""
-    request: Annotated[str, Field(max_length=2000)]
+    request: Annotated[str, Field(max_length=MAX_REQUEST)]
 
 
 class _Table(BaseModel):

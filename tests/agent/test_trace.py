@@ -12,11 +12,12 @@ import pytest
 
 from agent import trace
 from agent.core import Agent
+from agent.failsafe import State
 from agent.memory import recall, remember
 from agent.trace import LONGEST, MEMORY_PERIOD, MOST, Trace, checksum
-from agent.verify.traced import BadTraceError, Step, read
+from agent.verify.traced import Asked, BadTraceError, Step, read
 from formation.mission_file import load
-from formation.order import Order, Told
+from formation.order import MAX_REQUEST, Order, Told
 from formation.order import encode as encode_order
 from formation.ros2.messages import MAX_BYTES, Odometry, Pose, Text, decode, encode
 from formation.topics import CMD_VEL, ODOM, POSITION
@@ -122,9 +123,30 @@ def test_the_link_with_the_robot_is_told_where_it_has_changed() -> None:
 def test_an_operators_request_is_told_between_the_steps_and_one_that_says_nothing_is_not() -> None:
     setting = Setting()
     setting.turn(1.0)
-    for request in (b'{"do":"stop"}', b"\xff\xfe", b"x" * 2000):
+    for request in (b'{"do":"stop"}', b"\xff\xfe", b"x" * (MAX_REQUEST + 1)):
         setting.loop.sides.request(request, 1.05)
     assert setting.turn(1.1)["steps"] == [[1.05, '{"do":"stop"}'], [1.1, 1.7e9 + 1.1, []]]
+
+
+@pytest.mark.parametrize("size", [1025, 2001, MAX_REQUEST])
+def test_a_request_as_long_as_any_that_is_obeyed_is_told_and_read(size: int) -> None:
+    setting, stop = Setting(), b'{"do":"stop"}'.ljust(size)
+    setting.turn(1.0)
+    setting.loop.sides.request(stop, 1.05)
+    assert setting.turn(1.1)["steps"][0] == [1.05, stop.decode()]
+    assert setting.agent.decision.state is State.STOP
+    told = read(next(sample.attachment or b"" for sample, _ in setting.record if sample.key == KEY))
+    assert told.steps[0] == Asked(1.05, stop.decode())
+
+
+def test_more_long_requests_than_a_message_holds_are_a_gap_which_says_why() -> None:
+    setting = Setting()
+    setting.turn(1.0)
+    for _ in range(4):
+        setting.loop.sides.request(b'{"do":"stop"}'.ljust(MAX_REQUEST), 1.05)
+    said = setting.turn(2.1)
+    assert f"at most {LONGEST} are told" in said["gap"]
+    assert said["memory"]["latch"]["stopped"] is True
 
 
 def test_the_last_words_carry_a_trace_as_well() -> None:

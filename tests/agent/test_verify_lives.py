@@ -10,6 +10,7 @@ from agent.core import Agent
 from agent.verify.core import verify
 from formation.mission import Mission
 from formation.mission_file import load
+from formation.order import MAX_REQUEST
 from formation.wire import Now
 from tests.agent.missions import with_robots
 from tests.agent.recorded import Looped, RecordedFleet, all_alike
@@ -60,13 +61,22 @@ def test_two_agents_that_speak_for_one_robot_are_both_judged() -> None:
 def test_orders_and_the_end_of_an_agent_are_lived_through_as_they_were() -> None:
     fleet = RecordedFleet(PAIR)
     fleet.run(2.0)
-    for do, number in (("stop", "a"), ("release", "b"), ("hold", ""), ("release", "b"), ("run", "")):
+    asked = [("stop", "a"), ("release", "b"), ("hold", ""), ("release", "b"), ("stop", "b"), ("stop", "a")]
+    for do, number in (*asked, ("release", ""), ("run", "")):
         fleet.ask_once("robot1", do, number)
         fleet.run(0.5)
     fleet.ask("leader", "stop")
     fleet.run(1.0)
     for name in PAIR.followers:
         fleet.halt(name)
+    assert all_alike(verify(PAIR, fleet.record))
+
+
+def test_a_stop_as_long_as_any_that_is_obeyed_is_lived_through_as_well() -> None:
+    fleet = RecordedFleet(PAIR)
+    fleet.run(2.0)
+    fleet.loop("robot1").sides.request(b'{"do":"stop"}'.ljust(MAX_REQUEST), fleet.now)
+    fleet.run(2.0)
     assert all_alike(verify(PAIR, fleet.record))
 
 
