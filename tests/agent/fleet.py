@@ -238,6 +238,10 @@ class Fleet:
     def last_command(self, name: str) -> tuple[float, float]:
         return self.commands[name][-1][1:]
 
+    def message(self, name: str) -> str:
+        """What the newest status says in a sentence."""
+        return self._said[name].statuses[0].message
+
     def status(self, name: str) -> dict[str, str]:
         return dict(self._said[name].statuses[0].values)
 

@@ -5,98 +5,15 @@ from __future__ import annotations
 import cmath
 import math
 import random
-from collections.abc import Sequence
 
 import pytest
 
 from agent.scanner import HORIZON, Scanner
-from formation.mission import Mission
-from formation.mission_file import parse, read
-from formation.raycast import Scanner as Device
-from formation.raycast import cast, measured
-from formation.ros2.messages import BadMessage, LaserScan, decode, encode
+from formation.ros2.messages import BadMessage
 from formation.scan import Mate, obstacles
-from formation.simulation.body import Body, driven
-from formation.unicycle import Command, advance
-from formation.wire import Now
+from formation.unicycle import Command
 from formation.zones import Zone
-
-EPOCH, STEP, PERIOD = 1.7e9, 0.01, 0.05
-LAG, RADIUS, MARGIN = 0.1, 0.1, 0.05
-Wall = tuple[complex, complex]
-Disc = tuple[complex, float]
-
-
-def mission(scanner: str = "required", scan: str = "") -> Mission:
-    text, name = read("six_robots")
-    robot = f'[robot]\nscanner = "{scanner}"\nscan = {{ margin = {MARGIN}, lag = {LAG}{scan} }}'
-    return parse(text.replace("[robot]", robot), name)
-
-
-def at(mono: float) -> Now:
-    return Now(mono, EPOCH + mono)
-
-
-def scan(stamp: float, ranges: Sequence[float], time_increment: float = 0.0) -> LaserScan:
-    step = math.tau / len(ranges)
-    return LaserScan(EPOCH + stamp, 0.0, step, 0.12, 3.5, tuple(ranges), time_increment)
-
-
-def post(distance: float) -> list[float]:
-    """A scan with one thing straight ahead."""
-    return [distance, *[math.inf] * 359]
-
-
-class Robot:
-    """A disc with a scanner and an agent's view of it, among posts and walls."""
-
-    def __init__(
-        self, discs: Sequence[Disc] = (), walls: Sequence[Wall] = (), way: float = 0.0, **device: float
-    ) -> None:
-        self.scanner = Scanner(mission(), "robot2")
-        self.position, self.heading, self.moving, self.time = 0j, 1.0 + 0j, Command(0.0, 0.0), 0.0
-        self.discs, self.walls, self.way = discs, walls, way
-        self.device = Device(**device)  # type: ignore[arg-type]
-        self.rng = random.Random(3)
-        self.nearest = math.inf
-        self._underway: list[LaserScan] = []
-
-    def drive(self, wanted: Command, seconds: float) -> None:
-        """Do as told, as far as the scans allow."""
-        body = Body(lag=LAG)
-        command = Command(0.0, 0.0)
-        for _ in range(round(seconds / STEP)):
-            tick = round(self.time / STEP)
-            if tick % 20 == 0:
-                self._underway.append(self.look())
-            while self._underway and self.time >= self._underway[0].stamp - EPOCH + self.way - 1e-9:
-                self.scanner.take(self._underway.pop(0), self.time, at(self.time))
-            if tick % 5 == 0:
-                self.scanner.moved(self.time, self.moving)
-                now = at(self.time)
-                strangers = self.scanner.strangers(now, [])
-                command = self.scanner.guarded(wanted, strangers, now) if self.scanner.fresh(now) else command
-            mean, self.moving = driven(body, self.moving, command, STEP)
-            self.position, self.heading = advance(self.position, self.heading, *mean, STEP)
-            self.time += STEP
-            self.nearest = min(self.nearest, *self.gaps())
-
-    def gaps(self) -> list[float]:
-        """How far body and things are apart."""
-        gaps = [abs(centre - self.position) - radius - RADIUS for centre, radius in self.discs]
-        for begin, end in self.walls:
-            along = (self.position - begin) / (end - begin)
-            foot = begin + min(max(along.real, 0.0), 1.0) * (end - begin)
-            gaps.append(abs(foot - self.position) - RADIUS)
-        return gaps
-
-    def look(self) -> LaserScan:
-        true = cast(self.position, self.heading, self.discs, self.walls, 360)
-        normal = [self.rng.gauss(0.0, 1.0) for _ in true]
-        uniform = [self.rng.random() for _ in true]
-        said = scan(self.time, measured(true, self.device, normal, uniform))
-        return decode(LaserScan, encode(said))
-
+from tests.agent.scanned import MARGIN, Robot, at, mission, post, scan
 
 # How fast it may go
 
