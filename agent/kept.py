@@ -255,9 +255,22 @@ KEPT: Mapping[type, Kept] = {
         ),
     ),
     Scanner: Kept(
-        memory={"zone": word(*Zone, of=Zone), "_moves": recent(_MOVE), "_circles": _CIRCLES, "_ended": real},
+        memory={
+            "zone": word(*Zone, of=Zone),
+            "_moves": recent(_MOVE),
+            "_circles": _CIRCLES,
+            "_ended": real,
+        },
         parts=("stream",),
-        construction=("required", "_scan", "_radius", "_body", "_lasts", "_reach"),
+        construction=(
+            "required",
+            "_scan",
+            "_radius",
+            "_body",
+            "_lasts",
+            "_reach",
+            "_keeps",
+        ),
     ),
     Voice: Kept(
         memory={

@@ -23,8 +23,6 @@ from formation.zones import AT_REST, Body, Zone, guarded
 
 HORIZON = 2.0
 """What is further away is in nobody's way yet [m]."""
-KEPT = 2.0
-"""Speeds older than this are forgotten [s]."""
 LONGEST_SWEEP = 1.0
 """[s]"""
 
@@ -49,7 +47,8 @@ class Scanner:
         self._scan, self._radius = spec.scan, spec.radius
         self._body = Body(spec.radius, spec.scan.margin, spec.scan.lag)
         self._lasts = FRESH_PERIODS / spec.rate  # a command at most, then the guard stops the robot [s]
-        longest = 2.0 * self.stream.limit
+        longest = self.stream.limit + self.stream.longest_way  # that a scan is old
+        self._keeps = longest + LONGEST_SWEEP  # speeds [s]
         zone = spec.radius + spec.scan.margin + spec.max_speed * (longest + self._lasts + spec.scan.lag)
         # what is further away than this cannot matter before the next scan
         self._reach = max(HORIZON, zone) + spec.max_speed * longest
@@ -59,7 +58,7 @@ class Scanner:
 
     def moved(self, moment: float, moving: Command) -> None:
         """The robot said at `moment` [s, monotonic] that it goes so fast, or nobody knows better."""
-        while len(self._moves) > 1 and self._moves[1].since < moment - KEPT:
+        while len(self._moves) > 1 and self._moves[1].since < moment - self._keeps:
             self._moves.popleft()
         self._moves.append(Moving(moment, moving))
 
