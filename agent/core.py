@@ -179,6 +179,7 @@ class Agent:
                 finite=self._finite,
                 scan_silence=0.0 if scanner is None else scanner.silence(now),
                 scan_limit=math.inf if scanner is None else scanner.stream.limit,
+                scan_doubt=scanner.doubt if scanner is not None and scanner.required else None,
             )
         )
 

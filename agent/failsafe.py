@@ -64,6 +64,8 @@ class Facts(NamedTuple):
     """Of a scanner that the mission requires [s]; infinite before its first scan, 0 if none is required."""
     scan_limit: float = float("inf")
     """[s]"""
+    scan_doubt: str | None = None
+    """Why the newest scan of a scanner that the mission requires is not believed, in words."""
     leaderless: bool = False
     """Whether the leader itself is among the neighbours, and silent."""
 
@@ -125,6 +127,7 @@ TABLE: tuple[Row, ...] = (
         lambda f: f"range scan silent for {f.scan_silence:.2f} s",
         own=True,
     ),
+    Row(lambda f: f.scan_doubt is not None, State.HOLD, lambda f: f"range scan {f.scan_doubt}", own=True),
     Row(lambda f: f.routed is False, State.HOLD, lambda _: "the robot does not listen to cmd_vel", own=True),
     Row(lambda f: f.order is None, State.WAITING, lambda _: "no order from the leader yet"),
     Row(

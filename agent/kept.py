@@ -258,7 +258,9 @@ KEPT: Mapping[type, Kept] = {
         memory={
             "zone": word(*Zone, of=Zone),
             "_moves": recent(_MOVE),
+            "_wrong": maybe(_MOVE),
             "_circles": _CIRCLES,
+            "_began": real,
             "_ended": real,
         },
         parts=("stream",),
@@ -266,6 +268,7 @@ KEPT: Mapping[type, Kept] = {
             "required",
             "_scan",
             "_radius",
+            "_limits",
             "_body",
             "_lasts",
             "_reach",

@@ -12,11 +12,14 @@ import cmath
 
 from agent.sighting import Sighting
 from formation.heading import Travel
+from formation.law import Limits
 from formation.mission import Mission
 from formation.plane import angle_between
 from formation.ros2.messages import Odometry
-from formation.unicycle import advance
+from formation.unicycle import Command, advance
 
+FASTER = 1.5
+"""A robot may go so many times as fast as its limit says; more is a mistake."""
 JUMP_MARGIN = 0.1
 """How far a position may be off what the robot's limits explain before it counts as a jump [m]."""
 TURN_MARGIN = 0.3
@@ -29,11 +32,16 @@ ORIGIN = 0.05
 """A robot whose odometry has been silent and is now this near its origin has begun to count anew [m]."""
 
 
+def believable(moving: Command, limits: Limits) -> bool:
+    """Whether a robot of these limits may well go and turn so fast."""
+    return _can(moving.speed, limits.max_speed) and _can(moving.turn_rate, limits.max_turn_rate)
+
+
 def impossible(moved: float, turned: float, most: float, most_turn: float, over: float) -> str | None:
     """Why limits of `most` [m/s] and `most_turn` [rad/s] do not allow so much [m; rad] in `over` [s]."""
-    if moved > 1.5 * most * over + JUMP_MARGIN:
+    if moved > FASTER * most * over + JUMP_MARGIN:
         return f"{moved:.2f} m"
-    if abs(turned) > 1.5 * most_turn * over + TURN_MARGIN:
+    if abs(turned) > FASTER * most_turn * over + TURN_MARGIN:
         return f"{turned:+.2f} rad"
     return None
 
@@ -131,8 +139,8 @@ class Odometer:
     def _realign(self, last: Odometry, now: Odometry, over: float) -> complex:
         """Have `now` be where `last` led to; the turn meanwhile."""
         position, heading = self._placed(last)
-        speed = _believable(last.speed, self._limits.max_speed)
-        turn_rate = _believable(last.turn_rate, self._limits.max_turn_rate)
+        speed = last.speed if _can(last.speed, self._limits.max_speed) else 0.0
+        turn_rate = last.turn_rate if _can(last.turn_rate, self._limits.max_turn_rate) else 0.0
         there, facing = advance(position, heading, speed, turn_rate, over)
         rotation = facing / now.heading
         self._rotation = rotation / abs(rotation)
@@ -141,9 +149,8 @@ class Odometer:
         return facing / heading
 
 
-def _believable(rate: float, most: float) -> float:
-    """`rate`, or rest where no robot of this limit goes so fast."""
-    return rate if abs(rate) <= 1.5 * most else 0.0
+def _can(rate: float, most: float) -> bool:
+    return abs(rate) <= FASTER * most
 
 
 def _begun_anew(last: Odometry, now: Odometry, travel: Travel) -> str | None:

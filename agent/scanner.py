@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from agent.odometer import believable
 from agent.stream import Stream
 from formation import scan as scans
 from formation.mission import Mission
@@ -44,7 +45,7 @@ class Scanner:
         self.stream = Stream(spec.scan.rate)
         self.zone = Zone.CLEAR
         """What the newest command met."""
-        self._scan, self._radius = spec.scan, spec.radius
+        self._scan, self._radius, self._limits = spec.scan, spec.radius, spec.limits
         self._body = Body(spec.radius, spec.scan.margin, spec.scan.lag)
         self._lasts = FRESH_PERIODS / spec.rate  # a command at most, then the guard stops the robot [s]
         longest = self.stream.limit + self.stream.longest_way  # that a scan is old
@@ -54,22 +55,30 @@ class Scanner:
         self._reach = max(HORIZON, zone) + spec.max_speed * longest
         self._moves: deque[Moving] = deque()
         self._circles: list[Circle] = []  # of the newest scan [m; body frame at its end]
-        self._ended = 0.0  # [s, monotonic]
+        self._began = self._ended = 0.0  # [s, monotonic]
+        self._wrong: Moving | None = None  # the newest that it cannot have done
 
     def moved(self, moment: float, moving: Command) -> None:
-        """The robot said at `moment` [s, monotonic] that it goes so fast, or nobody knows better."""
+        """The robot said at `moment` [s, monotonic] that it goes so fast, or nobody knows better.
+
+        Faster than it can go is no motion: by that the scan in hand would be carried away, through a wall.
+        The robot is taken to go on as before, and what it has done since that scan is in doubt.
+        """
         while len(self._moves) > 1 and self._moves[1].since < moment - self._keeps:
             self._moves.popleft()
-        self._moves.append(Moving(moment, moving))
+        if believable(moving, self._limits):
+            self._moves.append(Moving(moment, moving))
+        else:
+            self._wrong = Moving(moment, moving)
 
     def take(self, scan: LaserScan, arrived: float, now: Now) -> None:
         """Learn from a scan. Raises BadMessage for one whose stamp does not follow from the last."""
         self.stream.admit(scan.stamp, arrived, now)
         says = scan.time_increment * (len(scan.ranges) - 1)
         sweep = min(says if self._scan.sweep is None else self._scan.sweep, LONGEST_SWEEP)
-        began = now.mono - self.stream.age(now)
-        self._ended = min(began + sweep, arrived)
-        motion = self._motion(began, self._ended) if sweep else STOOD
+        self._began = now.mono - self.stream.age(now)
+        self._ended = min(self._began + sweep, arrived)
+        motion = self._motion(self._began, self._ended) if sweep else STOOD
         hits = scans.points(scan, self._scan.mount, self._radius, motion)
         found = scans.circles(hits, scan.angle_increment)
         self._circles = [circle for circle in found if abs(circle.at) - circle.radius < self._reach]
@@ -81,6 +90,16 @@ class Scanner:
     def silence(self, now: Now) -> float:
         """For how long a scan has been missing that the robot may not move without [s]; else 0."""
         return self.stream.silence(now) if self.required else 0.0
+
+    @property
+    def doubt(self) -> str | None:
+        """Why the newest scan is not to be believed, in words that follow its name; else None."""
+        if self.stream.arrived is None:
+            return None
+        if self._wrong is not None and self._wrong.since >= self._began:
+            speed, turn_rate = self._wrong.command
+            return f"cannot be placed by odometry that said {speed:.3g} m/s, {turn_rate:.3g} rad/s"
+        return None
 
     def strangers(self, now: Now, mates: Sequence[Mate]) -> list[Circle]:
         """What was seen and is none of `mates` [body frame, now]; nothing by a scan that is old.

@@ -65,6 +65,7 @@ def status(report: Report, now: Now) -> Diagnostics:
     """The report as a message; a warning whenever the robot does not run or something is not believed."""
     around = report.neighbours
     streams = {report.here.source: report.here.stream} | {n: one.stream for n, one in around.each.items()}
+    unseen = None if report.avoiding.scanner is None else report.avoiding.scanner.doubt
     contested = around.contested(now)
     heard = {name: stream for name, stream in streams.items() if stream.arrived is not None}
     doubted = [name for name, stream in heard.items() if stream.fresh(now) and not stream.clock_agrees]
@@ -83,6 +84,7 @@ def status(report: Report, now: Now) -> Diagnostics:
         **({"aside": "the others go on without it"} if report.aside else {}),
         **({"stuck": "does not move though it is told to"} if report.stuck else {}),
         **report.avoiding.words(around),
+        **({"range scan": unseen} if unseen else {}),
         "localisation": report.here.alignment,
         **_steps(report.commander),
         "jumps": str(report.here.jumps),
@@ -96,6 +98,8 @@ def status(report: Report, now: Now) -> Diagnostics:
     message = f"{state}: {report.decision.reason}"
     if doubted:
         message += f"; stamps of {', '.join(doubted)} not believed"
+    if unseen and unseen not in message:
+        message += f"; range scan {unseen}"
     if contested:
         message += f"; {', '.join(contested)} spoken for by a second voice"
     if link not in {None, "connected"}:
@@ -103,7 +107,7 @@ def status(report: Report, now: Now) -> Diagnostics:
     if report.stuck:
         message += "; does not move though it is told to"
     at_work = report.decision.state is State.RUN and not report.readonly
-    sound = not doubted and not contested and not report.stuck and link in {None, "connected"}
+    sound = not doubted and not unseen and not contested and not report.stuck and link in {None, "connected"}
     level = OK if at_work and sound else WARNING
     return Diagnostics(now.wall, (Status(f"{report.robot}: agent", level, message, report.robot, values),))
 

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Callable, Iterable
+
 import pytest
 
+from agent.commander import AT_REST
 from agent.scanner import LONGEST_SWEEP, Scanner
+from formation.ros2.messages import Odometry, decode, encode
 from formation.topics import ODOM, SCAN
 from formation.unicycle import Command
+from formation.wire import Sample
 from tests.agent.fleet import Fleet
 from tests.agent.missions import team
-from tests.agent.scanned import Robot, mission
-from tests.agent.test_scanning import ACROSS, ALONE, among, with_mode
+from tests.agent.scanned import Robot, at, mission, post, scan
+from tests.agent.test_scanning import ACROSS, ALONE, among, room, with_mode
 
 WALL = [(2.0 - 30j, 2.0 + 30j)]
 KEY, OWN = SCAN.key("robot1"), ODOM.key("robot1")
@@ -23,6 +29,60 @@ def before_a_wall(scanner: str) -> Fleet:
 
 def said_of(fleet: Fleet, *names: str) -> str:
     return " ".join(fleet.status("robot1").get(name, "") for name in names)
+
+
+# Odometry that says what cannot be
+
+
+def once_wrong(speed: float, lost: int) -> Callable[[Sample], Iterable[Sample]]:
+    """One odometry message of that speed [m/s], after which so many scans are lost."""
+    left = {OWN: 1, KEY: lost}
+
+    def meddle(sample: Sample) -> Iterable[Sample]:
+        if sample.key == OWN and left[OWN]:
+            left[OWN] = 0
+            wrong = dataclasses.replace(decode(Odometry, sample.payload), speed=speed)
+            return (sample._replace(payload=encode(wrong)),)
+        if sample.key == KEY and left[KEY] and not left[OWN]:
+            left[KEY] -= 1
+            return ()
+        return (sample,)
+
+    return meddle
+
+
+@pytest.mark.parametrize("scanner", ["required", "optional"])
+@pytest.mark.parametrize("lost", [0, 1, 2])
+@pytest.mark.parametrize("speed", [6.0, -6.0, 20.0])
+def test_one_speed_that_cannot_be_carries_no_wall_behind_the_robot(
+    speed: float, lost: int, scanner: str
+) -> None:
+    fleet = before_a_wall(scanner)
+    fleet.run(14.0)
+    fleet.meddle = once_wrong(speed, lost)
+    assert room(fleet, 4.0) > 0.0
+
+
+def test_a_robot_that_requires_its_scan_holds_after_such_a_speed_until_the_next_and_says_why() -> None:
+    fleet = Fleet(team(ALONE, scanner="required"))
+    fleet.run(6.0)
+    fleet.meddle = once_wrong(6.0, 1)
+    fleet.run(0.1)
+    assert fleet.commands["robot1"][-1][1:] == AT_REST
+    assert fleet.agents["robot1"].decision.reason == (
+        "range scan cannot be placed by odometry that said 6 m/s, 0 rad/s"
+    )
+    fleet.run(0.5)
+    assert said_of(fleet, "state") == "run"
+
+
+def test_a_turn_that_cannot_be_is_no_motion_either() -> None:
+    scanner = Scanner(mission(), "robot2")
+    scanner.take(scan(0.0, post(1.0)), 0.0, at(0.0))
+    scanner.moved(0.05, Command(0.0, 60.0))
+    (circle,) = scanner.strangers(at(0.1), [])
+    assert circle.at == pytest.approx(1.0)
+    assert scanner.doubt == "cannot be placed by odometry that said 0 m/s, 60 rad/s"
 
 
 # Scanners that are slow, whose scans count for long
