@@ -26,6 +26,8 @@ HORIZON = 2.0
 """What is further away is in nobody's way yet [m]."""
 LONGEST_SWEEP = 1.0
 """[s]"""
+EARLY = 0.1
+"""A scan may come so long before its own stamp [s]: clocks are kept no better."""
 
 
 class Moving(NamedTuple):
@@ -76,7 +78,9 @@ class Scanner:
         self.stream.admit(scan.stamp, arrived, now)
         says = scan.time_increment * (len(scan.ranges) - 1)
         sweep = min(says if self._scan.sweep is None else self._scan.sweep, LONGEST_SWEEP)
-        self._began = now.mono - self.stream.age(now)
+        # a scan that is taken for newer than it is may cost more than room: by a stamp that is not believed
+        # it is as old as it can well be, and not, as a neighbour's position, from now
+        self._began = arrived - min(max(0.0, self.stream.underway), self.stream.longest_way)
         self._ended = min(self._began + sweep, arrived)
         motion = self._motion(self._began, self._ended) if sweep else STOOD
         hits = scans.points(scan, self._scan.mount, self._radius, motion)
@@ -94,8 +98,13 @@ class Scanner:
     @property
     def doubt(self) -> str | None:
         """Why the newest scan is not to be believed, in words that follow its name; else None."""
+        way, most = self.stream.underway, self.stream.longest_way
         if self.stream.arrived is None:
             return None
+        if way > most:
+            return f"stamped {way:.2f} s before it came, must be {most:g} s at most"
+        if way < -EARLY:
+            return f"stamped {-way:.2f} s after it came, must be {EARLY:g} s at most"
         if self._wrong is not None and self._wrong.since >= self._began:
             speed, turn_rate = self._wrong.command
             return f"cannot be placed by odometry that said {speed:.3g} m/s, {turn_rate:.3g} rad/s"

@@ -65,7 +65,10 @@ def status(report: Report, now: Now) -> Diagnostics:
     """The report as a message; a warning whenever the robot does not run or something is not believed."""
     around = report.neighbours
     streams = {report.here.source: report.here.stream} | {n: one.stream for n, one in around.each.items()}
-    unseen = None if report.avoiding.scanner is None else report.avoiding.scanner.doubt
+    scanner = report.avoiding.scanner
+    if scanner is not None:
+        streams["range scan"] = scanner.stream
+    unseen = None if scanner is None else scanner.doubt
     contested = around.contested(now)
     heard = {name: stream for name, stream in streams.items() if stream.arrived is not None}
     doubted = [name for name, stream in heard.items() if stream.fresh(now) and not stream.clock_agrees]

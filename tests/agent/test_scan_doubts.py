@@ -106,3 +106,40 @@ def test_of_how_the_robot_moved_no_more_is_remembered_than_a_scan_may_ask_for() 
             scanner.moved(0.05 * tick, Command(0.1, 0.0))
         longest = scanner.stream.limit + scanner.stream.longest_way + LONGEST_SWEEP
         assert 0.0 <= len(scanner._moves) - longest / 0.05 <= 3.0
+
+
+# Scans that are late, or whose clock is wrong
+
+
+def late(way: float) -> Callable[[Sample], Iterable[Sample]]:
+    return lambda sample: (sample._replace(arrived=sample.arrived + way),) if sample.key == KEY else (sample,)
+
+
+@pytest.mark.parametrize("way", [0.5, 0.7, 1.0, 1.5])
+def test_scans_that_come_late_let_no_robot_touch_a_wall_that_requires_them(way: float) -> None:
+    fleet = before_a_wall("required")
+    fleet.meddle = late(way)
+    assert room(fleet, 14.0) > 0.0
+    if way > 0.6:
+        assert said_of(fleet, "state", "reason") == (
+            f"hold range scan stamped {way:.2f} s before it came, must be 0.6 s at most"
+        )
+        assert said_of(fleet, "clock range scan").startswith(f"stamped {way:.1f}")
+        assert "stamps of range scan not believed" in fleet.message("robot1")
+
+
+@pytest.mark.parametrize("way", [0.5, 0.7, 1.0])
+def test_a_robot_that_does_not_require_them_takes_them_for_as_old_as_they_can_well_be(way: float) -> None:
+    fleet = before_a_wall("optional")
+    fleet.meddle = late(way)
+    assert room(fleet, 14.0) > 0.0
+    assert said_of(fleet, "state") == "run"
+    assert ("range scan" in fleet.status("robot1")) is (way > 0.6)
+
+
+def test_a_robot_whose_scanner_has_a_clock_that_goes_ahead_holds() -> None:
+    scanner = Scanner(mission(), "robot2")
+    scanner.take(scan(1.05, post(1.0)), 1.0, at(1.0))
+    assert scanner.doubt is None
+    scanner.take(scan(1.5, post(1.0)), 1.2, at(1.2))
+    assert scanner.doubt == "stamped 0.30 s after it came, must be 0.1 s at most"
