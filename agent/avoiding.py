@@ -59,8 +59,7 @@ class Avoiding:
         self._manners = Manners(
             spec.radius, mission.collisions.margin, spec.longest_command + LAG * mission.collisions.lag
         )
-        # what it goes round it passes at the distance that its protective zones ask for
-        self._wider = max(0.0, spec.scan.margin - mission.collisions.margin)
+        self._apart = mission.collisions.margin
 
     def command(
         self, wanted: Command, along: complex, here: Localisation, around: Neighbourhood, now: Now, dt: float
@@ -137,8 +136,10 @@ class Avoiding:
         return self.scanner.strangers(now, mates)
 
     def _seen(self, strangers: Sequence[Circle]) -> Iterator[Obstacle]:
+        # what it goes round it passes at the distance that its protective zones ask for
+        wider = 0.0 if self.scanner is None else max(0.0, self.scanner.margin - self._apart)
         for one in scan.obstacles(strangers, HORIZON):
-            yield one._replace(radius=one.radius + self._wider)
+            yield one._replace(radius=one.radius + wider)
 
     def _sensed(self, name: str) -> bool:
         """Whether a sensor sees it, which does not mind which way the robot faces in the world."""

@@ -251,7 +251,7 @@ KEPT: Mapping[type, Kept] = {
             "_local",
             "_limits",
             "_manners",
-            "_wider",
+            "_apart",
         ),
     ),
     Scanner: Kept(
@@ -262,6 +262,7 @@ KEPT: Mapping[type, Kept] = {
             "_circles": _CIRCLES,
             "_began": real,
             "_ended": real,
+            "_range_min": real,
         },
         parts=("stream",),
         construction=(
@@ -269,6 +270,7 @@ KEPT: Mapping[type, Kept] = {
             "_scan",
             "_radius",
             "_limits",
+            "_sees_from",
             "_body",
             "_lasts",
             "_reach",

@@ -28,6 +28,10 @@ LONGEST_SWEEP = 1.0
 """[s]"""
 EARLY = 0.1
 """A scan may come so long before its own stamp [s]: clocks are kept no better."""
+UNSEEN = 5e-3
+"""So much of its margin a robot need not see [m]: ranges are no better."""
+NOISE = 0.02
+"""What is seen is kept so much further away than it could be seen at least [m], or noise would hide it."""
 
 
 class Moving(NamedTuple):
@@ -48,6 +52,8 @@ class Scanner:
         self.zone = Zone.CLEAR
         """What the newest command met."""
         self._scan, self._radius, self._limits = spec.scan, spec.radius, spec.limits
+        # what is outside of body and margin is so far from the scanner [m]
+        self._sees_from = spec.radius + spec.scan.margin - abs(spec.scan.mount.at)
         self._body = Body(spec.radius, spec.scan.margin, spec.scan.lag)
         self._lasts = FRESH_PERIODS / spec.rate  # a command at most, then the guard stops the robot [s]
         longest = self.stream.limit + self.stream.longest_way  # that a scan is old
@@ -58,7 +64,14 @@ class Scanner:
         self._moves: deque[Moving] = deque()
         self._circles: list[Circle] = []  # of the newest scan [m; body frame at its end]
         self._began = self._ended = 0.0  # [s, monotonic]
+        self._range_min = 0.0  # of the newest scan [m]
         self._wrong: Moving | None = None  # the newest that it cannot have done
+
+    @property
+    def margin(self) -> float:
+        """Of free space that is kept around the robot, so that what is seen stays to be seen [m]."""
+        seen_from = self._range_min + abs(self._scan.mount.at) - self._radius
+        return max(self._scan.margin, seen_from + NOISE)
 
     def moved(self, moment: float, moving: Command) -> None:
         """The robot said at `moment` [s, monotonic] that it goes so fast, or nobody knows better.
@@ -82,10 +95,12 @@ class Scanner:
         # it is as old as it can well be, and not, as a neighbour's position, from now
         self._began = arrived - min(max(0.0, self.stream.underway), self.stream.longest_way)
         self._ended = min(self._began + sweep, arrived)
+        self._range_min = scan.range_min
         motion = self._motion(self._began, self._ended) if sweep else STOOD
         hits = scans.points(scan, self._scan.mount, self._radius, motion)
         found = scans.circles(hits, scan.angle_increment)
-        self._circles = [circle for circle in found if abs(circle.at) - circle.radius < self._reach]
+        reach = self._reach + self.margin - self._scan.margin
+        self._circles = [circle for circle in found if abs(circle.at) - circle.radius < reach]
 
     def fresh(self, now: Now) -> bool:
         """Whether there is a scan that is believed."""
@@ -105,6 +120,8 @@ class Scanner:
             return f"stamped {way:.2f} s before it came, must be {most:g} s at most"
         if way < -EARLY:
             return f"stamped {-way:.2f} s after it came, must be {EARLY:g} s at most"
+        if self._range_min > self._sees_from + UNSEEN:
+            return f"has range_min {self._range_min:g} m: this robot needs at most {self._sees_from:.3g} m"
         if self._wrong is not None and self._wrong.since >= self._began:
             speed, turn_rate = self._wrong.command
             return f"cannot be placed by odometry that said {speed:.3g} m/s, {turn_rate:.3g} rad/s"
@@ -132,7 +149,8 @@ class Scanner:
         moving = self._moves[-1].command if self._moves else AT_REST
         hold = max(0.0, now.mono - self._ended) + self._lasts
         seen = [point for circle in strangers for point in circle.points]
-        command, self.zone = guarded(command, moving, seen, self._body, hold)
+        body = self._body._replace(margin=self.margin)
+        command, self.zone = guarded(command, moving, seen, body, hold)
         return command
 
     def _motion(self, begin: float, end: float) -> Motion:

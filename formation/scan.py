@@ -82,13 +82,14 @@ def points(scan: LaserScan, mount: Mount, body_radius: float, motion: Motion = S
     found = []
     last = max(1, len(rays) - 1)
     for number, distance in enumerate(scan.ranges):
-        if distance == -math.inf:  # something is there, and nearer than the scanner can tell
-            distance = nearest  # noqa: PLW2901
-        if not nearest <= distance <= furthest:
+        near = distance == -math.inf  # something is there, and nearer than the scanner can tell
+        if not near and not nearest <= distance <= furthest:
             continue
-        point = sits + distance * rays[number]
+        point = sits + (nearest if near else distance) * rays[number]
         if abs(point) <= body_radius:
             continue
+        if near:  # it may be as near as it can be
+            point = sits + _to_edge(sits, rays[number], body_radius) * rays[number]
         if motion is not STOOD:
             back = number / last - 1.0
             position, heading = along(0j, 1.0 + 0.0j, back * motion.distance, back * motion.turn)
@@ -143,6 +144,12 @@ def obstacles(found: Iterable[Circle], within: float) -> tuple[Obstacle, ...]:
             nearest[sector] = clearance, circle
     ordered = sorted(nearest.values(), key=lambda one: one[0])
     return tuple(Obstacle(circle.at, circle.radius, 0j, first=True, stands=True) for _, circle in ordered)
+
+
+def _to_edge(sits: complex, ray: complex, radius: float) -> float:
+    """How far it is from a scanner along a ray to the edge of the body [m]; 0 for one that sits outside."""
+    along, aside = (sits * ray.conjugate()).real, (sits * ray.conjugate()).imag
+    return math.sqrt(radius * radius - aside * aside) - along if abs(sits) < radius else 0.0
 
 
 @lru_cache(maxsize=8)

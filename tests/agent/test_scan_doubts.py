@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterable
 
 import pytest
 
 from agent.commander import AT_REST
 from agent.scanner import LONGEST_SWEEP, Scanner
-from formation.ros2.messages import Odometry, decode, encode
+from formation.raycast import Scanner as Device
+from formation.ros2.messages import LaserScan, Odometry, decode, encode
 from formation.topics import ODOM, SCAN
 from formation.unicycle import Command
 from formation.wire import Sample
@@ -143,3 +145,56 @@ def test_a_robot_whose_scanner_has_a_clock_that_goes_ahead_holds() -> None:
     assert scanner.doubt is None
     scanner.take(scan(1.5, post(1.0)), 1.2, at(1.2))
     assert scanner.doubt == "stamped 0.30 s after it came, must be 0.1 s at most"
+
+
+# Scanners that are blind to what is near
+
+
+@pytest.mark.parametrize("speed", [0.2, 0.5])
+def test_what_is_nearer_than_the_scanner_can_tell_is_not_driven_into(speed: float) -> None:
+    for ahead in (0.45, 1.2):
+        robot = Robot([(ahead + 0j, 0.1)], range_min=0.5, too_near=-math.inf)
+        robot.drive(Command(speed, 0.0), 12.0)
+        assert robot.nearest > 0.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_thin_post_behind_a_burger_is_not_lost_where_its_scanner_cannot_see(seed: int) -> None:
+    """An LDS-01 behind the axle sees no nearer than the margin of a robot of 0.1 m."""
+    robot = Robot([(-0.8 + 0j, 0.01)], behind=0.032, lost=0.1)
+    robot.rng.seed(seed)
+    robot.drive(Command(-0.2, 0.0), 30.0)
+    assert robot.nearest > 0.05
+
+
+@pytest.mark.parametrize(
+    ("range_min", "where", "blind"),
+    [(0.12, "", False), (0.15, "", False), (0.16, "", True), (0.12, ", x = -0.032", False), (0.5, "", True)],
+)
+def test_a_scanner_that_is_blind_beyond_body_and_margin_is_doubted(
+    range_min: float, where: str, blind: bool
+) -> None:
+    scanner = Scanner(mission(scan=where), "robot2")
+    said = scan(0.0, post(1.0), device=Device(range_min=range_min))
+    scanner.take(decode(LaserScan, encode(said)), 0.0, at(0.0))
+    wants = f"has range_min {range_min:g} m: this robot needs at most 0.15 m"
+    assert scanner.doubt == (wants if blind else None)
+
+
+@pytest.mark.parametrize(("scanner", "state"), [("required", "hold"), ("optional", "run")])
+def test_who_requires_a_scanner_that_is_blind_to_what_is_near_holds_and_who_does_not_is_warned(
+    scanner: str, state: str
+) -> None:
+    fleet = Fleet(team(ALONE, scanner=scanner))
+
+    def blind(sample: Sample) -> Iterable[Sample]:
+        if sample.key == KEY:
+            seen = dataclasses.replace(decode(LaserScan, sample.payload), range_min=0.5)
+            sample = sample._replace(payload=encode(seen))
+        return (sample,)
+
+    fleet.meddle = blind
+    fleet.run(3.0)
+    assert said_of(fleet, "state") == state
+    message = fleet.message("robot1")
+    assert message.count("range scan has range_min 0.5 m: this robot needs at most 0.15 m") == 1

@@ -103,6 +103,7 @@ def test_turning_the_scanner_turns_what_it_sees(
 
 @given(sweeps, st.floats(0.0, 1.0))
 def test_its_own_body_is_nothing_in_a_robots_way(ranges: tuple[float, ...], radius: float) -> None:
+    ranges = tuple(distance for distance in ranges if distance > 0.0) or (math.inf,)
     hits = points(scan(ranges), Mount(0.05 + 0j), radius)
     assert all(abs(hit) > radius for hit in hits)
     everything = points(scan(ranges), Mount(0.05 + 0j), 0.0)
@@ -143,8 +144,19 @@ def test_what_stands_is_seen_where_it_stands_after_going_on(
 # What robots meet
 
 
-def test_something_too_near_to_be_measured_is_there_all_the_same() -> None:
-    assert points(scan((-math.inf,)), HERE, 0.1) == [0.12 + 0j]
+@given(mounts, st.floats(0.0, 0.5))
+def test_something_too_near_to_be_measured_is_at_the_edge_of_the_body_or_is_the_body(
+    mount: Mount, radius: float
+) -> None:
+    found = points(scan((-math.inf,)), mount, radius)
+    if abs(mount.at + 0.12 * mount.heading) <= radius:
+        assert found == []
+        return
+    (point,) = found
+    assert abs(point) == pytest.approx(max(radius, abs(mount.at)))
+    along_ray = (point - mount.at) / mount.heading
+    assert -1e-9 <= along_ray.real <= 0.12 + 1e-9
+    assert along_ray.imag == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("says", [0.0, 0.05, 3.6, 100.0, math.inf])
