@@ -90,14 +90,17 @@ class Scanner:
         """Learn from a scan. Raises BadMessage for one whose stamp does not follow from the last."""
         self.stream.admit(scan.stamp, arrived, now)
         says = scan.time_increment * (len(scan.ranges) - 1)
-        sweep = min(says if self._scan.sweep is None else self._scan.sweep, LONGEST_SWEEP)
+        told = says if self._scan.sweep is None else self._scan.sweep
+        sweep = min(abs(told), LONGEST_SWEEP)
         # a scan that is taken for newer than it is may cost more than room: by a stamp that is not believed
         # it is as old as it can well be, and not, as a neighbour's position, from now
-        self._began = arrived - min(max(0.0, self.stream.underway), self.stream.longest_way)
-        self._ended = min(self._began + sweep, arrived)
+        began = arrived - min(max(0.0, self.stream.underway), self.stream.longest_way)
+        # no scan comes before it is made: there are drivers that stamp the last beam
+        self._began = min(began, arrived - sweep)
+        self._ended = self._began + sweep
         self._range_min = scan.range_min
         motion = self._motion(self._began, self._ended) if sweep else STOOD
-        hits = scans.points(scan, self._scan.mount, self._radius, motion)
+        hits = scans.points(scan, self._scan.mount, self._radius, motion, against=told < 0.0)
         found = scans.circles(hits, scan.angle_increment)
         reach = self._reach + self.margin - self._scan.margin
         self._circles = [circle for circle in found if abs(circle.at) - circle.radius < reach]

@@ -71,11 +71,13 @@ class Mate(NamedTuple):
     """[m/s; body frame]"""
 
 
-def points(scan: LaserScan, mount: Mount, body_radius: float, motion: Motion = STOOD) -> list[complex]:
-    """Where the beams hit, in the order of the beams [m; body frame at the last beam].
+def points(
+    scan: LaserScan, mount: Mount, body_radius: float, motion: Motion = STOOD, *, against: bool = False
+) -> list[complex]:
+    """Where the beams hit, in the order of the beams [m; body frame at the end of the sweep].
 
-    `motion` is that of the body from the first beam to the last. What lies within `body_radius` [m] of the
-    robot's centre is its own body.
+    `motion` is that of the body during the sweep, which begins with the first beam, or with the last where
+    the order is `against` time. What lies within `body_radius` [m] of the robot's centre is its own body.
     """
     nearest, furthest, sits = scan.range_min, scan.range_max, mount.at
     rays = _rays(scan.angle_min, scan.angle_increment, len(scan.ranges), mount.heading)
@@ -91,7 +93,7 @@ def points(scan: LaserScan, mount: Mount, body_radius: float, motion: Motion = S
         if near:  # it may be as near as it can be
             point = sits + _to_edge(sits, rays[number], body_radius) * rays[number]
         if motion is not STOOD:
-            back = number / last - 1.0
+            back = -number / last if against else number / last - 1.0
             position, heading = along(0j, 1.0 + 0.0j, back * motion.distance, back * motion.turn)
             point = position + heading * point
         found.append(point)

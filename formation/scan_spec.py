@@ -24,10 +24,10 @@ class ScanSpec(Table):
     """… and to its left [m]."""
     yaw_deg: float = 0.0
     """Angle of its x axis from the robot's, counter-clockwise."""
-    sweep: NotNegative | None = None
+    sweep: Annotated[float, Field(ge=-1.0, le=1.0)] | None = None
     """How long a scan takes from its first beam to its last [s]; by default what each scan says.
 
-    The driver of the LDS-01 says 0.01 s where it is 0.2 s.
+    Negative where its first beam is the newest. The driver of the LDS-01 says 0.01 s where it is -0.2 s.
     """
     margin: NotNegative = 0.05
     """Of free space that the robot keeps around its radius [m]."""

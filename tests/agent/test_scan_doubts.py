@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import dataclasses
 import math
 from collections.abc import Callable, Iterable
@@ -198,3 +199,28 @@ def test_who_requires_a_scanner_that_is_blind_to_what_is_near_holds_and_who_does
     assert said_of(fleet, "state") == state
     message = fleet.message("robot1")
     assert message.count("range scan has range_min 0.5 m: this robot needs at most 0.15 m") == 1
+
+
+# Scans whose beams are of many moments
+
+
+@pytest.mark.parametrize("turn", [1.0, -1.0])
+@pytest.mark.parametrize("newest_first", [False, True])
+@pytest.mark.parametrize("stamped", ["first", "last"])
+def test_a_sweep_is_undone_whichever_beam_is_stamped_and_whichever_is_the_newest(
+    stamped: str, newest_first: bool, turn: float
+) -> None:
+    """The robot turns on the spot, and the scanner sees a post with a single beam."""
+    sweep = 0.2
+    for beam in range(0, 360, 15):
+        scanner = Scanner(mission(scan=f", sweep = {-sweep if newest_first else sweep}"), "robot2")
+        for tick in range(13):
+            scanner.moved(0.05 * tick, Command(0.0, turn))
+        ranges = [math.inf] * 360
+        ranges[beam] = 1.0
+        done, seen = 0.6, 0.6 - sweep * (beam / 359 if newest_first else 1.0 - beam / 359)
+        stamp = done - sweep if stamped == "first" else done
+        scanner.take(scan(stamp, ranges), done + 0.002, at(done + 0.002))
+        (circle,) = scanner.strangers(at(0.65), [])
+        there = cmath.rect(1.0, math.radians(beam) - turn * (0.65 - seen))
+        assert abs(cmath.phase(circle.at / there)) < 0.03

@@ -56,6 +56,7 @@ def test_posts_and_walls_stand_where_the_mission_says() -> None:
         ("", "scan = { z = 1.0 }", "robot.scan.z; legal here: rate, x, y, yaw_deg, sweep, margin, lag"),
         ("", "scan = { rate = 0.0 }", "scan.rate = 0.0"),
         ("", "scan = { margin = -0.1 }", "scan.margin = -0.1"),
+        ("", "scan = { sweep = -1.5 }", "scan.sweep = -1.5"),
         ("[[simulation.posts]]\nx = 0.0\ny = 0.0", "", "posts.0.radius is missing; legal here: x, y, radius"),
         ("[[simulation.posts]]\nx = 0.0\ny = 0.0\nradius = 0.0", "", "radius = 0.0"),
         ("[[simulation.walls]]\nbegin = [0, 1]", "", "walls.0.end is missing; legal here: begin, end"),
