@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from formation.arrays import ComplexArray, FloatArray
 from formation.avoidance import SHARPER
 from formation.edges import Edges
+from formation.figure import Figure
 from formation.law import LAWS, Law, Limits
 from formation.mission import Mission
 from formation.neighbour import FRESH_PERIODS, longest_way
@@ -136,8 +137,7 @@ class Ensemble:
         self.error: FloatArray = self._error_now()
         """Formation error of every run now [m], infinite where it has left the numbers; shape (R,)."""
         self.nearest: FloatArray = np.full(len(self.error), np.inf)
-        """How near two bodies came to each other [m], shape (R,): negative where they touched, infinite with
-        collisions off."""
+        """How near two bodies came [m], shape (R,): negative where they touched, infinite where off."""
         self.last_out = np.where(self.error >= mission.settled, 0, -1)
         """Step at which it was not under the mission's bound for the last time, -1 for never; shape (R,)."""
         self.errors: FloatArray = np.full((plan.steps // plan.stride + 1, len(self.error)), np.inf)
@@ -230,7 +230,8 @@ def _edges(mission: Mission, options: Options, step: float) -> NDArray[Any]:
     robots = [mission.robots[name] for name in mission.names]
     local = np.array([(options.measurement or robot.measurement) == "local" for robot in robots])
     edges = np.zeros(len(graph.heads), EDGE)
-    edges["head"], edges["desired"] = graph.heads, graph.along_edges(np.array(mission.slots()))
+    slots = np.array(Figure.first(mission).slots(mission))
+    edges["head"], edges["desired"] = graph.heads, graph.along_edges(slots)
     edges["late"] = np.where(local[graph.tails], 0.0, options.delay_steps(step) * step)
     edges["limit"] = np.array([FRESH_PERIODS / robot.rate for robot in robots])[graph.heads]
     edges["longest_way"] = np.array([longest_way(robot.rate) for robot in robots])[graph.heads]

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from formation.arrays import ComplexArray
+from formation.figure import Figure
 from formation.mission import Mission
 
 APART = 0.05
@@ -41,7 +42,7 @@ def random_starts(mission: Mission, runs: int, spread: float, rng: np.random.Gen
     heading = np.exp(1j * rng.uniform(-np.pi, np.pi, shape))
     away = rng.uniform(-spread, spread, shape) + 1j * rng.uniform(-spread, spread, shape)
     offset = np.array([mission.robots[name].control_point_offset for name in mission.followers])
-    slots = mission.robots[mission.leader].start.position + np.array(mission.slots()[1:])
+    slots = mission.robots[mission.leader].start.position + np.array(Figure.first(mission).slots(mission)[1:])
     position = slots + away - offset * heading
     radii = np.array([mission.robots[name].radius for name in mission.followers])
     for j in range(1, len(radii)):

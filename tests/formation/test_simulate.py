@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import json
 import math
 from typing import Any
@@ -19,6 +20,7 @@ from formation.route import Route
 from formation.simulation.ensemble import Options
 from formation.simulation.simulate import DWELL, simulate
 from formation.simulation.starts import APART, random_starts
+from formation.stability.analysis import analyse
 from formation.unicycle import advance, control_point
 from tests.formation import scenarios
 
@@ -115,6 +117,35 @@ def test_a_single_run_starts_as_the_mission_says() -> None:
     assert history.position[0].tolist() == [mission.robots[name].start.position for name in mission.names]
     assert history.names == mission.names
     assert history.time[-1] == pytest.approx(0.1)
+
+
+def test_a_mission_whose_shape_turns_is_the_same_mission_turned_as_a_whole() -> None:
+    upright, turned = (as_a_whole(load("six_robots"), degrees) for degrees in (0.0, 90.0))
+    times = [float(simulate(one, horizon=30.0).settling_time[0]) for one in (upright, turned)]
+    assert times[1] == pytest.approx(times[0], abs=0.05)
+    assert analyse(turned).settling_time_estimate == pytest.approx(
+        analyse(upright).settling_time_estimate, abs=0.1
+    )
+
+
+def test_random_starts_are_around_the_slots_as_they_are_turned() -> None:
+    turned = as_a_whole(load("six_robots"), 90.0)
+    starts = random_starts(turned, 20, 0.0, np.random.default_rng(0))
+    assert starts.position + 0.2 * starts.heading == pytest.approx(
+        np.tile(np.array(turned.slots()[1:]) * turned.leader_heading, (20, 1))
+    )
+
+
+def as_a_whole(mission: Mission, degrees: float) -> Mission:
+    """The mission with a shape that turns with its leader, all of it turned about the origin."""
+    said, turn = mission.model_dump(), cmath.rect(1.0, math.radians(degrees))
+    for name, robot in said["robots"].items():
+        start = mission.robots[name].start
+        place = start.position * turn
+        robot["start"] = {"x": place.real, "y": place.imag, "heading_deg": start.heading_deg + degrees}
+    for leg in said["route"]:
+        leg["heading_deg"] += degrees
+    return Mission.model_validate({**said, "turning": True})
 
 
 # What is reported
