@@ -14,6 +14,7 @@ from deploy.refusal import Refusal, refused
 from deploy.terminal.bar import Bar
 from deploy.terminal.units import metres
 from formation.mission import Mission
+from formation.route import Route
 from formation.simulation.body import PROFILES, Body
 from formation.simulation.ensemble import Options
 from formation.simulation.simulate import Result, simulate
@@ -21,6 +22,8 @@ from monitor.report.panels import draw
 
 MOST_RUNS = 100_000
 """All runs go in step, and their robots have to fit into memory together."""
+ROUNDING = 1e-9
+"""Headings that differ by less are the same: waypoints in a line have such."""
 EXAMPLES = """\
   formation simulate six_robots                          one run, from the mission's own starts
   formation simulate six_robots --runs 400 --law paper   many, from random starts; compare the laws
@@ -116,13 +119,22 @@ def _bodies(mission: Mission, result: Result) -> Iterator[str]:
 
 def left_out(mission: Mission) -> list[str]:
     """What the mission has, and this does not simulate."""
-    world, robots = mission.simulation, (mission.robots[name] for name in mission.followers)
+    world, robots = mission.simulation, [mission.robots[name] for name in mission.followers]
     found = {
         "scanners": any(robot.scanner != "none" for robot in robots),
         "posts": bool(world.posts),
         "walls": bool(world.walls),
+        "turning": mission.turning and _turns(mission),
+        "together": mission.together is not None,
+        "ramp": mission.law.kind != "paper" and any(robot.ramp > 0.0 for robot in robots),
     }
     return [what for what, there in found.items() if there]
+
+
+def _turns(mission: Mission) -> bool:
+    """Whether the leader's heading changes on its route."""
+    arcs = Route.of(mission).arcs
+    return any(arc.turn_rate != 0.0 or abs(arc.heading - arcs[0].heading) > ROUNDING for arc in arcs)
 
 
 def report(mission: Mission, options: argparse.Namespace, result: Result) -> dict[str, Any]:

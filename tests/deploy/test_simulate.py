@@ -14,6 +14,8 @@ import pytest
 
 from deploy import simulate
 from deploy.cli import main
+from deploy.terminal.bar import Bar
+from formation.mission_file import parse, read
 from formation.simulation.body import PROFILES
 
 SHORT = ("--horizon", "15")
@@ -41,11 +43,40 @@ def test_it_says_that_it_simulates_no_scanners_and_nothing_that_stands_about(
 ) -> None:
     assert main(["simulate", "posts", "--json"]) == 0
     *lines, last = capsys.readouterr().out.splitlines()
-    assert "  not simulated    scanners, posts, walls; formation run has them" in lines
-    assert json.loads(last)["not_simulated"] == ["scanners", "posts", "walls"]
-    text, result = simulated(capsys)
+    assert "  not simulated    scanners, posts, walls, ramp; formation run has them" in lines
+    assert json.loads(last)["not_simulated"] == ["scanners", "posts", "walls", "ramp"]
+    text, result = simulated(capsys, "--law", "paper")
     assert "not simulated" not in text
     assert result["not_simulated"] == []
+
+
+ENDLESS = "speed = 0.05\nheading_deg = 0\n"
+CORNER = f"{ENDLESS}duration = 5\n[[route]]\nspeed = 0.05\nheading_deg = 90\n"
+ROUND = "speed = 0.05\nradius = 4\n"
+NO_RAMP = ("[robot]", "[robot]\nramp = 0")
+TURNING = ("duration", "turning = true\nduration")
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ((), ["ramp"]),
+        ((NO_RAMP,), []),
+        ((NO_RAMP, ("[collisions]", "[together]\nerror = 0.5\n[collisions]")), ["together"]),
+        ((NO_RAMP, TURNING), []),
+        ((NO_RAMP, (ENDLESS, CORNER)), []),
+        ((NO_RAMP, (ENDLESS, CORNER), TURNING), ["turning"]),
+        ((NO_RAMP, (ENDLESS, ROUND), TURNING), ["turning"]),
+    ],
+)
+def test_what_the_mission_has_and_this_does_not_is_named(
+    changes: tuple[tuple[str, str], ...], named: list[str]
+) -> None:
+    text = read("turtlebot3_pair")[0]
+    for before, after in changes:
+        assert before in text
+        text = text.replace(before, after, 1)
+    assert simulate.left_out(parse(text, "mission.toml")) == named
 
 
 def test_one_run_starts_as_the_mission_says_and_many_as_the_seed_says(
