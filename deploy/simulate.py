@@ -102,6 +102,8 @@ def words(mission: Mission, seed: int | None, result: Result) -> str:
 def _bodies(mission: Mission, result: Result) -> Iterator[str]:
     """Whether bodies have touched, and what became of robots that kept each other from moving."""
     found = result.summary()
+    if not result.watched:
+        yield "  bodies           not watched: collisions are off"
     if found["nearest"] is None:
         return
     runs, touched = found["runs"], found["touched"]

@@ -48,9 +48,11 @@ class Result:
     """Shape (R,)."""
     final_error: FloatArray
     """At the horizon [m], infinite where a run left the numbers; shape (R,)."""
+    watched: bool
+    """Whether it was looked who touches whom: not with collisions off."""
     nearest: FloatArray
-    """How near two bodies came to each other [m], shape (R,): negative where they touched, infinite with
-    collisions off."""
+    """How near two bodies came to each other [m], shape (R,): negative where they touched, infinite where
+    nobody looked."""
     deadlocks: NDArray[np.int64]
     """Of all robots; shape (R,)."""
     time: FloatArray
@@ -78,7 +80,7 @@ class Result:
                 "median": _number(np.median(self.final_error)),
                 "max": _number(self.final_error.max()),
             },
-            "touched": int((self.nearest < 0.0).sum()),
+            "touched": int((self.nearest < 0.0).sum()) if self.watched else None,
             "nearest": _number(self.nearest.min()),
             "deadlocks": int(self.deadlocks.sum()),
             "wall_time": self.wall_time,
@@ -159,6 +161,7 @@ def _result(
         settling_time=np.where(converged, (ensemble.last_out + 1) * step, np.nan),
         converged=converged,
         final_error=ensemble.error,
+        watched=mission.collisions.mode != "off",
         nearest=ensemble.nearest,
         deadlocks=ensemble.followers["deadlocks"].sum(axis=1),
         time=step * stride * np.arange(len(ensemble.errors), dtype=np.float64),

@@ -79,6 +79,17 @@ def test_what_the_mission_has_and_this_does_not_is_named(
     assert simulate.left_out(parse(text, "mission.toml")) == named
 
 
+def test_where_collisions_are_off_it_says_that_nobody_looked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = read("turtlebot3_pair")[0].replace("[collisions]", '[collisions]\nmode = "off"')
+    (tmp_path / "off.toml").write_text(text)
+    assert main(["simulate", str(tmp_path / "off.toml"), *SHORT, "--json"]) == 0
+    *lines, last = capsys.readouterr().out.splitlines()
+    assert "  bodies           not watched: collisions are off" in lines
+    assert json.loads(last)["touched"] is None
+
+
 def test_one_run_starts_as_the_mission_says_and_many_as_the_seed_says(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

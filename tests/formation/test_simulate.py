@@ -151,6 +151,13 @@ def as_a_whole(mission: Mission, degrees: float) -> Mission:
 # What is reported
 
 
+def test_where_nobody_looks_whether_bodies_touch_their_number_is_null() -> None:
+    found = simulate(SIX, runs=2, horizon=1.0).summary()
+    assert SIX.collisions.mode == "off"
+    assert (found["touched"], found["nearest"]) == (None, None)
+    assert simulate(load("six_robots"), horizon=1.0).summary()["touched"] == 0
+
+
 def test_the_summary_has_the_keys_of_the_command_and_no_infinities() -> None:
     found = simulate(SIX, runs=3, horizon=30.0).summary()
     assert set(found) == {
