@@ -17,7 +17,7 @@ from formation.graph import cyclic_core
 from formation.mission import Mission
 from formation.route import Route
 from formation.simulation.simulate import simulate
-from formation.stability import feasibility, meeting, spectrum
+from formation.stability import crowding, feasibility, meeting, spectrum
 from formation.stability.losses import useless_fallbacks
 
 GROWTH = 2.0
@@ -97,7 +97,10 @@ def analyse(mission: Mission, law: str | None = None) -> Analysis:
     margin = spectrum.delay_margin(mu, gains.k_p, gains.k_i)
     settling = settling_time(mission, law)
     warnings = [*feasibility.warnings(mission), *useless_fallbacks(mission), *_shaky(mission, margin, peaks)]
-    warnings += meeting.warnings(mission) if law == "field" else ()
+    problems = [*faults, *_sampling(mission, mu, stable=not faults), *feasibility.problems(mission)]
+    if law == "field":
+        problems += crowding.problems(mission)
+        warnings += [*meeting.warnings(mission), *crowding.warnings(mission)]
     if settling is None:
         horizon = mission.simulation.horizon
         warnings.append(f"from its own starts the formation does not settle within {horizon:g} s ({law} law)")
@@ -114,7 +117,7 @@ def analyse(mission: Mission, law: str | None = None) -> Analysis:
         settling_time_estimate=settling,
         delay_margin=margin,
         amplification=dict(zip(mission.followers, peaks.tolist(), strict=True)),
-        problems=(*faults, *_sampling(mission, mu, stable=not faults), *feasibility.problems(mission)),
+        problems=tuple(problems),
         warnings=tuple(warnings),
     )
 
