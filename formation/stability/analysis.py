@@ -101,6 +101,8 @@ def analyse(mission: Mission, law: str | None = None) -> Analysis:
     if law == "field":
         problems += crowding.problems(mission)
         warnings += [*meeting.warnings(mission), *crowding.warnings(mission)]
+    else:
+        warnings += meeting.unfiltered(mission)
     if settling is None:
         horizon = mission.simulation.horizon
         warnings.append(f"from its own starts the formation does not settle within {horizon:g} s ({law} law)")

@@ -16,6 +16,12 @@ class Way(NamedTuple):
     end: complex
 
 
+def unfiltered(mission: Mission) -> Iterator[str]:
+    """What `formation check` says of the printed law."""
+    if mission.collisions.mode != "off" and len(mission.followers) > 1:
+        yield "by the paper's law commands are as printed, without collision filter: nobody avoids anybody"
+
+
 def unminded(mission: Mission) -> tuple[tuple[str, str], ...]:
     """Pairs of followers whose bodies could meet, of whom not each minds the other.
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from formation.mission_file import load
 from formation.stability.analysis import analyse
 from formation.stability.meeting import Way, between, unminded, warnings
 from tests.formation import scenarios
@@ -14,6 +15,7 @@ from tests.formation.planar import vectors
 
 ways = st.builds(Way, vectors, vectors)
 FILE = scenarios.build(np.array([0, -1, -2, -3 + 0j]), ((), (0,), (1,), (2,)))
+SIX = load("six_robots")
 
 
 @given(ways, ways, st.floats(0.0, 1.0), st.floats(0.0, 1.0))
@@ -54,3 +56,11 @@ def test_who_stays_where_he_starts_meets_nobody() -> None:
 
 def test_nobody_is_warned_who_wants_no_collisions_avoided() -> None:
     assert unminded(scenarios.exchanged(FILE, mind=(), mode="off")) == ()
+
+
+def test_by_the_printed_law_nobody_avoids_anybody_and_that_is_said() -> None:
+    said = "by the paper's law commands are as printed, without collision filter: nobody avoids anybody"
+    assert said in analyse(SIX, "paper").warnings
+    assert said not in analyse(SIX).warnings
+    assert scenarios.six().collisions.mode == "off"
+    assert said not in analyse(scenarios.six(), "paper").warnings
