@@ -23,7 +23,7 @@ from pydantic import (
     ValidationError,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
+from pydantic_core import PydanticCustomError, to_json
 
 from formation.legs import Leg
 from formation.tables import as_tuple
@@ -38,8 +38,10 @@ MAX_REQUEST = 16_384
 LEADER_LOST = 1.0
 """Silence of the leader's beat after which it counts as gone, and everybody stands still [s]."""
 
-LONGEST_REASON = 120
-"""[characters]"""
+LONGEST_REASON = 400
+"""It may name some robots, of up to 64 each [characters]."""
+ROOM = MAX_BYTES - 160
+"""For the reason, of a reply [bytes]."""
 
 Mode = Literal["hold", "run", "stop"]
 Do = Literal["hold", "run", "stop", "release", "shape", "rotate", "scale", "speed", "route", "tune"]
@@ -229,6 +231,14 @@ def newer(a: Order, b: Order | None) -> bool:
 def encode(value: Order | Told | Ballot | OperatorRequest | OperatorReply) -> bytes:
     """JSON, UTF-8; what is as it always was is left out, so that older robots understand a stop."""
     return value.model_dump_json(exclude_defaults=True).encode()
+
+
+def shortened(reason: str) -> str:
+    """As much of a reason as a reply has room for. What is cut says so: half a number is a wrong one."""
+    said = reason if len(reason) <= LONGEST_REASON else f"{reason[: LONGEST_REASON - 1]}…"
+    while len(to_json(said)) > ROOM:  # what is no ASCII takes more than a byte
+        said = f"{said[:-2]}…"
+    return said
 
 
 def decode(cls: type[J], data: bytes) -> J:

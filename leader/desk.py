@@ -9,7 +9,7 @@ from typing import NamedTuple
 from formation import order
 from formation.election import Standing
 from formation.once import Once
-from formation.order import LONGEST_REASON, Mode, OperatorReply, OperatorRequest
+from formation.order import Mode, OperatorReply, OperatorRequest
 from leader.conduct import Conduct
 
 TOLD = 3
@@ -87,7 +87,7 @@ class Desk:
 
     def reply(self, *, ok: bool, reason: str) -> bytes:
         """What the operator gets to read."""
-        seat, said = self._seat(), reason[:LONGEST_REASON]
+        seat, said = self._seat(), order.shortened(reason)
         return order.encode(
             OperatorReply(robot=self._name, ok=ok, mode=seat.mode, reason=said, leads=seat.leads)
         )

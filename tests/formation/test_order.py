@@ -9,7 +9,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from formation.order import MAX_BYTES, OperatorReply, OperatorRequest, Order, decode, encode, newer
+from formation.order import (
+    LONGEST_REASON,
+    MAX_BYTES,
+    OperatorReply,
+    OperatorRequest,
+    Order,
+    decode,
+    encode,
+    newer,
+    shortened,
+)
 from formation.wire import BadMessage
 from tests.formation.mutations import mutated
 
@@ -55,9 +65,19 @@ def test_a_stop_says_nothing_that_a_robot_did_not_know_before_there_were_shapes(
     assert json.loads(encode(OperatorRequest(do="stop", id="a"))) == {"do": "stop", "id": "a"}
 
 
-def test_the_longest_reply_fits() -> None:
-    reply = OperatorReply(robot="r" * 64, ok=False, mode="stop", reason="\x00" * 120)
+@pytest.mark.parametrize("sign", ["a", "\x00", "é", "\U0001f916", '"'])
+def test_the_longest_reply_fits_in_any_script_and_shows_that_it_was_cut(sign: str) -> None:
+    said = shortened(sign * 5000)
+    assert said.endswith(f"{sign}…")
+    reply = OperatorReply(robot="r" * 64, ok=False, mode="stop", reason=said, leads=False)
     assert decode(OperatorReply, encode(reply)) == reply
+    assert MAX_BYTES // 2 < len(encode(reply)) <= MAX_BYTES
+
+
+def test_a_reason_that_there_is_room_for_is_left_as_it_is() -> None:
+    assert shortened("") == ""
+    assert shortened("a" * LONGEST_REASON) == "a" * LONGEST_REASON
+    assert shortened("a" * LONGEST_REASON + "b") == "a" * (LONGEST_REASON - 1) + "…"
 
 
 def test_an_order_is_a_value() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 from formation import order
 from formation.election import LISTENING
 from formation.legs import Straight
+from formation.mission import Mission
 from formation.mission_file import load
 from formation.order import OperatorReply, OperatorRequest
 from formation.ros2.messages import Diagnostics, decode
@@ -66,6 +67,17 @@ def test_what_is_refused_is_said_too_and_a_repetition_is_not() -> None:
     ((said,),) = step(leader, 11.0)
     assert (said["do"], said["factor"], said["ok"]) == ("scale", 0.01, False)
     assert "would touch" in said["reason"]
+
+
+def test_a_refusal_comes_whole_however_long_the_names_are() -> None:
+    text = SIX.model_dump_json()
+    for name, long in (("robot3", "a" * 64), ("robot4", "b" * 64)):
+        text = text.replace(f'"{name}"', f'"{long}"')
+    leader = leading(Mission.model_validate(json.loads(text)), 10.0)
+    small = order.encode(OperatorRequest(do="scale", factor=0.1, id="a"))
+    reason = order.decode(OperatorReply, leader.request(small, 10.0)).reason
+    assert len(reason) > 200
+    assert reason.endswith("; scale must be above 0.201")
 
 
 def test_who_is_asked_again_says_whether_it_leads_by_now() -> None:
