@@ -116,6 +116,7 @@ class Outcome(NamedTuple):
         return line
 
     def _lines(self) -> Iterator[str]:
+        width = max(12, 2 + max(len(name) for name in self.asked.names))
         for name in self.asked.names:
             answer = self.answers.get(name)
             if answer is None and name in self.asked.candidates and self.leader:
@@ -124,7 +125,7 @@ class Outcome(NamedTuple):
                 text = f"NO ANSWER within {self.seconds:g} s"
             else:
                 text = f"{self._verdict(name):<9}{answer.ms:7.1f} ms  {answer.reply.reason}"
-            yield f"  {name:<12}{text}".rstrip()
+            yield f"  {name:<{width}}{text}".rstrip()
 
     def _verdict(self, name: str) -> str:
         reply = self.answers[name].reply

@@ -62,6 +62,15 @@ def test_a_refusal_is_shown_with_its_reason() -> None:
     assert "run: 0 of 1 obey" in one.words()
 
 
+def test_a_long_name_is_not_glued_to_what_its_robot_says() -> None:
+    long = "a-robot-of-a-very-long-name"
+    said = answer("leader", ok=False, reason="release it first", leads=True)
+    one = outcome(RUN, Asked(("leader",), (long, "robot2")), said, answer(long), ROBOTS[1])
+    leader, other, short, _ = one.words().splitlines()
+    assert f"  {long}  stop " in other
+    assert leader.index("REFUSED") == other.index("stop") == short.index("stop")
+
+
 def test_who_stands_by_neither_obeys_nor_refuses() -> None:
     one = outcome(RUN, Asked(("leader", "spare")), LEADS, answer("spare", ok=False, leads=False))
     assert (one.obeyed, one.refused, one.standing_by) == (True, [], ["spare"])
