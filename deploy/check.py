@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from deploy.arguments import add_mission, as_json, parser, read_mission
+from deploy.terminal.waiting import waiting
 from formation.mission import Mission
 from formation.stability.analysis import Analysis, analyse
 from formation.stability.losses import Loss, losses
@@ -26,7 +27,8 @@ def main(arguments: Sequence[str]) -> int:
     flags.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
     options = flags.parse_args(arguments)
     mission = read_mission(options.mission, options.law)
-    found = analyse(mission)
+    with waiting("checking; the first time it takes ten seconds and more to compile the law"):
+        found = analyse(mission)
     print(words(mission, found))
     if options.json:
         print(as_json({"mission": mission.name, **found.as_json(), "losses": _as_json(mission)}))

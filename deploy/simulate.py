@@ -13,6 +13,7 @@ from deploy.arguments import add_mission, as_json, number, parser, read_mission,
 from deploy.refusal import Refusal, refused
 from deploy.terminal.bar import Bar
 from deploy.terminal.units import metres
+from deploy.terminal.waiting import waiting
 from formation.mission import Mission
 from formation.route import Route
 from formation.simulation.body import PROFILES, Body
@@ -40,6 +41,13 @@ def main(arguments: Sequence[str]) -> int:
         _check_plot(options.plot)
     with ExitStack() as stack:
         bar = stack.enter_context(Bar(f"{mission.name}, {options.runs} runs"))
+        first = stack.enter_context(ExitStack())
+        first.enter_context(waiting("compiling the law; the first time that takes ten seconds and more"))
+
+        def told(share: float) -> None:
+            first.close()  # by the first word of progress all is compiled
+            bar.at(share)
+
         try:
             result = simulate(
                 mission,
@@ -49,7 +57,7 @@ def main(arguments: Sequence[str]) -> int:
                 horizon=options.horizon,
                 spread=options.spread,
                 starts=None if options.spread is None else "random",
-                progress=bar.at,
+                progress=told,
                 keep=options.plot is not None,
             )
         except ValueError as error:

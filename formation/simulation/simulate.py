@@ -106,8 +106,9 @@ def simulate(
 
     One run starts as the mission says, several at random: within ± `spread` [m] of the slots. The starts
     depend on `seed` alone, so laws can be compared. `law` is a key of LAWS, or a law that gets what `field`
-    does. `progress` is told the share done, `keep` keeps the first run's history; of several runs the noise
-    and losses of a seed are then others. Raises ValueError for an argument out of range.
+    does. `progress` is told the share done, 0 once all is compiled. `keep` keeps the first run's history; of
+    several runs the noise and losses of a seed are then others. Raises ValueError for an argument out of
+    range.
     """
     law = law or mission.law.kind
     horizon = mission.simulation.horizon if horizon is None else horizon
@@ -123,6 +124,8 @@ def simulate(
     stride = math.ceil(steps / max(1, min(CURVE, ERRORS // runs)))
     ensemble = Ensemble(mission, law, options or Options(), first, step, noise, Plan(steps, stride))
     ensemble.run_on(0)  # compiles, if that was not done before
+    if progress is not None:
+        progress(0.0)
     began = time.perf_counter()
     film = _Film(mission, ensemble, steps) if keep else None
     group = film.pace if film else max(GROUPED, WORK // first.position.size)

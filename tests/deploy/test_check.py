@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from deploy import check
 from deploy.check import _eigenvalues
 from deploy.cli import main
 from formation.mission_file import load, read, shipped
@@ -75,6 +78,22 @@ def test_the_law_of_the_command_line_is_the_one_that_is_checked(capsys: pytest.C
     assert result["law"] == "paper"
     assert "six-robots, paper law" in out
     assert result["settling_time_estimate"] > 2.0 * checked(capsys, "six_robots")[2]["settling_time_estimate"]
+
+
+def test_who_waits_at_a_terminal_is_told_what_for(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told: list[str] = []
+
+    @contextmanager
+    def waiting(what: str) -> Iterator[None]:
+        told.append(what)
+        yield
+
+    monkeypatch.setattr(check, "waiting", waiting)
+    assert main(["check", "turtlebot3_pair"]) == 0
+    assert told == ["checking; the first time it takes ten seconds and more to compile the law"]
+    assert "nothing speaks against it" in capsys.readouterr().out
 
 
 def test_the_words_and_the_json_say_the_same(capsys: pytest.CaptureFixture[str]) -> None:

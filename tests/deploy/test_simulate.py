@@ -7,6 +7,8 @@ import os
 import pty
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -183,6 +185,27 @@ def test_a_plot_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert figure.read_bytes().startswith(b"\x89PNG")
     assert result["plot"] == str(figure)
     assert str(figure) in text
+
+
+def test_who_waits_at_a_terminal_for_the_law_to_be_compiled_is_told_so_until_it_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told: list[str] = []
+
+    @contextmanager
+    def waiting(what: str) -> Iterator[None]:
+        told.append(what)
+        yield
+        told.append("done")
+
+    def steps(share: float) -> None:
+        told.append(f"{share:g}")
+
+    monkeypatch.setattr(simulate, "waiting", waiting)
+    monkeypatch.setattr(Bar, "at", lambda _, share: steps(share))
+    simulated(capsys)
+    assert told[:3] == ["compiling the law; the first time that takes ten seconds and more", "done", "0"]
+    assert told[-1] == "1"
 
 
 def test_what_takes_long_shows_how_far_it_is_on_a_terminal_and_only_there() -> None:
