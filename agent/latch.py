@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from formation import order
 from formation.once import Once
-from formation.order import LONGEST_REASON, Do, Mode, OperatorReply, OperatorRequest
+from formation.order import Do, Mode, OperatorReply, OperatorRequest, shortened
 
 MINE = frozenset({"stop", "hold", "run", "release"})
 """What a robot itself may be asked for."""
@@ -67,5 +67,5 @@ class Latch:
         """What the operator gets to read."""
         mode = self.mode or ordered
         return order.encode(
-            OperatorReply(robot=self._robot, ok=ok, mode=mode, reason=reason[:LONGEST_REASON])
+            OperatorReply(robot=self._robot, ok=ok, mode=mode, reason=shortened(reason))
         )

@@ -17,8 +17,8 @@ from formation.mission_file import parse
 from formation.slots.shapes import MOST_SIDES, SHAPES
 
 MOST_ROBOTS = 200
-RADII = 3
-"""So many are between slots at least: bodies have room beside each other, at their starts as well."""
+RADII = 4.5
+"""So many are between slots at least: from there on the collision filter lets bodies into every shape."""
 EXAMPLES = """\
   formation new wedge --robots 7                       into wedge_7.toml
   formation new grid --robots 12 --spacing 0.8 --out field.toml
@@ -76,10 +76,10 @@ def _draft(options: argparse.Namespace) -> Draft:
     """What is asked for, checked."""
     profile = PROFILES[options.robot]
     spacing = profile.spacing if options.spacing is None else options.spacing
-    least = round(RADII * profile.radius, 6)
+    least = RADII * profile.radius
     if spacing < least:
         raise Refusal(
-            f"--spacing {spacing:g}: must be at least {least:.3g} m for robots of radius {profile.radius:g} m"
+            f"--spacing {spacing:g}: must be at least {least:g} m for robots of radius {profile.radius:g} m"
         )
     if options.shape == "polygon" and options.robots < 3:
         raise Refusal(f"--robots {options.robots}: a polygon needs at least 3")
@@ -104,11 +104,12 @@ def _options() -> argparse.ArgumentParser:
         help=f"how many, 2 to {MOST_ROBOTS}",
     )
     spacings = ", ".join(f"{profile.spacing:g} for {name}" for name, profile in PROFILES.items())
+    least = ", ".join(f"{RADII * profile.radius:g}" for profile in PROFILES.values())
     options.add_argument(
         "--spacing",
         type=number(0.0, 100.0, open_below=True),
         metavar="M",
-        help=f"between neighbouring slots [m] (default {spacings})",
+        help=f"between neighbouring slots [m] (default {spacings}; at least {least})",
     )
     options.add_argument(
         "--robot",

@@ -11,9 +11,11 @@ import pytest
 
 from deploy.cli import main
 from deploy.making.draft import PROFILES
+from deploy.new import RADII
 from formation.mission_file import load
 from formation.simulation.simulate import simulate
 from formation.slots.shapes import SHAPES
+from formation.stability.analysis import analyse
 from tests.deploy.every_mission import faults, made
 
 SAMPLE = (3, 4, 7, 16, 50)
@@ -57,11 +59,11 @@ def test_robots_have_bodies_and_are_as_many_as_asked_for_and_the_leader_is_a_poi
 
 @pytest.mark.parametrize("profile", PROFILES)
 @pytest.mark.parametrize("shape", SHAPES)
-def test_starts_are_near_the_slots_and_bodies_apart_also_at_the_least_spacing(
+def test_the_least_spacing_leaves_bodies_room_at_their_starts_and_in_formation(
     shape: str, profile: str
 ) -> None:
     radius = PROFILES[profile].radius
-    least = 3.0 * radius
+    least = RADII * radius
     assert main(["new", shape, "--robots", "23", "--robot", profile, "--spacing", f"{least:.4g}"]) == 0
     mission = load(f"{shape}_23.toml")
     starts = [mission.robots[name].start.position for name in mission.followers]
@@ -69,6 +71,9 @@ def test_starts_are_near_the_slots_and_bodies_apart_also_at_the_least_spacing(
         abs(start - mission.slot(name)) <= 0.5 for name, start in zip(mission.followers, starts, strict=True)
     )
     assert min(abs(a - b) for a, b in combinations(starts, 2)) > 2.4 * radius
+    found = analyse(mission)
+    assert not [*found.problems, *found.warnings]
+    assert simulate(mission).converged.all()
 
 
 def test_the_file_says_how_it_was_made_and_that_makes_it_again(capsys: pytest.CaptureFixture[str]) -> None:
@@ -102,7 +107,7 @@ def test_a_file_that_is_there_is_not_written_over_unless_that_is_asked_for(
         ("polygon --robots 2", "at least 3"),
         ("polygon --robots 5 --corners 6", "from 3 to the number of robots, 5"),
         ("circle --robots 5 --corners 4", "only a polygon"),
-        ("line --robots 5 --spacing 0.3", "at least 0.315 m"),
+        ("line --robots 5 --spacing 0.47", "at least 0.4725 m"),
         ("line --robots 5 --spacing nan", "above 0 and at most 100"),
         ("line --robots 5 --robot roomba", "turtlebot3_burger"),
         ("line --robots 5 --out mission.yaml", "must end in .toml"),
