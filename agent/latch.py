@@ -66,6 +66,4 @@ class Latch:
     def reply(self, ordered: Mode, *, ok: bool, reason: str) -> bytes:
         """What the operator gets to read."""
         mode = self.mode or ordered
-        return order.encode(
-            OperatorReply(robot=self._robot, ok=ok, mode=mode, reason=shortened(reason))
-        )
+        return order.encode(OperatorReply(robot=self._robot, ok=ok, mode=mode, reason=shortened(reason)))
