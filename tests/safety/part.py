@@ -58,7 +58,7 @@ def telling(name: str, every: float = 2.0) -> Callable[[float], None]:
     def tell(done: float) -> None:
         nonlocal last
         now = time.monotonic()
-        if now - last >= every:
+        if done > 0.0 and now - last >= every:
             left = (now - began) * (1.0 / done - 1.0)
             print(f"{name}: {100 * done:.0f} %, {left:.0f} s left", file=sys.stderr, flush=True)
             last = now
