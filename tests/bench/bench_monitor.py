@@ -120,14 +120,11 @@ def plans(rate: float, links: int) -> list[dict[str, Any]]:
     """Who speaks where: every link has as many robots as the others."""
     everybody = list(enumerate(names(ROBOTS)))
     linked = [everybody[i :: SPEAKERS * links] for i in range(SPEAKERS * links)]
-    ends: set[str] = set()
-    while len(ends) < len(linked):
-        ends.add(free_endpoint())
     return [
         {
             "rate": rate,
             "phase": i / SPEAKERS,
-            "robots": {ends.pop(): link for link in linked[i::SPEAKERS]},
+            "robots": {free_endpoint(): link for link in linked[i::SPEAKERS]},
         }
         for i in range(SPEAKERS)
     ]

@@ -86,7 +86,7 @@ class Fleet:
         self._file = folder / f"{followers}.toml"
         self._file.write_text(mission(followers, RATE))
         self._mission = load(self._file)
-        ends = _endpoints(1 + 2 * followers)
+        ends = [free_endpoint() for _ in range(1 + 2 * followers)]
         self._ends = dict(zip(self._mission.names, ends[: 1 + followers], strict=True))
         self._robots = dict(zip(self._mission.followers, ends[1 + followers :], strict=True))
         self._central = architecture == "central"
@@ -157,10 +157,3 @@ class Fleet:
             "agent", str(self._file), "--robot", name, *QUIET,
             "--robot-connect", self._robots[name], "-l", self._ends[name], *dialled,
         ]  # fmt: skip
-
-
-def _endpoints(count: int) -> list[str]:
-    ends: set[str] = set()
-    while len(ends) < count:
-        ends.add(free_endpoint())
-    return list(ends)

@@ -13,10 +13,16 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from itertools import cycle
 from typing import Any
 
 PATIENCE = 30.0
 """How long a test waits for what takes a fraction of a second on an idle machine [s]."""
+_PORTS = cycle(random.SystemRandom().sample(range(20_000, 32_000), 12_000))
+"""None is given twice, so that what is asked for together differs, though nobody listens there yet.
+
+They are below the ports that systems give to whoever asks for any, and each run has an order of its own.
+"""
 
 
 class Child:
@@ -102,12 +108,9 @@ def started(module: str, *arguments: str, nice: int = 0) -> Iterator[Child]:
 
 
 def free_endpoint() -> str:
-    """An endpoint of this machine that nobody listens on.
-
-    It is below the ports that systems give to whoever asks for any, so none is given away before it is used.
-    """
+    """An endpoint of this machine that nobody listens on, and that nobody else here was given."""
     while True:
-        port = random.SystemRandom().randrange(20_000, 32_000)
+        port = next(_PORTS)
         with socket.socket() as probe, suppress(OSError):
             probe.bind(("127.0.0.1", port))
             return f"tcp/127.0.0.1:{port}"
@@ -121,7 +124,7 @@ def held_endpoint() -> Iterator[str]:
     bound to it, if both allow the reuse of addresses.
     """
     while True:
-        port = random.SystemRandom().randrange(20_000, 32_000)
+        port = next(_PORTS)
         with socket.socket() as holder:
             holder.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:

@@ -76,6 +76,10 @@ class Runs(Protocol):
     def pid(self) -> int:
         """Its id."""
 
+    @property
+    def errors(self) -> str:
+        """What it wrote to stderr."""
+
     def event(self, name: str) -> Mapping[str, Any]:
         """Wait until it says so."""
 
@@ -128,12 +132,18 @@ class Team:
         for name in names:
             more = (flags or {}).get(name, [])
             self.agents[name] = self._start(name, "agent", [str(self._file), "--robot", name, *more])
+        for name in names:
+            self.agents[name].event("ready")
         self.settle(*names)
 
     def settle(self, *names: str) -> None:
         """Wait until these robots drive in formation."""
         for name in names:
-            self.wheels.until(partial(self.wheels.drives, name), f"{name} drives in formation")
+            try:
+                self.wheels.until(partial(self.wheels.drives, name), f"{name} drives in formation")
+            except AssertionError as error:
+                error.add_note(f"{self.wheels.about(name)}\n{self.agents[name].errors}")
+                raise
 
 
 def tries(team: Team, lose: Callable[[str], None], find: Callable[..., None]) -> list[float]:

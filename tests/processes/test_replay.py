@@ -21,8 +21,10 @@ from tests.processes.replayed import Replayed, Run, drive, replaying
 
 pytestmark = pytest.mark.processes
 Said = list[tuple[bytes, bytes | None]]
-QUIET = 0.003
-"""So far from the frames that are compared is every message: it is in both or in none [s]."""
+ROUNDED = 0.0006
+"""So far from when a frame was made is the time that stands in it [s]."""
+SOON = 0.001
+"""So long after what came last such a time is at most [s]."""
 
 
 @pytest.fixture(scope="module")
@@ -80,25 +82,30 @@ def test_everybody_who_listens_hears_every_message_byte_for_byte_with_what_rode_
     assert replay.process.returncode == 0
 
 
-def quiet_frames(run: Run, messages: list[Recorded]) -> list[dict[str, Any]]:
-    """Live frames with a known error and no message near them."""
-    own = {one.key for one in OWN}  # which are said at the very time of a frame
-    walls = [one.wall for one in messages if one.sample.key not in own]
+def moments(run: Run, messages: list[Recorded]) -> list[tuple[float, dict[str, Any]]]:
+    """Live frames with a known error, each with a time before which exactly the messages came that are in it.
 
-    def is_quiet(at: float) -> bool:
-        return not any(abs(wall - at) < QUIET for wall in walls)
-
-    return [one for one in run.frames if one["error"] is not None and is_quiet(one["t"])]
+    A recording has what a frame was made of before what the monitor itself said then.
+    """
+    own, found = {one.key for one in OWN}, []
+    said = [(number, one.wall) for number, one in enumerate(messages, 1) if one.sample.key in own]
+    for frame in run.frames:
+        until = max((number for number, wall in said if abs(wall - frame["t"]) < ROUNDED), default=0)
+        last = max((one.wall for one in messages[:until]), default=0.0)
+        following = min((one.wall for one in messages[until:]), default=0.0)
+        if frame["error"] is not None and last < following:
+            found.append((min(following, last + SOON), frame))
+    return found
 
 
 def test_the_page_shows_at_a_time_what_the_live_page_showed_then(run: Run, messages: list[Recorded]) -> None:
-    comparable = quiet_frames(run, messages)
-    assert len(comparable) >= 6
-    assert max(one["error"] for one in comparable) > 1.0  # it moves
-    chosen = comparable[:: max(1, len(comparable) // 7)]
+    comparable = moments(run, messages)
+    assert len(comparable) >= 20
+    assert max(live["error"] for _, live in comparable) > 1.0  # it moves
+    chosen = comparable[:: max(1, len(comparable) // 20)]
     with replaying(run.path, "--paused", "-l", free_endpoint()) as replay:
-        for live in [*chosen, *reversed(chosen)]:  # forwards and backwards
-            hello, frame = replay.picture(live["t"] + 0.001)
+        for at, live in [*chosen, *reversed(chosen)]:  # forwards and backwards
+            hello, frame = replay.picture(at)
             assert frame["replay"]["paused"]
             assert frame["replay"]["t"] == frame["t"]
             for name in ("mode", "shape", "converged", "missed", "rejected"):

@@ -72,7 +72,7 @@ class Team:
 def mission_text(robots: int = 20, more: str = "") -> str:
     """A mission of so many robots in rows of five, each behind the one before and the one beside it."""
     names = [f"robot{number}" for number in range(1, robots + 1)]
-    ends = iter(endpoints(2 * robots + 1))
+    ends = iter(free_endpoint, None)
     tables, slots = [f'[robots.{LEADER}]\nendpoint = "{next(ends)}"\nstart = {{ x = 0, y = 0 }}'], []
     for number, name in enumerate(names):
         row, column = divmod(number, 5)
@@ -85,14 +85,6 @@ def mission_text(robots: int = 20, more: str = "") -> str:
             f'endpoint = "{next(ends)}"\nrobot_endpoint = "{next(ends)}"'
         )
     return "\n\n".join([HEAD, "[shapes.rows]\n" + "\n".join(slots), *tables, more]) + "\n"
-
-
-def endpoints(number: int) -> Sequence[str]:
-    """So many, each free and another."""
-    ends: dict[str, None] = {}
-    while len(ends) < number:
-        ends[free_endpoint()] = None
-    return list(ends)
 
 
 @contextmanager

@@ -132,6 +132,13 @@ class Wheels:
         newest = self.moving[name][-1:], self.errors[name][-1:]
         return all(newest) and newest[0][0].speed > 0.5 * abs(self._route) and newest[1][0][1] < 0.02
 
+    def about(self, name: str) -> str:
+        """What was noted of a robot last, to find out why it does not do what it should."""
+        return (
+            f"{name} at {time.time()}: moved {self.moving[name][-3:]}\nwas told {self.said[name][-3:]}\n"
+            f"aside {self.errors[name][-3:]}\nthe leader {self._leader}"
+        )
+
     def stands(self, name: str, since: float) -> bool:
         """Whether, as of its newest odometry, a robot has stood for a while that began after `since`."""
         last = [one for one in self.moving[name][-STANDS:] if one.stamp >= since]

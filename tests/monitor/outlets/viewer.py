@@ -40,6 +40,11 @@ class Viewer:
         while len(self.channels) < number:
             self._learn(json.loads(self.connection.recv(timeout=30.0)))
 
+    def warned(self, number: int) -> None:
+        """Wait until the server has had so many things to say about what this client sent."""
+        while len(self.statuses) < number:
+            self._learn(json.loads(self.connection.recv(timeout=30.0)))
+
     def subscribe(self, *topics: str) -> None:
         wanted = [self.channels[topic]["id"] for topic in topics]
         self._topics.update(zip(wanted, topics, strict=True))
