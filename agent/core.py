@@ -226,7 +226,7 @@ class Agent:
         if not self._readonly:
             self._here.told(now.mono, self._commander.newest)
             if self._avoiding.scanner is not None and self._spec.localisation != "odometry":
-                self._avoiding.scanner.moved(now.mono, self._commander.newest)  # nobody knows better
+                self._avoiding.scanner.told(now.mono, self._commander.newest)
         return outbox
 
     def _position(self) -> Outgoing:

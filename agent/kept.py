@@ -259,6 +259,7 @@ KEPT: Mapping[type, Kept] = {
             "zone": word(*Zone, of=Zone),
             "_moves": recent(_MOVE),
             "_wrong": maybe(_MOVE),
+            "_told": maybe(_COMMAND),
             "_circles": _CIRCLES,
             "_began": real,
             "_ended": real,

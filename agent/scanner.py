@@ -1,8 +1,9 @@
 """What an agent makes of its robot's range scan: what is in the way, how fast it may go, is it from now.
 
-A scan is put where its robot is by now: by dead reckoning from the speeds that odometry reports, over the
-fraction of a second that a scan is old. That asks for no position and no heading, so neither a heading that
-is still being learned nor odometry that begins to count anew moves a post.
+A scan is put where its robot is by now: by dead reckoning from the speeds that odometry reports, or, where
+its place is told from outside, from those at which its wheels follow the commands, over the fraction of a
+second that a scan is old. That asks for no position and no heading, so neither a heading that is still being
+learned nor odometry that begins to count anew moves a post.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from formation.mission import Mission
 from formation.neighbour import FRESH_PERIODS
 from formation.ros2.messages import LaserScan
 from formation.scan import STOOD, Circle, Mate, Motion
-from formation.unicycle import Command, along
+from formation.unicycle import Command, along, driven
 from formation.wire import Now
 from formation.zones import AT_REST, Body, Zone, guarded
 
@@ -42,7 +43,7 @@ class Moving(NamedTuple):
 
 
 class Scanner:
-    """One robot's range scanner. Feed it with `moved` and `take`; ask for the rest when a command is due."""
+    """One robot's range scanner. Feed it with `moved` or `told`, and `take`; ask the rest for a command."""
 
     def __init__(self, mission: Mission, robot: str) -> None:
         spec = mission.robots[robot]
@@ -66,6 +67,7 @@ class Scanner:
         self._began = self._ended = 0.0  # [s, monotonic]
         self._range_min = 0.0  # of the newest scan [m]
         self._wrong: Moving | None = None  # the newest that it cannot have done
+        self._told: Command | None = None  # what it does by now follows from this, for nobody says it
 
     @property
     def margin(self) -> float:
@@ -74,7 +76,7 @@ class Scanner:
         return max(self._scan.margin, seen_from + NOISE)
 
     def moved(self, moment: float, moving: Command) -> None:
-        """The robot said at `moment` [s, monotonic] that it goes so fast, or nobody knows better.
+        """The robot said at `moment` [s, monotonic] that it goes so fast.
 
         Faster than it can go is no motion: by that the scan in hand would be carried away, through a wall.
         The robot is taken to go on as before, and what it has done since that scan is in doubt.
@@ -86,9 +88,20 @@ class Scanner:
         else:
             self._wrong = Moving(moment, moving)
 
+    def told(self, moment: float, command: Command) -> None:
+        """The robot is told so from `moment` [s, monotonic] on, and only by that is known how it moves.
+
+        Its wheels are taken to follow with the mission's lag. Wheels that lag less have less way to go.
+        """
+        self._follow(moment)
+        if self._told is None:
+            self.moved(moment, AT_REST)
+        self._told = command
+
     def take(self, scan: LaserScan, arrived: float, now: Now) -> None:
         """Learn from a scan. Raises BadMessage for one whose stamp does not follow from the last."""
         self.stream.admit(scan.stamp, arrived, now)
+        self._follow(arrived)
         says = scan.time_increment * (len(scan.ranges) - 1)
         told = says if self._scan.sweep is None else self._scan.sweep
         sweep = min(abs(told), LONGEST_SWEEP)
@@ -136,6 +149,7 @@ class Scanner:
         `mates` are those of the team whose places now are known from elsewhere, and who are minded there;
         they are looked for where they were when the scan was made.
         """
+        self._follow(now.mono)
         if not self.fresh(now):
             return []
         age = now.mono - self._ended
@@ -149,12 +163,21 @@ class Scanner:
         dies; and for as long as the scan is old, so that what has come nearer meanwhile, as fast as the robot
         itself, is minded as well.
         """
+        self._follow(now.mono)
         moving = self._moves[-1].command if self._moves else AT_REST
         hold = max(0.0, now.mono - self._ended) + self._lasts
         seen = [point for circle in strangers for point in circle.points]
         body = self._body._replace(margin=self.margin)
         command, self.zone = guarded(command, moving, seen, body, hold)
         return command
+
+    def _follow(self, moment: float) -> None:
+        """What the robot does at `moment` [s, monotonic], and has done since that was asked last."""
+        if self._told is not None and self._moves and moment > self._moves[-1].since:
+            since, moving = self._moves.pop()
+            mean, now = driven(moving, self._told, self._scan.lag, moment - since)
+            self._moves.append(Moving(since, mean))
+            self.moved(moment, now)
 
     def _motion(self, begin: float, end: float) -> Motion:
         """Way and turn from one moment to another [s, monotonic]."""

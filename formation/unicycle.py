@@ -13,6 +13,7 @@ Source: section 2.1 of the paper. Assumes rolling without slip.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from formation.plane import clip, rotation
@@ -40,6 +41,23 @@ def along(position: complex, heading: complex, distance: float, turn: float) -> 
     half = rotation(lean)
     chord = distance * half.imag / lean if lean != 0.0 else distance  # sin(x)/x of the arc's length
     return position + chord * half * heading, heading * half * half
+
+
+def driven(moving: Command, told: Command, lag: float, dt: float) -> tuple[Command, Command]:
+    """`dt` [s] of wheels that lag: mean speed and turn rate over it, and those at its end.
+
+    They follow what is `told` as a first-order `lag` [s], from how the robot was `moving` before. Exact for a
+    constant command.
+    """
+    if lag <= 0.0:
+        return told, told
+    share = -math.expm1(-dt / lag)
+    mean = share * lag / dt
+    speed, turn_rate = moving.speed - told.speed, moving.turn_rate - told.turn_rate
+    return (
+        Command(told.speed + mean * speed, told.turn_rate + mean * turn_rate),
+        Command(moving.speed - share * speed, moving.turn_rate - share * turn_rate),
+    )
 
 
 def control_point(position: complex, heading: complex, offset: float) -> complex:

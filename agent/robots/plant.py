@@ -12,8 +12,8 @@ import math
 
 import numpy as np
 
-from formation.simulation.body import Body, driven, obeyed
-from formation.unicycle import Command, advance
+from formation.simulation.body import Body, obeyed
+from formation.unicycle import Command, advance, driven
 
 STEP = 0.01
 """Longest step while the wheels change speed [s]; the pose's error falls with its square."""
@@ -73,7 +73,7 @@ class Plant:
         changing = min(elapsed, CAUGHT_UP * self._body.lag) if self.moving != self.command else 0.0
         steps = math.ceil(changing / STEP)
         for _ in range(steps):
-            mean, end = driven(self._body, self.moving, self.command, changing / steps)
+            mean, end = driven(self.moving, self.command, self._body.lag, changing / steps)
             self._go(mean, changing / steps)
             self.moving = end
         if elapsed > changing:

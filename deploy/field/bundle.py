@@ -25,6 +25,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path, PurePosixPath
+from shlex import quote
 from typing import Any
 
 from deploy import env
@@ -176,13 +177,14 @@ def words(out: Path, result: Mapping[str, Any]) -> str:
     releases: Mapping[str, str] = result["releases"]
     lines = [f"{'robot':<16}release"]
     lines += [f"{name:<16}{release}" for name, release in releases.items()]
-    desk = out / DESK
+    mission = quote(str(out / DESK / "mission.toml"))
+    leader, monitor, operator = (quote(str(out / DESK / f"{who}.json5")) for who in (LEADER, *VISITORS))
     lines += [
         f"in {out}, for Python {result['python']} on {result['platform']}; next:",
-        f"  formation deploy push {out}",
-        f"  formation leader {desk / 'mission.toml'} -c {desk / f'{LEADER}.json5'} --hold",
-        f"  formation monitor {desk / 'mission.toml'} -c {desk / 'monitor.json5'}",
-        f"  formation order {desk / 'mission.toml'} run -c {desk / 'operator.json5'}",
+        f"  formation deploy push {quote(str(out))}",
+        f"  formation leader {mission} -c {leader} --hold",
+        f"  formation monitor {mission} -c {monitor}",
+        f"  formation order {mission} run -c {operator}",
     ]
     return "\n".join(lines)
 
@@ -196,7 +198,7 @@ def _pair(secrets: Path, mission: Mission, name: str, now: datetime) -> authorit
         raise Refusal(
             f"{secrets / name}: the certificate is for {name} at {found}, and in mission {mission.name} it"
             f" listens at {where.address}; renew it:"
-            f" formation deploy certificates MISSION --out {secrets} --renew"
+            f" formation deploy certificates MISSION --out {quote(str(secrets))} --renew"
         )
     trusted = (secrets / name / certificates.TRUSTED).read_bytes()
     if trusted != (secrets / mission.leader / certificates.TRUSTED).read_bytes():

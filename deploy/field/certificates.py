@@ -18,6 +18,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 from deploy.arguments import as_json, number, parser, read_mission
@@ -108,7 +109,7 @@ def read(folder: Path, name: str, now: datetime) -> Pair:
         flag = " --renew" if _holds_keys(folder / AUTHORITY) else ""
         raise Refusal(
             f"{folder}: no certificate for {name};"
-            f" `formation deploy certificates MISSION --out {folder}{flag}` issues one"
+            f" `formation deploy certificates MISSION --out {quote(str(folder))}{flag}` issues one"
         )
     pair = authority.read(home / CERTIFICATE, home / KEY)
     if pair.name != name:

@@ -59,22 +59,6 @@ def obeyed(body: Body, command: Command) -> Command:
     )
 
 
-def driven(body: Body, moving: Command, told: Command, dt: float) -> tuple[Command, Command]:
-    """`dt` [s] of wheels that lag: mean speed and turn rate over it, and those at its end.
-
-    `moving` is what the robot did before, `told` what it obeys now. Exact for a constant command.
-    """
-    if body.lag <= 0.0:
-        return told, told
-    share = -math.expm1(-dt / body.lag)
-    mean = share * body.lag / dt
-    speed, turn_rate = moving.speed - told.speed, moving.turn_rate - told.turn_rate
-    return (
-        Command(told.speed + mean * speed, told.turn_rate + mean * turn_rate),
-        Command(moving.speed - share * speed, moving.turn_rate - share * turn_rate),
-    )
-
-
 def _cut(value: float, step: float) -> float:
     """`value` cut towards zero to a multiple of `step`; a multiple but for rounding stays what it is."""
     if step <= 0.0:

@@ -18,10 +18,10 @@ from formation.law import field as law  # or whichever law this is compiled with
 from formation.neighbour import Track, learned
 from formation.plane import unit
 from formation.quantiser import Grid, Quantiser, quantise
-from formation.simulation.body import Body, driven, obeyed
+from formation.simulation.body import Body, obeyed
 from formation.simulation.links import Link, arrived, carried, is_fresh
 from formation.simulation.minding import Minds, clearance, keep_clear, look, minds_of
-from formation.unicycle import Command, along, control_point
+from formation.unicycle import Command, along, control_point, driven
 
 INNOVATION, MENDED, PRINTED = 0, 1, 2
 """Observers: the field law's; Eq. (3) with erratum 1 mended; Eq. (3) as printed."""
@@ -151,7 +151,7 @@ def drive(me: Any, noise: complex, world: World) -> None:
     """Do as is wanted, as the body can; `noise` is how far the next odometry is off [m; world frame]."""
     told = obeyed(world.body, Command(me.wanted_speed, me.wanted_turn_rate))
     wheels = Command(me.wheel_speed, me.wheel_turn_rate)
-    moving, wheels = driven(world.body, wheels, told, world.step)
+    moving, wheels = driven(wheels, told, world.body.lag, world.step)
     me.wheel_speed, me.wheel_turn_rate = wheels
     me.speed, me.turn_rate = moving
     distance, turn = moving.speed * world.step, moving.turn_rate * world.step

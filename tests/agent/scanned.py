@@ -12,8 +12,7 @@ from formation.mission_file import parse, read
 from formation.raycast import Scanner as Device
 from formation.raycast import cast, measured
 from formation.ros2.messages import LaserScan, decode, encode
-from formation.simulation.body import Body, driven
-from formation.unicycle import Command, advance
+from formation.unicycle import Command, advance, driven
 from formation.wire import Now
 
 EPOCH, STEP = 1.7e9, 0.01
@@ -22,9 +21,9 @@ Wall = tuple[complex, complex]
 Disc = tuple[complex, float]
 
 
-def mission(scanner: str = "required", scan: str = "") -> Mission:
+def mission(scanner: str = "required", scan: str = "", lag: float = LAG) -> Mission:
     text, name = read("six_robots")
-    robot = f'[robot]\nscanner = "{scanner}"\nscan = {{ margin = {MARGIN}, lag = {LAG}{scan} }}'
+    robot = f'[robot]\nscanner = "{scanner}"\nscan = {{ margin = {MARGIN}, lag = {lag}{scan} }}'
     return parse(text.replace("[robot]", robot), name)
 
 
@@ -59,13 +58,16 @@ class Robot:
         missing: Collection[int] = (),
         too_near: float = 0.0,
         behind: float = 0.0,
+        odometry: bool = True,
+        lag: float = LAG,
         **device: float,
     ) -> None:
         """Scans come at `rate` [Hz], but for those whose numbers are `missing`, `way` [s] late.
 
         Of what is nearer than it can measure the scanner says `too_near`. It sits `behind` the centre [m].
+        Without `odometry` nobody says how it moves. Its wheels `lag`, and the mission says so.
         """
-        self.scanner = Scanner(mission(scan=f", rate = {rate}, x = {-behind}"), "robot2")
+        self.scanner = Scanner(mission(scan=f", rate = {rate}, x = {-behind}", lag=lag), "robot2")
         self.position, self.heading, self.moving, self.time = 0j, 1.0 + 0j, Command(0.0, 0.0), 0.0
         self.discs, self.walls, self.way = discs, walls, way
         self.device = Device(**device)  # type: ignore[arg-type]
@@ -73,10 +75,10 @@ class Robot:
         self.nearest = math.inf
         self._every, self._missing, self._too_near = round(1.0 / rate / STEP), missing, too_near
         self._behind, self._underway = behind, list[LaserScan]()
+        self._odometry, self._lag = odometry, lag
 
     def drive(self, wanted: Command, seconds: float) -> None:
         """Do as told, as far as the scans allow."""
-        body = Body(lag=LAG)
         command = Command(0.0, 0.0)
         for _ in range(round(seconds / STEP)):
             tick = round(self.time / STEP)
@@ -85,11 +87,14 @@ class Robot:
             while self._underway and self.time >= self._underway[0].stamp - EPOCH + self.way - 1e-9:
                 self.scanner.take(self._underway.pop(0), self.time, at(self.time))
             if tick % 5 == 0:
-                self.scanner.moved(self.time, self.moving)
+                if self._odometry:
+                    self.scanner.moved(self.time, self.moving)
                 now = at(self.time)
                 strangers = self.scanner.strangers(now, [])
                 command = self.scanner.guarded(wanted, strangers, now) if self.scanner.fresh(now) else command
-            mean, self.moving = driven(body, self.moving, command, STEP)
+                if not self._odometry:
+                    self.scanner.told(self.time, command)
+            mean, self.moving = driven(self.moving, command, self._lag, STEP)
             self.position, self.heading = advance(self.position, self.heading, *mean, STEP)
             self.time += STEP
             self.nearest = min(self.nearest, *self.gaps())

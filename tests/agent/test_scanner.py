@@ -20,19 +20,24 @@ from tests.agent.scanned import MARGIN, Robot, at, mission, post, scan
 
 @pytest.mark.parametrize("speed", [0.2, 0.7, 1.5, -0.7])
 @pytest.mark.parametrize("way", [0.0, 0.1])
-def test_it_stops_before_a_wall_and_a_post_with_old_noisy_and_lossy_scans(speed: float, way: float) -> None:
+@pytest.mark.parametrize("odometry", [True, False], ids=["odometry", "as told"])
+@pytest.mark.parametrize("lag", [0.0, 0.1, 0.2])
+def test_it_stops_before_a_wall_and_a_post_with_old_noisy_and_lossy_scans(
+    speed: float, way: float, odometry: bool, lag: float
+) -> None:
     ahead = math.copysign(2.5, speed)
-    robot = Robot([(ahead + 0j, 0.1)], [(ahead - 3j, ahead + 3j)], way, lost=0.1)
+    robot = Robot([(ahead + 0j, 0.1)], [(ahead - 3j, ahead + 3j)], way, odometry=odometry, lag=lag, lost=0.1)
     robot.drive(Command(speed, 0.0), 25.0)
     assert 0.0 < robot.nearest < MARGIN + 0.1
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_whatever_it_is_told_it_touches_nothing_that_it_can_see(seed: int) -> None:
+@pytest.mark.parametrize("odometry", [True, False], ids=["odometry", "as told"])
+def test_whatever_it_is_told_it_touches_nothing_that_it_can_see(seed: int, odometry: bool) -> None:
     rng = random.Random(seed)
     discs = [(cmath.rect(rng.uniform(0.5, 1.8), rng.uniform(0, math.tau)), 0.08) for _ in range(6)]
     walls = [(-2 - 2j, 2 - 2j), (2 - 2j, 2 + 2j), (2 + 2j, -2 + 2j), (-2 + 2j, -2 - 2j)]
-    robot = Robot(discs, walls, noise=0.003, relative_noise=0.003)
+    robot = Robot(discs, walls, odometry=odometry, lag=0.2, noise=0.003, relative_noise=0.003)
     for _ in range(25):
         robot.drive(Command(rng.uniform(-0.5, 0.8), rng.uniform(-1.5, 1.5)), rng.uniform(0.1, 1.5))
     assert robot.nearest > 0.0

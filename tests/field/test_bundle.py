@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import stat
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
@@ -203,12 +204,23 @@ def command(source: Path, keys: Path, out: Path, *flags: str) -> list[str]:
 def test_the_command_says_what_comes_next(
     source: Path, keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "out"
+    out = tmp_path / "out of doors"
     assert main(command(source, keys, out)) == 0
     said = capsys.readouterr().out
     for robot in ROBOTS:
         assert f"{robot:<16}{version(out, robot)['release']}" in said
-    assert f"formation deploy push {out}" in said
+    next_ones = [shlex.split(line) for line in said.splitlines() if line.startswith("  formation")]
+    desk = out / "desk"
+    mission, leader, monitor, operator = (
+        str(desk / name) for name in ("mission.toml", "leader.json5", "monitor.json5", "operator.json5")
+    )
+    assert [words[1:] for words in next_ones] == [
+        ["deploy", "push", str(out)],
+        ["leader", mission, "-c", leader, "--hold"],
+        ["monitor", mission, "-c", monitor],
+        ["order", mission, "run", "-c", operator],
+    ]
+    assert all(Path(path).is_file() for path in (mission, leader, monitor, operator))
     assert main(command(source, keys, out, "--json", "--platform", "x86_64", "--python", "3.11")) == 0
     result = json.loads(capsys.readouterr().out)
     assert (result["platform"], result["python"]) == ("x86_64", "3.11")

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formation.mission import SimulatedRobot
-from formation.simulation.body import PROFILES, Body, driven, obeyed
-from formation.unicycle import Command
+from formation.simulation.body import PROFILES, Body, obeyed
+from formation.unicycle import Command, driven
 
 rates = st.floats(-3.0, 3.0)
 
@@ -15,7 +15,7 @@ rates = st.floats(-3.0, 3.0)
 def test_an_ideal_body_does_at_once_what_it_is_told(speed: float, turn_rate: float) -> None:
     body, told = Body(), Command(speed, turn_rate)
     assert obeyed(body, told) == told
-    assert driven(body, Command(1.0, -1.0), told, 0.05) == (told, told)
+    assert driven(Command(1.0, -1.0), told, body.lag, 0.05) == (told, told)
 
 
 @given(rates, rates)
@@ -35,18 +35,6 @@ def test_the_burger_keeps_to_its_clamps_and_steps_and_never_does_more_than_told(
 def test_a_command_that_is_a_multiple_of_the_step_is_not_cut(hundredths: int) -> None:
     speed, _ = obeyed(PROFILES["turtlebot3_burger"], Command(hundredths / 100.0, 0.0))
     assert speed == pytest.approx(hundredths / 100.0, abs=1e-12)
-
-
-@given(rates, rates, st.floats(0.01, 1.0), st.floats(0.001, 0.5))
-def test_wheels_that_lag_do_the_same_in_one_step_as_in_two(
-    before: float, told: float, lag: float, dt: float
-) -> None:
-    body, still, command = Body(lag=lag), Command(before, 0.0), Command(told, 0.0)
-    whole, end = driven(body, still, command, dt)
-    first, between = driven(body, still, command, dt / 2.0)
-    second, same_end = driven(body, between, command, dt / 2.0)
-    assert same_end == pytest.approx(end, abs=1e-9)
-    assert whole.speed == pytest.approx((first.speed + second.speed) / 2.0, abs=1e-9)
 
 
 def test_a_mission_may_depart_from_its_profile() -> None:

@@ -16,11 +16,11 @@ from formation.mission import Mission
 from formation.neighbour import Track, seen
 from formation.quantiser import Quantiser, quantise
 from formation.simulation import compiled as maker
-from formation.simulation.body import PROFILES, driven, obeyed
+from formation.simulation.body import PROFILES, obeyed
 from formation.simulation.compiled import compiled, magnitude
 from formation.simulation.ensemble import Options
 from formation.simulation.simulate import Result, simulate
-from formation.unicycle import Command, advance
+from formation.unicycle import Command, advance, driven
 from tests.formation import scenarios
 from tests.formation.planar import gains, headings, lengths, vectors
 
@@ -66,7 +66,7 @@ def test_neighbours_are_known_as_they_are_known(was: complex, point: complex, ve
 def test_bodies_do_what_they_do(before: Command, told: Command) -> None:
     body = PROFILES["turtlebot3_burger"]
     alike(obeyed, body, told)
-    alike(driven, body, before, told, 0.05)
+    alike(driven, before, told, body.lag, 0.05)
 
 
 @given(st.builds(Command, st.floats(-0.2, 0.2), st.floats(-2.0, 2.0)))

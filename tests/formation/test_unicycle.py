@@ -5,10 +5,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formation.unicycle import (
+    Command,
     advance,
     body_velocity,
     control_point,
     control_point_velocity,
+    driven,
     saturate,
 )
 from tests.formation import oracle
@@ -90,3 +92,15 @@ def test_saturation_is_equation_8_to_the_letter(
 
 def test_saturation_of_nothing_is_nothing() -> None:
     assert saturate(0j, 0.1, 1.0, 1.0) == (0.0, 0.0)
+
+
+@given(rates, rates, st.floats(0.01, 1.0), st.floats(0.001, 0.5))
+def test_wheels_that_lag_do_the_same_in_one_step_as_in_two(
+    before: float, told: float, lag: float, dt: float
+) -> None:
+    moving, command = Command(before, 0.0), Command(told, 0.0)
+    whole, end = driven(moving, command, lag, dt)
+    first, between = driven(moving, command, lag, dt / 2.0)
+    second, same_end = driven(between, command, lag, dt / 2.0)
+    assert same_end == pytest.approx(end, abs=1e-9)
+    assert whole.speed == pytest.approx((first.speed + second.speed) / 2.0, abs=1e-9)

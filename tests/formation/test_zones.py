@@ -11,9 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation import simulation
-from formation.simulation.body import driven
-from formation.unicycle import Command, advance
+from formation.unicycle import Command, advance, driven
 from formation.zones import AT_REST, STANDS, Body, Zone, free, guarded
 
 RADIUS, MARGIN, LAG, PERIOD = 0.105, 0.03, 0.1, 0.05
@@ -38,9 +36,8 @@ class Robot:
         """Follow a command; the nearest that the way comes to any point is the caller's to find."""
         steps = 10
         self.way = []
-        body = simulation.body.Body(lag=self.lag)
         for _ in range(steps):
-            mean, self.moving = driven(body, self.moving, command, elapsed / steps)
+            mean, self.moving = driven(self.moving, command, self.lag, elapsed / steps)
             self.position, self.heading = advance(self.position, self.heading, *mean, elapsed / steps)
             self.way.append(self.position)
         return elapsed
