@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -81,12 +81,20 @@ class Runner:
         duration: float = 0.3,
         record: str = "a.mcap",
         mission: str = "turtlebot3_pair",
+        until_dead: Collection[str] = (),
     ) -> Ran:
+        """It lasts for `duration` [s], and until it knows that the processes `until_dead` have ended."""
+
+        def left(progress: Progress) -> float:
+            time = duration - progress.elapsed
+            return time if progress.dead.keys() >= set(until_dead) else max(time, 0.1)
+
         def programs(*_: object, **asked: Any) -> tuple[Program, ...]:
             self.asked = asked
             return stubs
 
         self._monkeypatch.setattr(run, "programs", programs)
+        self._monkeypatch.setattr(Progress, "left", property(left))
         (self._folder / "begun").unlink(missing_ok=True)
         path = self._folder / "recordings" / record
         line = ["run", mission, "--duration", str(duration), "--record", str(path), *flags]

@@ -31,25 +31,39 @@ RATE = 1000
 AT_ONCE, ROUNDS = 4, 5
 LOSS = 1.0
 """What a kill may take [s]."""
-NOTE = struct.Struct("<qd")
-"""How many messages a recorder has been given, and when the last one was."""
+COUNT, TIME = struct.Struct("<q"), struct.Struct("<d")
+MOST = 1_000_000
+"""Messages that there is room for in notes."""
 
 
 class Notes:
-    """What a process leaves behind of itself when it is killed: a few bytes shared through a file."""
+    """What a process leaves behind when it is killed: when it gave which message, in a shared file."""
+
+    SIZE = COUNT.size + MOST * TIME.size
 
     def __init__(self, path: Path) -> None:
-        if not path.exists():
-            path.write_bytes(bytes(NOTE.size))
-        with path.open("r+b") as file:
-            self._map = mmap.mmap(file.fileno(), NOTE.size)
+        with path.open("a+b") as file:
+            file.truncate(self.SIZE)
+            self._map = mmap.mmap(file.fileno(), self.SIZE)
 
-    def write(self, count: int, when: float) -> None:
-        NOTE.pack_into(self._map, 0, count, when)
+    def give(self, number: int, when: float) -> None:
+        """Messages are given in order, from 0 on."""
+        TIME.pack_into(self._map, COUNT.size + number * TIME.size, when)
+        COUNT.pack_into(self._map, 0, number + 1)
 
-    def read(self) -> tuple[int, float]:
-        count, when = NOTE.unpack_from(self._map)
-        return count, when
+    def given(self) -> int:
+        """How many so far."""
+        count: int = COUNT.unpack_from(self._map)[0]
+        return count
+
+    def when(self, number: int) -> float:
+        """When this message was given [s, monotonic]."""
+        time: float = TIME.unpack_from(self._map, COUNT.size + number * TIME.size)[0]
+        return time
+
+    def age(self, kept: int, given: int) -> float:
+        """How old the oldest was that is missing, when the last of those `given` was [s]; 0 if none is."""
+        return self.when(given - 1) - self.when(kept) if kept < given else 0.0
 
 
 def main(path: Path, about: Path) -> None:
@@ -61,8 +75,8 @@ def main(path: Path, about: Path) -> None:
             now = Now(time.monotonic(), 0.0)
             for number in range(count, int((now.mono - start) * RATE)):
                 recording.write(message(number), now.mono + EPOCH)
+                notes.give(number, now.mono)
                 count = number + 1
-            notes.write(count, now.mono)
             recording.flush(now.mono)
             time.sleep(0.02)
 
@@ -122,12 +136,13 @@ def wait_until_given(about: Path, messages: float) -> None:
 
 def given(about: Path) -> int:
     """How many messages a recorder has been given."""
-    return Notes(about).read()[0] if about.exists() and about.stat().st_size == NOTE.size else 0
+    return Notes(about).given() if about.exists() else 0
 
 
 def lost(path: Path) -> float:
     """How old the oldest message was that is missing, when the last one was given [s]; 0 if none is."""
-    count, when = Notes(notes_of(path)).read()
+    notes = Notes(notes_of(path))
+    count = notes.given()
     out = path.with_name(f"{path.stem}-recovered.mcap")
     assert not is_whole(path)
     assert not recover(path, out).is_whole
@@ -135,4 +150,4 @@ def lost(path: Path) -> float:
     assert list(read(out).messages()) == kept
     assert [one.sample[:3] for one in kept] == [message(number)[:3] for number in range(len(kept))]
     assert count > 500
-    return when + EPOCH - kept[-1].wall if len(kept) < count else 0.0
+    return notes.age(len(kept), count)

@@ -15,7 +15,6 @@ from pathlib import Path
 import pytest
 
 from monitor.recording.reader import read
-from tests.monitor.fleet import EPOCH
 from tests.monitor.recording.disks import in_a_file, in_memory, mounted, run
 from tests.monitor.recording.test_killed import Notes, message, started, wait_until_given
 
@@ -41,7 +40,8 @@ def test_a_power_cut_at_any_moment_costs_no_more_than_a_second(tmp_path: Path) -
 
 def cut(image: Path, copy: Path, notes: Path) -> tuple[float, float]:
     """Take what the disk holds now; how much is missing of what the recorder had, how long it took [s]."""
-    count, when = Notes(notes).read()
+    noted = Notes(notes)
+    count = noted.given()
     begun = time.monotonic()
     run("cp", "--sparse=always", image, copy)
     took = time.monotonic() - begun
@@ -51,4 +51,4 @@ def cut(image: Path, copy: Path, notes: Path) -> tuple[float, float]:
     copy.unlink()
     assert [one.sample[:3] for one in kept] == [message(number)[:3] for number in range(len(kept))]
     assert len(kept) > 500
-    return (when + EPOCH - kept[-1].wall if len(kept) < count else 0.0), took
+    return noted.age(len(kept), count), took
