@@ -203,7 +203,7 @@ def test_without_anybody_left_to_lead_a_killed_leader_is_a_failure(ran: Runner) 
 
 def test_without_the_monitors_last_word_nothing_is_claimed(ran: Runner) -> None:
     dies = program(KILLED.format(ran.once_begun), "monitor", "watch")
-    done = ran(dies, *good()[1:], until_dead=["monitor"])
+    done = ran(dies, *good()[1:], duration=3.0, until_dead=["monitor"])  # there is a line every 2 s
     assert done.code == 1
     result = done.result
     assert (result["converged"], result["formation_error"], result["lost"]) == (False, None, None)
