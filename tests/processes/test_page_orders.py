@@ -48,7 +48,24 @@ def states(page: Page) -> set[str]:
     return {one["state"] for one in page.snapshot()["robots"].values()}
 
 
+def noted(page: Page, words: str, since: float) -> list[str]:
+    """What the events since then [s, system clock] say of orders, with these words in it.
+
+    Whoever gave an order has its report sooner: an event joins the others when the monitor looks next.
+    """
+    found: list[str] = []
+
+    def looked(_: dict[str, Any]) -> bool:
+        told = [one for one in page.events() if one["kind"] == "operator" and one["at"] >= since]
+        found[:] = [one["text"] for one in told if words in one["text"]]
+        return bool(found)
+
+    page.until(looked)
+    return found
+
+
 def test_a_stop_is_acknowledged_by_all_and_they_stand_until_they_are_released(team: Team, page: Page) -> None:
+    begun = time.time()
     report = page.obeyed("stop")
     assert obeying(report) == EVERYBODY
     assert {one["mode"] for one in report["acknowledged"]} == {"stop"}
@@ -59,8 +76,8 @@ def test_a_stop_is_acknowledged_by_all_and_they_stand_until_they_are_released(te
     assert team.witness.stand()
     page.until_taken("release")
     page.until(lambda _: team.witness.drive())
-    said = [one["text"] for one in page.events() if one["kind"] == "operator"]
-    assert any(text.startswith("stop: 6 of 6 obey, slowest ") for text in said)
+    (said,) = noted(page, "stop: 6 of 6 obey", begun)
+    assert said.startswith("stop: 6 of 6 obey, slowest ")
 
 
 def test_held_robots_stand_and_run_when_they_are_told_to(team: Team, page: Page) -> None:
@@ -106,7 +123,7 @@ def test_without_the_token_nobody_stops_and_nobody_is_told_why_it_was_wrong(team
 
 
 def test_who_does_not_answer_is_named_and_stops_by_what_the_others_tell_it(team: Team, page: Page) -> None:
-    hung = team.children["agent robot6"].pid
+    hung, begun = team.children["agent robot6"].pid, time.time()
     os.kill(hung, signal.SIGSTOP)
     try:
         report = page.order("stop").json()
@@ -114,7 +131,7 @@ def test_who_does_not_answer_is_named_and_stops_by_what_the_others_tell_it(team:
         os.kill(hung, signal.SIGCONT)
     assert report["missing"] == ["robot6"]
     assert obeying(report) == EVERYBODY - {"robot6"}
-    (said,) = [one["text"] for one in page.events()[-20:] if "no answer" in one["text"]]
+    (said,) = noted(page, "no answer", begun)
     assert said.endswith("; no answer from robot6")
     page.until(lambda seen: seen["robots"]["robot6"]["state"] == "stop" and team.witness.stand())
 
