@@ -116,7 +116,7 @@ class Look:
         return [seconds.count(second) for second in range(int(end - start))]
 
 
-def plans(rate: float, links: int) -> list[dict[str, Any]]:
+def plans(rate: float, links: int, *, waits: bool) -> list[dict[str, Any]]:
     """Who speaks where: every link has as many robots as the others."""
     everybody = list(enumerate(names(ROBOTS)))
     linked = [everybody[i :: SPEAKERS * links] for i in range(SPEAKERS * links)]
@@ -124,17 +124,23 @@ def plans(rate: float, links: int) -> list[dict[str, Any]]:
         {
             "rate": rate,
             "phase": i / SPEAKERS,
+            "waits": waits,
             "robots": {free_endpoint(): link for link in linked[i::SPEAKERS]},
         }
         for i in range(SPEAKERS)
     ]
 
 
-def one_run(rate: float, seconds: float, folder: Path, links: int = LINKS) -> dict[str, float]:
-    """A monitor from its start to its end, and what became of every message."""
+def one_run(
+    rate: float, seconds: float, folder: Path, links: int = LINKS, *, waits: bool = False
+) -> dict[str, float]:
+    """A monitor from its start to its end, and what became of every message.
+
+    Robots that `waits` makes wait lose nothing themselves, however late they are.
+    """
     file, recording = folder / "crowd.toml", folder / f"{time.monotonic_ns()}.mcap"
     file.write_text(mission(ROBOTS, rate))
-    speakers = plans(rate, links)
+    speakers = plans(rate, links, waits=waits)
     dial = [word for plan in speakers for end in plan["robots"] for word in ("-e", end)]
     flags = ["--no-stage", "--page", "127.0.0.1:0", "--record", str(recording), "--log-level", "error"]
     with ExitStack() as stack:

@@ -4,7 +4,8 @@ python -m tests.bench.crowd PLAN
 
 It computes nothing: every message is a template with its stamp, its place and its count put in. What it says
 on stdout: ``ready`` when a monitor listens to everything; after a line with a number of seconds on stdin, it
-speaks for so long and says how many messages it handed to Zenoh, by key.
+speaks for so long and says how many messages it handed to Zenoh, by key. Like agents it drops what the
+network does not take, unless the plan says that it waits.
 """
 
 from __future__ import annotations
@@ -160,7 +161,7 @@ def main(plan: dict[str, Any]) -> None:
             for number, name in robots:
                 voice = Voice(name, number, rate)
                 for topic in voice.topics():
-                    bus.advertise(topic, topic.key(name))
+                    bus.advertise(topic, topic.key(name), waits=plan["waits"])
                 voices.append((bus, voice))
         buses = {id(bus): bus for bus, _ in voices}.values()
         voices.sort(key=lambda one: one[1].number)  # so that they take turns on the links
