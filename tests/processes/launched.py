@@ -6,12 +6,16 @@ import json
 import os
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
 import psutil
+
+from tests.processes.child import PATIENCE
 
 
 @contextmanager
@@ -42,10 +46,52 @@ def wait_until_running(process: subprocess.Popen[str], seconds: float) -> list[p
     """Read what it says until it has run for so long; its children then."""
     assert process.stderr is not None
     for text in process.stderr:
-        words = text.split()
-        if words[1:2] == ["of"] and "error" in words and float(words[0]) >= seconds:
+        if (seen := run_for(text)) is not None and seen >= seconds:
             return psutil.Process(process.pid).children(recursive=True)
     raise AssertionError(f"it ended with exit code {process.wait()} before {seconds} s")
+
+
+def run_for(line: str) -> float | None:
+    """How long it had run when it said so [s]; None for a line that tells of something else."""
+    words = line.split()
+    return float(words[0]) if words[1:2] == ["of"] and "error" in words else None
+
+
+class Told:
+    """What a run says while the test does something else, read as it comes: nothing of it is old.
+
+    For one of which nobody reads stderr otherwise until it `ended`.
+    """
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self._process = process
+        self._elapsed = 0.0
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def wait(self, seconds: float) -> list[psutil.Process]:
+        """Wait until it says that it has run for so long; its children then."""
+        deadline = time.monotonic() + seconds + PATIENCE
+        while self._elapsed < seconds:
+            assert self._reader.is_alive(), f"it ended with exit code {self._process.wait(PATIENCE)}"
+            assert time.monotonic() < deadline, f"after {self._elapsed} s it said nothing any more"
+            time.sleep(0.01)
+        return psutil.Process(self._process.pid).children(recursive=True)
+
+    def wait_more(self, seconds: float) -> None:
+        """Wait until it has run for so long from now on."""
+        self.wait(self._elapsed + 0.01)  # the newest line may be two seconds old
+        self.wait(self._elapsed + seconds)
+
+    def ended(self) -> None:
+        """Wait until it has said all."""
+        self._reader.join(PATIENCE)
+        assert not self._reader.is_alive()
+
+    def _read(self) -> None:
+        assert self._process.stderr is not None
+        for line in self._process.stderr:
+            self._elapsed = run_for(line) or self._elapsed
 
 
 def result_of(process: subprocess.Popen[str]) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
@@ -20,8 +21,9 @@ from deploy.verify import main
 from formation.mission_file import read as text_of
 from formation.topics import CMD_VEL
 from monitor.recording.reader import read
+from tests.processes.bus_tools import until
 from tests.processes.child import PATIENCE
-from tests.processes.launched import result_of, started, wait_until_running
+from tests.processes.launched import Told, result_of, started
 
 pytestmark = pytest.mark.processes
 MISSIONS = ("six_robots", "turtlebot3_pair")
@@ -109,25 +111,21 @@ class Eventful(NamedTuple):
 
 @contextmanager
 def like(line: list[str], folder: Path, *also: str, **instead: str) -> Iterator[subprocess.Popen[bytes]]:
-    """A process with such a command line, with some flags set differently."""
+    """A process with such a command line, with some flags set differently, that is ready."""
     line = line.copy()
     for flag, value in {"parent": str(os.getpid()), **instead}.items():
         line[line.index(f"--{flag}") + 1] = value
-    with subprocess.Popen(
-        [*line, *also], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    ) as other:
+    with (
+        tempfile.TemporaryFile() as said,
+        subprocess.Popen([*line, *also], cwd=folder, stdout=said, stderr=subprocess.DEVNULL) as other,
+    ):
         try:
+            until(lambda: b'"event": "ready"' in os.pread(said.fileno(), 1000, 0))
             yield other
             other.send_signal(signal.SIGTERM)
             other.wait(PATIENCE)
         finally:
             other.kill()
-
-
-def elapsed(process: subprocess.Popen[str]) -> float:
-    """How long it has run, by the next line that it says [s]."""
-    assert process.stderr is not None
-    return next(float(line.split()[0]) for line in process.stderr if "error" in line.split())
 
 
 @pytest.fixture(scope="module")
@@ -137,7 +135,8 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Eventful:
     with started("turtlebot3_pair", "--duration", "100", "--record", "run.mcap", folder=folder) as process:
         assert process.stderr is not None
         links = process.stderr.readline().partition("another terminal: ")[2].split()[4:]
-        children = wait_until_running(process, 2.0)
+        told = Told(process)
+        children = told.wait(2.0)
         lines = {child.pid: child.cmdline() for child in children}
         monitor = next(line for line in lines.values() if line[3] == "monitor")
         victim, agent = next(
@@ -149,8 +148,9 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Eventful:
                 subprocess.run(command, check=True, timeout=60.0, stdout=subprocess.DEVNULL)
             os.kill(victim, signal.SIGKILL)
             with like(agent, folder):
-                wait_until_running(process, elapsed(process) + 8.0)
+                told.wait_more(8.0)
         process.send_signal(signal.SIGTERM)
+        told.ended()
         result_of(process)
     return Eventful(whole, late)
 
