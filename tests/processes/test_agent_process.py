@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import signal
-import socket
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -86,6 +85,12 @@ class Around:
         self.from_robot += self.at_robot.drain()
         self.from_fleet += self.in_fleet.drain()
 
+    def hear_out(self, summary: dict[str, Any]) -> None:
+        """The same, when all has arrived that an agent which has ended told its robot."""
+        told: dict[str, int] = summary["robot"]["published"]
+        until(lambda: all(self.at_robot.received[key] >= count for key, count in told.items()))
+        self.listen()
+
 
 @pytest.fixture(params=["ros2dds", "rmw_zenoh"])
 def around(tmp_path: Path, request: pytest.FixtureRequest) -> Around:
@@ -103,7 +108,7 @@ def test_an_agent_commands_its_robot_and_tells_the_fleet_what_it_heard_and_said(
         until(lambda: around.at_robot.received[PLACE] == 5 and around.in_fleet.received[PLACE] == 5)
         child.signal(signal.SIGTERM)
         summary = child.event("summary")
-        around.listen()
+        around.hear_out(summary)
     assert payloads(around.from_fleet, HEARD) == said
     assert len(payloads(around.from_robot, LIFE)) >= 5
     orders = [sample.attachment for sample in around.from_fleet if sample.key == PLACE]
@@ -127,7 +132,7 @@ def test_a_readonly_agent_does_everything_but_move(around: Around) -> None:
         until(lambda: around.at_robot.received[PLACE] == 5 and around.in_fleet.received[COMMAND] >= 5)
         child.signal(signal.SIGTERM)
         summary = child.event("summary")
-        around.listen()
+        around.hear_out(summary)
     assert {sample.key for sample in around.from_robot} == {PLACE, STATUS}
     assert summary["published"][COMMAND] >= 5
     assert not {COMMAND, LIFE} & set(summary["robot"]["published"])
@@ -197,74 +202,3 @@ def test_help_shows_how_to_try_without_moving_and_where_the_robots_router_is() -
         text = "".join(iter(child._lines.get, None))
     for words in ("--readonly", "--robot-connect ENDPOINT", "tcp/127.0.0.1:7447", "examples:"):
         assert words in text
-
-
-class Systemd:
-    """The other end of NOTIFY_SOCKET: what came, and when [s, monotonic]."""
-
-    def __init__(self, path: Path) -> None:
-        self.path, self.heard = path, list[tuple[float, str]]()
-        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self.socket.bind(str(path))
-        self.socket.settimeout(0.05)
-
-    def listen(self, seconds: float = 0.0) -> list[str]:
-        """What comes in so many seconds."""
-        end, before = time.monotonic() + seconds, len(self.heard)
-        while time.monotonic() <= end:
-            try:
-                self.heard.append((time.monotonic(), self.socket.recv(4096).decode()))
-            except TimeoutError:
-                continue
-        return [text for _, text in self.heard[before:]]
-
-    def wait(self, text: str) -> None:
-        until(lambda: text in self.listen(0.05))
-
-
-@pytest.fixture
-def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Systemd]:
-    one = Systemd(tmp_path / "notify")
-    monkeypatch.setenv("NOTIFY_SOCKET", str(one.path))
-    yield one
-    one.socket.close()
-
-
-def test_systemd_hears_that_an_agent_is_ready_that_it_lives_and_that_it_stops(
-    tmp_path: Path, systemd: Systemd
-) -> None:
-    with Around(tmp_path).agent() as child:
-        systemd.wait("READY=1")
-        beats = systemd.listen(2.0)
-        assert set(beats) == {"WATCHDOG=1"}
-        assert 5 <= len(beats) <= 11
-        os.kill(child.process.pid, signal.SIGTERM)
-        systemd.wait("STOPPING=1\nSTATUS=stopping: SIGTERM")
-        assert child.wait() == 0
-
-
-def test_an_agent_that_waits_for_a_monitor_feeds_the_watchdog_as_well(
-    tmp_path: Path, systemd: Systemd
-) -> None:
-    with Around(tmp_path).agent("--await-monitor", "60"):
-        systemd.wait("READY=1")
-        assert len(systemd.listen(1.5)) >= 4
-
-
-def test_a_main_loop_that_hangs_starves_the_watchdog_though_its_receive_thread_lives(
-    systemd: Systemd,
-) -> None:
-    end = free_endpoint()
-    with started("tests.processes.hanging", end) as child, Bus(BusConfig(connect=(end,))) as bus:
-        child.event("ready")
-        bus.advertise(ODOM, HEARD)
-        until(lambda: bus.watched(HEARD))
-        systemd.wait("WATCHDOG=1")
-        bus.publish(HEARD, b"hang")
-        child.event("hanging")
-        systemd.listen(0.2)  # what was sent before
-        assert systemd.listen(1.5) == []
-        for _ in range(3):
-            bus.publish(HEARD, b"heard all the same")
-        assert child.event("received")["number"] == 4
-        assert systemd.listen(0.5) == []

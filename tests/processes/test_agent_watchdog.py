@@ -1,0 +1,107 @@
+"""What systemd hears of an agent: that it is ready, that its main loop turns, and that it stops."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import time
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from statistics import median
+
+import pytest
+
+from formation.topics import ODOM
+from formation.transport.bus import Bus, BusConfig
+from formation.transport.notify import PERIOD
+from tests.processes.bus_tools import until
+from tests.processes.child import free_endpoint, started
+from tests.processes.test_agent_process import HEARD, Around
+
+pytestmark = pytest.mark.processes
+
+
+class Systemd:
+    """The other end of NOTIFY_SOCKET: what came, and when [s, monotonic]."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.heard = path, list[tuple[float, str]]()
+        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.socket.bind(str(path))
+        self.socket.settimeout(0.05)
+
+    def listen(self, seconds: float = 0.0) -> list[str]:
+        """What comes in so many seconds."""
+        end, before = time.monotonic() + seconds, len(self.heard)
+        while time.monotonic() <= end:
+            try:
+                self.heard.append((time.monotonic(), self.socket.recv(4096).decode()))
+            except TimeoutError:
+                continue
+        return [text for _, text in self.heard[before:]]
+
+    def wait(self, text: str) -> None:
+        until(lambda: text in self.listen(0.05))
+
+    def next(self, number: int) -> list[tuple[float, str]]:
+        """So many that come now."""
+        before = len(self.heard)
+
+        def come() -> bool:
+            self.listen()
+            return len(self.heard) >= before + number
+
+        until(come)
+        return self.heard[before:]
+
+
+@pytest.fixture
+def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Systemd]:
+    one = Systemd(tmp_path / "notify")
+    monkeypatch.setenv("NOTIFY_SOCKET", str(one.path))
+    yield one
+    one.socket.close()
+
+
+def test_systemd_hears_that_an_agent_is_ready_that_it_lives_and_that_it_stops(
+    tmp_path: Path, systemd: Systemd
+) -> None:
+    with Around(tmp_path).agent() as child:
+        systemd.wait("READY=1")
+        beats = systemd.next(15)
+        assert {text for _, text in beats} == {"WATCHDOG=1"}
+        # neither more often than it is to, nor half as often; what is heard late makes few of them differ
+        gap = median(later - earlier for (earlier, _), (later, _) in pairwise(beats))
+        assert 0.9 * PERIOD < gap < 2.0 * PERIOD
+        os.kill(child.process.pid, signal.SIGTERM)
+        systemd.wait("STOPPING=1\nSTATUS=stopping: SIGTERM")
+        assert child.wait() == 0
+
+
+def test_an_agent_that_waits_for_a_monitor_feeds_the_watchdog_as_well(
+    tmp_path: Path, systemd: Systemd
+) -> None:
+    with Around(tmp_path).agent("--await-monitor", "60"):
+        systemd.wait("READY=1")
+        assert {text for _, text in systemd.next(4)} == {"WATCHDOG=1"}
+
+
+def test_a_main_loop_that_hangs_starves_the_watchdog_though_its_receive_thread_lives(
+    systemd: Systemd,
+) -> None:
+    end = free_endpoint()
+    with started("tests.processes.hanging", end) as child, Bus(BusConfig(connect=(end,))) as bus:
+        child.event("ready")
+        bus.advertise(ODOM, HEARD)
+        until(lambda: bus.watched(HEARD))
+        systemd.wait("WATCHDOG=1")
+        bus.publish(HEARD, b"hang")
+        child.event("hanging")
+        systemd.listen(0.2)  # what was sent before
+        assert systemd.listen(1.5) == []
+        for _ in range(3):
+            bus.publish(HEARD, b"heard all the same")
+        assert child.event("received")["number"] == 4
+        assert systemd.listen(0.5) == []
