@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import os
-import signal
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, closing, contextmanager
-from itertools import pairwise
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +16,11 @@ from deploy.local.plan import programs
 from deploy.local.ports import Ports
 from formation.mission import Mission
 from formation.mission_file import load
-from formation.ros2.messages import Pose, Twist, decode
 from formation.topics import (
     ALIVE,
     BALLOT,
     CMD_VEL,
     COURSE,
-    GROUND_TRUTH,
     ODOM,
     ORDER,
     POSITION,
@@ -32,11 +28,7 @@ from formation.topics import (
     STATUS,
     Topic,
 )
-from formation.transport.bus import Bus, BusConfig
-from formation.transport.mailbox import Mailbox
-from formation.transport.robot_buses import RobotBuses
 from formation.transport.wiring import Endpoints, partners
-from formation.wire import Sample
 from tests.processes.child import PATIENCE, Child, started
 from tests.processes.zenoh_admin import Peer, clients, inspect
 
@@ -237,63 +229,3 @@ def test_each_process_is_an_operating_system_process_of_its_own(team: Team) -> N
 
 def endpoints(team: Team) -> tuple[str, ...]:
     return (*team.where.agents.values(), *team.where.robots.values())
-
-
-class Witness:
-    """A stranger who only looks on: true poses of the robots, and every command that one gets."""
-
-    def __init__(self, box: Mailbox) -> None:
-        self.box, self.commands, self.poses = box, list[Sample](), dict[str, Pose]()
-
-    def watch(self, seconds: float) -> None:
-        end = time.monotonic() + seconds
-        while (left := end - time.monotonic()) > 0.0:
-            self.box.wait(left)
-            for sample in self.box.drain():
-                if sample.key.endswith("/cmd_vel"):
-                    self.commands.append(sample)
-                else:
-                    self.poses[sample.key] = decode(Pose, sample.payload)
-
-    def error(self) -> float:
-        """Formation error of the true control points, brought to one moment at the leader's velocity [m]."""
-        lead = self.poses[POSITION.key(SIX.leader)]
-        velocity = SIX.leader_heading * SIX.route[0].speed
-        points = {SIX.leader: lead.position}
-        for robot in SIX.followers:
-            pose = self.poses[GROUND_TRUTH.key(robot)]
-            offset = SIX.robots[robot].control_point_offset
-            points[robot] = pose.position + offset * pose.heading + velocity * (lead.stamp - pose.stamp)
-        return sum(
-            abs(points[j] - points[i] - SIX.slot(j) + SIX.slot(i))
-            for i in SIX.followers
-            for j in SIX.robots[i].neighbours
-        )
-
-    def longest_silence(self, robot: str) -> float:
-        times = [sample.arrived for sample in self.commands if sample.key == CMD_VEL.key(robot)]
-        return max(later - earlier for earlier, later in pairwise(times))
-
-
-def test_killing_the_monitor_changes_nothing(tmp_path: Path) -> None:
-    box = Mailbox()
-    with (
-        running("six_robots", tmp_path / "run.mcap") as team,
-        Bus(BusConfig(connect=(team.where.agents[SIX.leader],)), box) as bus,
-        closing(RobotBuses(SIX, team.where.robots, box, node="witness")) as robots,
-    ):
-        bus.subscribe(POSITION.key(SIX.leader))
-        for robot in SIX.followers:
-            robots.subscribe(CMD_VEL, CMD_VEL.key(robot))
-            robots.subscribe(GROUND_TRUTH, GROUND_TRUTH.key(robot))
-        witness = Witness(box)
-        witness.watch(4.0)
-        witness.commands.clear()
-        team.children["monitor"].signal(signal.SIGKILL)
-        witness.watch(8.0)
-        assert witness.error() < 0.01
-        for robot in SIX.followers:
-            assert decode(Twist, witness.commands[-1].payload).speed != 0.0
-            assert witness.longest_silence(robot) < 0.5
-        survivors = [name for name, child in team.children.items() if child.process.poll() is None]
-        assert set(survivors) == set(team.children) - {"monitor"}
