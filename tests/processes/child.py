@@ -69,6 +69,11 @@ class Child:
         return self.process.wait(PATIENCE)
 
     @property
+    def said_so_far(self) -> list[str]:
+        """The lines that it has written to stderr by now."""
+        return self._errors.copy()
+
+    @property
     def errors(self) -> str:
         """All that it wrote to stderr; it has ended."""
         self._readers[1].join(PATIENCE)
@@ -82,7 +87,8 @@ class Child:
 
     def _read_errors(self) -> None:
         assert self.process.stderr is not None
-        self._errors.extend(self.process.stderr)
+        for line in self.process.stderr:
+            self._errors.append(line)
 
 
 def niced(nice: int) -> tuple[str, ...]:

@@ -32,7 +32,10 @@ def test_a_monitor_outlives_a_full_disk_and_resumes() -> None:
                 fill(folder, leaving=20_000_000)
                 said = snapshot_until(child, lambda one: one["recording_failure"] is not None)
                 assert said["recording_failure"] == "less than 32 MB are left on the disk"
+                # while somebody is late the error is not known
+                said = snapshot_until(child, lambda one: one["formation_error"] is not None)
                 assert said["formation_error"] < 0.01
+                assert said["recording_failure"] == "less than 32 MB are left on the disk"
                 assert is_whole(folder / "run.mcap")
                 (folder / "filler").unlink()
                 snapshot_until(child, lambda one: one["recording_failure"] is None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import time
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +23,7 @@ from formation.wire import Sample
 from monitor.figures.keys import OWN
 from tests.processes.actor import KEYS, Actor, events, recorded, router, watching
 from tests.processes.bus_tools import until
-from tests.processes.child import free_endpoint, started
+from tests.processes.child import PATIENCE, free_endpoint, started
 
 pytestmark = pytest.mark.processes
 
@@ -74,10 +75,12 @@ def test_its_own_figures_are_published_and_recorded(run: Run) -> None:
         heard = Counter(sample.payload for sample in run.heard if sample.key == one.key)
         assert heard
         assert not heard - Counter(run.in_file[one.key])
-    said = decode(Diagnostics, run.in_file[DIAGNOSTICS.key()][2]).statuses
+    told = run.in_file[DIAGNOSTICS.key()]
+    said = decode(Diagnostics, told[2]).statuses
     assert [one.hardware_id for one in said] == ["", *run.actor.fleet.mission.names]
     assert said[2].values["error robot1"] == "0.0000"
-    assert float(said[2].values["rate odom"]) == pytest.approx(20.0, rel=0.1)
+    rates = [decode(Diagnostics, one).statuses[2].values["rate odom"] for one in told[1:]]
+    assert any(float(rate) == pytest.approx(20.0, rel=0.1) for rate in rates)  # when nobody was late
 
 
 def test_snapshots_tell_programs_what_a_live_table_shows(run: Run) -> None:
@@ -105,14 +108,23 @@ def test_the_summary_holds_the_verdict_though_the_fleet_has_gone(run: Run) -> No
 
 
 def test_people_get_a_line_every_two_seconds_instead(tmp_path: Path) -> None:
+    begun = time.monotonic()
     with watching("--record", str(tmp_path / "run.mcap")) as (child, actor):
-        actor.play(2.5)
+        while not known(child.said_so_far):
+            assert time.monotonic() < begun + PATIENCE
+            actor.play(0.5)
         child.signal(signal.SIGTERM)
+        lasted = time.monotonic() - begun
         child.event("summary")
         lines = [line for line in child.errors.splitlines() if "error" in line]
-    assert 2 <= len(lines) <= 3
-    assert "error 0.0 mm" in lines[-1]
-    assert "6 run" in lines[-1]
+    assert 2 <= len(lines) <= 1 + lasted / 2.0
+    assert "error 0.0 mm" in known(lines)[-1]
+    assert "6 run" in known(lines)[-1]
+
+
+def known(lines: Sequence[str]) -> list[str]:
+    """Those that tell an error: while somebody is late it is not known."""
+    return [line for line in lines if "error " in line and "error unknown" not in line]
 
 
 def test_a_killed_monitor_leaves_a_recording_that_reads_to_within_about_a_second(tmp_path: Path) -> None:
