@@ -50,7 +50,7 @@ class Systemd:
         before = len(self.heard)
 
         def come() -> bool:
-            self.listen()
+            self.listen(0.05)
             return len(self.heard) >= before + number
 
         until(come)
