@@ -28,7 +28,7 @@ class Actor:
     """A fleet in formation that says everything a real one says, in real time, and counts it.
 
     Agents and leader speak on one bus, simulated robots on another, whose router they are. Nothing is lost
-    at its end: what is overdue after the machine stood still, said all at once, waits for its place.
+    at its end: what the network does not take at once waits for its place.
     """
 
     def __init__(self, bus: Bus, stage: Bus) -> None:
@@ -54,14 +54,20 @@ class Actor:
             time.sleep(0.01)
 
     def play(self, seconds: float) -> None:
-        """Twenty periods a second, everybody at another phase of each."""
-        epoch = self.fleet.epoch
+        """Twenty periods a second, everybody at another phase of each.
+
+        Like robots it makes up for none: after a stall of the machine the rest of them comes later, and no
+        position is as old as the stall was long.
+        """
+        epoch, period = self.fleet.epoch, 0.05
         start = time.time() - epoch
-        period = 0.05
         for tick in range(round(seconds / period)):
             for robot in self.fleet.mission.names:
-                at = start + tick * period + self.fleet.phase(robot) * period
-                time.sleep(max(0.0, at + epoch - time.time()))
+                late = time.time() - epoch - start - (tick + self.fleet.phase(robot)) * period
+                if late > period:
+                    start, late = start + late, 0.0
+                at = start + (tick + self.fleet.phase(robot)) * period
+                time.sleep(max(0.0, -late))
                 for sample in self._period(robot, at, with_status=tick % 10 == 0):
                     self.side(sample.key).publish(sample.key, sample.payload, sample.attachment)
                     self.said.append(sample)
