@@ -132,7 +132,7 @@ def like(line: list[str], folder: Path, *also: str, **instead: str) -> Iterator[
 def eventful(tmp_path_factory: pytest.TempPathFactory) -> Eventful:
     folder = tmp_path_factory.mktemp("eventful")
     whole, late = folder / "run.mcap", folder / "late.mcap"
-    with started("turtlebot3_pair", "--duration", "100", "--record", "run.mcap", folder=folder) as process:
+    with started("turtlebot3_pair", "--duration", "300", "--record", "run.mcap", folder=folder) as process:
         assert process.stderr is not None
         links = process.stderr.readline().partition("another terminal: ")[2].split()[4:]
         told = Told(process)
