@@ -18,7 +18,7 @@ from deploy.doctor.probe import Papers, context, reach
 from deploy.field import authority
 from deploy.field.authority import Pair
 from deploy.refusal import Refusal
-from tests.processes.child import free_endpoint
+from tests.processes.child import PATIENCE, free_endpoint
 
 NOW = datetime.now(UTC)
 HERE = "127.0.0.1"
@@ -121,6 +121,12 @@ def test_what_a_zenoh_configuration_and_a_folder_say_of_papers(tmp_path: Path, r
         files.papers_of(tmp_path / "nowhere.json5")
 
 
+@pytest.fixture
+def turned_away_late(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However late the other side turns us away, it is heard: what is tested is what it says."""
+    monkeypatch.setattr("deploy.doctor.probe.SECOND_THOUGHT", PATIENCE)
+
+
 @contextmanager
 def served(answer: ssl.SSLContext | bytes | None) -> Iterator[str]:
     """A server that greets one who dials: with TLS, with bytes, or not at all; its address and port."""
@@ -156,6 +162,7 @@ def test_an_agent_that_trusts_us_and_whom_we_trust_is_reached_by_name(tmp_path: 
     assert (reached.outcome, reached.name) == ("ok", "robot2")
 
 
+@pytest.mark.usefixtures("turned_away_late")
 def test_each_way_not_to_be_reached_is_told_apart(tmp_path: Path, root: Pair) -> None:
     (tmp_path / "rogue").mkdir()
     mine, theirs = papers(tmp_path, root), papers(tmp_path, root, "robot2")
@@ -171,6 +178,7 @@ def test_each_way_not_to_be_reached_is_told_apart(tmp_path: Path, root: Pair) ->
     assert reach("tls/robot9.invalid:7460", mine).outcome == "unknown name"
 
 
+@pytest.mark.usefixtures("turned_away_late")
 def test_an_expired_certificate_of_ours_is_turned_away_and_one_of_theirs_not_trusted(
     tmp_path: Path, root: Pair
 ) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import secrets
+import signal
 import socket
 import sys
 import time
@@ -20,6 +21,7 @@ from formation import order
 from formation.order import OperatorRequest, Order, Told
 from formation.ros2.messages import Pose, encode
 from formation.transport.process import say
+from tests.field.namespaces import until
 from tests.field.sessions import attacking
 
 FAR = 5.0 + 5.0j
@@ -63,8 +65,8 @@ def declare(session: zenoh.Session, keys: list[str], seconds: float) -> int:
     return len(tokens)
 
 
-def listen(session: zenoh.Session, key: str, seconds: float) -> list[tuple[str, str]]:
-    """What somebody says: payload and attachment in hexadecimal."""
+def listen(session: zenoh.Session, key: str, number: int) -> list[tuple[str, str]]:
+    """The next `number` things that somebody says, or a few more: payload and attachment in hexadecimal."""
     heard: list[tuple[str, str]] = []
 
     def receive(sample: zenoh.Sample) -> None:
@@ -72,7 +74,7 @@ def listen(session: zenoh.Session, key: str, seconds: float) -> list[tuple[str, 
         heard.append((sample.payload.to_bytes().hex(), attachment.to_bytes().hex() if attachment else ""))
 
     subscriber = session.declare_subscriber(key, zenoh.handlers.Callback(receive, indirect=False))
-    time.sleep(seconds)
+    until(lambda: len(heard) >= number, what=f"{number} messages on {key}")
     subscriber.undeclare()  # type: ignore[no-untyped-call]
     return heard
 
@@ -110,13 +112,17 @@ def crowd(address: str, port: int, number: int, seconds: float) -> int:
     return len(taken)
 
 
-def knock(address: str, port: int, seconds: float) -> int:
-    """Begin links that prove nothing as fast as they are taken; how many."""
-    end, knocked = time.monotonic() + seconds, 0
-    while time.monotonic() < end:
+def knock(address: str, port: int) -> int:
+    """Begin links that prove nothing as fast as they are taken, until told to stop (SIGTERM); how many."""
+    over: list[int] = []
+    signal.signal(signal.SIGTERM, lambda number, _: over.append(number))
+    knocked = 0
+    while not over:
         try:
             with socket.create_connection((address, port), timeout=0.2) as one:
                 one.sendall(b"\x16\x03\x01\x00\x05nonsense")
+                if knocked == 0:
+                    say("knocking")
                 knocked += 1
         except OSError:
             time.sleep(0.01)

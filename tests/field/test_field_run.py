@@ -62,14 +62,13 @@ def test_nothing_moves_before_an_operator_says_so(team: Deployed) -> None:
 
 
 def test_robots_converge_to_the_formation(team: Deployed) -> None:
-    def near() -> bool:
-        error = snapshot(team)["formation_error"]
-        return error is not None and error < NEAR
+    def formed() -> bool:
+        said = snapshot(team)
+        error, states = said["formation_error"], {said["robots"][name]["state"] for name in followers}
+        return error is not None and error < NEAR and said["mode"] == "run" and states == {"run"}
 
-    until(near, 60.0, f"formation error under {NEAR} m")
-    said = snapshot(team)
-    assert said["mode"] == "run"
-    assert {said["robots"][name]["state"] for name in team.mission.followers} == {"run"}
+    followers = team.mission.followers
+    until(formed, 60.0, f"all run with a formation error under {NEAR} m")
 
 
 def test_each_agents_links_are_its_neighbours_and_the_monitor_and_no_others(team: Deployed) -> None:
@@ -91,10 +90,11 @@ def test_a_robot_is_reached_at_its_agents_port_and_nowhere_else(team: Deployed) 
 
 
 def test_the_monitor_hears_every_robot_at_its_rate(team: Deployed) -> None:
-    robots = snapshot(team)["robots"]
-    for name in team.mission.names:
-        assert robots[name]["rate"] == pytest.approx(20.0, rel=0.1)
-        assert robots[name]["age"] < 0.5
+    def heard(robot: dict[str, Any]) -> bool:
+        return bool(robot["rate"] == pytest.approx(20.0, rel=0.1) and robot["age"] < 0.5)
+
+    until(lambda: all(map(heard, snapshot(team)["robots"].values())), what="20 positions a second of each")
+    assert set(snapshot(team)["robots"]) == set(team.mission.names)
 
 
 def test_an_operators_stop_is_acknowledged_by_all_and_they_stand(team: Deployed) -> None:

@@ -14,7 +14,7 @@ from formation.transport.bus_config import BusConfig
 from formation.transport.session import settings_of
 from monitor.figures.keys import watched
 from tests.field.missions import in_the_field
-from tests.field.namespaces import until
+from tests.field.namespaces import PATIENCE, until
 from tests.field.sessions import Sessions, prepared
 from tests.processes.child import free_endpoint
 
@@ -80,8 +80,8 @@ def test_the_operators_order_is_acknowledged_and_nobody_elses_is(sessions: Sessi
     (operator,) = sessions.open("operator")
     answers: set[str] = set()
 
-    def acknowledged(asks: zenoh.Session, key: str, payload: bytes) -> set[str]:
-        replies = asks.get(key, payload=payload, timeout=0.5, target=zenoh.QueryTarget.ALL)
+    def acknowledged(asks: zenoh.Session, key: str, payload: bytes, patience: float = 0.5) -> set[str]:
+        replies = asks.get(key, payload=payload, timeout=patience, target=zenoh.QueryTarget.ALL)
         return {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
 
     def all_have() -> bool:
@@ -89,7 +89,7 @@ def test_the_operators_order_is_acknowledged_and_nobody_elses_is(sessions: Sessi
         return answers == {"robot2/order", "robot3/order"}
 
     until(all_have, what="both acknowledge what all are asked")
-    assert acknowledged(operator, "robot3/order", b"one") == {"robot3/order"}
+    assert acknowledged(operator, "robot3/order", b"one", PATIENCE) == {"robot3/order"}
     (robot4, monitor) = sessions.open("robot4", "monitor")
     sessions.listen("robot4", robot4, "robot3/position")
     sessions.listen("monitor", monitor, "robot3/status")

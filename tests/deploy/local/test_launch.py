@@ -114,8 +114,7 @@ def test_agents_end_before_the_guards_those_before_the_robots_and_those_before_t
 
     launcher.next = keep  # type: ignore[method-assign]
     launcher.stop()
-    while launcher.next(0.0) is not None:
-        pass
+    wait_until(launcher, lambda: len(ends) == len(children))
     assert ends["agent"] + COAST <= ends["guard"] <= ends["robots"] <= ends["monitor"]
 
 
