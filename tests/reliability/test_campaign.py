@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,6 +17,15 @@ from tests.reliability.trial import attempt
 
 pytestmark = [pytest.mark.processes, pytest.mark.namespaces, pytest.mark.timeout(300)]
 ROWS = {row.name: row for row in rows(load(faults.MISSION))}
+
+
+@pytest.fixture(autouse=True)
+def moments(request: pytest.FixtureRequest) -> Iterator[None]:
+    """What is random in a campaign is here the same each time, so that what fails can be had again."""
+    before = random.getstate()
+    random.seed(request.node.name)
+    yield
+    random.setstate(before)
 
 
 @pytest.fixture(scope="module")
