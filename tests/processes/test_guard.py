@@ -21,7 +21,7 @@ import pytest
 from formation.transport.wiring import Endpoints
 from tests.field.namespaces import Field, Running
 from tests.processes.child import Child, free_endpoint, niced, started
-from tests.processes.guarded import NICE, ROBOTS, ROUNDS, WITHIN, Runs, Team, told, tries
+from tests.processes.guarded import NICE, ROBOTS, ROUNDS, WITHIN, Runs, Team, told, tries, unstalled
 from tests.processes.relay import Relay
 
 pytestmark = pytest.mark.processes
@@ -132,6 +132,7 @@ def test_an_agent_that_is_unplugged_costs_the_other_robots_nothing(tmp_path: Pat
         there = Elsewhere(field)
         team = Team(there, tmp_path, there.where)
         team.start(*ROBOTS)
+        team.settle(*ROBOTS)  # the first may have been held up while the last one was waited for
         lost, *others = ROBOTS
         before = time.time()
         there.computers[lost].unplug()
@@ -140,5 +141,7 @@ def test_an_agent_that_is_unplugged_costs_the_other_robots_nothing(tmp_path: Pat
         team.settle(lost)
         for name in others:
             drove = [one for one in team.wheels.moving[name] if one.stamp > before]
-            assert min(one.speed for one in drove) > 0.1, f"{name} stood"
+            judged = [one for one in unstalled(team.wheels.moving[name]) if one.stamp > before]
+            assert len(judged) > 0.5 * len(drove), f"{name}: this machine stalled all the time"
+            assert min(one.speed for one in judged) > 0.1, f"{name} stood: {judged}"
             assert max(later.stamp - earlier.stamp for earlier, later in pairwise(drove)) < 0.3
