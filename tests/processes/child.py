@@ -69,9 +69,9 @@ class Child:
         return self.process.wait(PATIENCE)
 
     @property
-    def said_so_far(self) -> list[str]:
-        """The lines that it has written to stderr by now."""
-        return self._errors.copy()
+    def log(self) -> str:
+        """What it wrote to stderr so far."""
+        return "".join(self._errors)
 
     @property
     def errors(self) -> str:

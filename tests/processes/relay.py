@@ -12,15 +12,14 @@ from typing import Self
 class Relay:
     """Accepts TCP links and hands their bytes on, both ways, as long as it is not cut; a context manager."""
 
-    def __init__(self, target: str) -> None:
-        """`target` is an endpoint such as ``tcp/127.0.0.1:7460``."""
-        host, _, port = target.removeprefix("tcp/").rpartition(":")
-        self._target = host, int(port)
+    def __init__(self, target: str, at: str = "tcp/127.0.0.1:0") -> None:
+        """`target` is an endpoint such as ``tcp/127.0.0.1:7460``; links are taken `at` one, or at any."""
+        self._target = _address(target)
         self._whole = threading.Event()
         self._whole.set()
         self._open = True
         self._sockets: list[socket.socket] = []
-        self._door = socket.create_server(("127.0.0.1", 0))
+        self._door = socket.create_server(_address(at))
         self.endpoint = f"tcp/127.0.0.1:{self._door.getsockname()[1]}"
         """What to dial in place of the target."""
         threading.Thread(target=self._accept, daemon=True).start()
@@ -64,3 +63,8 @@ class Relay:
                 sink.sendall(data)
         with suppress(OSError):
             sink.shutdown(socket.SHUT_WR)
+
+
+def _address(endpoint: str) -> tuple[str, int]:
+    host, _, port = endpoint.removeprefix("tcp/").rpartition(":")
+    return host, int(port)

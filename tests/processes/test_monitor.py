@@ -110,7 +110,7 @@ def test_the_summary_holds_the_verdict_though_the_fleet_has_gone(run: Run) -> No
 def test_people_get_a_line_every_two_seconds_instead(tmp_path: Path) -> None:
     begun = time.monotonic()
     with watching("--record", str(tmp_path / "run.mcap")) as (child, actor):
-        while not known(child.said_so_far):
+        while not known(child.log.splitlines()):
             assert time.monotonic() < begun + PATIENCE
             actor.play(0.5)
         child.signal(signal.SIGTERM)
