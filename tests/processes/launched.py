@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import os
+import re
+import signal
 import subprocess
 import sys
 import threading
@@ -51,6 +54,28 @@ def wait_until_running(process: subprocess.Popen[str], seconds: float) -> list[p
     raise AssertionError(f"it ended with exit code {process.wait()} before {seconds} s")
 
 
+def wait_until_formed(process: subprocess.Popen[str], bound: float) -> None:
+    """Read what it says until the error is under `bound` [m] three times in a row, two seconds apart.
+
+    A verdict that is asked for then does not depend on what the machine did at one moment chosen beforehand:
+    who heard nothing while it stood still holds, and has to catch up.
+    """
+    assert process.stderr is not None
+    below = 0
+    for text in process.stderr:
+        if run_for(text) is not None:
+            below = below + 1 if error_in(text) < bound else 0
+        if below == 3:
+            return
+    raise AssertionError(f"it ended with exit code {process.wait()} before the formation stood")
+
+
+def error_in(line: str) -> float:
+    """The formation error of a line that tells how long it has run [m]; infinite if that is not known."""
+    found = re.search(r"error <?([0-9.]+) (mm|cm|m)\b", line)
+    return float(found[1]) * {"mm": 1e-3, "cm": 1e-2, "m": 1.0}[found[2]] if found else math.inf
+
+
 def run_for(line: str) -> float | None:
     """How long it had run when it said so [s]; None for a line that tells of something else."""
     words = line.split()
@@ -92,6 +117,13 @@ class Told:
         assert self._process.stderr is not None
         for line in self._process.stderr:
             self._elapsed = run_for(line) or self._elapsed
+
+
+def formed(process: subprocess.Popen[str], bound: float) -> dict[str, Any]:
+    """The result of a run that is ended when it has formed, to within `bound` [m]."""
+    wait_until_formed(process, bound)
+    process.send_signal(signal.SIGINT)
+    return result_of(process)
 
 
 def result_of(process: subprocess.Popen[str]) -> dict[str, Any]:

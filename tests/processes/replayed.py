@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import signal
 import ssl
 import subprocess
@@ -39,13 +40,14 @@ class Run(NamedTuple):
     result: dict[str, Any]
 
 
-def drive(folder: Path, seconds: float) -> Run:
-    """Six robots for so long, and somebody who looks at the page all the time."""
-    arguments = ("run", "six_robots", "--duration", f"{seconds:g}", "--record", "run.mcap", "--json")
+def drive(folder: Path, frames_after: int) -> Run:
+    """Six robots until they have settled and so many frames more, which somebody at the page sees."""
+    arguments = ("run", "six_robots", "--duration", "90", "--record", "run.mcap", "--json")
     with command(*arguments, "--page", "127.0.0.1:0", folder=folder) as process:
         assert process.stderr is not None
         address = after("Page: ", process.stderr)
         frames: list[dict[str, Any]] = []
+        left = math.inf
         hello: dict[str, Any] = {}
         with suppress(httpx.RemoteProtocolError):  # a stream that ends with its server
             for heard in looking(address):
@@ -53,6 +55,11 @@ def drive(folder: Path, seconds: float) -> Run:
                     hello = heard.data
                 elif heard.kind == "frame":
                     frames.append(heard.data)
+                    left -= 1
+                    if left == 0:
+                        process.send_signal(signal.SIGINT)
+                elif heard.kind == "event" and heard.data["kind"] == "settled":
+                    left = frames_after
         out, _ = process.communicate(timeout=90.0)
     assert frames, out
     return Run(folder / "run.mcap", hello, frames, json.loads(out.splitlines()[-1]))

@@ -9,15 +9,15 @@ from typing import Any
 import pytest
 
 from formation.mission_file import load
-from tests.processes.launched import result_of, started, wait_until_running
+from tests.processes.launched import formed, started, wait_until_running
 
 pytestmark = [pytest.mark.processes, pytest.mark.physics]
 
 
 def test_the_papers_turtlebots_converge_when_they_have_mass(tmp_path: Path) -> None:
-    flags = ("--world", "mujoco", "--duration", "15", "--record", "run.mcap")
+    flags = ("--world", "mujoco", "--duration", "90", "--record", "run.mcap")
     with started("turtlebot3_pair", *flags, folder=tmp_path) as process:
-        result = result_of(process)
+        result = formed(process, 0.05)
     assert set(result["processes"]) == {"monitor", "robots", "leader", "agent robot1", "agent robot2"}
     assert {name: one["exit"] for name, one in result["processes"].items() if one["exit"] != 0} == {}
     assert process.returncode == 0
@@ -29,13 +29,13 @@ def run(folder: Path, *flags: str) -> tuple[dict[str, list[str]], dict[str, Any]
     """What the agents of six robots were started with, but for pids and ports, and how they fared."""
     said: dict[str, list[str]] = {}
     folder.mkdir()
-    with started("six_robots", "--duration", "15", *flags, folder=folder) as process:
+    with started("six_robots", "--duration", "90", *flags, folder=folder) as process:
         for child in wait_until_running(process, 3.0):
             words = child.cmdline()
             if "agent" in words:
                 robot = words[words.index("--robot") + 1]
                 said[robot] = [re.sub(r":\d+$", ":PORT", w).replace(str(process.pid), "PID") for w in words]
-        result = result_of(process)
+        result = formed(process, 0.05)
     assert process.returncode == 0
     return said, result
 

@@ -29,7 +29,7 @@ SOON = 0.001
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    return drive(tmp_path_factory.mktemp("run"), 8.0)
+    return drive(tmp_path_factory.mktemp("run"), 20)
 
 
 @pytest.fixture(scope="module")

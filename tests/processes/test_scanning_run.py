@@ -26,7 +26,7 @@ from monitor.recording.reader import read
 from tests.processes.child import PATIENCE, Child
 from tests.processes.child import started as child_started
 from tests.processes.driven import Page, under_way
-from tests.processes.launched import result_of, started, wait_until_running
+from tests.processes.launched import formed, started, wait_until_running
 from tests.processes.test_recording_elsewhere import check
 from tests.processes.test_verify import commands, like, verified, whole
 
@@ -45,12 +45,13 @@ class Recorded(NamedTuple):
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     folder = tmp_path_factory.mktemp("posts")
-    with started("posts", "--record", "run.mcap", folder=folder) as process:
+    with started("posts", "--duration", "110", "--record", "run.mcap", folder=folder) as process:
         lines = [child.cmdline() for child in wait_until_running(process, 14.0)]
         monitor = next(line for line in lines if line[3] == "monitor")
         with like(monitor, folder, "--no-page", record=str(folder / "late.mcap")):
             wait_until_running(process, 30.0)
-        result = result_of(process)
+        wait_until_running(process, POSTS.duration - 6.0)
+        result = formed(process, 0.01)
     assert process.returncode == 0
     return Recorded(result, folder / "run.mcap", folder / "late.mcap")
 
