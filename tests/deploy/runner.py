@@ -65,6 +65,7 @@ class Runner:
         begun = folder / "begun"
         self.once_begun = f"[time.sleep(0.01) for _ in iter(lambda: os.path.exists({str(begun)!r}), True)]"
         """Code of a script that goes on when everybody is ready and the run has begun."""
+        self._left = Progress.__dict__["left"]  # the property itself
         show = PlainLines.show
 
         def noted(view: PlainLines, progress: Progress) -> None:
@@ -86,7 +87,7 @@ class Runner:
         """It lasts for `duration` [s], and until it knows that the processes `until_dead` have ended."""
 
         def left(progress: Progress) -> float:
-            time = duration - progress.elapsed
+            time: float = self._left.__get__(progress)
             return time if progress.dead.keys() >= set(until_dead) else max(time, 0.1)
 
         def programs(*_: object, **asked: Any) -> tuple[Program, ...]:

@@ -24,9 +24,8 @@ from formation.transport.mailbox import Mailbox
 from formation.transport.robot_bus import RobotBus
 from tests.processes.bus_tools import until
 from tests.processes.child import Child, free_endpoint, started
-from tests.processes.guarded import NICE
+from tests.processes.guarded import NICE, PERIOD
 
-PERIOD = 0.05
 SPEED = 0.3
 LAPSE = 2.0 * PERIOD
 """A driver who says nothing for longer is not healthy, nor is a robot that says nothing [s]."""

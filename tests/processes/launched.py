@@ -54,19 +54,21 @@ def wait_until_running(process: subprocess.Popen[str], seconds: float) -> list[p
     raise AssertionError(f"it ended with exit code {process.wait()} before {seconds} s")
 
 
-def wait_until_formed(process: subprocess.Popen[str], bound: float) -> None:
+def wait_until_formed(process: subprocess.Popen[str], bound: float) -> float:
     """Read what it says until the error is under `bound` [m] three times in a row, two seconds apart.
 
-    A verdict that is asked for then does not depend on what the machine did at one moment chosen beforehand:
-    who heard nothing while it stood still holds, and has to catch up.
+    Returns how long it had run when it said so for the first time [s]. A verdict that is asked for then does
+    not depend on what the machine did at one moment chosen beforehand: who heard nothing while it stood still
+    holds, and has to catch up.
     """
     assert process.stderr is not None
-    below = 0
+    first, below = math.inf, 0
     for text in process.stderr:
-        if run_for(text) is not None:
-            below = below + 1 if error_in(text) < bound else 0
+        if (seen := run_for(text)) is not None:
+            is_below = error_in(text) < bound
+            first, below = min(first, seen if is_below else math.inf), below + 1 if is_below else 0
         if below == 3:
-            return
+            return first
     raise AssertionError(f"it ended with exit code {process.wait()} before the formation stood")
 
 
@@ -119,9 +121,9 @@ class Told:
             self._elapsed = run_for(line) or self._elapsed
 
 
-def formed(process: subprocess.Popen[str], bound: float) -> dict[str, Any]:
-    """The result of a run that is ended when it has formed, to within `bound` [m]."""
-    wait_until_formed(process, bound)
+def formed(process: subprocess.Popen[str], bound: float, within: float) -> dict[str, Any]:
+    """The result of a run whose error comes under `bound` [m] `within` a time [s]; ended when it stays so."""
+    assert wait_until_formed(process, bound) <= within
     process.send_signal(signal.SIGINT)
     return result_of(process)
 

@@ -18,8 +18,8 @@ from agent.robots.guard.core import BRAKING, PARKING, SLOW
 from formation.transport.bus import Bus, BusConfig
 from tests.processes.bus_tools import until
 from tests.processes.child import Child, free_endpoint, started
-from tests.processes.guard_scene import COMMAND, LIFE, PARKED, PERIOD, SPEED, Scene, gaps
-from tests.processes.guarded import NICE
+from tests.processes.guard_scene import COMMAND, LIFE, PARKED, SPEED, Scene, gaps
+from tests.processes.guarded import NICE, PERIOD
 from tests.processes.relay import Relay
 
 pytestmark = pytest.mark.processes

@@ -7,6 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from statistics import median
 from typing import Any, NamedTuple
 
 import pytest
@@ -79,8 +80,8 @@ def test_its_own_figures_are_published_and_recorded(run: Run) -> None:
     said = decode(Diagnostics, told[2]).statuses
     assert [one.hardware_id for one in said] == ["", *run.actor.fleet.mission.names]
     assert said[2].values["error robot1"] == "0.0000"
-    rates = [decode(Diagnostics, one).statuses[2].values["rate odom"] for one in told[1:]]
-    assert any(float(rate) == pytest.approx(20.0, rel=0.1) for rate in rates)  # when nobody was late
+    rates = [float(decode(Diagnostics, one).statuses[2].values["rate odom"]) for one in told[1:]]
+    assert median(rates) == pytest.approx(20.0, rel=0.1)  # for in one of them somebody may be late
 
 
 def test_snapshots_tell_programs_what_a_live_table_shows(run: Run) -> None:

@@ -17,7 +17,7 @@ pytestmark = [pytest.mark.processes, pytest.mark.physics]
 def test_the_papers_turtlebots_converge_when_they_have_mass(tmp_path: Path) -> None:
     flags = ("--world", "mujoco", "--duration", "90", "--record", "run.mcap")
     with started("turtlebot3_pair", *flags, folder=tmp_path) as process:
-        result = formed(process, 0.05)
+        result = formed(process, 0.05, within=15.0)
     assert set(result["processes"]) == {"monitor", "robots", "leader", "agent robot1", "agent robot2"}
     assert {name: one["exit"] for name, one in result["processes"].items() if one["exit"] != 0} == {}
     assert process.returncode == 0
@@ -35,7 +35,7 @@ def run(folder: Path, *flags: str) -> tuple[dict[str, list[str]], dict[str, Any]
             if "agent" in words:
                 robot = words[words.index("--robot") + 1]
                 said[robot] = [re.sub(r":\d+$", ":PORT", w).replace(str(process.pid), "PID") for w in words]
-        result = formed(process, 0.05)
+        result = formed(process, 0.05, within=15.0)
     assert process.returncode == 0
     return said, result
 

@@ -51,7 +51,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
         with like(monitor, folder, "--no-page", record=str(folder / "late.mcap")):
             wait_until_running(process, 30.0)
         wait_until_running(process, POSTS.duration - 6.0)
-        result = formed(process, 0.01)
+        result = formed(process, 0.01, within=POSTS.duration)
     assert process.returncode == 0
     return Recorded(result, folder / "run.mcap", folder / "late.mcap")
 
