@@ -82,7 +82,7 @@ def main(arguments: Sequence[str]) -> int:
     try:
         with Bus(_config(options, mission, asked.names)) as bus:
             with waiting(f"asking for up to {options.timeout:g} s"):
-                outcome = asking.ask(bus.question, asked, request, options.timeout)
+                outcome = asking.ask(bus.question, asked, request, options.timeout, linked=lambda: bus.links)
             _tell(options, mission, outcome)  # at once: to close the bus may take as long as its patience
     except BusError as error:
         raise Refusal(str(error)) from None

@@ -33,6 +33,10 @@ AGAIN = 0.02
 """When a question is put again that reached nobody, or was answered by one who does not lead [s]."""
 LONGEST_PAUSE = 0.05
 """So soon another follows one that somebody has not answered [s]."""
+LINKING_PAUSE = 0.12
+"""The same where links are counted: questions put while links are being made slow the linking [s]."""
+LINKED_FOR = 0.03
+"""Where no link has been added for so long, those that there are count as all that can be made [s]."""
 LOOK = 0.002
 """How often we look for answers [s]; each has the time at which it came."""
 LINGER = 0.1
@@ -92,14 +96,16 @@ def ask(
     request: OperatorRequest,
     seconds: float,
     over: Callable[[], bool] = lambda: False,
+    linked: Callable[[], int] | None = None,
 ) -> Outcome:
     """Ask until everybody who counts has answered, for at most `seconds`; what came of it.
 
     A question reaches who is linked at that moment, and links take a moment, so it is put again and again:
-    by its id it is known as the same. Once it is `over` it is not put any more.
+    by its id it is known as the same. Once it is `over` it is not put any more. `linked` counts the robots
+    that are linked; a question to all then waits for the first link, and is repeated when all are linked.
     """
     began, outcome = _now(), Outcome(request, asked, {}, time.time(), seconds)
-    talks = {key: _Talk() for key in _keys(asked)}
+    talks = {key: _Talk(len(asked.names), linked if asked.each else None) for key in _keys(asked)}
     settled = None
     while True:
         age = _now() - began
@@ -135,14 +141,32 @@ class _Talk:
     made. So another follows soon, and then less often.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, expected: int, linked: Callable[[], int] | None) -> None:
+        """`expected` is how many answer on the key; `linked` counts the links, None where it is not known."""
         self._open: list[tuple[Question, float]] = []
-        self._newest, self._pause = -LONGEST_PAUSE, AGAIN
+        self._newest, self._pause = -LINKING_PAUSE, AGAIN
+        self._expected, self._linked = expected, linked
+        self._reached = 0  # links that there were when the newest question was put,
+        self._count, self._grew = 0, 0.0  # that there are, and when the newest of them was added [s]
 
     def due(self, age: float) -> bool:
         """Whether to ask (again), so long [s] after the first question to anybody."""
+        if self._linked is not None:
+            return self._due_by_links(self._linked(), age)
         heard_by_nobody = all(question.over for question, _ in self._open)
         return age >= self._newest + (AGAIN if heard_by_nobody else self._pause)
+
+    def _due_by_links(self, count: int, age: float) -> bool:
+        """At the first link, when no more are being made, and every `LINKING_PAUSE`."""
+        if count > self._count:
+            self._grew = age
+        self._count = count
+        complete = count >= self._expected or age >= self._grew + LINKED_FOR
+        added = self._reached == 0 or (count > self._reached and complete)
+        due = count > 0 and (added or age >= self._newest + LINKING_PAUSE)
+        if due:
+            self._reached = count
+        return due
 
     def put(self, question: Question, age: float) -> None:
         """It was asked."""

@@ -172,6 +172,11 @@ class Bus:
         """How many routers this session is linked with right now."""
         return 0 if self._session is None else len(self._session.info.routers_zid())
 
+    @property
+    def links(self) -> int:
+        """How many peers and routers this session is linked with right now."""
+        return self.linked_routers + (0 if self._session is None else len(self._session.info.peers_zid()))
+
     def drain(self) -> list[Sample]:
         """All samples that wait, in order of arrival."""
         return self.mailbox.drain()

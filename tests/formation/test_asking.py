@@ -146,6 +146,31 @@ def test_answers_that_are_garbage_or_of_strangers_or_in_anothers_name_count_for_
     assert asking.ask(Fleet(all=[strange]).put, TWO, STOP, 0.05).answers == {}
 
 
+def test_question_to_all_waits_for_links(clock: Clock) -> None:
+    """One question at the first link, one when all are linked; none in between, nor before."""
+    both = [reply("robot1"), reply("robot2")]
+    fleet = Fleet(all=[both[:1], both])
+    put_at: list[float] = []
+
+    def put(key: str, payload: bytes, timeout: float) -> Question:
+        put_at.append(clock.now)
+        return fleet.put(key, payload, timeout)
+
+    def linked() -> int:
+        return (clock.now >= 0.05) + (clock.now >= 0.10)
+
+    outcome = asking.ask(put, TWO, STOP, 10.0, linked=linked)
+    assert outcome.obeyed
+    assert put_at == [pytest.approx(0.05, abs=2 * asking.LOOK), pytest.approx(0.10, abs=2 * asking.LOOK)]
+
+
+def test_question_to_all_is_repeated_while_a_link_is_missing(clock: Clock) -> None:
+    fleet = Fleet(all=[[reply("robot1")]])
+    outcome = asking.ask(fleet.put, TWO, STOP, 1.0, linked=lambda: 1)
+    assert outcome.missing == ["robot2"]
+    assert len(fleet.put_to) == pytest.approx(1.0 / asking.LINKING_PAUSE, abs=1.0)
+
+
 def test_what_is_over_is_not_asked_again() -> None:
     fleet = Fleet(all=[[reply("robot1")]])
     outcome = asking.ask(fleet.put, TWO, STOP, 10.0, over=lambda: len(fleet.put_to) >= 5)
