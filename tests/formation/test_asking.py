@@ -164,7 +164,7 @@ def test_question_to_all_waits_for_links(clock: Clock) -> None:
     assert put_at == [pytest.approx(0.05, abs=2 * asking.LOOK), pytest.approx(0.10, abs=2 * asking.LOOK)]
 
 
-def test_question_to_all_is_repeated_while_a_link_is_missing(clock: Clock) -> None:
+def test_question_to_all_is_repeated_while_a_link_is_missing() -> None:
     fleet = Fleet(all=[[reply("robot1")]])
     outcome = asking.ask(fleet.put, TWO, STOP, 1.0, linked=lambda: 1)
     assert outcome.missing == ["robot2"]
