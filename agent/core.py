@@ -27,6 +27,7 @@ from agent.slots import Slots
 from agent.status import Report, Surroundings, status
 from agent.tuning import Tuning
 from formation import order
+from formation.geofence import Geofence
 from formation.law import LAWS, error, unwound
 from formation.mission import Mission
 from formation.order import Told
@@ -69,6 +70,8 @@ class Agent:
         self._avoiding = Avoiding(mission, robot, self.law_name)
         self._integral = 0j
         self._finite = True
+        self._fence = Geofence(mission)
+        self._outside: str | None = None  # how it is outside the bounds, in words
         self._orders = Orders(mission)
         self._tuning = Tuning(mission, robot)
         self._slots = Slots(mission, robot)
@@ -78,7 +81,9 @@ class Agent:
         self._status_due = float("-inf")
         self._rest_due = float("-inf")
         self._status_key, self._position_key = STATUS.key(robot), POSITION.key(robot)
-        self._hearing = Hearing(mission, robot, self._here, self._neighbours, self._avoiding, self._orders)
+        self._hearing = Hearing(
+            mission, robot, self._here, self._neighbours, self._avoiding, self._orders, self._fence
+        )
 
     @property
     def subscriptions(self) -> tuple[str, ...]:
@@ -120,6 +125,8 @@ class Agent:
         """The first half of a step, whose result need not wait for the second: learn, decide, command."""
         self._orders.voter.aware(now.mono)
         self._moved, interval = self._hearing.take(inbox, now)
+        if self._moved:
+            self._outside = self._fence.outside(self._here.position, before=self._outside is not None)
         before, self.decision = self.decision.state, self._decide(now)
         outbox = self._drive(now, interval) if self._moved else self._rest(now)
         self._aside.judge(self.decision, self._orders.newest, now.mono, stuck=self._stuck.now)
@@ -169,6 +176,8 @@ class Agent:
                 limit=self._here.stream.limit,
                 jumped=self._here.jumped,
                 doubt=self._here.doubt,
+                outside=self._outside,
+                beyond=() if around.guides else around.beyond,
                 follows=self._here.follows,
                 order=self._orders.newest,
                 beat_silence=now.mono - self._orders.rose,

@@ -66,6 +66,10 @@ class Facts(NamedTuple):
     """[s]"""
     scan_doubt: str | None = None
     """Why the newest scan of a scanner that the mission requires is not believed, in words."""
+    outside: str | None = None
+    """How the robot is outside the mission's bounds, in words."""
+    beyond: tuple[str, ...] = ()
+    """Neighbours that are heard from outside the bounds: nobody follows those."""
     leaderless: bool = False
     """Whether the leader itself is among the neighbours, and silent."""
 
@@ -95,7 +99,11 @@ def _never(silence: float) -> bool:
 
 def _nobody(facts: Facts) -> str:
     each = ", ".join(
-        f"{name} is no guide" if name in facts.aside else f"{name} {age:.2f} s"
+        f"{name} is outside the bounds"
+        if name in facts.beyond
+        else f"{name} is no guide"
+        if name in facts.aside
+        else f"{name} {age:.2f} s"
         for name, age in facts.neighbours.items()
     )
     return f"no neighbour {'can be followed' if facts.aside else 'is fresh'}: {each}"
@@ -118,6 +126,12 @@ TABLE: tuple[Row, ...] = (
         lambda f: not f.follows,
         State.HOLD,
         lambda f: f"no two {f.source} messages within {f.limit:.2f} s",
+        own=True,
+    ),
+    Row(
+        lambda f: f.outside is not None,
+        State.HOLD,
+        lambda f: f"outside the bounds: {f.outside}; bring it back inside, or widen the mission's [bounds]",
         own=True,
     ),
     Row(lambda f: _never(f.scan_silence), State.WAITING, lambda _: "no range scan yet", own=True),

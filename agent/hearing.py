@@ -13,6 +13,7 @@ from agent.orders import Orders
 from agent.scanner import Scanner
 from formation import order
 from formation.election import Voter
+from formation.geofence import Geofence
 from formation.mission import Mission
 from formation.order import LONGEST_REASON, Ballot, Told
 from formation.ros2.messages import Displacement, LaserScan, Odometry, Pose, Text, decode
@@ -34,13 +35,14 @@ class Hearing:
         neighbours: Neighbourhood,
         avoiding: Avoiding,
         orders: Orders,
+        fence: Geofence,
     ) -> None:
-        """The last four learn from what is heard."""
+        """The parts from `here` to `orders` learn from what is heard."""
         self.dropped: Counter[str] = Counter()
         """Messages that were not used, by key."""
         self.last_dropped: dict[str, str] = {}
         """Why the newest of them was not."""
-        self._spec, self._leader = mission.robots[robot], mission.leader
+        self._spec, self._leader, self._fence = mission.robots[robot], mission.leader, fence
         self._own = (ODOM if self._spec.localisation == "odometry" else POSE).key(robot)
         self._handlers: dict[str, Handler] = {self._own: partial(self._take_own, here, avoiding.scanner)}
         for name, neighbour in neighbours.each.items():
@@ -105,6 +107,7 @@ class Hearing:
         leads = neighbour.name == self._leader
         neighbour.voice.admit(told, sample.arrived, orders.voter.promise if leads else 0)
         neighbour.aside = told.aside
+        neighbour.beyond = not self._fence.holds(pose.position)
         if told.order is not None:
             try:
                 orders.hear(told.order, neighbour.name, sample.arrived, now)

@@ -123,6 +123,7 @@ KEPT: Mapping[type, Kept] = {
             "_moved": flag,
             "_integral": plane,
             "_finite": flag,
+            "_outside": maybe(text),
             "_status_due": real,
             "_rest_due": real,
         },
@@ -146,6 +147,7 @@ KEPT: Mapping[type, Kept] = {
             "_spec",
             "_readonly",
             "_voice",
+            "_fence",
             "_law",
             "_status_key",
             "_position_key",
@@ -153,7 +155,7 @@ KEPT: Mapping[type, Kept] = {
     ),
     Hearing: Kept(
         memory={"dropped": by_name(count, Counter), "last_dropped": by_name(text)},
-        construction=("_spec", "_leader", "_own", "_handlers"),
+        construction=("_spec", "_leader", "_own", "_handlers", "_fence"),
     ),
     Localisation: Kept(
         memory={
@@ -227,6 +229,7 @@ KEPT: Mapping[type, Kept] = {
         memory={
             "displacement": plane,
             "aside": flag,
+            "beyond": flag,
             "_anchor": plane,
             "_moved": real,
             "_track": maybe(_TRACK),
@@ -295,7 +298,7 @@ KEPT: Mapping[type, Kept] = {
             "_heard": by_name(row(tuple, _ORDER, real)),
         },
         parts=("voter",),
-        construction=("_shapes", "_bearable", "_rate"),
+        construction=("_shapes", "_bearable", "_fence", "_rate"),
     ),
     Voter: Kept(
         memory={"promise": count, "echo": count, "_given": count, "_renewed": maybe(real), "_rose": real},

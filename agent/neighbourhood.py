@@ -42,6 +42,8 @@ class Neighbour:
         """Newest measured z_ij^(i) [m; body frame]; only where a sensor measures it."""
         self.aside = False
         """Whether it says that others had better go on without it."""
+        self.beyond = False
+        """Whether it says that it is outside the mission's bounds."""
         # The virtual leader has no body: its position is its control point.
         self._offset = 0.0 if name == mission.leader else spec.control_point_offset
         self._top_speed = spec.top_speed
@@ -174,12 +176,15 @@ class Neighbourhood:
             self.guides = usable or self._leading(self._returning(now), usable)
 
     def _usable(self, names: tuple[str, ...], now: Now) -> tuple[str, ...]:
-        return tuple(name for name in names if not self.each[name].aside and self.each[name].fresh(now))
+        known = [(name, self.each[name]) for name in names]
+        return tuple(name for name, one in known if not one.aside and not one.beyond and one.fresh(now))
 
     def _returning(self, now: Now) -> tuple[str, ...]:
         """Neighbours that are aside, and on their way back."""
         known = [(name, self.each[name]) for name in self._neighbours]
-        return tuple(name for name, one in known if one.aside and one.fresh(now) and one.going(now))
+        return tuple(
+            name for name, one in known if one.aside and not one.beyond and one.fresh(now) and one.going(now)
+        )
 
     def _leading(self, names: tuple[str, ...], usable: tuple[str, ...]) -> tuple[str, ...]:
         """Those who follow the leader by a way of their own, when only these neighbours can be followed."""
@@ -189,6 +194,11 @@ class Neighbourhood:
     def aside(self, now: Now) -> tuple[str, ...]:
         """Who is heard, and is no guide."""
         return tuple(name for name, one in self.each.items() if name not in self.guides and one.fresh(now))
+
+    @property
+    def beyond(self) -> tuple[str, ...]:
+        """Neighbours that say they are outside the mission's bounds."""
+        return tuple(name for name, one in self.each.items() if one.beyond)
 
     def leaderless(self, now: Now) -> bool:
         """Whether the leader is a neighbour, and silent."""

@@ -4,6 +4,8 @@ Neighbours go on relaying the last order of a leader that is gone, so hearing on
 counts once its beat has risen at one neighbour, by no more than a leader can have counted meanwhile. A new
 term thus takes one period per hop, and a single message, however high its beat, moves and stops nobody.
 
+An order of a slot outside the mission's bounds is refused, whoever it comes from.
+
 Where there are standbys, a robot that has promised itself to a term takes no order of an earlier one.
 """
 
@@ -13,6 +15,7 @@ from agent.stream import ABSURD
 from agent.tuning import Bearable
 from formation.election import Voter
 from formation.figure import check_figure
+from formation.geofence import Geofence
 from formation.mission import Mission
 from formation.order import Order, newer
 from formation.wire import BadMessage, Now
@@ -32,12 +35,14 @@ class Orders:
         self.voter = Voter(mission)
         """Its voice in who leads."""
         self._shapes, self._bearable = mission.shapes, Bearable.of(mission)
+        self._fence = Geofence(mission)
         self._rate = mission.robots[mission.leader].rate
         self._heard: dict[str, tuple[Order, float]] = {}  # from each neighbour, and when [s, monotonic]
 
     def hear(self, heard: Order, neighbour: str, arrived: float, now: Now) -> None:
         """Learn from the order that came with a neighbour's position. Raises BadMessage."""
         check_figure(heard, self._shapes)
+        self._fence.check(heard)
         if heard.tuned is not None:
             self._bearable.check(heard.tuned)
         if heard.term * 1e-9 - now.wall > ABSURD:

@@ -8,6 +8,7 @@ from typing import Any
 
 from deploy.arguments import add_mission, as_json, parser, read_mission
 from deploy.terminal.waiting import waiting
+from formation.geofence import Area
 from formation.mission import Mission
 from formation.stability.analysis import Analysis, analyse
 from formation.stability.losses import Loss, losses
@@ -31,8 +32,24 @@ def main(arguments: Sequence[str]) -> int:
         found = analyse(mission)
     print(words(mission, found))
     if options.json:
-        print(as_json({"mission": mission.name, **found.as_json(), "losses": _as_json(mission)}))
+        print(
+            as_json(
+                {
+                    "mission": mission.name,
+                    **found.as_json(),
+                    "bounds": bounds(mission),
+                    "losses": _as_json(mission),
+                }
+            )
+        )
     return 0 if found.ok else 1
+
+
+def bounds(mission: Mission) -> dict[str, Any]:
+    """Where robots may be [m; world frame], and whether the mission says so."""
+    area = Area.of(mission)
+    x, y = [area.x_min, area.x_max], [area.y_min, area.y_max]
+    return {"x": x, "y": y, "default": mission.bounds is None}
 
 
 def words(mission: Mission, found: Analysis) -> str:
@@ -52,6 +69,8 @@ def _summary(mission: Mission, found: Analysis) -> Iterator[str]:
     yield f"  settles          {_settles(mission, found)}"
     yield f"  delay margin     {_margin(found)}"
     yield f"  eigenvalues      {_eigenvalues(found.eigenvalues)}"
+    whose = "by default" if mission.bounds is None else "as the mission says"
+    yield f"  bounds           {Area.of(mission).words}, {whose}"
 
 
 def _robots(mission: Mission, found: Analysis) -> Iterator[str]:

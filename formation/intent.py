@@ -14,15 +14,19 @@ import numpy as np
 
 from formation.arrays import ComplexArray
 from formation.figure import Figure
+from formation.geofence import Geofence
 from formation.legs import Circle, Leg, Straight
 from formation.mission import Mission
 from formation.order import TAKES, OperatorRequest, Tuned
+from formation.route import Route
 from formation.stability import tuning
 
 SAMPLES = 33
 """Of a straight way from one figure to another."""
 SHARE = 0.7
 """Of what a follower's `max_speed` leaves beside the leader's speed, so much is for moving its slot."""
+SOONEST = 1.0
+"""A route that leaves the bounds sooner is refused [s]."""
 MOST_SCALE = 1e3
 """No order can ask for more."""
 
@@ -34,13 +38,15 @@ def refusal(
     way: Sequence[Figure] = (),
     legs: Sequence[Leg] | None = None,
     gains: Tuned | None = None,
+    place: complex | None = None,
 ) -> str | None:
     """Why `request` cannot be done, in one sentence with what is legal; None if nothing speaks against it.
 
     `figure` is the one that is wanted by now, its rotation as an order says it (with ``turning`` from the
     leader's heading); None for not known, and then only what no figure makes possible is refused. `way` is
     how it would go from where it is; by default it goes straight from `figure`. `legs` is the route that the
-    leader is on, by default the mission's. `gains` are those that `tuned` gives; None for not known.
+    leader is on, by default the mission's. `gains` are those that `tuned` gives; None for not known. `place`
+    is where the leader is [m; world frame]; None for not known, and then the bounds are not looked at.
     """
     if request.shape is not None and request.shape not in mission.shapes:
         return f"shape {request.shape!r}: must be one of {', '.join(mission.shapes)}"
@@ -54,11 +60,32 @@ def refusal(
     wanted = None if figure is None else wish(request, figure)
     if figure is None or wanted is None:
         return _small_in_any_shape(mission, request.factor) if figure is None else None
+    way = way or straight(figure, wanted)
     return (
         _touches(mission, wanted)
-        or _touches_on_the_way(mission, way or straight(figure, wanted))
+        or (None if place is None else Geofence(mission).refusal(way, place))
+        or _touches_on_the_way(mission, way)
         or swings_too_fast(mission, wanted, mission.route if legs is None else legs)
     )
+
+
+def leaves(
+    fence: Geofence, route: Route, figures: Iterable[Figure], heading: complex, since: float = 0.0
+) -> tuple[str | None, str]:
+    """Why a route cannot be taken with these figures, and what to say of one that can.
+
+    A route that ends must end inside the bounds. One without an end is taken as far as they reach, but not
+    if it would leave them within `SOONEST`. With ``turning`` rotations are from the leader's heading, which
+    has been `heading` before `since` [s].
+    """
+    exits = [found for one in figures if (found := fence.exit(route, one, since, heading)) is not None]
+    if not exits:
+        return None, ""
+    first = min(exits)
+    after = first.time - since
+    if math.isfinite(route.total) or first.time < route.last_change or after < SOONEST:
+        return f"out of bounds after {after:.3g} s: {first.breach.words}", ""
+    return None, f"stops at the bounds in {after:.3g} s, where {first.words}"
 
 
 def wish(request: OperatorRequest, figure: Figure) -> Figure | None:

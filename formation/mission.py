@@ -102,6 +102,15 @@ class Collisions(Table):
     """Time constant with which robots follow commands [s]."""
 
 
+class Bounds(Table):
+    """[bounds]: where robots may be, a rectangle of the world frame; a robot outside it holds."""
+
+    x: Point
+    """From, to [m]."""
+    y: Point
+    """From, to [m]."""
+
+
 class Together(Table):
     """[together]: the leader slows, and waits, while the formation is torn."""
 
@@ -136,6 +145,8 @@ class Mission(Table):
     standbys: dict[Name, Standby] = Field(default={}, max_length=63)
     collisions: Collisions = Collisions()
     together: Together | None = None
+    bounds: Bounds | None = None
+    """Where robots may be; by default see `formation.geofence`."""
     simulated_robot: SimulatedRobot = SimulatedRobot()
     simulated_scanner: SimulatedScanner = SimulatedScanner()
     simulation: SimulationSpec = SimulationSpec()

@@ -13,6 +13,7 @@ from pydantic_core import ErrorDetails
 
 from formation.legs import Circle, Leg, Straight, Waypoints
 from formation.mission import (
+    Bounds,
     Collisions,
     LawSpec,
     Mission,
@@ -155,6 +156,7 @@ def _keys_beside(loc: tuple[int | str, ...], whole: type[BaseModel]) -> str:
         "standbys": Standby,
         "collisions": Collisions,
         "together": Together,
+        "bounds": Bounds,
         "start": Start,
         "straight": Straight,
         "circle": Circle,

@@ -252,6 +252,28 @@ def a_scanner_sees_something(mission: Mission) -> Iterator[Violation]:
         yield Violation("simulated_scanner.range_min", scanner.range_min, legal)
 
 
+def bounds_hold_the_start(mission: Mission) -> Iterator[Violation]:
+    """Bounds are from less to more; every robot starts inside them, and so does the first shape."""
+    if mission.bounds is None:
+        return
+    leader = mission.robots[mission.leader].start.position
+    turned = mission.leader_heading if mission.turning else 1.0
+    for axis, (least, most) in (("x", mission.bounds.x), ("y", mission.bounds.y)):
+        if least >= most:
+            yield Violation(f"bounds.{axis}", [least, most], "must be [least, most] in metres")
+        for name, robot in mission.robots.items():
+            value = getattr(robot.start, axis)
+            if not least <= value <= most:
+                legal = f"must be within the bounds, {least:g} to {most:g} m"
+                yield Violation(f"robots.{name}.start.{axis}", value, legal)
+        for name in mission.followers:
+            slot = leader + turned * mission.slot(name)
+            value = slot.real if axis == "x" else slot.imag
+            if not least <= value <= most:
+                legal = f"must hold the first shape at the start; {name}'s slot is at {axis} = {value:.4g} m"
+                yield Violation(f"bounds.{axis}", [least, most], legal)
+
+
 RULES = (
     leader_is_a_robot,
     neighbours_exist,
@@ -268,6 +290,7 @@ RULES = (
     ros_names_are_a_robots_own,
     steps_leave_room,
     a_scanner_sees_something,
+    bounds_hold_the_start,
 )
 
 

@@ -6,10 +6,12 @@ of this but the course, which is told apart (`leader.course`).
 
 from __future__ import annotations
 
+import cmath
 import math
 
 from formation import intent
 from formation.figure import Figure
+from formation.geofence import GRAIN, Geofence
 from formation.mission import Mission
 from formation.order import Mode, OperatorRequest, Order, Slots, Tuned
 from formation.stability import spectrum, tuning
@@ -20,6 +22,8 @@ from leader.will import Will
 
 ASTRAY = 0.05
 """A route that puts the leader further from where it was is not the one that it was on [m]."""
+STOPS = 1.0
+"""The leader stops at the bounds so long before its team would leave them: robots roll on a little [s]."""
 REMEMBERED = 16
 """So many courses that others told are known."""
 LONGEST_TIME = 1e9
@@ -39,7 +43,9 @@ class Conduct:
         self.together = Together(mission)
         self.tuned: Tuned | None = None
         """Gains in the place of the mission's."""
-        self._mission = mission
+        self.fenced = ""
+        """What would leave the bounds if it went on, in words; empty while nothing would."""
+        self._mission, self._fence = mission, Geofence(mission)
         self._courses = {"": self.course}
 
     @property
@@ -50,7 +56,12 @@ class Conduct:
 
     def where(self, ahead: float = 0.0) -> complex:
         """The leader's position [m; world frame], so long [s] after the newest step if it runs on."""
-        return self.course.position(self.route_time + self.together.pace * ahead)
+        return self.course.position(self.route_time + self.pace * ahead)
+
+    @property
+    def pace(self) -> float:
+        """Share of its speed that the leader goes at."""
+        return 0.0 if self.fenced else self.together.pace
 
     def go_on(self, mono: float, dt: float, mode: Mode) -> None:
         """Spend the `dt` [s] before `mono` in the mode that was in force.
@@ -63,14 +74,27 @@ class Conduct:
             return
         before, figure = self.route_time, self.mover.figure
         pace = self.together.step(mono, dt, self.where(), self.course.velocity(before), figure)
-        self.route_time += pace * dt
+        self.fenced = self._fenced(dt)
+        self.route_time += 0.0 if self.fenced else pace * dt
         self.mover.advance(
             dt,
             pace,
             self.course.fastest(before, self.route_time),
             self.course.heading(self.route_time),
-            self.course.turn_rate(self.route_time),
+            0.0 if self.fenced else self.course.turn_rate(self.route_time),
         )
+
+    def _fenced(self, dt: float) -> str:
+        """What would leave the bounds if the leader went on for `dt` [s] and `STOPS` more, in words."""
+        time = self.route_time + dt + STOPS
+        here, there = self.where(), self.course.position(time)
+        figure, wish = self.mover.figure, self.mover.wish
+        if here == there or self._fence.clear_of(there, max(figure.scale, wish.scale)):
+            return ""
+        figures = self.mover.ahead(self.course.heading(time))
+        now = self._fence.breach(figures, here, self._fence.clearance)
+        then = self._fence.breach(figures, there, self._fence.clearance)
+        return "" if then.excess <= max(now.excess, 0.0) + GRAIN else then.words
 
     def learn(self, course: Course) -> bool:
         """Another candidate told its course; whether this is the one that was wanting."""
@@ -86,7 +110,7 @@ class Conduct:
     def restore(self, order: Order) -> None:
         """Go on from what another leader said last."""
         self.will.restore(order)
-        self.route_time, self.will.lost = order.time, ""
+        self.route_time, self.will.lost, self.fenced = order.time, "", ""
         course = self._courses.get(order.route)
         there = None if order.place is None else complex(order.place.x, order.place.y)
         if course is not None and (there is None or abs(course.position(order.time) - there) <= ASTRAY):
@@ -134,14 +158,28 @@ class Conduct:
         if why is not None:
             return False, why
         start, heading = self.where(), self.course.heading(self.route_time)
+        course = self.course
         if request.legs is not None:
-            self.course = Course.ordered(request.legs, start, heading)
+            course = Course.ordered(request.legs, start, heading)
         elif request.speed is not None and request.degrees is not None:
-            self.course = Course.endless(request.speed, request.degrees, start, heading)
+            course = Course.endless(request.speed, request.degrees, start, heading)
+        figures = (self.wanted, self._turned_back(self.mover.figure))
+        why, notice = intent.leaves(self._fence, course.route, figures, heading)
+        if why is not None:
+            return False, why
+        self.course = course
         self.learn(self.course)
-        self.route_time, self.will.lost = 0.0, ""
+        self.route_time, self.will.lost, self.fenced = 0.0, "", ""
         lasts = "without an end" if math.isinf(self.course.total) else f"of {self.course.total:.3g} s"
-        return True, f"on a route {lasts} from where it is"
+        said = f"on a route {lasts} from where it is"
+        return True, f"{said}; {notice}" if notice else said
+
+    def _turned_back(self, figure: Figure) -> Figure:
+        """The figure with its rotation as an order says it: with ``turning`` from the leader's heading."""
+        if not self._mission.turning:
+            return figure
+        heading = self.course.heading(self.route_time)
+        return figure._replace(rotation=figure.rotation - cmath.phase(heading))
 
     @property
     def gains(self) -> Tuned:
@@ -169,7 +207,10 @@ class Conduct:
         way = self.mover.way(wish, self._speed)
         if not self.mover.sayable(way):
             return False, f"still changing for {self.mover.remaining:.1f} s: ask again then"
-        why = intent.refusal(self._mission, request, self.wanted, self.mover.figures(way), self.course.legs)
+        figures = self.mover.figures(way)
+        why = intent.refusal(
+            self._mission, request, self.wanted, figures, self.course.legs, place=self.where()
+        ) or self._leaves_later(figure)
         if why is not None:
             return False, why
         changes = wish != before or not self.mover.arrived
@@ -185,6 +226,15 @@ class Conduct:
             True,
             f"{what} in {self.mover.remaining:.1f} s{'' if self.will.mode == 'run' else ' of running'}",
         )
+
+    def _leaves_later(self, figure: Figure) -> str | None:
+        """Why a figure cannot be taken along the rest of a route that ends; None if it can."""
+        if math.isinf(self.course.total):
+            return None
+        route, heading, since = self.course.route, self.course.heading(self.route_time), self.route_time
+        before, _ = intent.leaves(self._fence, route, (self.wanted,), heading, since)
+        why, _ = intent.leaves(self._fence, route, (figure,), heading, since)
+        return None if before else why
 
     @property
     def _speed(self) -> float:

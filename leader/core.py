@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from formation import order
 from formation.election import rank_of
 from formation.figure import Figure, check_figure
+from formation.geofence import Geofence
 from formation.mission import Mission
 from formation.order import (
     LEADER_LOST,
@@ -71,6 +72,7 @@ class Leader:
         self._in_force: tuple[object, ...] = ()  # what was said of the team's order since the last step
         self._mode: Mode = "hold"  # since the last step
         self._waiting: tuple[str, ...] = ()
+        self._fence, self._fenced = Geofence(mission), False  # whether that stopped it at the newest step
         self._stepped: float | None = None  # when that was [s, monotonic]
         self._leads, self._reigns, self._beat = False, 0, 0
         self._unsure = False  # leads, and no robot has said yet whether there was an order before
@@ -226,12 +228,17 @@ class Leader:
         self.conduct.together.hear(robot, pose, sample.arrived)
         heard = told.order
         if heard is not None and newer(heard, self._newest):
-            check_figure(heard, self._mission.shapes)
+            self._check(heard)
             self._newest = heard
         elif heard is not None and self._unsure:
-            check_figure(heard, self._mission.shapes)
+            self._check(heard)
             self._unsure = False
             self._late = heard if heard.term < self.term else None
+
+    def _check(self, heard: Order) -> None:
+        """Raise BadMessage for an order that no robot of this mission takes."""
+        check_figure(heard, self._mission.shapes)
+        self._fence.check(heard)
 
     def _settle(self, now: Now) -> bool:
         """Begin to lead, or cease to, as the candidacy says; whether it has."""
@@ -298,6 +305,10 @@ class Leader:
         if bool(waiting) != bool(self._waiting):
             self.notes.append(f"waits for {', '.join(waiting)}" if waiting else "waits no more")
         self._waiting = waiting
+        fenced = self.conduct.fenced
+        if bool(fenced) != self._fenced:
+            self.notes.append(f"stops at the bounds: {fenced}" if fenced else "goes on, away from the bounds")
+        self._fenced = bool(fenced)
 
     def _voted(self, ballot: Ballot | None) -> list[Outgoing]:
         if ballot is None:

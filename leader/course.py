@@ -97,6 +97,11 @@ class Course:
         return bool(self.legs)
 
     @property
+    def route(self) -> Route:
+        """Where it leads."""
+        return self._route
+
+    @property
     def payload(self) -> bytes | None:
         """What others are told of it; None for what they know, or nobody knows."""
         return None if self._said is None else encode(Text(self._said.model_dump_json(exclude_none=True)))

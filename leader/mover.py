@@ -41,6 +41,8 @@ MOST_TURN = 1.0
 """Turn rate of the figure that is never exceeded, however small it is [rad/s]."""
 GAIN = 2.0
 """Of the figure's turn rate over its lag behind the leader's heading, when that is small [1/s]."""
+TURNS = 5
+"""So many looks are taken at a figure that is to turn with the leader's heading."""
 _HALVINGS = 24
 
 
@@ -151,6 +153,15 @@ class Mover:
         """`SAMPLES` of them along a way, from where it is to its end."""
         times = np.linspace(self._time, way.end, SAMPLES)
         return [self._figure(way.smooth(float(time)), self._turn) for time in times]
+
+    def ahead(self, heading: complex) -> list[Figure]:
+        """What the figure goes through from now on if the leader looks along `heading` (unit) meanwhile."""
+        figures = [self.figure] if self.arrived else self.figures(self._way)
+        if not self._mission.turning:
+            return figures
+        left = cmath.phase(heading * cmath.rect(1.0, -self._turn))
+        turns = [left * part / (TURNS - 1) for part in range(TURNS)]
+        return [one._replace(rotation=one.rotation + turn) for one in figures for turn in turns]
 
     def sayable(self, way: Way) -> bool:
         """Whether an order can say what is mixed on it."""

@@ -52,7 +52,7 @@ def status(report: Report, now: Now, reason: str) -> Diagnostics:
         **(_conducted(report) if leads else {"latched": "stop"} if report.conduct.will.stopped else {}),
         **{f"dropped {key}": str(count) for key, count in report.dropped.items()},
     }
-    level = OK if state in {"run", "standby"} else WARNING
+    level = OK if state in {"run", "standby"} and not (leads and report.conduct.fenced) else WARNING
     what = Status(f"{report.name}: leader", level, f"{state}: {why}" if why else state, report.name, values)
     return Diagnostics(now.wall, (what,))
 
@@ -86,6 +86,8 @@ def _spelled(asked: Sequence[Asked]) -> str:
 def _why(conduct: Conduct) -> str:
     if conduct.will.lost:
         return conduct.will.lost
+    if conduct.fenced:
+        return f"stopped at the bounds: {conduct.fenced} next; order a speed or route that leads back"
     if conduct.will.mode == "run" and conduct.together.waits_for:
         return f"waits for {', '.join(conduct.together.waits_for)}"
     return "at the end of the route" if conduct.route_time >= conduct.course.total else ""
@@ -106,7 +108,7 @@ def _conducted(report: Report) -> dict[str, str]:
         "gains": conduct.gains.words,
         "route": conduct.course.id,
         "route_time": f"{conduct.route_time:.3f}",
-        "pace": f"{conduct.together.pace:.2f}",
+        "pace": f"{conduct.pace:.2f}",
         "beat": str(report.beat),
         "late": str(report.late),
     }

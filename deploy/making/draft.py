@@ -133,6 +133,10 @@ settled = {bound:<18g} # formation error under which it counts as settled, summe
 turning = true               # slots are relative to the leader's heading: x ahead, y to the left
 
 {profile.tables}{_all(draft)}
+# [bounds]                   # your room, world frame [m]: outside it a robot holds, and orders that lead out
+# x = [-5.0, 20.0]           # are refused. Without it the bounds are wide: `formation check` says which
+# y = [-5.0, 5.0]
+
 [shapes.{draft.shape}]{" " * max(1, 20 - len(draft.shape))}# control points relative to the leader's [m]
 {"".join(_slots(slots))}
 [robots.leader]              # a point that goes along the route

@@ -17,7 +17,7 @@ from formation.graph import cyclic_core
 from formation.mission import Mission
 from formation.route import Route
 from formation.simulation.simulate import simulate
-from formation.stability import crowding, feasibility, meeting, spectrum
+from formation.stability import bounding, crowding, feasibility, meeting, spectrum
 from formation.stability.losses import useless_fallbacks
 
 GROWTH = 2.0
@@ -96,7 +96,12 @@ def analyse(mission: Mission, law: str | None = None) -> Analysis:
         peaks = spectrum.amplification(graph, gains.k_p, gains.k_i, forward)
     margin = spectrum.delay_margin(mu, gains.k_p, gains.k_i)
     settling = settling_time(mission, law)
-    warnings = [*feasibility.warnings(mission), *useless_fallbacks(mission), *_shaky(mission, margin, peaks)]
+    warnings = [
+        *feasibility.warnings(mission),
+        *bounding.warnings(mission),
+        *useless_fallbacks(mission),
+        *_shaky(mission, margin, peaks),
+    ]
     problems = [*faults, *_sampling(mission, mu, stable=not faults), *feasibility.problems(mission)]
     if law == "field":
         problems += crowding.problems(mission)

@@ -34,6 +34,7 @@ DOUBTS: list[tuple[dict[str, Any], State, str]] = [
     ({"jumped": "0.80 m"}, State.HOLD, "odometry jumped 0.80 m"),
     ({"doubt": "is beyond ±1e+06 m"}, State.HOLD, "odometry is beyond"),
     ({"follows": False}, State.HOLD, "no two odometry messages within 0.15 s"),
+    ({"outside": "x = 31.20 m, limit 25.00 m"}, State.HOLD, "outside the bounds: x = 31.20 m, limit 25.00 m"),
     ({"scan_silence": NEVER}, State.WAITING, "no range scan yet"),
     ({"scan_silence": 0.7, "scan_limit": 0.6}, State.HOLD, "range scan silent for 0.70 s"),
     ({"scan_doubt": "has range_min 0.5 m"}, State.HOLD, "range scan has range_min 0.5 m"),
@@ -47,6 +48,11 @@ DOUBTS: list[tuple[dict[str, Any], State, str]] = [
         {"fresh": 0, "neighbours": {"robot1": 0.4, "robot2": 0.02}, "aside": ("robot2",)},
         State.HOLD,
         "no neighbour can be followed: robot1 0.40 s, robot2 is no guide",
+    ),
+    (
+        {"fresh": 0, "neighbours": {"robot1": 0.02}, "aside": ("robot1",), "beyond": ("robot1",)},
+        State.HOLD,
+        "no neighbour can be followed: robot1 is outside the bounds",
     ),
 ]
 TOGETHER: list[dict[str, Any]] = [

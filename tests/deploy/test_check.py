@@ -12,13 +12,16 @@ from typing import Any
 import pytest
 
 from deploy import check
-from deploy.check import _eigenvalues
+from deploy.check import _eigenvalues, bounds, words
 from deploy.cli import main
+from formation.legs import Straight
+from formation.mission import Bounds
 from formation.mission_file import load, read, shipped
+from formation.stability import bounding
 from formation.stability.analysis import analyse
 
 KEYS = {
-    "ok", "problems", "warnings", "eigenvalues", "stable", "slowest_mode", "settling_time_estimate",
+    "bounds", "ok", "problems", "warnings", "eigenvalues", "stable", "slowest_mode", "settling_time_estimate",
     "delay_margin", "depth", "amplification", "losses",
 }  # fmt: skip
 
@@ -185,3 +188,20 @@ sys.exit(main(["check", "turtlebot3_pair", "--json"]) or main(["simulate", "turt
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_check_prints_the_bounds() -> None:
+    mission = load("six_robots")
+    found = analyse(mission)
+    assert "bounds           x -25.5 … 645.5 m, y -24.5 … 382 m, by default" in words(mission, found)
+    assert bounds(mission)["default"] is True
+
+
+def test_check_warns_where_route_and_shapes_leave_the_bounds() -> None:
+    given = Bounds(x=(-5.0, 30.0), y=(-4.0, 1.2))
+    route = (Straight(speed=0.2, heading_deg=0.0),)
+    mission = load("six_robots").model_copy(update={"bounds": given, "route": route})
+    found = list(bounding.warnings(mission))
+    assert found[0].startswith("the route leaves the bounds after 148 s, where the leader reaches x = 29.6 m")
+    assert found[1].startswith("shape wedge leaves the bounds at the start")
+    assert found[1].endswith("robot3's slot at y = 1 m, limit 0.8 m")

@@ -1,0 +1,31 @@
+"""Where a mission's own route and shapes leave its bounds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from formation.figure import Figure
+from formation.geofence import HORIZON, Geofence
+from formation.mission import Mission
+from formation.route import Route
+
+
+def warnings(mission: Mission) -> Iterator[str]:
+    """A route that the leader will stop on within `HORIZON`, and shapes that it will refuse at the start."""
+    fence, route = Geofence(mission), Route.of(mission)
+    first = fence.exit(route, Figure.first(mission)._replace(rotation=0.0))
+    ends = route.total if math.isfinite(route.total) else HORIZON
+    if first is not None and first.time <= ends:
+        yield (
+            f"the route leaves the bounds after {first.time:.4g} s, where {first.words}: the leader "
+            "stops there; change [[route]], or widen [bounds]"
+        )
+    start = mission.robots[mission.leader].start.position
+    for shape in mission.shapes:
+        if shape == mission.first_shape:
+            continue
+        figure = Figure.first(mission)._replace(mix=((shape, 1.0),))
+        worst = fence.breach([figure], start, fence.clearance)
+        if worst.excess > 0.0:
+            yield f"shape {shape} leaves the bounds at the start, and is refused there: {worst.words}"
