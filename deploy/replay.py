@@ -172,6 +172,7 @@ def _report(one: Opened, prefix: str | None, replay: Replay, stop: Stop) -> dict
         "skipped": standing.skipped,
         "drift": standing.drift,
         "formation_error": snapshot.final_error,
+        "known": snapshot.known_verdict.as_json(),
         "settling_time": snapshot.settling_time,
         "converged": snapshot.converged,
     }

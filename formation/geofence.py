@@ -150,6 +150,15 @@ class Geofence:
         self._mission, self._size = mission, size_of(mission)
         self._boxes: dict[Figure, _Box] = {}  # of the newest figures
 
+    def __eq__(self, other: object) -> bool:
+        """Of the same mission; what is kept of figures makes no difference."""
+        if not isinstance(other, Geofence):
+            return NotImplemented
+        return self._mission == other._mission
+
+    def __hash__(self) -> int:
+        return hash(self.area)
+
     def holds(self, point: complex) -> bool:
         """Whether a point is inside [m; world frame]."""
         return self.area.breach(point, "").excess <= 0.0

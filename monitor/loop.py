@@ -113,6 +113,7 @@ class Watch:
             "recording_lost": self._recorder.lost if self._recorder else 0,
             "recording_parts": [str(path) for path in self._recorder.paths] if self._recorder else [],
             "formation_error": snapshot.final_error,
+            "known": snapshot.known_verdict.as_json(),
             "settling_time": snapshot.settling_time,
             "settled_at": snapshot.settled_at,
             "converged": snapshot.converged,

@@ -15,6 +15,7 @@ from deploy.local.plan import leaders
 from deploy.terminal.units import metres
 from formation.mission import Mission
 from formation.topics import GROUND_TRUTH, POSITION
+from monitor.figures.known import KnownVerdict
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +98,7 @@ class Outcome:
             "robots": len(self.mission.names),
             "converged": self.converged,
             "formation_error": self.monitor.get("formation_error"),
+            "known": self.monitor.get("known"),
             "settling_time": self.monitor.get("settling_time"),
             "duration": round(self.duration, 3),
             "interrupted": self.interrupted,
@@ -108,7 +110,7 @@ class Outcome:
 
     def words(self) -> str:
         """The summary for people."""
-        verdict = "converged" if self.converged else "not converged"
+        verdict = "converged" if self.converged else self._verdict_on_known() or "not converged"
         when = f", interrupted after {self.duration:.1f} s" if self.interrupted else ""
         rows = [f"{self.mission.name}, {self.mission.law.kind} law: {verdict}{when}"]
         rows += [f"  {title:<17}{text}" for title, text in self._figures()]
@@ -131,10 +133,33 @@ class Outcome:
         if self.faults:
             yield "logs", str(self.logs)
 
+    @property
+    def _known(self) -> KnownVerdict | None:
+        """What the monitor found of the known edges; None if all were known at the end, or none."""
+        found = self.monitor.get("known")
+        if self.monitor.get("formation_error") is not None or not isinstance(found, Mapping):
+            return None
+        verdict = KnownVerdict.of_json(found)
+        return None if verdict.final is None or verdict.final.error is None else verdict
+
+    def _verdict_on_known(self) -> str:
+        known = self._known
+        if known is None or known.final is None:
+            return ""
+        return f"{'converged' if known.converged else 'not converged'} over {known.final.words}"
+
+    def _known_error(self) -> str:
+        known = self._known
+        if known is None or known.final is None:
+            return ""
+        under, settled = metres(self.mission.settled), known.settled_at
+        since = f"never under {under} for good" if settled is None else f"under {under} since {settled:.1f} s"
+        return f"{metres(known.final.error)}, sum over {known.final.words}; {since}"
+
     def _error(self) -> str:
         error, settled = self.monitor.get("formation_error"), self.monitor.get("settled_at")
         if error is None:
-            return "not known"
+            return self._known_error() or "not known"
         edges = sum(len(robot.neighbours) for robot in self.mission.robots.values())
         under = metres(self.mission.settled)
         since = f"under {under} for good" if settled is None else f"under {under} since {settled:.1f} s"

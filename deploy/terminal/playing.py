@@ -92,11 +92,17 @@ def line(standing: Standing, snapshot: Snapshot) -> str:
     parts = [
         f"{clock(standing.position - standing.start)} of {clock(standing.end - standing.start)}",
         f"{standing.speed:g}x" + (" paused" if standing.paused else ""),
-        f"error {metres(snapshot.formation_error)}",
+        f"error {_error(snapshot)}",
         states(robot.state for robot in snapshot.robots.values()),
         *remarks(standing),
     ]
     return "  ".join(parts)
+
+
+def _error(snapshot: Snapshot) -> str:
+    known = snapshot.known
+    over = "" if known.complete or known.error is None else f" over {known.words}"
+    return f"{metres(known.error)}{over}"
 
 
 def draw(standing: Standing, snapshot: Snapshot, width: int, *, ascii_only: bool = False) -> RenderableType:
@@ -104,7 +110,11 @@ def draw(standing: Standing, snapshot: Snapshot, width: int, *, ascii_only: bool
     sign = _sign(standing, ascii_only=ascii_only)
     head = Text(f"{sign} {clock(standing.position - standing.start)} ", style="bold")
     tail = f" {clock(standing.end - standing.start)}  {standing.speed:g}x  "
-    tail += f"error {metres(snapshot.formation_error):>7}  "
+    known = snapshot.known
+    over = (
+        "" if known.complete or known.error is None else f" over {known.known_edges} of {known.edges} edges"
+    )
+    tail += f"error {metres(known.error):>7}{over}  "
     tail += states(robot.state for robot in snapshot.robots.values())
     room = max(8, min(60, width - head.cell_len - len(tail) - 1))
     length = standing.end - standing.start

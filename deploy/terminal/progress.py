@@ -33,7 +33,7 @@ class Progress:
     """What to say as long as there is no snapshot."""
     snapshot: Snapshot | None = None
     errors: deque[float] = field(default_factory=lambda: deque(maxlen=ERRORS))
-    """Formation error of every snapshot so far [m]."""
+    """Formation error of every snapshot so far, over the edges that were known [m]."""
     events: deque[Event] = field(default_factory=lambda: deque(maxlen=EVENTS))
     """What has happened, the newest last."""
     dead: dict[str, str] = field(default_factory=dict)
@@ -43,8 +43,8 @@ class Progress:
 
     @property
     def settled(self) -> bool:
-        """Whether the formation error is under the mission's bound just now."""
-        return self.snapshot is not None and self.snapshot.error < self.mission.settled
+        """Whether the error over the known edges is under the mission's bound just now."""
+        return self.snapshot is not None and self.snapshot.known.error < self.mission.settled
 
     @property
     def left(self) -> float:
@@ -55,8 +55,8 @@ class Progress:
         """Take a snapshot of the monitor's."""
         self.snapshot = snapshot
         self.events.extend(snapshot.events)
-        if math.isfinite(snapshot.error):
-            self.errors.append(snapshot.error)
+        if math.isfinite(snapshot.known.error):
+            self.errors.append(snapshot.known.error)
 
     def lose_sight(self) -> None:
         """Nobody measures any more: nothing is known now, and what was is not shown as if it were."""

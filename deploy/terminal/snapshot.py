@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from monitor.figures.events import Event
+from monitor.figures.known import KnownError
 
 
 class RobotNow(NamedTuple):
@@ -32,13 +33,24 @@ class RobotNow(NamedTuple):
     """What it does instead of what its law wants, in a word: ``yields``, ``slowed`` or ``blocked``."""
     fallback: str = ""
     """Whom it follows in place of its neighbours."""
+    known_error: float | None = None
+    """Sum over those of its neighbours that are known [m]: at most `error`."""
+
+
+class Known(NamedTuple):
+    """The formation error over the edges that are known."""
+
+    error: float = math.nan
+    """[m]; NaN if none is."""
+    words: str = ""
+    """Over how many of them, and why not all; empty if all are known, or none."""
 
 
 class Snapshot(NamedTuple):
     """The formation as the monitor saw it at one time."""
 
     error: float
-    """Formation error, summed over the edges [m]; NaN while a position is missing."""
+    """Formation error, summed over all edges [m]; NaN while a position is missing."""
     robots: Mapping[str, RobotNow]
     events: tuple[Event, ...] = ()
     """What has happened since the snapshot before."""
@@ -48,8 +60,15 @@ class Snapshot(NamedTuple):
     """For whom the leader waits."""
     figure: str = ""
     """How the shape is turned and scaled, and whether it is on its way."""
+    partial: Known | None = None
+    """The same over the edges that are known, where not all are."""
     candidates: Mapping[str, str] = MappingProxyType({})
     """What everybody does who may lead, by rank; empty where there are no standbys."""
+
+    @property
+    def known(self) -> Known:
+        """The error over the edges that are known, all or some."""
+        return self.partial or Known(self.error)
 
     @classmethod
     def of(cls, event: Mapping[str, Any]) -> Snapshot:
@@ -65,6 +84,7 @@ class Snapshot(NamedTuple):
             _text(event.get("leads")) or None,
             _text(event.get("waits")),
             _figure(event),
+            _partial(event),
             _candidates(event.get("candidates")),
         )
 
@@ -81,7 +101,22 @@ def _robot(robot: Mapping[str, Any]) -> RobotNow:
         stuck=robot.get("stuck") is True,
         evades=_text(robot.get("evades")),
         fallback=_text(robot.get("fallback")),
+        known_error=_number(known[0]) if isinstance(known := robot.get("known"), list) and known else None,
     )
+
+
+def _partial(event: Mapping[str, Any]) -> Known | None:
+    """What it says of the known edges, where it does not say all."""
+    said = event.get("known")
+    if _number(event.get("formation_error")) is not None or not isinstance(said, Mapping):
+        return None
+    error, silent = _number(said.get("error")), said.get("silent")
+    some, every = _number(said.get("known_edges")), _number(said.get("edges"))
+    if error is None or some is None or every is None:
+        return None
+    ages = silent.items() if isinstance(silent, Mapping) else ()
+    known = KnownError(error, int(some), int(every), {str(name): _number(age) for name, age in ages})
+    return Known(error, known.words)
 
 
 def _figure(event: Mapping[str, Any]) -> str:

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from deploy.terminal.progress import Progress
-from deploy.terminal.snapshot import RobotNow
+from deploy.terminal.snapshot import Known, RobotNow
 from deploy.terminal.units import metres, seconds
 from monitor.figures.events import Event
 
@@ -127,12 +127,19 @@ def _row(progress: Progress, name: str, room: int, *, ascii_only: bool) -> list[
     return [
         Text(title if len(title) <= room else title[: max(room - 1, 1)] + ("." if ascii_only else "…")),
         _state(state, robot),
-        Text(metres(robot.error)),
+        Text(_error(robot)),
         _against(robot.speed, None if leads else limits.max_speed, ascii_only=ascii_only),
         _against(robot.turn_rate, None if leads else limits.max_turn_rate, ascii_only=ascii_only),
         Text("-" if robot.heading_error is None else f"{_signed(math.degrees(robot.heading_error), 1)}°"),
         Text(seconds(robot.age), style="yellow" if late else ""),
     ]
+
+
+def _error(robot: RobotNow) -> str:
+    """Over all its neighbours; where some are unknown, that it is at least so much."""
+    if robot.error is None and robot.known_error is not None:
+        return f">{metres(robot.known_error)}"
+    return metres(robot.error)
 
 
 def _called(progress: Progress) -> str:
@@ -175,15 +182,18 @@ def _signed(value: float, digits: int) -> str:
 
 def _footer(progress: Progress, width: int, *, ascii_only: bool) -> list[Text]:
     snapshot = progress.snapshot
-    error = snapshot.error if snapshot else math.nan
-    head = f"error {metres(error):>8} "
+    known = snapshot.known if snapshot else Known()
+    head = f"error {metres(known.error):>8} "
     mark = f" settled (< {metres(progress.mission.settled)})" if progress.settled else ""
     room = max(8, width - len(head) - len(mark) - 1)
     first = Text(head)
     first.append(sparkline(progress.errors, room, ASCII_BLOCKS if ascii_only else BLOCKS), style="cyan")
     first.append(mark, style="bold green")
 
-    lines = [first, *_leading(progress, ascii_only=ascii_only)]
+    lines = [first]
+    if known.words:
+        lines.append(Text(f"over {known.words}", style="yellow"))
+    lines += _leading(progress, ascii_only=ascii_only)
     if progress.duration is not None or progress.phase == "running":
         lines.append(_clock(progress, width, ascii_only=ascii_only))
     lines += [Text(f"{name} {how}", style="bold red") for name, how in progress.dead.items()]

@@ -122,6 +122,6 @@ def line(progress: Progress) -> str:
     if not progress.snapshot.robots:
         return f"{head}  nothing is known: nobody measures any more"
     counts = states(robot.state for robot in progress.snapshot.robots.values())
-    return (
-        f"{head}  error {metres(progress.snapshot.error)}{'  settled' if progress.settled else ''}  {counts}"
-    )
+    known = progress.snapshot.known
+    over = f" over {known.words}" if known.words else ""
+    return f"{head}  error {metres(known.error)}{over}{'  settled' if progress.settled else ''}  {counts}"

@@ -196,7 +196,7 @@ class _Settled:
 
     def _event(self, now: Now, snapshot: Snapshot, more: str) -> Event:
         bound = f"the bound of {self._bound * 1e3:.0f} mm"
-        error = snapshot.formation_error
+        known = snapshot.known
         if self._stands:
             after = snapshot.settling_time if snapshot.wished_at else None
             wished = "" if after is None else f", {after:.1f} s after what was ordered last"
@@ -206,7 +206,10 @@ class _Settled:
             return Event(now.wall, INFO, "", "settled", text)
         if not snapshot.formed:
             return Event(now.wall, INFO, "", "unsettled", f"another figure is on its way{more}")
-        is_now = "the error is not known" if error is None else f"error {error * 1e3:.0f} mm, {bound}"
+        is_now = "the error is not known"
+        if known.error is not None:
+            over = "" if known.complete else f" over {known.words}"
+            is_now = f"error {known.error * 1e3:.0f} mm{over}, {bound}"
         return Event(now.wall, WARNING, "", "unsettled", f"{is_now}{more}")
 
 

@@ -23,6 +23,7 @@ from monitor.figures.asked import Requests
 from monitor.figures.candidates import ballots_of
 from monitor.figures.feed import CLOCK_AGREES, Feed
 from monitor.figures.keys import Watched
+from monitor.figures.known import KnownError
 from monitor.figures.riding import Riding
 from monitor.figures.snapshot import KeyFigures, RobotFigures
 from monitor.figures.statuses import Handler, Statuses
@@ -98,8 +99,8 @@ class Heard:
         """Sum over all keys."""
         return sum(feed.missed for feed in self._feeds.values())
 
-    def figures(self, now: Now, error: float | None, state: tuple[str, str] | None = None) -> RobotFigures:
-        """Everything there is to know now; `error` [m] is the sum over the robot's edges.
+    def figures(self, now: Now, error: KnownError, state: tuple[str, str] | None = None) -> RobotFigures:
+        """Everything there is to know now; `error` is over the robot's own edges.
 
         `state` and reason are its process's, unless another speaks for it.
         """
@@ -110,7 +111,8 @@ class Heard:
         return RobotFigures(
             state=does,
             reason=reason,
-            error=error,
+            error=error.error if error.complete else None,
+            known=error,
             speed=speed,
             turn_rate=turn_rate,
             speed_share=None if speed is None else abs(speed) / self._spec.max_speed,

@@ -1,7 +1,8 @@
 """How well the formation stands, from what the fleet says: bytes in, figures out, without a clock.
 
 Robots are sampled at different times, so all are brought to one moment before they are compared: the newest
-that every robot still heard has reached. A robot that has fallen silent makes what depends on it unknown.
+that every robot still heard has reached. A robot that has fallen silent makes what depends on it unknown;
+what is known of the others is summed apart, with the number of edges that it is over.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from monitor.figures.candidates import Candidates
 from monitor.figures.feed import freshness_limit
 from monitor.figures.heard import Heard, Tracked
 from monitor.figures.keys import Watched, watched
+from monitor.figures.known import KnownError, KnownSettling
 from monitor.figures.orders import Lead, Orders, Wish
 from monitor.figures.rejections import Rejections
 from monitor.figures.settling import Settling
@@ -64,6 +66,7 @@ class Metrics:
         self._positions = {POSITION.key(name): self._robots[name] for name in mission.names}
         self._ahead = math.inf  # our system clock before the monotonic one [s]
         self._settling = Settling(mission.settled, slowest)
+        self._known = KnownSettling(mission.settled, slowest)
 
     def take(self, sample: Sample, wall: float) -> None:
         """Learn from one message that arrived at `wall` [s, our system clock]; a bad one is counted."""
@@ -93,10 +96,11 @@ class Metrics:
         Call it steadily: settling is judged by what it sees, and by nothing else.
         """
         moment, errors = self._compare(now, lambda robot: robot.place)
-        error = _sum(errors.values())
+        error, formed = _sum(errors.values()), moment >= self._orders.formed_since
         at = moment + now.mono - now.wall  # settling runs on the monotonic clock
         if error is not None and at > (-math.inf if self._settling.last is None else self._settling.last):
-            self._settling.observe(at, error, formed=moment >= self._orders.formed_since)
+            self._settling.observe(at, error, formed=formed)
+        self._known.observe(at, self._sum_known(errors, now), formed=formed)
         return error
 
     def snapshot(self, now: Now) -> Snapshot:
@@ -112,6 +116,8 @@ class Metrics:
         return Snapshot(
             elapsed=0.0 if start is None else now.mono - start,
             formation_error=_sum(errors.values()),
+            known=self._sum_known(errors, now),
+            known_verdict=self._known.verdict(until, start),
             formation_error_true=_sum(self._compare(now, lambda robot: robot.truth)[1].values()),
             settled_at=self._settling.settled_at(until),
             converged=self._settling.converged(until),
@@ -119,7 +125,9 @@ class Metrics:
             mode=self.order.mode if self.order else None,
             shape=self.order.shape if self.order else self._mission.first_shape,
             robots={
-                name: robot.figures(now, _sum(own.get(name, [None])), says if robot is self._leader else None)
+                name: robot.figures(
+                    now, KnownError.of(own.get(name, ())), says if robot is self._leader else None
+                )
                 for name, robot in self._robots.items()
             },
             edges=errors,
@@ -173,6 +181,7 @@ class Metrics:
         moment = robot.place.trajectory.latest
         if said is not None and self._orders.take(said, moment, sample.arrived, wall):
             self._settling.restart(moment - self._ahead)
+            self._known.restart(moment - self._ahead)
 
     def _clock_was_set(self) -> None:
         self._orders.forget()
@@ -201,6 +210,16 @@ class Metrics:
             return abs(there.point - here.point - (slots[edge.neighbour] - slots[edge.robot]))
 
         return moment, {edge: error(edge) for edge in self._edges}
+
+    def _sum_known(self, errors: Errors, now: Now) -> KnownError:
+        """What is known of the robots' own positions, and who is silent."""
+        placed = self._placed(now, lambda robot: robot.place)[1]
+        silent = {
+            name: None if (age := robot.place.feed.silence(now.mono)) == math.inf else age
+            for name, robot in self._robots.items()
+            if name not in placed
+        }
+        return KnownError.of(errors.values(), silent)
 
     def _placed(self, now: Now, which: Callable[[Heard], Tracked]) -> tuple[float, dict[str, Placed]]:
         tracked = {name: which(robot) for name, robot in self._robots.items()}

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from formation.figure import Figure
 from formation.order import Mode, Tuned
 from monitor.figures.asked import Asked
+from monitor.figures.known import NOTHING, UNJUDGED, KnownError, KnownVerdict
 from monitor.figures.orders import Lead, Wish
 
 
@@ -61,7 +62,7 @@ class RobotFigures:
     """What its agent (or the leader) says of itself; ``unseen`` before, ``silent`` after it speaks."""
     reason: str
     error: float | None
-    """Σ over its neighbours of |z_ij - z*_ij| [m]; None for the leader."""
+    """Σ over its neighbours of |z_ij - z*_ij| [m]; None for the leader, and if one of them is unknown."""
     speed: float | None
     """Newest command [m/s]."""
     turn_rate: float | None
@@ -92,6 +93,8 @@ class RobotFigures:
     """Which fallback neighbours it follows."""
     voices: int = 0
     """How many processes have spoken for it so far."""
+    known: KnownError = NOTHING
+    """The sum over those of its neighbours that are known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +104,7 @@ class Snapshot:
     elapsed: float
     """Since the formation error was first complete, that is since the formation is driven [s]."""
     formation_error: float | None
-    """Σ over all edges of |z_ij - z*_ij| [m]."""
+    """Σ over all edges of |z_ij - z*_ij| [m]; None if one of them is unknown."""
     formation_error_true: float | None
     """The same from ground truth."""
     settled_at: float | None
@@ -142,6 +145,10 @@ class Snapshot:
     """For whom the leader waits."""
     asked: tuple[Asked, ...] = ()
     """What an operator has asked of those who may lead since the monitor began, the newest last."""
+    known: KnownError = NOTHING
+    """The error over the edges that are known now."""
+    known_verdict: KnownVerdict = UNJUDGED
+    """`settled_at`, `converged` and `final_error` over the edges that are known."""
     candidates: Mapping[str, CandidateFigures] = field(default_factory=dict)
     """Who may lead, by rank; empty where there are no standbys."""
 

@@ -22,6 +22,7 @@ def as_json(snapshot: Snapshot) -> dict[str, Any]:
         "elapsed": _round(snapshot.elapsed, 3),
         "formation_error": _round(snapshot.formation_error, 6),
         "formation_error_true": _round(snapshot.formation_error_true, 6),
+        "known": snapshot.known_verdict._replace(final=snapshot.known).as_json(),
         "settled_at": _round(snapshot.settled_at, 3),
         "converged": snapshot.converged,
         "mode": snapshot.mode,
@@ -47,10 +48,11 @@ def as_json(snapshot: Snapshot) -> dict[str, Any]:
 
 def line(snapshot: Snapshot) -> str:
     """The formation in one line."""
-    error = "unknown" if snapshot.formation_error is None else _length(snapshot.formation_error)
+    error = error_words(snapshot)
     if snapshot.formation_error_true is not None:
         error += f" (true {_length(snapshot.formation_error_true)})"
-    settled = None if snapshot.formation_error is None else snapshot.settled_at
+    settled = snapshot.settled_at if snapshot.known.complete else snapshot.known_verdict.settled_at
+    settled = None if snapshot.known.error is None else settled
     states = Counter(robot.state for robot in snapshot.robots.values())
     parts = [
         f"{snapshot.elapsed:6.1f} s",
@@ -62,12 +64,20 @@ def line(snapshot: Snapshot) -> str:
         *(
             f"{name} silent for {robot.age:.1f} s"
             for name, robot in snapshot.robots.items()
-            if robot.age is not None and robot.age > 1.0
+            if robot.age is not None and robot.age > 1.0 and snapshot.known.error is None
         ),
         f"{snapshot.missed} missed" if snapshot.missed else "",
         f"{sum(snapshot.rejected.values())} rejected" if snapshot.rejected else "",
     ]
     return "  ".join(part for part in parts if part)
+
+
+def error_words(snapshot: Snapshot) -> str:
+    """The formation error, and where it is not over all edges over how many, and why."""
+    known = snapshot.known
+    if known.error is None:
+        return "unknown"
+    return _length(known.error) + ("" if known.complete else f" over {known.words}")
 
 
 def _led(snapshot: Snapshot) -> str:
@@ -90,9 +100,14 @@ def diagnostics(snapshot: Snapshot, stamp: float) -> Iterator[Diagnostics]:
 
 
 def _formation_status(snapshot: Snapshot) -> Status:
-    known = snapshot.formation_error is not None
+    known, verdict = snapshot.known, snapshot.known_verdict
     values = {
         "error": _text(snapshot.formation_error),
+        "known error": _text(known.error),
+        "known edges": str(known.known_edges),
+        "edges": str(known.edges),
+        "known settled at": _text(verdict.settled_at),
+        "known converged": str(verdict.converged).lower(),
         "error true": _text(snapshot.formation_error_true),
         "elapsed": _text(snapshot.elapsed),
         "settled at": _text(snapshot.settled_at),
@@ -104,8 +119,11 @@ def _formation_status(snapshot: Snapshot) -> Status:
         "missed": str(snapshot.missed),
         **{f"rejected {reason}": str(count) for reason, count in snapshot.rejected.items()},
     }
-    message = f"error {snapshot.formation_error:.4f} m" if known else "error unknown"
-    level = (WARNING if snapshot.rejected else OK) if known else STALE
+    message = "error unknown" if known.error is None else f"error {known.error:.4f} m"
+    if known.error is not None and not known.complete:
+        message += f" over {known.words}"
+    level = WARNING if snapshot.rejected or not known.complete else OK
+    level = STALE if known.error is None else level
     return Status("formation: monitor", level, message, "", values)
 
 
@@ -171,6 +189,7 @@ def _robot(robot: RobotFigures) -> dict[str, Any]:
         "state": robot.state,
         "reason": robot.reason,
         "error": _round(robot.error, 6),
+        "known": [_round(robot.known.error, 6), robot.known.known_edges, robot.known.edges],
         "speed": _round(robot.speed, 4),
         "turn_rate": _round(robot.turn_rate, 4),
         "speed_share": _round(robot.speed_share, 4),

@@ -78,6 +78,14 @@ class Figures(Collector):
     def _formation(self) -> Iterator[Metric]:
         seen = self._snapshot
         yield _gauge("formation_error_meters", "Sum over all edges", seen.formation_error)
+        known, verdict = seen.known, seen.known_verdict
+        yield _gauge("formation_known_error_meters", "Sum over the edges that are known", known.error)
+        yield _gauge("formation_known_edges", "Edges that are known", float(known.known_edges))
+        yield _gauge("formation_edges", "All edges", float(known.edges))
+        yield _gauge(
+            "formation_known_converged", "1 if the known edges have stayed under the bound",
+            float(verdict.converged),
+        )  # fmt: skip
         yield _gauge("formation_error_true_meters", "The same from ground truth", seen.formation_error_true)
         yield _gauge("formation_elapsed_seconds", "Since the error was first known", seen.elapsed)
         yield _gauge(

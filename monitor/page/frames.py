@@ -91,6 +91,7 @@ def frame(
         "t": round(now.wall, MILLI),
         "elapsed": _round(seen.elapsed),
         "error": _round(seen.formation_error, TENTH_MILLI),
+        **_known(seen),
         "true": _round(seen.formation_error_true, TENTH_MILLI),
         "settled_at": _round(seen.settled_at),
         "converged": seen.converged,
@@ -105,6 +106,15 @@ def frame(
         **_leading(seen),
         **({} if replay is None else {"replay": replay}),
     }
+
+
+def _known(seen: Snapshot) -> dict[str, Any]:
+    """Where not all edges are known: the error over those that are, how many, of how many, and why."""
+    known, verdict = seen.known, seen.known_verdict
+    if known.complete or known.error is None:
+        return {}
+    over = [known.known_edges, known.edges, known.words]
+    return {"known": [_round(known.error, TENTH_MILLI), *over, _round(verdict.settled_at), verdict.converged]}
 
 
 def _wished(seen: Snapshot) -> dict[str, Any]:

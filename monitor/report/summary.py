@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import Any, NamedTuple
 
 from monitor.figures.feed import CLOCK_AGREES
+from monitor.figures.known import NOTHING
 from monitor.report import words
 from monitor.report.gather import Run
 from monitor.report.judging import Measured
@@ -39,6 +40,10 @@ def items(run: Run) -> Iterator[Item]:
     """Everything that one number says of a run."""
     yield Item("settling_time", "settling time", run.snapshot.settling_time, words.seconds)
     yield Item("formation_error", "final formation error", run.snapshot.final_error, words.length)
+    last = run.snapshot.known_verdict.final or NOTHING
+    yield Item("known_error", "final error over the known edges", last.error, words.length)
+    yield Item("known_edges", "edges known at the end", last.known_edges, words.whole)
+    yield Item("edges", "edges", last.edges, words.whole)
     true = None if run.snapshot.final_error is None else run.true_error.final
     yield Item("formation_error_true", "final true error", true, words.length)
     yield from _measured("error", "formation error", run.error, words.length)
@@ -93,11 +98,23 @@ def verdict(run: Run) -> str:
     if not run.known:
         return "The formation error was never known: some robot was not heard."
     if run.snapshot.final_error is None:
-        return "Not known at the end: a robot was lost before the others."
+        return _of_known(run, bound)
     if run.snapshot.settled_at is None:
         return f"Not settled: the formation error was not under {bound} at the end."
     since = f"under {bound} since {words.seconds(run.snapshot.settled_at)}"
     return f"Converged: formation error {since}." if run.snapshot.converged else f"Just settled: {since}."
+
+
+def _of_known(run: Run, bound: str) -> str:
+    """How it went where not all edges are known at the end."""
+    known = run.snapshot.known_verdict
+    if known.final is None:
+        return "Not known at the end: a robot was lost before the others."
+    over = f"over {known.final.words}"
+    if known.settled_at is None:
+        return f"Not settled {over}: their error was not under {bound} at the end."
+    since = f"under {bound} since {words.seconds(known.settled_at)}"
+    return f"{'Converged' if known.converged else 'Just settled'} {over}: error {since}."
 
 
 def notices(run: Run, *, cut: bool) -> Iterator[str]:

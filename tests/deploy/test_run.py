@@ -39,6 +39,7 @@ def test_a_run_that_converged_is_exit_code_0_and_one_json_object(ran: Runner, tm
         "robots": 3,
         "converged": True,
         "formation_error": 0.002,
+        "known": None,
         "settling_time": 1.5,
         "interrupted": False,
         "recording": "a.mcap",
@@ -115,6 +116,17 @@ def test_a_run_that_did_not_converge_is_exit_code_1(ran: Runner) -> None:
     done = ran(*good(monitor(converged=False, settling_time=None, settled_at=None)), flags=())
     assert done.code == 1
     assert "not converged" in done.out
+
+
+def test_survivors_verdict_is_over_the_known_edges(ran: Runner) -> None:
+    known = {"error": 0.012, "known_edges": 8, "edges": 11, "silent": {"robot4": 12.0}}
+    known |= {"settled_at": 5.2, "converged": True}
+    unknown = {"converged": False, "settling_time": None, "settled_at": None, "formation_error": None}
+    done = ran(*good(monitor(**unknown, known=known)), flags=())
+    assert done.code == 1  # the whole formation has not converged
+    over = "over 8 of 11 edges; 3 unknown (robot4 silent for 12 s)"
+    assert f"field law: converged {over}" in done.out
+    assert f"12 mm, sum {over}; under 50 mm since 5.2 s" in done.out.replace("5 cm", "50 mm")
 
 
 def test_what_was_published_and_not_recorded_is_lost(ran: Runner) -> None:

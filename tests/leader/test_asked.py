@@ -8,7 +8,7 @@ from typing import Any
 from formation import order
 from formation.election import LISTENING
 from formation.legs import Straight
-from formation.mission import Mission
+from formation.mission import Bounds, Mission
 from formation.mission_file import load
 from formation.order import OperatorReply, OperatorRequest
 from formation.ros2.messages import Diagnostics, decode
@@ -89,8 +89,9 @@ def test_who_is_asked_again_says_whether_it_leads_by_now() -> None:
 
 
 def test_however_many_long_routes_are_asked_for_at_once_the_status_can_be_sent() -> None:
-    leader = leading(SIX)
-    legs = [{"waypoints": [[1e5 - k, 1e5]], "speed": 1.0} for k in range(300)]
+    anywhere = (-1e5, 1e5)
+    leader = leading(SIX.model_copy(update={"bounds": Bounds(x=anywhere, y=anywhere)}))
+    legs = [{"waypoints": [[9e4 - k, 9e4]], "speed": 1.0} for k in range(300)]
     for k in range(9):
         request = json.dumps({"do": "route", "legs": legs, "id": str(k)}).encode()
         assert order.decode(OperatorReply, leader.request(request, 0.0)).ok

@@ -93,7 +93,8 @@ def test_a_speed_and_a_heading_are_an_endless_straight_from_where_the_leader_is(
     leader = listened(mission)
     before = drive(leader, 0.0, 5.0)[-1]
     reply = ask(leader, b'{"do":"speed","speed":0.5,"degrees":90.0}')
-    assert (reply.ok, reply.reason) == (True, "on a route without an end from where it is")
+    assert reply.ok
+    assert reply.reason.startswith("on a route without an end from where it is; stops at the bounds in ")
     said = drive(leader, 5.0, 20.0)
     assert abs(said[0].pose.position - before.pose.position) < 0.02
     way = said[-1].pose.position - said[0].pose.position

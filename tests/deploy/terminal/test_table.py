@@ -313,6 +313,24 @@ def test_times_are_short(time: float | None, text: str) -> None:
     assert seconds(time) == text
 
 
+SILENT = {
+    "formation_error": None,
+    "known": {"error": 0.012, "known_edges": 7, "edges": 9, "silent": {"robot6": 12.4}},
+    "robots": {"robot5": {"state": "run", "error": None, "known": [0.003, 1, 2]}},
+}
+
+
+def test_error_over_the_known_edges_says_how_many() -> None:
+    now = progress()
+    now.see(Snapshot.of(SILENT))
+    text = picture(now)
+    assert any(line.startswith("error    12 mm ") for line in text)
+    assert "over 7 of 9 edges; 2 unknown (robot6 silent for 12 s)" in text
+    assert ">3.0 mm" in row(text, "robot5")
+    assert "error 12 mm over 7 of 9 edges; 2 unknown (robot6 silent for 12 s)  settled" in line(now)
+    assert now.errors[-1] == 0.012
+
+
 def test_a_snapshot_with_missing_or_strange_fields_is_read_as_far_as_it_goes() -> None:
     event = {
         "formation_error": "lots",

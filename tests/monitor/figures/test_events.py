@@ -190,7 +190,8 @@ def test_a_formation_of_which_a_robot_is_lost_has_not_settled() -> None:
     one = watcher()
     one.drive(15.0)
     (unsettled,) = of(one.drive(20.0, without="robot4"), "unsettled")
-    assert unsettled.text == "the error is not known"
+    over = "5 of 9 edges; 4 unknown (robot4 silent for 3 s)"
+    assert unsettled.text == f"error 0 mm over {over}, the bound of 50 mm"
 
 
 def test_the_end_of_a_run_unsettles_nothing() -> None:

@@ -17,7 +17,8 @@ PLAIN, OPEN = "text/plain", "application/openmetrics-text; version=1.0.0"
 RECORDING = {"path": "a.mcap", "bytes": 4711, "seconds": 12.5, "failure": None}
 UNITS = r"(meters|seconds|radians|hertz|ratio|bytes|meters_per_second|radians_per_second)"
 NO_UNIT = (
-    r"(converged|mode|shape|figure_formed|leader_(info|waits)|(robot|candidate)_state|robot_(aside|stuck|evades|deadlocks|voices)"
+    r"(converged|known_converged|known_edges|edges"
+    r"|mode|shape|figure_formed|leader_(info|waits)|(robot|candidate)_state|robot_(aside|stuck|evades|deadlocks|voices)"
     r"|recording_failed|messages_(received|missed|rejected)(_total)?)"
 )
 

@@ -121,6 +121,7 @@ class Scene:
         known = [error for error in wrong if error is not None]
         total = sum(known) if len(known) == len(wrong) else None
         return {
+            **self._known(known, len(wrong)),
             "t": self.now, "elapsed": self.time, "error": total, "true": total,
             "settled_at": 9.3 if total is not None and total < 0.05 else None,
             "converged": total is not None and total < 0.05, "mode": "run",
@@ -134,6 +135,15 @@ class Scene:
             **self._wished(),
             **({} if self._live else {"replay": self._replay()}),
         }  # fmt: skip
+
+    def _known(self, known: list[float], edges: int) -> dict[str, Any]:
+        """Over the edges that are known, where not all are."""
+        if len(known) == edges or not known:
+            return {}
+        gone = ", ".join(f"{name} silent for 3 s" for name in self.silent)
+        words = f"{len(known)} of {edges} edges; {edges - len(known)} unknown ({gone})"
+        stands = sum(known) < 0.05
+        return {"known": [round(sum(known), 4), len(known), edges, words, 9.3 if stands else None, stands]}
 
     def _wished(self) -> dict[str, Any]:
         """What stands in a frame only where there is something to say."""

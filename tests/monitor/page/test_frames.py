@@ -144,6 +144,7 @@ def test_what_is_not_known_now_is_null_and_never_an_old_value() -> None:
     assert row["slot_x"] is not None  # where it should be is known
     assert row["health"] == 0.0
     assert one["error"] is None
+    assert one["known"][1:4] == [6, 9, "6 of 9 edges; 3 unknown (robot5 never heard)"]
     later = rows(frame(MISSION, heard(Fleet()), now(13.0)))
     assert {row["x"] for row in later.values()} == {None}
     assert {row["slot_x"] for row in later.values()} == {None}

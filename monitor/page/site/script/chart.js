@@ -49,15 +49,17 @@ export class ErrorChart {
     if (!this.host.clientWidth) return;
     if (!this.plot) this.rebuild();
     if (this.plot) this.plot.setData(this.data());
-    const { error } = this.model.frame ?? {};
-    setAttribute(this.host, "aria-label", `Formation error over time; now ${format.length(error)}`);
+    const { error, known } = this.model.frame ?? {};
+    const now = known ? `${format.length(known[0])} over ${known[3]}` : format.length(error);
+    setAttribute(this.host, "aria-label", `Formation error over time; now ${now}`);
   }
 
   data() {
-    const { error, origin, hello } = this.model;
+    const { error, known, origin, hello } = this.model;
     const floor = this.logarithmic ? LEAST : 0;
-    const values = error.values.map((value) => (value === null ? null : Math.max(value, floor)));
-    return [error.times.map((time) => time - origin), values, error.times.map(() => hello.settled)];
+    const shown = ({ values }) => values.map((value) => (value === null ? null : Math.max(value, floor)));
+    const times = error.times.map((time) => time - origin);
+    return [times, shown(error), error.times.map(() => hello.settled), shown(known)];
   }
 
   options() {
@@ -81,6 +83,7 @@ export class ErrorChart {
         {},
         { stroke: colour("accent"), width: 2, spanGaps: false, points: { show: false } },
         { stroke: colour("good"), width: 1.5, dash: [6, 4], points: { show: false } },
+        { stroke: colour("warn"), width: 2, dash: [3, 3], spanGaps: false, points: { show: false } },
       ],
       hooks: { draw: [(plot) => this.mark(plot, unit)], setCursor: [(plot) => this.read(plot)] },
     };
@@ -117,9 +120,10 @@ export class ErrorChart {
   /** What stands under the cursor, in words. */
   read(plot) {
     const { idx } = plot.cursor;
-    const value = idx === null || idx === undefined ? null : plot.data[1][idx];
-    const known = value !== null && value !== undefined;
-    setText(byId("chart-reading"), known ? `${format.length(value)} at ${format.span(plot.data[0][idx])}` : "");
+    const at = idx ?? -1;
+    const value = plot.data[1][at] ?? plot.data[3][at] ?? null;
+    const over = value !== null && (plot.data[1][at] ?? null) === null ? " over the known edges" : "";
+    setText(byId("chart-reading"), value === null ? "" : `${format.length(value)}${over} at ${format.span(plot.data[0][at])}`);
   }
 }
 

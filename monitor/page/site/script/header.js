@@ -26,9 +26,11 @@ export class Header {
     const { frame, hello } = this.model;
     if (!frame) return;
     setText(byId("elapsed"), format.span(frame.elapsed));
-    setText(byId("error"), frame.error === null ? "unknown" : format.length(frame.error));
-    setText(byId("true-error"), frame.true === null ? "" : `true ${format.length(frame.true)}`);
-    setAttribute(byId("error"), "data-tone", frame.error === null ? "bad" : frame.converged ? "good" : "plain");
+    setText(byId("error"), error(frame));
+    setText(byId("true-error"), besides(frame));
+    const tone = frame.known ? "warn" : frame.error === null ? "bad" : frame.converged ? "good" : "plain";
+    setAttribute(byId("error"), "data-tone", tone);
+    byId("error").title = frame.known ? `over ${frame.known[3]}` : "";
     setText(byId("settled"), settled(frame, hello.settled));
     setText(byId("mode"), frame.mode ?? format.UNKNOWN);
     setText(byId("shape"), frame.shape ?? format.UNKNOWN);
@@ -91,8 +93,23 @@ function figure({ rotation = 0, scale = 1 }) {
   return [turned, scaled].filter(Boolean).join(" ");
 }
 
+/** Over the edges that are known; `besides` says how many, where not all are. */
+function error(frame) {
+  if (frame.known) return format.length(frame.known[0]);
+  return frame.error === null ? "unknown" : format.length(frame.error);
+}
+
+function besides(frame) {
+  if (frame.known) return `${frame.known[1]} of ${frame.known[2]} edges`;
+  return frame.true === null ? "" : `true ${format.length(frame.true)}`;
+}
+
 function settled(frame, bound) {
   if (frame.forming) return "figure on its way";
+  if (frame.known) {
+    const [, some, all, , since] = frame.known;
+    return since === null ? `not yet (< ${format.length(bound)})` : `${some} of ${all} since ${since.toFixed(1)} s`;
+  }
   if (frame.settled_at === null) return `not yet (< ${format.length(bound)})`;
   if (frame.error === null) return `was, at ${frame.settled_at.toFixed(1)} s`; // before all fell silent
   return frame.converged ? `at ${frame.settled_at.toFixed(1)} s` : `since ${frame.settled_at.toFixed(1)} s`;

@@ -15,6 +15,7 @@ export class Model {
     this.robots = [];
     this.edges = [];
     this.error = new Series(HISTORY, HISTORY_STEP);
+    this.known = new Series(HISTORY, HISTORY_STEP); // over the known edges, where not all are
     this.events = [];
     this.chosen = null; // the robot that the operator looks at
     this.frames = 0;
@@ -33,7 +34,8 @@ export class Model {
     }
     if (!hello.live) this.robots.forEach((robot) => robot.trail.clear()); // a recording was wound to elsewhere
     this.error.clear();
-    for (const [time, value] of hello.history) this.error.push(time, value);
+    this.known.clear();
+    for (const [time, value] of hello.history) this.push(time, value, null);
     this.events = hello.events.slice(-EVENTS);
   }
 
@@ -43,7 +45,12 @@ export class Model {
     this.frames += 1;
     this.robots.forEach((robot, index) => robot.take(frame.r[index]));
     for (const robot of this.robots) if (robot.leader) robot.waits = frame.waits ?? "";
-    this.error.push(frame.t, frame.error);
+    this.push(frame.t, frame.error, frame.known?.[0] ?? null);
+  }
+
+  push(time, error, known) {
+    this.error.push(time, error);
+    this.known.push(time, known);
   }
 
   note(event) {
@@ -55,6 +62,7 @@ export class Model {
 
   rewind(time) {
     this.error.rewind(time);
+    this.known.rewind(time);
     this.events = this.events.filter((event) => event.at <= time);
     for (const robot of this.robots) robot.trail.clear();
   }
