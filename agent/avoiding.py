@@ -117,6 +117,13 @@ class Avoiding:
             said["protective zone"] = str(self.scanner.zone)
         return said
 
+    def doubt_all(self) -> None:
+        """Trust nothing that was heard: this process was frozen."""
+        for one in self.others.values():
+            one.stream.doubt()
+        if self.scanner is not None:
+            self.scanner.stream.doubt()
+
     def _known(self, around: Neighbourhood) -> dict[str, Neighbour]:
         """Those who were heard, or seen, at least once."""
         all_of_them = {name: self.others.get(name) or around.each[name] for name in self._minded}

@@ -14,18 +14,21 @@ from collections.abc import Iterable, Sequence
 from itertools import chain
 
 from agent import failsafe
-from agent.aside import Aside, Stuck
+from agent.aside import Aside
 from agent.avoiding import Avoiding, Brake
 from agent.commander import AT_REST, Commander
 from agent.failsafe import Decision, Facts, State
 from agent.hearing import Hearing
 from agent.latch import Latch
 from agent.localisation import Localisation
+from agent.motion_check import Kind, MotionCheck
 from agent.neighbourhood import Neighbourhood
 from agent.orders import Orders
+from agent.probe import Probe
 from agent.slots import Slots
 from agent.status import Report, Surroundings, status
 from agent.tuning import Tuning
+from agent.wakefulness import Wakefulness
 from formation import order
 from formation.geofence import Geofence
 from formation.law import LAWS, error, unwound
@@ -75,14 +78,24 @@ class Agent:
         self._orders = Orders(mission)
         self._tuning = Tuning(mission, robot)
         self._slots = Slots(mission, robot)
-        self._aside, self._stuck = Aside(), Stuck(spec.limits)
+        self._aside = Aside()
+        self._motion = MotionCheck(mission, robot)
         self._commander = Commander(mission, robot, self.law_name)
+        self._probe = Probe(spec.limits, self._commander.steps, self._motion.model.longest)
         self._latch = Latch(robot)
+        self._wakefulness = Wakefulness()
         self._status_due = float("-inf")
         self._rest_due = float("-inf")
         self._status_key, self._position_key = STATUS.key(robot), POSITION.key(robot)
         self._hearing = Hearing(
-            mission, robot, self._here, self._neighbours, self._avoiding, self._orders, self._fence
+            mission,
+            robot,
+            self._here,
+            self._neighbours,
+            self._avoiding,
+            self._orders,
+            self._fence,
+            self._watch_motion,
         )
 
     @property
@@ -109,7 +122,7 @@ class Agent:
     @property
     def due(self) -> float:
         """When a step is wanted though nothing arrives [s, monotonic]."""
-        if self.decision.state is State.RUN:
+        if self._drives:
             return min(self._status_due, self._here.stream.stale_at, self._avoiding.blind_at)
         return min(self._status_due, self._rest_due)
 
@@ -124,15 +137,34 @@ class Agent:
     def act(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
         """The first half of a step, whose result need not wait for the second: learn, decide, command."""
         self._orders.voter.aware(now.mono)
-        self._moved, interval = self._hearing.take(inbox, now)
+        self._moved, interval = self._hearing.take(self._unstale(now, inbox), now)
         if self._moved:
             self._outside = self._fence.outside(self._here.position, before=self._outside is not None)
         before, self.decision = self.decision.state, self._decide(now)
         outbox = self._drive(now, interval) if self._moved else self._rest(now)
-        self._aside.judge(self.decision, self._orders.newest, now.mono, stuck=self._stuck.now)
+        ordered = self._orders.newest
+        self._aside.judge(self.decision, ordered, now.mono)
+        if ordered is None or ordered.mode != "run" or self._latch.mode is not None:
+            self._probe.rearm()
         if self.decision.state is not before:
             self._status_due = now.mono
         return outbox
+
+    def _unstale(self, now: Now, inbox: Sequence[Sample]) -> Sequence[Sample]:
+        """The messages of `inbox` that did not wait while this process was frozen."""
+        wakefulness = self._wakefulness
+        if wakefulness.step(now.mono):
+            self._here.doubt_all()
+            self._neighbours.doubt_all()
+            self._avoiding.doubt_all()
+            self._orders.doubt()
+        if not wakefulness.pause:
+            return inbox
+        fresh = [sample for sample in inbox if not wakefulness.waited(sample.arrived)]
+        for sample in inbox:
+            if wakefulness.waited(sample.arrived):
+                self._hearing.drop(sample.key, BadMessage("waited while this process was frozen"))
+        return fresh
 
     def tell(self, now: Now) -> list[Outgoing]:
         """The second half: where this robot is, if it has just learned that, and now and then how it does."""
@@ -165,6 +197,7 @@ class Agent:
     def _decide(self, now: Now) -> Decision:
         around, scanner = self._neighbours, self._avoiding.scanner
         around.choose(now)
+        self._wakefulness.confirm(beat_rose=self._orders.rose, follows=self._here.follows)
         return failsafe.decide(
             Facts(
                 latched=self._latch.mode,
@@ -185,6 +218,8 @@ class Agent:
                 fresh=len(around.guides),
                 aside=() if around.guides else around.aside(now),
                 leaderless=not around.guides and around.leaderless(now),
+                motion=self._motion.doubt,
+                frozen=self._wakefulness.pause,
                 finite=self._finite,
                 scan_silence=0.0 if scanner is None else scanner.silence(now),
                 scan_limit=math.inf if scanner is None else scanner.stream.limit,
@@ -198,10 +233,11 @@ class Agent:
         wanted = self._orders.newest
         if wanted is not None:
             self._here.joins(wanted)
-        if self.decision.state is not State.RUN or wanted is None:
+        probes = self.decision.probes
+        if not (probes or self.decision.state is State.RUN) or wanted is None:
             self._finite = True
-            self._stuck.rested()
             self._avoiding.rested()
+            self._probe.interrupt()
             return self._commanded(now, AT_REST)
         self._slots.follow(wanted, self._orders.rose, now.mono)
         what = self._neighbours.measured(self._here, self._slots, now)
@@ -213,19 +249,57 @@ class Agent:
         if not self._finite:
             self.decision, self._integral = self._decide(now), 0j
             return self._commanded(now, AT_REST)
+        trial = self._tried(now, said) if probes else said
+        if probes and trial == AT_REST:
+            self._avoiding.rested()
+            return self._commanded(now, AT_REST)
         along = heading.conjugate() * what.velocity
-        command, brake = self._avoiding.command(said, along, self._here, self._neighbours, now, dt)
-        integral = unwound(integral, heading, what, gains, limits, said, command, dt)
-        self._aside.drove(abs(error(heading, what)) / what.count)
-        if not self._readonly:  # what does not move cannot be integrated away
-            self._integral = integral
-            self._stuck.drove(self._commander.newest, self._here.point, self._here.heading, dt)
+        command, brake = self._avoiding.command(trial, along, self._here, self._neighbours, now, dt)
+        if not probes:
+            integral = unwound(integral, heading, what, gains, limits, said, command, dt)
+            self._aside.drove(abs(error(heading, what)) / what.count)
+            if not self._readonly:  # what does not move cannot be integrated away
+                self._integral = integral
         self._rest_due = float("-inf")  # whatever stops it takes hold at once
         return self._commanded(now, command, brake)
 
+    @property
+    def _drives(self) -> bool:
+        """Whether the robot is to move just now."""
+        return self.decision.state is State.RUN or (self.decision.probes and self._probe.moves)
+
+    def _watch_motion(self, arrived: float) -> None:
+        """An own measurement arrived [s, monotonic]: does it agree with what was commanded?"""
+        if self._readonly:
+            return
+        motion, travel = self._motion, self._here.travel
+        known = motion.doubt
+        motion.saw(arrived, travel)
+        if known is not None:
+            self._probe.saw(travel)
+        elif motion.doubt is not None:
+            self._probe.interrupt()
+            if motion.doubt.kind in {Kind.CARRIED, Kind.TURNED}:
+                self._here.carried()
+        elif motion.confirmed:
+            self._probe.rearm()
+
+    def _tried(self, now: Now, wanted: Command) -> Command:
+        """A command of the probe, while the robot does not move as it is told."""
+        doubt, motion = self._motion.doubt, self._motion
+        if doubt is None:
+            return AT_REST
+        speeds = self._here.source == "odometry"
+        if self._probe.verdict(now.mono, doubt, speeds=speeds):
+            motion.trust()
+            self._probe.interrupt()
+            return AT_REST
+        motion.model.go_to(now.mono)
+        return self._probe.step(now.mono, doubt, motion.model.now, wanted)
+
     def _rest(self, now: Now) -> list[Outgoing]:
         """A robot that must not move is told so every period: there may be no position, commands get lost."""
-        if self.decision.state is State.RUN or now.mono < self._rest_due:
+        if self._drives or now.mono < self._rest_due:
             return []
         self._rest_due = now.mono + 1.0 / self._spec.rate
         return self._commanded(now, AT_REST)
@@ -234,6 +308,7 @@ class Agent:
         outbox = self._commander.say(now, wanted, brake)
         if not self._readonly:
             self._here.told(now.mono, self._commander.newest)
+            self._motion.told(now.mono, self._commander.newest)
             if self._avoiding.scanner is not None and self._spec.localisation != "odometry":
                 self._avoiding.scanner.told(now.mono, self._commander.newest)
         return outbox
@@ -263,7 +338,7 @@ class Agent:
             neighbours=self._neighbours,
             avoiding=self._avoiding,
             aside=self._aside.told,
-            stuck=self._stuck.now,
+            motion=self._motion.doubt,
             gains=self._tuning.told,
             surroundings=self._surroundings,
             dropped=self._hearing.unused,

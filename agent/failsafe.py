@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from enum import StrEnum
 from typing import NamedTuple
 
+from agent.motion_check import SHARE, Disagreement, Kind
 from formation.order import LEADER_LOST, Mode, Order
 
 
@@ -72,6 +73,10 @@ class Facts(NamedTuple):
     """Neighbours that are heard from outside the bounds: nobody follows those."""
     leaderless: bool = False
     """Whether the leader itself is among the neighbours, and silent."""
+    frozen: float = 0.0
+    """For so long this process was frozen, and has not heard enough since [s]; 0 if it was not."""
+    motion: Disagreement | None = None
+    """How the robot does not move as it is told."""
 
 
 class Row(NamedTuple):
@@ -82,6 +87,8 @@ class Row(NamedTuple):
     reason: Callable[[Facts], str]
     own: bool = False
     """Whether it concerns this robot, while others may well go on."""
+    probes: bool = False
+    """Whether the robot may move a little, to see whether it moves as it is told."""
 
 
 class Decision(NamedTuple):
@@ -91,6 +98,8 @@ class Decision(NamedTuple):
     reason: str
     own: bool = False
     """Whether others may well go on without this robot."""
+    probes: bool = False
+    """Whether it may move a little, to see whether it moves as it is told."""
 
 
 def _never(silence: float) -> bool:
@@ -109,10 +118,46 @@ def _nobody(facts: Facts) -> str:
     return f"no neighbour {'can be followed' if facts.aside else 'is fresh'}: {each}"
 
 
+_CHECK = {
+    Kind.FROZEN: "{source} frozen or robot blocked: commanded {expected:.2f} m in {over:.1f} s, moved"
+    " {seen:.2f} m; at least {least:.2f} m expected; check {sensor}, wheels and motors",
+    Kind.TURN: "{source} heading frozen or robot blocked: commanded {expected:.2f} rad in {over:.1f} s,"
+    " turned {seen:.2f} rad; at least {least:.2f} rad expected; check {sensor}, wheels and motors",
+    Kind.SPEEDS: "{source} contradicts itself: positions moved {expected:+.2f} m in {over:.1f} s, its speeds"
+    " say {seen:+.2f} m; check the speeds that the robot reports",
+    Kind.CARRIED: "{source} moved without command: commanded {expected:.2f} m in {over:.1f} s, moved"
+    " {seen:.2f} m; was the robot carried or pushed, or is another one seen?",
+    Kind.TURNED: "{source} turned without command: commanded {expected:.2f} rad in {over:.1f} s, turned"
+    " {seen:.2f} rad; was the robot turned by hand, or is another one seen?",
+}
+_SENSORS = {"odometry": "encoders", "pose": "tracker"}
+
+
+def _motion(facts: Facts) -> str:
+    """How the robot does not move as it is told; it probes by itself."""
+    if facts.motion is None:
+        return ""
+    kind, expected, seen, over = facts.motion
+    return _CHECK[kind].format(
+        source=facts.source,
+        sensor=_SENSORS[facts.source],
+        expected=expected,
+        seen=seen,
+        over=over,
+        least=SHARE * expected,
+    )
+
+
 TABLE: tuple[Row, ...] = (
     Row(lambda f: f.latched == "stop", State.STOP, lambda f: f.why or "stopped by the operator", own=True),
     Row(lambda f: not f.finite, State.HOLD, lambda _: "the law gave no finite command", own=True),
     Row(lambda f: f.connected is False, State.HOLD, lambda _: "no link to the robot", own=True),
+    Row(
+        lambda f: f.frozen > 0.0,
+        State.WAITING,
+        lambda f: f"this process was frozen for {f.frozen:.1f} s: waits for new messages",
+        own=True,
+    ),
     Row(lambda f: _never(f.silence), State.WAITING, lambda f: f"no {f.source} yet", own=True),
     Row(
         lambda f: f.silence > f.limit,
@@ -160,6 +205,8 @@ TABLE: tuple[Row, ...] = (
     # whether it is gone, or only from here, its beat will tell
     Row(lambda f: not f.fresh and f.leaderless, State.HOLD, _nobody),
     Row(lambda f: not f.fresh, State.HOLD, _nobody, own=True),
+    # last of all doubts: a probe needs everything else to be well
+    Row(lambda f: f.motion is not None, State.HOLD, _motion, own=True, probes=True),
     Row(lambda _: True, State.RUN, lambda _: "in formation control"),
 )
 
@@ -167,4 +214,4 @@ TABLE: tuple[Row, ...] = (
 def decide(facts: Facts) -> Decision:
     """The first row that applies."""
     row = next(row for row in TABLE if row.applies(facts))
-    return Decision(row.state, row.reason(facts), row.own)
+    return Decision(row.state, row.reason(facts), row.own, row.probes)

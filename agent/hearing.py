@@ -36,15 +36,18 @@ class Hearing:
         avoiding: Avoiding,
         orders: Orders,
         fence: Geofence,
+        moved: Callable[[float], None],
     ) -> None:
-        """The parts from `here` to `orders` learn from what is heard."""
+        """The parts from `here` to `orders` learn; `moved` is called when the own position has arrived."""
         self.dropped: Counter[str] = Counter()
         """Messages that were not used, by key."""
         self.last_dropped: dict[str, str] = {}
         """Why the newest of them was not."""
         self._spec, self._leader, self._fence = mission.robots[robot], mission.leader, fence
         self._own = (ODOM if self._spec.localisation == "odometry" else POSE).key(robot)
-        self._handlers: dict[str, Handler] = {self._own: partial(self._take_own, here, avoiding.scanner)}
+        self._handlers: dict[str, Handler] = {
+            self._own: partial(self._take_own, here, avoiding.scanner, moved)
+        }
         for name, neighbour in neighbours.each.items():
             self._handlers[POSITION.key(name)] = partial(self._take_position, neighbour, orders)
             if self._spec.measurement == "local":
@@ -91,12 +94,20 @@ class Hearing:
         self.last_dropped[where] = str(bad)[:LONGEST_REASON]  # it may quote what a stranger wrote
 
     def _take_own(
-        self, here: Localisation, scanner: Scanner | None, sample: Sample, now: Now
+        self,
+        here: Localisation,
+        scanner: Scanner | None,
+        moved: Callable[[float], None],
+        sample: Sample,
+        now: Now,
     ) -> float | None:
         if self._spec.localisation != "odometry":
-            return here.take(decode(Pose, sample.payload), sample.arrived, now)
+            taken = here.take(decode(Pose, sample.payload), sample.arrived, now)
+            moved(sample.arrived)
+            return taken
         odometry = decode(Odometry, sample.payload)
         taken = here.take(odometry, sample.arrived, now)
+        moved(sample.arrived)
         if scanner is not None:
             scanner.moved(sample.arrived, Command(odometry.speed, odometry.turn_rate))
         return taken

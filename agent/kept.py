@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-from agent.aside import Aside, Stuck
+from agent.aside import Aside
 from agent.avoiding import Avoiding
 from agent.commander import Commander
 from agent.core import Agent
@@ -18,10 +18,14 @@ from agent.failsafe import Decision, State
 from agent.hearing import Hearing
 from agent.latch import Latch
 from agent.localisation import Localisation
+from agent.motion_check import Disagreement, Leg, MotionCheck
+from agent.motion_check import Kind as Disagrees
+from agent.motion_model import Modelled, MotionModel
 from agent.neighbourhood import Neighbour, Neighbourhood
 from agent.odometer import Odometer
 from agent.orders import Orders
 from agent.overhead import Overhead, Sent
+from agent.probe import Mean, Phase, Probe
 from agent.scanner import Moving, Scanner
 from agent.slots import Slots
 from agent.status import Surroundings
@@ -47,8 +51,10 @@ from agent.values import (
     word,
 )
 from agent.voice import REMEMBERED, Voice
+from agent.wakefulness import Wakefulness
 from formation.detour import Avoidance
 from formation.election import Voter
+from formation.heading import Travel
 from formation.neighbour import Track
 from formation.once import Once
 from formation.order import Order, Told
@@ -77,6 +83,10 @@ def _sent(numbers: Iterable[float]) -> Sent:
 _COMMAND = row(Command._make, real, real)
 _TRACK = row(Track._make, real, plane, plane)
 _AVOIDANCE = row(Avoidance._make, real, real, count, plane, real, real)
+_TRAVEL = row(Travel._make, real, real, plane)
+_MODELLED = row(Modelled._make, real, plane, plane, real, real, real, real)
+_DISAGREEMENT = row(Disagreement._make, word(*Disagrees, of=Disagrees), real, real, real)
+_TWO = row(tuple, real, real)
 _NAMES = Kind(list, lambda said, where: tuple(several(text).read(said, where)))
 _ORDER = model(Order)
 _ODOMETRY = record(
@@ -115,7 +125,7 @@ _POSE = record(Pose, stamp=real, position=plane, heading=plane, frame=text)
 KEPT: Mapping[type, Kept] = {
     Agent: Kept(
         memory={
-            "decision": row(Decision._make, word(*State, of=State), text, flag),
+            "decision": row(Decision._make, word(*State, of=State), text, flag, flag),
             "_told": count,
             "_surroundings": record(
                 Surroundings, connected=maybe(flag), routed=maybe(flag), refused=by_name(count)
@@ -135,7 +145,9 @@ KEPT: Mapping[type, Kept] = {
             "_tuning",
             "_slots",
             "_aside",
-            "_stuck",
+            "_motion",
+            "_probe",
+            "_wakefulness",
             "_commander",
             "_latch",
             "_hearing",
@@ -165,6 +177,7 @@ KEPT: Mapping[type, Kept] = {
             "_joined": flag,
             "late": count,
             "position": plane,
+            "travel": maybe(_TRAVEL),
             "_measured": plane,
             "_estimate": plane,
             "_course": plane,
@@ -198,7 +211,6 @@ KEPT: Mapping[type, Kept] = {
         memory={
             "_last": maybe(_POSE),
             "_sent": recent(_SENT),
-            "_unmoved": real,
         },
         construction=("_limits", "_reads_heading"),
     ),
@@ -208,9 +220,11 @@ KEPT: Mapping[type, Kept] = {
             "arrived": maybe(real),
             "underway": real,
             "_suspect": maybe(row(tuple, real, real)),
+            "_doubted": flag,
         },
         construction=("limit", "longest_way"),
     ),
+    Wakefulness: Kept(memory={"pause": real, "_stepped": maybe(real), "_woke": real}),
     Neighbourhood: Kept(
         memory={"guides": _NAMES, "_instead": flag, "_back": real},
         parts=("each",),
@@ -321,9 +335,58 @@ KEPT: Mapping[type, Kept] = {
     Aside: Kept(
         memory={"told": flag, "behind": flag, "_set_out": flag, "_since": real, "_error": real},
     ),
-    Stuck: Kept(
-        memory={"now": flag, "_anchor": row(tuple, plane, plane), "_way": real, "_lasts": real},
-        construction=("_offset", "_slow"),
+    MotionModel: Kept(
+        memory={"_command": _COMMAND, "_states": recent(_MODELLED)},
+        construction=("longest", "_gap"),
+    ),
+    Leg: Kept(
+        memory={
+            "seen": plane,
+            "_origins": several(plane),
+            "_path_before": real,
+            "_farthest": real,
+            "_began": real,
+        },
+        construction=("_tolerance",),
+    ),
+    MotionCheck: Kept(
+        memory={
+            "doubt": maybe(_DISAGREEMENT),
+            "confirmed": count,
+            "_last": maybe(real),
+            "_facing": plane,
+            "_by_speeds": plane,
+            "_by_positions": plane,
+            "_reported": real,
+            "_ahead_before": several(real),
+            "_window_began": real,
+        },
+        parts=("model", "_position", "_heading"),
+        construction=("_has_speeds", "_has_heading"),
+    ),
+    Mean: Kept(
+        memory={
+            "count": count,
+            "position": plane,
+            "heading": real,
+            "_squares": real,
+            "_turn_squares": real,
+        },
+    ),
+    Probe: Kept(
+        memory={
+            "phase": word(*Phase, of=Phase),
+            "tries": count,
+            "_since": real,
+            "_at": plane,
+            "_facing": real,
+            "_reported": real,
+            "_direction": real,
+            "_began": _TWO,
+            "_asked": _TWO,
+        },
+        parts=("_before", "_after"),
+        construction=("_speed", "_turn_rate", "_settling"),
     ),
     Commander: Kept(
         memory={

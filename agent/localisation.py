@@ -10,6 +10,7 @@ from agent.sighting import Sighting
 from agent.stream import Stream
 from formation import heading as observers
 from formation.avoidance import SHARPER, SLACK, heading_doubt
+from formation.heading import Travel
 from formation.mission import Mission
 from formation.order import Order
 from formation.plane import rotation, shorten, unit
@@ -45,6 +46,8 @@ class Localisation:
         """Messages that came more than half a period late."""
         self.position = 0j
         """Centre [m; world frame]."""
+        self.travel: Travel | None = None
+        """Newest interval; None where it is unknown how the robot came where it is."""
         self._source: Odometer | Overhead = (
             Odometer(mission, robot) if spec.localisation == "odometry" else Overhead(mission, robot)
         )
@@ -123,6 +126,15 @@ class Localisation:
             return before[1], before[2]
         return self.point, self.heading
 
+    def doubt_all(self) -> None:
+        """Trust nothing that was heard: this process was frozen."""
+        self.stream.doubt()
+        self.follows, self.travel = False, None
+
+    def carried(self) -> None:
+        """The robot was moved by somebody else: the collision filter is to doubt its heading."""
+        self._course, self._way = self.heading, 0.0
+
     def joins(self, order: Order) -> None:
         """Order and robot are known; the first time, the mission's guess of its heading may be old.
 
@@ -165,6 +177,7 @@ class Localisation:
         over = elapsed if elapsed is not None or before is None else arrived - before
         seen = self._see(message, over, now)
         self.position, self._measured, self.follows = seen.position, seen.heading, False
+        self.travel = None
         if seen.travel is None:
             if self._printed:
                 self._estimate = observers.printed_start(seen.position, self._gain)
@@ -183,7 +196,7 @@ class Localisation:
                 self._course *= rotation(seen.travel.turn)
             return None
         self.late += elapsed > 1.5 * self._period
-        self.follows = True
+        self.follows, self.travel = True, seen.travel
         self._mind(elapsed)
         if self._printed:
             self._estimate = shorten(observers.mended(self._estimate, seen.travel, self._gain), LONGEST)

@@ -159,6 +159,11 @@ class Neighbourhood:
         self._feed_forward = field and mission.law.feed_forward
         self._as_measured = not field and spec.measurement == "local"
 
+    def doubt_all(self) -> None:
+        """Trust nothing that was heard: this process was frozen."""
+        for one in self.each.values():
+            one.stream.doubt()
+
     def choose(self, now: Now) -> None:
         """Settle whom to follow."""
         usable = self._usable(self._neighbours, now)

@@ -57,6 +57,11 @@ class Orders:
             self.newest, self.rose = heard, arrived
             self.voter.follows(heard.term, arrived)
 
+    def doubt(self) -> None:
+        """Have a beat count only once two new messages show that it rises: this process was frozen."""
+        self._heard.clear()
+        self.rose = float("-inf")
+
     def _beats(self, before: Order, then: float, heard: Order, arrived: float) -> bool:
         """Whether a living leader's beat can have risen like this between two messages of one neighbour."""
         most = 2.0 * self._rate * (LEAP + max(0.0, arrived - then))

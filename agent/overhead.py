@@ -21,8 +21,6 @@ KEPT = 5.0
 """Commands older than this are forgotten [s]."""
 COASTING = 0.5
 """For about so long a robot goes on after its agent's death: it is told, and comes, to stand [s]."""
-FROZEN = 0.1
-"""Who was sent so far and is still told to be at the very same place is not seen any longer [m]."""
 
 
 class Sent(NamedTuple):
@@ -37,6 +35,7 @@ class Overhead:
 
     name = "pose"
     alignment = "positions from outside, in the world frame"
+    doubt: str | None = None
     realigned = 0
 
     def __init__(self, mission: Mission, robot: str) -> None:
@@ -45,15 +44,6 @@ class Overhead:
         self._reads_heading = spec.heading == "measured"
         self._last: Pose | None = None
         self._sent: deque[Sent] = deque()
-        self._unmoved = 0.0  # way by the commands since the position was another [m]
-
-    @property
-    def doubt(self) -> str | None:
-        """What makes the newest position hard to believe, in words.
-
-        Some trackers that have lost a robot go on telling its last place, with new stamps.
-        """
-        return f"has not changed for {self._unmoved:.2f} m of way" if self._unmoved > FROZEN else None
 
     def told(self, moment: float, command: Command) -> None:
         """The robot was sent `command` at `moment` [s, monotonic]."""
@@ -76,7 +66,6 @@ class Overhead:
     def stood(self, since: float) -> None:
         """Take it that the robot has stood since then [s, monotonic]: whoever drove it is gone."""
         self._sent = deque([Sent(since, Command(0.0, 0.0))])
-        self._unmoved = 0.0
 
     def see(self, pose: Pose, over: float | None, moment: float) -> Sighting:
         """Where it was seen at `moment` [s, monotonic], `over` [s] after it was seen before."""
@@ -84,7 +73,6 @@ class Overhead:
         if last is None or over is None:
             return Sighting(pose.position, pose.heading, None)
         distance, turn = self._driven(moment - over, moment)
-        self._unmoved = self._unmoved + abs(distance) if pose.position == last.position else 0.0
         moved, seen_turn = pose.position - last.position, 0.0
         if self._reads_heading:  # that a robot was turned by hand is seen as well
             turn = seen_turn = float(angle_between(last.heading, pose.heading))

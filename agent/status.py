@@ -10,11 +10,21 @@ from agent.avoiding import Avoiding
 from agent.commander import Commander
 from agent.failsafe import Decision, State
 from agent.localisation import Localisation
+from agent.motion_check import Disagreement, Kind
 from agent.neighbourhood import Neighbourhood
 from formation.ros2.messages import Diagnostics, Status
 from formation.wire import Now
 
 OK, WARNING = 0, 1
+
+_MOTION = {
+    Kind.FROZEN: "does not move though it is told to",
+    Kind.TURN: "does not turn though it is told to",
+    Kind.SPEEDS: "its speeds contradict its positions",
+    Kind.CARRIED: "moved without a command",
+    Kind.TURNED: "turned without a command",
+}
+"""What a robot does that does not move as it is told."""
 
 
 class Surroundings(NamedTuple):
@@ -52,7 +62,8 @@ class Report(NamedTuple):
     avoiding: Avoiding
     aside: bool
     """Whether the others are to go on without it."""
-    stuck: bool
+    motion: Disagreement | None
+    """How the robot does not move as it is told."""
     gains: str
     """Of the law, where they are not the mission's."""
     surroundings: Surroundings
@@ -85,7 +96,7 @@ def status(report: Report, now: Now) -> Diagnostics:
         **({} if link is None else {"robot link": link}),
         **({"follows": ", ".join(around.guides)} if report.decision.state is State.RUN else {}),
         **({"aside": "the others go on without it"} if report.aside else {}),
-        **({"stuck": "does not move though it is told to"} if report.stuck else {}),
+        **({"stuck": _MOTION[report.motion.kind]} if report.motion is not None else {}),
         **report.avoiding.words(around),
         **({"range scan": unseen} if unseen else {}),
         "localisation": report.here.alignment,
@@ -107,10 +118,11 @@ def status(report: Report, now: Now) -> Diagnostics:
         message += f"; {', '.join(contested)} spoken for by a second voice"
     if link not in {None, "connected"}:
         message += f"; robot link: {link}"
-    if report.stuck:
-        message += "; does not move though it is told to"
+    if report.motion is not None and not report.decision.probes:
+        message += f"; {_MOTION[report.motion.kind]}"
     at_work = report.decision.state is State.RUN and not report.readonly
-    sound = not doubted and not unseen and not contested and not report.stuck and link in {None, "connected"}
+    linked = link in {None, "connected"}
+    sound = not doubted and not unseen and not contested and report.motion is None and linked
     level = OK if at_work and sound else WARNING
     return Diagnostics(now.wall, (Status(f"{report.robot}: agent", level, message, report.robot, values),))
 

@@ -30,6 +30,7 @@ class Stream:
         self.underway = 0.0
         """How long the newest message was on the way, if both clocks are right [s]."""
         self._suspect: tuple[float, float] | None = None
+        self._doubted = False  # until two messages agree anew
 
     def admit(self, stamp: float, arrived: float, now: Now) -> float | None:
         """Let a message in: seconds since the one before, by the sender's clock; None for a fresh start.
@@ -45,7 +46,7 @@ class Stream:
         if self.arrived is None:
             return self._newest(stamp, arrived, now, None)
         elapsed, wait = stamp - self.stamp, arrived - self.arrived
-        if self._agree(elapsed, wait):
+        if self._agree(elapsed, wait) and not self._doubted:
             return self._newest(stamp, arrived, now, elapsed if wait <= max(FORGOTTEN, self.limit) else None)
         suspect, self._suspect = self._suspect, (stamp, arrived)
         agree = suspect is not None and self._agree(stamp - suspect[0], arrived - suspect[1])
@@ -53,9 +54,13 @@ class Stream:
             return self._newest(stamp, arrived, now, None)
         raise BadMessage(f"stamp out of step: {elapsed:+.3f} s after the one before")
 
+    def doubt(self) -> None:
+        """Trust nothing that was heard until two messages agree anew: this process was frozen."""
+        self._suspect, self._doubted = None, True
+
     def fresh(self, now: Now) -> bool:
         """Whether the newest message arrived within the limit."""
-        return self.arrived is not None and now.mono - self.arrived <= self.limit
+        return self.arrived is not None and not self._doubted and now.mono - self.arrived <= self.limit
 
     def silence(self, now: Now) -> float:
         """Time since the newest message arrived [s]; infinite before the first."""
@@ -80,6 +85,6 @@ class Stream:
         return by_stamp > 0.0 and abs(by_stamp - by_arrival) <= self.longest_way
 
     def _newest(self, stamp: float, arrived: float, now: Now, elapsed: float | None) -> float | None:
-        self.stamp, self.arrived, self._suspect = stamp, arrived, None
+        self.stamp, self.arrived, self._suspect, self._doubted = stamp, arrived, None, False
         self.underway = now.wall - (now.mono - arrived) - stamp
         return elapsed

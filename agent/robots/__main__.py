@@ -9,9 +9,10 @@ import sys
 from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 
+from agent.robots import faults
 from agent.robots.flags import NEEDED, add_world_flags, unfit
 from agent.robots.loop import host
-from agent.robots.simulated import World
+from agent.robots.simulated import World, kinematic
 from formation.mission import Mission
 from formation.mission_file import load
 from formation.transport import flags, wiring
@@ -27,6 +28,7 @@ EXAMPLES = """\
   formation robot six_robots --robot robot2 -l tcp/0.0.0.0:7662      its agent says --robot-connect
   formation robot six_robots --world mujoco               all of them with mass, and wheels that slip
   formation robot six_robots --world mujoco --picture end.png
+  formation robot six_robots --fault robot2:frozen@20+10  odometry frozen for 10 s, 20 s after the start
   python -m agent.robots six_robots                       the same as the first"""
 
 NODE = "simulated_robot"
@@ -47,6 +49,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="a robot to simulate; repeatable (default: all followers)",
     )
     parser.add_argument("--seed", type=_seed, default=0, help="of all noise (default: 0)")
+    parser.add_argument(
+        "--fault",
+        metavar="FAULT",
+        action="append",
+        default=[],
+        help=f"a fault to rehearse, {faults.FORM}; KIND is one of {', '.join(faults.SIZES)}; repeatable",
+    )
     add_world_flags(parser)
     args = parser.parse_args(arguments)
     return run_process(" ".join(args.robot or ["robots"]), args, lambda stop: _run(args, stop))
@@ -80,7 +89,10 @@ def _world(args: argparse.Namespace, mission: Mission) -> tuple[World, Callable[
     if reason is not None:
         raise ValueError(reason)
     if args.world == "kinematic":
-        return World(mission, args.robot, args.seed), lambda: None
+        plants = faults.with_faults(kinematic, [faults.read(text) for text in args.fault])
+        return World(mission, args.robot, args.seed, plants), lambda: None
+    if args.fault:
+        raise ValueError("--fault: needs --world kinematic")
     if args.robot:
         raise ValueError("--robot: a physics world has all robots of its mission; leave out --robot")
     for package in NEEDED:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 import os
 import threading
-import time
 from collections import Counter
 from collections.abc import Collection, Iterable
 from types import TracebackType
@@ -19,6 +18,7 @@ import zenoh
 
 from formation.topics import Topic
 from formation.transport.bus_config import THREADS, BusConfig, BusError
+from formation.transport.clock import monotonic
 from formation.transport.heap import share_one_heap
 from formation.transport.mailbox import Handler, Mailbox
 from formation.transport.question import Question, Reply
@@ -124,7 +124,7 @@ class Bus:
         put, received = self.mailbox.put, self.received
 
         def receive(sample: zenoh.Sample) -> None:  # on Zenoh's thread: must return at once
-            arrived = time.monotonic()
+            arrived = monotonic()
             attachment = sample.attachment
             taken = Sample(
                 fixed or str(sample.key_expr),

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Protocol
 
+from formation.transport.clock import monotonic
 from formation.wire import Sample
 
 MAX_QUERIES = 64
@@ -76,7 +77,7 @@ class Mailbox:
     def accept(self, query: Query, handler: Handler) -> None:
         """Have `query` wait to be answered by `handler`; too many are turned away."""
         if len(self._queries) < MAX_QUERIES:
-            self._queries.append((query, handler, time.monotonic()))
+            self._queries.append((query, handler, monotonic()))
             self.ring()
         else:
             query.drop()

@@ -26,6 +26,7 @@ from formation.mission_file import MissionError
 from formation.topics import Topic
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError
+from formation.transport.clock import monotonic
 from formation.transport.linger import Linger
 from formation.transport.mailbox import Mailbox
 from formation.transport.notify import Notifier
@@ -237,7 +238,7 @@ class Process:
                 send(core.step(now, self.mailbox.drain()))
                 self._notifier.alive(now.mono)
                 self._linger.tend(now.mono)
-                self.mailbox.wait(min(max(core.due - time.monotonic(), 0.0), WATCH))
+                self.mailbox.wait(min(max(core.due - monotonic(), 0.0), WATCH))
         finally:
             send(core.halt(clocks(), self.stop.reason or "failed"))
             self._notifier.stopping(self.stop.reason or "failed")
@@ -252,7 +253,7 @@ class Process:
 
 def clocks() -> Now:
     """Both clocks, read together; the system's within what a ROS 2 stamp can say, however it is set."""
-    return Now(time.monotonic(), min(max(time.time(), 0.0), LAST_STAMP))
+    return Now(monotonic(), min(max(time.time(), 0.0), LAST_STAMP))
 
 
 def run_process(name: str, args: argparse.Namespace, main: Callable[[Stop], None]) -> int:

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.core import Agent
+from agent.robots.faults import Faulty
 from agent.robots.moving import Moving
 from agent.robots.plant import Plant
 from agent.robots.simulated import World, kinematic
@@ -212,6 +213,7 @@ class Fleet:
     def plant(self, name: str) -> Plant:
         """What moves for a kinematic robot."""
         plant = self.world.plant(name)
+        plant = plant.plant if isinstance(plant, Faulty) else plant
         assert isinstance(plant, Plant)
         return plant
 

@@ -15,6 +15,7 @@ from formation.mission_file import load
 from formation.order import OperatorReply, Order, Told
 from formation.ros2.messages import Diagnostics, Odometry, Pose, Twist, decode, encode
 from formation.topics import CMD_VEL, ODOM, POSITION, STATUS
+from formation.unicycle import advance
 from formation.wire import Now, Outgoing, Sample
 from tests.formation.mutations import mutated
 from tests.formation.scenarios import build
@@ -29,7 +30,7 @@ def moment(step: int) -> Now:
     return Now(step * PERIOD, EPOCH + step * PERIOD)
 
 
-def inbox(step: int) -> list[Sample]:
+def inbox(step: int, me: Odometry | None = None) -> list[Sample]:
     """What a healthy team would send in one period."""
     mono, wall = moment(step)
     relayed = order.encode(
@@ -40,7 +41,8 @@ def inbox(step: int) -> list[Sample]:
         Sample(POSITION.key(name), encode(Pose(wall, way + index * 1j, 1 + 0j)), relayed, mono)
         for index, name in enumerate(NEIGHBOURS)
     ]
-    return [*samples, Sample(ODOM.key(ME), encode(Odometry(wall, way - 2, 1 + 0j, 0.2, 0.0)), None, mono)]
+    me = me or Odometry(wall, way - 2, 1 + 0j, 0.2, 0.0)
+    return [*samples, Sample(ODOM.key(ME), encode(me), None, mono)]
 
 
 def commands(outbox: list[Outgoing]) -> list[Twist]:
@@ -74,14 +76,16 @@ def is_harmless(sample: Sample) -> bool:
 def test_twenty_thousand_mutated_messages_crash_nothing_and_change_no_command() -> None:
     dice = random.Random(20)
     spared, attacked = Agent(SIX, ME), Agent(SIX, ME)
-    sent = 0
+    sent, position, heading = 0, -2.0 + 0.0j, 1.0 + 0.0j
     for step in range(500):
-        clean = inbox(step)
+        me = Odometry(moment(step)[1], position, heading, *spared.command)
+        clean = inbox(step, me)
         dirty = [bad for bad in hostile(step, 60, dice) if is_harmless(bad)]
         sent += len(dirty)
         expected = commands(spared.step(moment(step), clean))
         among_the_honest = [*dirty[:20], *clean[:2], *dirty[20:], clean[2]]
         assert commands(attacked.step(moment(step), among_the_honest)) == expected
+        position, heading = advance(position, heading, *spared.command, 0.05)
     assert sent >= 20_000
     assert spared.decision.state is State.RUN
     assert sum(attacked.dropped.values()) >= sent

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from agent.failsafe import TABLE, Facts, State, decide
+from agent.motion_check import Disagreement, Kind
 from formation.order import LEADER_LOST, Order
 
 RUN = Order(term=1, beat=5, mode="run", shape="hexagon")
@@ -35,6 +36,12 @@ DOUBTS: list[tuple[dict[str, Any], State, str]] = [
     ({"doubt": "is beyond ±1e+06 m"}, State.HOLD, "odometry is beyond"),
     ({"follows": False}, State.HOLD, "no two odometry messages within 0.15 s"),
     ({"outside": "x = 31.20 m, limit 25.00 m"}, State.HOLD, "outside the bounds: x = 31.20 m, limit 25.00 m"),
+    ({"frozen": 3.2}, State.WAITING, "this process was frozen for 3.2 s"),
+    ({"motion": Disagreement(Kind.FROZEN, 0.52, 0.0, 0.8)}, State.HOLD, "commanded 0.52 m in 0.8 s"),
+    ({"motion": Disagreement(Kind.TURN, 0.5, 0.0, 0.8)}, State.HOLD, "turned 0.00 rad"),
+    ({"motion": Disagreement(Kind.SPEEDS, 0.1, -0.1, 0.8)}, State.HOLD, "its speeds say -0.10 m"),
+    ({"motion": Disagreement(Kind.CARRIED, 0.0, 0.1, 0.8)}, State.HOLD, "moved without command"),
+    ({"motion": Disagreement(Kind.TURNED, 0.0, 0.5, 0.8)}, State.HOLD, "turned without command"),
     ({"scan_silence": NEVER}, State.WAITING, "no range scan yet"),
     ({"scan_silence": 0.7, "scan_limit": 0.6}, State.HOLD, "range scan silent for 0.70 s"),
     ({"scan_doubt": "has range_min 0.5 m"}, State.HOLD, "range scan has range_min 0.5 m"),

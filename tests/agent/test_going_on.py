@@ -138,15 +138,18 @@ def test_who_has_another_neighbour_goes_on_without_the_one_that_is_aside() -> No
     assert max(found.values()) < 0.02
 
 
-def test_a_robot_that_gets_nowhere_says_so_and_goes_on_trying() -> None:
+def test_a_blocked_robot_holds_says_so_and_probes() -> None:
     fleet = under_way()
     blocked(fleet, "robot1")
-    fleet.run(4.0)
+    since = fleet.now
+    fleet.run(6.0)
     status = fleet.status("robot1")
-    assert status["state"] == "run"
+    assert status["state"] == "hold"
+    assert "robot blocked" in status["reason"]
     assert status["stuck"]
     assert status["aside"]
-    assert fleet.last_command("robot1") != AT_REST
+    probes = [speed for moment, speed, _ in fleet.commands["robot1"] if moment > since + 1.0]
+    assert 0.0 < max(map(abs, probes)) <= 0.05 * PATROL.robot.max_speed + 1e-9
 
 
 def test_who_has_nobody_to_follow_holds_and_says_who_is_no_guide() -> None:

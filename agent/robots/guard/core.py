@@ -35,6 +35,10 @@ BRAKING = 5.0
 """How long zero is said each period to a robot whose agent fell silent [s]; from then on each `SLOW`."""
 SLOW = 1.0
 """[s]"""
+MAX_PAUSE = 1.0
+"""A guard that steps later than it is due by more than this was frozen [s]."""
+MAX_SIGN_DELAY = 0.5
+"""A sign of life that comes so much later than the quickest of its agent is too old to count [s]."""
 
 
 class State(StrEnum):
@@ -65,6 +69,8 @@ class Event(StrEnum):
     """The agent has not spoken for 3 periods."""
     PARKED = "parked"
     """Zero has been said for `PARKING`."""
+    THAWED = "thawed"
+    """This process was frozen: what was said until now is unknown."""
 
 
 TABLE: Mapping[tuple[State, Event], State] = MappingProxyType(
@@ -88,6 +94,10 @@ TABLE: Mapping[tuple[State, Event], State] = MappingProxyType(
         (State.DISARMED, Event.CONNECTED): State.LISTENING,
         (State.DISARMED, Event.ALIVE): State.WATCHING,
         (State.DISARMED, Event.FAREWELL): State.PARKING,
+        (State.LISTENING, Event.THAWED): State.LISTENING,
+        (State.WATCHING, Event.THAWED): State.LISTENING,
+        (State.BRAKING, Event.THAWED): State.BRAKING,
+        (State.PARKING, Event.THAWED): State.PARKING,
     }
 )
 """What follows on what. An event that a state does not have cannot happen there."""
@@ -115,6 +125,8 @@ class Guard:
         self._heard = float("inf")  # since when nothing was heard [s, monotonic]
         self._since = float("inf")  # when the state was entered, or entered again [s, monotonic]
         self._zero_due = float("inf")  # [s, monotonic]
+        self._sign = float("-inf")  # newest sign of life, by the agent's clock [s]
+        self._ahead = float("-inf")  # most that the agent's clock was ahead of arrival [s]
 
     @property
     def subscriptions(self) -> tuple[str, ...]:
@@ -147,7 +159,12 @@ class Guard:
         self._connected = connected
 
     def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
-        """Hear the agent; zero velocity if it must be said now."""
+        """Hear the agent; zero velocity if it must be said now.
+
+        A guard that was frozen begins as one that has just started.
+        """
+        if now.mono - self.due > MAX_PAUSE:
+            self._happens(Event.THAWED, now.mono)
         for sample in inbox:
             try:
                 self._happens(self._meaning(sample), min(sample.arrived, now.mono))
@@ -177,7 +194,16 @@ class Guard:
             return Event.FAREWELL
         if value < 0.0:
             raise BadMessage(f"alive for {value:g} s")
+        self._check_age(value, sample.arrived)
         return Event.ALIVE
+
+    def _check_age(self, value: float, arrived: float) -> None:
+        """Refuse a sign of life that was long on the way. Raises BadMessage."""
+        if value < self._sign:  # of an agent that was started anew
+            self._ahead = float("-inf")
+        self._sign, self._ahead = value, max(self._ahead, value - arrived)
+        if (late := self._ahead - (value - arrived)) > MAX_SIGN_DELAY:
+            raise BadMessage(f"sign of life {late:.1f} s late, at most {MAX_SIGN_DELAY:g} s")
 
     def _happens(self, event: Event, moment: float) -> None:
         before, self.state = self.state, TABLE[self.state, event]
