@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import cast
 
 from tests.reliability.document import DOCS, stamp
-from tests.safety import crossing, document, gains, missions, physics, posts
+from tests.safety import crossing, document, gains, missions, physics, posts, sensors
 from tests.safety.part import Options, Part
 
 PARTS: Mapping[str, Part] = {
@@ -23,6 +23,7 @@ PARTS: Mapping[str, Part] = {
         "missions": missions,
         "physics": physics,
         "gains": gains,
+        "sensors": sensors,
     }.items()
 }
 EPILOG = """\
