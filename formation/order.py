@@ -6,11 +6,15 @@ as it rises, the leader lives.
 
 What is attached to a position also says whose voice that is (`Told`), so that a second process which speaks
 for the same robot, or a recording of the first, is told apart.
+
+In a mission with certificates the leader signs each order. The order then travels as the very text that was
+signed, beside its signature, so that every robot verifies the bytes that it decodes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Annotated, ClassVar, Literal, Self, TypeVar
 
@@ -63,6 +67,12 @@ Legs = Annotated[tuple[Leg, ...], BeforeValidator(as_tuple), Field(min_length=1,
 class _Json(BaseModel):
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
     longest: ClassVar[int] = MAX_BYTES
+    read_twice: ClassVar[bool] = False
+    """Whether it may be verified as it arrives, and read again in a step."""
+
+    def opened(self) -> Self:
+        """With what is packed in it as text as well. Raises ValidationError."""
+        return self
 
 
 class Slots(_Json):
@@ -130,20 +140,50 @@ class Order(_Json):
     """Gains that everybody is to have; None for the mission's."""
 
 
+Base64 = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]*$")]
+MAX_SIGNED_BYTES, MAX_SIGNATURE, MAX_CERTIFICATE = 800, 128, 900
+"""Longest signed order [bytes], signature and certificate [characters of Base64] that are read."""
+
+
 class Told(_Json):
-    """What is attached to a position: who speaks, and the newest order that is known there."""
+    """What is attached to a position: who speaks, and the newest order that is known there.
+
+    `decode` fills `order` from `signed` where that is given; whether the signature is right it does not say.
+    """
+
+    read_twice: ClassVar[bool] = True
 
     voice: Voice
     """Drawn anew whenever a process starts; all that it says has the same."""
     count: Count
     """Positions told by this voice so far: what was said before cannot be said again."""
     order: Order | None = None
+    signed: Annotated[str, StringConstraints(max_length=MAX_SIGNED_BYTES)] = ""
+    """The order as the JSON text that its leader signed; empty where orders are not signed."""
+    signature: Annotated[Base64, StringConstraints(max_length=MAX_SIGNATURE)] = ""
+    """Of `signed`, as `formation.transport.signing` makes it."""
+    certificate: Annotated[Base64, StringConstraints(max_length=MAX_CERTIFICATE)] = ""
+    """Of a candidate (X.509, DER). For lack of room it goes in the order's place, about once a second."""
+    term: Count = 0
+    """Of the order that a certificate has displaced; 0 otherwise."""
     aside: bool = False
     """It does not follow, or not closely yet: who has another neighbour is better off without it."""
     promise: Count = 0
     """Newest term that it has promised its voice to; where there are standbys."""
     echo: Count = 0
     """Newest ballot of that term that it has heard."""
+
+    def opened(self) -> Self:
+        """With the order that was signed, in the place of any other."""
+        if not self.signed:
+            return self
+        return self.model_copy(update={"order": _signed_order(self.signed)})
+
+
+@lru_cache(64)
+def _signed_order(text: str) -> Order:
+    """An order that was signed: read once, however many neighbours relay it. Raises ValidationError."""
+    return Order.model_validate_json(text)
 
 
 class Ballot(_Json):
@@ -220,6 +260,15 @@ class OperatorReply(_Json):
     """Whether it is in charge; None for who never is."""
 
 
+FORGED_ORDER = "forged order "
+"""In a status the values about robots that relay what no leader gave are called so, and the robot's name."""
+
+
+def statement(fingerprint: str, text: str) -> bytes:
+    """What a candidate signs for an order with this text, in the mission with this fingerprint."""
+    return f"formation order\n{fingerprint}\n{text}".encode()
+
+
 J = TypeVar("J", Order, Told, Ballot, OperatorRequest, OperatorReply)
 
 
@@ -230,7 +279,8 @@ def newer(a: Order, b: Order | None) -> bool:
 
 def encode(value: Order | Told | Ballot | OperatorRequest | OperatorReply) -> bytes:
     """JSON, UTF-8; what is as it always was is left out, so that older robots understand a stop."""
-    return value.model_dump_json(exclude_defaults=True).encode()
+    given = {"order"} if isinstance(value, Told) and value.signed else None
+    return value.model_dump_json(exclude_defaults=True, exclude=given).encode()
 
 
 def shortened(reason: str) -> str:
@@ -241,12 +291,20 @@ def shortened(reason: str) -> str:
     return said
 
 
+def _read(cls: type[J], data: bytes) -> J:
+    return cls.model_validate_json(data).opened()
+
+
+_read_once = lru_cache(64)(_read)
+"""What was read to be verified, on the receive thread, is not read again in a step."""
+
+
 def decode(cls: type[J], data: bytes) -> J:
     """Read `data` strictly. Raises BadMessage, and nothing else, for anything that is not exactly a `cls`."""
     if len(data) > cls.longest:
         raise BadMessage(f"{cls.__name__}: {len(data)} bytes, at most {cls.longest} are read")
     try:
-        return cls.model_validate_json(data)
+        return _read_once(cls, data) if cls.read_twice else _read(cls, data)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False, include_context=False)[0]
         where = ".".join(str(part) for part in first["loc"])

@@ -21,6 +21,10 @@ class Sample(NamedTuple):
     attachment: bytes | None
     arrived: float
     """When the receive thread had it [s, monotonic clock of this process]."""
+    unverified: str = ""
+    """Why the order on it does not count, where orders are signed, in words; empty: nothing against it."""
+    forged: bool = False
+    """Whether that is the sender's doing, and no matter of certificates that are on their way or too old."""
 
 
 class Outgoing(NamedTuple):

@@ -194,15 +194,15 @@ class Process:
             raise BusError(f"{self.name} is not on a robot's bus")
         return self._robot
 
-    def declare(self, core: Core) -> None:
+    def declare(self, core: Core, check: Callable[[Sample, float], Sample] | None = None) -> None:
         """Declare all that `core` publishes and listens to on the fleet's bus. Raises BusError.
 
-        What it hears does not wake it: `core` steps when it is due.
+        What it hears does not wake it: `core` steps when it is due. `check` is as in `Bus.subscribe`.
         """
         for topic, key in core.publications:
             self.bus.advertise(topic, key)
         for key in core.subscriptions:
-            self.bus.subscribe(key, wakes=False)
+            self.bus.subscribe(key, wakes=False, check=check)
 
     def ready(self, *background_keys: str) -> None:
         """Say that all is declared; then, if asked to, wait until a monitor listens to `background_keys`.

@@ -7,7 +7,7 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import zenoh
 
@@ -15,6 +15,36 @@ from formation.transport.bus_config import DEFAULTS, BusConfig, BusError, plain
 from formation.transport.refusals import Refusals
 
 _log = logging.getLogger(__name__)
+
+
+class Identity(NamedTuple):
+    """The files by which a process proves who it is on its links, and knows the others (mTLS)."""
+
+    authority: Path
+    """Certificate of the authority that it trusts."""
+    key: Path | None
+    certificate: Path | None
+    """Its own."""
+
+
+def identity_of(config: BusConfig) -> Identity | None:
+    """The identity of a process with this configuration; None for one without certificates.
+
+    Raises BusError where both sides of a link are to prove who they are, and the authority is in no file.
+    """
+    tls = json.loads(settings_of(config).get_json("transport/link/tls"))
+    if not tls["enable_mtls"]:
+        return None
+    if not tls["root_ca_certificate"]:
+        raise BusError(
+            "transport/link/tls: enable_mtls needs root_ca_certificate, the authority's certificate in a"
+            " file, by which orders are verified"
+        )
+    key, certificate = (
+        Path(one) if (one := tls[f"connect_{what}"] or tls[f"listen_{what}"]) else None
+        for what in ("private_key", "certificate")
+    )
+    return Identity(Path(tls["root_ca_certificate"]), key, certificate)
 
 
 def setting(file: Path, path: str) -> Any:

@@ -1,0 +1,189 @@
+"""Verifying orders where certificates are configured: in front of a core, as each message arrives.
+
+    trust      the authority that the links trust, and nothing else. A candidate's certificate comes with the
+               positions, so that renewed ones need no push, and is passed on once it has been verified.
+    rule       an order counts if the candidate to whom its term belongs has signed the mission's fingerprint
+               and the order's exact text. What does not verify is marked (`Sample.unverified`), not removed:
+               positions count by the identity of the link that they came by.
+    cost       each order is verified once, however many neighbours relay it. Of each neighbour so many
+               messages are verified in a second as it sends positions, twice; after `STRIKES` wrong ones
+               none for `SHUN` seconds.
+
+A core that runs again from a recording gets the same marks from the trace, and needs no keys.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict, deque
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from formation import order
+from formation.election import rank_of
+from formation.mission import Mission
+from formation.order import Order, Told
+from formation.topics import POSITION
+from formation.wire import BadMessage, Sample
+
+if TYPE_CHECKING:
+    from formation.transport.signing import Certified
+
+CARRY_PERIOD = 1.0
+"""A candidate's certificate is passed on so often [s]."""
+STRIKES, STRIKE_MEMORY = 3, 60.0
+"""So many wrong signatures within so long [s] …"""
+SHUN = 5.0
+"""… and a neighbour's orders are not verified any more for so long [s]."""
+REMEMBERED_ORDERS, REMEMBERED_CERTIFICATES = 64, 4
+"""Newest orders that have verified; certificates of one candidate."""
+SPARE = 2.0
+"""A neighbour may send so many times as many messages to verify as its mission promises positions."""
+
+
+class _Unverified(Exception):  # noqa: N818 - the order is what is wrong
+    """Why an order does not count, and whether that is the sender's doing."""
+
+    def __init__(self, why: str, *, forged: bool = True) -> None:
+        super().__init__(why)
+        self.forged = forged
+
+
+class _Neighbour:
+    """What it has cost so far."""
+
+    def __init__(self, rate: float) -> None:
+        self._rate = SPARE * rate
+        self._left, self._since = self._rate, 0.0  # verifications it may cause, and when that was known
+        self._strikes: deque[float] = deque(maxlen=STRIKES)
+        self.shunned_until = float("-inf")
+
+    def afford(self, mono: float) -> bool:
+        """Whether one more message may be verified."""
+        self._left = min(self._rate, self._left + max(0.0, mono - self._since) * self._rate)
+        self._since = mono
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True
+
+    def strike(self, mono: float) -> None:
+        """Count a wrong signature."""
+        self._strikes.append(mono)
+        if len(self._strikes) == STRIKES and mono - self._strikes[0] <= STRIKE_MEMORY:
+            self._strikes.clear()
+            self.shunned_until = mono + SHUN
+
+
+class Verifier:
+    """What stands in front of the core of one process. `check` is for one thread, `carry` for any."""
+
+    def __init__(
+        self, mission: Mission, read: Callable[[str], Certified], key_id: Callable[[str], str], own: str = ""
+    ) -> None:
+        """`read` reads a certificate as the team's authority has issued it, `key_id` a signature's key.
+
+        `own` is the certificate of this very process, where it is a candidate.
+        """
+        self.carried = ""
+        """The certificate with which the newest order that was verified was signed."""
+        self._mission, self._read, self._key_id = mission, read, key_id
+        self._senders = {POSITION.key(name): name for name in mission.names}
+        self._neighbours = {name: _Neighbour(mission.robots[name].rate) for name in mission.names}
+        self._texts: dict[str, str] = {}  # key id of each certificate that was read
+        self._certificates: OrderedDict[str, tuple[Certified, str]] = (
+            OrderedDict()
+        )  # by key id, last used last
+        self._verified: OrderedDict[tuple[str, str], None] = OrderedDict()
+        self._new: deque[str] = deque(maxlen=REMEMBERED_CERTIFICATES)
+        self._due = float("-inf")
+        if own:
+            self._keep(read(own), own)
+
+    def check(self, sample: Sample, wall: float) -> Sample:
+        """`sample`, marked if the order on it does not count; `wall` [s since the epoch]."""
+        sender = self._senders.get(sample.key)
+        if sender is None:
+            return sample
+        try:
+            told = order.decode(Told, sample.attachment or b"")
+        except BadMessage:
+            return sample  # the core will say so
+        try:
+            if told.certificate:
+                self._learn(told.certificate, sender, sample.arrived)
+            if told.order is not None:
+                self._judge(told, told.order, sender, sample.arrived, wall)
+        except _Unverified as bad:
+            return sample._replace(unverified=f"order not signed by {bad}", forged=bad.forged)
+        return sample
+
+    def carry(self, mono: float) -> str:
+        """The certificate that neighbours are to have now [s, monotonic]; empty for none."""
+        if self._new:
+            return self._new.popleft()
+        if not self.carried or mono < self._due:
+            return ""
+        self._due = mono + CARRY_PERIOD
+        return self.carried
+
+    def _judge(self, told: Told, what: Order, sender: str, mono: float, wall: float) -> None:
+        """Raise _Unverified unless the order counts."""
+        candidates = self._mission.candidates[rank_of(what.term) :][:1]
+        if not candidates:
+            raise _Unverified(f"leader: term {what.term} belongs to no candidate")
+        signer, exact = candidates[0], (told.signed, told.signature)
+        if not told.signed:
+            raise _Unverified(f"{signer}: it has no signature")
+        if exact in self._verified:
+            return
+        known = self._certificates.get(self._key_id(told.signature))
+        if known is None:
+            raise _Unverified(f"{signer}: no certificate has come yet for the key that signed", forged=False)
+        certified, text = known
+        if certified.name != signer:
+            raise _Unverified(f"{signer}, but by {certified.name}")
+        if not certified.begins <= wall <= certified.ends:
+            raise _Unverified(f"{signer}: its certificate is not valid by this robot's clock", forged=False)
+        self._afford(sender, signer, mono)
+        if not certified.verifies(told.signature, order.statement(self._mission.fingerprint, told.signed)):
+            self._neighbours[sender].strike(mono)
+            raise _Unverified(f"{signer}: wrong signature, so it is forged or of another mission")
+        self._verified[exact] = None
+        if len(self._verified) > REMEMBERED_ORDERS:
+            self._verified.popitem(last=False)
+        self._certificates.move_to_end(certified.key_id)
+        self.carried = text
+
+    def _learn(self, text: str, sender: str, mono: float) -> None:
+        """Keep a candidate's certificate. Raises _Unverified."""
+        if text in self._texts:
+            return
+        self._afford(sender, "a candidate", mono)
+        try:
+            certified = self._read(text)
+        except ValueError as bad:
+            self._neighbours[sender].strike(mono)
+            raise _Unverified(f"a candidate: {bad}") from None
+        if certified.name not in self._mission.candidates:
+            self._neighbours[sender].strike(mono)
+            raise _Unverified(f"a candidate: {certified.name[:64]!r} is none in this mission")
+        self._keep(certified, text)
+        self._new.append(text)
+
+    def _keep(self, certified: Certified, text: str) -> None:
+        self._certificates[certified.key_id] = certified, text
+        self._texts[text] = certified.key_id
+        same = [one for one, _ in self._certificates.values() if one.name == certified.name]
+        if len(same) > REMEMBERED_CERTIFICATES:
+            _, forgotten = self._certificates.pop(same[0].key_id)
+            del self._texts[forgotten]
+
+    def _afford(self, sender: str, signer: str, mono: float) -> None:
+        """Raise _Unverified if nothing of `sender` is verified just now."""
+        neighbour = self._neighbours[sender]
+        if mono < neighbour.shunned_until:
+            raise _Unverified(
+                f"{signer}: after {STRIKES} wrong signatures nothing of {sender} is verified for {SHUN:g} s"
+            )
+        if not neighbour.afford(mono):
+            raise _Unverified(f"{signer}: {sender} sends more orders than can be verified")
