@@ -15,6 +15,7 @@ from agent.loop import drive
 from formation.law import LAWS
 from formation.mission_file import load
 from formation.transport import wiring
+from formation.transport.certified import verifier_of
 from formation.transport.flags import add_robot_connect, bus_config, parser, robot_bus
 from formation.transport.process import BadInput, Process, Stop, one_of, run_process
 
@@ -57,11 +58,13 @@ def _run(args: argparse.Namespace, stop: Stop) -> None:
     mission = load(args.mission)
     name = one_of("--robot", args.robot, mission.followers)
     links = wiring.of_agent(mission, name, wiring.endpoints(mission))
-    agent = Agent(mission, name, args.law, readonly=args.readonly, voice=secrets.token_hex(8))
     config = bus_config(args, mission, links, f"agent {name}")
+    verifier = verifier_of(config, mission)
+    carried = {} if verifier is None else {"certificate": verifier.carry}
+    agent = Agent(mission, name, args.law, readonly=args.readonly, voice=secrets.token_hex(8), **carried)
     robot = robot_bus(args, mission, name, NODE)
     with Process(f"agent {name}", args, config, stop, robot) as process, _kept(args.state, name) as state:
-        drive(agent, process, readonly=args.readonly, state=state)
+        drive(agent, process, readonly=args.readonly, state=state, verifier=verifier)
 
 
 @contextmanager

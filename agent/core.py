@@ -10,7 +10,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import chain
 
 from agent import failsafe
@@ -47,12 +47,20 @@ class Agent:
     """One follower's controller."""
 
     def __init__(
-        self, mission: Mission, robot: str, law: str | None = None, *, readonly: bool = False, voice: str = ""
+        self,
+        mission: Mission,
+        robot: str,
+        law: str | None = None,
+        *,
+        readonly: bool = False,
+        voice: str = "",
+        certificate: Callable[[float], str] = lambda mono: "",  # noqa: ARG005
     ) -> None:
         """Its law is the mission's unless `law` says otherwise; its `voice` is drawn anew at every start.
 
-        `readonly`: nobody passes its commands on, so the robot does not do what they say. Raises ValueError
-        for a robot that is no follower of the mission.
+        `readonly`: nobody passes its commands on, so the robot does not do what they say. `certificate` gives
+        the candidate's certificate that its neighbours are to have now [s, monotonic], or nothing. Raises
+        ValueError for a robot that is no follower of the mission.
         """
         if robot not in mission.followers:
             followers = ", ".join(mission.followers)
@@ -65,6 +73,7 @@ class Agent:
         self.decision = Decision(State.WAITING, "just started")
         self._mission, self._spec = mission, spec
         self._readonly, self._voice, self._told = readonly, voice, 0
+        self._certificate = certificate
         self._surroundings = Surroundings()
         self._moved = False  # by the newest step
         self._law = LAWS[self.law_name]
@@ -171,7 +180,7 @@ class Agent:
         outbox = []
         here = self._here  # whoever measures a robot that is in doubt about it would be misled as well
         if self._moved and here.jumped is None and here.doubt is None:
-            outbox.append(self._position())
+            outbox.append(self._position(now))
         if now.mono >= self._status_due:
             self._status_due = now.mono + STATUS_PERIOD
             outbox.append(self._status(now))
@@ -217,6 +226,7 @@ class Agent:
                 neighbours=around.silences(now),
                 fresh=len(around.guides),
                 aside=() if around.guides else around.aside(now),
+                unsigned=self._orders.unsigned(now),
                 leaderless=not around.guides and around.leaderless(now),
                 motion=self._motion.doubt,
                 frozen=self._wakefulness.pause,
@@ -313,13 +323,18 @@ class Agent:
                 self._avoiding.scanner.told(now.mono, self._commander.newest)
         return outbox
 
-    def _position(self) -> Outgoing:
+    def _position(self, now: Now) -> Outgoing:
         self._told += 1
-        voter = self._orders.voter
+        voter, newest, (signed, signature) = self._orders.voter, self._orders.newest, self._orders.signed
+        certificate = self._certificate(now.mono)
         told = Told(
             voice=self._voice,
             count=self._told,
-            order=self._orders.newest,
+            order=None if certificate else newest,
+            signed="" if certificate else signed,
+            signature="" if certificate else signature,
+            certificate=certificate,
+            term=newest.term if certificate and newest is not None else 0,
             aside=self._aside.told,
             promise=voter.promise,
             echo=voter.echo,
@@ -342,6 +357,7 @@ class Agent:
             gains=self._tuning.told,
             surroundings=self._surroundings,
             dropped=self._hearing.unused,
+            forgers=self._orders.forgers(now),
             mission=self._mission.fingerprint,
         )
         return Outgoing(self._status_key, encode(status(report, now)))

@@ -71,6 +71,8 @@ class Facts(NamedTuple):
     """How the robot is outside the mission's bounds, in words."""
     beyond: tuple[str, ...] = ()
     """Neighbours that are heard from outside the bounds: nobody follows those."""
+    unsigned: str | None = None
+    """Why an order that came just now was refused for its signature, in words."""
     leaderless: bool = False
     """Whether the leader itself is among the neighbours, and silent."""
     frozen: float = 0.0
@@ -188,6 +190,12 @@ TABLE: tuple[Row, ...] = (
     ),
     Row(lambda f: f.scan_doubt is not None, State.HOLD, lambda f: f"range scan {f.scan_doubt}", own=True),
     Row(lambda f: f.routed is False, State.HOLD, lambda _: "the robot does not listen to cmd_vel", own=True),
+    Row(
+        lambda f: f.unsigned is not None and (f.order is None or f.beat_silence > LEADER_LOST),
+        State.HOLD,
+        lambda f: str(f.unsigned),
+        own=True,
+    ),
     Row(lambda f: f.order is None, State.WAITING, lambda _: "no order from the leader yet"),
     Row(
         lambda f: f.beat_silence > LEADER_LOST,

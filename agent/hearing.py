@@ -119,11 +119,14 @@ class Hearing:
         neighbour.voice.admit(told, sample.arrived, orders.voter.promise if leads else 0)
         neighbour.aside = told.aside
         neighbour.beyond = not self._fence.holds(pose.position)
-        if told.order is not None:
-            try:
-                orders.hear(told.order, neighbour.name, sample.arrived, now)
-            except BadMessage as bad:
-                self.drop(sample.key, bad)
+        try:
+            if sample.unverified:
+                orders.refuse(sample.unverified, neighbour.name, sample.arrived, forged=sample.forged)
+            elif told.order is not None:
+                signed = told.signed, told.signature
+                orders.hear(told.order, neighbour.name, sample.arrived, now, signed)
+        except BadMessage as bad:
+            self.drop(sample.key, bad)
         if self._spec.measurement == "network":
             neighbour.take_position(pose, sample.arrived, now)
 

@@ -160,6 +160,7 @@ KEPT: Mapping[type, Kept] = {
             "_readonly",
             "_voice",
             "_fence",
+            "_certificate",
             "_law",
             "_status_key",
             "_position_key",
@@ -308,11 +309,14 @@ KEPT: Mapping[type, Kept] = {
     Orders: Kept(
         memory={
             "newest": maybe(_ORDER),
+            "signed": row(tuple, text, text),
+            "refused": maybe(row(tuple, text, real)),
+            "forged": by_name(row(tuple, text, real)),
             "rose": real,
             "_heard": by_name(row(tuple, _ORDER, real)),
         },
         parts=("voter",),
-        construction=("_shapes", "_bearable", "_fence", "_rate"),
+        construction=("_leader", "_votes", "_shapes", "_bearable", "_fence", "_rate"),
     ),
     Voter: Kept(
         memory={"promise": count, "echo": count, "_given": count, "_renewed": maybe(real), "_rose": real},

@@ -29,6 +29,7 @@ from formation.order import OperatorReply
 from formation.ros2.ros_names import address
 from formation.topics import ALIVE, BALLOT, CMD_VEL, ORDER, POSITION, SCAN, STATUS
 from formation.transport.process import Process, clocks
+from formation.transport.verifying import Verifier
 from formation.wire import Now, Outgoing, Sample
 
 WAITING = frozenset((POSITION, BALLOT))
@@ -50,9 +51,11 @@ class Sides:
         *,
         readonly: bool,
         legacy: Legacy | None = None,
+        verifier: Verifier | None = None,
         clock: Callable[[], Now] = clocks,
     ) -> None:
         self._agent, self._process, self._legacy, self._unkept = agent, process, legacy, ""
+        self._check = None if verifier is None else verifier.check
         self._trace, self._warned = Trace(agent), False
         self._command = CMD_VEL.key(agent.robot)
         self._unspoken = frozenset((self._command, ALIVE.key(agent.robot)) if readonly else ())
@@ -89,7 +92,7 @@ class Sides:
                 bus.advertise(topic, key)
                 self._repeated.add(key)
             else:
-                bus.subscribe(key, wakes=topic not in WAITING)
+                bus.subscribe(key, wakes=topic not in WAITING, check=self._check)
         self._look()
 
     def step(self, now: Now, inbox: Sequence[Sample], *, tells: bool = True) -> Iterator[Outgoing]:
@@ -206,13 +209,21 @@ def _unkept(reply: bytes) -> bytes:
     return order.encode(said.model_copy(update={"reason": UNKEPT})) if said.ok else reply
 
 
-def drive(agent: Agent, process: Process, *, readonly: bool, state: Keeping | None = None) -> None:
+def drive(
+    agent: Agent,
+    process: Process,
+    *,
+    readonly: bool,
+    state: Keeping | None = None,
+    verifier: Verifier | None = None,
+) -> None:
     """Declare, wait for whoever watches, then drive the robot until told to stop.
 
-    `state` is where the agent finds what the one before it has left, and leaves what it has learned.
+    `state` is where the agent finds what the one before it has left, and leaves what it has learned;
+    `verifier` tells which orders count, where there are certificates.
     """
     legacy = None if state is None else Legacy(agent, state, boot_id())
-    sides = Sides(agent, process, readonly=readonly, legacy=legacy)
+    sides = Sides(agent, process, readonly=readonly, legacy=legacy, verifier=verifier)
     sides.begin(clocks())
     sides.declare()
     process.bus.answer(ORDER.key(agent.robot), sides.request)

@@ -7,6 +7,8 @@ term thus takes one period per hop, and a single message, however high its beat,
 An order of a slot outside the mission's bounds is refused, whoever it comes from.
 
 Where there are standbys, a robot that has promised itself to a term takes no order of an earlier one.
+
+A robot that hears the leader itself takes no relayed order that is ahead of what the leader has said to it.
 """
 
 from __future__ import annotations
@@ -17,9 +19,14 @@ from formation.election import Voter
 from formation.figure import check_figure
 from formation.geofence import Geofence
 from formation.mission import Mission
+from formation.neighbour import FRESH_PERIODS
 from formation.order import Order, newer
 from formation.wire import BadMessage, Now
 
+REFUSED_LATELY = 1.0
+"""So long after an order that was not signed the robot says so [s]."""
+FORGED_LATELY = 10.0
+"""So long it says who relayed a forged one [s]."""
 LEAP = 1.0
 """A beat may rise by so much time's worth between two messages, however soon they follow each other [s]."""
 
@@ -32,21 +39,52 @@ class Orders:
         """The newest order of a leader that has been seen alive; None before the first."""
         self.rose = float("-inf")
         """When its beat last rose [s, monotonic]."""
+        self.signed = "", ""
+        """The newest order as its leader signed it, and the signature; empty where orders are not signed."""
+        self.refused: tuple[str, float] | None = None
+        """Why an order was last refused for its signature, and when [s, monotonic]."""
+        self.forged: dict[str, tuple[str, float]] = {}
+        """The same of orders that a neighbour, by name, has forged."""
         self.voter = Voter(mission)
         """Its voice in who leads."""
         self._shapes, self._bearable = mission.shapes, Bearable.of(mission)
         self._fence = Geofence(mission)
+        self._leader, self._votes = mission.leader, bool(mission.standbys)
         self._rate = mission.robots[mission.leader].rate
         self._heard: dict[str, tuple[Order, float]] = {}  # from each neighbour, and when [s, monotonic]
 
-    def hear(self, heard: Order, neighbour: str, arrived: float, now: Now) -> None:
-        """Learn from the order that came with a neighbour's position. Raises BadMessage."""
+    def refuse(self, why: str, neighbour: str, arrived: float, *, forged: bool) -> None:
+        """Note that `neighbour` relayed an order that its leader has not signed. Raises BadMessage."""
+        self.refused = why, arrived
+        if forged:
+            self.forged[neighbour] = self.refused
+        raise BadMessage(why)
+
+    def unsigned(self, now: Now) -> str | None:
+        """Why the newest order was refused for its signature, if that was just now."""
+        if self.refused is None or now.mono - self.refused[1] > REFUSED_LATELY:
+            return None
+        return self.refused[0]
+
+    def forgers(self, now: Now) -> dict[str, str]:
+        """Neighbours that relayed forged orders of late, and what was wrong with the newest."""
+        lately = now.mono - FORGED_LATELY
+        return {name: why for name, (why, arrived) in self.forged.items() if arrived >= lately}
+
+    def hear(
+        self, heard: Order, neighbour: str, arrived: float, now: Now, signed: tuple[str, str] = ("", "")
+    ) -> None:
+        """Learn from the order that came with a neighbour's position. Raises BadMessage.
+
+        `signed`: its text as it was signed, and the signature, which has been verified by now.
+        """
         check_figure(heard, self._shapes)
         self._fence.check(heard)
         if heard.tuned is not None:
             self._bearable.check(heard.tuned)
         if heard.term * 1e-9 - now.wall > ABSURD:
             raise BadMessage(f"absurd term: begins {heard.term * 1e-9 - now.wall:.0f} s from now")
+        self._check_ahead(heard, neighbour, arrived)
         before = self._heard.get(neighbour)
         self._heard[neighbour] = heard, arrived
         if heard.term < self.voter.promise or (self.newest is not None and heard.term < self.newest.term):
@@ -54,13 +92,28 @@ class Orders:
                 "order of an earlier term: another leader has started since, or had a later clock"
             )
         if before is not None and self._beats(*before, heard, arrived) and newer(heard, self.newest):
-            self.newest, self.rose = heard, arrived
+            self.newest, self.signed, self.rose = heard, signed, arrived
             self.voter.follows(heard.term, arrived)
 
     def doubt(self) -> None:
         """Have a beat count only once two new messages show that it rises: this process was frozen."""
         self._heard.clear()
         self.rose = float("-inf")
+
+    def _check_ahead(self, heard: Order, neighbour: str, arrived: float) -> None:
+        """Raise BadMessage for a relayed order that the leader, who is heard here, has not given yet.
+
+        Where there are standbys, another one may have begun to lead in a later term.
+        """
+        said = self._heard.get(self._leader)
+        if neighbour == self._leader or said is None or arrived - said[1] > FRESH_PERIODS / self._rate:
+            return
+        own = said[0]
+        if newer(heard, own) and (heard.term == own.term or not self._votes):
+            raise BadMessage(
+                f"relayed order is ahead of the leader, which is heard here: term {heard.term}, beat"
+                f" {heard.beat}; the leader's own: term {own.term}, beat {own.beat}"
+            )
 
     def _beats(self, before: Order, then: float, heard: Order, arrived: float) -> bool:
         """Whether a living leader's beat can have risen like this between two messages of one neighbour."""

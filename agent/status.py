@@ -12,6 +12,7 @@ from agent.failsafe import Decision, State
 from agent.localisation import Localisation
 from agent.motion_check import Disagreement, Kind
 from agent.neighbourhood import Neighbourhood
+from formation.order import FORGED_ORDER
 from formation.ros2.messages import Diagnostics, Status
 from formation.wire import Now
 
@@ -70,6 +71,8 @@ class Report(NamedTuple):
     dropped: Mapping[str, tuple[int, str]]
     mission: str = ""
     """Its fingerprint."""
+    forgers: Mapping[str, str] = MappingProxyType({})
+    """Neighbours that relayed forged orders of late, and what was wrong with them."""
 
 
 def status(report: Report, now: Now) -> Diagnostics:
@@ -106,6 +109,7 @@ def status(report: Report, now: Now) -> Diagnostics:
         **{f"age {name}": f"{stream.silence(now):.3f}" for name, stream in heard.items()},
         **{f"clock {name}": f"stamped {streams[name].underway:.3f} s before it came" for name in doubted},
         **{f"second voice {name}": "two agents speak for it" for name in contested},
+        **{f"{FORGED_ORDER}{name}": why for name, why in report.forgers.items()},
         **{f"refused {kind}": str(count) for kind, count in report.surroundings.refused.items()},
         **{f"dropped {key}": f"{count}, last: {why}" for key, (count, why) in report.dropped.items()},
     }
@@ -116,13 +120,15 @@ def status(report: Report, now: Now) -> Diagnostics:
         message += f"; range scan {unseen}"
     if contested:
         message += f"; {', '.join(contested)} spoken for by a second voice"
+    if report.forgers:
+        message += f"; {', '.join(report.forgers)} relayed forged orders"
     if link not in {None, "connected"}:
         message += f"; robot link: {link}"
     if report.motion is not None and not report.decision.probes:
         message += f"; {_MOTION[report.motion.kind]}"
     at_work = report.decision.state is State.RUN and not report.readonly
-    linked = link in {None, "connected"}
-    sound = not doubted and not unseen and not contested and report.motion is None and linked
+    doubts = doubted or unseen or contested or report.motion is not None or report.forgers
+    sound = not doubts and link in {None, "connected"}
     level = OK if at_work and sound else WARNING
     return Diagnostics(now.wall, (Status(f"{report.robot}: agent", level, message, report.robot, values),))
 

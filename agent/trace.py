@@ -7,6 +7,7 @@ has lost something, is followed again. `agent.verify` reads it.
 
     {"n": 17, "voice": "…",                          the 17th command of this voice
      "steps": [[mono, wall, [[key, crc, arrived], …]],          key: which of the agent's subscriptions
+               (for an order that did not count besides: why, and whether it was forged)
                [mono, wall, […], [connected, routed]],          the link with the robot, where it has changed
                [heard, "{\"do\": …}"],                          an operator's request, between two steps
                {"recalled": {…}}],                              what it took over from the process before it
@@ -136,7 +137,8 @@ class Trace:
     def _named(self, sample: Sample) -> list[Json]:
         if len(sample.payload) + len(sample.attachment or b"") > MAX_BYTES:
             raise ValueError(f"a message on {sample.key} is longer than any that is read")
-        return [self._numbers[sample.key], checksum(sample), sample.arrived]
+        named: list[Json] = [self._numbers[sample.key], checksum(sample), sample.arrived]
+        return [*named, sample.unverified, sample.forged] if sample.unverified else named
 
     def _makes_room(self, entries: int) -> bool:
         self._room -= entries

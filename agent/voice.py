@@ -72,4 +72,4 @@ class Voice:
 
 
 def _term(told: Told) -> int:
-    return told.order.term if told.order is not None else 0
+    return told.order.term if told.order is not None else told.term

@@ -141,7 +141,9 @@ class Replica:
             if step.link is not None:
                 agent.aware(Surroundings(*step.link))
             inbox = [
-                shelf[Title(keys[one.key], one.checksum)]._replace(arrived=one.arrived)
+                shelf[Title(keys[one.key], one.checksum)]._replace(
+                    arrived=one.arrived, unverified=one.unverified, forged=one.forged
+                )
                 for one in step.heard
                 if keys[one.key] in self._hears
             ]

@@ -25,6 +25,9 @@ class Heard(NamedTuple):
     checksum: Count
     arrived: float
     """[s, monotonic]"""
+    unverified: Text = ""
+    """Why the order on it did not count."""
+    forged: bool = False
 
 
 class Step(NamedTuple):

@@ -18,7 +18,7 @@ import zenoh
 
 from formation.topics import Topic
 from formation.transport.bus_config import THREADS, BusConfig, BusError
-from formation.transport.clock import monotonic
+from formation.transport.clock import monotonic, wall
 from formation.transport.heap import share_one_heap
 from formation.transport.mailbox import Handler, Mailbox
 from formation.transport.question import Question, Reply
@@ -140,7 +140,7 @@ class Bus:
                 None if attachment is None else attachment.to_bytes(),
                 arrived,
             )
-            put(taken if check is None else check(taken, time.time()), received, wakes=wakes)
+            put(taken if check is None else check(taken, wall()), received, wakes=wakes)
 
         with named(key):
             self._live.declare_subscriber(key, zenoh.handlers.Callback(receive, indirect=False))

@@ -5,12 +5,12 @@ Without certificates nothing is signed or verified, and `cryptography` is not im
 
 from __future__ import annotations
 
-import time
 from types import ModuleType
 from typing import TYPE_CHECKING
 
 from formation.mission import Mission
 from formation.transport.bus_config import BusConfig, BusError
+from formation.transport.clock import wall
 from formation.transport.session import Identity, identity_of
 from formation.transport.verifying import Verifier
 
@@ -33,7 +33,7 @@ def signer_of(config: BusConfig, mission: Mission, name: str) -> tuple[Signer, V
     if identity is None:
         return None
     signing = _signing()
-    signer = signing.Signer(identity, name, time.time())
+    signer = signing.Signer(identity, name, wall())
     return signer, _verifier(identity, mission, signer.certificate)
 
 

@@ -22,3 +22,8 @@ _SUSPENDED = _since_boot() - time.monotonic()
 def monotonic() -> float:
     """Monotonic time, suspensions of the machine included [s]."""
     return _since_boot() - _SUSPENDED
+
+
+def wall() -> float:
+    """The system clock [s since the epoch]."""
+    return time.time()

@@ -49,6 +49,11 @@ DOUBTS: list[tuple[dict[str, Any], State, str]] = [
     ({"beat_silence": LEADER_LOST + 0.2}, State.HOLD, "beat stopped 1.2 s ago"),
     ({"order": RUN.model_copy(update={"mode": "stop"})}, State.STOP, "stopped by the leader"),
     ({"order": RUN.model_copy(update={"mode": "hold"})}, State.HOLD, "held by the leader"),
+    (
+        {"beat_silence": 1.1, "unsigned": "order not signed by leader: it has no signature"},
+        State.HOLD,
+        "order not signed by leader: it has no signature",
+    ),
     ({"fresh": 0, "neighbours": {"robot1": 0.4}}, State.HOLD, "no neighbour is fresh: robot1 0.40 s"),
     ({"fresh": 0, "neighbours": {"robot1": 0.4}, "leaderless": True}, State.HOLD, "is fresh: robot1 0.40 s"),
     (

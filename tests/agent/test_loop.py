@@ -40,7 +40,7 @@ class Wire:
     def advertise(self, _topic: Topic, key: str) -> None:
         self.advertised.append(key)
 
-    def subscribe(self, *where: Any, wakes: bool = True) -> None:
+    def subscribe(self, *where: Any, wakes: bool = True, check: object = None) -> None:  # noqa: ARG002
         self.subscribed.append(where[-1])
         if not wakes:
             self.waiting.add(where[-1])

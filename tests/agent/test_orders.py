@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import pytest
@@ -60,19 +61,33 @@ def test_an_order_counts_once_its_beat_has_risen() -> None:
 def test_the_last_order_of_a_dead_leader_never_counts_however_often_it_is_relayed() -> None:
     hearer = Hearer()
     for _ in range(100):
-        hearer.hear(7)
+        hearer.hear(7, of="robot3")
         hearer.hear(9, of="robot2")
     assert hearer.orders.newest is None
 
 
 def test_a_beat_must_rise_at_one_neighbour_and_not_from_one_to_another(alive: Hearer) -> None:
     hearer = Hearer()
-    hearer.hear(7)
+    hearer.hear(7, of="robot3")
     hearer.hear(8, of="robot2")
     assert hearer.orders.newest is None
     rose = alive.orders.rose
-    alive.hear(4, of="robot2")
+    alive.hear(3, of="robot2")
     assert alive.orders.rose == rose
+
+
+def test_relays_ahead_of_a_leader_that_is_heard_are_refused(alive: Hearer) -> None:
+    """robot1 leads. Once it has been silent for three periods, relays count again."""
+    for beat in (4, 5, 1000, HIGHEST):
+        with pytest.raises(BadMessage, match=f"ahead of the leader, which is heard here: .* beat {beat};"):
+            alive.hear(beat, of="robot2", after=0.0)
+    with pytest.raises(BadMessage, match="ahead of the leader"):
+        alive.hear(1, term=TERM + 64, of="robot2", after=0.0)
+    assert alive.newest == (TERM, 3)
+    for beat in (4, 5, 6, 7, 8):
+        with suppress(BadMessage):
+            alive.hear(beat, of="robot2")
+    assert alive.newest == (TERM, 8)
 
 
 def test_a_mode_is_obeyed_with_the_first_beat_of_a_leader_that_is_known_to_live(alive: Hearer) -> None:
