@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from formation.mission import Mission
 from formation.mission_file import load
 from formation.transport import flags, wiring
+from formation.transport.certified import signer_of
 from formation.transport.process import BadInput, Process, Stop, one_of, run_process
 from leader.core import Leader
 from leader.loop import lead
@@ -49,8 +50,11 @@ def _run(args: argparse.Namespace, stop: Stop) -> None:
     name = _name(mission, args.standby)
     links = wiring.of_leader(mission, wiring.endpoints(mission), name)
     called = f"leader {name}"
-    with Process(called, args, flags.bus_config(args, mission, links, called), stop) as process:
-        lead(Leader(mission, name, hold=args.hold, anew=args.anew, voice=secrets.token_hex(8)), process)
+    config = flags.bus_config(args, mission, links, called)
+    signer, verifier = signer_of(config, mission, name) or (None, None)
+    leader = Leader(mission, name, hold=args.hold, anew=args.anew, voice=secrets.token_hex(8), signer=signer)
+    with Process(called, args, config, stop) as process:
+        lead(leader, process, verifier)
 
 
 def _name(mission: Mission, standby: str | None) -> str:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import cmath
 from collections import Counter, deque
 from collections.abc import Sequence
+from typing import Protocol
 
 from formation import order
 from formation.election import rank_of
@@ -34,12 +35,26 @@ from leader.candidacy import Candidacy, linked
 from leader.conduct import Conduct
 from leader.course import Course
 from leader.desk import Desk, Seat
+from leader.forgeries import Forgeries
 from leader.status import Report, status
 
 STATUS_RATE = 2.0
 """[Hz]"""
 COURSE_RATE = 1.0
 """[Hz]"""
+CERTIFICATE_RATE = 1.0
+"""[Hz]"""
+
+
+class Signer(Protocol):
+    """A candidate's key: `formation.transport.signing.Signer`."""
+
+    @property
+    def certificate(self) -> str:
+        """As it travels with positions."""
+
+    def sign(self, message: bytes) -> str:
+        """The signature of `message`."""
 
 
 class Leader:
@@ -53,8 +68,11 @@ class Leader:
         hold: bool = False,
         anew: bool = False,
         voice: str = "",
+        signer: Signer | None = None,
     ) -> None:
         """`name`: one of ``mission.candidates``, by default the leader; `voice` is drawn anew at every start.
+
+        Its orders are signed by `signer`, if there is one.
 
         With `hold` it waits until it is told to run, unless the team is under way; with `anew` it does not go
         on from where the team is, but from the mission's start. Raises ValueError for who is no candidate.
@@ -63,12 +81,14 @@ class Leader:
         self.dropped: Counter[str] = Counter()
         """Messages that were not used, by key."""
         self.conduct = Conduct(mission, hold=hold)
-        self._mission, self._anew, self._voice = mission, anew, voice
+        self._mission, self._anew, self._voice, self._signer = mission, anew, voice, signer
+        self._forgeries = Forgeries()
         self._candidacy = Candidacy(mission, self.name)
         self._desk = Desk(self.name, self.conduct, lambda: self._seat, alone=not mission.standbys)
         self._newest: Order | None = None  # that anybody relays, or that it gave itself
         self._rate = Rate(mission.robots[mission.leader].rate)
         self._status_rate, self._course_rate = Rate(STATUS_RATE), Rate(COURSE_RATE)
+        self._certificate_rate = Rate(CERTIFICATE_RATE)
         self._in_force: tuple[object, ...] = ()  # what was said of the team's order since the last step
         self._mode: Mode = "hold"  # since the last step
         self._waiting: tuple[str, ...] = ()
@@ -166,7 +186,7 @@ class Leader:
         outbox = self._voted(self._candidacy.step(now))
         changed = self._settle(now) | self._catch_up(now) | self._go_on(now)
         if self._leads and (self._rate.tick(now.mono) or changed):
-            outbox.append(self._position(now, self.mode))
+            outbox.append(self._position(now, self.mode, certify=not changed or self._beat == 0))
         if self._mission.standbys and (self._course_rate.tick(now.mono) or changed):
             outbox += self._told_course()
         if self._status_rate.tick(now.mono) or changed or self._desk.unsaid:
@@ -224,6 +244,11 @@ class Leader:
     def _take_position(self, robot: str, sample: Sample, now: Now) -> None:
         pose = decode(Pose, sample.payload)
         told = order.decode(Told, sample.attachment or b"")
+        ahead = self._ahead(told.order)
+        if sample.unverified or ahead:
+            told = told.model_copy(update={"order": None})
+            if sample.forged or ahead:
+                self._alarm(robot, sample.unverified or ahead, now)
         self._candidacy.hear(robot, told, sample.arrived, now)
         self.conduct.together.hear(robot, pose, sample.arrived)
         heard = told.order
@@ -240,6 +265,18 @@ class Leader:
         check_figure(heard, self._mission.shapes)
         self._fence.check(heard)
 
+    def _alarm(self, robot: str, why: str, now: Now) -> None:
+        """Tell people of a robot that relays what no leader gave."""
+        if self._forgeries.hear(robot, why, now.mono):
+            self.notes.append(f"ALARM: {robot} relays a forged order: {why}")
+            self._status_rate = Rate(STATUS_RATE)
+
+    def _ahead(self, relayed: Order | None) -> str:
+        """Why a relayed order cannot be this leader's, in words; empty if it can."""
+        if not self._leads or relayed is None or relayed.term != self.term or relayed.beat <= self._beat:
+            return ""
+        return f"it is ahead of the leader: beat {relayed.beat}, the leader's own {self._beat}"
+
     def _settle(self, now: Now) -> bool:
         """Begin to lead, or cease to, as the candidacy says; whether it has."""
         if self._candidacy.leading == self._leads:
@@ -251,6 +288,7 @@ class Leader:
             return True
         self._reigns, self._beat, self._stepped = self._reigns + 1, 0, None
         self._rate = Rate(self._mission.robots[self._mission.leader].rate)
+        self._certificate_rate = Rate(CERTIFICATE_RATE)
         self._unsure = self._newest is None
         if self._newest is not None:
             self._continue(self._newest)
@@ -319,11 +357,19 @@ class Leader:
         payload = self.conduct.course.payload
         return [] if payload is None else [Outgoing(COURSE.key(self.name), payload)]
 
-    def _position(self, now: Now, mode: Mode) -> Outgoing:
+    def _position(self, now: Now, mode: Mode, *, certify: bool = False) -> Outgoing:
+        """Where it is, with its order; or, if it may `certify`, now and then with its certificate."""
         self._beat += 1
         self._newest = self.conduct.order(self.term, self._beat, mode)
         voice = self._voice if self._reigns == 1 else f"{self._voice}.{self._reigns}"
         told = Told(voice=voice, count=self._beat, order=self._newest)
+        if self._signer is not None and certify and self._certificate_rate.tick(now.mono):
+            certificate = self._signer.certificate
+            told = Told(voice=voice, count=self._beat, certificate=certificate, term=self.term)
+        elif self._signer is not None:
+            text = order.encode(self._newest).decode()
+            signature = self._signer.sign(order.statement(self._mission.fingerprint, text))
+            told = told.model_copy(update={"signed": text, "signature": signature})
         pose = Pose(now.wall, self.conduct.where(), self.conduct.course.heading(self.route_time))
         return Outgoing(POSITION.key(self._mission.leader), encode(pose), order.encode(told))
 
@@ -338,5 +384,6 @@ class Leader:
             late=self._rate.missed,
             asked=self._desk.asked(),
             dropped=self.dropped,
+            forgers=self._forgeries.lately(now.mono),
         )
         return Outgoing(STATUS.key(self.name), encode(status(report, now, reason)))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from formation.topics import ORDER, STATUS
 from formation.transport.process import Process, clocks
+from formation.transport.verifying import Verifier
 from formation.wire import Now, Outgoing, Sample
 from leader.core import Leader
 
@@ -41,8 +42,11 @@ class _Logged:
             _log.info("%s", self._leader.notes.popleft())
 
 
-def lead(leader: Leader, process: Process) -> None:
-    """Declare, wait for whoever watches, then lead, or stand by, until told to stop."""
+def lead(leader: Leader, process: Process, verifier: Verifier | None = None) -> None:
+    """Declare, wait for whoever watches, then lead, or stand by, until told to stop.
+
+    `verifier` tells which relayed orders count, where there are certificates.
+    """
     logged = _Logged(leader)
 
     def answer(request: bytes, heard: float) -> bytes:
@@ -50,7 +54,7 @@ def lead(leader: Leader, process: Process) -> None:
             process.bus.send(logged.step(clocks(), ()))
         return leader.request(request, heard)
 
-    process.declare(leader)
+    process.declare(leader, None if verifier is None else verifier.check)
     process.bus.answer(ORDER.key(leader.name), answer)
     process.ready(STATUS.key(leader.name))
     process.run(logged)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 from formation.figure import Figure
+from formation.order import FORGED_ORDER
 from formation.ros2.messages import Diagnostics, Status
 from formation.wire import Now
 from leader.conduct import Conduct
@@ -34,6 +36,8 @@ class Report(NamedTuple):
     dropped: Mapping[str, int]
     asked: Sequence[Asked]
     """What an operator has asked for of late."""
+    forgers: Mapping[str, str] = MappingProxyType({})
+    """Robots that relayed forged orders of late: how many, and what was wrong with the newest."""
 
 
 def status(report: Report, now: Now, reason: str) -> Diagnostics:
@@ -50,10 +54,15 @@ def status(report: Report, now: Now, reason: str) -> Diagnostics:
         "mission": report.mission,
         **({"asked": _spelled(report.asked)} if report.asked else {}),
         **(_conducted(report) if leads else {"latched": "stop"} if report.conduct.will.stopped else {}),
+        **{f"{FORGED_ORDER}{robot}": why for robot, why in report.forgers.items()},
         **{f"dropped {key}": str(count) for key, count in report.dropped.items()},
     }
-    level = OK if state in {"run", "standby"} and not (leads and report.conduct.fenced) else WARNING
-    what = Status(f"{report.name}: leader", level, f"{state}: {why}" if why else state, report.name, values)
+    doubts = report.forgers or (leads and report.conduct.fenced)
+    level = OK if state in {"run", "standby"} and not doubts else WARNING
+    message = f"{state}: {why}" if why else state
+    if report.forgers:
+        message += f"; {', '.join(report.forgers)} relayed forged orders"
+    what = Status(f"{report.name}: leader", level, message, report.name, values)
     return Diagnostics(now.wall, (what,))
 
 

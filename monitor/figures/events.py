@@ -69,6 +69,7 @@ class Events:
         told = list(self._leading.see(now, snapshot))
         for robot in self._robots:
             told += robot.see(now, snapshot.robots[robot.name], robot.name in snapshot.contested)
+            told += robot.relaying(now, forges=robot.name in snapshot.forgers)
         told += self._settled.see(now, snapshot)
         told += self._rejected.see(now, snapshot)
         return told
@@ -86,6 +87,7 @@ class _Robot:
         self._stuck = Turns("moves")
         self._evades, self._evaded = Turns("clear"), -math.inf  # and when it last did [s, monotonic]
         self._deadlocks = Turns("0")
+        self._relays = Turns("true")
 
     def see(self, now: Now, robot: RobotFigures, contested: bool) -> Iterator[Event]:
         yield from self._there(now, robot)
@@ -97,6 +99,17 @@ class _Robot:
             level = ERROR if contested else INFO
             text = f"its neighbours hear {self._voices.state} speak for it{more(before)}"
             yield Event(now.wall, level, self.name, "contested", text)
+
+    def relaying(self, now: Now, *, forges: bool) -> Iterator[Event]:
+        """Whether it relays orders that no leader gave."""
+        before = self._relays.see("forged" if forges else "true", now.mono)
+        if before is not None:
+            level, text = (
+                (ERROR, "relays forged orders: others refuse them; take it out of the mission, or stop it")
+                if forges
+                else (INFO, "relays no forged orders any more")
+            )
+            yield Event(now.wall, level, self.name, "forged", f"{text}{more(before)}")
 
     def _there(self, now: Now, robot: RobotFigures) -> Iterator[Event]:
         lost = robot.age is None or robot.age > self._limit

@@ -9,6 +9,7 @@ from functools import partial
 from typing import NamedTuple
 
 from formation.mission import Mission
+from formation.order import FORGED_ORDER
 from formation.ros2.messages import (
     Displacement,
     Odometry,
@@ -135,6 +136,12 @@ class Heard:
         for what in self.statuses.values(now):
             if what.startswith(SECOND_VOICE):
                 yield what.removeprefix(SECOND_VOICE)
+
+    def forgers(self, now: Now) -> Iterator[str]:
+        """Who has relayed forged orders to this robot of late, as its newest status says."""
+        for what in self.statuses.values(now):
+            if what.startswith(FORGED_ORDER):
+                yield what.removeprefix(FORGED_ORDER)
 
     def _commanded(self, now: Now) -> tuple[float | None, float | None]:
         if self._command is None or not self._command[0].fresh(now.mono):

@@ -134,6 +134,7 @@ class Metrics:
             missed=sum(robot.missed() for robot in self._robots.values()),
             rejected=self.rejections.by_reason,
             contested=frozenset(name for robot in self._robots.values() for name in robot.contests(now)),
+            forgers=frozenset(name for robot in self._robots.values() for name in robot.forgers(now)),
             wish=Wish.of(self.order) if self.order else None,
             wished_at=self._settling.wished_at,
             figure=self._orders.figure,

@@ -127,6 +127,8 @@ class Snapshot:
     """Messages that are not what they should be, by ``key: reason``."""
     contested: frozenset[str] = frozenset()
     """Robots for whom a second voice speaks, as their neighbours' statuses say."""
+    forgers: frozenset[str] = frozenset()
+    """Robots that have relayed forged orders of late, as statuses of others say."""
     wish: Wish | None = None
     """What is asked of the formation; None before the first order."""
     wished_at: float = 0.0
