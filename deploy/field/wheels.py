@@ -32,6 +32,8 @@ GLIBC = 28
 """Of glibc 2: what the robot's system must have. Of the wheels that a robot needs, Zenoh's asks for most."""
 REQUIREMENTS = "requirements.txt"
 _EPOCH = (2020, 1, 1, 0, 0, 0)
+_ON_CPYTHON = frozenset(("platform_python_implementation != 'PyPy'", "implementation_name != 'PyPy'"))
+"""Conditions that hold on every robot."""
 _COMPARED = re.compile(r"python_(?:full_)?version\s*(<=|>=|==|!=|<|>)\s*'([\d.]+)'")
 
 
@@ -96,6 +98,8 @@ def pins(lock: str, target: Target) -> tuple[Pin, ...]:
 def applies(marker: str, python: str) -> bool:
     """Whether a marker holds for that Python. Raises Refusal for one that is about something else."""
     for condition in filter(None, re.split(r"\s+and\s+", marker)):
+        if condition.strip() in _ON_CPYTHON:
+            continue
         match = _COMPARED.fullmatch(condition.strip())
         if match is None:
             raise Refusal(f"the robot's lock has a marker that is not about Python's version: {marker}")

@@ -21,7 +21,7 @@ from tests.field.namespaces import until
 from tests.needs import path_of
 
 SCRIPT = Path(bundle.__file__).with_name("install.sh")
-ROOM = 130e6
+ROOM = 145e6
 """What a robot's install may take up [bytes]."""
 
 

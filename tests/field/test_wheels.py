@@ -24,7 +24,7 @@ from deploy.refusal import Refusal
 from tests.field.deployed import HERE
 
 LOCK = (env.LOCK / "agent.txt").read_text(encoding="utf-8")
-ROOM = 130e6
+ROOM = 145e6
 """What a robot's install may take up [bytes]."""
 COMPILED = 1.7
 """Python compiles what it installs: a generous bound of what .pyc files add, over the sources' own size."""
@@ -73,7 +73,7 @@ def test_every_dependency_of_a_robot_has_a_wheel_for_the_raspberry_pi(
 
 
 @pytest.mark.parametrize("platform", PLATFORMS)
-def test_a_robots_install_takes_up_under_130_mb(platform: str, tmp_path: Path) -> None:
+def test_a_robots_install_takes_up_under_145_mb(platform: str, tmp_path: Path) -> None:
     target = Target(platform, "3.11")  # of all the largest
     wheels.collect(target, tmp_path)
     collected = [path for path in tmp_path.glob("*.whl") if not path.name.startswith("pip-")]
