@@ -1,0 +1,187 @@
+"""The thief of a robot's key relays orders that no leader gave, over real links: all are refused."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import signal
+import time
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from typing import Any, NamedTuple
+
+import pytest
+
+from deploy.field import authority, certificates
+from formation import order
+from formation.order import Told
+from formation.ros2.messages import Pose, encode
+from formation.topics import POSITION
+from formation.transport.session import Identity
+from formation.transport.signing import Signer
+from tests.field.assault import attack, link
+from tests.field.namespaces import until
+from tests.field.team import Team, driving, mission
+
+pytestmark = [pytest.mark.namespaces, pytest.mark.processes]
+THIEF = "robot1"
+KEY = POSITION.key(THIEF)
+NUMBER = 30
+"""Messages of one attack."""
+
+
+class Held(NamedTuple):
+    """A team that its leader holds, and what robot1 said before its key was stolen."""
+
+    team: Team
+    ran: list[Told]
+    """Newest last; while the leader said run."""
+
+
+@pytest.fixture(scope="module")
+def held(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Held]:
+    with driving(tmp_path_factory.mktemp("team")) as team:
+        tape = attack(team, "listen", link=link(team, "monitor", THIEF), key=KEY, number=NUMBER)
+        told = [order.decode(Told, bytes.fromhex(attachment)) for _, attachment in tape]
+        answer = team.desk_computer.run(
+            *team.formation("order", "hold", "-c", str(team.desk.file("operator")), "--json")
+        )
+        assert answer.returncode == 0, answer.stderr
+        until(lambda: team.status().get("state") == "hold", what="the victim holds")
+        team.running[THIEF].signal(signal.SIGKILL)
+        time.sleep(1.0)
+        yield Held(team, [one for one in told if one.order is not None])
+
+
+def signer(team: Team, name: str) -> Signer:
+    folder = team.desk.folder / name
+    files = [folder / file for file in (certificates.TRUSTED, certificates.KEY, certificates.CERTIFICATE)]
+    return Signer(Identity(*files), name, time.time())
+
+
+def changed(held: Held, **changes: Any) -> dict[str, Any]:
+    """The newest order to run with changes, under the signature that it had."""
+    newest = held.ran[-1]
+    assert newest.order is not None
+    what = newest.order.model_copy(update={"beat": newest.order.beat + 100_000, **changes})
+    return {"signed": order.encode(what).decode(), "signature": newest.signature}
+
+
+def signed_by_thief(held: Held, text: str) -> str:
+    return signer(held.team, THIEF).sign(order.statement(mission().fingerprint, text))
+
+
+def of_another_mission(held: Held) -> dict[str, Any]:
+    """The leader's key signs for two missions; the robots have this one."""
+    text = changed(held)["signed"]
+    return {"signed": text, "signature": signer(held.team, "leader").sign(order.statement("another", text))}
+
+
+def rogue_certificate(held: Held) -> dict[str, Any]:
+    """The leader's name, by an authority with the right name."""
+    ours = certificates.read_authority(held.team.desk.folder)
+    rogue = authority.new_authority(ours.name, 1.0, datetime.now(UTC))
+    text = "".join(
+        authority.issue(rogue, "leader", None, 1.0, datetime.now(UTC))
+        .certificate_pem.decode()
+        .splitlines()[1:-1]
+    )
+    return {"certificate": text.replace("+", "-").replace("/", "_").rstrip("=")}
+
+
+WRONG = "order not signed by leader: wrong signature"
+SHUNNED = "order not signed by leader: after 3 wrong signatures"
+FORGERIES: dict[str, tuple[Callable[[Held], dict[str, Any]], tuple[str, ...]]] = {
+    "unsigned": (
+        lambda held: {"order": json.loads(changed(held)["signed"])},
+        ("order not signed by leader: it has no signature",),
+    ),
+    "unsigned, of a later term": (
+        lambda held: {"order": json.loads(changed(held, term=time.time_ns() // 64 * 64)["signed"])},
+        ("order not signed by leader: it has no signature",),
+    ),
+    "of a term of nobody's": (
+        lambda held: changed(held, term=time.time_ns() // 64 * 64 + 7),
+        ("order not signed by leader: term",),
+    ),
+    "higher beat": (changed, (WRONG, SHUNNED)),
+    "later term": (lambda held: changed(held, term=time.time_ns() // 64 * 64), (WRONG, SHUNNED)),
+    "stop": (lambda held: changed(held, mode="stop"), (WRONG, SHUNNED)),
+    "scale": (lambda held: changed(held, scale=1000.0), (WRONG, SHUNNED)),
+    "route": (lambda held: changed(held, route="elsewhere", time=1e6), (WRONG, SHUNNED)),
+    "gains": (lambda held: changed(held, tuned=order.Tuned(k_p=9.0, k_i=9.0)), (WRONG, SHUNNED)),
+    "another mission": (of_another_mission, (WRONG, SHUNNED)),
+    "own certificate": (
+        lambda held: {"certificate": signer(held.team, THIEF).certificate},
+        ("order not signed by a candidate: 'robot1' is none", "order not signed by a candidate: after"),
+    ),
+    "rogue certificate": (
+        rogue_certificate,
+        (
+            "order not signed by a candidate: certificate of 'leader' is not",
+            "order not signed by a candidate",
+        ),
+    ),
+}
+
+
+def relayed(held: Held, fields: dict[str, Any]) -> None:
+    """Have the thief say so, as robot1 does: where it is, and with rising counts and beats."""
+    voice = secrets.token_hex(8)
+    samples = []
+    for count in range(NUMBER):
+        told = Told.model_validate({"voice": voice, "count": count + 1, **fields})
+        if told.order is not None:
+            risen = told.order.model_copy(update={"beat": told.order.beat + count})
+            told = told.model_copy(update={"order": risen})
+        samples.append((encode(Pose(time.time(), -0.4 + 0.3j, 1 + 0j)).hex(), order.encode(told).hex()))
+    attack(held.team, "replay", link=link(held.team, THIEF), key=KEY, samples=samples)
+
+
+@pytest.mark.parametrize("kind", list(FORGERIES))
+def test_a_forgery_is_refused_and_named(held: Held, kind: str) -> None:
+    team, (forgery, whys) = held.team, FORGERIES[kind]
+    start = time.monotonic()
+    relayed(held, forgery(held))
+    until(
+        lambda: any(team.status().get(f"forged order {THIEF}", "").startswith(why) for why in whys),
+        what=f"one of {whys}, not {team.status()}",
+    )
+    assert team.states(since=start) == {"hold"}
+    assert all((one.speed, one.turn_rate) == (0.0, 0.0) for one in team.commands(since=start))
+    time.sleep(0.2)  # the next voice may speak for robot1
+
+
+def test_orders_that_were_true_change_nothing(held: Held) -> None:
+    """With right signatures; the leader has said hold since."""
+    team, start, voice = held.team, time.monotonic(), secrets.token_hex(8)
+    samples = []
+    for count, one in enumerate(held.ran):
+        told = one.model_copy(update={"voice": voice, "count": count + 1})
+        samples.append((encode(Pose(time.time(), -0.4 + 0.3j, 1 + 0j)).hex(), order.encode(told).hex()))
+    attack(team, "replay", link=link(team, THIEF), key=KEY, samples=samples)
+    time.sleep(1.0)
+    assert team.states(since=start) == {"hold"}
+    assert all((one.speed, one.turn_rate) == (0.0, 0.0) for one in team.commands(since=start))
+
+
+def test_an_order_by_a_follower_does_not_verify(held: Held) -> None:
+    """Its certificate is not taken, so nothing that it signs ever counts."""
+    text = changed(held)["signed"]
+    start = time.monotonic()
+    relayed(held, {"signed": text, "signature": signed_by_thief(held, text)})
+    until(
+        lambda: "no certificate has come yet" in held.team.dropped().get(KEY, (0, ""))[1],
+        what=f"the reason; {held.team.dropped()}",
+    )
+    assert held.team.states(since=start) == {"hold"}
+
+
+def test_the_leader_raises_the_alarm(held: Held) -> None:
+    """It is linked with robot1 as well."""
+    fields = {"order": json.loads(changed(held)["signed"])}
+    told = Told.model_validate({"voice": secrets.token_hex(8), "count": 1, **fields})
+    sample = (encode(Pose(time.time(), -0.4 + 0.3j, 1 + 0j)).hex(), order.encode(told).hex())
+    attack(held.team, "replay", link=link(held.team, THIEF, "leader"), key=KEY, samples=[sample])
+    alarm = "ALARM: robot1 relays a forged order: order not signed by leader: it has no signature"
+    until(lambda: alarm in held.team.running["leader"].errors, what=held.team.running["leader"].errors[-500:])
