@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import pytest
@@ -262,3 +263,25 @@ def test_positions_stay_small() -> None:
         certificate=signer("a-leader-with-a-name-of-some-length", certificate).certificate,
     )  # fmt: skip
     assert len(order.encode(carried)) < 900
+
+
+def test_twenty_robots_stand_through_every_forgery_in_turn() -> None:
+    """At 20 Hz; the insider is heard by three of them, and forges in another way with each message."""
+    names = [f"r{number}" for number in range(20)]
+    neighbours = {name: names[max(0, number - 3) : number] or ["leader"] for number, name in enumerate(names)}
+    many = team({**neighbours, "r1": ["leader", "r0"]}, max_speed=1.5)
+    fleet = SignedFleet(many, seed=1)
+    held(fleet)
+    start, kinds = fleet.now, itertools.cycle(FORGERIES)
+
+    def every_kind(sender: str, told: Told) -> Told:
+        return next(kinds)(fleet, told) if sender == INSIDER and told.order is not None else told
+
+    fleet.tamper = every_kind
+    fleet.run(3.0)
+    for name in names[1:]:
+        assert all(command[1:] == (0.0, 0.0) for command in fleet.commands[name] if command[0] > start), name
+    for name in names[1:4]:
+        assert f"{INSIDER} relayed forged orders" in fleet.message(name)
+    for name in names[4:]:
+        assert "forged" not in fleet.message(name)

@@ -25,7 +25,8 @@ from deploy.field import authority
 from formation import order
 from formation.mission_file import parse
 from formation.order import Order, Told
-from formation.ros2.messages import encode
+from formation.plane import rotation
+from formation.ros2.messages import Odometry, encode
 from formation.topics import ODOM, POSITION
 from formation.transport.session import Identity
 from formation.transport.signing import Authority, Signer, key_id_of
@@ -69,13 +70,15 @@ class Follower:
         self.agent, self.signer, self.verifier = Agent(MISSION, edge.FOLLOWER), signer, verifier
         self.steps: list[float] = []
         """From the inbox to the command [µs]."""
+        self._began = time.time()
+        self._at, self._facing = edge.START[edge.FOLLOWER], 1.0 + 0j  # as its commands have moved it
         self.checks: list[float] = []
         """Of verifying both neighbours' orders of a period [µs]."""
 
     def turn(self, beat: int) -> None:
         """A period: two positions, then odometry."""
         elapsed = beat * PERIOD
-        now = Now(elapsed, time.time())
+        now = Now(elapsed, self._began + elapsed)
         told = self._told(beat)
         inbox = [
             Sample(
@@ -90,7 +93,10 @@ class Follower:
         if self.signer is not None:
             inbox = [self.verifier.check(sample, now.wall) for sample in inbox]
         self.checks.append(1e6 * (time.perf_counter() - start))
-        payload = encode(edge.odometry(elapsed, now.wall))
+        command = self.agent.command
+        self._at += command.speed * PERIOD * self._facing
+        self._facing *= rotation(command.turn_rate * PERIOD)
+        payload = encode(Odometry(now.wall, self._at, self._facing, command.speed, command.turn_rate))
         inbox.append(Sample(ODOM.key(edge.FOLLOWER), payload, None, now.mono))
         start = time.perf_counter()
         self.agent.act(now, inbox)
