@@ -94,6 +94,10 @@ ALIVE = Topic(
     "alive", "{robot}/alive", "std_msgs/msg/Float64", "agent", "its guard", "each command",
     Qos("real_time", express=True), "time since the agent's start, said with each command [s]", "robot",
 )  # fmt: skip
+GUARD = Topic(
+    "guard", "{robot}/guard", "", "doctor", "a robot's guard (queryable)", "on demand", None,
+    "whether the guard itself is there, and what it is doing (JSON)", "robot",
+)  # fmt: skip
 STATUS = Topic(
     "status", "{robot}/status", "diagnostic_msgs/msg/DiagnosticArray", "agent or leader", "monitor", "2 Hz",
     BACKGROUND, "state, reason and counters",
@@ -131,7 +135,7 @@ COURSE = Topic(
 
 TABLE: tuple[Topic, ...] = (
     ODOM, CMD_VEL, POSITION, SCAN, RELATIVE, POSE, ALIVE, STATUS, GROUND_TRUTH, ERROR, DIAGNOSTICS, EVENTS,
-    BALLOT, COURSE, ORDER,
+    BALLOT, COURSE, ORDER, GUARD,
 )  # fmt: skip
 
 

@@ -1,7 +1,7 @@
 """Gathers what can be known on the robot itself: on its own bus, from its files, from its network.
 
-One more client of the robot's router. It declares that it would publish cmd_vel and signs of life, so that
-Zenoh tells whether anybody listens, and never publishes either.
+One more client of the robot's router. It declares that it would publish cmd_vel, so that Zenoh tells whether
+anybody listens, and never publishes it. The guard is asked itself: others may listen to the agent as well.
 """
 
 from __future__ import annotations
@@ -14,11 +14,12 @@ from deploy.doctor import files, listening, machine
 from deploy.doctor.facts import Certificate, Facts, Party
 from deploy.doctor.probe import Papers, reach
 from deploy.refusal import Refusal
+from formation.guarding import decode
 from formation.mission import Mission
 from formation.mission_file import MissionError, load
 from formation.ros2 import tokens
 from formation.ros2.naming import Naming
-from formation.topics import ALIVE, CMD_VEL, ODOM, POSE, POSITION, STATUS
+from formation.topics import ALIVE, CMD_VEL, GUARD, ODOM, POSE, POSITION, STATUS
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError
 from formation.transport.wiring import endpoints, partners
@@ -26,6 +27,8 @@ from formation.transport.wiring import endpoints, partners
 NODE = "formation_doctor"
 LINKED, TOLD = 2.0, 0.5
 """How long a link may take, and then what the router tells of those who listen [s]."""
+ANSWERS = 1.5
+"""How long a guard has to answer [s]."""
 
 
 def gather(
@@ -34,7 +37,7 @@ def gather(
     """Everything about `robot`, which this machine is; `installed` is the mission file that it has."""
     where = endpoints(mission).agents
     heard: listening.Listened = {}
-    trouble, routed, guarded = "", None, None
+    trouble, routed, guard_state = "", None, None
     listeners: tuple[Party, ...] = ()
     speakers: tuple[Party, ...] = ()
     keys = {topic: topic.key(robot) for topic in (ODOM, POSE, POSITION, STATUS, ALIVE)}
@@ -46,7 +49,7 @@ def gather(
     try:
         with Bus(config) as bus:
             if _linked(bus):
-                routed, guarded = _matched(bus, naming, robot)
+                routed, guard_state = _routed(bus, naming, robot), _guard(bus, naming, robot)
                 for key in keys.values():
                     bus.subscribe(naming.wire(key), key)
                 heard = listening.listen(bus, seconds)
@@ -73,7 +76,7 @@ def gather(
         router=router,
         router_trouble=trouble,
         routed=routed,
-        guarded=guarded,
+        guard_state=guard_state,
         guard_unit=machine.guard_unit(),
         listeners=listeners,
         speakers=speakers,
@@ -94,16 +97,29 @@ def _linked(bus: Bus) -> bool:
     return True
 
 
-def _matched(bus: Bus, naming: Naming, robot: str) -> tuple[bool, bool]:
-    """Whether anybody listens to commands, and to signs of life. Before this session listens itself."""
-    wires = []
-    for topic in (CMD_VEL, ALIVE):
-        wires.append(naming.wire(topic.key(robot)))
-        bus.advertise(topic, wires[-1])
+def _routed(bus: Bus, naming: Naming, robot: str) -> bool:
+    """Whether anybody listens to commands. Before this session listens itself."""
+    wire = naming.wire(CMD_VEL.key(robot))
+    bus.advertise(CMD_VEL, wire)
     deadline = time.monotonic() + TOLD
-    while time.monotonic() < deadline and not all(map(bus.watched, wires)):
+    while time.monotonic() < deadline and not bus.watched(wire):
         time.sleep(0.02)
-    return bus.watched(wires[0]), bus.watched(wires[1])
+    return bus.watched(wire)
+
+
+def _guard(bus: Bus, naming: Naming, robot: str) -> str:
+    """What the robot's guard says that it is doing; empty if none answers.
+
+    Asked again within `ANSWERS`: the router may tell of a guard a moment later than it is linked.
+    """
+    wire, deadline = naming.wire(GUARD.key(robot)), time.monotonic() + ANSWERS
+    while (left := deadline - time.monotonic()) > 0.0:
+        for reply in bus.ask(wire, b"", left):
+            said = decode(reply.payload)
+            if said is not None and said.robot == robot:
+                return said.state
+        time.sleep(0.05)
+    return ""
 
 
 def _parties(bus: Bus, mission: Mission, naming: Naming, robot: str) -> Iterator[tuple[str, Party]]:

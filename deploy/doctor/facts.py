@@ -129,8 +129,8 @@ class Facts:
     """Why it was not reached; empty if it was."""
     routed: bool | None = None
     """Whether anybody listens to cmd_vel."""
-    guarded: bool | None = None
-    """Whether anybody listens to the agent's signs of life."""
+    guard_state: str | None = None
+    """What the robot's guard says that it is doing; empty if no guard answers, None if it was not asked."""
     guard_unit: str | None = None
     """What systemd says of the guard, where it knows one."""
     listeners: tuple[Party, ...] = ()

@@ -72,19 +72,19 @@ def guard(facts: Facts) -> Iterator[Finding]:
             f"the guard does not run: systemd calls it {facts.guard_unit}",
             "sudo systemctl restart formation-guard; journalctl -u formation-guard says why",
         )
-    elif facts.guarded is False and not facts.router_trouble:
+    elif facts.guard_state == "" and not facts.router_trouble:
         yield Finding(
             "guard-down",
-            "no guard listens to the agent: if that dies, the robot drives on",
+            "no guard answers: if the agent dies, the robot drives on",
             f"start it: formation guard MISSION --robot {facts.robot}",
         )
 
 
 def guard_well(facts: Facts) -> str:
-    """That it listens."""
-    if not facts.guarded:
+    """That it answers, and what it is doing."""
+    if not facts.guard_state:
         return ""
-    return f"listens{', systemd calls it active' if facts.guard_unit else ''}"
+    return f"answers: {facts.guard_state}{', systemd calls it active' if facts.guard_unit else ''}"
 
 
 def wanted(facts: Facts) -> str:

@@ -18,7 +18,7 @@ from typing import Literal, Self
 from formation.ros2.naming import Naming
 from formation.topics import Topic
 from formation.transport.bus import Bus, BusConfig, BusError
-from formation.transport.mailbox import Mailbox
+from formation.transport.mailbox import Handler, Mailbox
 from formation.wire import BadMessage
 
 AGAIN = 0.5
@@ -66,6 +66,7 @@ class RobotBus:
         self._naming, self._mailbox, self._node = naming, mailbox, node
         self._advertised: dict[str, _Line] = {}
         self._subscribed: dict[str, str] = {}
+        self._answered: dict[str, Handler] = {}
         self._zid = ""
         self._level = logging.INFO if awaited else logging.DEBUG
         self._bus: Bus | None = None
@@ -121,6 +122,14 @@ class RobotBus:
             if self._bus is not None:
                 self._bus.subscribe(wire, key)
                 self._claim(self._bus)
+
+    def answer(self, key: str, handler: Handler) -> None:
+        """Answer queries on logical `key` as `Bus.answer` does. Errors as `Naming.wire`."""
+        wire = self._naming.wire(key)
+        with self._changing:
+            self._answered[wire] = handler
+            if self._bus is not None:
+                self._bus.answer(wire, handler)
 
     def publish(self, key: str, payload: bytes) -> None:
         """Send on an advertised key; before the session is open this does nothing (counted in `unsent`).
@@ -201,6 +210,8 @@ class RobotBus:
             bus.advertise(line.topic, line.wire)
         for key, wire in self._subscribed.items():
             bus.subscribe(wire, key)
+        for wire, handler in self._answered.items():
+            bus.answer(wire, handler)
         self._claim(bus)
 
     def _claim(self, bus: Bus) -> None:

@@ -11,7 +11,7 @@ from formation.ros2.naming import Naming
 from formation.ros2.ros_names import address
 from formation.topics import Topic
 from formation.transport.bus_config import BusError
-from formation.transport.mailbox import Mailbox
+from formation.transport.mailbox import Handler, Mailbox
 from formation.transport.robot_bus import RobotBus
 from formation.transport.wiring import by_endpoint
 
@@ -36,6 +36,9 @@ class RobotSide(Protocol):
 
     def subscribe(self, topic: Topic, key: str) -> None:
         """As `RobotBus.subscribe`."""
+
+    def answer(self, key: str, handler: Handler) -> None:
+        """As `RobotBus.answer`."""
 
     def publish(self, key: str, payload: bytes) -> None:
         """As `RobotBus.publish`."""
@@ -102,6 +105,10 @@ class RobotBuses:
     def subscribe(self, topic: Topic, key: str) -> None:
         """As `RobotBus.subscribe`."""
         self._of(key).subscribe(topic, key)
+
+    def answer(self, key: str, handler: Handler) -> None:
+        """As `RobotBus.answer`."""
+        self._of(key).answer(key, handler)
 
     def publish(self, key: str, payload: bytes) -> None:
         """As `RobotBus.publish`."""

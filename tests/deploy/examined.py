@@ -59,7 +59,7 @@ HEALTHY = Facts(
     alive=tuple(signs(50.0)),
     router="tcp/127.0.0.1:7447",
     routed=True,
-    guarded=True,
+    guard_state="watching",
     guard_unit="active",
     listeners=(Party("turtlebot3_node", STAMPED, "ab"),),
     speakers=(Party("formation_agent", STAMPED, "cd"),),
@@ -72,7 +72,7 @@ HEALTHY = Facts(
 )
 DESK = replace(
     HEALTHY,
-    on_robot=False, odometry=None, position=None, alive=None, router=None, routed=None, guarded=None,
+    on_robot=False, odometry=None, position=None, alive=None, router=None, routed=None, guard_state=None,
     guard_unit=None, listeners=(), speakers=(), installed_differs=None,
     reached={"robot1": Reached("tls/192.168.1.11:7460", "ok", name="robot1")},
 )  # fmt: skip

@@ -120,7 +120,7 @@ ILLS: dict[str, tuple[Mapping[str, Any], str, str]] = {
         {
             "router_trouble": "nobody",
             "routed": None,
-            "guarded": None,
+            "guard_state": None,
             "odometry": Stream(),
             "status": Stream(),
         },
@@ -138,7 +138,7 @@ ILLS: dict[str, tuple[Mapping[str, Any], str, str]] = {
         "cmd-vel-contested",
         "teleop_twist_keyboard publishes on cmd_vel as well",
     ),
-    "no guard": ({"guarded": False, "guard_unit": None}, "guard-down", "no guard listens"),
+    "no guard": ({"guard_state": "", "guard_unit": None}, "guard-down", "no guard answers"),
     "guard failed": ({"guard_unit": "failed"}, "guard-down", "systemd calls it failed"),
     "agent silent": ({"status": Stream(), "said": None, "alive": ()}, "agent-silent", "no status in 3 s"),
     "two agents": (

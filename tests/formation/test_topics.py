@@ -4,7 +4,18 @@ from pathlib import Path
 
 import pytest
 
-from formation.topics import CMD_VEL, ERROR, ODOM, ORDER, POSITION, RELATIVE, TABLE, command_topic, markdown
+from formation.topics import (
+    CMD_VEL,
+    ERROR,
+    GUARD,
+    ODOM,
+    ORDER,
+    POSITION,
+    RELATIVE,
+    TABLE,
+    command_topic,
+    markdown,
+)
 
 ROOT = Path(__file__).parents[2]
 
@@ -47,14 +58,14 @@ def test_a_robot_takes_one_of_the_two_command_types_on_the_same_key() -> None:
     assert stamped.key("robot2") == CMD_VEL.key("robot2")
 
 
-def test_only_the_order_is_asked_for_instead_of_published() -> None:
-    assert [topic for topic in TABLE if topic.qos is None] == [ORDER]
-    assert [topic for topic in TABLE if not topic.types] == [ORDER]
+def test_only_orders_and_guards_are_queried() -> None:
+    assert [topic for topic in TABLE if topic.qos is None] == [ORDER, GUARD]
+    assert [topic for topic in TABLE if not topic.types] == [ORDER, GUARD]
 
 
 def test_what_stays_between_an_agent_and_its_robot_is_on_the_robots_side() -> None:
     assert {topic.name for topic in TABLE if topic.side == "robot"} == {
-        "odom", "cmd_vel", "scan", "relative", "pose", "alive", "ground_truth",
+        "odom", "cmd_vel", "scan", "relative", "pose", "alive", "ground_truth", "guard",
     }  # fmt: skip
     assert command_topic("twist_stamped").side == "robot"
 

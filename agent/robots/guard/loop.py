@@ -7,8 +7,10 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from agent.alive import FAREWELL
 from agent.robots.guard.core import Guard, State
+from formation.guarding import GuardReply
+from formation.guarding import encode as encode_reply
 from formation.ros2.messages import Number, encode
-from formation.topics import ALIVE
+from formation.topics import ALIVE, GUARD
 from formation.transport.process import WATCH, Process, clocks
 from formation.wire import Now, Outgoing, Sample
 
@@ -43,6 +45,12 @@ class Side:
             robot.advertise(topic, key)
         for key in self._guard.subscriptions:
             robot.subscribe(ALIVE, key)
+        robot.answer(GUARD.key(self._guard.robot), self._answer)
+
+    def _answer(self, _request: bytes, _heard: float) -> bytes:
+        """That it is there, whoever else may listen to the agent."""
+        guard = self._guard
+        return encode_reply(GuardReply(robot=guard.robot, state=guard.state.value))
 
     def step(self, now: Now, inbox: Sequence[Sample]) -> Iterable[Outgoing]:
         """Step the guard, and log what becomes of it."""
