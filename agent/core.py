@@ -19,7 +19,7 @@ from agent.avoiding import Avoiding, Brake
 from agent.commander import AT_REST, Commander
 from agent.failsafe import Decision, Facts, State
 from agent.hearing import Hearing
-from agent.latch import Latch
+from agent.latch import HALTED, Latch
 from agent.localisation import Localisation
 from agent.motion_check import Kind, MotionCheck
 from agent.neighbourhood import Neighbourhood
@@ -33,7 +33,7 @@ from formation import order
 from formation.geofence import Geofence
 from formation.law import LAWS, error, unwound
 from formation.mission import Mission
-from formation.order import Told
+from formation.order import Code, OperatorRequest, Told
 from formation.ros2.messages import Pose, encode
 from formation.topics import POSITION, STATUS, Topic
 from formation.unicycle import Command
@@ -191,17 +191,27 @@ class Agent:
 
         The latter is made only when the former has been taken: it may be what the agent fails for.
         """
-        self._latch.stopped, self.decision = True, Decision(State.STOP, reason)
+        self._latch.rest.stop, self.decision = HALTED, Decision(State.STOP, reason)
         return chain(self._commander.leave(now), map(self._status, (now,)))
 
     def request(self, data: bytes, heard: float) -> bytes:
         """Answer what an operator asked at `heard` [s, monotonic]; it takes effect with the next step."""
         ordered = self._orders.newest.mode if self._orders.newest else "hold"
         try:
-            return self._latch.ask(data, heard, ordered)
+            request = order.decode(OperatorRequest, data)
+            return self._latch.ask(request, heard, ordered, self._unreached)
         except BadMessage as bad:
             self._hearing.drop("order", bad)
             return self._latch.reply(ordered, ok=False, reason=str(bad))
+
+    @property
+    def _unreached(self) -> Code:
+        """Why no command reaches the robot; empty if it does, or nobody knows."""
+        if self._readonly:
+            return "readonly"
+        if self._surroundings.connected is False:
+            return "no-link"
+        return "no-listener" if self._surroundings.routed is False else ""
 
     def _decide(self, now: Now) -> Decision:
         around, scanner = self._neighbours, self._avoiding.scanner

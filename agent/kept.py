@@ -58,6 +58,7 @@ from formation.heading import Travel
 from formation.neighbour import Track
 from formation.once import Once
 from formation.order import Order, Told
+from formation.rest import Rest
 from formation.ros2.messages import Odometry, Pose
 from formation.scan import Circle
 from formation.unicycle import Command
@@ -416,10 +417,11 @@ KEPT: Mapping[type, Kept] = {
         ),
     ),
     Latch: Kept(
-        memory={"stopped": flag, "holding": flag, "why": text},
-        parts=("once",),
+        memory={"why": text},
+        parts=("rest", "once"),
         construction=("_robot",),
     ),
+    Rest: Kept(memory={"stop": text, "hold": text}),
     Once: Kept(memory={"_rested": real, "_answers": by_name(spoken)}),
 }
 """What every class that an agent is made of keeps."""

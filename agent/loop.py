@@ -132,17 +132,14 @@ class Sides:
         if self._legacy is not None:
             self._legacy.end(now)
 
-    def failed(self, now: Now) -> None:
-        """The agent has failed: what it took over from the one before it may be the cause."""
-        if self._legacy is not None and (said := self._legacy.failed(now)):
-            _log.error(said)
-
     def request(self, data: bytes, heard: float) -> bytes:
         """Answer an operator's request, which came at `heard` [s, monotonic].
 
         What is to be kept of it is, by then, safe from a kill.
         Or the answer says that it is not.
         """
+        self._look()  # whether a stop reaches the robot is answered by how it is connected now
+        self._agent.aware(self._around)
         reply = self._agent.request(data, heard)
         self._trace.asked(data, heard)
         if self._legacy is not None:
@@ -235,8 +232,5 @@ def drive(
     process.ready(STATUS.key(agent.robot))
     try:
         process.run(sides, sides.send)
-    except Exception:
-        sides.failed(clocks())
-        raise
     finally:
         sides.end(clocks())

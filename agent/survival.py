@@ -21,7 +21,7 @@ from agent.localisation import Localisation
 from agent.memory import BadMemoryError, Json, recall, remember
 from agent.values import real
 from formation.election import check_term
-from formation.order import Count, Mode, Name
+from formation.order import Count, Mode, Name, Voice
 from formation.ros2.messages import Odometry, Pose, decode
 from formation.topics import ODOM, POSE
 from formation.wire import BadMessage, Now, Sample
@@ -47,6 +47,10 @@ class Stops(_Table):
     """What is to be released first; None for nothing."""
     holding: bool = False
     """Whether there is a hold below a stop."""
+    stop: Voice = ""
+    """Id of the stop in force."""
+    hold: Voice = ""
+    """Id of the hold in force, below a stop too."""
     boot: str
     """Of the machine: times are of its monotonic clock."""
     rested: float | Literal["never"]
@@ -103,16 +107,18 @@ class Survival:
             if stops.robot != self._agent.robot:
                 raise BadMemoryError(f"it is of {stops.robot}")
             why = f"{_DONE[stops.mode]} by the operator, before this agent began" if stops.mode else ""
-            stopped, holding = stops.mode == "stop", stops.holding or stops.mode == "hold"
             rested = self._rested(stops, now)
-            return self._latch(why, rested, stops.answers, stopped=stopped, holding=holding)
-        except Exception as bad:  # noqa: BLE001 - whatever stands in the file, the robot is stopped
-            return self.doubt(f"{where} cannot be read: {_told(bad)}")
+            drawn = f"kept-{now.mono:.6f}"  # for a file of a version without ids
+            stop = (stops.stop or drawn) if stops.mode == "stop" else ""
+            hold = (stops.hold or drawn) if stops.holding or stops.mode == "hold" else ""
+            return self._latch(why, rested, stops.answers, stop=stop, hold=hold)
+        except BadMemoryError as bad:
+            return self.doubt(f"{where} cannot be read: {bad}", now)
 
-    def doubt(self, what: str) -> Taken:
+    def doubt(self, what: str, now: Now) -> Taken:
         """Be stopped, for `what` may have been a stop."""
         why = f"{what}; it may have kept a stop, so release it if it may drive"
-        return self._latch(why, float("-inf"), {}, stopped=True)
+        return self._latch(why, float("-inf"), {}, stop=f"doubt-{now.mono:.6f}")
 
     @property
     def stops(self) -> dict[str, Json]:
@@ -122,8 +128,10 @@ class Survival:
         return {
             "robot": self._agent.robot,
             "mode": latch.mode,
-            # said only where there is one, so that a version from before it can read the file
-            **({"holding": True} if latch.stopped and latch.holding else {}),
+            # written only where there is one: a version without ids reads a file that stops nobody
+            **({"holding": True} if latch.rest.stop and latch.rest.hold else {}),
+            **({"stop": latch.rest.stop} if latch.rest.stop else {}),
+            **({"hold": latch.rest.hold} if latch.rest.hold else {}),
             "boot": self._boot,
             "rested": "never" if rested == float("-inf") else rested,
             "answers": latch.once.answers,
@@ -133,10 +141,9 @@ class Survival:
         """Wait, with the way that was kept, for the robot's first message; its promise counts at once."""
         try:
             way = _read(Way, data)
-            unfit = self._unfit(way, now)
-        except Exception as bad:  # noqa: BLE001 - whatever stands in the file, the agent starts fresh
-            return _anew(f"cannot be read: {_told(bad)}")
-        if unfit:
+        except BadMemoryError as bad:
+            return _anew(f"cannot be read: {bad}")
+        if unfit := self._unfit(way, now):
             return _anew(unfit)
         self._way = way
         orders = remember(self._agent, "orders")["orders"]
@@ -170,10 +177,9 @@ class Survival:
             memory = {"here": remember(here), "integral": way.integral, "tuning": way.tuning}
             if age > OLDEST_INTEGRAL:
                 del memory["integral"]
-            self._rehearse(memory, inbox, now)
             return self._taken(memory, f"goes on from where it was {age:.1f} s ago")
-        except Exception as bad:  # noqa: BLE001 - whatever stands in the file, the agent starts fresh
-            return _anew(f"cannot be read: {_told(bad)}")
+        except BadMemoryError as bad:
+            return _anew(f"cannot be read: {bad}")
 
     def way(self, now: Now) -> dict[str, Json] | None:
         """What is to be kept now and then, for `json`; None before the robot has been heard."""
@@ -195,19 +201,11 @@ class Survival:
         }
 
     def _latch(
-        self, why: str, rested: float, answers: dict[str, str], *, stopped: bool, holding: bool = False
+        self, why: str, rested: float, answers: dict[str, str], *, stop: str = "", hold: str = ""
     ) -> Taken:
         once = {"rested": real.said(rested), "answers": answers}
-        latch = {"stopped": stopped, "holding": holding, "why": why, "once": once}
+        latch = {"rest": {"stop": stop, "hold": hold}, "why": why, "once": once}
         return self._taken({"latch": latch}, why)
-
-    def _rehearse(self, memory: dict[str, Json], inbox: Sequence[Sample], now: Now) -> None:
-        """Have another agent take over `memory` and step: raises what this agent would have failed with."""
-        agent = self._agent
-        other = Agent(self._mission, agent.robot, agent.law_name, readonly=True)
-        recall(other, {**remember(agent), **memory})
-        other.act(now, inbox)
-        other.tell(now)
 
     def _taken(self, memory: dict[str, Json], news: str) -> Taken:
         recall(self._agent, memory, partly=True)
@@ -250,12 +248,6 @@ def _read(table: type[T], data: bytes) -> T:
         first = error.errors(include_url=False, include_input=False, include_context=False)[0]
     where = ".".join(map(str, first["loc"]))
     raise BadMemoryError(f"{where + ': ' if where else ''}{first['msg']}")
-
-
-def _told(error: Exception) -> str:
-    """Why something cannot be taken over, in one line."""
-    kind = "" if isinstance(error, BadMemoryError) else f"{type(error).__name__}: "
-    return f"{kind}{' '.join(str(error).split())[:200]}"
 
 
 def _odd(said: Json) -> bool:

@@ -33,9 +33,9 @@ class Verb(NamedTuple):
 
 VERBS = {
     "stop": Verb({}, "every robot, at once, told by us and by each other; stopped until released"),
-    "release": Verb({}, "end a stop, else a hold: everybody goes on with what was ordered before"),
-    "hold": Verb({}, "stand still where you are"),
-    "run": Verb({}, "drive; ends a hold, but not a stop"),
+    "release": Verb({}, "end the stop in force; everybody then holds until run"),
+    "hold": Verb({}, "every robot stands still where it is, until run"),
+    "run": Verb({}, "drive; ends the hold in force, but not a stop"),
     "shape": Verb({"shape": "NAME"}, "take another of the mission's shapes"),
     "rotate": Verb({"degrees": "DEG"}, "turn the shape, counter-clockwise from how it is drawn"),
     "scale": Verb({"factor": "S"}, "make the shape so many times as large as it is drawn"),
@@ -49,8 +49,9 @@ VERBS = {
 WHAT = "Give an order to the robots of a running mission, and see who obeys.\n\norders:\n"
 AFTER = """
 
-A stop and a release go to each robot directly. The others go to whoever leads, whose order travels
-with the positions; of several, the newest counts."""
+Stop, hold, release and run go to each robot directly. The others go to the leader, whose order travels
+with the positions; of several, the newest counts. Release and run end the stop or the hold that was in
+force when they were ordered; one that came later stays. Only run starts motion."""
 
 EXAMPLES = """\
   formation order six_robots stop
@@ -63,10 +64,12 @@ EXAMPLES = """\
   formation order my_mission.toml stop -c operator/zenoh.json5      with the operator's certificate
 
 --json: what was ordered, with its id and when (at: seconds, system clock); leader: who leads, or null;
-acknowledged and refused: [{robot, ms, mode, reason}], ms since the first question; missing: who gave no
-answer; standing_by: who would lead if the leader were gone.
+acknowledged and refused: [{robot, ms, mode, reason, code}], ms since the first question; missing: robots
+without an answer; standing_by: who would lead if the leader were gone; unreached: robots whose agent has
+latched the stop or the hold, and cannot reach the robot; ends: ids of the stops or holds that this ended.
 
-Exit code 0: everyone who counts has obeyed; 1: somebody did not answer, or refused; 2: nobody was asked.
+Exit code 0: every robot and the leader obey; 1: at least one did not answer, refused, or cannot be reached
+(after stop: it is NOT STOPPED, use its own switch); 2: nobody was asked.
 """
 NEGATIVE = re.compile(r"-\.?\d")
 
@@ -82,7 +85,7 @@ def main(arguments: Sequence[str]) -> int:
     try:
         with Bus(_config(options, mission, asked.names)) as bus:
             with waiting(f"asking for up to {options.timeout:g} s"):
-                outcome = asking.ask(bus.question, asked, request, options.timeout, linked=lambda: bus.links)
+                outcome = asking.give(bus.question, asked, request, options.timeout, linked=lambda: bus.links)
             _tell(options, mission, outcome)  # at once: to close the bus may take as long as its patience
     except BusError as error:
         raise Refusal(str(error)) from None

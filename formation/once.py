@@ -47,6 +47,14 @@ class Once:
         """What was answered to the requests that are known, each by what it was and its id."""
         return {known: reply.decode() for known, reply in self._answers.items()}
 
+    def fact(self, request: OperatorRequest, heard: float) -> str:
+        """Id of the stop or the hold that `request`, which came at `heard` [s, monotonic], leaves in force.
+
+        Its own; one that is missing or was used before is drawn anew, so that no earlier release names it.
+        """
+        fresh = request.id and f"{request.do} {request.id}" not in self._answers
+        return request.id if fresh else f"at-{heard:.6f}"
+
     def answer(
         self,
         request: OperatorRequest,

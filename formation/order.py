@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import lru_cache
 from types import MappingProxyType
-from typing import Annotated, ClassVar, Literal, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import (
     BaseModel,
@@ -44,11 +44,22 @@ LEADER_LOST = 1.0
 
 LONGEST_REASON = 400
 """It may name some robots, of up to 64 each [characters]."""
-ROOM = MAX_BYTES - 160
+ROOM = MAX_BYTES - 200
 """For the reason, of a reply [bytes]."""
 
 Mode = Literal["hold", "run", "stop"]
-Do = Literal["hold", "run", "stop", "release", "shape", "rotate", "scale", "speed", "route", "tune"]
+Do = Literal["hold", "run", "stop", "release", "shape", "rotate", "scale", "speed", "route", "tune", "query"]
+MAX_ENDED = 200
+"""Most stops and holds that one request may end."""
+Code = Literal["", "no-link", "no-listener", "readonly", "nothing", "unnamed", "another", "stopped"]
+"""What a program needs to know of an answer; empty: nothing besides whether it obeys.
+
+``no-link``, ``no-listener``, ``readonly``: a stop or a hold is latched, and cannot reach the robot;
+``nothing``: there was nothing to release; ``unnamed``: a release or a run must name what it ends;
+``another``: it names another stop or hold than the one in force; ``stopped``: refused while stopped.
+"""
+UNREACHED: frozenset[Code] = frozenset({"no-link", "no-listener", "readonly"})
+"""The robot itself is out of reach of whoever answers."""
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
 Voice = Annotated[str, StringConstraints(max_length=64, pattern=r"^[A-Za-z0-9_.-]*$")]
@@ -197,7 +208,11 @@ class Ballot(_Json):
 
 
 class OperatorRequest(_Json):
-    """What an operator asks of one robot. ``release`` ends his stop, or if there is none his hold."""
+    """What an operator asks of one robot.
+
+    ``release`` ends a stop, after which the robot holds; ``run`` ends a hold. Both name what they end.
+    ``query`` changes nothing: the answer has the ids of the stop and the hold in force.
+    """
 
     longest: ClassVar[int] = MAX_REQUEST
     do: Do
@@ -218,16 +233,25 @@ class OperatorRequest(_Json):
     """With ``tune``: the law's proportional gain [1/s]; without it that stays as it is."""
     k_i: Integral | None = None
     """With ``tune``: the law's integral gain [1/s²], likewise."""
+    ends: Annotated[tuple[Name, ...], BeforeValidator(as_tuple), Field(max_length=MAX_ENDED)] = ()
+    """With ``release`` and ``run``: ids of the stops or holds that it ends. Any other stays in force."""
     id: Voice = ""
     """Of one order, however often it is put: a repetition takes no effect a second time. Empty: unknown."""
     age: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
     """Since it was put for the first time [s]. A stop or a hold of age 0 is new, whatever its id."""
+
+    @property
+    def spelled(self) -> dict[str, Any]:
+        """All that is given of it, for JSON."""
+        return self.model_dump(mode="json", exclude_none=True, exclude=None if self.ends else {"ends"})
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
         takes = TAKES.get(self.do, ())
         given = tuple(name for name in PARTS if getattr(self, name) is not None)
         some = self.do == "tune" and bool(given) and set(given) < set(takes)
+        if self.ends and self.do not in {"release", "run"}:
+            raise PydanticCustomError("ends", f"{self.do} ends nothing: only release and run do")
         if not some and set(given) != set(takes):
             wanted = (" or " if self.do == "tune" else " and ").join(takes) or "nothing"
             raise PydanticCustomError("takes", f"{self.do} takes {wanted}")
@@ -258,6 +282,12 @@ class OperatorReply(_Json):
     reason: Annotated[str, StringConstraints(max_length=LONGEST_REASON)] = ""
     leads: bool | None = None
     """Whether it is in charge; None for who never is."""
+    code: Code = ""
+    """What a program needs to know."""
+    stop: Voice = ""
+    """To a ``query``: id of the stop in force; empty for none."""
+    hold: Voice = ""
+    """To a ``query``: id of the hold in force, below a stop too; empty for none."""
 
 
 FORGED_ORDER = "forged order "

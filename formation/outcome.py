@@ -9,7 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from formation.order import OperatorReply, OperatorRequest
+from formation.order import UNREACHED, OperatorReply, OperatorRequest
+
+UNDONE = {"stop": "NOT STOPPED", "hold": "NOT HELD"}
+"""What a robot is that an order does not reach."""
 
 
 class Answer(NamedTuple):
@@ -68,6 +71,16 @@ class Outcome(NamedTuple):
         return [name for name in self._counting if not self.answers[name].reply.ok]
 
     @property
+    def unreached(self) -> list[str]:
+        """Robots whose agent has latched a stop or a hold that cannot reach the robot itself."""
+        return [name for name in self.refused if self.answers[name].reply.code in UNREACHED]
+
+    @property
+    def nothing(self) -> list[str]:
+        """Those that had nothing to release."""
+        return [name for name in self._counting if self.answers[name].reply.code == "nothing"]
+
+    @property
     def obeyed(self) -> bool:
         """Whether everybody has who counts."""
         return not self.missing and not self.refused
@@ -85,15 +98,16 @@ class Outcome(NamedTuple):
 
     def report(self) -> dict[str, Any]:
         """For a program."""
-        what = self.request.model_dump(mode="json", exclude={"age"}, exclude_none=True)
         return {
-            **what,
+            **{name: value for name, value in self.request.spelled.items() if name != "age"},
             "at": round(self.at, 6),
             "leader": self.leader,
             "acknowledged": [self._told(name) for name in self._counting if self.answers[name].reply.ok],
             "refused": [self._told(name) for name in self.refused],
             "missing": self.missing,
             "standing_by": self.standing_by,
+            **({"unreached": self.unreached} if self.request.do in UNDONE else {}),
+            "advice": list(self._advice()),
         }
 
     def words(self) -> str:
@@ -111,9 +125,26 @@ class Outcome(NamedTuple):
             line += f"; no answer from {', '.join(self.missing)}"
         if not self.leader and self.standing_by:
             line += f", standing by: {', '.join(self.standing_by)}"
-        if not self.leader and self.request.do == "stop" and counting:
-            line += "; who has answered stands, with a leader or without"
-        return line
+        return "; ".join([line, *self._advice()])
+
+    def _advice(self) -> Iterator[str]:
+        """What the operator should know or do, a clause each."""
+        do, robots = self.request.do, [name for name in self.missing if name in self.asked.each]
+        if do == "stop" and not self.leader and self._counting:
+            yield "robots that obey stand, with a leader or without"
+        if do in UNDONE and self.unreached:
+            yield f"{UNDONE[do]}: {', '.join(self.unreached)}: use the robot's own switch"
+        if do in UNDONE and robots:
+            yield f"{', '.join(robots)} may still drive: use the robot's own switch"
+        if do == "run" and robots:
+            yield f"{', '.join(robots)} may still be held: order run again"
+        if do == "release":
+            if self.nothing:
+                yield f"nothing to release at {', '.join(self.nothing)}"
+            if len(self.nothing) < len(self._counting) - len(self.refused):
+                yield "everybody holds until you order run"
+            if robots:
+                yield f"{', '.join(robots)} may still be stopped: release again"
 
     def _lines(self) -> Iterator[str]:
         width = max(12, 2 + max(len(name) for name in self.asked.names))
@@ -124,17 +155,18 @@ class Outcome(NamedTuple):
             elif answer is None:
                 text = f"NO ANSWER within {self.seconds:g} s"
             else:
-                text = f"{self._verdict(name):<9}{answer.ms:7.1f} ms  {answer.reply.reason}"
+                text = f"{self._verdict(name):<11}{answer.ms:7.1f} ms  {answer.reply.reason}"
             yield f"  {name:<{width}}{text}".rstrip()
 
     def _verdict(self, name: str) -> str:
         reply = self.answers[name].reply
         if name in self.standing_by:
             return "stands by"
+        if reply.code in UNREACHED:
+            return UNDONE.get(self.request.do, "REFUSED")
         if not reply.ok:
             return "REFUSED"
-        # a robot that was released stands until it hears the leader, and says so
-        return "released" if (self.request.do, reply.mode) == ("release", "stop") else reply.mode
+        return "released" if self.request.do == "release" and not reply.code else reply.mode
 
     @property
     def _counting(self) -> list[str]:
@@ -147,7 +179,8 @@ class Outcome(NamedTuple):
 
     def _told(self, name: str) -> dict[str, Any]:
         reply, ms = self.answers[name]
-        return {"robot": name, "ms": round(ms, 3), "mode": reply.mode, "reason": reply.reason}
+        code = {"code": reply.code} if reply.code else {}
+        return {"robot": name, "ms": round(ms, 3), "mode": reply.mode, "reason": reply.reason, **code}
 
 
 def called(request: OperatorRequest) -> str:

@@ -14,6 +14,7 @@ from formation.figure import Figure
 from formation.geofence import GRAIN, Geofence
 from formation.mission import Mission
 from formation.order import Mode, OperatorRequest, Order, Slots, Tuned
+from formation.rest import MOTION, Result
 from formation.stability import spectrum, tuning
 from leader.course import Course
 from leader.mover import Mover, Wish
@@ -135,22 +136,22 @@ class Conduct:
             scale=wish.scale,
             slots=None if self.mover.arrived and not self._mission.turning else slots_of(self.mover.figure),
             told=self.will.told,
-            holding=self.will.holding,
+            holding=bool(self.will.rest.hold),
             route=self.course.id,
             time=round(min(self.route_time, LONGEST_TIME), 3),
             place=self.course.place(self.route_time),
             tuned=self.tuned,
         )
 
-    def obey(self, request: OperatorRequest) -> tuple[bool, str]:
-        """Whether it does what an operator asks, and what there is to say."""
-        if request.do in {"run", "hold", "stop", "release"}:
-            return self.will.change(request.do)
+    def obey(self, request: OperatorRequest, fact: str) -> Result:
+        """Whether it does what an operator asks; `fact` is the id of a stop or a hold that this leaves."""
+        if request.do in MOTION:
+            return self.will.change(request, fact)
         if request.do in {"speed", "route"}:
-            return self._set_out(request)
+            return Result(*self._set_out(request))
         if request.do == "tune":
-            return self._tune(request)
-        return self._change_figure(request)
+            return Result(*self._tune(request))
+        return Result(*self._change_figure(request))
 
     def _set_out(self, request: OperatorRequest) -> tuple[bool, str]:
         """On another course, from where it is."""

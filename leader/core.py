@@ -143,9 +143,7 @@ class Leader:
         """What the team is to do, as far as this one knows."""
         if self._leads or self._candidacy.standing == "listening":
             return self.conduct.will.mode
-        if self.conduct.will.stopped:
-            return "stop"
-        return self._newest.mode if self._newest else "hold"
+        return self.conduct.will.rest.mode or (self._newest.mode if self._newest else "hold")
 
     @property
     def shape(self) -> str:
@@ -301,7 +299,7 @@ class Leader:
     def _continue(self, newest: Order) -> None:
         """Go on from this order."""
         if self._anew and self._reigns == 1:
-            self.conduct.will.stopped |= newest.mode == "stop"
+            self.conduct.will.inherit_stop(newest)
         else:
             self.conduct.restore(newest)
 

@@ -1,4 +1,4 @@
-"""Where an operator's requests are answered: each once, by who leads; a stop and its release by everybody."""
+"""Answers an operator's requests: those that change motion at each candidate, the others where it leads."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import NamedTuple
 from formation import order
 from formation.election import Standing
 from formation.once import Once
-from formation.order import Mode, OperatorReply, OperatorRequest
+from formation.order import Code, Mode, OperatorReply, OperatorRequest
+from formation.rest import Result
 from leader.conduct import Conduct
 
 TOLD = 3
@@ -61,19 +62,25 @@ class Desk:
 
         Who asked to run before a stop of then did not mean now.
         """
-        if self._conduct.will.stopped or self._conduct.will.holding:
+        if self._conduct.will.rest.mode:
             self._once.rest(mono)
 
     def answer(self, request: OperatorRequest, heard: float) -> bytes:
         """The reply to what came at `heard` [s, monotonic]; what is asked takes effect with the next step."""
+        rest = self._conduct.will.rest
+        if request.do == "query":
+            return self.reply(ok=True, stop=rest.stop, hold=rest.hold)
         why = self._not_mine(request)
         if why:
             return self.reply(ok=False, reason=why)
+        if request.do == "run" and not self._seat().leads and self._seat().standing != "listening":
+            # it may lead by the next repetition, which is then another request
+            return self._answered(self._conduct.will.change(request, "", leads=False))
         answer = self._once.answer(
             request,
             heard,
-            lambda: self._obey(request),
-            lambda reason: self._note(request, ok=False, reason=reason),
+            lambda: self._obey(request, heard),
+            lambda reason: self._note(request, Result(ok=False, reason=reason)),
         )
         # who asks again and again wants to know whether it leads by now
         known = order.decode(OperatorReply, answer)
@@ -85,34 +92,48 @@ class Desk:
         self._asked = [one._replace(told=one.told + 1) for one in asked if one.told < TOLD]
         return asked
 
-    def reply(self, *, ok: bool, reason: str) -> bytes:
+    def reply(self, *, ok: bool, reason: str = "", code: Code = "", stop: str = "", hold: str = "") -> bytes:
         """What the operator gets to read."""
-        seat, said = self._seat(), order.shortened(reason)
+        seat = self._seat()
         return order.encode(
-            OperatorReply(robot=self._name, ok=ok, mode=seat.mode, reason=said, leads=seat.leads)
+            OperatorReply(
+                robot=self._name,
+                ok=ok,
+                mode=seat.mode,
+                reason=order.shortened(reason),
+                leads=seat.leads,
+                code=code,
+                stop=stop,
+                hold=hold,
+            )
         )
 
+    def _answered(self, result: Result) -> bytes:
+        return self.reply(ok=result.ok, reason=result.reason, code=result.code)
+
     def _not_mine(self, request: OperatorRequest) -> str:
-        """Why somebody else is to be asked: who stands by takes a stop, and its release, and no more."""
+        """Why another candidate is to be asked: a standby takes what changes motion, and nothing else."""
         seat = self._seat()
-        if seat.leads or request.do in {"stop", "release"}:
+        if seat.leads or request.do in {"stop", "hold", "release"}:
             return ""
-        if seat.standing != "listening":
-            return f"stands by; {seat.leader} leads" if seat.leader else "stands by; nobody leads yet"
-        mine = self._alone and request.do in {"run", "hold"}
-        return "" if mine else "has just started: ask again in a second"
+        if seat.standing == "listening":
+            mine = self._alone and request.do == "run"
+            return "" if mine else "has just started: ask again in a second"
+        if request.do == "run":
+            return ""
+        return f"stands by; {seat.leader} leads" if seat.leader else "stands by; nobody leads yet"
 
-    def _obey(self, request: OperatorRequest) -> bytes:
+    def _obey(self, request: OperatorRequest, heard: float) -> bytes:
         mode = self._seat().mode
-        ok, reason = self._conduct.obey(request)
-        if ok:
+        result = self._conduct.obey(request, self._once.fact(request, heard))
+        if result.ok:
             now = self._seat().mode
-            change = f"{mode} to {now}" if mode != now else reason or now
+            change = f"{mode} to {now}" if mode != now else result.reason or now
             self.notes.append(f"the operator asked for {request.do}: {change}")
-        return self._note(request, ok=ok, reason=reason)
+        return self._note(request, result)
 
-    def _note(self, request: OperatorRequest, *, ok: bool, reason: str) -> bytes:
+    def _note(self, request: OperatorRequest, result: Result) -> bytes:
         """The reply. What was asked, and what was answered, is to be said in a status at once."""
-        self._asked.append(Asked(request, ok, reason))
+        self._asked.append(Asked(request, result.ok, result.reason))
         self.unsaid = True
-        return self.reply(ok=ok, reason=reason)
+        return self._answered(result)

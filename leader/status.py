@@ -53,7 +53,7 @@ def status(report: Report, now: Now, reason: str) -> Diagnostics:
         "term": str(report.term),
         "mission": report.mission,
         **({"asked": _spelled(report.asked)} if report.asked else {}),
-        **(_conducted(report) if leads else {"latched": "stop"} if report.conduct.will.stopped else {}),
+        **(_conducted(report) if leads else _latched(report.conduct)),
         **{f"{FORGED_ORDER}{robot}": why for robot, why in report.forgers.items()},
         **{f"dropped {key}": str(count) for key, count in report.dropped.items()},
     }
@@ -85,8 +85,7 @@ def _spelled(asked: Sequence[Asked]) -> str:
     """
     said: list[str] = []
     for one in reversed(asked):
-        request = one.request.model_dump(mode="json", exclude_none=True)
-        spelled = json.dumps({**request, "ok": one.ok, "reason": one.reason}, ensure_ascii=False)
+        spelled = json.dumps({**one.request.spelled, "ok": one.ok, "reason": one.reason}, ensure_ascii=False)
         if len(spelled) + sum(map(len, said)) <= LONGEST_ASKED:
             said.insert(0, spelled)
     return f"[{', '.join(said)}]"
@@ -121,3 +120,9 @@ def _conducted(report: Report) -> dict[str, str]:
         "beat": str(report.beat),
         "late": str(report.late),
     }
+
+
+def _latched(conduct: Conduct) -> dict[str, str]:
+    """The stop or the hold that a candidate keeps while another leads."""
+    mode = conduct.will.rest.mode
+    return {"latched": mode} if mode else {}

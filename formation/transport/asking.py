@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import secrets
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Protocol, get_args
 
@@ -17,7 +18,7 @@ from pydantic import ValidationError
 
 from formation import intent, order
 from formation.mission import Mission
-from formation.order import MAX_REQUEST, TAKES, Do, OperatorReply, OperatorRequest
+from formation.order import MAX_ENDED, MAX_REQUEST, TAKES, Do, OperatorReply, OperatorRequest
 from formation.outcome import Answer, Asked, Outcome
 from formation.topics import ORDER
 from formation.transport.question import Reply
@@ -25,8 +26,12 @@ from formation.wire import BadMessage
 
 OPERATOR = "operator"
 """What whoever gives orders is called, in certificates too."""
-EVERYONE = ("stop", "release")
+EVERYONE = ("stop", "hold", "release", "run")
 """Told to each robot directly; all else is the leader's, whose order travels with the positions."""
+ENDING = ("release", "run")
+"""These name what they end, so that is asked for first."""
+LEARNING = 1.0
+"""How long all have to say what is in force, once somebody has [s]."""
 ROUND = 0.5
 """How long a question waits for its answer before it is put again [s]."""
 AGAIN = 0.02
@@ -71,8 +76,9 @@ def request_for(mission: Mission, do: str, **what: Any) -> OperatorRequest:
 
     `what` belongs to it, as `formation.order.TAKES` has it. Who leads may refuse more: he knows the figure.
     """
-    if do not in get_args(Do):
-        raise ValueError(f"{do!r}: must be one of {', '.join(get_args(Do))}")
+    legal = [one for one in get_args(Do) if one != "query"]
+    if do not in legal:
+        raise ValueError(f"{do!r}: must be one of {', '.join(legal)}")
     what, takes = {name: value for name, value in what.items() if value is not None}, TAKES.get(do, ())
     for name in what:
         if name not in takes:
@@ -88,6 +94,33 @@ def request_for(mission: Mission, do: str, **what: Any) -> OperatorRequest:
     if len(order.encode(request)) > MAX_REQUEST:
         raise ValueError(f"{do}: too long, at most {MAX_REQUEST} bytes are sent")
     return request
+
+
+def give(
+    put: Put,
+    asked: Asked,
+    request: OperatorRequest,
+    seconds: float,
+    over: Callable[[], bool] = lambda: False,
+    linked: Callable[[], int] | None = None,
+) -> Outcome:
+    """Give an order as `ask` does; one that ends a stop or a hold first learns which are in force.
+
+    A robot that does not say so in time may have another one, and then keeps it. That a stop never waits for
+    this costs a release at most `LEARNING` more.
+    """
+    if request.do not in ENDING:
+        return ask(put, asked, request, seconds, over, linked)
+    query, began = OperatorRequest(do="query"), _now()
+    known = ask(put, asked, query, min(LEARNING, seconds), over, linked)
+    while not (known.answers or over() or _now() - began >= seconds):
+        known = ask(put, asked, query, min(LEARNING, seconds), over, linked)
+    if over() or not known.answers:
+        return Outcome(request, asked, {}, known.at, seconds)
+    field = "stop" if request.do == "release" else "hold"
+    ids = Counter(getattr(answer.reply, field) for answer in known.answers.values())
+    ends = tuple(name for name, _ in ids.most_common() if name)[:MAX_ENDED]
+    return ask(put, asked, request.model_copy(update={"ends": ends}), seconds, over, linked)
 
 
 def ask(

@@ -23,7 +23,7 @@ from formation.transport.bus_config import BusConfig, BusError
 from formation.transport.question import Reply
 from formation.transport.wiring import Links
 from monitor.figures.events import INFO, WARNING, Event
-from monitor.page.precedence import Given, Overruled, Precedence
+from monitor.page.precedence import Given, Precedence
 
 PATIENCE = 3.0
 """How long everybody has to answer [s]."""
@@ -90,7 +90,6 @@ class Operator:
         """Who has it may give orders; another one at every start."""
         self._mission, self._line, self._note, self._why = mission, line, note, why
         self._precedence = Precedence()
-        self._stopped = True  # whether who leads has heard the newest stop
         self._lock = Lock()  # held while a question is put, but never while its answers are waited for
 
     def order(self, do: str, *, click: str = "", seen: float | None = None, **what: Any) -> dict[str, Any]:
@@ -102,8 +101,6 @@ class Operator:
         """
         request = asking.request_for(self._mission, do, **what)
         behind = None if seen is None else max(time.time() - seen, 0.0)
-        if do == "release" and not self._stopped:
-            raise Overruled("release: who leads has not heard the stop, stop once more first")
         with self._lock:
             given, new = self._precedence.give(request, time.monotonic(), click=click, behind=behind)
         if new:
@@ -119,9 +116,7 @@ class Operator:
     def _give(self, given: Given) -> None:
         asked, put = asking.addressed(self._mission, given.request.do), partial(self._put, given)
         try:
-            outcome = asking.ask(put, asked, given.request, PATIENCE, over=lambda: given.over)
-            if given.request.do == "stop":  # else a release would end what its order was before: a hold
-                self._stopped = outcome.leader is not None
+            outcome = asking.give(put, asked, given.request, PATIENCE, over=lambda: given.over)
             self._note(_event(time.time(), given, outcome))
             given.report.set_result(self._report(outcome))
         except Exception as error:  # noqa: BLE001 - whoever waits for the report has to hear of it

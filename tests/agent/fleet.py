@@ -12,7 +12,7 @@ import random
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from formation.topics import BALLOT, CMD_VEL, COURSE, ODOM, POSITION, SCAN, STAT
 from formation.transport.process import Core
 from formation.wire import Now, Outgoing, Sample
 from leader.core import Leader
+from tests.named import named
 
 EPOCH = 1.7e9
 BETWEEN = (f"/{POSITION.name}", f"/{BALLOT.name}", f"/{COURSE.name}")
@@ -192,13 +193,21 @@ class Fleet:
         """Who leads, or led last; the leader's own process before anybody has."""
         return self.candidates[self.reigns[-1].name] if self.reigns else self.leader
 
-    def ask(self, name: str, do: str) -> OperatorReply:
-        """Have an operator ask a robot, a standby, or by the leader's name the leader's own process."""
-        known = {**self.agents, **self.candidates, self.mission.leader: self.leader}
-        core = known[name]
-        return decode_order(
-            OperatorReply, core.request(encode(OperatorRequest.model_validate({"do": do})), self.now)
-        )
+    def ask(self, name: str, do: str, **what: Any) -> OperatorReply:
+        """Have an operator ask a robot, a standby, or by the leader's name the leader's own process.
+
+        What a release or a run ends is asked for first, unless `what` has ``ends``.
+        """
+        core = {**self.agents, **self.candidates, self.mission.leader: self.leader}[name]
+        request = OperatorRequest.model_validate({"do": do, **what})
+        if "ends" not in what:
+            request = named(request, lambda data: core.request(data, self.now))
+        return decode_order(OperatorReply, core.request(encode(request), self.now))
+
+    def set_going(self, name: str) -> OperatorReply:
+        """Release one robot and let it run."""
+        self.ask(name, "release")
+        return self.ask(name, "run")
 
     def take(self, shape: str) -> OperatorReply:
         """Have whoever leads ask for another shape."""

@@ -16,6 +16,7 @@ from formation.topics import POSITION, Topic
 from formation.transport.process import clocks
 from formation.wire import Now, Outgoing, Sample
 from tests.agent.fleet import EPOCH, Fleet
+from tests.named import named
 
 Recording = list[tuple[Sample, float]]
 """Each message, and when it was recorded [s, recorder's system clock]."""
@@ -112,8 +113,9 @@ class RecordedFleet(Fleet):
 
     def ask_once(self, name: str, do: str, number: str = "") -> OperatorReply:
         """Put a request to an agent's loop."""
-        request = encode(OperatorRequest.model_validate({"do": do, "id": number}))
-        return decode(OperatorReply, self.loop(name).sides.request(request, self.now))
+        sides, request = self.loop(name).sides, OperatorRequest.model_validate({"do": do, "id": number})
+        request = named(request, lambda data: sides.request(data, self.now))
+        return decode(OperatorReply, sides.request(encode(request), self.now))
 
     def _note(self, sender: str, out: Outgoing) -> None:
         super()._note(sender, out)

@@ -22,6 +22,7 @@ from formation.wire import Now, Sample
 from leader.core import Leader
 from tests.agent.fleet import EPOCH
 from tests.agent.recorded import Looped, RecordedFleet
+from tests.named import named
 
 SIX = load("six_robots")
 BOOT = "this very boot"
@@ -49,10 +50,6 @@ class Drawer:
 
     def read_way(self) -> bytes | None:
         return self.texts.get("way")
-
-    def set_aside_way(self) -> Path | None:
-        self.texts.pop("way", None)
-        return Path("/somewhere/robot.way.failed")
 
     def change(self, name: str, **values: Any) -> None:
         """Have another value stand in what was kept."""
@@ -104,10 +101,11 @@ class Team(RecordedFleet):
 
     def tell(self, name: str, do: str, **more: Any) -> OperatorReply:
         """Ask an agent, or the leader."""
-        request = encode(OperatorRequest.model_validate({"do": do, **more}))
-        if name == self.mission.leader:
-            return decode(OperatorReply, self.leader.request(request, self.now))
-        return decode(OperatorReply, self.loop(name).sides.request(request, self.now))
+        asked = self.leader if name == self.mission.leader else self.loop(name).sides
+        request = named(
+            OperatorRequest.model_validate({"do": do, **more}), lambda data: asked.request(data, self.now)
+        )
+        return decode(OperatorReply, asked.request(encode(request), self.now))
 
     def heading_error(self, name: str) -> float:
         """How far an agent's heading is off its robot's, now [deg]."""

@@ -185,7 +185,10 @@ def test_an_operators_stop_at_one_robot_is_latched_until_released() -> None:
     assert "release" in refused.reason
     fleet.run(1.0)
     assert fleet.status("robot4")["state"] == "stop"
-    assert fleet.ask("robot4", "release").ok
+    assert fleet.ask("robot4", "release").mode == "hold"
+    fleet.run(2.0)
+    assert fleet.last_command("robot4") == AT_REST
+    assert fleet.ask("robot4", "run").ok
     fleet.run(10.0)
     assert fleet.error() < SIX.settled
 

@@ -160,7 +160,7 @@ def test_what_sensors_saw_while_a_robot_was_held_is_no_sprint_afterwards() -> No
     fleet.run(10.0)
     fleet.ask("robot3", "hold")
     fleet.run(10.0)
-    fleet.ask("robot3", "release")
+    fleet.ask("robot3", "run")
     fleet.run(0.15)
     assert fleet.status("robot3")["state"] == "run"
     for one in fleet.agents["robot3"]._neighbours.each.values():
@@ -187,7 +187,7 @@ def test_a_stop_takes_hold_at_once_even_right_after_a_rest() -> None:
     fleet.ask("robot3", "hold")
     step()
     assert fleet.last_command("robot3") == AT_REST
-    fleet.ask("robot3", "release")
+    fleet.ask("robot3", "run")
     rested = fleet.now
     while fleet.last_command("robot3") == AT_REST:
         fleet.run(0.001)

@@ -6,10 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from formation import order
 from formation.mission import Mission
 from formation.mission_file import load
-from formation.order import OperatorReply, OperatorRequest
 from formation.robot_spec import Start
 from formation.wire import Sample
 from tests.agent.fleet import Fleet, Link
@@ -100,8 +98,7 @@ def test_what_the_team_was_told_stays_in_force_under_the_next_leader(fleet: Flee
     fleet.run(2.0)
     deputy = fleet.candidates["deputy"]
     assert (deputy.leads, deputy.shape, deputy.mode) == (True, "line", "hold")
-    reply = deputy.request(order.encode(OperatorRequest(do="release")), fleet.now)
-    assert order.decode(OperatorReply, reply).mode == "run"
+    assert fleet.ask("deputy", "run").mode == "run"
     fleet.run(8.0)
     assert fleet.error() < 0.1
 

@@ -58,12 +58,12 @@ def dead(fleet: Fleet, name: str) -> Callable[[], None]:
 
 def stopped(fleet: Fleet, name: str) -> Callable[[], None]:
     assert fleet.ask(name, "stop").ok
-    return lambda: None if fleet.ask(name, "release").ok else pytest.fail("not released")
+    return lambda: None if fleet.set_going(name).ok else pytest.fail("not released")
 
 
 def held(fleet: Fleet, name: str) -> Callable[[], None]:
     assert fleet.ask(name, "hold").ok
-    return lambda: None if fleet.ask(name, "release").ok else pytest.fail("not released")
+    return lambda: None if fleet.ask(name, "run").ok else pytest.fail("still held")
 
 
 def without_odometry(fleet: Fleet, name: str) -> Callable[[], None]:
@@ -167,7 +167,7 @@ def test_those_behind_a_robot_that_comes_back_follow_it_home() -> None:
     fleet = under_way(load("two_chains"))
     fleet.ask("left3", "hold")
     fleet.run(3.0)
-    fleet.ask("left3", "release")
+    fleet.ask("left3", "run")
     fleet.run(1.0)
     assert {fleet.agents[f"left{k}"].decision.state for k in range(1, 7)} == {State.RUN}
     fleet.run(14.0)
@@ -200,7 +200,7 @@ def test_a_robot_that_stays_off_its_slot_without_a_fault_is_taken_back_after_a_w
     fleet.ask("robot1", "hold")
     fleet.run(1.0)
     monkeypatch.setattr(aside, "NEAR", -1.0)
-    fleet.ask("robot1", "release")
+    fleet.ask("robot1", "run")
     fleet.run(PATIENCE - 1.0)
     assert fleet.agents["robot1"]._aside.told
     fleet.run(1.5)
@@ -242,7 +242,7 @@ def test_whoever_stood_for_a_while_and_in_whatever_order_they_are_released_all_g
         fleet.ask(name, "hold")
     fleet.run(2.0)
     for name in data.draw(st.permutations(some)):
-        fleet.ask(name, "release")
+        fleet.ask(name, "run")
         fleet.run(data.draw(st.sampled_from([0.0, 0.3, 2.0])))
     fleet.run(2.0 * PATIENCE)
     assert {agent.decision.state for agent in fleet.agents.values()} == {State.RUN}
@@ -258,7 +258,7 @@ def test_two_that_are_aside_do_not_wait_for_each_other() -> None:
         fleet.ask(name, "hold")
     fleet.run(3.0)
     for name in mission.followers:
-        fleet.ask(name, "release")
+        fleet.ask(name, "run")
     fleet.run(8.0)
     assert max(off(fleet).values()) < 0.02
     assert not any(agent._aside.told for agent in fleet.agents.values())

@@ -8,27 +8,92 @@ from hypothesis import strategies as st
 
 from agent.latch import Latch
 from formation.once import REMEMBERED, TRAVEL
-from formation.order import Do, OperatorReply, OperatorRequest, decode, encode
+from formation.order import UNREACHED, Code, Do, OperatorReply, OperatorRequest, decode
 from formation.outcome import Asked
 from formation.transport import asking
 from formation.transport.question import Question
 from leader.will import Will
 
-
-def ask(latch: Latch, do: Do, of: str = "", heard: float = 0.0, age: float = 0.0) -> OperatorReply:
-    request = OperatorRequest(do=do, id=of, age=age)
-    return decode(OperatorReply, latch.ask(encode(request), heard, "run"))
+GO: dict[str, Do] = {"stop": "release", "hold": "run"}
+"""What ends each."""
 
 
-def test_a_release_that_is_put_again_does_not_undo_a_stop_that_came_meanwhile() -> None:
+def ask(
+    latch: Latch,
+    do: Do,
+    of: str = "",
+    heard: float = 0.0,
+    age: float = 0.0,
+    ends: tuple[str, ...] | None = None,
+) -> OperatorReply:
+    """A release or a run names what is in force, unless it is told what to name."""
+    named = tuple(filter(None, (latch.rest.stop, latch.rest.hold))) if ends is None else ends
+    request = OperatorRequest(do=do, id=of, age=age, ends=named if do in {"release", "run"} else ())
+    return decode(OperatorReply, latch.ask(request, heard, "run"))
+
+
+def test_a_repeated_release_does_not_end_a_later_stop() -> None:
     latch = Latch("robot1")
     ask(latch, "stop", "a")
     first = ask(latch, "release", "b")
     assert ask(latch, "stop", "c").mode == latch.mode == "stop"
-    assert ask(latch, "release", "b") == first
+    assert ask(latch, "release", "b", ends=("a",)) == first
     assert latch.mode == "stop"
-    ask(latch, "release", "d")
+    assert ask(latch, "release", "d").mode == "hold"
+
+
+def test_a_release_leaves_a_hold_that_only_run_ends() -> None:
+    latch = Latch("robot1")
+    ask(latch, "hold", "h")
+    ask(latch, "stop", "s")
+    assert ask(latch, "run").code == "stopped"
+    assert ask(latch, "release", "r").mode == "hold"
+    again = ask(latch, "release", "r2", ends=("s",))
+    assert (again.ok, again.code, latch.mode) == (True, "nothing", "hold")
+    late = ask(latch, "run", "x", ends=("h", "s"))  # asked for before the stop
+    assert (late.ok, late.code, latch.mode) == (False, "another", "hold")
+    assert ask(latch, "run", "y", ends=("r",)).mode == "run"
     assert latch.mode is None
+
+
+def test_a_release_or_run_must_name_what_it_ends() -> None:
+    latch = Latch("robot1")
+    pairs: tuple[tuple[Do, Do], ...] = (("stop", "release"), ("hold", "run"))
+    for rest, go in pairs:
+        ask(latch, rest, rest)
+        unnamed = ask(latch, go, "u", ends=())
+        another = ask(latch, go, "a", ends=("older",))
+        assert [(one.ok, one.code) for one in (unnamed, another)] == [(False, "unnamed"), (False, "another")]
+        assert latch.mode == rest
+        ask(latch, go, "g")
+
+
+def test_a_query_tells_ids_and_changes_nothing() -> None:
+    latch = Latch("robot1")
+    ask(latch, "hold", "h")
+    ask(latch, "stop", "s")
+    reply = ask(latch, "query")
+    assert (reply.ok, reply.mode, reply.stop, reply.hold, latch.mode) == (True, "stop", "s", "h", "stop")
+
+
+def test_a_stop_that_reuses_an_id_is_another_stop() -> None:
+    latch = Latch("robot1")
+    ask(latch, "stop", "1", heard=1.0)
+    ask(latch, "release", "r1")
+    ask(latch, "stop", "1", heard=2.0)
+    assert ask(latch, "release", "r2", heard=3.0, ends=("1",)).code == "another"
+    assert latch.mode == "stop"
+
+
+@pytest.mark.parametrize("code", sorted(UNREACHED))
+@pytest.mark.parametrize("rest", ["stop", "hold"])
+def test_a_stop_that_cannot_reach_the_robot_is_latched_and_not_ok(rest: Do, code: Code) -> None:
+    latch = Latch("robot1")
+    request = OperatorRequest(do=rest, id="s")
+    reply = decode(OperatorReply, latch.ask(request, 0.0, "run", code))
+    assert (reply.ok, reply.code, latch.mode) == (False, code, rest)
+    again = request.model_copy(update={"age": 0.1})
+    assert decode(OperatorReply, latch.ask(again, 0.1, "run")).ok, "the link is back"
 
 
 @pytest.mark.parametrize("of", ["", "different every time"])
@@ -39,7 +104,8 @@ def test_requests_without_a_name_or_with_another_one_are_each_obeyed(of: str) ->
         ask(latch, "stop", of and f"{of}s")
         assert latch.mode == "stop"
         ask(latch, "release", of)
-        assert latch.mode is None
+        ask(latch, "run", of)
+        assert latch.rest.mode is None
     assert len(latch.once.answers) <= REMEMBERED
 
 
@@ -48,9 +114,7 @@ def test_a_shape_is_not_an_agents_to_change_and_releases_nothing() -> None:
     rests: tuple[Do, ...] = ("hold", "stop")
     for do in rests:
         ask(latch, do)
-        reply = decode(
-            OperatorReply, latch.ask(encode(OperatorRequest(do="shape", shape="line")), 0.0, "run")
-        )
+        reply = decode(OperatorReply, latch.ask(OperatorRequest(do="shape", shape="line"), 0.0, "run"))
         assert (reply.ok, latch.mode, reply.mode) == (False, do, do)
         assert "leader" in reply.reason
 
@@ -60,7 +124,8 @@ def test_a_stop_with_the_id_of_an_earlier_release_is_obeyed(rest: Do) -> None:
     latch = Latch("robot1")
     assert ask(latch, "release", "1", heard=10.0).mode == "run"
     assert ask(latch, rest, "1", heard=20.0).mode == latch.mode == rest
-    assert ask(latch, "release", "1", heard=30.0, age=20.0).mode == "run", "what was answered to it"
+    again = ask(latch, "release", "1", heard=30.0, age=20.0)
+    assert again.mode == "run", "what was answered to it"
     assert latch.mode == rest
 
 
@@ -71,20 +136,19 @@ def test_a_stop_that_is_asked_afresh_is_obeyed_though_its_id_was_used_before(res
     ask(latch, "release", "r", heard=5.0)
     assert ask(latch, rest, "s", heard=60.0).mode == latch.mode == rest
     assert list(latch.once.answers) == ["release r", f"{rest} s"]
-    assert not ask(latch, "release", "late", 61.0, age=2.0).ok, "it is as new as any other"
+    assert not ask(latch, GO[rest], "late", 61.0, age=2.0).ok, "it is as new as any other"
 
 
 @pytest.mark.parametrize("rest", ["stop", "hold"])
-def test_a_stop_that_goes_on_being_put_until_all_have_answered_does_not_outdo_a_release_of_somebody_else(
-    rest: Do,
-) -> None:
+def test_a_repeated_rest_does_not_override_a_later_run(rest: Do) -> None:
     latch, modes = Latch("robot1"), []
 
     def put(_key: str, payload: bytes, _: float) -> Question:
-        latch.ask(payload, 100.0, "run")
+        latch.ask(decode(OperatorRequest, payload), 100.0, "run")
         modes.append(latch.mode)
         if len(modes) == 2:
             assert ask(latch, "release", "another", 100.0).ok
+            assert ask(latch, "run", "another", 100.0).ok
         question = Question()  # nobody's answer comes through
         question.end()
         return question
@@ -93,22 +157,12 @@ def test_a_stop_that_goes_on_being_put_until_all_have_answered_does_not_outdo_a_
     assert modes == [rest, rest, None, None, None]
 
 
-@pytest.mark.parametrize("rests", [("hold", "stop"), ("stop", "hold")])
-def test_a_hold_below_a_stop_outlives_the_stops_release(rests: tuple[Do, ...]) -> None:
-    latch = Latch("robot1")
-    assert all(ask(latch, do).ok for do in rests)
-    told = [(reply.ok, reply.mode) for reply in (ask(latch, "run"), ask(latch, "release"))]
-    assert told == [(False, "stop"), (True, "hold")]
-    assert latch.mode == "hold"
-    assert ask(latch, "release").mode == "run"
-    assert latch.mode is None
-
-
 @given(st.lists(st.sampled_from(["stop", "hold", "run", "release"]), max_size=8))
 def test_a_robots_latch_answers_as_its_leaders_will_does(wishes: list[Do]) -> None:
     latch, will = Latch("robot1"), Will()
     for do in wishes:
-        ok, _ = will.change(do)
+        ends = tuple(filter(None, (will.rest.stop, will.rest.hold))) if do in {"release", "run"} else ()
+        ok = will.change(OperatorRequest(do=do, ends=ends), "fact").ok
         assert (ask(latch, do).ok, latch.mode or "run") == (ok, will.mode)
 
 
@@ -117,28 +171,28 @@ def test_a_robots_latch_answers_as_its_leaders_will_does(wishes: list[Do]) -> No
 )
 def test_why_it_came_up_stopped_is_said_until_that_is_released_or_asked_for_anew(do: Do, known: bool) -> None:
     latch = Latch("robot1")
-    latch.stopped, latch.why = True, "its file cannot be read"
+    latch.rest.stop, latch.why = "doubt", "its file cannot be read"
     ask(latch, do)
     assert bool(latch.why) is known
 
 
 @pytest.mark.parametrize("rest", ["stop", "hold"])
-def test_a_release_that_was_asked_for_before_a_stop_and_is_heard_after_it_lets_nobody_go(rest: Do) -> None:
-    latch = Latch("robot1")
+def test_a_release_or_run_older_than_the_rest_is_refused(rest: Do) -> None:
+    latch, go = Latch("robot1"), GO[rest]
     ask(latch, rest, heard=100.0)
     for heard in (110.0, 200.0):  # it is put again, and goes on being too late
-        reply = ask(latch, "release", "late", heard, age=10.5)
+        reply = ask(latch, go, "late", heard, age=10.5)
         assert (reply.ok, latch.mode) == (False, rest)
         assert "before the newest stop" in reply.reason
-    assert ask(latch, "release").ok
-    assert latch.mode is None
+    assert ask(latch, go).ok
+    assert latch.mode != rest
 
 
 def test_a_release_that_was_asked_for_after_the_stop_counts_however_late_it_is_heard() -> None:
     latch = Latch("robot1")
     ask(latch, "stop", heard=100.0)
     assert ask(latch, "release", "late", 110.0, age=9.9).ok
-    assert latch.mode is None
+    assert latch.mode == "hold"
 
 
 def test_a_script_that_releases_right_after_its_stop_is_obeyed_by_who_hears_only_its_second_question() -> (
@@ -147,7 +201,7 @@ def test_a_script_that_releases_right_after_its_stop_is_obeyed_by_who_hears_only
     latch = Latch("robot1")
     ask(latch, "stop", heard=100.0)
     assert ask(latch, "release", "next", 100.05, age=0.04).ok
-    assert latch.mode is None
+    assert latch.mode == "hold"
 
 
 def test_a_release_so_close_after_the_stop_that_nobody_knows_which_was_first_lets_nobody_go() -> None:

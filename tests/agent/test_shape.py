@@ -63,8 +63,8 @@ def test_everybody_follows_within_a_few_periods_and_goes_on_driving() -> None:
         assert all(command[1:] != AT_REST for command in fleet.commands[name][before[name] :])
 
 
-@pytest.mark.parametrize(("rest", "go"), [("hold", "run"), ("stop", "release")])
-def test_who_stands_takes_the_other_shape_only_when_he_is_let_go(rest: str, go: str) -> None:
+@pytest.mark.parametrize("rest", ["hold", "stop"])
+def test_a_robot_at_rest_takes_the_shape_when_it_runs(rest: str) -> None:
     fleet = driving()
     asked = SIX.names if rest == "stop" else ("robot1",)
     for name in asked:
@@ -77,7 +77,7 @@ def test_who_stands_takes_the_other_shape_only_when_he_is_let_go(rest: str, go: 
         assert {command[1:] for command in fleet.commands[name][before[name] :]} == {AT_REST}
     assert fleet.points() == pytest.approx(where, abs=1e-3)
     for name in asked:
-        assert fleet.ask(name, go).ok
+        assert fleet.set_going(name).ok
     fleet.run(10.0)
     assert fleet.error() < SIX.settled
     assert within_limits(fleet)

@@ -38,6 +38,7 @@ def test_what_an_operator_asked_outlives_process_and_machine_until_it_is_release
         assert team.agents["robot3"].decision.reason.endswith("by the operator, before this agent began")
         assert team.last_command("robot3") == (0.0, 0.0)
     assert team.tell("robot3", "release").ok
+    assert team.tell("robot3", "run").ok
     team.run(1.0)
     assert team.agents["robot3"].decision.state is State.RUN
     team.lose("robot3", 1.0)
@@ -46,18 +47,26 @@ def test_what_an_operator_asked_outlives_process_and_machine_until_it_is_release
     assert team.agents["robot3"].decision.state is State.RUN
 
 
-def test_a_hold_below_a_stop_outlives_the_process_and_the_stops_release() -> None:
-    team = stopped("hold")
-    assert team.tell("robot3", "stop").ok
-    for state in (State.STOP, State.HOLD):
+def test_the_hold_after_a_release_outlives_the_process() -> None:
+    team = stopped("stop")
+    for state, do in ((State.STOP, "release"), (State.HOLD, "run")):
         team.lose("robot3", 1.0)
         team.begin("robot3")
         team.run(2.0)
         assert state_of(team) is state
         assert team.agents["robot3"].decision.reason.endswith("by the operator, before this agent began")
-        assert team.tell("robot3", "release").ok
+        assert team.tell("robot3", do).ok
         team.run(1.0)
     assert state_of(team) is State.RUN
+
+
+def test_a_release_after_a_restart_ends_the_stop_that_it_names() -> None:
+    team = driving(SIX, 5.0)
+    team.tell("robot3", "stop", id="s2")
+    team.lose("robot3", 1.0)
+    team.begin("robot3")
+    assert team.tell("robot3", "release", id="r1", ends=("s1",)).code == "another"
+    assert team.tell("robot3", "release", id="r2", ends=("s1", "s2")).mode == "hold"
 
 
 @pytest.mark.parametrize(("mode", "state"), [("stop", State.STOP), ("hold", State.HOLD), (None, State.RUN)])
@@ -119,6 +128,7 @@ def test_what_may_have_been_a_stop_and_cannot_be_read_is_one_and_names_the_file(
     assert team.drawers["robot3"].texts["stops"] == text, "what it was is still to be seen"
     assert not team.tell("robot3", "run").ok
     team.tell("robot3", "release")
+    team.tell("robot3", "run")
     team.run(1.0)
     assert state_of(team) is State.RUN
     assert json.loads(team.drawers["robot3"].texts["stops"])["mode"] is None

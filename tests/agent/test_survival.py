@@ -116,6 +116,7 @@ def test_a_recording_with_an_agent_that_came_back_is_verified_to_the_last_bit() 
     team.begin("robot3")
     team.run(0.5)
     team.tell("robot3", "release", id="b")
+    team.tell("robot3", "run", id="c")
     team.run(2.0)
     assert team.agents["robot3"].decision.state is State.RUN
     verdict = verify(BACK, team.record)["robot3"]

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from deploy.cli import main
+from formation.mission_file import load
 
 NOBODY = ("--timeout", "0.1", "--json", "-e", "tcp/127.0.0.1:9")
 TURN = "[[route]]\nspeed = 0.1\nheading_deg = 90\nduration = 5\n[[route]]\nradius = 1.0\nspeed = 0.1\n"
@@ -29,15 +30,14 @@ def test_with_nobody_there_the_command_names_all_that_are_missing(capsys: pytest
     assert result.pop("at") > 0.0
     assert result == {
         "do": "stop", "leader": None, "acknowledged": [], "refused": [],
-        "missing": ["leader", "robot1", "robot2"], "standing_by": [],
+        "missing": ["leader", "robot1", "robot2"], "standing_by": [], "unreached": [],
+        "advice": ["robot1, robot2 may still drive: use the robot's own switch"],
     }  # fmt: skip
 
 
 @pytest.mark.parametrize(
     ("words", "what"),
     [
-        ("hold", {}),
-        ("run", {}),
         ("shape wedge", {"shape": "wedge"}),
         ("rotate -30", {"degrees": -30.0}),
         ("rotate -.5e1", {"degrees": -5.0}),
@@ -54,6 +54,11 @@ def test_what_travels_with_the_positions_is_asked_of_who_leads_alone(
     result = ordered(capsys, "six_robots", *words.split())
     assert result["missing"] == ["robot1"]
     assert {**result, "do": words.split(maxsplit=1)[0], **what} == result
+
+
+@pytest.mark.parametrize("do", ["stop", "hold", "run", "release"])
+def test_what_changes_motion_is_asked_of_every_robot(do: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert ordered(capsys, "six_robots", do)["missing"] == list(load("six_robots").names)
 
 
 def test_flags_may_stand_before_between_and_after_the_words(capsys: pytest.CaptureFixture[str]) -> None:

@@ -100,6 +100,7 @@ def test_with_the_operators_certificate_the_page_stops_the_team_and_lets_it_go(t
         until(lambda: "stop" in team.states(since), what="the victim says that it is stopped")
         until(lambda: stands(team), what="the victim stands")
         until(lambda: page.order("release").status == 200, what="a release is taken")
+        until(lambda: page.order("run").status == 200, what="a run is taken")
         until(team.settled, 60.0, "the victim drives straight again")
     assert team.refused() == before
 

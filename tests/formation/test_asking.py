@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, get_args
 
 import pytest
@@ -13,7 +13,8 @@ from formation.legs import Straight
 from formation.mission import Mission
 from formation.mission_file import load
 from formation.order import MAX_REQUEST, Do, Mode, OperatorReply, OperatorRequest
-from formation.outcome import Asked
+from formation.outcome import Asked, Outcome
+from formation.rest import MOTION, Rest
 from formation.transport import asking
 from formation.transport.question import Question, Reply
 
@@ -205,11 +206,11 @@ def with_standbys() -> Mission:
 
 
 @pytest.mark.parametrize("do", get_args(Do))
-def test_a_stop_is_told_to_each_robot_and_all_that_travels_with_the_positions_to_who_may_lead(do: Do) -> None:
+def test_what_changes_motion_is_put_to_every_robot(do: Do) -> None:
     mission = with_standbys()
     asked = asking.addressed(mission, do)
     assert asked.candidates == ("robot1", "second", "third")
-    assert asked.each == (mission.followers if do in {"stop", "release"} else ())
+    assert asked.each == (mission.followers if do in MOTION else ())
 
 
 def test_each_request_has_an_id_of_its_own_and_a_shape_is_one_of_the_missions() -> None:
@@ -283,3 +284,99 @@ def test_what_a_robot_says_cannot_steer_the_terminal_that_shows_it() -> None:
     first, *_ = outcome.words().splitlines()
     assert "REFUSED" in first
     assert first.isprintable()
+
+
+class Robots:
+    """A leader and robots that answer each question at once."""
+
+    def __init__(self, *names: str) -> None:
+        self.rests = {name: Rest() for name in names}
+        self.heard: list[OperatorRequest] = []
+        self.silent: set[str] = set()
+        self.between: Callable[[], None] = lambda: None
+        """Happens once everybody has said what is in force."""
+
+    def put(self, _key: str, payload: bytes, _timeout: float) -> Question:
+        request, question = order.decode(OperatorRequest, payload), Question()
+        if self.heard and self.heard[-1].do == "query" != request.do:
+            self.between()
+        self.heard.append(request)
+        for name, rest in self.rests.items():
+            if name in self.silent:
+                continue
+            if request.do == "query":
+                said = OperatorReply(robot=name, ok=True, mode="hold", stop=rest.stop, hold=rest.hold)
+            else:
+                result = rest.change(request, request.id)
+                said = OperatorReply(robot=name, ok=result.ok, mode=rest.mode or "run", code=result.code)
+            question.replies.append(Reply(f"{name}/order", order.encode(said), 1.0))
+        question.end()
+        return question
+
+    def give(self, do: str, *, seconds: float = 3.0) -> Outcome:
+        first, *others = self.rests
+        request = asking.request_for(SIX, do)
+        return asking.give(self.put, Asked((first,), tuple(others)), request, seconds)
+
+    @property
+    def modes(self) -> list[Mode | None]:
+        return [rest.mode for rest in self.rests.values()]
+
+
+def test_a_release_names_the_stops_in_force_and_a_run_the_holds() -> None:
+    robots = Robots("leader", "a", "b")
+    for do, mode in (("hold", "hold"), ("stop", "stop"), ("release", "hold"), ("run", None)):
+        assert robots.give(do).obeyed
+        assert robots.modes == [mode] * 3
+    assert [one.do for one in robots.heard] == ["hold", "stop", "query", "release", "query", "run"]
+
+
+def test_a_second_release_sets_no_robot_going() -> None:
+    robots = Robots("leader", "a", "b")
+    for do in ("hold", "stop"):
+        robots.give(do)
+    robots.silent = {"b"}
+    assert robots.give("release", seconds=0.3).missing == ["b"]
+    robots.silent = set()
+    again = robots.give("release")
+    assert (again.obeyed, again.nothing) == (True, ["leader", "a"])
+    assert robots.modes == ["hold"] * 3
+
+
+def test_a_release_leaves_the_hold_of_a_leader_that_missed_the_stop() -> None:
+    robots = Robots("leader", "a")
+    robots.give("hold")
+    robots.silent = {"leader"}
+    robots.give("stop", seconds=0.3)
+    robots.silent = set()
+    assert robots.give("release").nothing == ["leader"]
+    assert robots.modes == ["hold", "hold"]
+
+
+@pytest.mark.parametrize(("rest", "go"), [("stop", "release"), ("hold", "run")])
+def test_a_rest_after_the_query_is_not_ended(rest: Do, go: str) -> None:
+    robots = Robots("leader", "a")
+    robots.give(rest)
+
+    def newer() -> None:
+        for one in robots.rests.values():
+            one.change(OperatorRequest(do=rest, id="newer"), "newer")
+
+    robots.between = newer
+    assert robots.give(go).refused == ["leader", "a"]
+    assert robots.modes == [rest, rest]
+
+
+def test_what_ends_nothing_is_not_preceded_by_a_query() -> None:
+    robots = Robots("leader", "a")
+    for do in ("stop", "hold"):
+        robots.give(do)
+    assert [one.do for one in robots.heard] == ["stop", "hold"]
+
+
+def test_a_release_that_nobody_answers_is_not_put() -> None:
+    robots = Robots("leader", "a")
+    robots.silent = {"leader", "a"}
+    outcome = robots.give("release", seconds=2.0)
+    assert (outcome.missing, outcome.answers) == (["leader", "a"], {})
+    assert {one.do for one in robots.heard} == {"query"}

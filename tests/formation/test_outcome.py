@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from formation.order import OperatorReply, OperatorRequest
+from formation.order import UNREACHED, OperatorReply, OperatorRequest
 from formation.outcome import Answer, Asked, Outcome, called
 
 STOP = OperatorRequest(do="stop", id="1a")
@@ -50,7 +50,7 @@ def test_where_nobody_leads_the_leader_is_missing_and_a_stop_says_that_robots_st
     one = outcome(STOP, EVERYBODY, *ROBOTS, *others)
     assert (one.obeyed, one.leader, one.missing) == (False, None, ["leader"])
     assert one.summary().startswith("stop: 2 of 3 obey, slowest 2 ms; no answer from leader")
-    assert one.summary().endswith("who has answered stands, with a leader or without")
+    assert one.summary().endswith("robots that obey stand, with a leader or without")
 
 
 def test_a_refusal_is_shown_with_its_reason() -> None:
@@ -78,12 +78,41 @@ def test_who_stands_by_neither_obeys_nor_refuses() -> None:
     assert "spare       stands by" in one.words()
 
 
-def test_who_is_released_is_called_that_and_a_leader_that_goes_on_says_so() -> None:
-    request = OperatorRequest(do="release")
-    one = outcome(request, Asked(("leader",), ("robot1",)), answer("leader", mode="run"), ROBOTS[0])
+def test_a_release_says_that_everybody_holds_until_run() -> None:
+    request = OperatorRequest(do="release", ends=("s",))
+    one = outcome(request, Asked(("leader",), ("robot1",)), answer("leader", mode="hold"), ROBOTS[0])
     leader, robot, last = one.words().splitlines()
-    assert (leader.split()[:2], robot.split()[:2]) == (["leader", "run"], ["robot1", "released"])
-    assert last == "release: 2 of 2 obey, slowest 2 ms"
+    assert (leader.split()[:2], robot.split()[:2]) == (["leader", "released"], ["robot1", "released"])
+    assert last == "release: 2 of 2 obey, slowest 2 ms; everybody holds until you order run"
+    assert one.report()["ends"] == ["s"]
+
+
+def test_a_release_names_robots_without_a_stop_and_without_an_answer() -> None:
+    leader, robot = (answer(name, code="nothing", mode="hold") for name in ("leader", "robot1"))
+    one = outcome(OperatorRequest(do="release"), EVERYBODY, leader, robot)
+    assert one.refused == []
+    assert one.summary().endswith(
+        "; nothing to release at leader, robot1; robot2 may still be stopped: release again"
+    )
+
+
+def test_a_run_that_misses_a_robot_says_that_it_may_be_held() -> None:
+    one = outcome(RUN, EVERYBODY, LEADS, ROBOTS[0])
+    assert not one.obeyed
+    assert one.summary().endswith("no answer from robot2; robot2 may still be held: order run again")
+
+
+@pytest.mark.parametrize(("do", "verdict"), [("stop", "NOT STOPPED"), ("hold", "NOT HELD")])
+@pytest.mark.parametrize("code", sorted(UNREACHED))
+def test_a_robot_out_of_reach_is_named_with_what_to_do(do: str, verdict: str, code: str) -> None:
+    lost = answer("robot1", ok=False, code=code, reason="latched, but no link")
+    request = OperatorRequest.model_validate({"do": do})
+    one = outcome(request, EVERYBODY, LEADS, lost, ROBOTS[1])
+    assert (one.obeyed, one.unreached, one.missing) == (False, ["robot1"], [])
+    assert f"{verdict}: robot1: use the robot's own switch" in one.summary()
+    assert f"  robot1      {verdict}" in one.words()
+    (refused,) = one.report()["refused"]
+    assert (refused["code"], one.report()["unreached"]) == (code, ["robot1"])
 
 
 def test_a_program_is_told_who_acknowledged_in_how_many_ms_who_refused_and_who_is_missing() -> None:
@@ -97,6 +126,8 @@ def test_a_program_is_told_who_acknowledged_in_how_many_ms_who_refused_and_who_i
         "refused": [{"robot": "robot1", "ms": 2.0, "mode": "stop", "reason": "no"}],
         "missing": ["robot2"],
         "standing_by": ["spare"],
+        "unreached": [],
+        "advice": ["robot2 may still drive: use the robot's own switch"],
     }
 
 

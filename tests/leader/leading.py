@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 from formation import order
 from formation.election import LISTENING
 from formation.mission import Mission
-from formation.order import OperatorReply, Order, Told
+from formation.order import OperatorReply, OperatorRequest, Order, Told
 from formation.ros2.messages import Diagnostics, Pose, decode, encode
 from formation.topics import POSITION, STATUS
-from formation.wire import Now, Outgoing, Sample
+from formation.wire import BadMessage, Now, Outgoing, Sample
 from leader.core import Leader
+from tests.named import named
 
 EPOCH = 1.7e9
 CURVED = """
@@ -83,6 +85,10 @@ def drive(leader: Leader, start: float, seconds: float, step: float = 0.04) -> l
 
 
 def ask(leader: Leader, request: bytes, heard: float = 0.0) -> OperatorReply:
+    """What it answers; a release or a run names what is in force."""
+    with suppress(BadMessage):
+        whole = named(order.decode(OperatorRequest, request), lambda data: leader.request(data, heard))
+        request = order.encode(whole) if whole.ends else request
     return order.decode(OperatorReply, leader.request(request, heard))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from typing import Any
 
 from formation import order
@@ -16,6 +17,7 @@ from formation.topics import STATUS
 from formation.wire import Now, Outgoing
 from leader.core import Leader
 from tests.leader.leading import EPOCH, at, leading
+from tests.named import named
 
 SIX = load("six_robots")
 TEN: list[dict[str, Any]] = [
@@ -47,12 +49,12 @@ def step(leader: Leader, mono: float) -> list[list[dict[str, Any]]]:
 def test_each_order_is_said_at_once_and_a_few_times_more_with_what_was_answered() -> None:
     leader, mono = leading(SIX, 10.0), 11.0
     for number, what in enumerate(TEN):
-        request = OperatorRequest(id=f"{number}", **what)
+        request = named(OperatorRequest(id=f"{number}", **what), partial(leader.request, heard=mono))
         reply = order.decode(OperatorReply, leader.request(order.encode(request), mono))
         assert reply.ok, reply.reason
         mono += 0.01
         ((*_, newest),) = step(leader, mono)
-        told = {**request.model_dump(mode="json", exclude_none=True), "ok": True, "reason": reply.reason}
+        told = {**request.spelled, "ok": True, "reason": reply.reason}
         assert newest == told
     later = [said for k in range(400) for said in step(leader, mono + 0.01 * k)]
     assert len(later[0]) > 0

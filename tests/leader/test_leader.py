@@ -81,7 +81,7 @@ def test_a_leader_that_starts_again_begins_a_later_term(mission: Mission) -> Non
     assert order.newer(second, first)
 
 
-def test_a_hold_stops_the_time_of_the_route_and_release_goes_on_where_it_stood(mission: Mission) -> None:
+def test_a_hold_stops_the_time_of_the_route_and_run_goes_on_where_it_stood(mission: Mission) -> None:
     leader, route = listened(mission), Route.of(mission)
     drive(leader, 0.0, 2.0)
     ask(leader, b'{"do":"hold"}')
@@ -89,7 +89,7 @@ def test_a_hold_stops_the_time_of_the_route_and_release_goes_on_where_it_stood(m
     assert {one.order.mode for one in held} == {"hold"}
     assert {one.pose.position for one in held} == {held[0].pose.position}
     assert held[0].pose.position == pytest.approx(route.position(2.0), abs=1e-9)
-    ask(leader, b'{"do":"release"}')
+    ask(leader, b'{"do":"run"}')
     going = drive(leader, 7.0, 3.0)
     assert going[0].pose.position == held[0].pose.position
     for one in going:
@@ -107,8 +107,9 @@ def test_a_stop_is_latched_until_it_is_released(mission: Mission) -> None:
     assert {one.order.mode for one in drive(leader, 1.0, 1.0)} == {"stop"}
     assert leader.route_time == pytest.approx(1.0)
     assert ask(leader, b'{"do":"release"}').mode == "hold"
-    assert ask(leader, b'{"do":"release"}').mode == "run"
-    assert ask(leader, b'{"do":"release"}').reason == "there was nothing to release"
+    again = ask(leader, b'{"do":"release"}')
+    assert (again.ok, again.code, again.mode) == (True, "nothing", "hold")
+    assert ask(leader, b'{"do":"run"}').mode == "run"
 
 
 def test_a_release_that_is_put_again_does_not_undo_what_was_asked_before_or_meanwhile(
@@ -133,16 +134,17 @@ def test_a_rest_that_is_asked_afresh_is_obeyed_whatever_its_id_was_used_for_befo
     fresh, again = f'{{"do":"{rest}","id":"1"}}'.encode(), f'{{"do":"{rest}","id":"1","age":3.5}}'.encode()
     for start in (0.0, 1.0):
         assert ask(leader, fresh).mode == rest
-        assert ask(leader, b'{"do":"release"}').mode == "run"
-        ask(leader, again)  # somebody else has not answered it yet
+        ask(leader, b'{"do":"release"}')
+        assert ask(leader, b'{"do":"run"}').mode == "run"
+        ask(leader, again)  # another robot has not answered it yet
         assert {one.order.mode for one in drive(leader, start, 1.0)} == {"run"}
     assert ask(leader, b'{"do":"release","id":"2"}').ok
     assert ask(leader, f'{{"do":"{rest}","id":"2"}}'.encode()).mode == rest
 
 
-@pytest.mark.parametrize(("rest", "go"), [("stop", "release"), ("hold", "release"), ("hold", "run")])
-def test_what_sets_the_team_going_does_not_count_if_a_stop_or_a_hold_came_between(
-    mission: Mission, rest: str, go: str
+@pytest.mark.parametrize(("rest", "go", "mode"), [("stop", "release", "hold"), ("hold", "run", "run")])
+def test_a_release_or_run_older_than_the_rest_is_refused(
+    mission: Mission, rest: str, go: str, mode: str
 ) -> None:
     leader = listened(mission)
     drive(leader, 0.0, 10.0)
@@ -150,14 +152,16 @@ def test_what_sets_the_team_going_does_not_count_if_a_stop_or_a_hold_came_betwee
     drive(leader, 10.0, 5.0)
     late = ask(leader, f'{{"do":"{go}","id":"a","age":5.5}}'.encode(), 15.0)  # put before the rest
     assert (late.ok, late.mode) == (False, rest)
-    assert ask(leader, f'{{"do":"{go}","id":"b","age":4.9}}'.encode(), 15.0).mode == "run"
+    assert ask(leader, f'{{"do":"{go}","id":"b","age":4.9}}'.encode(), 15.0).mode == mode
 
 
-def test_release_of_a_stop_goes_back_to_what_it_was_told_before(mission: Mission) -> None:
-    running, waiting = listened(mission), listened(mission, hold=True)
-    for leader, mode in ((running, "run"), (waiting, "hold")):
-        ask(leader, b'{"do":"stop"}')
-        assert ask(leader, b'{"do":"release"}').mode == mode
+@pytest.mark.parametrize("hold", [False, True])
+def test_after_a_release_the_team_holds_until_run(mission: Mission, hold: bool) -> None:
+    leader = listened(mission, hold=hold)
+    ask(leader, b'{"do":"stop"}')
+    assert ask(leader, b'{"do":"release"}').mode == "hold"
+    assert {one.order.mode for one in drive(leader, 0.0, 5.0)} == {"hold"}
+    assert ask(leader, b'{"do":"run"}', 5.0).mode == "run"
 
 
 def test_with_hold_it_waits_at_its_start_until_it_is_told_to_run(mission: Mission) -> None:

@@ -169,6 +169,7 @@ def test_a_leader_that_is_started_again_keeps_a_stop_and_a_hold(rest: str) -> No
     assert watched.fleet.leader.mode == rest
     assert watched.fleet.points() == pytest.approx(where, abs=0.02)
     watched.want('{"do":"release"}')
+    watched.want('{"do":"run"}')
     watched.run(12.0)
     assert watched.fleet.error() < NEAR
     assert abs(watched.fleet.points()[0] - where[0]) > 2.0

@@ -47,36 +47,47 @@ def elected(leader: Leader, mono: float, newest: Order | None = None) -> tuple[f
     raise AssertionError("nobody was elected")
 
 
-def test_every_candidate_takes_a_stop_and_its_release_and_only_who_leads_takes_more(stood: Mission) -> None:
+def test_every_candidate_takes_what_changes_motion_and_only_the_leader_more(stood: Mission) -> None:
     standby = Leader(stood, "cat")
     newest = Order(term=TERM, beat=9, mode="run", shape="line")  # of rank 0: ann's
     assert newest.term % 64 == 0
     standby.step(at(0.0), [])
     standby.step(at(0.1), [arriving(relayed("bob", newest, 1, promise=TERM, echo=1), 0.1)])
-    for request in (b'{"do":"run"}', b'{"do":"hold"}', b'{"do":"shape","shape":"near"}'):
-        reply = ask(standby, request)
-        assert (reply.ok, reply.leads, reply.reason) == (False, False, "stands by; ann leads")
-    stop = ask(standby, b'{"do":"stop"}')
-    assert (stop.robot, stop.ok, stop.leads, stop.mode) == ("cat", True, False, "stop")
-    assert ask(standby, b'{"do":"release"}').mode == "run"
+    reply = ask(standby, b'{"do":"shape","shape":"near"}')
+    assert (reply.ok, reply.leads, reply.reason) == (False, False, "stands by; ann leads")
+    for do, mode in (("run", "run"), ("hold", "hold"), ("stop", "stop"), ("release", "hold"), ("run", "run")):
+        reply = ask(standby, f'{{"do":"{do}"}}'.encode())
+        assert (reply.robot, reply.ok, reply.leads, reply.mode) == ("cat", True, False, mode)
 
 
-def test_a_candidate_among_several_that_has_just_started_takes_a_stop_and_no_more(stood: Mission) -> None:
+def test_a_candidate_that_has_just_started_takes_stop_and_hold_only(stood: Mission) -> None:
     leader = Leader(stood)
     leader.step(at(0.0), [])
-    for request in (b'{"do":"run"}', b'{"do":"hold"}'):
-        assert ask(leader, request).reason == "has just started: ask again in a second"
+    assert ask(leader, b'{"do":"run"}').reason == "has just started: ask again in a second"
+    assert ask(leader, b'{"do":"hold"}').ok
     assert ask(leader, b'{"do":"stop"}').ok
 
 
-def test_who_led_once_and_heard_a_release_since_goes_on_with_what_others_were_told(stood: Mission) -> None:
+def test_a_leader_that_lost_its_lease_keeps_its_hold(stood: Mission) -> None:
     leader = Leader(stood)
     mono, _ = elected(leader, 0.0)
     assert ask(leader, b'{"do":"hold"}').ok
     for k in range(1, 60):
         leader.step(at(mono + k / 50), [])
     assert not leader.leads
-    ask(leader, b'{"do":"release"}')
+    running = Order(term=leader.term + 1, beat=9, mode="run", shape="line", time=1.0)
+    elected(leader, mono + 5.0, running)
+    assert leader.mode == "hold"
+    assert ask(leader, b'{"do":"run"}').mode == "run"
+
+
+def test_a_leader_that_led_before_restores_what_others_were_told(stood: Mission) -> None:
+    leader = Leader(stood)
+    mono, _ = elected(leader, 0.0)
+    assert ask(leader, b'{"do":"run"}').ok
+    for k in range(1, 60):
+        leader.step(at(mono + k / 50), [])
+    assert not leader.leads
     held = Order(term=leader.term + 1, beat=9, mode="hold", shape="line", told="hold", time=1.0)
     elected(leader, mono + 5.0, held)
     assert leader.mode == "hold"
@@ -91,7 +102,8 @@ def test_a_standby_that_was_stopped_leads_a_team_that_is_stopped(stood: Mission)
     (said,) = positions(mono, outbox)
     assert said.order.mode == "stop"
     assert (said.order.told, said.order.time) == ("run", 3.0)
-    assert ask(standby, b'{"do":"release"}').mode == "run"
+    assert ask(standby, b'{"do":"release"}').mode == "hold"
+    assert ask(standby, b'{"do":"run"}').mode == "run"
 
 
 def test_a_standby_goes_on_under_the_leaders_name_with_a_voice_of_its_own(stood: Mission) -> None:

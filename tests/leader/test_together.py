@@ -89,7 +89,7 @@ def test_a_robot_that_stands_keeps_the_leader_until_it_comes_again() -> None:
     assert "robot5" in fleet.leader.conduct.together.waits_for
     assert fleet.leader.mode == "run"
     assert max(abs(z) for z in edges(fleet)) < BOUND + 0.1
-    assert fleet.ask("robot5", "release").ok
+    assert fleet.set_going("robot5").ok
     fleet.run(15.0)
     assert abs(fleet.leader.where(fleet.now) - waited) > 1.5
     assert fleet.error() < SIX.settled

@@ -33,6 +33,7 @@ from formation.transport.bus import Bus, BusConfig
 from formation.transport.mailbox import Mailbox
 from formation.transport.robot_buses import RobotBuses
 from formation.unicycle import control_point
+from tests.named import named
 from tests.processes.child import PATIENCE, Child, started
 
 CLOSE = 0.02
@@ -114,11 +115,14 @@ class Team:
 
     def ask(self, robot: str, do: Do) -> OperatorReply:
         """Ask one robot until it answers."""
-        request = encode(OperatorRequest(do=do))
+        request = named(OperatorRequest(do=do), lambda data: self._asked(robot, data))
+        return decode(OperatorReply, self._asked(robot, encode(request)))
+
+    def _asked(self, robot: str, request: bytes) -> bytes:
         deadline = time.monotonic() + PATIENCE
         while not (replies := self._fleet.ask(ORDER.key(robot), request, 0.5)):
             assert time.monotonic() < deadline, f"{robot} does not answer"
-        return decode(OperatorReply, replies[0].payload)
+        return replies[0].payload
 
     def look(self, seconds: float) -> None:
         """Take down what is said for so long."""

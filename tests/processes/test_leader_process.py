@@ -42,7 +42,15 @@ def test_an_operator_stops_and_releases_a_leader_which_acknowledges() -> None:
     with leader(end), listening(end, "robot1/position") as bus:
         heard(bus, len)
         modes = []
-        for request in (b'{"do":"stop"}', b'{"do":"run"}', b'{"do":"release"}', b"nonsense"):
+        requests = (
+            b'{"do":"stop","id":"s"}',
+            b'{"do":"run"}',
+            b'{"do":"release","ends":["other"]}',
+            b'{"do":"release","id":"r","ends":["s"]}',
+            b"nonsense",
+            b'{"do":"run","ends":["r"]}',
+        )
+        for request in requests:
             (reply,) = bus.ask("robot1/order", request, timeout=PATIENCE)
             answer = order.decode(OperatorReply, reply.payload)
             bus.drain()
@@ -51,8 +59,10 @@ def test_an_operator_stops_and_releases_a_leader_which_acknowledges() -> None:
     assert modes == [
         (True, "stop", "stop"),
         (False, "stop", "stop"),
+        (False, "stop", "stop"),
+        (True, "hold", "hold"),
+        (False, "hold", "hold"),
         (True, "run", "run"),
-        (False, "run", "run"),
     ]
 
 

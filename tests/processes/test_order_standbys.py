@@ -36,7 +36,7 @@ def test_a_standby_answers_that_it_stands_by_and_takes_orders_once_the_leader_is
     assert "leader      no answer; spare leads" in given.words
 
     refused = team.order("run")
-    assert [one["robot"] for one in refused.report["refused"]] == ["spare"]  # it knows of the stop
+    assert {one["robot"] for one in refused.report["refused"]} == {"spare", *ROBOTS}  # all are stopped
     for words in ("release", "hold", "rotate 30", "run"):
         given = team.order(*words.split())
         assert (given.code, given.report["leader"]) == (0, "spare"), given.words

@@ -61,5 +61,8 @@ def test_a_stop_outlives_every_agent_and_the_leader_and_is_kept_as_soon_as_it_is
             reply = team.ask(robot, "run")
             assert (reply.ok, reply.mode) == (False, "stop")
         for robot in team.mission.followers:
-            assert team.ask(robot, "release").ok
+            assert team.ask(robot, "release").mode == "hold"
+            assert team.ask(robot, "run").ok
+        team.ask(team.mission.leader, "release")
+        team.ask(team.mission.leader, "run")
         team.until(team.in_formation)

@@ -237,5 +237,6 @@ def test_orders_reach_a_running_mission_and_each_robot_acknowledges(tmp_path: Pa
     told = {do: answer["acknowledged"] for do, answer in answers.items()}
     assert {one["robot"] for one in told["stop"]} == {"leader", "robot1", "robot2"}
     assert {one["mode"] for one in told["stop"]} == {"stop"}
-    assert [one["robot"] for one in told["hold"]] == ["leader"]
+    assert {one["robot"] for one in told["hold"]} == {"leader", "robot1", "robot2"}
+    assert {one["mode"] for one in told["release"]} == {"hold"}
     assert all(one["ms"] < 1000.0 for answered in told.values() for one in answered)

@@ -53,7 +53,7 @@ def test_who_releases_in_the_moment_in_which_all_have_acknowledged_the_stop_is_o
     for do in ("stop", "release") * TRIES:
         asked = asking.addressed(team.mission, do)
         with Bus(BusConfig(connect=connect)) as bus:  # a new one, of which robots hear one after another
-            given = asking.ask(bus.question, asked, asking.request_for(team.mission, do), PATIENCE)
+            given = asking.give(bus.question, asked, asking.request_for(team.mission, do), PATIENCE)
         assert given.obeyed, given.words()
 
 
@@ -103,4 +103,4 @@ def test_without_a_leader_all_robots_stop_and_the_leader_is_missing(team: Team) 
     assert time.monotonic() - began >= SHORT  # it might come back
     assert (given.code, given.report["missing"], given.report["leader"]) == (1, [LEADER], None), given.words
     assert stopped(given) == set(team.mission.followers)
-    assert given.words.endswith("no answer from leader; who has answered stands, with a leader or without")
+    assert given.words.endswith("no answer from leader; robots that obey stand, with a leader or without")

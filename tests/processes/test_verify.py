@@ -143,7 +143,7 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Eventful:
             (pid, line) for pid, line in lines.items() if line[3] == "agent" and line[6] == "robot2"
         )
         with like(monitor, folder, "--no-page", record=str(late)):
-            for do in ("hold", "run", "stop", "release"):
+            for do in ("hold", "run", "stop", "release", "run"):
                 command = [sys.executable, "-m", "deploy", "order", "turtlebot3_pair", do, *links]
                 subprocess.run(command, check=True, timeout=60.0, stdout=subprocess.DEVNULL)
             os.kill(victim, signal.SIGKILL)

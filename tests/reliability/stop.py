@@ -149,6 +149,8 @@ def _release(fleet: Fleet) -> None:
         if code == 0:
             break
     assert code == 0, f"release: {report}"
+    code, report = fleet.order("run")
+    assert code == 0, f"run: {report}"
     until(lambda: _drive(fleet), 60.0, "everybody drives again")
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from agent.latch import Latch
 from formation.mission_file import load
-from formation.order import Mode
+from formation.order import Mode, OperatorRequest, decode
 from formation.topics import ORDER
 from formation.transport import asking
 from formation.transport.bus_config import BusError
@@ -66,7 +66,7 @@ class Team:
     def _ask(self, name: str, payload: bytes) -> bytes:
         if name == SIX.leader:
             return self.leader.request(payload, 0.0)
-        return self.latches[name].ask(payload, 0.0, self.leader.mode)
+        return self.latches[name].ask(decode(OperatorRequest, payload), 0.0, self.leader.mode)
 
 
 @pytest.fixture
@@ -115,17 +115,18 @@ def test_a_stop_is_told_to_everybody_and_acknowledged_one_by_one(
     assert event.text.startswith("stop: 6 of 6 obey, slowest ")
 
 
-def test_hold_run_release_and_shape_reach_the_team_as_from_the_command_line(
-    operator: Operator, team: Team
-) -> None:
-    assert [one["robot"] for one in operator.order("hold")["acknowledged"]] == [SIX.leader]
-    assert team.leaders() == "hold"
+def test_orders_reach_the_team_as_from_the_command_line(operator: Operator, team: Team) -> None:
+    assert [one["robot"] for one in operator.order("hold")["acknowledged"]] == list(SIX.names)
+    assert (team.leaders(), set(team.modes().values())) == ("hold", {"hold"})
     operator.order("run")
-    assert team.leaders() == "run"
+    assert (team.leaders(), set(team.modes().values())) == ("run", {None})
     report = operator.order("shape", shape="wedge")
     assert (report["shape"], team.leader.shape) == ("wedge", "wedge")
     operator.order("stop")
-    operator.order("release")
+    report = operator.order("release")
+    assert report["advice"] == ["everybody holds until you order run"]
+    assert (team.leaders(), set(team.modes().values())) == ("hold", {"hold"})
+    operator.order("run")
     assert (team.leaders(), set(team.modes().values())) == ("run", {None})
 
 
@@ -144,7 +145,7 @@ def test_who_cannot_be_reached_is_named(
 def test_a_refusal_is_an_event_with_its_reason(operator: Operator, team: Team, events: list[Event]) -> None:
     team.leader.request(b'{"do":"stop"}', 0.0)
     assert [one["robot"] for one in operator.order("run")["refused"]] == [SIX.leader]
-    assert "robot1 refuses: stopped: release it first" in events[0].text
+    assert f"{SIX.leader} refuses: stopped: release it first" in events[0].text
 
 
 def test_a_stop_goes_out_at_once_while_a_hold_waits_for_its_answer(
@@ -170,7 +171,7 @@ def test_a_robot_that_comes_back_after_a_stop_never_hears_the_release_before_it(
     stop = begun(pages, operator, team, "stop")
     team.away = set()
     assert stop.result(20.0)["missing"] == []
-    assert release.result(20.0)["missing"] == ["robot6"]
+    assert "robot6" in release.result(20.0)["missing"]
     assert set(team.modes().values()) == {"stop"}
     first = team.heard.index(team.heard[-1])
     assert set(team.heard[first:]) == {team.heard[-1]}  # once it was put, nothing else
@@ -188,7 +189,7 @@ def test_a_release_on_another_page_does_not_undo_a_stop_that_is_being_given(
     assert set(team.modes().values()) == {"stop"}
 
 
-def test_a_double_click_on_release_ends_the_stop_and_not_the_hold_below_it(
+def test_a_double_click_on_release_leaves_the_team_held(
     team: Team, events: list[Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(precedence, "UNSEEN", 0.0)
@@ -201,7 +202,7 @@ def test_a_double_click_on_release_ends_the_stop_and_not_the_hold_below_it(
     assert [event.text.partition(":")[0] for event in events] == ["hold", "stop", "release"]
 
 
-def test_a_release_does_not_end_the_hold_of_a_leader_that_never_heard_the_stop(
+def test_a_release_leaves_the_hold_of_a_leader_that_missed_the_stop(
     operator: Operator, team: Team, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(control, "PATIENCE", 0.1)
@@ -209,12 +210,8 @@ def test_a_release_does_not_end_the_hold_of_a_leader_that_never_heard_the_stop(
     team.away = {SIX.leader}
     operator.order("stop")
     team.away = set()
-    with pytest.raises(Overruled, match="who leads has not heard the stop"):
-        operator.order("release")
-    assert team.leaders() == "hold"
-    operator.order("stop")
     operator.order("release")
-    assert (team.leaders(), set(team.modes().values())) == ("hold", {None})
+    assert (team.leaders(), set(team.modes().values())) == ("hold", {"hold"})
 
 
 def test_two_pages_that_click_at_once_wait_for_the_same_answers(

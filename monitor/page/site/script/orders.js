@@ -129,15 +129,16 @@ export class Orders {
   }
 
   /** Who obeyed, in how many milliseconds; who refused, and why; who did not answer at all, first. */
-  acknowledge(what, { acknowledged, refused, missing, why }) {
+  acknowledge(what, { acknowledged, refused, missing, why, advice = [], unreached = [] }) {
     const sound = !refused.length && !missing.length;
     const sum = `${what}: ${acknowledged.length} of ${acknowledged.length + refused.length + missing.length} obey`;
     const slowest = Math.max(0, ...acknowledged.map((one) => one.ms));
     this.tell(sound ? "good" : "bad", sound ? `${sum}, the slowest after ${slowest.toFixed(0)} ms` : sum);
     const items = [
       ...(why ? [make("li", { "data-tone": "warn" }, why)] : []),
+      ...advice.map((text) => make("li", { "data-tone": sound ? "good" : "warn" }, text)),
       ...missing.map((name) => make("li", { "data-tone": "bad" }, `✕ ${name} NO ANSWER`)),
-      ...refused.map((one) => make("li", { "data-tone": "bad" }, `✕ ${one.robot} REFUSED: ${one.reason}`)),
+      ...refused.map((one) => make("li", { "data-tone": "bad" }, `✕ ${one.robot} ${verdict(what, one, unreached)}: ${one.reason}`)),
       ...acknowledged.map((one) => make("li", { "data-tone": "good" }, `✓ ${one.robot} ${one.mode} ${one.ms.toFixed(0)} ms`)),
     ];
     byId("acknowledgements").replaceChildren(...items);
@@ -148,6 +149,12 @@ export class Orders {
     setAttribute(byId("order-result"), "data-tone", tone);
     setText(byId("order-result"), text);
   }
+}
+
+/** A stop or a hold that does not reach the robot is latched, and the robot is neither stopped nor held by it. */
+function verdict(what, one, unreached) {
+  if (!unreached.includes(one.robot)) return "REFUSED";
+  return what === "stop" ? "NOT STOPPED" : "NOT HELD";
 }
 
 /** A name of this press of a button, so that one that is sent twice counts once. */
