@@ -140,6 +140,19 @@ class Keeping:
             raise OSError("it was not written to its end")
         return text
 
+    def set_aside_way(self) -> Path | None:
+        """Give the way's file another name, so that no agent finds it; None if that cannot be done.
+
+        Nothing more can be kept of the way then.
+        """
+        self._going.close(PATIENCE)
+        aside = self.way.with_suffix(".way.failed")
+        try:
+            self.way.replace(aside)
+        except OSError:
+            return None
+        return aside
+
     def close(self) -> None:
         """Write what is still to be written, unless the disk hangs; twice does no harm."""
         self._stopping.close(PATIENCE)
@@ -159,6 +172,8 @@ class Keeping:
 
 def _read(path: Path) -> bytes | None:
     try:
+        if path.exists() and not (path.is_file() or path.is_dir()):  # to open a pipe waits for its other end
+            raise OSError(f"{path}: must be a file")
         with path.open("rb") as file:
             data = file.read(LONGEST + 1)
     except FileNotFoundError:

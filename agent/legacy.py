@@ -9,6 +9,8 @@ from agent.keeping import Keeping
 from agent.survival import PERIOD, Survival, Taken
 from formation.wire import Now, Sample
 
+TRUSTED = 10.0
+"""Saved state is to blame if its agent fails within so long of taking it over [s]."""
 PATIENCE = 0.05
 """An acknowledgement waits at most so long for the file that it promises [s]."""
 
@@ -22,6 +24,7 @@ class Legacy:
         self._due = float("-inf")  # [s, monotonic]
         self._asked = False  # since the newest step
         self._error = ""  # why the newest way cannot be said
+        self._met, self._failed = float("-inf"), False  # when the way was taken over [s, monotonic]
 
     @property
     def failure(self) -> str:
@@ -48,7 +51,10 @@ class Legacy:
 
     def met(self, now: Now, inbox: Sequence[Sample]) -> Taken | None:
         """Take over what waits for the robot's first message; to be called before a step."""
-        return self._survival.meet(inbox, now) if self._survival.waits else None
+        taken = self._survival.meet(inbox, now) if self._survival.waits else None
+        if taken is not None and taken.memory:
+            self._met = now.mono
+        return taken
 
     def asked(self) -> None:
         """An operator has asked something; it is kept with the next step, or when `kept` is called."""
@@ -68,8 +74,22 @@ class Legacy:
         if now.mono >= self._due:
             self.end(now)
 
+    def failed(self, now: Now) -> str:
+        """The agent has failed: where its saved state was set aside, in a sentence; empty if it was not.
+
+        An agent that fails soon after taking it over would do so again at each start.
+        """
+        if now.mono - self._met > TRUSTED:
+            return ""
+        self._failed = True
+        aside = self._keeping.set_aside_way()
+        where = f"is now {aside}" if aside else "could not be set aside"
+        return f"failed {now.mono - self._met:.1f} s after it took over saved state, which {where}"
+
     def end(self, now: Now) -> None:
         """The agent ends, or has gone on for a while. Never raises."""
+        if self._failed:
+            return
         self._due = now.mono + PERIOD
         try:
             way = self._survival.way(now)

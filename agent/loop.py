@@ -132,6 +132,11 @@ class Sides:
         if self._legacy is not None:
             self._legacy.end(now)
 
+    def failed(self, now: Now) -> None:
+        """The agent has failed: what it took over from the one before it may be the cause."""
+        if self._legacy is not None and (said := self._legacy.failed(now)):
+            _log.error(said)
+
     def request(self, data: bytes, heard: float) -> bytes:
         """Answer an operator's request, which came at `heard` [s, monotonic].
 
@@ -232,5 +237,8 @@ def drive(
     process.ready(STATUS.key(agent.robot))
     try:
         process.run(sides, sides.send)
+    except Exception:
+        sides.failed(clocks())
+        raise
     finally:
         sides.end(clocks())

@@ -112,8 +112,8 @@ class Survival:
             stop = (stops.stop or drawn) if stops.mode == "stop" else ""
             hold = (stops.hold or drawn) if stops.holding or stops.mode == "hold" else ""
             return self._latch(why, rested, stops.answers, stop=stop, hold=hold)
-        except BadMemoryError as bad:
-            return self.doubt(f"{where} cannot be read: {bad}", now)
+        except Exception as bad:  # noqa: BLE001 - whatever stands in the file, the robot is stopped
+            return self.doubt(f"{where} cannot be read: {_told(bad)}", now)
 
     def doubt(self, what: str, now: Now) -> Taken:
         """Be stopped, for `what` may have been a stop."""
@@ -141,9 +141,10 @@ class Survival:
         """Wait, with the way that was kept, for the robot's first message; its promise counts at once."""
         try:
             way = _read(Way, data)
-        except BadMemoryError as bad:
-            return _anew(f"cannot be read: {bad}")
-        if unfit := self._unfit(way, now):
+            unfit = self._unfit(way, now)
+        except Exception as bad:  # noqa: BLE001 - whatever stands in the file, the agent starts fresh
+            return _anew(f"cannot be read: {_told(bad)}")
+        if unfit:
             return _anew(unfit)
         self._way = way
         orders = remember(self._agent, "orders")["orders"]
@@ -177,9 +178,10 @@ class Survival:
             memory = {"here": remember(here), "integral": way.integral, "tuning": way.tuning}
             if age > OLDEST_INTEGRAL:
                 del memory["integral"]
+            self._rehearse(memory, inbox, now)
             return self._taken(memory, f"goes on from where it was {age:.1f} s ago")
-        except BadMemoryError as bad:
-            return _anew(f"cannot be read: {bad}")
+        except Exception as bad:  # noqa: BLE001 - whatever stands in the file, the agent starts fresh
+            return _anew(f"cannot be read: {_told(bad)}")
 
     def way(self, now: Now) -> dict[str, Json] | None:
         """What is to be kept now and then, for `json`; None before the robot has been heard."""
@@ -206,6 +208,14 @@ class Survival:
         once = {"rested": real.said(rested), "answers": answers}
         latch = {"rest": {"stop": stop, "hold": hold}, "why": why, "once": once}
         return self._taken({"latch": latch}, why)
+
+    def _rehearse(self, memory: dict[str, Json], inbox: Sequence[Sample], now: Now) -> None:
+        """Have another agent take over `memory` and step: raises what this agent would have failed with."""
+        agent = self._agent
+        other = Agent(self._mission, agent.robot, agent.law_name, readonly=True)
+        recall(other, {**remember(agent), **memory})
+        other.act(now, inbox)
+        other.tell(now)
 
     def _taken(self, memory: dict[str, Json], news: str) -> Taken:
         recall(self._agent, memory, partly=True)
@@ -248,6 +258,12 @@ def _read(table: type[T], data: bytes) -> T:
         first = error.errors(include_url=False, include_input=False, include_context=False)[0]
     where = ".".join(map(str, first["loc"]))
     raise BadMemoryError(f"{where + ': ' if where else ''}{first['msg']}")
+
+
+def _told(error: Exception) -> str:
+    """Why something cannot be taken over, in one line."""
+    kind = "" if isinstance(error, BadMemoryError) else f"{type(error).__name__}: "
+    return f"{kind}{' '.join(str(error).split())[:200]}"
 
 
 def _odd(said: Json) -> bool:

@@ -40,7 +40,14 @@ def _is(of: type, what: str) -> Kind:
 
 def refuse(said: Json, where: str, what: str) -> Any:
     """Raise BadMemoryError: at `where` is `said`, and should be `what`."""
-    raise BadMemoryError(f"{where}: is {repr(said)[:60]}, must be {what}")
+    raise BadMemoryError(f"{where}: is {_shown(said)}, must be {what}")
+
+
+def _shown(said: Json) -> str:
+    try:
+        return repr(said)[:60]
+    except (ValueError, RecursionError):  # a whole number of thousands of digits, or a list as deep
+        return f"a {type(said).__name__} too long to show"
 
 
 def _say_real(value: float) -> Json:
@@ -154,6 +161,6 @@ def model(of: type[BaseModel]) -> Kind:
             return of.model_validate(said)
         except ValidationError as error:
             why = error.errors()[0]["msg"]
-        raise BadMemoryError(f"{where}: is {repr(said)[:60]}, no legal {of.__name__}: {why}")
+        raise BadMemoryError(f"{where}: is {_shown(said)}, no legal {of.__name__}: {why}")
 
     return Kind(lambda value: value.model_dump(), read)

@@ -14,7 +14,7 @@ from deploy.refusal import Refusal, refused
 from deploy.terminal.bar import Bar
 from deploy.terminal.units import metres
 from deploy.terminal.waiting import waiting
-from formation.mission import Mission
+from formation.mission import MAX_HORIZON, Mission
 from formation.route import Route
 from formation.simulation.body import PROFILES, Body
 from formation.simulation.ensemble import Options
@@ -191,7 +191,12 @@ def _options() -> argparse.ArgumentParser:
         "--runs", type=whole(1, MOST_RUNS), default=1, metavar="N", help="how many (default 1)"
     )
     options.add_argument("--seed", type=whole(0), default=0, metavar="S", help="of all chance (default 0)")
-    options.add_argument("--horizon", type=number(0.0, open_below=True), metavar="S", help="its length [s]")
+    options.add_argument(
+        "--horizon",
+        type=number(0.0, MAX_HORIZON, open_below=True),
+        metavar="S",
+        help=f"its length, at most {MAX_HORIZON:g} [s]",
+    )
     options.add_argument(
         "--spread", type=number(0.0), metavar="M", help="random starts within ± this of the slots [m]"
     )

@@ -25,8 +25,16 @@ EXAMPLES = """\
   formation replay monday.mcap --verify --mission changed.toml    what would other gains have commanded?
   formation replay monday.mcap --verify --json
 
-Exit code 0: no command differs; 1: at least one does; 2: there was nothing to compare.
+A command is compared if all that it followed from is in the recording. Of a recording that begins after its
+agents, the first seconds are not, up to the first memory of each agent; these are told, and do not count.
+
+Exit code 0: no command differs; 1: at least one does; 2: there was nothing to compare; 3: none differs, but
+of some robot's commands a smaller share was compared than --min-compared says.
 """
+MIN_COMPARED = 0.99
+"""Share of every robot's commands that has to be compared for a verdict, unless told otherwise."""
+TOO_FEW = 3
+"""Exit code where none differs of too few that were compared."""
 SHOWN = 5
 """So many stretches of a robot are told one by one; --json has them all."""
 
@@ -57,6 +65,11 @@ class Ran(NamedTuple):
         firsts = [(name, one.first) for name, one in self.verdicts.items() if one.first is not None]
         return min(firsts, key=lambda found: found[1].wall, default=None)
 
+    @property
+    def least(self) -> tuple[str, float]:
+        """The robot of whose commands the smallest share was compared, and that share, 0 to 1."""
+        return min(((name, one.share) for name, one in self.verdicts.items()), key=lambda found: found[1])
+
 
 def main(arguments: Sequence[str]) -> int:
     """Verify a recording; the exit code."""
@@ -68,12 +81,14 @@ def main(arguments: Sequence[str]) -> int:
         raise Refusal(str(error)) from None
     except OSError as error:
         raise Refusal(f"{options.file}: cannot be read: {error.strerror}") from None
-    print("\n".join(words(ran)))
+    print("\n".join(words(ran, options.min_compared)))
     if options.json:
         print(as_json(report(ran)))
     if not ran.compared:
         return 2
-    return 0 if ran.first is None else 1
+    if ran.first is not None:
+        return 1
+    return TOO_FEW if ran.least[1] < options.min_compared else 0
 
 
 def run(recording: Recording, changed: str | None, law: str | None, tolerance: float) -> Ran:
@@ -98,8 +113,8 @@ def _told(recording: Recording, bar: Bar, start: float, length: float) -> Iterat
         yield message
 
 
-def words(ran: Ran) -> Iterator[str]:
-    """What came of it, for people."""
+def words(ran: Ran, min_compared: float = MIN_COMPARED) -> Iterator[str]:
+    """What came of it, for people; `min_compared` is the share that every robot needs, 0 to 1."""
     verdicts = ran.verdicts.values()
     yield f"{ran.recording.path}: {ran.mission.name}, {len(verdicts)} agents, {ran.length:.1f} s"
     width = max(map(len, ran.verdicts)) + 2
@@ -107,11 +122,18 @@ def words(ran: Ran) -> Iterator[str]:
         yield f"  {one.robot:<{width}}{_verdict(one)}"
         yield from (f"  {'':<{width}}{line}" for line in _details(one, ran.start))
     yield from (f"  note: {note}" for note in _notes(ran))
-    pace = f"took {ran.took:.1f} s, {ran.length / ran.took:.0f} times faster than the run"
+    pace = f"took {ran.took:.1f} s, {ran.length / max(ran.took, 1e-3):.0f} times faster than the run"
+    robot, share = ran.least
+    enough = share >= min_compared
     if not ran.compared:
         yield f"nothing could be compared; {pace}"
+    elif ran.first is None and enough:
+        yield f"no difference in {ran.compared} commands, {share:.1%} or more of every robot's; {pace}"
     elif ran.first is None:
-        yield f"no difference in {ran.compared} commands; {pace}"
+        yield (
+            f"no verdict: only {share:.1%} of {robot}'s commands were compared, at least {min_compared:.1%} "
+            f"are needed (--min-compared); none of those compared differs; {pace}"
+        )
     else:
         robot, first = ran.first
         yield f"the first command that differs is {robot}'s at {first.wall - ran.start:.3f} s; {pace}"
@@ -121,6 +143,8 @@ def _verdict(one: Verdict) -> str:
     if not one.commands:
         return "no command in the recording"
     compared = f"{one.compared} of {one.commands} commands compared"
+    if one.lead_in:
+        compared += f" (and {one.lead_in} before the first memory of its agent do not count)"
     if not one.compared:
         return compared
     if one.exact == one.compared:
@@ -181,7 +205,9 @@ def report(ran: Ran) -> dict[str, Any]:
         "mission": ran.mission.name,
         "length": ran.length,
         "took": ran.took,
+        "commands": sum(one.commands for one in ran.verdicts.values()),
         "compared": ran.compared,
+        "least_share": ran.least[1],
         "exact": sum(one.exact for one in ran.verdicts.values()),
         "differing": sum(one.differing for one in ran.verdicts.values()),
         "first": None if ran.first is None else {"robot": ran.first[0], **_first(ran.first[1], ran.start)},
@@ -194,6 +220,8 @@ def _robot(one: Verdict, start: float) -> dict[str, Any]:
     return {
         "commands": one.commands,
         "compared": one.compared,
+        "lead_in": one.lead_in,
+        "share": one.share,
         "exact": one.exact,
         "differing": one.differing,
         "most_off": {"speed": one.most_off[0], "turn_rate": one.most_off[1]},
@@ -241,6 +269,11 @@ def _options() -> argparse.ArgumentParser:
     options.add_argument(
         "--tolerance", type=number(0.0), default=TOLERANCE, metavar="X",
         help=f"how far off a command still counts as the same [m/s; rad/s] (default {TOLERANCE:g})",
+    )  # fmt: skip
+    options.add_argument(
+        "--min-compared", type=number(0.0, 1.0), default=MIN_COMPARED, metavar="SHARE",
+        help="share of every robot's commands that has to be compared, 0 to 1; with less the exit code is"
+        f" {TOO_FEW} (default {MIN_COMPARED:g})",
     )  # fmt: skip
     options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
     return options

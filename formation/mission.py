@@ -70,14 +70,21 @@ class SimulatedRobot(Table):
     """Odometry error that grows with the path, as a share of it."""
 
 
+MAX_ROBOTS = 500
+"""Robots of a mission, the leader among them: analysis and rules compare each with each."""
+MAX_SHAPES = 100
+MAX_HORIZON = 3600.0
+"""Longest simulated run [s]."""
+
+
 class SimulationSpec(Table):
     """[simulation]: how `formation simulate` draws and judges many starts."""
 
     spread: NotNegative = 1.0
     """Control points start uniformly within ± this of their slots, on each axis [m]."""
-    horizon: Positive = 120.0
+    horizon: Annotated[float, Field(gt=0.0, le=MAX_HORIZON)] = 120.0
     """[s]"""
-    step: Annotated[float, Field(gt=0.0, le=0.2)] = 0.02
+    step: Annotated[float, Field(ge=0.001, le=0.2)] = 0.02
     """[s]"""
     posts: Annotated[tuple[Post, ...], BeforeValidator(as_tuple)] = ()
     """What stands in the simulated world, for scanners to see."""
@@ -139,8 +146,8 @@ class Mission(Table):
     """Within about so long a standby takes the place of a leader that has fallen silent [s]."""
     law: LawSpec = LawSpec()
     robot: RobotDefaults = RobotDefaults()
-    shapes: dict[Name, dict[Name, Point]] = Field(min_length=1)
-    robots: dict[Name, RobotSpec] = Field(min_length=2)
+    shapes: dict[Name, dict[Name, Point]] = Field(min_length=1, max_length=MAX_SHAPES)
+    robots: dict[Name, RobotSpec] = Field(min_length=2, max_length=MAX_ROBOTS)
     route: Annotated[tuple[Leg, ...], BeforeValidator(as_tuple), Field(min_length=1)]
     standbys: dict[Name, Standby] = Field(default={}, max_length=63)
     collisions: Collisions = Collisions()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
@@ -25,6 +24,7 @@ from formation.mission import (
 from formation.robot_spec import RobotDefaults, RobotSpec, Start
 from formation.scan_spec import Post, ScanSpec, SimulatedScanner, Wall
 from formation.tables import NAME, TITLE, Table, as_tuple
+from formation.toml_text import MAX_MISSION_BYTES, TomlError, loads
 
 SPELLINGS = {
     NAME: "a small letter, and then small letters, digits and _ only",
@@ -61,7 +61,15 @@ def read(mission: str | Path) -> tuple[str, str]:
     """Text of a mission file and the name to call it by. Raises MissionError."""
     path = shipped().get(str(mission), Path(mission))
     try:
-        return path.read_text(encoding="utf-8"), str(mission)
+        if path.exists() and not (
+            path.is_file() or path.is_dir()
+        ):  # a pipe is waited for, a device has no end
+            raise MissionError(f"{mission}: must be a file, is a pipe or a device")
+        with path.open("rb") as file:
+            data = file.read(MAX_MISSION_BYTES + 1)
+        if len(data) > MAX_MISSION_BYTES:
+            raise MissionError(f"{mission}: is longer than {MAX_MISSION_BYTES} bytes, the most that is read")
+        return data.decode(), str(mission)
     except FileNotFoundError:
         names = ", ".join(shipped())
         raise MissionError(
@@ -71,6 +79,8 @@ def read(mission: str | Path) -> tuple[str, str]:
         raise MissionError(f"{mission}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
         raise MissionError(f"{mission}: cannot be read as UTF-8 text: {error}") from None
+    except ValueError as error:  # no path at all, such as one with a zero byte
+        raise MissionError(f"{str(mission)!r}: cannot be read: {error}") from None
 
 
 def parse(text: str, name: str = "mission") -> Mission:
@@ -88,11 +98,9 @@ def parse_route(text: str, name: str = "route") -> tuple[Leg, ...]:
 
 def _toml(text: str, name: str) -> dict[str, Any]:
     try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise MissionError(f"{name}: not valid TOML: {error}") from None
-    except RecursionError:
-        raise MissionError(f"{name}: not a mission: lists or tables a thousand deep") from None
+        return loads(text)
+    except TomlError as error:
+        raise MissionError(f"{name}: {error}") from None
 
 
 def _validated(cls: type[T], data: dict[str, Any], name: str) -> T:
@@ -107,7 +115,7 @@ def _sentence(error: ValidationError, whole: type[BaseModel]) -> str:
     # an unknown key explains the missing one beside it, so it comes first
     first = min(details, key=lambda detail: detail["type"] != "extra_forbidden")
     # a wrong default is wrong again in every robot that inherits it: that is one mistake
-    distinct = {(detail["loc"][-1:], repr(detail["input"])) for detail in details}
+    distinct = {(detail["loc"][-1:], _value(detail["input"])) for detail in details}
     others = f" (and {len(distinct) - 1} more)" if len(distinct) > 1 else ""
     return f"{_explain(first, whole)}{others}"
 
@@ -116,7 +124,7 @@ def _explain(detail: ErrorDetails, whole: type[BaseModel]) -> str:
     context: Mapping[str, Any] = detail.get("ctx", {})
     # the tag of a leg's kind, and the mark of a bad key, are pydantic's and not the file's
     place = [part for part in detail["loc"] if part not in {"straight", "circle", "waypoints", "[key]"}]
-    key, value = ".".join(map(str, place)), _value(detail["input"])
+    key, value = ".".join(_printable(str(part)) for part in place), _value(detail["input"])
     match detail["type"]:
         case "mission":
             return f"{context['key']} = {_value(context['value'])}: {context['legal']}"
@@ -137,7 +145,16 @@ def _explain(detail: ErrorDetails, whole: type[BaseModel]) -> str:
 
 
 def _value(value: Any) -> str:
-    text = "nothing" if value is None else repr(list(value) if isinstance(value, tuple) else value)
+    try:
+        text = "nothing" if value is None else repr(list(value) if isinstance(value, tuple) else value)
+    except ValueError:  # Python does not write a number of over 4300 digits
+        text = "a number of over 4300 digits"
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def _printable(key: str) -> str:
+    """A key in one line, and of a length that can be read."""
+    text = key if key.isprintable() else repr(key)[1:-1]
     return text if len(text) <= 80 else text[:77] + "..."
 
 

@@ -49,13 +49,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="a robot to simulate; repeatable (default: all followers)",
     )
     parser.add_argument("--seed", type=_seed, default=0, help="of all noise (default: 0)")
-    parser.add_argument(
-        "--fault",
-        metavar="FAULT",
-        action="append",
-        default=[],
-        help=f"a fault to rehearse, {faults.FORM}; KIND is one of {', '.join(faults.SIZES)}; repeatable",
-    )
     add_world_flags(parser)
     args = parser.parse_args(arguments)
     return run_process(" ".join(args.robot or ["robots"]), args, lambda stop: _run(args, stop))
@@ -91,8 +84,6 @@ def _world(args: argparse.Namespace, mission: Mission) -> tuple[World, Callable[
     if args.world == "kinematic":
         plants = faults.with_faults(kinematic, [faults.read(text) for text in args.fault])
         return World(mission, args.robot, args.seed, plants), lambda: None
-    if args.fault:
-        raise ValueError("--fault: needs --world kinematic")
     if args.robot:
         raise ValueError("--robot: a physics world has all robots of its mission; leave out --robot")
     for package in NEEDED:

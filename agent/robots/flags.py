@@ -7,6 +7,8 @@ import os
 from ctypes.util import find_library
 from pathlib import Path
 
+from agent.robots import faults
+
 NEEDED = ("mujoco", "PIL")
 """Packages of the physics world."""
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -24,12 +26,21 @@ def add_world_flags(to: argparse.ArgumentParser) -> None:
         " formation[physics] (default: kinematic)",
     )
     group.add_argument(
+        "--fault",
+        metavar="FAULT",
+        action="append",
+        default=[],
+        help=f"a fault to rehearse, {faults.FORM}; KIND is one of {', '.join(faults.SIZES)}; repeatable",
+    )
+    group.add_argument(
         "--picture", metavar="FILE.png", type=Path, help="with mujoco: a picture of the world at the end"
     )
 
 
 def unfit(args: argparse.Namespace) -> str | None:
     """Which of these flags cannot be, and why; None if all can."""
+    if wrong := _unfit_faults(args):
+        return wrong
     if args.picture is None:
         return None
     if args.world != "mujoco":
@@ -42,6 +53,18 @@ def unfit(args: argparse.Namespace) -> str | None:
         return f"--picture {args.picture}: {wrong}"
     if "MUJOCO_GL" not in os.environ and find_library("EGL") is None:
         return "--picture: needs EGL to render; on Debian and Ubuntu: apt install libegl1"
+    return None
+
+
+def _unfit_faults(args: argparse.Namespace) -> str | None:
+    """Which of the faults cannot be, and why."""
+    if args.fault and args.world != "kinematic":
+        return "--fault: needs --world kinematic"
+    for text in args.fault:
+        try:
+            faults.read(text)
+        except ValueError as wrong:
+            return f"--fault {wrong}"
     return None
 
 
@@ -69,4 +92,6 @@ def _begin(path: Path) -> bytes:
 def world_flags(args: argparse.Namespace) -> tuple[str, ...]:
     """The same flags for another process."""
     world = () if args.world == "kinematic" else ("--world", args.world)
-    return world if args.picture is None else (*world, "--picture", str(args.picture))
+    rehearsed = [word for text in args.fault for word in ("--fault", text)]
+    picture = () if args.picture is None else ("--picture", str(args.picture))
+    return (*world, *picture, *rehearsed)

@@ -23,6 +23,8 @@ LATE = 3.0
 """So long after a command what it followed from may come into the recording [s]."""
 LEAP = 1.0
 """More than this between two messages is a clock that was set, or a pause: nothing comes late in it [s]."""
+MAX_WAITING = 2000
+"""Commands of one robot that wait for what they followed from: three seconds at 200 Hz have 600."""
 MOST_VOICES = 16
 """Agents of one robot that are told apart at a time."""
 _HEARD = frozenset({BALLOT, ODOM, POSE, POSITION, RELATIVE, SCAN})
@@ -103,7 +105,7 @@ class _Line:
             replica = self._replica(said.traced.voice)
             try:
                 missing = frozenset(title for title in replica.needs(said.traced) if title not in shelf)
-                if missing and moment < until:
+                if missing and moment < until and len(self._waiting) <= MAX_WAITING:
                     return missing
                 self._count(said, replica.follow(said, shelf))
             except BadTraceError as bad:
@@ -112,7 +114,7 @@ class _Line:
         return frozenset()
 
     def _count(self, said: Said, result: Comparison | str | None) -> None:
-        if said.traced.agent is not None:
+        if said.traced.agent is not None and len(self._verdict.missions) < MOST_VOICES:
             self._verdict.missions.add(said.traced.agent.mission)
         if isinstance(result, Comparison):
             self._verdict.compared_one(result)

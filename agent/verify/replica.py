@@ -107,8 +107,9 @@ class Replica:
         agent = self._new_agent()
         try:
             recall(agent, traced.memory)
-        except BadMemoryError as bad:
-            return f"what its agent knew cannot be taken over: {bad}"
+        except Exception as bad:  # noqa: BLE001 - it may come from any file
+            kind = "" if isinstance(bad, BadMemoryError) else f"{type(bad).__name__}: "
+            return f"what its agent knew cannot be taken over: {kind}{bad}"
         self._agent = agent
         return None
 

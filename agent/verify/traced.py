@@ -6,6 +6,7 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from agent.trace import MOST
 from formation.order import MAX_REQUEST
 from formation.wire import Now
 
@@ -101,7 +102,11 @@ class Traced(_Table):
 def read(attachment: bytes) -> Traced:
     """The trace in an attachment. Raises BadTraceError, and nothing else."""
     try:
-        return Traced.model_validate_json(attachment)
+        traced = Traced.model_validate_json(attachment)
+        many = sum(1 + len(step.heard) if isinstance(step, Step) else 1 for step in traced.steps)
+        if many > MOST:  # an agent tells no more; each costs a step or a search
+            raise BadTraceError(f"tells {many} steps and messages, at most {MOST} are read")
+        return traced
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False, include_context=False)[0]
         where = ".".join(map(str, first["loc"]))

@@ -7,6 +7,9 @@ from typing import NamedTuple
 
 TOLERANCE = 1e-9
 """Up to this commands are the same [m/s; rad/s]."""
+LEAD_IN = 6.0
+"""A recording that begins after its agents is followed from the first memory in it on, which comes within
+five seconds. So long after a robot's first command nothing has to be judged [s]."""
 MOST_STRETCHES = 200
 """So many stretches are told one by one, the rest together."""
 
@@ -84,6 +87,8 @@ class Verdict:
     commands: int = 0
     """In the recording."""
     compared: int = 0
+    lead_in: int = 0
+    """Commands before the first that was compared, in the first `LEAD_IN` seconds."""
     exact: int = 0
     """The same to the last bit."""
     differing: int = 0
@@ -96,6 +101,13 @@ class Verdict:
     missions: set[str] = field(default_factory=set)
     """Fingerprints of what the recorded agents drove by."""
     _judging: bool = False
+    _began: float | None = None
+
+    @property
+    def share(self) -> float:
+        """Share of its commands that was compared, 0 to 1, without the lead-in; 1 where there are none."""
+        counted = self.commands - self.lead_in
+        return self.compared / counted if counted else float(not self.commands)
 
     def compared_one(self, one: Comparison) -> None:
         """Count a comparison."""
@@ -112,6 +124,9 @@ class Verdict:
     def passed_over(self, wall: float, reason: str | None) -> None:
         """Count a command that could not be judged; without a `reason` for that of the one before."""
         self.commands += 1
+        self._began = wall if self._began is None else self._began
+        if not self.compared and wall - self._began <= LEAD_IN:
+            self.lead_in += 1
         new = not self.unjudged or self._judging or (reason and reason != self.unjudged[-1].reason)
         self._judging = False
         if new and len(self.unjudged) < MOST_STRETCHES:

@@ -127,7 +127,7 @@ def _row(progress: Progress, name: str, room: int, *, ascii_only: bool) -> list[
     return [
         Text(title if len(title) <= room else title[: max(room - 1, 1)] + ("." if ascii_only else "…")),
         _state(state, robot),
-        Text(_error(robot)),
+        Text(_error(robot, ascii_only=ascii_only)),
         _against(robot.speed, None if leads else limits.max_speed, ascii_only=ascii_only),
         _against(robot.turn_rate, None if leads else limits.max_turn_rate, ascii_only=ascii_only),
         Text("-" if robot.heading_error is None else f"{_signed(math.degrees(robot.heading_error), 1)}°"),
@@ -135,10 +135,10 @@ def _row(progress: Progress, name: str, room: int, *, ascii_only: bool) -> list[
     ]
 
 
-def _error(robot: RobotNow) -> str:
+def _error(robot: RobotNow, *, ascii_only: bool) -> str:
     """Over all its neighbours; where some are unknown, that it is at least so much."""
     if robot.error is None and robot.known_error is not None:
-        return f">{metres(robot.known_error)}"
+        return f"{'>=' if ascii_only else '≥'}{metres(robot.known_error)}"
     return metres(robot.error)
 
 

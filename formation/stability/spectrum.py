@@ -46,7 +46,7 @@ def poles(mu: ComplexArray, k_p: float, k_i: float) -> ComplexArray:
 def stable(mu: ComplexArray, k_p: float, k_i: float) -> bool:
     """Whether λ² + k_P μ λ + k_I μ is Hurwitz for every μ: Theorem 1 with complex μ; not in the paper."""
     exact = k_p**2 * mu.real * np.abs(mu) ** 2 > k_i * mu.imag**2
-    return bool(np.all((mu.real > 0.0) & exact))
+    return bool(np.all((mu.real > 0.0) & (exact | (mu.imag == 0.0))))  # a tiny k_P² is rounded to 0
 
 
 def sampled_radius(mu: ComplexArray, k_p: float, k_i: float, period: float) -> float:

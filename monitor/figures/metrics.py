@@ -103,6 +103,12 @@ class Metrics:
         self._known.observe(at, self._sum_known(errors, now), formed=formed)
         return error
 
+    def observe_known(self, now: Now) -> None:
+        """Judge the known edges only: while one is unknown, `observe` has nothing to judge all of them by."""
+        moment, errors = self._compare(now, lambda robot: robot.place)
+        formed = moment >= self._orders.formed_since
+        self._known.observe(moment + now.mono - now.wall, self._sum_known(errors, now), formed=formed)
+
     def snapshot(self, now: Now) -> Snapshot:
         """Everything there is to know now. To look changes nothing."""
         errors = self._compare(now, lambda robot: robot.place)[1]

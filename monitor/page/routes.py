@@ -23,6 +23,7 @@ from starlette.staticfiles import StaticFiles
 from formation.order import TAKES, Do
 from monitor.figures.words import as_json
 from monitor.outlets.prometheus import exposition
+from monitor.page.connection import OPERATOR
 from monitor.page.guard import Message
 from monitor.page.seams import Control, Replay
 from monitor.page.source import Look, Source
@@ -132,6 +133,7 @@ class Orders:
         given, right = request.headers.get("authorization", ""), f"Bearer {self._control.token}"
         if not hmac.compare_digest(given.encode(), right.encode()):
             raise HTTPException(401, "this needs the token of the page", {"www-authenticate": "Bearer"})
+        request.scope[OPERATOR] = True
 
     async def _give(self, order: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         self._under_way += 1

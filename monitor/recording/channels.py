@@ -49,16 +49,24 @@ class Channels:
         self.channels: list[Channel] = []
         self.schemas: list[Schema] = []
         self._numbers: dict[str, int] = {}
+        self._adopted: set[tuple[type, int]] = set()
 
     def adopt(self, channel: Channel) -> None:
-        """Take over a channel of another file, with its number."""
-        if channel not in self.channels:
+        """Take over a channel of another file, with its number; of two with one number the first."""
+        if self._is_new(channel):
             self.channels.append(channel)
 
     def adopt_schema(self, schema: Schema) -> None:
         """Likewise."""
-        if schema not in self.schemas:
+        if self._is_new(schema):
             self.schemas.append(schema)
+
+    def _is_new(self, kind: Channel | Schema) -> bool:
+        name = type(kind), kind.id
+        if name in self._adopted:
+            return False
+        self._adopted.add(name)
+        return True
 
     def register(self, key: str, ros_type: str) -> int:
         """A new channel's number, for messages of `ros_type` on `key`."""

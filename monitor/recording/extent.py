@@ -50,7 +50,7 @@ def _indexed(file: IO[bytes]) -> Extent | None:
             keys[channel.id] = channel.topic.removeprefix("/")
         elif record.opcode == Opcode.STATISTICS:
             statistics = understood(Statistics.read, record.body)
-    if statistics is None:
+    if statistics is None or statistics.message_start_time > statistics.message_end_time:
         return None
     counts = Counter({keys.get(number, ""): n for number, n in statistics.channel_message_counts.items()})
     times = statistics.message_start_time / 1e9, statistics.message_end_time / 1e9

@@ -169,15 +169,16 @@ class Part:
     def _declarations(self, count: int) -> bytes:
         """The channels which this file does not know yet, with their schemas."""
         new = self._channels.channels[self._declared : count]
-        known = {one.schema_id for one in self._channels.channels[: self._declared]}
-        records = b""
+        known = {one.schema_id for one in self._channels.channels[: self._declared]} if new else set()
+        schemas = {one.id: one for one in self._channels.schemas} if new else {}
+        records = bytearray()
         for channel in new:
             if channel.schema_id not in known:
                 known.add(channel.schema_id)
-                schemas = self._channels.schemas
-                records += b"".join(packed(one) for one in schemas if one.id == channel.schema_id)
+                if channel.schema_id in schemas:
+                    records += packed(schemas[channel.schema_id])
             records += packed(channel)
-        return records
+        return bytes(records)
 
     def _summary(self, end: int) -> bytes:
         """All that comes after the data, which ends at `end`."""

@@ -87,6 +87,8 @@ def read(path: Path) -> Recording:
 def about_of(path: Path) -> Mapping[str, str]:
     """The metadata of one file. Raises UnreadableError."""
     try:
+        if path.exists() and not (path.is_file() or path.is_dir()):  # to open a pipe waits for its other end
+            raise UnreadableError(f"{path}: must be a file, is a pipe or a device")
         with path.open("rb") as file:
             for record in records(file):
                 if record.opcode != Opcode.METADATA:

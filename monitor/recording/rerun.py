@@ -1,7 +1,8 @@
 """A recording fed to the monitor's own figures, as they were fed when it was made.
 
 The formation error was looked at whenever it was published, and that is recorded, so what is judged by it
-(settling, the final error) comes out the same. There is one clock: the recorder's system clock.
+(settling, the final error) comes out the same. While an edge is unknown nothing is published; the known edges
+are then judged every `LOOK`. There is one clock: the recorder's system clock.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from monitor.figures.keys import OWN
 from monitor.figures.metrics import Metrics
 from monitor.recording.reader import Recorded
 
+LOOK = 0.1
+"""As often as a live monitor looks [s]."""
 _OWN = frozenset(one.key for one in OWN)
 
 
@@ -23,13 +26,19 @@ class Rerun:
 
     def __init__(self, mission: Mission) -> None:
         self.metrics = Metrics(mission)
+        self._looked = float("-inf")  # [s, the recorder's system clock]
 
     def take(self, message: Recorded) -> None:
         """Take the next message of the file."""
+        now = Now(message.wall, message.wall)
         if message.sample.key not in _OWN:
             self.metrics.take(message.sample, message.wall)
         elif message.sample.key == ERROR.key():
-            self.metrics.observe(Now(message.wall, message.wall))
+            self.metrics.observe(now)
+            self._looked = message.wall
+        if message.wall - self._looked > 1.5 * LOOK:
+            self.metrics.observe_known(now)
+            self._looked = message.wall
 
 
 def run(mission: Mission, messages: Iterable[Recorded]) -> Iterator[tuple[Recorded, Metrics]]:

@@ -22,9 +22,15 @@ from mcap.records import Channel, Chunk, Footer, Schema
 from monitor.recording.chunk import MESSAGE
 
 MAGIC = b"\x89MCAP0\r\n"
-LONGEST = 256 * 1024 * 1024
-"""Of a record, and of a chunk when it is unpacked [bytes]. Ours have a megabyte and one message; what says
-that it is longer is damaged, or made to use up our memory."""
+MAX_RECORD_BYTES = 64 * 1024 * 1024
+"""Longest record that is read [bytes]. The recorder's own are chunks of a megabyte and one message."""
+MAX_CHUNK_BYTES = 16 * 1024 * 1024
+"""Longest chunk that is read, unpacked [bytes]. The recorder's own have a megabyte and one message; other
+tools that rewrite a recording make chunks of 4 MB. Reading one takes some ten times as much memory."""
+MAX_EXPANSION = 100
+"""Largest ratio of a chunk's length to that of its packed form. The recorder's own chunks reach 10. A file
+made to keep its reader busy packs zeros 10,000 times; with this bound the time to read a file is
+proportional to its size."""
 _HEAD = struct.Struct("<BQ")
 _TIMES = struct.Struct("<QQ")  # of the first and the last message of a chunk [ns]
 _FOOTER = _HEAD.size + 20
@@ -77,22 +83,9 @@ class Contents(NamedTuple):
 
 def records(file: IO[bytes]) -> Iterator[Record]:
     """Every whole record from the start of `file`, until the footer or until what cannot be one."""
-    end = os.fstat(file.fileno()).st_size
     file.seek(0)
-    if file.read(len(MAGIC)) != MAGIC:
-        return
-    at = len(MAGIC)
-    while len(head := file.read(_HEAD.size)) == _HEAD.size:
-        opcode, length = _HEAD.unpack(head)
-        if opcode == 0 or length > min(LONGEST, end - at - _HEAD.size):
-            return
-        body = file.read(length)
-        if len(body) < length:
-            return
-        yield Record(opcode, at, body)
-        at += _HEAD.size + length
-        if opcode == Opcode.FOOTER:
-            return
+    if file.read(len(MAGIC)) == MAGIC:
+        yield from _records_from(file, len(MAGIC))
 
 
 def understood(read: Callable[[ReadDataStream], R], body: bytes) -> R | None:
@@ -123,7 +116,7 @@ def ends_before(chunk: Record, moment: float) -> bool:
 
 
 def footer(file: IO[bytes]) -> Footer | None:
-    """The end of a file that is whole; None for one that has none."""
+    """The end of a file that is whole; None for one that has none, or one that names a place outside it."""
     size = os.fstat(file.fileno()).st_size
     if size < 2 * len(MAGIC) + _FOOTER:
         return None
@@ -131,27 +124,40 @@ def footer(file: IO[bytes]) -> Footer | None:
     tail = file.read()
     if not tail.endswith(MAGIC) or _HEAD.unpack_from(tail) != (Opcode.FOOTER, 20):
         return None
-    return understood(Footer.read, tail[_HEAD.size :])
+    found = understood(Footer.read, tail[_HEAD.size :])
+    inside = found is not None and (not found.summary_start or len(MAGIC) <= found.summary_start < size)
+    return found if inside else None
 
 
 def summary(file: IO[bytes]) -> Iterator[Record]:
     """The records of the index at the end; none if there is no such thing."""
     end = footer(file)
-    if end is None or not end.summary_start:
-        return
-    file.seek(end.summary_start)
+    if end is not None and end.summary_start:
+        yield from _records_from(file, end.summary_start)
+
+
+def _records_from(file: IO[bytes], at: int) -> Iterator[Record]:
+    """Every whole record from `at` on, the footer included; up to what cannot be one."""
+    end = os.fstat(file.fileno()).st_size
+    file.seek(at)
     while len(head := file.read(_HEAD.size)) == _HEAD.size:
         opcode, length = _HEAD.unpack(head)
-        if opcode == Opcode.FOOTER or length > LONGEST:
+        if opcode == 0 or length > min(MAX_RECORD_BYTES, end - at - _HEAD.size):
             return
-        yield Record(opcode, file.tell() - _HEAD.size, file.read(length))
+        body = file.read(length)
+        if len(body) < length:
+            return
+        yield Record(opcode, at, body)
+        at += _HEAD.size + length
+        if opcode == Opcode.FOOTER:
+            return
 
 
 def _unpacked(chunk: Chunk) -> bytes:
     """Its records, and at most a byte more than it says. Raises what its codec does, or ValueError."""
     size = chunk.uncompressed_size
-    if size > LONGEST:
-        raise ValueError("a chunk is longer than any that is read")
+    if size > min(MAX_CHUNK_BYTES, MAX_EXPANSION * len(chunk.data)):
+        raise ValueError(f"a chunk of {size} bytes in {len(chunk.data)} is longer than any that is read")
     match chunk.compression:
         case "":
             return chunk.data
@@ -159,7 +165,7 @@ def _unpacked(chunk: Chunk) -> bytes:
             return bytes(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1))
         case "zstd":
             return zstandard.ZstdDecompressor().stream_reader(chunk.data).read(size + 1)
-    raise ValueError("a chunk is packed in a way that nobody knows")
+    raise ValueError(f"a chunk is packed by {chunk.compression[:20]!r}: must be lz4, zstd or nothing")
 
 
 def _contents(raw: bytes) -> Contents:

@@ -51,6 +51,10 @@ class Drawer:
     def read_way(self) -> bytes | None:
         return self.texts.get("way")
 
+    def set_aside_way(self) -> Path | None:
+        self.texts.pop("way", None)
+        return Path("/somewhere/robot.way.failed")
+
     def change(self, name: str, **values: Any) -> None:
         """Have another value stand in what was kept."""
         self.texts[name] = json.dumps({**json.loads(self.texts[name]), **values}).encode()

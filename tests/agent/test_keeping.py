@@ -79,6 +79,21 @@ def test_a_way_that_was_written_in_part_is_not_read(files: Keeping, torn: bytes)
         files.read_way()
 
 
+def test_a_way_that_is_set_aside_is_not_read_by_the_next(files: Keeping) -> None:
+    files.keep_way({"mono": 1.5})
+    aside = files.set_aside_way()
+    files.keep_way({"mono": 2.0})  # too late
+    assert aside is not None
+    assert b"1.5" in aside.read_bytes()
+    assert files.read_way() is None
+
+
+def test_a_pipe_in_the_place_of_a_file_is_not_waited_for(files: Keeping) -> None:
+    os.mkfifo(files.stops)
+    with pytest.raises(OSError, match="must be a file"):
+        files.read_stops()
+
+
 def test_what_is_far_too_long_is_not_read_to_its_end(files: Keeping) -> None:
     files.stops.write_bytes(b" " * (keeping.LONGEST + 1))
     with pytest.raises(OSError, match="is longer than anything that an agent keeps"):

@@ -5,11 +5,15 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from agent.core import Agent
 from agent.failsafe import State
+from agent.legacy import TRUSTED
+from agent.loop import Sides, drive
 from agent.memory import remember
 from agent.survival import OLDEST, OLDEST_INTEGRAL
 from formation.mission import Mission
@@ -18,6 +22,7 @@ from formation.ros2.messages import Odometry, Pose, decode, encode
 from formation.topics import ODOM, POSE
 from formation.wire import Sample
 from tests.agent.missions import with_robots
+from tests.agent.recorded import Wire
 from tests.agent.restarting import Team, driving, turning_back
 
 SIX = load("six_robots")
@@ -73,6 +78,72 @@ def test_a_way_in_which_no_silence_would_be_too_long_is_not_taken_over(
     team.drawers["robot3"].change("way", here=here)
     assert "a number in it is none" in news(team, caplog)
     assert team.agents["robot3"]._here.stream.clock_agrees
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        ("estimate", [1.7e308, 1.7e308]),  # an agent would fail with at its first step
+        ("jumps", "DIGITS"),  # too long to be shown
+    ],
+)
+def test_state_that_an_agent_would_fail_with_is_refused(
+    place: str, value: Any, caplog: pytest.LogCaptureFixture
+) -> None:
+    team = lost(1.0)
+    here = json.loads(team.drawers["robot3"].texts["way"])["here"]
+    assert place in here
+    text = json.dumps({**here, place: "PLACE"}).replace('"PLACE"', _json(value))
+    way = team.drawers["robot3"].texts["way"]
+    team.drawers["robot3"].texts["way"] = way.replace(json.dumps(here).encode(), text.encode())
+    assert team.drawers["robot3"].texts["way"] != way
+    assert "begins as one that knows nothing" in news(team, caplog)
+    assert team.agents["robot3"].decision.state is State.RUN
+
+
+def _json(value: Any) -> str:
+    """As JSON has it, also a number of thousands of digits."""
+    return 5000 * "1" if value == "DIGITS" else json.dumps(value)
+
+
+def test_saved_state_that_its_agent_failed_with_is_set_aside(caplog: pytest.LogCaptureFixture) -> None:
+    team = lost(1.0)
+    assert news(team, caplog).startswith("goes on from where it was")
+    sides = team.loop("robot3").sides
+    sides.failed(team.moment)
+    sides.end(team.moment)  # which an agent does in any case
+    assert "way" not in team.drawers["robot3"].texts
+    assert "after it took over saved state, which is now /somewhere/robot.way.failed" in caplog.text
+    team.kill("robot3")
+    assert news(team, caplog) == ""
+    assert team.agents["robot3"].decision.state is State.RUN
+
+
+def test_saved_state_that_has_worked_for_long_is_kept_after_a_failure(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    team = lost(1.0)
+    news(team, caplog)
+    team.run(TRUSTED)
+    team.loop("robot3").sides.failed(team.moment)
+    assert "way" in team.drawers["robot3"].texts
+
+
+def test_a_loop_that_fails_says_so_to_what_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    failed = []
+    monkeypatch.setattr(Sides, "failed", lambda _self, now: failed.append(now))
+
+    def run(*_: Any) -> None:
+        raise OverflowError("absolute value too large")
+
+    wire = Wire()
+    bus = SimpleNamespace(
+        advertise=wire.advertise, subscribe=wire.subscribe, routed=wire.routed, answer=wire.subscribe
+    )
+    process: Any = SimpleNamespace(bus=bus, robot=wire, ready=lambda *_: None, run=run)
+    with pytest.raises(OverflowError):
+        drive(Agent(SIX, "robot3", voice="a"), process, readonly=False)
+    assert len(failed) == 1
 
 
 def test_a_way_that_fits_is_taken_over_and_said(caplog: pytest.LogCaptureFixture) -> None:

@@ -110,7 +110,7 @@ def test_what_could_not_be_judged_is_told_with_its_reason(
         if not (sample.key == POSITION.key("leader") and 1.0 < wall - start < 1.1)
     ]
     path = written(tmp_path / "lossy.mcap", lossy)
-    assert verify.main([str(path), "--verify", "--json"]) == 0
+    assert verify.main([str(path), "--verify", "--json", "--min-compared", "0.3"]) == 0
     text, result = said(capsys)
     (stretch,) = result["robots"]["robot1"]["not_judged"]
     assert (
@@ -127,7 +127,48 @@ def test_a_cut_recording_is_verified_as_far_as_it_goes(
     code = verify.main([str(path), "--verify", "--json"])
     text, result = said(capsys)
     assert "note: the recording is cut" in text
-    assert code == (0 if result["compared"] else 2)
+    enough = result["least_share"] >= verify.MIN_COMPARED
+    assert code == (2 if not result["compared"] else 0 if enough else verify.TOO_FEW)
+
+
+def without_traces(share: float) -> Recording:
+    """The run, in which so many of the later commands of robot1 lost their trace."""
+    key, begin = CMD_VEL.key("robot1"), RUN[0][1]
+    later = [i for i, (sample, wall) in enumerate(RUN) if sample.key == key and wall > begin + 2.0]
+    lost = set(later[: round(share * len(later))])
+    return [
+        (sample._replace(attachment=None) if i in lost else sample, wall)
+        for i, (sample, wall) in enumerate(RUN)
+    ]
+
+
+def test_too_few_commands_compared_is_no_verdict(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = written(tmp_path / "few.mcap", without_traces(0.5))
+    assert verify.main([str(path), "--verify", "--json"]) == verify.TOO_FEW
+    text, result = said(capsys)
+    assert f"only {result['least_share']:.1%} of robot1's commands were compared" in text
+    assert "at least 99.0% are needed (--min-compared)" in text
+    assert result["robots"]["robot2"]["share"] == 1.0
+    assert verify.main([str(path), "--verify", "--min-compared", f"{result['least_share']:.3f}"]) == 0
+
+
+def test_one_robot_that_was_not_compared_is_no_verdict(tmp_path: Path) -> None:
+    key = CMD_VEL.key("robot1")
+    record = [(one._replace(attachment=None) if one.key == key else one, wall) for one, wall in RUN]
+    assert verify.main([str(written(tmp_path / "one.mcap", record)), "--verify"]) == verify.TOO_FEW
+
+
+def test_commands_before_the_first_memory_do_not_count(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    begin = RUN[0][1]
+    late = [(sample, wall) for sample, wall in RUN if wall > begin + 1.0]
+    assert verify.main([str(written(tmp_path / "late.mcap", late)), "--verify", "--json"]) == 0
+    text, result = said(capsys)
+    for one in result["robots"].values():
+        assert one["lead_in"] == one["commands"] - one["compared"] > 10
+        assert one["share"] == 1.0
+    assert "before the first memory of its agent do not count" in text
 
 
 def test_agents_that_drove_by_another_mission_are_named(

@@ -181,3 +181,47 @@ def test_mission_whose_first_shape_is_outside_is_refused() -> None:
     text = read("six_robots")[0].replace("[-1.5, 0.866025]", "[-9.0, 0.866025]")
     with pytest.raises(MissionError, match=r"first shape at the start; robot3's slot is at x = -9 m"):
         parse(text.replace("[robots.robot1]", TABLE.format(-5, 30, -4, 4)))
+
+
+@given(
+    x=st.floats(-40, 40),
+    y=st.floats(-40, 40),
+    heading=st.floats(-4, 4),
+    rotation=st.floats(-7, 7),
+    scale=st.floats(0.01, 20.0),
+    mixed=st.none() | st.tuples(st.floats(0.0, 1.0), st.floats(-7, 7), st.floats(0.01, 20.0)),
+    turning=st.booleans(),
+)
+@settings(max_examples=300, deadline=None)
+def test_order_is_taken_exactly_when_all_slots_are_inside(
+    x: float,
+    y: float,
+    heading: float,
+    rotation: float,
+    scale: float,
+    mixed: tuple[float, float, float] | None,
+    turning: bool,
+) -> None:
+    """The oracle looks at each slot, as it is now and as it is to become."""
+    mission = within(SIX, (-12.0, 25.0), (-9.0, 9.0)).model_copy(update={"turning": turning})
+    slots = None
+    if mixed is not None:
+        mix = {"hexagon": mixed[0], "wedge": 1.0 - mixed[0]}
+        slots = Slots(mix=mix, rotation=mixed[1], scale=mixed[2])
+    what: dict[str, Any] = {
+        "place": Place(x=x, y=y, heading=heading),
+        "rotation": rotation,
+        "scale": scale,
+        "slots": slots,
+    }
+    given_order = ordered(**what)
+    wanted = Figure((("hexagon", 1.0),), rotation + (heading if turning else 0.0), scale)
+    points = [complex(x, y) + slot for one in (Figure.of(given_order), wanted) for slot in one.slots(mission)]
+    inside = all(-12.0 <= one.real <= 25.0 and -9.0 <= one.imag <= 9.0 for one in points)
+    fence = Geofence(mission)
+    for _ in range(2):  # the second time from what is kept of figures
+        if inside:
+            fence.check(given_order)
+        else:
+            with pytest.raises(BadMessage, match="order outside the bounds"):
+                fence.check(given_order)

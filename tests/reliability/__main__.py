@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import cast
 
 from tests.needs import missing
-from tests.reliability import document, failover, faults, network, shapes, soak, stop
+from tests.reliability import document, failover, faults, network, sensors, shapes, soak, stop
 from tests.reliability.campaign import tell
 from tests.reliability.part import Options, Part
 
@@ -23,6 +23,7 @@ PARTS: Mapping[str, Part] = {
     name: cast("Part", module)
     for name, module in {
         "faults": faults,
+        "sensors": sensors,
         "network": network,
         "stop": stop,
         "failover": failover,

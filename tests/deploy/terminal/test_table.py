@@ -326,7 +326,8 @@ def test_error_over_the_known_edges_says_how_many() -> None:
     text = picture(now)
     assert any(line.startswith("error    12 mm ") for line in text)
     assert "over 7 of 9 edges; 2 unknown (robot6 silent for 12 s)" in text
-    assert ">3.0 mm" in row(text, "robot5")
+    assert "≥3.0 mm" in row(text, "robot5")
+    assert ">=3.0 mm" in row(picture(now, ascii_only=True), "robot5")
     assert "error 12 mm over 7 of 9 edges; 2 unknown (robot6 silent for 12 s)  settled" in line(now)
     assert now.errors[-1] == 0.012
 

@@ -118,6 +118,18 @@ def test_json_of_a_verdict_is_read_back() -> None:
     assert verdict.final.words == "8 of 11 edges; 3 unknown (robot4 silent for 12 s, robot5 never heard)"
 
 
+def test_known_edges_are_judged_alone() -> None:
+    """As a recording is read, which holds no error while an edge is unknown."""
+    fleet, metrics = Fleet(), Metrics(Fleet().mission)
+    for tick in range(1, 51):
+        end = 10.0 + tick / 10
+        hear(metrics, fleet.positions(end - 0.1, end, without="robot6"))
+        metrics.observe_known(now(end))
+    seen = metrics.snapshot(now(15.0))
+    assert seen.known_verdict.converged
+    assert (seen.settled_at, seen.final_error) == (None, None)
+
+
 def test_partial_sum_is_no_formation_error_anywhere() -> None:
     """What is called the formation error stays unknown, and is not published as a number."""
     _, seen = watched(Fleet(), silent="robot6", since=15.0, until=30.0)

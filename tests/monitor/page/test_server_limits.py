@@ -16,7 +16,7 @@ import pytest
 from monitor.page import server as server_module
 from monitor.page import source as module
 from monitor.page.server import PageServer
-from tests.monitor.page.asking import BEARER, TOKEN, Orders, asked
+from tests.monitor.page.asking import BEARER, TOKEN, Orders, Player, asked
 from tests.monitor.page.looking import PLAIN, SEEN, dial, looking, serving, source, until
 from tests.processes.child import PATIENCE
 
@@ -111,15 +111,75 @@ def test_many_look_and_everybody_sees_the_newest_frame() -> None:
         assert [next(events).data["t"] for events in people] == 64 * [7.0]
 
 
-def test_connections_are_not_taken_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("monitor.page.connection.MOST", 4)
+def test_a_new_connection_takes_the_place_of_the_oldest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("monitor.page.connection.MAX_CONNECTIONS", 4)
     monkeypatch.setattr("monitor.page.connection.ASKING", 1e6)  # nobody is hung up on for saying nothing
     with serving() as server, ExitStack() as stack:
-        for _ in range(4):
+        first = stack.enter_context(asleep(server))
+        until(lambda: server.source._looking == 1)
+        for _ in range(3):
             stack.enter_context(asleep(server))
         until(lambda: server.source._looking == 4)
-        with dial(server) as fifth:
-            assert closed(fifth)
+        stack.enter_context(asleep(server))
+        assert closed(first)
+        until(lambda: server.source._looking == 4)
+        assert len(server._server.server_state.connections) == 4
+
+
+FLOODS = {
+    "silent": b"",
+    "half a head": b"GET / HT",
+    "streams that are not read": REQUEST,
+    "half a body": b"POST /api/replay HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+    b"Content-Length: 100\r\n\r\n{",
+    "idle after a request": b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n",
+}
+STOPS = 15
+
+
+def flooded(server: PageServer, words: bytes, many: int, addresses: int, stack: ExitStack) -> None:
+    """So many connections from so many addresses of this machine, each of which says these words."""
+    host, _, port = server.address.removeprefix("http://").rstrip("/").rpartition(":")
+    for number in range(many):
+        one = socket.create_connection(
+            (host, int(port)), source_address=(f"127.0.0.{2 + number % addresses}", 0)
+        )
+        stack.enter_context(one)
+        with suppress(OSError):  # it may have made room already
+            one.sendall(words)
+
+
+@pytest.mark.parametrize("addresses", [1, 5, 200])
+@pytest.mark.parametrize("words", FLOODS.values(), ids=FLOODS)
+def test_a_stop_gets_in_however_many_connections_there_are(words: bytes, addresses: int) -> None:
+    orders = Orders()
+    with serving(control=orders, replay=Player()) as server, ExitStack() as stack:
+        flooded(server, words, 200, addresses, stack)
+        for _ in range(STOPS):
+            assert asked(server, "api/order", {"do": "stop"}, **BEARER).status_code == 200
+            flooded(server, words, 10, addresses, stack)
+    assert len(orders.given) == STOPS
+
+
+def test_a_connection_with_the_token_never_makes_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("monitor.page.connection.MAX_CONNECTIONS", 4)
+    with serving(control=Orders()) as server, ExitStack() as stack:
+        client = stack.enter_context(httpx.Client(base_url=server.address, timeout=PATIENCE, verify=PLAIN))
+        assert client.get("/api/order", headers=BEARER).status_code == 204
+        (own,) = server._server.server_state.connections
+        flooded(server, REQUEST, 50, 5, stack)
+        assert client.post("/api/order", json={"do": "stop"}, headers=BEARER).status_code == 200
+        assert own in server._server.server_state.connections
+
+
+def test_one_address_leaves_room_for_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("monitor.page.connection.MAX_PER_ADDRESS", 5)
+    with serving() as server, ExitStack() as stack, looking(server) as events:
+        next(events)
+        flooded(server, REQUEST, 30, 1, stack)
+        until(lambda: server.source._looking == 6)
+        show(server, 1)
+        assert next(events).data["t"] == 1.0
 
 
 @pytest.mark.parametrize("words", [b"", b"GET / HT", b"POST /healthz HTTP/1.1\r\nHost: local"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from pathlib import Path
 
@@ -9,13 +10,14 @@ import lz4.frame  # type: ignore[import-untyped]
 import pytest
 import zstandard
 from mcap.opcode import Opcode
-from mcap.records import Chunk, Header, Metadata
+from mcap.records import Chunk, Footer, Header, Metadata, Statistics
 
 from formation.mission_file import read as mission_text
+from monitor.recording.extent import Extent
 from monitor.recording.part import packed
 from monitor.recording.reader import UnreadableError, read
 from monitor.recording.recover import recover
-from monitor.recording.scan import LONGEST, MAGIC
+from monitor.recording.scan import MAGIC, MAX_CHUNK_BYTES, MAX_EXPANSION, contents, records
 
 HUGE = 60 * 10**9
 
@@ -46,10 +48,10 @@ def zstd(size: int) -> bytes:
     ("codec", "data", "size"),
     [
         ("lz4", lz4.frame.compress(bytes(1 << 20)), 1 << 20),
-        ("lz4", lz4.frame.compress(bytes(LONGEST)), 10),
+        ("lz4", lz4.frame.compress(bytes(MAX_CHUNK_BYTES)), 10),
         ("lz4", lz4.frame.compress(b"x")[:9], 10),
-        ("lz4", b"nonsense", LONGEST + 1),
-        ("zstd", zstd(LONGEST), 10),
+        ("lz4", b"nonsense", MAX_CHUNK_BYTES + 1),
+        ("zstd", zstd(MAX_CHUNK_BYTES), 10),
         ("zstd", zstandard.compress(b"x"), 2**64 - 1),
         ("zstd", b"nonsense", 10),
         ("", b"", 2**63),
@@ -63,6 +65,47 @@ def test_a_chunk_that_is_longer_than_it_says_or_nonsense_costs_itself_alone(
     file.write_bytes(top() + chunk(codec, data, size))
     assert list(read(file).messages()) == []
     assert recover(file, tmp_path / "out.mcap").damaged == 1
+
+
+@pytest.mark.parametrize("codec", ["lz4", "zstd"])
+def test_a_small_chunk_with_a_million_messages_is_refused(tmp_path: Path, codec: str) -> None:
+    message = struct.pack("<BQHIQQ", Opcode.MESSAGE, 22, 1, 0, 1, 1)
+    raw = message * 60_000
+    data = {"lz4": lz4.frame.compress, "zstd": zstandard.compress}[codec](raw)
+    assert len(raw) > MAX_EXPANSION * len(data)
+    file = tmp_path / "dense.mcap"
+    file.write_bytes(top() + chunk(codec, data, len(raw)))
+    with file.open("rb") as opened:
+        assert [contents(one.body) for one in records(opened) if one.opcode == Opcode.CHUNK] == [None]
+    assert recover(file, tmp_path / "out.mcap").damaged == 1
+
+
+@pytest.mark.parametrize("place", [1, 2**31, 2**62, 2**63, 2**64 - 1])
+def test_a_footer_that_points_outside_the_file_is_no_end(tmp_path: Path, place: int) -> None:
+    file = tmp_path / "footer.mcap"
+    file.write_bytes(top() + packed(Footer(place, place, 0)) + MAGIC)
+    recording = read(file)
+    assert recording.is_cut()
+    assert list(recording.messages(since=1.0)) == []
+    assert recording.extent().start is None
+    assert not recover(file, tmp_path / "out.mcap").is_whole
+
+
+def test_statistics_that_end_before_they_begin_are_not_believed(tmp_path: Path) -> None:
+    begin = top()
+    stated = Statistics(
+        message_count=1, schema_count=0, channel_count=0, attachment_count=0, metadata_count=1, chunk_count=0,
+        message_start_time=2**64 - 1, message_end_time=0, channel_message_counts={},
+    )  # fmt: skip
+    file = tmp_path / "odd.mcap"
+    file.write_bytes(begin + packed(stated) + packed(Footer(len(begin), 0, 0)) + MAGIC)
+    assert read(file).extent() == Extent()
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.mcap")
+    with pytest.raises(UnreadableError, match="must be a file, is a pipe"):
+        read(tmp_path / "pipe.mcap")
 
 
 @pytest.mark.parametrize("opcode", [Opcode.ATTACHMENT, Opcode.CHUNK, Opcode.METADATA])

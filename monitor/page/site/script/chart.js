@@ -1,6 +1,6 @@
 /** The formation error over time, with the bound under which it counts as settled, and what happened when. */
 
-import { byId, setAttribute, setText } from "./dom.js";
+import { byId, setAttribute, setHidden, setText } from "./dom.js";
 import * as format from "./format.js";
 import { colour } from "./palette.js";
 import { recall, remember } from "./store.js";
@@ -51,6 +51,7 @@ export class ErrorChart {
     if (this.plot) this.plot.setData(this.data());
     const { error, known } = this.model.frame ?? {};
     const now = known ? `${format.length(known[0])} over ${known[3]}` : format.length(error);
+    setHidden(byId("known-key"), !known);
     setAttribute(this.host, "aria-label", `Formation error over time; now ${now}`);
   }
 
