@@ -23,6 +23,7 @@ from formation.ros2.messages import Odometry, encode
 from formation.topics import ODOM, POSITION
 from formation.wire import Now, Outgoing, Sample
 from leader.core import Leader
+from tests.named import named
 
 EPOCH = 1.7e9
 TICK = 0.1
@@ -157,10 +158,10 @@ class Team:
         process = self.processes[name]
         if not process.alive or process.frozen:
             return
+        mono = process.now(self.true).mono
+        request = named(request, lambda data: process.core.request(data, mono))
         before = process.core.conduct.tuned if isinstance(process.core, Leader) else None
-        reply = order.decode(
-            OperatorReply, process.core.request(order.encode(request), process.now(self.true).mono)
-        )
+        reply = order.decode(OperatorReply, process.core.request(order.encode(request), mono))
         after = process.core.conduct.tuned if isinstance(process.core, Leader) else None
         if not reply.ok or request.id in process.asked or request.do != "tune":
             assert after == before, f"{name} has other gains though nothing new was asked"
