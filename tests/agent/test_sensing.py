@@ -50,13 +50,13 @@ def test_probes_stay_bounded_however_long_it_lasts() -> None:
     assert fleet.agents[robot].decision.probes
 
 
-def test_operator_hold_and_release_probes_again_at_once() -> None:
+def test_hold_and_run_probe_again_at_once() -> None:
     fleet, robot = suffering("turtlebot3_pair", "odometry", "frozen", lasts=60.0)
     fleet.run(64.0)
     assert fleet.agents[robot].decision.probes
-    fleet.ask(robot, "hold")
+    fleet.ask(fleet.mission.leader, "hold")
     fleet.run(0.5)
-    fleet.ask(robot, "release")
+    fleet.ask(fleet.mission.leader, "run")
     fleet.run(8.0)
     assert fleet.agents[robot].decision.state is State.RUN
 
