@@ -22,7 +22,7 @@ from agent.hearing import Hearing
 from agent.latch import HALTED, Latch
 from agent.localisation import Localisation
 from agent.motion_check import Kind, MotionCheck
-from agent.neighbourhood import Neighbourhood
+from agent.neighbourhood import Neighbourhood, other_missions
 from agent.orders import Orders
 from agent.probe import Probe
 from agent.slots import Slots
@@ -41,6 +41,8 @@ from formation.wire import BadMessage, Now, Outgoing, Sample
 
 STATUS_PERIOD = 0.5
 """[s]"""
+RIVAL = 1.0
+"""After another agent's sign of life the robot holds for so long [s], and for 3 periods at least."""
 
 
 class Agent:
@@ -75,6 +77,7 @@ class Agent:
         self._readonly, self._voice, self._told = readonly, voice, 0
         self._certificate = certificate
         self._surroundings = Surroundings()
+        self._rival = float("-inf")  # when another agent's sign of life was last received [s, monotonic]
         self._moved = False  # by the newest step
         self._law = LAWS[self.law_name]
         self._here = Localisation(mission, robot, self.law_name)
@@ -84,7 +87,7 @@ class Agent:
         self._finite = True
         self._fence = Geofence(mission)
         self._outside: str | None = None  # how it is outside the bounds, in words
-        self._orders = Orders(mission)
+        self._orders = Orders(mission, votes=not readonly)
         self._tuning = Tuning(mission, robot)
         self._slots = Slots(mission, robot)
         self._aside = Aside()
@@ -145,9 +148,13 @@ class Agent:
 
     def act(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
         """The first half of a step, whose result need not wait for the second: learn, decide, command."""
-        self._orders.voter.aware(now.mono)
+        voter, rival = self._orders.voter, self._surroundings.rival and not self._readonly
+        if rival:
+            self._rival = now.mono
+        voter.aware(now.mono, rival=rival)
         self._moved, interval = self._hearing.take(self._unstale(now, inbox), now)
         if self._moved:
+            voter.commanded(now.mono)
             self._outside = self._fence.outside(self._here.position, before=self._outside is not None)
         before, self.decision = self.decision.state, self._decide(now)
         outbox = self._drive(now, interval) if self._moved else self._rest(now)
@@ -241,11 +248,18 @@ class Agent:
                 motion=self._motion.doubt,
                 frozen=self._wakefulness.pause,
                 finite=self._finite,
+                rival=now.mono - self._rival <= max(RIVAL, self._here.stream.limit),
+                mission=self._mission.tag,
+                other_missions=self._other_missions(now),
                 scan_silence=0.0 if scanner is None else scanner.silence(now),
                 scan_limit=math.inf if scanner is None else scanner.stream.limit,
                 scan_doubt=scanner.doubt if scanner is not None and scanner.required else None,
             )
         )
+
+    def _other_missions(self, now: Now) -> dict[str, str]:
+        """Robots that this one measures or avoids and that run another mission, with its tag."""
+        return other_missions(chain(self._neighbours.each.values(), self._avoiding.others.values()), now)
 
     def _drive(self, now: Now, interval: float | None) -> list[Outgoing]:
         """A command for the newest position; zero velocity unless the failsafe table says run."""
@@ -348,6 +362,9 @@ class Agent:
             aside=self._aside.told,
             promise=voter.promise,
             echo=voter.echo,
+            mission=self._mission.tag,
+            refused=voter.refused,
+            because=voter.because,
         )
         pose = Pose(self._here.stream.stamp, self._here.position, self._here.heading)
         return Outgoing(self._position_key, encode(pose), order.encode(told))
@@ -369,5 +386,6 @@ class Agent:
             dropped=self._hearing.unused,
             forgers=self._orders.forgers(now),
             mission=self._mission.fingerprint,
+            other_missions=self._other_missions(now),
         )
         return Outgoing(self._status_key, encode(status(report, now)))

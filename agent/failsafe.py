@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from enum import StrEnum
+from types import MappingProxyType
 from typing import NamedTuple
 
 from agent.motion_check import SHARE, Disagreement, Kind
-from formation.order import LEADER_LOST, Mode, Order
+from formation.order import LEADER_LOST, Mode, Order, mixed
 
 
 class State(StrEnum):
@@ -79,6 +80,12 @@ class Facts(NamedTuple):
     """For so long this process was frozen, and has not heard enough since [s]; 0 if it was not."""
     motion: Disagreement | None = None
     """How the robot does not move as it is told."""
+    rival: bool = False
+    """Whether another agent commands this robot."""
+    mission: str = ""
+    """Tag of the mission that this robot runs."""
+    other_missions: Mapping[str, str] = MappingProxyType({})
+    """Robots that it hears and that run another mission, with its tag."""
 
 
 class Row(NamedTuple):
@@ -120,6 +127,10 @@ def _nobody(facts: Facts) -> str:
     return f"no neighbour {'can be followed' if facts.aside else 'is fresh'}: {each}"
 
 
+def _mixed(facts: Facts) -> str:
+    return mixed(*next(iter(facts.other_missions.items())), facts.mission)
+
+
 _CHECK = {
     Kind.FROZEN: "{source} frozen or robot blocked: commanded {expected:.2f} m in {over:.1f} s, moved"
     " {seen:.2f} m; at least {least:.2f} m expected; check {sensor}, wheels and motors",
@@ -154,6 +165,12 @@ TABLE: tuple[Row, ...] = (
     Row(lambda f: f.latched == "stop", State.STOP, lambda f: f.why or "stopped by the operator", own=True),
     Row(lambda f: not f.finite, State.HOLD, lambda _: "the law gave no finite command", own=True),
     Row(lambda f: f.connected is False, State.HOLD, lambda _: "no link to the robot", own=True),
+    Row(
+        lambda f: f.rival,
+        State.HOLD,
+        lambda _: "another agent commands this robot: end one of the two",
+        own=True,
+    ),
     Row(
         lambda f: f.frozen > 0.0,
         State.WAITING,
@@ -190,6 +207,7 @@ TABLE: tuple[Row, ...] = (
     ),
     Row(lambda f: f.scan_doubt is not None, State.HOLD, lambda f: f"range scan {f.scan_doubt}", own=True),
     Row(lambda f: f.routed is False, State.HOLD, lambda _: "the robot does not listen to cmd_vel", own=True),
+    Row(lambda f: bool(f.other_missions), State.HOLD, _mixed, own=True),
     Row(
         lambda f: f.unsigned is not None and (f.order is None or f.beat_silence > LEADER_LOST),
         State.HOLD,

@@ -115,6 +115,7 @@ class Hearing:
     def _take_position(self, neighbour: Neighbour, orders: Orders, sample: Sample, now: Now) -> None:
         pose = decode(Pose, sample.payload)
         told = order.decode(Told, sample.attachment or b"")
+        neighbour.check_mission(told.mission, sample.arrived)
         leads = neighbour.name == self._leader
         neighbour.voice.admit(told, sample.arrived, orders.voter.promise if leads else 0)
         neighbour.aside = told.aside
@@ -134,7 +135,9 @@ class Hearing:
 def _take_minded(other: Neighbour, sample: Sample, now: Now) -> None:
     """Nothing but where it is counts of whom it only minds: that it relays no orders keeps ways short."""
     pose = decode(Pose, sample.payload)
-    other.voice.admit(order.decode(Told, sample.attachment or b""), sample.arrived, 0)
+    told = order.decode(Told, sample.attachment or b"")
+    other.check_mission(told.mission, sample.arrived)
+    other.voice.admit(told, sample.arrived, 0)
     other.take_position(pose, sample.arrived, now)
 
 

@@ -50,7 +50,7 @@ from agent.values import (
     text,
     word,
 )
-from agent.voice import REMEMBERED, Voice
+from agent.voice import Voice
 from agent.wakefulness import Wakefulness
 from formation.detour import Avoidance
 from formation.election import Voter
@@ -129,8 +129,13 @@ KEPT: Mapping[type, Kept] = {
             "decision": row(Decision._make, word(*State, of=State), text, flag, flag),
             "_told": count,
             "_surroundings": record(
-                Surroundings, connected=maybe(flag), routed=maybe(flag), refused=by_name(count)
+                Surroundings,
+                connected=maybe(flag),
+                routed=maybe(flag),
+                refused=by_name(count),
+                rival=flag,
             ),
+            "_rival": real,
             "_moved": flag,
             "_integral": plane,
             "_finite": flag,
@@ -251,9 +256,10 @@ KEPT: Mapping[type, Kept] = {
             "_track": maybe(_TRACK),
             "_body": maybe(_TRACK),
             "_unplaced": maybe(row(tuple, maybe(real))),
+            "_other": row(tuple, text, real),
         },
         parts=("stream", "voice"),
-        construction=("name", "_offset", "_top_speed", "_filter"),
+        construction=("name", "_tag", "_offset", "_top_speed", "_filter"),
     ),
     Avoiding: Kept(
         memory={
@@ -303,7 +309,7 @@ KEPT: Mapping[type, Kept] = {
             "_bound": maybe(model(Told)),
             "_heard": real,
             "_leapt": maybe(row(tuple, count, real)),
-            "_former": recent(text, REMEMBERED),
+            "_former": by_name(count),
         },
         construction=("limit", "_name", "_rate"),
     ),
@@ -314,14 +320,37 @@ KEPT: Mapping[type, Kept] = {
             "refused": maybe(row(tuple, text, real)),
             "forged": by_name(row(tuple, text, real)),
             "rose": real,
+            "_lived": real,
             "_heard": by_name(row(tuple, _ORDER, real)),
         },
         parts=("voter",),
-        construction=("_leader", "_votes", "_shapes", "_bearable", "_fence", "_rate"),
+        construction=("_leader", "_votes", "_shapes", "_bearable", "_fence", "_rate", "_expiry"),
     ),
     Voter: Kept(
-        memory={"promise": count, "echo": count, "_given": count, "_renewed": maybe(real), "_rose": real},
-        construction=("_mission", "_votes", "_bound"),
+        memory={
+            "promise": count,
+            "echo": count,
+            "refused": count,
+            "because": maybe(word("ahead", "earlier")),
+            "_given": count,
+            "_renewed": real,
+            "_rose": real,
+            "_lived": real,
+            "_commanded": real,
+            "_alone": maybe(real),
+            "_stepped": real,
+            "_stalled": real,
+            "_refused_at": real,
+        },
+        construction=(
+            "_mission",
+            "_votes",
+            "_bound",
+            "_expiry",
+            "_longest_gap",
+            "_reach",
+            "_quarantine",
+        ),
     ),
     Tuning: Kept(memory={"k_p": real, "k_i": real}, construction=("_limits", "_gains", "_original")),
     Slots: Kept(

@@ -6,7 +6,8 @@
                      fleet sees what the agent saw
 
 On the robot's side positions and status are ROS 2 topics, without the order. `ALIVE` is between an agent and
-its guard and stays there. An agent that is ``readonly`` sends its robot neither commands nor signs of life.
+its guard and stays there; that of another agent of the same robot is heard too. An agent that is
+``readonly`` sends its robot neither commands nor signs of life.
 What the fleet hears of a command carries its trace (`agent.trace`), made when the robot has long had it.
 How it is connected it looks up when all is said, for the next step: no command waits for that.
 What is kept for the agent's successor (`agent.legacy`) is written by other threads.
@@ -26,11 +27,12 @@ from agent.survival import Taken
 from agent.trace import Trace
 from formation import order
 from formation.order import OperatorReply
+from formation.ros2.messages import Number, decode
 from formation.ros2.ros_names import address
 from formation.topics import ALIVE, BALLOT, CMD_VEL, ORDER, POSITION, SCAN, STATUS
 from formation.transport.process import Process, clocks
 from formation.transport.verifying import Verifier
-from formation.wire import Now, Outgoing, Sample
+from formation.wire import BadMessage, Now, Outgoing, Sample
 
 WAITING = frozenset((POSITION, BALLOT))
 """What waits for the robot's next own message: it changes nothing before that, and comes more often."""
@@ -64,6 +66,7 @@ class Sides:
         self._urgent: set[str] = set()  # what is for the robot first
         self._fleet: set[str] = set()  # what the fleet is told as well
         self._heard = frozenset(agent.subscriptions)
+        self._alive = ALIVE.key(agent.robot)
         self._repeated: set[str] = set()
         self._inbox: Sequence[Sample] = ()
         self._around = Surroundings()
@@ -93,6 +96,7 @@ class Sides:
                 self._repeated.add(key)
             else:
                 bus.subscribe(key, wakes=topic not in WAITING, check=self._check)
+        robot.subscribe(ALIVE, self._alive, overheard=True)
         self._look()
 
     def step(self, now: Now, inbox: Sequence[Sample], *, tells: bool = True) -> Iterator[Outgoing]:
@@ -104,7 +108,7 @@ class Sides:
         if now.mono >= self._refused_due:  # to ask costs a look into a pipe
             self._refused_due = now.mono + REFUSED_PERIOD
             self._around = self._around._replace(refused=self._process.bus.refused)
-        around = self._around
+        self._around = around = self._around._replace(rival=any(map(self._of_rival, inbox)))
         self._agent.aware(around)
         heard = [sample for sample in inbox if sample.key in self._heard]
         if self._legacy is not None and (taken := self._legacy.met(now, heard)) is not None:
@@ -115,7 +119,7 @@ class Sides:
             if commands:
                 os.sched_yield()  # the thread that writes them to the socket may run before reports are made
             yield from self._agent.tell(now)
-        self._trace.stepped(now, around.connected, around.routed, heard)
+        self._trace.stepped(now, (around.connected, around.routed, around.rival), heard)
         if self._legacy is not None:
             self._legacy.stepped(now)
             if (unkept := self._legacy.failure) != self._unkept:
@@ -194,6 +198,15 @@ class Sides:
         connected, before = routed is not None, self._around
         if (connected, routed) != (before.connected, before.routed):
             self._around = before._replace(connected=connected, routed=routed)
+
+    def _of_rival(self, sample: Sample) -> bool:
+        """Whether it is a sign of life of another agent of this robot, and not a farewell."""
+        if sample.key != self._alive:
+            return False
+        try:
+            return decode(Number, sample.payload).value >= 0.0
+        except BadMessage:
+            return False
 
     def _take(self, taken: Taken) -> None:
         if taken.memory:

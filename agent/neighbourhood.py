@@ -6,6 +6,8 @@ no such either, neighbours that are on their way back to their slots; or nobody.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from agent.localisation import Localisation
 from agent.slots import Slots
 from agent.stream import Stream
@@ -14,11 +16,14 @@ from formation import neighbour
 from formation.graph import cyclic_core
 from formation.law import Measured
 from formation.mission import Mission
+from formation.order import check_mission
 from formation.ros2.messages import Displacement, Pose
 from formation.stability.losses import leads
 from formation.unicycle import control_point
 from formation.wire import Now
 
+MIXED = 1.0
+"""After its newest position with another mission a neighbour counts as running that for so long [s]."""
 LATELY = 5.0
 """For so long a second voice stays in the status [s]."""
 RECOVERED = 0.5
@@ -45,6 +50,8 @@ class Neighbour:
         self.beyond = False
         """Whether it says that it is outside the mission's bounds."""
         # The virtual leader has no body: its position is its control point.
+        self._tag = mission.tag
+        self._other = "", float("-inf")  # tag of the other mission that it runs, and when that was heard
         self._offset = 0.0 if name == mission.leader else spec.control_point_offset
         self._top_speed = spec.top_speed
         self._filter = mission.law.velocity_filter
@@ -94,6 +101,17 @@ class Neighbour:
             return neighbour.first_seen(stamp, point)
         before = track._replace(stamp=stamp - elapsed)
         return neighbour.seen(before, stamp, point, self._filter, self._top_speed)
+
+    def check_mission(self, tag: str, arrived: float) -> None:
+        """Raise BadMessage, and keep in mind, that it runs another mission than this robot."""
+        if tag != self._tag:
+            self._other = tag, arrived
+        check_mission(self.name, tag, self._tag)
+
+    def other_mission(self, now: Now) -> str | None:
+        """Tag of the other mission that it runs, as heard lately; None if it runs this one, or is silent."""
+        tag, heard = self._other
+        return tag if now.mono - heard <= MIXED else None
 
     def fresh(self, now: Now) -> bool:
         """Whether what is known of it is from now."""
@@ -239,3 +257,9 @@ class Neighbourhood:
             velocity += one.velocity - (slots.velocity[name] - my_velocity)
         mean_velocity = velocity / len(self.guides) if self._feed_forward else 0j
         return Measured(relative, desired, len(self.guides), mean_velocity)
+
+
+def other_missions(each: Iterable[Neighbour], now: Now) -> dict[str, str]:
+    """Those that run another mission, with its tag."""
+    found = {one.name: one.other_mission(now) for one in each}
+    return {name: tag for name, tag in found.items() if tag is not None}

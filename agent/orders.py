@@ -6,16 +6,17 @@ term thus takes one period per hop, and a single message, however high its beat,
 
 An order of a slot outside the mission's bounds is refused, whoever it comes from.
 
-Where there are standbys, a robot that has promised itself to a term takes no order of an earlier one.
-
 A robot that hears the leader itself takes no relayed order that is ahead of what the leader has said to it.
+
+Orders of earlier terms are refused: of one before that in force, and where there are standbys of one before
+that promised. Only a term that has been silent for `formation.election.EXPIRY` gives way to an earlier one
+whose beat rises: else a leader with a clock that was ahead once would hold robots for ever.
 """
 
 from __future__ import annotations
 
-from agent.stream import ABSURD
 from agent.tuning import Bearable
-from formation.election import Voter
+from formation.election import Voter, check_term, expiry
 from formation.figure import check_figure
 from formation.geofence import Geofence
 from formation.mission import Mission
@@ -34,7 +35,8 @@ LEAP = 1.0
 class Orders:
     """What one agent has heard of the leader's will."""
 
-    def __init__(self, mission: Mission) -> None:
+    def __init__(self, mission: Mission, *, votes: bool = True) -> None:
+        """`votes`: whether the agent commands its robot, so that it has a vote."""
         self.newest: Order | None = None
         """The newest order of a leader that has been seen alive; None before the first."""
         self.rose = float("-inf")
@@ -45,12 +47,13 @@ class Orders:
         """Why an order was last refused for its signature, and when [s, monotonic]."""
         self.forged: dict[str, tuple[str, float]] = {}
         """The same of orders that a neighbour, by name, has forged."""
-        self.voter = Voter(mission)
-        """Its voice in who leads."""
+        self.voter = Voter(mission, votes=votes)
+        """Its vote in who leads."""
         self._shapes, self._bearable = mission.shapes, Bearable.of(mission)
         self._fence = Geofence(mission)
         self._leader, self._votes = mission.leader, bool(mission.standbys)
-        self._rate = mission.robots[mission.leader].rate
+        self._rate, self._expiry = mission.robots[mission.leader].rate, expiry(mission)
+        self._lived = float("-inf")  # as `rose`, also when this process was frozen
         self._heard: dict[str, tuple[Order, float]] = {}  # from each neighbour, and when [s, monotonic]
 
     def refuse(self, why: str, neighbour: str, arrived: float, *, forged: bool) -> None:
@@ -82,17 +85,21 @@ class Orders:
         self._fence.check(heard)
         if heard.tuned is not None:
             self._bearable.check(heard.tuned)
-        if heard.term * 1e-9 - now.wall > ABSURD:
-            raise BadMessage(f"absurd term: begins {heard.term * 1e-9 - now.wall:.0f} s from now")
+        try:
+            check_term(heard.term, now)
+        except BadMessage:
+            self.voter.refuse(heard.term, "ahead", arrived)
+            raise
         self._check_ahead(heard, neighbour, arrived)
         before = self._heard.get(neighbour)
         self._heard[neighbour] = heard, arrived
-        if heard.term < self.voter.promise or (self.newest is not None and heard.term < self.newest.term):
+        if heard.term < max(self.voter.promise, self._in_force(arrived)):
+            self.voter.refuse(heard.term, "earlier", arrived)
             raise BadMessage(
                 "order of an earlier term: another leader has started since, or had a later clock"
             )
-        if before is not None and self._beats(*before, heard, arrived) and newer(heard, self.newest):
-            self.newest, self.signed, self.rose = heard, signed, arrived
+        if before is not None and self._beats(*before, heard, arrived) and self._supersedes(heard):
+            self.newest, self.signed, self.rose, self._lived = heard, signed, arrived, arrived
             self.voter.follows(heard.term, arrived)
 
     def doubt(self) -> None:
@@ -114,6 +121,14 @@ class Orders:
                 f"relayed order is ahead of the leader, which is heard here: term {heard.term}, beat"
                 f" {heard.beat}; the leader's own: term {own.term}, beat {own.beat}"
             )
+
+    def _in_force(self, arrived: float) -> int:
+        """The term of the newest order, unless its beat has been silent for too long to bind; 0 for none."""
+        return self.newest.term if self.newest is not None and arrived - self._lived <= self._expiry else 0
+
+    def _supersedes(self, heard: Order) -> bool:
+        """Whether an order that is not refused takes the place of the newest one."""
+        return newer(heard, self.newest) or (self.newest is not None and heard.term < self.newest.term)
 
     def _beats(self, before: Order, then: float, heard: Order, arrived: float) -> bool:
         """Whether a living leader's beat can have risen like this between two messages of one neighbour."""

@@ -37,6 +37,8 @@ class Surroundings(NamedTuple):
     """Whether anybody listens to the commands at its other end."""
     refused: Mapping[str, int] = MappingProxyType({})
     """How often others were refused by the bus, by kind."""
+    rival: bool = False
+    """Whether another agent's sign of life was received on the robot's side since the step before."""
 
     @property
     def link(self) -> str | None:
@@ -73,6 +75,8 @@ class Report(NamedTuple):
     """Its fingerprint."""
     forgers: Mapping[str, str] = MappingProxyType({})
     """Neighbours that relayed forged orders of late, and what was wrong with them."""
+    other_missions: Mapping[str, str] = MappingProxyType({})
+    """Robots that run another one, with its tag."""
 
 
 def status(report: Report, now: Now) -> Diagnostics:
@@ -110,6 +114,7 @@ def status(report: Report, now: Now) -> Diagnostics:
         **{f"clock {name}": f"stamped {streams[name].underway:.3f} s before it came" for name in doubted},
         **{f"second voice {name}": "two agents speak for it" for name in contested},
         **{f"{FORGED_ORDER}{name}": why for name, why in report.forgers.items()},
+        **{f"other mission {name}": tag or "unknown" for name, tag in report.other_missions.items()},
         **{f"refused {kind}": str(count) for kind, count in report.surroundings.refused.items()},
         **{f"dropped {key}": f"{count}, last: {why}" for key, (count, why) in report.dropped.items()},
     }

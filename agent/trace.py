@@ -8,7 +8,7 @@ has lost something, is followed again. `agent.verify` reads it.
     {"n": 17, "voice": "…",                          the 17th command of this voice
      "steps": [[mono, wall, [[key, crc, arrived], …]],          key: which of the agent's subscriptions
                (for an order that did not count besides: why, and whether it was forged)
-               [mono, wall, […], [connected, routed]],          the link with the robot, where it has changed
+               [mono, wall, […], [connected, routed, rival]],   the robot's side, where that has changed
                [heard, "{\"do\": …}"],                          an operator's request, between two steps
                {"recalled": {…}}],                              what it took over from the process before it
      "halt": [mono, wall],                           after these steps the agent said its last words
@@ -41,6 +41,8 @@ MOST = 400
 """So many messages, steps and requests between two commands are told; at 200 Hz there are a few."""
 LONGEST = MAX_BYTES - 1024
 """[bytes], so that a recording can keep it."""
+Link = tuple[bool | None, bool | None, bool]
+"""Of `agent.status.Surroundings`: connected, routed, rival."""
 _encode = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
 
 
@@ -62,7 +64,7 @@ class Trace:
         self._voice = agent._voice  # noqa: SLF001
         self._numbers = {key: number for number, key in enumerate(agent.subscriptions)}
         self._count = 0
-        self._link: tuple[bool | None, bool | None] | None = (None, None)  # as last told
+        self._link: Link | None = (None, None, False)  # as last told
         self._steps: list[Json] = []
         self._room = MOST
         self._halt: Now | None = None
@@ -70,16 +72,16 @@ class Trace:
         self._mono = 0.0  # of the newest step
         self._remembered = float("-inf")  # [s, monotonic]
 
-    def stepped(self, now: Now, connected: bool | None, routed: bool | None, heard: Sequence[Sample]) -> None:
+    def stepped(self, now: Now, link: Link, heard: Sequence[Sample]) -> None:
         """The agent took a step. Never raises."""
         try:
             self._mono = now.mono
             if not self._makes_room(1 + len(heard)):
                 return
             step: list[Json] = [now.mono, now.wall, [self._named(sample) for sample in heard]]
-            if (connected, routed) != self._link:
-                self._link = (connected, routed)
-                step.append(self._link)
+            if link != self._link:
+                self._link = link
+                step.append(link)
             self._steps.append(step)
         except Exception as error:  # noqa: BLE001 - whatever it is, the agent drives on
             self._fail(error)

@@ -3,13 +3,12 @@
 Two agents that run for one robot by mistake, and a recording of one that is played back, say well-formed
 positions on the right key. A neighbour is therefore bound to the first voice heard of it, and each voice to
 its own count: another voice is refused until the first has been silent for longer than anybody would follow
-it, and what was said before is refused always. Only who leads in a later term, to which the agent has
-promised its own voice, need not wait for that.
+it, and what was said before is refused always. A voice that was followed by another may speak again when that
+one is silent: else an agent that was cut off while a second one ran would be refused for ever. Only who leads
+in a later term, to which the agent has promised its own voice, need not wait for that.
 """
 
 from __future__ import annotations
-
-from collections import deque
 
 from formation.neighbour import FRESH_PERIODS
 from formation.order import Told
@@ -18,7 +17,7 @@ from formation.wire import BadMessage
 LEAP = 1.0
 """A count may rise by so much time's worth between two messages, however soon they follow each other [s]."""
 REMEMBERED = 64
-"""So many voices that have fallen silent are never listened to again."""
+"""Of so many voices that have fallen silent the newest count is known: what they said is refused again."""
 
 
 class Voice:
@@ -34,7 +33,7 @@ class Voice:
         self._bound: Told | None = None
         self._heard = float("-inf")
         self._leapt: tuple[int, float] | None = None  # a count that rose too far in a silence, and when
-        self._former: deque[str] = deque(maxlen=REMEMBERED)
+        self._former: dict[str, int] = {}  # the newest count of each voice before
 
     def admit(self, told: Told, arrived: float, promise: int = 0) -> None:
         """Let the voice speak, or raise BadMessage. `promise` is the term that the agent follows, if any."""
@@ -49,12 +48,15 @@ class Voice:
             if not self._follows(told.count, bound.count, wait) and not self._goes_on(told, wait, arrived):
                 raise BadMessage(f"position {told.count} of this voice, just now at {bound.count}")
             return
-        if told.voice in self._former:
-            raise BadMessage(f"{self._name} speaks with a voice of its past")
+        if told.count <= self._former.get(told.voice, -1):
+            raise BadMessage(f"said before: position {told.count} of a former voice of {self._name}")
         if wait <= self.limit and not 0 < _term(bound) < _term(told) == promise:
             self.contested = arrived
             raise BadMessage(f"{self._name} speaks with a second voice")
-        self._former.append(bound.voice)
+        self._former.pop(told.voice, None)
+        self._former[bound.voice] = bound.count
+        if len(self._former) > REMEMBERED:
+            self._former.pop(next(iter(self._former)))
 
     def _follows(self, count: int, before: int, wait: float) -> bool:
         return 0 < count - before <= 2.0 * self._rate * (LEAP + max(0.0, wait))

@@ -23,6 +23,9 @@ from formation.robot_spec import RobotDefaults, RobotSpec
 from formation.scan_spec import Post, SimulatedScanner, Wall
 from formation.tables import Name, NotNegative, Point, Positive, Table, Title, as_tuple
 
+TAG = 8
+"""Length of a mission's tag [characters]: 32 bits, against accidents."""
+
 
 class LawSpec(Table):
     """The control law and the heading observer."""
@@ -198,6 +201,11 @@ class Mission(Table):
     def fingerprint(self) -> str:
         """A short name of all that the mission says: equal for equal missions, however their files look."""
         return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:12]
+
+    @property
+    def tag(self) -> str:
+        """The part of the fingerprint that goes with every position and ballot."""
+        return self.fingerprint[:TAG]
 
     def minded(self, robot: str) -> tuple[str, ...]:
         """Followers out of whose way `robot` gets: whom it may measure, and whom it is to mind.

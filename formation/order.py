@@ -63,6 +63,7 @@ UNREACHED: frozenset[Code] = frozenset({"no-link", "no-listener", "readonly"})
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
 Voice = Annotated[str, StringConstraints(max_length=64, pattern=r"^[A-Za-z0-9_.-]*$")]
+Tag = Annotated[str, StringConstraints(max_length=16, pattern=r"^[A-Za-z0-9]*$")]
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
 Scale = Annotated[float, Field(allow_inf_nan=False, ge=1e-3, le=1e3)]
 Share = Annotated[float, Field(allow_inf_nan=False, ge=0.0, le=1.0)]
@@ -118,6 +119,10 @@ class Tuned(_Json):
     def words(self) -> str:
         """``k_p = 2, k_i = 1``."""
         return f"k_p = {self.k_p:g}, k_i = {self.k_i:g}"
+
+
+Refusal = Literal["ahead", "earlier"]
+"""Why a term is refused: it begins over a day from now, or a later one is in force."""
 
 
 class Order(_Json):
@@ -183,6 +188,12 @@ class Told(_Json):
     """Newest term that it has promised its voice to; where there are standbys."""
     echo: Count = 0
     """Newest ballot of that term that it has heard."""
+    mission: Tag = ""
+    """Tag of the mission that the sender runs; empty: unknown, which is another one."""
+    refused: Count = 0
+    """Newest term that it has refused in the last seconds; 0 for none."""
+    because: Refusal | None = None
+    """Why it has."""
 
     def opened(self) -> Self:
         """With the order that was signed, in the place of any other."""
@@ -205,6 +216,8 @@ class Ballot(_Json):
     """Counts the ballots of a term."""
     standing: Literal["candidate", "leader", "leaving"]
     """``leaving``: whoever promised this term is free at once."""
+    mission: Tag = ""
+    """As with a position."""
 
 
 class OperatorRequest(_Json):
@@ -305,6 +318,18 @@ J = TypeVar("J", Order, Told, Ballot, OperatorRequest, OperatorReply)
 def newer(a: Order, b: Order | None) -> bool:
     """Whether `a` supersedes `b`: a later term, or a later beat of the same term. Any supersedes None."""
     return b is None or (a.term, a.beat) > (b.term, b.beat)
+
+
+def mixed(sender: str, theirs: str, ours: str) -> str:
+    """What an operator reads of a sender that runs another mission; `theirs` and `ours` are tags."""
+    other = f"mission {theirs}" if theirs else "an unknown mission"
+    return f"{sender} runs {other}, this process {ours}: give all the same one (formation deploy push)"
+
+
+def check_mission(sender: str, theirs: str, ours: str) -> None:
+    """Raise BadMessage for a message of another mission than `ours`; both are tags."""
+    if theirs != ours:
+        raise BadMessage(mixed(sender, theirs, ours))
 
 
 def encode(value: Order | Told | Ballot | OperatorRequest | OperatorReply) -> bytes:

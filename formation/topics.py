@@ -91,7 +91,7 @@ POSE = Topic(
     REAL_TIME, "centre and heading in the world frame, from an overhead camera or motion capture", "robot",
 )  # fmt: skip
 ALIVE = Topic(
-    "alive", "{robot}/alive", "std_msgs/msg/Float64", "agent", "its guard", "each command",
+    "alive", "{robot}/alive", "std_msgs/msg/Float64", "agent", "its guard, a second agent", "each command",
     Qos("real_time", express=True), "time since the agent's start, said with each command [s]", "robot",
 )  # fmt: skip
 GUARD = Topic(

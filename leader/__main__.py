@@ -6,6 +6,7 @@ import argparse
 import secrets
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from formation.mission import Mission
 from formation.mission_file import load
@@ -14,6 +15,7 @@ from formation.transport.certified import signer_of
 from formation.transport.process import BadInput, Process, Stop, one_of, run_process
 from leader.core import Leader
 from leader.loop import lead
+from leader.terms import Terms
 
 EXAMPLES = """\
   formation leader six_robots
@@ -41,6 +43,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         action="store_true",
         help="begin at the start, also where robots relay how far a leader before had come",
     )
+    parser.add_argument(
+        "--state", metavar="DIR", type=Path,
+        help="keep the newest term in this folder: after a restart robots follow at once, even if the clock"
+        " was set back (default: it is heard from robots again)",
+    )  # fmt: skip
     args = parser.parse_args(arguments)
     return run_process("leader", args, lambda stop: _run(args, stop))
 
@@ -52,9 +59,30 @@ def _run(args: argparse.Namespace, stop: Stop) -> None:
     called = f"leader {name}"
     config = flags.bus_config(args, mission, links, called)
     signer, verifier = signer_of(config, mission, name) or (None, None)
-    leader = Leader(mission, name, hold=args.hold, anew=args.anew, voice=secrets.token_hex(8), signer=signer)
+    terms = _terms(args.state, name)
+    leader = Leader(
+        mission,
+        name,
+        hold=args.hold,
+        anew=args.anew,
+        voice=secrets.token_hex(8),
+        signer=signer,
+        known=0 if terms is None else terms.read(),
+    )
     with Process(called, args, config, stop) as process:
-        lead(leader, process, verifier)
+        try:
+            lead(leader, process, verifier, terms)
+        finally:
+            if terms is not None:
+                terms.close()
+
+
+def _terms(folder: Path | None, name: str) -> Terms | None:
+    """The file in `folder`. Raises BadInput."""
+    try:
+        return None if folder is None else Terms(folder, name)
+    except OSError as error:
+        raise BadInput(f"--state {folder}: must be a writable folder: {error.strerror}") from None
 
 
 def _name(mission: Mission, standby: str | None) -> str:

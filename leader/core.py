@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from formation import order
-from formation.election import rank_of
+from formation.election import TOLD_FOR, expiry, rank_of, without_absurd_terms
 from formation.figure import Figure, check_figure
 from formation.geofence import Geofence
 from formation.mission import Mission
@@ -69,13 +69,15 @@ class Leader:
         anew: bool = False,
         voice: str = "",
         signer: Signer | None = None,
+        known: int = 0,
     ) -> None:
         """`name`: one of ``mission.candidates``, by default the leader; `voice` is drawn anew at every start.
 
         Its orders are signed by `signer`, if there is one.
 
         With `hold` it waits until it is told to run, unless the team is under way; with `anew` it does not go
-        on from where the team is, but from the mission's start. Raises ValueError for who is no candidate.
+        on from where the team is, but from the mission's start. `known` is the newest term that the process
+        before it knew. Raises ValueError for a name that is no candidate.
         """
         self.name = self.robot = mission.leader if name is None else name
         self.dropped: Counter[str] = Counter()
@@ -83,9 +85,13 @@ class Leader:
         self.conduct = Conduct(mission, hold=hold)
         self._mission, self._anew, self._voice, self._signer = mission, anew, voice, signer
         self._forgeries = Forgeries()
-        self._candidacy = Candidacy(mission, self.name)
+        self._candidacy = Candidacy(mission, self.name, known)
         self._desk = Desk(self.name, self.conduct, lambda: self._seat, alone=not mission.standbys)
-        self._newest: Order | None = None  # that anybody relays, or that it gave itself
+        self._newest: Order | None = None  # that anybody relays, or that it gave itself,
+        self._newest_rose = float("-inf")  # and when [s, monotonic]
+        self._earlier: dict[str, Order] = {}  # of a term before that, by the robot that relays it
+        self._mixed: dict[str, tuple[str, float]] = {}  # robots of another mission: its tag, and when heard
+        self._term = 0  # in which it spoke last
         self._rate = Rate(mission.robots[mission.leader].rate)
         self._status_rate, self._course_rate = Rate(STATUS_RATE), Rate(COURSE_RATE)
         self._certificate_rate = Rate(CERTIFICATE_RATE)
@@ -137,6 +143,11 @@ class Leader:
     def term(self) -> int:
         """The newest term that it stood for; 0 before the first."""
         return self._candidacy.term
+
+    @property
+    def known(self) -> int:
+        """The newest term that it knows."""
+        return self._candidacy.known
 
     @property
     def mode(self) -> Mode:
@@ -242,6 +253,9 @@ class Leader:
     def _take_position(self, robot: str, sample: Sample, now: Now) -> None:
         pose = decode(Pose, sample.payload)
         told = order.decode(Told, sample.attachment or b"")
+        if told.mission != self._mission.tag:
+            self._mixed[robot] = told.mission, sample.arrived
+        told = without_absurd_terms(told, now)
         ahead = self._ahead(told.order)
         if sample.unverified or ahead:
             told = told.model_copy(update={"order": None})
@@ -250,9 +264,9 @@ class Leader:
         self._candidacy.hear(robot, told, sample.arrived, now)
         self.conduct.together.hear(robot, pose, sample.arrived)
         heard = told.order
-        if heard is not None and newer(heard, self._newest):
+        if heard is not None and self._supersedes(robot, heard, sample.arrived):
             self._check(heard)
-            self._newest = heard
+            self._newest, self._newest_rose = heard, sample.arrived
         elif heard is not None and self._unsure:
             self._check(heard)
             self._unsure = False
@@ -275,6 +289,16 @@ class Leader:
             return ""
         return f"it is ahead of the leader: beat {relayed.beat}, the leader's own {self._beat}"
 
+    def _supersedes(self, robot: str, heard: Order, arrived: float) -> bool:
+        """Whether it is newer, or rises in an earlier term while the newest has long been silent."""
+        if newer(heard, self._newest):
+            return True
+        if self._newest is None or heard.term == self._newest.term:
+            return False
+        before, self._earlier[robot] = self._earlier.get(robot), heard
+        rises = before is not None and before.term == heard.term and before.beat < heard.beat
+        return rises and arrived - self._newest_rose > expiry(self._mission)
+
     def _settle(self, now: Now) -> bool:
         """Begin to lead, or cease to, as the candidacy says; whether it has."""
         if self._candidacy.leading == self._leads:
@@ -293,6 +317,7 @@ class Leader:
         self._desk.goes_on(now.mono)
         gone_on = self._newest is not None and not (self._anew and self._reigns == 1)
         where = f"goes on after {self.route_time:.1f} s of its route" if gone_on else "from the start"
+        self._term = self.term
         self.notes.append(f"leads in term {self.term}, {where}: {self.mode}")
         return True
 
@@ -358,12 +383,21 @@ class Leader:
     def _position(self, now: Now, mode: Mode, *, certify: bool = False) -> Outgoing:
         """Where it is, with its order; or, if it may `certify`, now and then with its certificate."""
         self._beat += 1
-        self._newest = self.conduct.order(self.term, self._beat, mode)
+        if self._term not in {0, self.term}:
+            self.notes.append(f"goes on in term {self.term}: its clock has been set")
+        self._term = self.term
+        self._newest, self._newest_rose = self.conduct.order(self.term, self._beat, mode), now.mono
         voice = self._voice if self._reigns == 1 else f"{self._voice}.{self._reigns}"
-        told = Told(voice=voice, count=self._beat, order=self._newest)
+        told = Told(voice=voice, count=self._beat, order=self._newest, mission=self._mission.tag)
         if self._signer is not None and certify and self._certificate_rate.tick(now.mono):
             certificate = self._signer.certificate
-            told = Told(voice=voice, count=self._beat, certificate=certificate, term=self.term)
+            told = Told(
+                voice=voice,
+                count=self._beat,
+                certificate=certificate,
+                term=self.term,
+                mission=self._mission.tag,
+            )
         elif self._signer is not None:
             text = order.encode(self._newest).decode()
             signature = self._signer.sign(order.statement(self._mission.fingerprint, text))
@@ -378,6 +412,9 @@ class Leader:
             term=self.term if self._leads else self._candidacy.known,
             conduct=self.conduct,
             mission=self._mission.fingerprint,
+            refusals=self._candidacy.refusals(now.mono),
+            mixed={robot: tag for robot, (tag, when) in self._mixed.items() if now.mono - when <= TOLD_FOR},
+            tag=self._mission.tag,
             beat=self._beat,
             late=self._rate.missed,
             asked=self._desk.asked(),

@@ -10,6 +10,7 @@ from formation.transport.process import Process, clocks
 from formation.transport.verifying import Verifier
 from formation.wire import Now, Outgoing, Sample
 from leader.core import Leader
+from leader.terms import Terms
 
 _log = logging.getLogger(__name__)
 
@@ -17,9 +18,9 @@ _log = logging.getLogger(__name__)
 class _Logged:
     """The leader, with a log of what changes."""
 
-    def __init__(self, leader: Leader) -> None:
+    def __init__(self, leader: Leader, terms: Terms | None) -> None:
         self.began = False
-        self._leader = leader
+        self._leader, self._terms = leader, terms
         self.dropped = leader.dropped
 
     @property
@@ -30,6 +31,8 @@ class _Logged:
         self.began = True
         outbox = self._leader.step(now, inbox)
         self._write()
+        if self._terms is not None:
+            self._terms.keep(self._leader.known, now.mono)
         return outbox
 
     def halt(self, now: Now, reason: str) -> list[Outgoing]:
@@ -42,12 +45,14 @@ class _Logged:
             _log.info("%s", self._leader.notes.popleft())
 
 
-def lead(leader: Leader, process: Process, verifier: Verifier | None = None) -> None:
-    """Declare, wait for whoever watches, then lead, or stand by, until told to stop.
+def lead(
+    leader: Leader, process: Process, verifier: Verifier | None = None, terms: Terms | None = None
+) -> None:
+    """Declare, wait for the monitor, then lead, or stand by, until told to stop.
 
-    `verifier` tells which relayed orders count, where there are certificates.
+    `verifier` tells which relayed orders count, where there are certificates; `terms` keeps the newest term.
     """
-    logged = _Logged(leader)
+    logged = _Logged(leader, terms)
 
     def answer(request: bytes, heard: float) -> bytes:
         if logged.began:  # one that was frozen finds out first whether it still leads

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from formation.figure import Figure
-from formation.order import FORGED_ORDER
+from formation.order import FORGED_ORDER, Refusal, mixed
 from formation.ros2.messages import Diagnostics, Status
 from formation.wire import Now
 from leader.conduct import Conduct
@@ -30,6 +30,12 @@ class Report(NamedTuple):
     conduct: Conduct
     mission: str
     """Its fingerprint."""
+    refusals: Mapping[str, Refusal]
+    """Robots that refuse its term, and why."""
+    mixed: Mapping[str, str]
+    """Robots that run another mission, with its tag."""
+    tag: str
+    """Of its own mission."""
     beat: int
     late: int
     """Periods that passed without a position."""
@@ -44,7 +50,7 @@ def status(report: Report, now: Now, reason: str) -> Diagnostics:
     """The message; `reason` if there is a special one."""
     seat = report.seat
     leads, state = seat.leads, seat.mode if seat.leads else seat.standing
-    why = reason or (_why(report.conduct) if leads else _why_not(report))
+    why = reason or _doubts(report) or (_why(report.conduct) if leads else _why_not(report))
     values = {
         "state": state,
         "reason": why,
@@ -54,10 +60,12 @@ def status(report: Report, now: Now, reason: str) -> Diagnostics:
         "mission": report.mission,
         **({"asked": _spelled(report.asked)} if report.asked else {}),
         **(_conducted(report) if leads else _latched(report.conduct)),
+        **{f"refused by {robot}": because for robot, because in report.refusals.items()},
+        **{f"other mission {robot}": tag or "unknown" for robot, tag in report.mixed.items()},
         **{f"{FORGED_ORDER}{robot}": why for robot, why in report.forgers.items()},
         **{f"dropped {key}": str(count) for key, count in report.dropped.items()},
     }
-    doubts = report.forgers or (leads and report.conduct.fenced)
+    doubts = report.forgers or report.mixed or report.refusals or (leads and report.conduct.fenced)
     level = OK if state in {"run", "standby"} and not doubts else WARNING
     message = f"{state}: {why}" if why else state
     if report.forgers:
@@ -89,6 +97,18 @@ def _spelled(asked: Sequence[Asked]) -> str:
         if len(spelled) + sum(map(len, said)) <= LONGEST_ASKED:
             said.insert(0, spelled)
     return f"[{', '.join(said)}]"
+
+
+def _doubts(report: Report) -> str:
+    """What keeps robots from following, in words; empty for nothing."""
+    if report.mixed:
+        return mixed(*next(iter(report.mixed.items())), report.tag)
+    if report.refusals:
+        robots = ", ".join(report.refusals)
+        ahead = "ahead" in report.refusals.values()
+        why = "is over a day ahead: set the clocks (chronyc tracking)" if ahead else "is an earlier one"
+        return f"{robots} refuse{'' if ', ' in robots else 's'} term {report.term}, which {why}"
+    return ""
 
 
 def _why(conduct: Conduct) -> str:

@@ -98,7 +98,7 @@ class Replica:
         law = self._law or about.law
         if law not in LAWS:
             raise BadTraceError(f"law {law!r}: must be one of {', '.join(LAWS)}")
-        agent = Agent(self._mission, self._robot, law, readonly=about.readonly)
+        agent = Agent(_named(self._mission, about.mission), self._robot, law, readonly=about.readonly)
         self._hears = frozenset(agent.subscriptions)
         return agent
 
@@ -140,7 +140,7 @@ class Replica:
                 recall(agent, step.recalled, partly=True)
                 continue
             if step.link is not None:
-                agent.aware(Surroundings(*step.link))
+                agent.aware(Surroundings(step.link.connected, step.link.routed, rival=step.link.rival))
             inbox = [
                 shelf[Title(keys[one.key], one.checksum)]._replace(
                     arrived=one.arrived, unverified=one.unverified, forged=one.forged
@@ -179,3 +179,10 @@ class Replica:
 def _missing(needed: Mapping[Title, float], shelf: Shelf) -> str | None:
     missing = [title.key for title in needed if title not in shelf]
     return f"a message on {missing[0]} that its agent heard is missing in the recording" if missing else None
+
+
+def _named(mission: Mission, fingerprint: str) -> Mission:
+    """`mission`, edited or not, under the fingerprint recorded: its messages are not another mission's."""
+    named = mission.model_copy()
+    named.__dict__["fingerprint"] = fingerprint  # where `cached_property` keeps it
+    return named

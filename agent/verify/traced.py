@@ -31,14 +31,21 @@ class Heard(NamedTuple):
     forged: bool = False
 
 
+class Link(NamedTuple):
+    """What an agent saw of its robot's side: of `agent.status.Surroundings` what commands depend on."""
+
+    connected: bool | None
+    routed: bool | None
+    rival: bool = False
+
+
 class Step(NamedTuple):
     """One step of an agent, or, with `link`, one at which its link with the robot had changed."""
 
     mono: float
     wall: float
     heard: tuple[Heard, ...]
-    link: tuple[bool | None, bool | None] | None = None
-    """Connected, routed."""
+    link: Link | None = None
 
     @property
     def now(self) -> Now:

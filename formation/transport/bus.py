@@ -120,6 +120,7 @@ class Bus:
         name: str = "",
         *,
         wakes: bool = True,
+        others_only: bool = False,
         check: Callable[[Sample, float], Sample] | None = None,
     ) -> None:
         """Have the samples of `key` put into the mailbox, as samples of `name` if that is given.
@@ -127,6 +128,7 @@ class Bus:
         Wildcards are allowed; then each sample has the key that it was published on. With `wakes` false they
         wait there until something else wakes whoever waits. ``check(sample, wall)`` marks each as it arrives,
         on the receive thread, so that no step takes longer for it.
+        `others_only`: not what this session publishes.
         """
         fixed = name or ("" if "*" in key else key)
         put, received = self.mailbox.put, self.received
@@ -143,7 +145,11 @@ class Bus:
             put(taken if check is None else check(taken, wall()), received, wakes=wakes)
 
         with named(key):
-            self._live.declare_subscriber(key, zenoh.handlers.Callback(receive, indirect=False))
+            self._live.declare_subscriber(
+                key,
+                zenoh.handlers.Callback(receive, indirect=False),
+                allowed_origin=zenoh.Locality.REMOTE if others_only else zenoh.Locality.ANY,
+            )
 
     def claim(self, tokens: Iterable[str]) -> None:
         """Hold exactly these liveliness tokens. Zenoh tells them again to whoever is linked later."""

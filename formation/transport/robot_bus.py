@@ -67,6 +67,7 @@ class RobotBus:
         self._advertised: dict[str, _Line] = {}
         self._subscribed: dict[str, str] = {}
         self._answered: dict[str, Handler] = {}
+        self._overheard: set[str] = set()
         self._zid = ""
         self._level = logging.INFO if awaited else logging.DEBUG
         self._bus: Bus | None = None
@@ -109,18 +110,21 @@ class RobotBus:
                 self._bus.advertise(topic, line.wire)
                 self._claim(self._bus)
 
-    def subscribe(self, topic: Topic, key: str) -> None:
+    def subscribe(self, topic: Topic, key: str, *, overheard: bool = False) -> None:
         """Have the samples of logical `key` put into the mailbox, under that name.
 
-        Raises BusError if it is subscribed to already, KeyError and ValueError as `Naming.wire`.
+        `overheard`: those of other processes only, and they do not wake this one. Raises BusError if it is
+        subscribed to already, KeyError and ValueError as `Naming.wire`.
         """
         if key in self._subscribed:
             raise BusError(f"{key!r} is subscribed to already")
         wire = self._naming.wire(key, _type(topic))
         with self._changing:
             self._subscribed[key] = wire
+            if overheard:
+                self._overheard.add(key)
             if self._bus is not None:
-                self._bus.subscribe(wire, key)
+                self._bus.subscribe(wire, key, wakes=not overheard, others_only=overheard)
                 self._claim(self._bus)
 
     def answer(self, key: str, handler: Handler) -> None:
@@ -209,7 +213,8 @@ class RobotBus:
         for line in self._advertised.values():
             bus.advertise(line.topic, line.wire)
         for key, wire in self._subscribed.items():
-            bus.subscribe(wire, key)
+            overheard = key in self._overheard
+            bus.subscribe(wire, key, wakes=not overheard, others_only=overheard)
         for wire, handler in self._answered.items():
             bus.answer(wire, handler)
         self._claim(bus)

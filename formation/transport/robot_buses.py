@@ -34,7 +34,7 @@ class RobotSide(Protocol):
     def advertise(self, topic: Topic, key: str) -> None:
         """As `RobotBus.advertise`."""
 
-    def subscribe(self, topic: Topic, key: str) -> None:
+    def subscribe(self, topic: Topic, key: str, *, overheard: bool = False) -> None:
         """As `RobotBus.subscribe`."""
 
     def answer(self, key: str, handler: Handler) -> None:
@@ -102,9 +102,9 @@ class RobotBuses:
         """As `RobotBus.advertise`."""
         self._of(key).advertise(topic, key)
 
-    def subscribe(self, topic: Topic, key: str) -> None:
+    def subscribe(self, topic: Topic, key: str, *, overheard: bool = False) -> None:
         """As `RobotBus.subscribe`."""
-        self._of(key).subscribe(topic, key)
+        self._of(key).subscribe(topic, key, overheard=overheard)
 
     def answer(self, key: str, handler: Handler) -> None:
         """As `RobotBus.answer`."""

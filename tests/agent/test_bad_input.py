@@ -33,9 +33,8 @@ def moment(step: int) -> Now:
 def inbox(step: int, me: Odometry | None = None) -> list[Sample]:
     """What a healthy team would send in one period."""
     mono, wall = moment(step)
-    relayed = order.encode(
-        Told(voice="v", count=step, order=Order(term=1, beat=step, mode="run", shape="hexagon"))
-    )
+    said = Order(term=1, beat=step, mode="run", shape="hexagon")
+    relayed = order.encode(Told(voice="v", count=step, order=said, mission=SIX.tag))
     way = 0.2 * mono
     samples = [
         Sample(POSITION.key(name), encode(Pose(wall, way + index * 1j, 1 + 0j)), relayed, mono)
@@ -119,7 +118,7 @@ def test_a_status_stays_short_enough_to_send_whatever_a_hundred_neighbours_write
     name = mission.followers[-1]
     agent = Agent(mission, name)
     position = encode(Pose(EPOCH, 0j, 1 + 0j))
-    stranger = order.encode(Told(voice="v", count=1))
+    stranger = order.encode(Told(voice="v", count=1, mission=mission.tag))
     stranger = stranger.replace(b"}", b', "' + b"x" * 900 + b'": 1}')
     for other in mission.robots[name].neighbours:
         agent.step(Now(0.0, EPOCH), [Sample(POSITION.key(other), position, stranger, 0.0)])
@@ -157,7 +156,8 @@ def test_an_order_of_a_shape_that_nobody_knows_is_dropped_but_the_position_it_ca
     agent = Agent(SIX, ME)
     for step in range(4):
         agent.step(moment(step), inbox(step))
-    banana = order.encode(Told(voice="v", count=4, order=Order(term=1, beat=4, mode="run", shape="banana")))
+    unknown = Order(term=1, beat=4, mode="run", shape="banana")
+    banana = order.encode(Told(voice="v", count=4, order=unknown, mission=SIX.tag))
     agent.step(moment(4), [sample._replace(attachment=sample.attachment and banana) for sample in inbox(4)])
     assert agent.dropped == {POSITION.key(name): 1 for name in NEIGHBOURS}
     assert agent.decision.state is State.RUN

@@ -45,6 +45,12 @@ DOUBTS: list[tuple[dict[str, Any], State, str]] = [
     ({"scan_silence": NEVER}, State.WAITING, "no range scan yet"),
     ({"scan_silence": 0.7, "scan_limit": 0.6}, State.HOLD, "range scan silent for 0.70 s"),
     ({"scan_doubt": "has range_min 0.5 m"}, State.HOLD, "range scan has range_min 0.5 m"),
+    ({"rival": True}, State.HOLD, "another agent commands this robot"),
+    (
+        {"mission": "0123abcd", "other_missions": {"robot1": "89ef4567"}},
+        State.HOLD,
+        "robot1 runs mission 89ef4567, this process 0123abcd: give all the same one (formation deploy push)",
+    ),
     ({"order": None}, State.WAITING, "no order from the leader yet"),
     ({"beat_silence": LEADER_LOST + 0.2}, State.HOLD, "beat stopped 1.2 s ago"),
     ({"order": RUN.model_copy(update={"mode": "stop"})}, State.STOP, "stopped by the leader"),

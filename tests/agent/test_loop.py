@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import pytest
 
+from agent.alive import FAREWELL
 from agent.core import Agent
 from agent.failsafe import State
 from agent.keeping import Keeping
@@ -17,7 +18,7 @@ from agent.loop import REFUSED_PERIOD, Sides
 from agent.status import Surroundings
 from formation.mission import Mission
 from formation.mission_file import load, parse, read
-from formation.ros2.messages import Odometry, encode
+from formation.ros2.messages import Number, Odometry, encode
 from formation.topics import Topic
 from formation.wire import BadMessage, Now, Outgoing, Sample
 from tests.agent.restarting import Drawer
@@ -40,9 +41,9 @@ class Wire:
     def advertise(self, _topic: Topic, key: str) -> None:
         self.advertised.append(key)
 
-    def subscribe(self, *where: Any, wakes: bool = True, check: object = None) -> None:  # noqa: ARG002
+    def subscribe(self, *where: Any, wakes: bool = True, overheard: bool = False, **_how: Any) -> None:
         self.subscribed.append(where[-1])
-        if not wakes:
+        if overheard or not wakes:
             self.waiting.add(where[-1])
 
     def publish(self, key: str, payload: bytes, attachment: bytes | None = None) -> None:
@@ -116,6 +117,30 @@ def test_the_order_rides_in_the_fleet_only_and_what_rode_on_odometry_is_left_on_
     assert riding["fleet", "robot2/odom"] is None
 
 
+def test_second_agent_on_the_robot_makes_both_hold() -> None:
+    setting = Setting()
+    assert "robot2/alive" in setting.robot.waiting  # its signs of life wake nobody
+    sign = Sample("robot2/alive", encode(Number(12.0)), None, 1.0)
+    setting.turn(ODOMETRY, sign)
+    assert "another agent commands this robot" in setting.agent.decision.reason
+    setting.turn(mono=1.9)
+    assert "another agent commands this robot" in setting.agent.decision.reason
+    setting.turn(mono=2.1)
+    assert "another agent commands this robot" not in setting.agent.decision.reason
+
+
+def test_farewell_is_no_second_agent() -> None:
+    setting = Setting()
+    setting.turn(ODOMETRY, Sample("robot2/alive", encode(Number(FAREWELL)), None, 1.0))
+    assert "another agent" not in setting.agent.decision.reason
+
+
+def test_readonly_agent_does_not_hold_beside_another() -> None:
+    setting = Setting(readonly=True)
+    setting.turn(ODOMETRY, Sample("robot2/alive", encode(Number(12.0)), None, 1.0))
+    assert "another agent" not in setting.agent.decision.reason
+
+
 def test_signs_of_life_stay_on_the_robot() -> None:
     setting = Setting()
     assert "robot2/alive" in setting.robot.advertised
@@ -149,9 +174,9 @@ def test_positions_of_neighbours_come_from_the_fleet_and_are_not_repeated() -> N
     setting = Setting()
     others = [f"robot{other}/position" for other in (1, 3, 4, 5, 6)]  # whom it measures, then whom it minds
     assert setting.fleet.subscribed == others
-    assert setting.robot.subscribed == ["robot2/odom", "robot2/scan"]
+    assert setting.robot.subscribed == ["robot2/odom", "robot2/scan", "robot2/alive"]
     assert setting.fleet.waiting == set(others), "it is the robot's own messages that drive an agent"
-    assert setting.robot.waiting == set()
+    assert setting.robot.waiting == {"robot2/alive"}
     position = Sample("robot1/position", b"anything", None, 1.0)
     assert ("fleet", "robot1/position") not in setting.turn(position)
 

@@ -119,7 +119,8 @@ def test_each_command_goes_first_and_with_it_a_sign_of_life() -> None:
     alive: list[float] = []
     for step in range(40):
         now = Now(7.0 + 0.05 * step, EPOCH + 0.05 * step)
-        told = Told(voice="l", count=step, order=Order(term=1, beat=step, mode="run", shape="triangle"))
+        said = Order(term=1, beat=step, mode="run", shape="triangle")
+        told = Told(voice="l", count=step, order=said, mission=PAIR.tag)
         leader = encode(Pose(now.wall, 0.0025 * step, 1 + 0j))
         odometry = encode(Odometry(now.wall, -0.9 + 0.6j, 1 + 0j, 0.0, 0.0))
         inbox = [

@@ -40,7 +40,8 @@ def odometry(mono: float, attachment: bytes | None = None) -> Sample:
 
 
 def position(mono: float, count: int, robot: str = "robot1") -> Sample:
-    told = Told(voice="v", count=count, order=Order(term=1, beat=count, mode="run", shape="hexagon"))
+    said = Order(term=1, beat=count, mode="run", shape="hexagon")
+    told = Told(voice="v", count=count, order=said, mission=SIX.tag)
     payload = encode(Pose(1.7e9 + mono, 1 + 0.1 * mono + 0j, 1 + 0j))
     return Sample(POSITION.key(robot), payload, encode_order(told), mono)
 
@@ -113,11 +114,11 @@ def test_what_ros_lets_ride_on_odometry_does_not_count_and_what_rides_between_ro
 
 def test_the_link_with_the_robot_is_told_where_it_has_changed() -> None:
     setting = Setting()
-    assert setting.turn(1.0)["steps"] == [[1.0, 1.7e9 + 1.0, [], [True, True]]]
+    assert setting.turn(1.0)["steps"] == [[1.0, 1.7e9 + 1.0, [], [True, True, False]]]
     assert setting.turn(1.1)["steps"] == [[1.1, 1.7e9 + 1.1, []]]
     setting.loop.robot.connected = False
     setting.turn(1.2)
-    assert setting.turn(1.3)["steps"] == [[1.3, 1.7e9 + 1.3, [], [False, None]]]
+    assert setting.turn(1.3)["steps"] == [[1.3, 1.7e9 + 1.3, [], [False, None, False]]]
 
 
 def test_an_operators_request_is_told_between_the_steps_and_one_that_says_nothing_is_not() -> None:
@@ -193,7 +194,7 @@ def test_a_flood_is_given_up_and_the_next_command_begins_anew_with_what_the_agen
     assert "steps" not in said
     assert "messages between two commands" in said["gap"]
     assert said["memory"] == json.loads(json.dumps(remember(setting.agent)))
-    assert setting.turn(2.3)["steps"] == [[2.3, 1.7e9 + 2.3, [], [True, True]]]
+    assert setting.turn(2.3)["steps"] == [[2.3, 1.7e9 + 2.3, [], [True, True, False]]]
 
 
 def test_a_flood_that_does_not_end_has_the_agent_say_what_it_knows_once_a_second_at_most() -> None:
@@ -209,7 +210,7 @@ def test_a_flood_that_does_not_end_has_the_agent_say_what_it_knows_once_a_second
 def test_minutes_without_a_command_hold_no_more_than_so_much() -> None:
     one = Trace(Agent(SIX, "robot3"))
     for tick in range(10_000):
-        one.stepped(now(0.01 * tick), True, True, [position(0.01 * tick, tick)])
+        one.stepped(now(0.01 * tick), (True, True, False), [position(0.01 * tick, tick)])
         one.asked(b'{"do":"hold"}', 0.01 * tick)
         assert len(one._steps) <= MOST
     said = one.attachment()

@@ -38,7 +38,7 @@ def steps(mission: Mission) -> dict[str, float]:
         elapsed = beat / edge.RATE
         now = Now(elapsed, EPOCH + elapsed)
         said = Order(term=1, beat=beat, mode="run", shape="line")
-        attachment = order.encode(Told(voice="bench", count=beat, order=said))
+        attachment = order.encode(Told(voice="bench", count=beat, order=said, mission=mission.tag))
         for robot in (edge.LEADER, edge.NEIGHBOUR):
             payload = encode(edge.position(robot, elapsed, now.wall))
             by_position.append(
@@ -65,7 +65,7 @@ def codec() -> dict[str, float]:
     """Time of each message that passes in a step [µs]."""
     odometry, pose = edge.odometry(0.0, EPOCH), edge.position(edge.LEADER, 0.0, EPOCH)
     beat, command = Order(term=time.time_ns(), beat=1000, mode="run", shape="line"), Twist(0.2, 0.1)
-    told = Told(voice="bench", count=1000, order=beat)
+    told = Told(voice="bench", count=1000, order=beat, mission="0123abcd")
     heard, seen, relayed = encode(odometry), encode(pose), order.encode(told)
     return {
         "decode Odometry": microseconds(lambda: decode(Odometry, heard)),

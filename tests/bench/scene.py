@@ -44,7 +44,7 @@ class Scene:
             endpoint: [t.key(ROBOTS[who]) for t in (ODOM, CMD_VEL, POSITION, STATUS)]
             for who, endpoint in self._listen.items()
         }
-        plan = json.dumps([self.origin, self.rate, self._neighbours, monitored])
+        plan = json.dumps([self.origin, self.rate, self._neighbours, monitored, load(self.mission).tag])
         return [sys.executable, "-m", "tests.bench.surroundings", plan]
 
     def agent(self) -> list[str]:
@@ -112,7 +112,12 @@ def _one_step(mission_file: Path, rate: float) -> list[Outgoing]:
         elapsed = count / rate
         now = Now(began.mono + elapsed, began.wall + elapsed)
         attachment = encode_order(
-            Told(voice="bench", count=beat, order=Order(term=term, beat=beat, mode="run", shape="line"))
+            Told(
+                voice="bench",
+                count=beat,
+                order=Order(term=term, beat=beat, mode="run", shape="line"),
+                mission=mission.tag,
+            )
         )
         inbox = [
             Sample(POSITION.key(robot), encode(edge.position(robot, elapsed, now.wall)), attachment, now.mono)

@@ -25,11 +25,13 @@ SWEEP = 100.0 / 101.0
 """Neighbours send a little slower than odometry comes, so that they meet all of its phases in turn."""
 
 
-def main(origin: float, rate: float, listen: dict[str, str], monitored: dict[str, list[str]]) -> None:
+def main(
+    origin: float, rate: float, listen: dict[str, str], monitored: dict[str, list[str]], tag: str
+) -> None:
     """Play them until the parent is gone.
 
     `origin` is the scene's beginning [s, monotonic], `rate` that of each neighbour's positions [Hz], `listen`
-    its endpoint; `monitored` has, by endpoint to dial, the keys to listen to.
+    its endpoint; `monitored` has, by endpoint to dial, the keys to listen to; `tag` is the mission's.
     """
     parent, term, start = os.getppid(), time.time_ns(), time.monotonic()
     with ExitStack() as stack:
@@ -48,7 +50,7 @@ def main(origin: float, rate: float, listen: dict[str, str], monitored: dict[str
             time.sleep(max(0.0, due - time.monotonic()))
             robot = NEIGHBOUR if tick % 2 else LEADER
             said = Order(term=term, beat=tick // 2, mode="run", shape="line")
-            beat = order.encode(Told(voice=robot, count=tick // 2, order=said))
+            beat = order.encode(Told(voice=robot, count=tick // 2, order=said, mission=tag))
             payload = encode(position(robot, time.monotonic() - origin, time.time()))
             buses[robot].send([Outgoing(POSITION.key(robot), payload, beat)])
             monitor.drain()

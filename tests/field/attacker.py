@@ -23,6 +23,7 @@ from formation.ros2.messages import Pose, encode
 from formation.transport.process import say
 from tests.field.namespaces import until
 from tests.field.sessions import attacking
+from tests.field.team import mission
 
 FAR = 5.0 + 5.0j
 """Where the attacker would have the robot go [m; world frame]: nowhere near."""
@@ -30,10 +31,11 @@ FAR = 5.0 + 5.0j
 
 def forged(seconds: float, rate: float) -> Iterator[tuple[bytes, bytes]]:
     """Positions far away that go on and on, with an order to stop by a leader who took over just now."""
+    tag = mission().tag
     voice, term, start = secrets.token_hex(8), time.time_ns(), time.monotonic()
     for count in range(int(seconds * rate)):
         what = Order(term=term, beat=count, mode="stop", shape="row")
-        told = Told(voice=voice, count=count, order=what)
+        told = Told(voice=voice, count=count, order=what, mission=tag)
         yield encode(Pose(time.time(), FAR, 1j)), order.encode(told)
         time.sleep(max(0.0, start + (count + 1) / rate - time.monotonic()))
 

@@ -209,7 +209,7 @@ def test_a_standby_is_a_leader_that_waits_under_a_name_of_its_own() -> None:
     current = "@PREFIX@/current"
     assert units.commands(standby) == [
         [f"{current}/venv/bin/formation", "leader", f"{current}/mission.toml", "--standby", "deputy", "-c",
-         f"{current}/zenoh.json5", "--hold"]
+         f"{current}/zenoh.json5", "--state", "%S/formation", "--hold"]
     ]  # fmt: skip
     (leader_text,) = leader.values()
     for key in ("WatchdogSec", "Restart", "RestartSec", "MemoryMax", "StartLimitIntervalSec"):

@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from agent.orders import Orders
+from formation.election import without_absurd_terms
 from formation.mission import Mission
 from formation.mission_file import parse
 from formation.order import Ballot, Order, Told
@@ -20,6 +21,10 @@ TICK = 0.01
 """[s]"""
 TOLD = 0.05
 """A follower tells its position so often [s]."""
+TWIN = "-twin"
+"""How the name of a second agent of a robot ends."""
+ALIVE = "alive"
+"""A sign of life."""
 
 
 def mission(followers: int = 3, standbys: int = 2, takeover: float = 1.0) -> Mission:
@@ -52,6 +57,10 @@ class Process:
     beat: int = 0
     told: float = 0.0
     count: int = 0
+    robot: str = ""
+    """Of an agent: which robot it speaks for."""
+    publisher: str = ""
+    """Drawn anew whenever it starts."""
 
     def now(self, true: float) -> Now:
         return Now(self.offset + true * self.pace, self.wall + true)
@@ -69,13 +78,25 @@ class World:
         """Who is not heard by whom."""
         self.flight: list[tuple[float, int, str, str, object]] = []
         self.serial = itertools.count()
+        self.processes: dict[str, Process] = {}
         self.processes = {name: self.process(name) for name in (*of.candidates, *of.followers)}
         self.reigns: list[tuple[str, int]] = []
         """Who led in which term, one after the other."""
 
     def process(self, name: str) -> Process:
         core = Candidacy(self.mission, name) if name in self.mission.candidates else Orders(self.mission)
-        return Process(core, self.random.uniform(0.0, 1e5), self.random.uniform(0.97, 1.03))
+        robot, publisher = name.removesuffix(TWIN), f"p{next(self.serial)}"
+        offset, pace = self.random.uniform(0.0, 1e5), self.random.uniform(0.97, 1.03)
+        return Process(core, offset, pace, robot=robot, publisher=publisher)
+
+    def twin(self, robot: str) -> None:
+        """A second agent for `robot` starts, or starts anew."""
+        self.processes[robot + TWIN] = self.process(robot + TWIN)
+
+    @property
+    def twins(self) -> list[str]:
+        """Agents that are not the first of their robot."""
+        return [name for name in self.processes if name.endswith(TWIN)]
 
     def candidacy(self, name: str) -> Candidacy:
         core = self.processes[name].core
@@ -99,8 +120,7 @@ class World:
         process, core = self.processes[name], self.candidacy(name)
         now = process.now(self.true)
         if process.alive and not process.frozen and core.standing == "standby":
-            core._heard = dict.fromkeys(self.mission.followers, now.mono)
-            core._stand(now)
+            core._begin(now)
 
     def freeze(self, name: str) -> None:
         self.processes[name].frozen = True
@@ -111,6 +131,11 @@ class World:
         if process.frozen and self.random.random() < 0.5:
             late = process.now(self.true).mono
             process.inbox = [(sender, what, late) for sender, what, _ in process.inbox]
+        if process.frozen:  # signs of life came by another socket, which may be read later
+            signs = [one for one in process.inbox if one[1] == ALIVE]
+            process.inbox = [one for one in process.inbox if one[1] != ALIVE]
+            for _ in signs:
+                self._sign(process.robot, name)
         process.frozen = False
 
     def leaders(self) -> list[str]:
@@ -136,7 +161,7 @@ class World:
                 process = self.processes[name]
                 if process.alive and not process.frozen:
                     inbox, process.inbox = process.inbox, []
-                    if name in self.mission.candidates:
+                    if isinstance(process.core, Candidacy):
                         self._candidate(name, process, inbox)
                     else:
                         self._follower(name, process, inbox)
@@ -158,20 +183,22 @@ class World:
         for sender, what, arrived in inbox:
             with suppress(BadMessage):
                 if isinstance(what, Told):
-                    core.hear(sender, what, arrived, now)
+                    told = without_absurd_terms(what, now)
+                    core.hear(self.processes[sender].robot, told, arrived, now)
                 elif isinstance(what, Ballot):
                     core.hear_ballot(what, sender, arrived, now)
         ballot = core.step(now)
         if ballot is not None:
-            self._say(name, (*self.mission.candidates, *self.mission.followers), ballot)
+            self._say(name, (*self.mission.candidates, *self._agents(self.mission.followers)), ballot)
         if core.leading and now.mono - process.told >= TOLD:
             process.told, process.beat = now.mono, process.beat + 1
             order = Order(term=core.term, beat=process.beat, mode="run", shape="row")
-            self._say(name, (self.mission.followers[0],), Told(voice="", count=process.beat, order=order))
+            told = Told(voice=process.publisher, count=process.beat, order=order, mission=self.mission.tag)
+            self._say(name, self._agents(self.mission.followers[:1]), told)
 
     def _follower(self, name: str, process: Process, inbox: list[tuple[str, object, float]]) -> None:
         now, core = process.now(self.true), self.orders(name)
-        core.voter.aware(now.mono)
+        core.voter.aware(now.mono, rival=any(what == ALIVE for _, what, _ in inbox))
         for sender, what, arrived in inbox:
             with suppress(BadMessage):
                 if isinstance(what, Ballot):
@@ -181,13 +208,36 @@ class World:
         if now.mono - process.told >= TOLD:
             process.told, process.count = now.mono, process.count + 1
             voter = core.voter
+            voter.commanded(now.mono)
+            for other in self._agents((process.robot,)):
+                if other != name:
+                    self._sign(name, other)
             told = Told(
-                voice="", count=process.count, order=core.newest, promise=voter.promise, echo=voter.echo
+                voice=process.publisher,
+                count=process.count,
+                order=core.newest,
+                promise=voter.promise,
+                echo=voter.echo,
+                mission=self.mission.tag,
+                refused=voter.refused,
+                because=voter.because,
             )
-            number = self.mission.followers.index(name)
+            number = self.mission.followers.index(process.robot)
             self._say(
-                name, (*self.mission.candidates, *self.mission.followers[number + 1 : number + 2]), told
+                name,
+                (*self.mission.candidates, *self._agents(self.mission.followers[number + 1 : number + 2])),
+                told,
             )
+
+    def _agents(self, robots: tuple[str, ...]) -> tuple[str, ...]:
+        """All processes that speak for these robots."""
+        return tuple(name for name, one in self.processes.items() if one.robot in robots)
+
+    def _sign(self, sender: str, receiver: str) -> None:
+        """A sign of life on a robot's own side, which is neither cut nor lost, and comes soon."""
+        soon = max(0.1 * self.mission.takeover, 2.0 * TOLD) - 3 * TICK
+        when = self.true + self.random.uniform(0.0, soon)
+        heapq.heappush(self.flight, (when, next(self.serial), sender, receiver, ALIVE))
 
     def _say(self, sender: str, receivers: tuple[str, ...], what: object) -> None:
         for receiver in receivers:

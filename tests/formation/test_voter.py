@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.election import BOUND, Voter, new_term, rank_of
+from formation.election import BOUND, EXPIRY, FURTHEST, Voter, new_term, quarantine, rank_of, too_far
 from formation.order import Ballot, Told
 from formation.wire import BadMessage, Now
 from leader.candidacy import Candidacy
@@ -15,8 +17,31 @@ from tests.formation.elections import EPOCH, mission
 TERM = new_term(0, Now(0.0, EPOCH), 0)
 
 
+TAG = mission().tag
+Q = quarantine(mission())
+
+
+def ballot_of(**said: Any) -> Ballot:
+    return Ballot(mission=TAG, **said)
+
+
+def drives(voter: Voter, begin: float, end: float) -> None:
+    """It hears and commands its robot all the time."""
+    for period in range(1, round((end - begin) / 0.05) + 1):
+        voter.aware(begin + 0.05 * period)
+        voter.commanded(begin + 0.05 * period)
+
+
 def told_to(voter: Voter, ballot: Ballot, mono: float, candidate: str = "led") -> tuple[int, int]:
+    if voter._stepped > float("-inf"):
+        drives(voter, voter._stepped, mono)
     voter.hear(ballot, candidate, mono, Now(mono, EPOCH + mono))
+    return voter.promise, voter.echo
+
+
+def told_quickly(voter: Voter, ballot: Ballot, mono: float) -> tuple[int, int]:
+    """Within the same step."""
+    voter.hear(ballot, "led", mono, Now(mono, EPOCH + mono))
     return voter.promise, voter.echo
 
 
@@ -24,25 +49,25 @@ def told_to(voter: Voter, ballot: Ballot, mono: float, candidate: str = "led") -
 def voter() -> Voter:
     """Has given its voice to the leader's own process."""
     voter = Voter(mission())
-    voter.aware(0.0)
-    assert told_to(voter, Ballot(term=TERM, number=5, standing="leader"), 1.0) == (TERM, 5)
+    drives(voter, -2.0, 1.0)
+    assert told_to(voter, ballot_of(term=TERM, number=5, standing="leader"), 1.0) == (TERM, 5)
     return voter
 
 
 @given(st.integers(0, 63), st.floats(0.0, 1e9), st.floats(0.0, 4e9), st.integers(0, 2**62))
-def test_a_term_is_above_all_that_are_known_and_says_whose_it_is(
-    rank: int, mono: float, wall: float, known: int
-) -> None:
-    term = new_term(rank, Now(mono, wall), known)
-    assert term > known
+def test_term_is_above_all_that_others_may_believe(rank: int, mono: float, wall: float, known: int) -> None:
+    now = Now(mono, wall)
+    term = new_term(rank, now, known)
+    assert term > known or too_far(known, now)
+    assert term * 1e-9 - wall < FURTHEST + 2.0
     assert term >= int(wall * 1e9)
     assert rank_of(term) == rank
 
 
 def test_a_voice_is_bound_until_its_term_has_been_silent(voter: Voter) -> None:
-    later = Ballot(term=TERM + 1, number=1, standing="candidate")
+    later = ballot_of(term=TERM + 1, number=1, standing="candidate")
     assert told_to(voter, later, 1.0 + BOUND - 0.01, "s0") == (TERM, 5)
-    assert told_to(voter, Ballot(term=TERM, number=6, standing="leader"), 1.54) == (TERM, 6)
+    assert told_to(voter, ballot_of(term=TERM, number=6, standing="leader"), 1.54) == (TERM, 6)
     assert told_to(voter, later, 1.6, "s0") == (TERM, 6)
     assert told_to(voter, later, 1.55 + BOUND, "s0") == (TERM + 1, 1)
 
@@ -52,29 +77,89 @@ def test_what_was_said_before_and_what_is_of_an_earlier_term_changes_nothing(
     voter: Voter, ballot: tuple[int, int]
 ) -> None:
     term, number = ballot
-    assert told_to(voter, Ballot(term=term, number=number, standing="leader"), 100.0) == (TERM, 5)
+    assert told_to(voter, ballot_of(term=term, number=number, standing="leader"), 5.0) == (TERM, 5)
 
 
 def test_who_leaves_frees_the_voices_that_it_has_and_no_others(voter: Voter) -> None:
-    later = Ballot(term=TERM + 1, number=1, standing="candidate")
-    told_to(voter, Ballot(term=TERM - 64, number=9, standing="leaving"), 1.1)
+    later = ballot_of(term=TERM + 1, number=1, standing="candidate")
+    told_to(voter, ballot_of(term=TERM - 64, number=9, standing="leaving"), 1.1)
     assert told_to(voter, later, 1.1, "s0") == (TERM, 5)
-    told_to(voter, Ballot(term=TERM, number=6, standing="leaving"), 1.1)
+    told_to(voter, ballot_of(term=TERM, number=6, standing="leaving"), 1.1)
     assert told_to(voter, later, 1.1, "s0") == (TERM + 1, 1)
 
 
-def test_a_robot_that_has_just_started_waits_for_it_may_have_forgotten_whom_it_promised_itself() -> None:
+def test_agent_that_starts_does_not_vote_at_once() -> None:
     voter = Voter(mission())
-    voter.aware(10.0)
-    ballot = Ballot(term=TERM, number=1, standing="candidate")
-    assert told_to(voter, ballot, 10.0 + BOUND - 0.01) == (0, 0)
-    assert told_to(voter, ballot, 10.0 + BOUND) == (TERM, 1)
+    drives(voter, 9.95, 10.0)
+    ballot = ballot_of(term=TERM, number=1, standing="candidate")
+    assert told_to(voter, ballot, 10.0 + Q - 0.01) == (0, 0)
+    assert told_to(voter, ballot, 10.0 + Q + 0.05) == (TERM, 1)
+
+
+def test_agent_beside_another_never_votes() -> None:
+    voter = Voter(mission())
+    for period in range(400):
+        mono = 0.05 * period
+        voter.aware(mono, rival=period % 18 == 0)  # the other one stalls now and then
+        voter.commanded(mono)
+        assert told_quickly(voter, ballot_of(term=TERM, number=period + 1, standing="leader"), mono) == (0, 0)
+
+
+def test_vote_is_not_renewed_beside_another_agent(voter: Voter) -> None:
+    voter.aware(1.05, rival=True)
+    assert told_quickly(voter, ballot_of(term=TERM, number=6, standing="leader"), 1.05) == (TERM, 5)
+
+
+def test_frozen_agent_does_not_vote_when_it_thaws(voter: Voter) -> None:
+    voter.aware(1.5)  # after 0.5 s
+    assert told_quickly(voter, ballot_of(term=TERM, number=6, standing="leader"), 1.5) == (TERM, 5)
+    voter.commanded(1.5)
+    assert told_to(voter, ballot_of(term=TERM, number=7, standing="leader"), 1.5 + Q - 0.01) == (TERM, 5)
+    assert told_to(voter, ballot_of(term=TERM, number=8, standing="leader"), 1.55 + Q) == (TERM, 8)
+
+
+def test_stalled_agent_reads_signs_of_life_before_it_votes(voter: Voter) -> None:
+    voter.aware(1.2)  # too short a gap to lose its vote
+    voter.commanded(1.2)
+    assert told_quickly(voter, ballot_of(term=TERM, number=6, standing="leader"), 1.2) == (TERM, 5)
+    assert told_to(voter, ballot_of(term=TERM, number=7, standing="leader"), 1.35) == (TERM, 7)
+
+
+def test_readonly_agent_never_votes() -> None:
+    voter = Voter(mission(), votes=False)
+    drives(voter, 0.0, 5.0)
+    assert told_to(voter, ballot_of(term=TERM, number=1, standing="leader"), 5.0) == (0, 0)
+    voter.follows(TERM, 5.0)
+    assert voter.promise == 0
+
+
+def test_silent_term_is_forgotten(voter: Voter) -> None:
+    earlier = ballot_of(term=TERM - 64, number=1, standing="candidate")
+    assert told_to(voter, earlier, 1.0 + EXPIRY - 0.05) == (TERM, 5)
+    assert (voter.refused, voter.because) == (TERM - 64, "earlier")
+    assert told_to(voter, earlier, 1.0 + EXPIRY + 0.1) == (TERM - 64, 1)
+
+
+def test_promise_from_a_file_expires_too() -> None:
+    voter = Voter(mission())
+    voter.promise = TERM + 20 * 3600 * 10**9
+    drives(voter, 0.0, EXPIRY)
+    assert voter.promise > TERM
+    drives(voter, EXPIRY, EXPIRY + 0.2)
+    assert voter.promise == 0
+
+
+def test_ballot_of_another_mission_is_refused(voter: Voter) -> None:
+    ballot = Ballot(term=TERM, number=6, standing="leader", mission="0123abcd")
+    with pytest.raises(BadMessage, match=f"led runs mission 0123abcd, this process {TAG}"):
+        told_quickly(voter, ballot, 1.0)
+    assert (voter.echo, voter.refused) == (5, 0)
 
 
 def test_a_beat_that_rises_is_a_promise_but_gives_no_voice(voter: Voter) -> None:
     voter.follows(TERM + 1, 1.1)
     assert (voter.promise, voter.echo) == (TERM + 1, 0)
-    ballot = Ballot(term=TERM + 1, number=9, standing="leader")
+    ballot = ballot_of(term=TERM + 1, number=9, standing="leader")
     assert told_to(voter, ballot, 1.5, "s0") == (TERM + 1, 0)
     voter.follows(TERM + 1, 1.5)
     assert told_to(voter, ballot, 1.0 + BOUND, "s0") == (TERM + 1, 9)
@@ -82,7 +167,7 @@ def test_a_beat_that_rises_is_a_promise_but_gives_no_voice(voter: Voter) -> None
 
 def test_while_a_beat_rises_nobody_else_gets_the_voice(voter: Voter) -> None:
     voter.follows(TERM, 3.0)
-    later = Ballot(term=TERM + 1, number=1, standing="candidate")
+    later = ballot_of(term=TERM + 1, number=1, standing="candidate")
     assert told_to(voter, later, 3.0 + BOUND - 0.01, "s0") == (TERM, 5)
     assert told_to(voter, later, 3.01 + BOUND, "s0") == (TERM + 1, 1)
 
@@ -98,7 +183,7 @@ def test_while_a_beat_rises_nobody_else_gets_the_voice(voter: Voter) -> None:
 def test_a_ballot_that_nobody_can_have_sent_is_refused_by_name(
     voter: Voter, term: int, candidate: str, why: str
 ) -> None:
-    ballot = Ballot(term=term, number=1, standing="candidate")
+    ballot = ballot_of(term=term, number=1, standing="candidate")
     with pytest.raises(BadMessage, match=why):
         told_to(voter, ballot, 5.0, candidate)
     with pytest.raises(BadMessage, match=why):
@@ -108,7 +193,7 @@ def test_a_ballot_that_nobody_can_have_sent_is_refused_by_name(
 def test_an_absurd_promise_is_refused() -> None:
     one = Candidacy(mission(), "s0")
     with pytest.raises(BadMessage, match="absurd term"):
-        one.hear("f0", Told(voice="", count=1, promise=2**62), 5.0, Now(5.0, EPOCH + 5.0))
+        one.hear("f0", Told(voice="", count=1, promise=2**62, mission=TAG), 5.0, Now(5.0, EPOCH + 5.0))
     assert one.known == 0
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from contextlib import suppress
 from typing import Any, NamedTuple
 
@@ -16,6 +17,7 @@ from leader.core import Leader
 from tests.named import named
 
 EPOCH = 1.7e9
+_COUNT = itertools.count(1)
 CURVED = """
 name = "curved"
 leader = "ann"
@@ -97,9 +99,18 @@ def status(name: str, outbox: list[Outgoing]) -> dict[str, str]:
     return dict(decode(Diagnostics, out.payload).statuses[0].values)
 
 
-def relayed(robot: str, what: Order | None, count: int = 1, where: complex = 0j, **told: Any) -> Outgoing:
-    """A follower's position, with the order that it relays."""
-    said = Told(voice="of-" + robot, count=count, order=what, **told)
+def relayed(
+    robot: str,
+    what: Order | None,
+    count: int | None = None,
+    where: complex = 0j,
+    *,
+    of: Mission,
+    **told: Any,
+) -> Outgoing:
+    """A follower's position, with the order that it relays; `of` is its mission."""
+    number = next(_COUNT) if count is None else count
+    said = Told(voice="of-" + robot, count=number, order=what, mission=of.tag, **told)
     return Outgoing(POSITION.key(robot), encode(Pose(EPOCH, where, 1.0 + 0j)), order.encode(said))
 
 

@@ -14,13 +14,14 @@ from dataclasses import dataclass, field
 
 from agent.core import Agent
 from agent.failsafe import State
+from agent.status import Surroundings
 from agent.survival import Survival
 from formation import intent, order
 from formation.mission import Mission
 from formation.mission_file import parse
 from formation.order import OperatorReply, OperatorRequest, Order, Told
 from formation.ros2.messages import Odometry, encode
-from formation.topics import ODOM, POSITION
+from formation.topics import ALIVE, ODOM, POSITION
 from formation.wire import Now, Outgoing, Sample
 from leader.core import Leader
 from tests.named import named
@@ -28,6 +29,10 @@ from tests.named import named
 EPOCH = 1.7e9
 TICK = 0.1
 """[s]"""
+TWIN = "-twin"
+"""How the name of a second agent of a robot ends."""
+LONGEST_SIGN = 0.3
+"""A sign of life takes up to so long on a robot's own side, and waits up to a tick for its reader [s]."""
 PERIOD = 0.2
 """Of odometry, and of the leader's positions [s]."""
 MISSION: Mission = parse(
@@ -63,7 +68,6 @@ speed = 0.01
 heading_deg = 0
 """
 )
-LEADS = POSITION.key(MISSION.leader)
 
 
 @dataclass
@@ -85,6 +89,10 @@ class Process:
     """Whether it has acknowledged a stop that it has not been released of."""
     asked: set[str] = field(default_factory=set)
     """Ids of requests that it has answered."""
+    readonly: bool = False
+    """An agent that sends its robot nothing."""
+    disk: int = 0
+    """Of a candidate: the newest term that it has kept."""
 
     def now(self, true: float) -> Now:
         return Now(self.offset + true, EPOCH + self.wrong + true)
@@ -93,11 +101,16 @@ class Process:
 class Team:
     """Every process, and the network between them."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, mission: Mission = MISSION) -> None:
+        self.mission = mission
         self.random, self.true = random.Random(seed), 0.0
         self.loss = self.twice = 0.0
         self.slowest = 0.01
         """Longest delay of a message [s]."""
+        self.missions: dict[str, Mission] = {}
+        """Of processes that run another one."""
+        self.keeps = False
+        """Whether candidates keep their newest term on disk."""
         self.cuts: set[tuple[str, str]] = set()
         """Who is not heard by whom."""
         self.said: dict[tuple[int, int], Order] = {}
@@ -105,14 +118,14 @@ class Team:
         self.reigns: list[tuple[str, int]] = []
         self._flight: list[tuple[float, int, str, Sample]] = []
         self._serial = itertools.count()
-        names = (*MISSION.candidates, *MISSION.followers)
+        names = (*self.mission.candidates, *self.mission.followers)
         self.processes = {
             name: Process(
                 self._core(name), self.random.uniform(0.0, 0.9 * TICK), self.random.uniform(0.0, 1e5)
             )
             for name in names
         }
-        self.agents = MISSION.followers
+        self.agents = self.mission.followers
 
     def leader(self, name: str) -> Leader:
         core = self.processes[name].core
@@ -124,13 +137,24 @@ class Team:
         assert isinstance(core, Agent)
         return core
 
+    def twin(self, robot: str, *, readonly: bool = False) -> None:
+        """A second agent for this robot starts."""
+        name, before = robot + TWIN, self.processes[robot]
+        self.processes[name] = Process(
+            self._core(name, readonly=readonly),
+            self.random.uniform(0.0, 0.9 * TICK),
+            self.random.uniform(0.0, 1e5),
+            before.wrong,
+            readonly=readonly,
+        )
+
     def restart(self, name: str) -> None:
-        """A new process; of an agent the stop is kept on its disk, of a candidate nothing."""
+        """A new process; of an agent the stop is kept on its disk, of a candidate its newest term, if any."""
         process = self.processes[name]
         kept = None
         if isinstance(process.core, Agent):
             kept = json.dumps(Survival(process.core, "boot").stops).encode()
-        process.core = self._core(name)
+        process.core = self._core(name, readonly=process.readonly, known=process.disk)
         process.alive, process.frozen, process.inbox = True, False, []
         if kept is not None:
             Survival(self.agent(name), "boot").take_stops(kept, process.now(self.true), "stops")
@@ -142,7 +166,10 @@ class Team:
         process = self.processes[name]
         if process.frozen:
             late = process.now(self.true).mono
-            process.inbox = [sample._replace(arrived=late) for sample in process.inbox]
+            signs = [sample for sample in process.inbox if _is_sign(sample)]
+            process.inbox = [sample._replace(arrived=late) for sample in process.inbox if sample not in signs]
+            for sample in signs:  # they waited in another socket, which may be read later
+                self._sign(name, sample)
         process.frozen = False
 
     def stand(self, name: str) -> None:
@@ -150,8 +177,7 @@ class Team:
         process, candidacy = self.processes[name], self.leader(name)._candidacy
         if process.alive and not process.frozen and candidacy.standing == "standby":
             now = process.now(self.true)
-            candidacy._heard = dict.fromkeys(MISSION.followers, now.mono)
-            candidacy._stand(now)
+            candidacy._begin(now)
 
     def ask(self, name: str, request: OperatorRequest) -> None:
         """An operator asks one process; what it then owes is kept in mind."""
@@ -197,7 +223,7 @@ class Team:
     @property
     def leaders(self) -> list[str]:
         """Who is in lease at this moment, by its own clock."""
-        return [name for name in MISSION.candidates if self._in_lease(name)]
+        return [name for name in self.mission.candidates if self._in_lease(name)]
 
     @property
     def agreed(self) -> bool:
@@ -207,7 +233,7 @@ class Team:
         led = self.leader(self.leaders[0])
         orders = [self.agent(name)._orders for name in self.agents]
         return all(
-            one.voter.promise == led.term
+            one.voter.promise == (led.term if self.mission.standbys else 0)
             and one.newest is not None
             and one.newest.term == led.term
             and one.newest.mode == led.mode
@@ -216,15 +242,20 @@ class Team:
             for one in orders
         )
 
-    def _core(self, name: str) -> Leader | Agent:
+    def _core(self, name: str, *, readonly: bool = False, known: int = 0) -> Leader | Agent:
         voice = f"voice{next(self._serial)}" if hasattr(self, "_serial") else "voice"
-        if name in MISSION.candidates:
-            return Leader(MISSION, name, voice=voice)
-        return Agent(MISSION, name, voice=voice)
+        if name in self.mission.candidates:
+            return Leader(self.missions.get(name, self.mission), name, voice=voice, known=known)
+        mission = self.missions.get(name, self.mission)
+        return Agent(mission, name.removesuffix(TWIN), voice=voice, readonly=readonly)
 
     def _in_lease(self, name: str) -> bool:
         process, candidacy = self.processes[name], self.leader(name)._candidacy
-        return process.alive and candidacy.leading and process.now(self.true).mono < candidacy._lease
+        return (
+            process.alive
+            and candidacy.leading
+            and (not self.mission.standbys or process.now(self.true).mono < candidacy._lease)
+        )
 
     def _arrive(self) -> None:
         while self._flight and self._flight[0][0] <= self.true:
@@ -238,21 +269,24 @@ class Team:
         inbox, process.inbox = process.inbox, []
         if isinstance(process.core, Agent) and self.true >= process.odometry_due:
             process.odometry_due = self.true + PERIOD - 1e-9
-            start = MISSION.robots[name].start
+            start = self.mission.robots[name.removesuffix(TWIN)].start
             odometry = Odometry(now.wall, start.position, start.heading, 0.0, 0.0)
-            inbox.append(Sample(ODOM.key(name), encode(odometry), None, now.mono))
+            inbox.append(Sample(ODOM.key(process.core.robot), encode(odometry), None, now.mono))
         if inbox or process.core.due <= now.mono:
             if isinstance(process.core, Agent):
-                self._agent_steps(name, process, process.core, inbox)
+                process.core.aware(Surroundings(rival=any(map(_is_sign, inbox))))
+                heard = [sample for sample in inbox if not _is_sign(sample)]
+                self._agent_steps(name, process, process.core, heard)
             else:
                 self._send(name, process.core.step(now, inbox))
+                process.disk = process.core.known if self.keeps else 0
 
     def _agent_steps(self, name: str, process: Process, agent: Agent, inbox: list[Sample]) -> None:
         orders = agent._orders
-        before, promised = orders.newest, orders.voter.promise
+        before = orders.newest
         self._send(name, agent.step(process.now(self.true), inbox))
         if orders.newest is not None and orders.newest is not before:
-            assert orders.newest.term >= promised, f"{name} obeys a leader of the past"
+            assert orders.newest.term >= orders.voter.promise, f"{name} obeys a leader of the past"
         if process.stopped:
             assert agent.decision.state is State.STOP, f"{name} is stopped, and is not"
 
@@ -272,8 +306,16 @@ class Team:
 
     def _send(self, sender: str, outbox: Iterable[Outgoing]) -> None:
         for out in outbox:
-            if out.key == LEADS:
+            if out.key == POSITION.key(self.mission.leader):
                 self._note(sender, out)
+            if out.key.endswith(f"/{ALIVE.name}") and not self.processes[sender].readonly:
+                for name, other in self.processes.items():
+                    if (
+                        name != sender
+                        and isinstance(other.core, Agent)
+                        and out.key == ALIVE.key(other.core.robot)
+                    ):
+                        self._sign(name, Sample(*out, 0.0))
             for receiver, process in self.processes.items():
                 if receiver == sender or (sender, receiver) in self.cuts:
                     continue
@@ -287,8 +329,18 @@ class Team:
         assert said is not None
         assert self.said.setdefault((said.term, said.beat), said) == said
 
+    def _sign(self, receiver: str, sample: Sample) -> None:
+        """A sign of life on a robot's own side, which is neither cut nor lost, and comes soon."""
+        when = self.true + self.random.uniform(0.0, LONGEST_SIGN)
+        heapq.heappush(self._flight, (when, next(self._serial), receiver, sample))
+
     def _deliver(self, receiver: str, sample: Sample) -> None:
         for _ in range(1 + (self.random.random() < self.twice)):
             if self.random.random() >= self.loss:
                 when = self.true + self.random.uniform(0.0, self.slowest)
                 heapq.heappush(self._flight, (when, next(self._serial), receiver, sample))
+
+
+def _is_sign(sample: Sample) -> bool:
+    """Whether it is another agent's sign of life."""
+    return sample.key.endswith(f"/{ALIVE.name}")

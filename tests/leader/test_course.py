@@ -175,7 +175,15 @@ def test_the_longest_order_of_the_worst_mission_is_read_by_everybody_who_relays_
         for said in drive(leader, 500.0 + k, 0.12):
             worded = said.order.model_copy(update={"beat": 2**40, "holding": True, "told": "hold"})
             told = Told(
-                voice="v" * 64, count=2**40, order=worded, aside=True, promise=2**63 - 1, echo=2**63 - 1
+                voice="v" * 64,
+                count=2**40,
+                order=worded,
+                aside=True,
+                promise=2**63 - 1,
+                echo=2**63 - 1,
+                mission=worst.tag,
+                refused=2**63 - 1,
+                because="earlier",
             )
             longest, most = max(longest, len(encode(told))), max(most, len(leader.figure.mix))
     assert most == mixed

@@ -42,7 +42,7 @@ def restarted(mission: Mission, newest: Order, mono: float, **how: Any) -> Leade
     """A leader that starts where a robot relays this order, and has heard it at `mono`."""
     leader = Leader(mission, voice="another", **how)
     leader.step(at(mono - 0.05), [])
-    leader.step(at(mono), [arriving(relayed("bob", newest), mono)])
+    leader.step(at(mono), [arriving(relayed("bob", newest, of=mission), mono)])
     return leader
 
 
@@ -59,7 +59,7 @@ def test_a_leader_leads_as_soon_as_it_has_heard_every_robot_that_it_is_linked_wi
     leader = Leader(mission)
     assert leader.subscriptions == ("bob/position",)
     leader.step(at(0.0), [])
-    (first,) = positions(0.3, leader.step(at(0.3), [arriving(relayed("bob", None), 0.3)]))
+    (first,) = positions(0.3, leader.step(at(0.3), [arriving(relayed("bob", None, of=mission), 0.3)]))
     assert first.order.beat == 1
 
 
@@ -111,7 +111,7 @@ def test_a_leader_whose_links_come_later_than_it_listens_goes_on_after_all(
     last = drive(before, 4.0, 1.0)[-1]
     after = Leader(mission, voice="another")
     assert drive(after, 6.0, 1.5)[-1].pose.position != last.pose.position, "it has heard nobody"
-    first = positions(7.52, after.step(at(7.52), [arriving(relayed("bob", last.order), 7.5)]))[0]
+    first = positions(7.52, after.step(at(7.52), [arriving(relayed("bob", last.order, of=mission), 7.5)]))[0]
     assert abs(first.pose.position - last.pose.position) < 0.02
     assert (first.order.mode, first.order.holding) == (last.order.mode, last.order.holding)
     assert first.order.term > last.order.term
@@ -120,9 +120,9 @@ def test_a_leader_whose_links_come_later_than_it_listens_goes_on_after_all(
 def test_once_a_robot_follows_nobody_elses_word_takes_a_leader_back(mission: Mission) -> None:
     leader = listened(mission)
     said = drive(leader, 0.0, 2.0)[-1].order
-    leader.step(at(2.04), [arriving(relayed("bob", said), 2.03)])
+    leader.step(at(2.04), [arriving(relayed("bob", said, of=mission), 2.03)])
     old = Order(term=TERM, beat=9, mode="stop", shape="line", time=1.0)
-    leader.step(at(2.08), [arriving(relayed("bob", old, 2), 2.07)])
+    leader.step(at(2.08), [arriving(relayed("bob", old, of=mission), 2.07)])
     assert drive(leader, 2.12, 1.0)[-1].order.mode == "run"
     assert leader.route_time > 2.5
 
@@ -153,7 +153,7 @@ def test_what_is_asked_while_it_listens_outranks_what_it_goes_on_with(
     leader = Leader(mission)
     leader.step(at(0.0), [])
     assert ask(leader, request_).ok
-    leader.step(at(0.1), [arriving(relayed("bob", relaying), 0.1)])
+    leader.step(at(0.1), [arriving(relayed("bob", relaying, of=mission), 0.1)])
     assert leader.leads
     assert leader.mode == mode
     assert leader.route_time == 1.0
@@ -164,7 +164,7 @@ def test_a_stop_that_is_relayed_is_not_undone_by_what_was_asked_while_it_listene
     leader = Leader(mission)
     leader.step(at(0.0), [])
     ask(leader, b'{"do":"run"}')
-    leader.step(at(0.1), [arriving(relayed("bob", stopped), 0.1)])
+    leader.step(at(0.1), [arriving(relayed("bob", stopped, of=mission), 0.1)])
     assert leader.mode == "stop"
 
 
@@ -228,8 +228,9 @@ def test_an_order_whose_slots_are_none_is_not_gone_on_with(mission: Mission, mix
 def test_two_leaders_by_mistake_do_not_both_go_on(mission: Mission) -> None:
     first, second = listened(mission), listened(mission, 5.0, voice="second")
     drive(first, 0.0, 5.0)
-    newer = drive(second, 5.0, 1.0)[-1].order
-    assert first.step(at(6.0), [arriving(relayed("bob", newer), 6.0)])[0].key == "ann/status"
+    *_, old, newer = (said.order for said in drive(second, 5.0, 1.0))
+    first.step(at(5.96), [arriving(relayed("bob", old, of=mission), 5.96)])
+    assert first.step(at(6.0), [arriving(relayed("bob", newer, of=mission), 6.0)])[0].key == "ann/status"
     assert not first.leads
     assert ask(first, b'{"do":"run"}').leads is False
     assert ask(first, b'{"do":"rotate","degrees":3.0}').reason.startswith("stands by")

@@ -34,9 +34,9 @@ def stood() -> Mission:
 
 def elected(leader: Leader, mono: float, newest: Order | None = None) -> tuple[float, list[Outgoing]]:
     """Let bob give this candidate his voice, and relay this order; when it led, and what it said then."""
-    heard = Ballot(term=1, number=1, standing="candidate")
-    for count in range(1, 200):
-        told = relayed("bob", newest, count, promise=heard.term, echo=heard.number)
+    heard = Ballot(term=1, number=1, standing="candidate", mission=leader._mission.tag)
+    for _ in range(300):
+        told = relayed("bob", newest, promise=heard.term, echo=heard.number, of=leader._mission)
         outbox = leader.step(at(mono), [arriving(told, mono)])
         if leader.leads:
             return mono, outbox
@@ -52,7 +52,7 @@ def test_every_candidate_takes_what_changes_motion_and_only_the_leader_more(stoo
     newest = Order(term=TERM, beat=9, mode="run", shape="line")  # of rank 0: ann's
     assert newest.term % 64 == 0
     standby.step(at(0.0), [])
-    standby.step(at(0.1), [arriving(relayed("bob", newest, 1, promise=TERM, echo=1), 0.1)])
+    standby.step(at(0.1), [arriving(relayed("bob", newest, promise=TERM, echo=1, of=stood), 0.1)])
     reply = ask(standby, b'{"do":"shape","shape":"near"}')
     assert (reply.ok, reply.leads, reply.reason) == (False, False, "stands by; ann leads")
     for do, mode in (("run", "run"), ("hold", "hold"), ("stop", "stop"), ("release", "hold"), ("run", "run")):

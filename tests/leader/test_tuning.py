@@ -29,7 +29,7 @@ def going_on(mission: Mission, tuned: Tuned | None) -> Leader:
     leader = Leader(mission)
     leader.step(at(0.0), [])
     said = [
-        relayed(name, before)
+        relayed(name, before, of=mission)
         for name in mission.followers
         if mission.leader in mission.robots[name].neighbours
     ]
