@@ -18,7 +18,7 @@ from formation.unicycle import Command, body_velocity, saturate
 
 HELD, WANTING = 0.05, 0.15
 """Of its top speed: a robot that does less than the one though it wants more than the other is kept."""
-LONG = 3.0
+LONG = 10.0
 """Among robots what counts, besides, is how fast it came nearer to where it wants in about so long [s]: noise
 of positions keeps it in motion, though it trails another robot."""
 LATELY = 1.0
