@@ -147,7 +147,7 @@ def test_more_long_requests_than_a_message_holds_are_a_gap_which_says_why() -> N
         setting.loop.sides.request(b'{"do":"stop"}'.ljust(MAX_REQUEST), 1.05)
     said = setting.turn(2.1)
     assert f"at most {LONGEST} are told" in said["gap"]
-    assert said["memory"]["latch"]["stopped"] is True
+    assert said["memory"]["latch"]["rest"]["stop"]
 
 
 def test_the_last_words_carry_a_trace_as_well() -> None:
