@@ -219,7 +219,9 @@ class Mixed(Fleet):
 
 
 MEASURES = {"a": ("leader",), "b": ("a",), "c": ("b", "a")}
-ALONE = MISSION.model_copy(update={"standbys": {}})
+ALONE = Mission.model_validate(
+    {**MISSION.model_dump(), "standbys": {}}
+)  # a copy would keep its cached candidates
 NEAR_TAG, FAR_TAG = parse(CHAIN).tag, parse(FAR).tag
 SCENARIOS: dict[str, Callable[[int], Iterator[str]]] = {
     "two agents": two_agents,
