@@ -31,8 +31,10 @@ from agent.tuning import Tuning
 from agent.wakefulness import Wakefulness
 from formation import order
 from formation.geofence import Geofence
+from formation.lateness import own_age_limit
 from formation.law import LAWS, error, unwound
 from formation.mission import Mission
+from formation.neighbour import LONGEST_WAY
 from formation.order import Code, OperatorRequest, Told
 from formation.ros2.messages import Pose, encode
 from formation.topics import POSITION, STATUS, Topic
@@ -156,6 +158,10 @@ class Agent:
         if self._moved:
             voter.commanded(now.mono)
             self._outside = self._fence.outside(self._here.position, before=self._outside is not None)
+        self._here.age_limit = own_age_limit(
+            len(self._spec.neighbours), self._tuning.k_p, self._tuning.k_i, self._spec.rate, LONGEST_WAY
+        )
+        self._here.judge_age()
         before, self.decision = self.decision.state, self._decide(now)
         outbox = self._drive(now, interval) if self._moved else self._rest(now)
         ordered = self._orders.newest
@@ -237,6 +243,9 @@ class Agent:
                 doubt=self._here.doubt,
                 outside=self._outside,
                 beyond=() if around.guides else around.beyond,
+                too_old=self._here.trust.held,
+                age=self._here.age,
+                age_limit=self._here.age_limit,
                 follows=self._here.follows,
                 order=self._orders.newest,
                 beat_silence=now.mono - self._orders.rose,

@@ -74,6 +74,12 @@ class Facts(NamedTuple):
     """Neighbours that are heard from outside the bounds: nobody follows those."""
     unsigned: str | None = None
     """Why an order that came just now was refused for its signature, in words."""
+    too_old: bool = False
+    """Whether the robot's own position is too old to act on, or was until just now."""
+    age: float = 0.0
+    """How old the newest own position was when it came [s] …"""
+    age_limit: float = float("inf")
+    """… and may be [s]."""
     leaderless: bool = False
     """Whether the leader itself is among the neighbours, and silent."""
     frozen: float = 0.0
@@ -161,6 +167,13 @@ def _motion(facts: Facts) -> str:
     )
 
 
+def _too_old(facts: Facts) -> str:
+    measured = f"{facts.source} was {facts.age:.2f} s old when it came; limit {facts.age_limit:.2f} s"
+    if facts.age <= facts.age_limit:
+        return f"{measured}; goes on when it stays below"
+    return f"{measured}: check what publishes it, and its clock (chrony)"
+
+
 TABLE: tuple[Row, ...] = (
     Row(lambda f: f.latched == "stop", State.STOP, lambda f: f.why or "stopped by the operator", own=True),
     Row(lambda f: not f.finite, State.HOLD, lambda _: "the law gave no finite command", own=True),
@@ -184,6 +197,7 @@ TABLE: tuple[Row, ...] = (
         lambda f: f"{f.source} silent for {f.silence:.2f} s",
         own=True,
     ),
+    Row(lambda f: f.too_old, State.HOLD, _too_old, own=True),
     Row(lambda f: f.jumped is not None, State.HOLD, lambda f: f"{f.source} jumped {f.jumped}", own=True),
     Row(lambda f: f.doubt is not None, State.HOLD, lambda f: f"{f.source} {f.doubt}", own=True),
     Row(

@@ -116,8 +116,16 @@ class Hearing:
         pose = decode(Pose, sample.payload)
         told = order.decode(Told, sample.attachment or b"")
         neighbour.check_mission(told.mission, sample.arrived)
+        if self._spec.measurement == "network":
+            neighbour.stream.check_late(pose.stamp, sample.arrived)  # before anything of it counts
         leads = neighbour.name == self._leader
         neighbour.voice.admit(told, sample.arrived, orders.voter.promise if leads else 0)
+        wrong: BadMessage | None = None
+        if self._spec.measurement == "network":
+            try:
+                neighbour.take_position(pose, sample.arrived, now)
+            except BadMessage as bad:
+                wrong = bad
         neighbour.aside = told.aside
         neighbour.beyond = not self._fence.holds(pose.position)
         try:
@@ -128,8 +136,8 @@ class Hearing:
                 orders.hear(told.order, neighbour.name, sample.arrived, now, signed)
         except BadMessage as bad:
             self.drop(sample.key, bad)
-        if self._spec.measurement == "network":
-            neighbour.take_position(pose, sample.arrived, now)
+        if wrong is not None:
+            raise wrong
 
 
 def _take_minded(other: Neighbour, sample: Sample, now: Now) -> None:
@@ -137,6 +145,7 @@ def _take_minded(other: Neighbour, sample: Sample, now: Now) -> None:
     pose = decode(Pose, sample.payload)
     told = order.decode(Told, sample.attachment or b"")
     other.check_mission(told.mission, sample.arrived)
+    other.stream.check_late(pose.stamp, sample.arrived)
     other.voice.admit(told, sample.arrived, 0)
     other.take_position(pose, sample.arrived, now)
 

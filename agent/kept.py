@@ -55,6 +55,7 @@ from agent.wakefulness import Wakefulness
 from formation.detour import Avoidance
 from formation.election import Voter
 from formation.heading import Travel
+from formation.lateness import Count, Delayed, Quickest, Trust
 from formation.neighbour import Track
 from formation.once import Once
 from formation.order import Order, Told
@@ -123,6 +124,9 @@ def _xy(point: complex) -> tuple[float, float]:
 _CIRCLES = several(Kind(_said_circle, _circle))
 _POSE = record(Pose, stamp=real, position=plane, heading=plane, frame=text)
 
+_QUICKEST = row(Quickest._make, real, real)
+_DELAYED = row(Delayed._make, real, real, real)
+
 KEPT: Mapping[type, Kept] = {
     Agent: Kept(
         memory={
@@ -189,6 +193,9 @@ KEPT: Mapping[type, Kept] = {
             "_estimate": plane,
             "_course": plane,
             "_way": real,
+            "trust": row(Trust._make, flag, real),
+            "age_limit": real,
+            "_judged": real,
             "_before": maybe(row(tuple, real, plane, plane)),
             "_calm": real,
         },
@@ -227,8 +234,12 @@ KEPT: Mapping[type, Kept] = {
             "stamp": real,
             "arrived": maybe(real),
             "underway": real,
+            "late": real,
+            "received": real,
             "_suspect": maybe(row(tuple, real, real)),
             "_doubted": flag,
+            "_quickest": maybe(_QUICKEST),
+            "_delayed": maybe(_DELAYED),
         },
         construction=("limit", "longest_way"),
     ),
@@ -323,6 +334,7 @@ KEPT: Mapping[type, Kept] = {
             "forged": by_name(row(tuple, text, real)),
             "rose": real,
             "_lived": real,
+            "_beats": maybe(row(Count._make, count, _QUICKEST, maybe(_DELAYED))),
             "_heard": by_name(row(tuple, _ORDER, real)),
         },
         parts=("voter",),

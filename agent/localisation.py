@@ -11,7 +11,9 @@ from agent.stream import Stream
 from formation import heading as observers
 from formation.avoidance import SHARPER, SLACK, course_gain, heading_doubt
 from formation.heading import Travel
+from formation.lateness import Trust, trusted
 from formation.mission import Mission
+from formation.neighbour import LONGEST_WAY
 from formation.order import Order
 from formation.plane import rotation, shorten, unit
 from formation.ros2.messages import Odometry, Pose
@@ -42,6 +44,10 @@ class Localisation:
         """How many there were."""
         self.follows = False
         """Whether the newest message closed an interval: without that the heading is not kept up."""
+        self.trust = Trust()
+        """Whether the newest message is young enough to act on."""
+        self.age_limit = LONGEST_WAY
+        """How old it may be when it comes [s]."""
         self.late = 0
         """Messages that came more than half a period late."""
         self.position = 0j
@@ -72,6 +78,7 @@ class Localisation:
         self._joined = False
         self._before: tuple[float, complex, complex] | None = None
         self._calm = 0.0
+        self._judged = float("-inf")  # the message whose age has been judged arrived then [s, monotonic]
 
     @property
     def source(self) -> str:
@@ -93,6 +100,23 @@ class Localisation:
         if learned and (self._measured.conjugate() * self._estimate).real < 0.0:
             return "has a heading against the way that the robot goes"
         return self._source.doubt
+
+    @property
+    def age(self) -> float:
+        """How old the newest message was when it came [s], by its stamp or by how quickly others came.
+
+        A stamp from the future says nothing of that. A stamp from the past may be of a clock that is wrong,
+        but the same stamp comes from a driver that is late, so it counts.
+        """
+        stream = self.stream
+        refused = stream.arrived is None or stream.received > stream.arrived
+        return stream.late if refused else max(stream.late, stream.underway)
+
+    def judge_age(self) -> None:
+        """Decide whether the newest message is young enough; to be called when all have been read."""
+        if self.stream.received > self._judged:
+            self._judged = self.stream.received
+            self.trust = trusted(self.trust, self.age, self.age_limit, self._judged)
 
     @property
     def heading(self) -> complex:

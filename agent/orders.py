@@ -4,6 +4,10 @@ Neighbours go on relaying the last order of a leader that is gone, so hearing on
 counts once its beat has risen at one neighbour, by no more than a leader can have counted meanwhile. A new
 term thus takes one period per hop, and a single message, however high its beat, moves and stops nobody.
 
+Beats are even, so they also tell how late an order is: one whose beat comes much later than the quickest of
+its term is too old to act on. A robot behind a link that gets slower and slower thus holds soon after its
+leader has died, and not when it has read all that is queued.
+
 An order of a slot outside the mission's bounds is refused, whoever it comes from.
 
 A robot that hears the leader itself takes no relayed order that is ahead of what the leader has said to it.
@@ -15,10 +19,12 @@ whose beat rises: else a leader with a clock that was ahead once would hold robo
 
 from __future__ import annotations
 
+from agent.stream import TooLateError
 from agent.tuning import Bearable
 from formation.election import Voter, check_term, expiry
 from formation.figure import check_figure
 from formation.geofence import Geofence
+from formation.lateness import MAX_BEAT_LATENESS, Count, counted
 from formation.mission import Mission
 from formation.neighbour import FRESH_PERIODS
 from formation.order import Order, newer
@@ -54,6 +60,7 @@ class Orders:
         self._leader, self._votes = mission.leader, bool(mission.standbys)
         self._rate, self._expiry = mission.robots[mission.leader].rate, expiry(mission)
         self._lived = float("-inf")  # as `rose`, also when this process was frozen
+        self._beats: Count | None = None
         self._heard: dict[str, tuple[Order, float]] = {}  # from each neighbour, and when [s, monotonic]
 
     def refuse(self, why: str, neighbour: str, arrived: float, *, forged: bool) -> None:
@@ -98,7 +105,8 @@ class Orders:
             raise BadMessage(
                 "order of an earlier term: another leader has started since, or had a later clock"
             )
-        if before is not None and self._beats(*before, heard, arrived) and self._supersedes(heard):
+        if before is not None and self._follows(*before, heard, arrived) and self._supersedes(heard):
+            self._check_late(heard, arrived)
             self.newest, self.signed, self.rose, self._lived = heard, signed, arrived, arrived
             self.voter.follows(heard.term, arrived)
 
@@ -130,7 +138,15 @@ class Orders:
         """Whether an order that is not refused takes the place of the newest one."""
         return newer(heard, self.newest) or (self.newest is not None and heard.term < self.newest.term)
 
-    def _beats(self, before: Order, then: float, heard: Order, arrived: float) -> bool:
+    def _check_late(self, heard: Order, arrived: float) -> None:
+        stamp = heard.beat / self._rate
+        self._beats, late = counted(self._beats, heard.term, stamp, arrived, MAX_BEAT_LATENESS)
+        if late > MAX_BEAT_LATENESS:
+            raise TooLateError(
+                f"order too late: {late:.2f} s later than the quickest; limit {MAX_BEAT_LATENESS:g} s"
+            )
+
+    def _follows(self, before: Order, then: float, heard: Order, arrived: float) -> bool:
         """Whether a living leader's beat can have risen like this between two messages of one neighbour."""
         most = 2.0 * self._rate * (LEAP + max(0.0, arrived - then))
         return heard.term == before.term and 0 < heard.beat - before.beat <= most

@@ -23,6 +23,7 @@ from formation.election import (
     quarantine,
     too_far,
 )
+from formation.lateness import MAX_BEAT_LATENESS, Count, counted
 from formation.mission import Mission
 from formation.order import LEADER_LOST, Ballot, Order, Refusal, Told, check_mission
 from formation.wire import BadMessage, Now
@@ -70,6 +71,8 @@ class Candidacy:
         self._relays: dict[str, tuple[int, int]] = {}  # term and beat that each robot relays
         self._beat = 0, 0  # the newest that has risen at one of them
         self._later = False  # whether a beat of a later term than its own has risen
+        self._beats: Count | None = None
+        self._beat_period = 1.0 / mission.robots[mission.leader].rate
         self._outbid: float | None = (
             None  # since when a robot is known to have promised itself to a later term
         )
@@ -202,10 +205,20 @@ class Candidacy:
             return  # the first proves nothing: robots go on relaying the order of a leader that died
         if order.term == self._beat[0] and beat <= self._beat:
             return  # it has been known from a robot that is nearer to that leader
+        if not self._in_time(order, arrived):
+            return
         self._beat = beat
         if not (self.leading and order.term == self.term):
             self._risen = max(self._risen, arrived)
         self._later = self._later or order.term > self.term
+
+    def _in_time(self, order: Order, arrived: float) -> bool:
+        """Whether a beat is not much later than the quickest of its term: else its leader may be dead."""
+        if self._beats is not None and order.term < self._beats.term:
+            return True
+        stamp = order.beat * self._beat_period
+        self._beats, late = counted(self._beats, order.term, stamp, arrived, MAX_BEAT_LATENESS)
+        return late <= MAX_BEAT_LATENESS
 
     def _listen(self, now: Now) -> None:
         if self.standing != "listening":

@@ -9,6 +9,7 @@ would be. Who begins to lead goes on from the newest order that the robots relay
 from __future__ import annotations
 
 import cmath
+import math
 from collections import Counter, deque
 from collections.abc import Sequence
 from typing import Protocol
@@ -100,7 +101,8 @@ class Leader:
         self._waiting: tuple[str, ...] = ()
         self._fence, self._fenced = Geofence(mission), False  # whether that stopped it at the newest step
         self._stepped: float | None = None  # when that was [s, monotonic]
-        self._leads, self._reigns, self._beat = False, 0, 0
+        self._leads, self._reigns, self._beat, self._count = False, 0, 0, 0
+        self._began = 0.0  # when the first beat of this term was [s, monotonic]
         self._unsure = False  # leads, and no robot has said yet whether there was an order before
         self._late: Order | None = None  # the one that there was
         robots = mission.followers if mission.together else linked(mission)
@@ -195,7 +197,8 @@ class Leader:
         outbox = self._voted(self._candidacy.step(now))
         changed = self._settle(now) | self._catch_up(now) | self._go_on(now)
         if self._leads and (self._rate.tick(now.mono) or changed):
-            outbox.append(self._position(now, self.mode, certify=not changed or self._beat == 0))
+            certify = not changed or self._beat == 0
+            outbox.append(self._position(now, self.mode, changed=changed, certify=certify))
         if self._mission.standbys and (self._course_rate.tick(now.mono) or changed):
             outbox += self._told_course()
         if self._status_rate.tick(now.mono) or changed or self._desk.unsaid:
@@ -210,7 +213,11 @@ class Leader:
         self._candidacy.step(now)
         self._settle(now)
         self._go_on(now)
-        outbox = [self._position(now, "stop" if self.mode == "stop" else "hold")] if self._leads else []
+        outbox = (
+            [self._position(now, "stop" if self.mode == "stop" else "hold", changed=True)]
+            if self._leads
+            else []
+        )
         outbox += self._voted(self._candidacy.leave(now))
         return [*outbox, self._status(now, reason)]
 
@@ -308,7 +315,7 @@ class Leader:
             self.conduct.will.stand_by()
             self.notes.append(f"leads no more, and stands by; {self._leader or 'nobody'} leads")
             return True
-        self._reigns, self._beat, self._stepped = self._reigns + 1, 0, None
+        self._reigns, self._beat, self._count, self._stepped = self._reigns + 1, 0, 0, None
         self._rate = Rate(self._mission.robots[self._mission.leader].rate)
         self._certificate_rate = Rate(CERTIFICATE_RATE)
         self._unsure = self._newest is None
@@ -380,20 +387,32 @@ class Leader:
         payload = self.conduct.course.payload
         return [] if payload is None else [Outgoing(COURSE.key(self.name), payload)]
 
-    def _position(self, now: Now, mode: Mode, *, certify: bool = False) -> Outgoing:
+    def _next_beat(self, mono: float, *, changed: bool) -> int:
+        """Beats count periods of time, whatever was missed, so that they tell how late an order is.
+
+        An order that has changed has another beat, and is then said again until time catches up.
+        """
+        if self._beat == 0:
+            self._began = mono
+        periods = 1 + math.floor((mono - self._began + EARLY) / self._rate.period)
+        return max(self._beat + (1 if changed or self._beat == 0 else 0), periods)
+
+    def _position(self, now: Now, mode: Mode, *, changed: bool, certify: bool = False) -> Outgoing:
         """Where it is, with its order; or, if it may `certify`, now and then with its certificate."""
-        self._beat += 1
+        before, self._beat = self._beat, self._next_beat(now.mono, changed=changed)
+        self._count += 1
         if self._term not in {0, self.term}:
             self.notes.append(f"goes on in term {self.term}: its clock has been set")
+        if self._beat != before or self._newest is None or self._term != self.term:
+            self._newest, self._newest_rose = self.conduct.order(self.term, self._beat, mode), now.mono
         self._term = self.term
-        self._newest, self._newest_rose = self.conduct.order(self.term, self._beat, mode), now.mono
         voice = self._voice if self._reigns == 1 else f"{self._voice}.{self._reigns}"
-        told = Told(voice=voice, count=self._beat, order=self._newest, mission=self._mission.tag)
+        told = Told(voice=voice, count=self._count, order=self._newest, mission=self._mission.tag)
         if self._signer is not None and certify and self._certificate_rate.tick(now.mono):
             certificate = self._signer.certificate
             told = Told(
                 voice=voice,
-                count=self._beat,
+                count=self._count,
                 certificate=certificate,
                 term=self.term,
                 mission=self._mission.tag,

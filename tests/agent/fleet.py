@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import math
 import random
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -26,7 +27,7 @@ from formation.mission import Mission
 from formation.order import OperatorReply, OperatorRequest, encode
 from formation.order import decode as decode_order
 from formation.ros2.messages import Diagnostics, Twist, TwistStamped, decode
-from formation.topics import BALLOT, CMD_VEL, COURSE, ODOM, POSITION, SCAN, STATUS
+from formation.topics import BALLOT, CMD_VEL, COURSE, ODOM, POSE, POSITION, SCAN, STATUS
 from formation.transport.process import Core
 from formation.wire import Now, Outgoing, Sample
 from leader.core import Leader
@@ -35,6 +36,9 @@ from tests.named import named
 EPOCH = 1.7e9
 BETWEEN = (f"/{POSITION.name}", f"/{BALLOT.name}", f"/{COURSE.name}")
 """How keys end that go from robot to robot, over links that lose, delay and repeat."""
+
+OVERHEAD = 80
+"""Of a message on a link of limited bandwidth: keys and headers [B]."""
 
 
 class Link(NamedTuple):
@@ -46,6 +50,12 @@ class Link(NamedTuple):
     """Least and most [s]; whoever waits longer is overtaken."""
     twice: float = 0.0
     """Share that comes twice."""
+    growth: float = 0.0
+    """The delay grows by this [s/s] …"""
+    since: float = 0.0
+    """… from then on [s]."""
+    bandwidth: float = math.inf
+    """What exceeds this waits in a queue without end [B/s]."""
 
 
 class Reign(NamedTuple):
@@ -83,6 +93,8 @@ class Fleet:
     meddle: Callable[[Sample], Iterable[Sample]] = lambda sample: (sample,)
     links: dict[tuple[str, str], Link] = field(default_factory=dict)
     """Those that are not as all others: from whom to whom."""
+    sensors: dict[str, Link] = field(default_factory=dict)
+    """How a robot's own positions come to its agent, where they do not come at once."""
     plants: Callable[[Mission, Sequence[str], int], Mapping[str, Moving]] = kinematic
     """What makes what moves for the robots."""
     cuts: set[tuple[str, str]] = field(default_factory=set)
@@ -105,6 +117,7 @@ class Fleet:
         self._number = itertools.count()
         self._events: list[tuple[float, int, str, Sample | None]] = []
         self._said: dict[str, Diagnostics] = {}
+        self._sent_until: dict[tuple[str, str], float] = defaultdict(float)
         for name in self.nodes:
             self._wake(name, self.random.uniform(0.0, 0.05))
 
@@ -173,9 +186,18 @@ class Fleet:
         self.cuts |= pairs | {(other, one) for one, other in pairs}
 
     def heal(self) -> None:
-        """All links are as they were at first."""
+        """All links are as they were at first; what is queued comes at once."""
+        for place, (when, number, name, sample) in enumerate(sorted(self._events, key=lambda one: one[:2])):
+            if sample is not None:
+                soon = min(when, self.now + 1e-6 * place)
+                self._events[place] = soon, number, name, sample._replace(arrived=soon)
+            else:
+                self._events[place] = when, number, name, None
+        heapq.heapify(self._events)
         self.cuts.clear()
         self.links.clear()
+        self.sensors.clear()
+        self._sent_until.clear()
 
     @property
     def leaders(self) -> list[str]:
@@ -271,21 +293,31 @@ class Fleet:
             for name, node in self.nodes.items():
                 if out.key not in node.core.subscriptions:
                     continue
-                for wait in self._waits(sender, name, out.key):
+                for wait in self._waits(sender, name, out):
                     for sample in self.meddle(Sample(out.key, out.payload, out.attachment, self.now + wait)):
                         self._deliver(name, sample)
 
-    def _waits(self, sender: str, receiver: str, key: str) -> Iterable[float]:
+    def _waits(self, sender: str, receiver: str, out: Outgoing) -> Iterable[float]:
         """How long a message is on its way [s], each time that it comes."""
-        if not key.endswith(BETWEEN):
-            return [0.0005]
+        if not out.key.endswith(BETWEEN):
+            own = out.key in {ODOM.key(receiver), POSE.key(receiver)} and self.sensors.get(receiver)
+            return [self._way(sender, receiver, own, out)] if own else [0.0005]
         if (sender, receiver) in self.cuts:
             return []
         link = self.links.get((sender, receiver), Link(self.loss, self.delay))
         if self.random.random() < link.loss:
             return []
         times = 1 + (link.twice > 0.0 and self.random.random() < link.twice)
-        return [self.random.uniform(*link.delay) for _ in range(times)]
+        return [self._way(sender, receiver, link, out) for _ in range(times)]
+
+    def _way(self, sender: str, receiver: str, link: Link, out: Outgoing) -> float:
+        way = self.random.uniform(*link.delay) + link.growth * (self.now - link.since)
+        if link.bandwidth == math.inf:
+            return way
+        size = OVERHEAD + len(out.payload) + len(out.attachment or b"")
+        begins = max(self.now, self._sent_until[sender, receiver])
+        self._sent_until[sender, receiver] = begins + size / link.bandwidth
+        return way + self._sent_until[sender, receiver] - self.now
 
     def _note(self, sender: str, out: Outgoing) -> None:
         if sender in self.agents and out.key == CMD_VEL.key(sender):

@@ -32,6 +32,11 @@ DOUBTS: list[tuple[dict[str, Any], State, str]] = [
     ({"connected": False}, State.HOLD, "no link to the robot"),
     ({"routed": False}, State.HOLD, "does not listen to cmd_vel"),
     ({"silence": 0.16, "source": "pose"}, State.HOLD, "pose silent for 0.16 s"),
+    (
+        {"too_old": True, "age": 0.4, "age_limit": 0.2},
+        State.HOLD,
+        "was 0.40 s old when it came; limit 0.20 s",
+    ),
     ({"jumped": "0.80 m"}, State.HOLD, "odometry jumped 0.80 m"),
     ({"doubt": "is beyond ±1e+06 m"}, State.HOLD, "odometry is beyond"),
     ({"follows": False}, State.HOLD, "no two odometry messages within 0.15 s"),

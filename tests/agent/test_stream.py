@@ -6,7 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.stream import Stream
+from agent.stream import Stream, TooLateError
+from formation.lateness import SETTLED
+from formation.neighbour import LONGEST_WAY
 from formation.wire import BadMessage, Now
 
 EPOCH = 1.7e9
@@ -135,6 +137,42 @@ def test_messages_that_bad_air_held_up_and_lets_go_at_once_are_all_let_in() -> N
         moment = 0.4 + 0.001 * number
         assert stream.admit(EPOCH + number * PERIOD, moment, at(moment)) == interval
     assert stream.age(at(0.41)) == pytest.approx(0.01, abs=1e-6)
+
+
+def test_messages_that_get_later_and_later_are_refused() -> None:
+    stream, refused = stream_after(0.0), 0
+    for number in range(1, 100):
+        sent, moment = number * PERIOD, 2.0 * number * PERIOD
+        if sent <= LONGEST_WAY:
+            stream.admit(EPOCH + sent, moment, at(moment))
+            continue
+        with pytest.raises(TooLateError, match="later than the quickest"):
+            stream.admit(EPOCH + sent, moment, at(moment))
+        refused += 1
+    assert refused > 80
+    assert not stream.fresh(at(9.0))
+
+
+def test_a_prompt_message_counts_at_once_after_late_ones() -> None:
+    stream = stream_after(0.0)
+    for number in range(1, 20):
+        moment = 3.0 + number * PERIOD
+        with pytest.raises(TooLateError):
+            stream.admit(EPOCH + moment - 3.0, moment, at(moment))
+    stream.admit(EPOCH + 4.1, 4.1, at(4.1))
+    assert stream.fresh(at(4.1))
+    assert stream.late == pytest.approx(0.0, abs=1e-6)
+
+
+def test_messages_at_one_lateness_for_a_minute_are_followed() -> None:
+    stream, sent = stream_after(0.0), 0.0
+    while sent < SETTLED - 0.1:
+        sent += PERIOD
+        with pytest.raises(TooLateError):
+            stream.admit(EPOCH + sent, sent + 3.0, at(sent + 3.0))
+    sent += 0.2
+    assert stream.admit(EPOCH + sent, sent + 3.0, at(sent + 3.0)) is None
+    assert stream.fresh(at(sent + 3.0))
 
 
 def test_of_a_way_that_is_hard_to_believe_only_a_part_counts_and_the_clock_is_doubted() -> None:
