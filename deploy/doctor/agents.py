@@ -13,6 +13,8 @@ FALLS = 3
 """So often the time since the start falls back if there are two; one agent may be started anew meanwhile."""
 RUNS = "mission"
 """Key of a status that says with which mission, by its fingerprint, it was started."""
+MIXED = "other mission "
+"""How keys of a status begin that name a robot of another mission; the value is its tag."""
 REFUSED, VOICE = "refused ", "second voice "
 """How keys of a status begin that tell of who was refused, and of two who speak for one robot."""
 
@@ -76,6 +78,13 @@ def mission(facts: Facts) -> Iterator[Finding]:
             f"its {facts.part} was started with another mission than this one",
             "restart it if the right one is installed; else push that",
         )
+    for key, tag in facts.said.values.items() if facts.said else ():
+        if key.startswith(MIXED):
+            yield Finding(
+                "mission-mixed",
+                f"{key.removeprefix(MIXED)} runs mission {tag}, its {facts.part} {facts.mission.tag}",
+                "give all the same one: formation deploy push",
+            )
     if facts.installed_differs:
         yield Finding(
             "mission-differs",

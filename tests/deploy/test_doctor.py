@@ -167,6 +167,11 @@ ILLS: dict[str, tuple[Mapping[str, Any], str, str]] = {
         "mission-other",
         "its agent was started with another mission",
     ),
+    "neighbour on another mission": (
+        {"said": said(other_mission_robot2="89ef4567")},
+        "mission-mixed",
+        "robot2 runs mission 89ef4567",
+    ),
     "another mission": (
         {"installed_differs": "/opt/m.toml"},
         "mission-differs",
