@@ -163,6 +163,7 @@ def test_a_stop_gets_in_however_many_connections_there_are(words: bytes, address
 
 def test_a_connection_with_the_token_never_makes_room(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("monitor.page.connection.MAX_CONNECTIONS", 4)
+    monkeypatch.setattr(server_module, "IDLE", round(PATIENCE))  # however long the flood takes
     with serving(control=Orders()) as server, ExitStack() as stack:
         client = stack.enter_context(httpx.Client(base_url=server.address, timeout=PATIENCE, verify=PLAIN))
         assert client.get("/api/order", headers=BEARER).status_code == 204
