@@ -152,7 +152,8 @@ def test_in_the_fleet_a_process_speaks_for_its_own_robot_only(team: Team) -> Non
 def test_beside_its_robot_an_agent_hears_its_own_sensors_and_speaks_for_itself(team: Team) -> None:
     for robot, found in behind_robots(team).items():
         (agent,) = [one for one in found if one.name == "formation_agent"]
-        assert agent.subscriptions == robot_keys(robot, ODOM, SCAN)
+        # a sign of life that is not its own says that another agent commands the robot
+        assert agent.subscriptions == robot_keys(robot, ODOM, SCAN, ALIVE)
         assert agent.publications == robot_keys(robot, CMD_VEL, ALIVE, POSITION, STATUS)
         assert agent.queryables == set()
 
