@@ -12,6 +12,7 @@ from formation.order import Order, Told
 from formation.order import encode as encode_order
 from formation.ros2.messages import Diagnostics, Number, Odometry, Pose, TwistStamped, decode, encode
 from formation.topics import ALIVE, CMD_VEL, ODOM, POSITION, STATUS, TABLE
+from formation.unicycle import Command, advance
 from formation.wire import Now, Outgoing, Sample
 from tests.agent.fleet import EPOCH, Fleet
 from tests.agent.missions import with_robots
@@ -117,19 +118,22 @@ def test_a_readonly_agent_that_would_not_run_says_so() -> None:
 def test_each_command_goes_first_and_with_it_a_sign_of_life() -> None:
     agent = Agent(PAIR, "robot1", voice="v")
     alive: list[float] = []
+    position, heading, moving = -0.9 + 0.6j, 1 + 0j, Command(0.0, 0.0)
     for step in range(40):
+        position, heading = advance(position, heading, *moving, 0.05)
         now = Now(7.0 + 0.05 * step, EPOCH + 0.05 * step)
         said = Order(term=1, beat=step, mode="run", shape="triangle")
         told = Told(voice="l", count=step, order=said, mission=PAIR.tag)
         leader = encode(Pose(now.wall, 0.0025 * step, 1 + 0j))
-        odometry = encode(Odometry(now.wall, -0.9 + 0.6j, 1 + 0j, 0.0, 0.0))
+        odometry = encode(Odometry(now.wall, position, heading, *moving))
         inbox = [
             Sample(POSITION.key("leader"), leader, encode_order(told), now.mono),
             Sample(ODOM.key("robot1"), odometry, None, now.mono),
         ]
         outbox = agent.step(now, inbox)
         assert [out.key for out in outbox[:2]] == [CMD_VEL.key("robot1"), ALIVE.key("robot1")]
-        decode(TwistStamped, outbox[0].payload)
+        twist = decode(TwistStamped, outbox[0].payload)
+        moving = Command(twist.speed, twist.turn_rate)
         alive.append(decode(Number, outbox[1].payload).value)
     assert agent.decision.state == "run"
     assert alive == pytest.approx([0.05 * step for step in range(40)], abs=1e-9)
