@@ -11,7 +11,7 @@ Of neighbours nothing is kept: they are heard again within a period. `agent.keep
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Literal, NamedTuple, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -21,7 +21,7 @@ from agent.localisation import Localisation
 from agent.memory import BadMemoryError, Json, recall, remember
 from agent.values import real
 from formation.election import check_term
-from formation.order import Count, Mode, Name, Voice
+from formation.order import LEAST_GAIN, MOST_GAIN, Count, Mode, Name, Voice
 from formation.ros2.messages import Odometry, Pose, decode
 from formation.topics import ODOM, POSE
 from formation.wire import BadMessage, Now, Sample
@@ -235,8 +235,8 @@ class Survival:
         for name, mine in ours.items():
             if (theirs := getattr(way, name)) != mine:
                 return f"it is of {name} {theirs}, this one of {mine}"
-        if _odd([way.here, way.integral, way.tuning]):
-            return "a number in it is none"
+        if odd := _odd(way):
+            return odd
         try:
             check_term(way.promise, now)
         except BadMessage as bad:
@@ -266,11 +266,31 @@ def _told(error: Exception) -> str:
     return f"{kind}{' '.join(str(error).split())[:200]}"
 
 
-def _odd(said: Json) -> bool:
-    """Whether a number in it is none: what is compared with that is never found wanting."""
+def _odd(way: Way) -> str:
+    """Which of its numbers no agent can have known; empty if there is none."""
+    if _holds([way.here, way.integral, way.tuning], {"nan"}):
+        return "a number in it is none"
+    if _holds(way.here.get("source"), {"inf", "-inf"}):
+        return "its newest position or motion is infinite"
+    if isinstance(way.tuning, dict) and not _bearable(way.tuning):
+        return f"its gains must be k_p {LEAST_GAIN:g} to {MOST_GAIN:g}, k_i 0 to {MOST_GAIN:g}"
+    return ""
+
+
+def _holds(said: Json, numbers: Collection[str]) -> bool:
+    """Whether one of these `numbers`, as they are kept, stands anywhere in what was `said`."""
     if isinstance(said, (dict, list)):
-        return any(map(_odd, said.values() if isinstance(said, dict) else said))
-    return bool(said == "nan")
+        return any(_holds(one, numbers) for one in (said.values() if isinstance(said, dict) else said))
+    return isinstance(said, str) and said in numbers
+
+
+def _bearable(tuning: Mapping[str, Json]) -> bool:
+    """Whether these are gains that an order can have given."""
+    gains = tuning.get("k_p"), tuning.get("k_i")
+    return all(
+        isinstance(gain, (int, float)) and least <= gain <= MOST_GAIN
+        for gain, least in zip(gains, (LEAST_GAIN, 0.0), strict=True)
+    )
 
 
 def _anew(why: str) -> Taken:
