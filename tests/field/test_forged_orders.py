@@ -21,7 +21,7 @@ from formation.transport.session import Identity
 from formation.transport.signing import Signer
 from tests.field.assault import attack, link
 from tests.field.namespaces import until
-from tests.field.team import Team, driving, mission
+from tests.field.team import VICTIM, Team, driving, mission
 
 pytestmark = [pytest.mark.namespaces, pytest.mark.processes]
 THIEF = "robot1"
@@ -46,7 +46,9 @@ def held(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Held]:
         answer = team.desk_computer.run(
             *team.formation("order", "hold", "-c", str(team.desk.file("operator")), "--json")
         )
-        assert answer.returncode == 0, answer.stderr
+        said = json.loads(answer.stdout.splitlines()[-1])
+        assert said["refused"] == [], said
+        assert {one["robot"] for one in said["acknowledged"]} >= {"leader", VICTIM}
         until(lambda: team.status().get("state") == "hold", what="the victim holds")
         team.running[THIEF].signal(signal.SIGKILL)
         time.sleep(1.0)
@@ -130,7 +132,7 @@ def relayed(held: Held, fields: dict[str, Any]) -> None:
     voice = secrets.token_hex(8)
     samples = []
     for count in range(NUMBER):
-        told = Told.model_validate({"voice": voice, "count": count + 1, **fields})
+        told = Told.model_validate({"voice": voice, "count": count + 1, "mission": mission().tag, **fields})
         if told.order is not None:
             risen = told.order.model_copy(update={"beat": told.order.beat + count})
             told = told.model_copy(update={"order": risen})
