@@ -27,6 +27,8 @@ from tests.field.team import mission
 
 FAR = 5.0 + 5.0j
 """Where the attacker would have the robot go [m; world frame]: nowhere near."""
+NEAR = -0.4 + 0.3j
+"""Where the robot that the attacker speaks for may well be [m; world frame]."""
 
 
 def forged(seconds: float, rate: float) -> Iterator[tuple[bytes, bytes]]:
@@ -79,6 +81,15 @@ def listen(session: zenoh.Session, key: str, number: int) -> list[tuple[str, str
     until(lambda: len(heard) >= number, what=f"{number} messages on {key}")
     subscriber.undeclare()  # type: ignore[no-untyped-call]
     return heard
+
+
+def relay(session: zenoh.Session, key: str, attachments: list[str], rate: float = 40.0) -> int:
+    """Say these things beside positions that are stamped as they are sent; how many."""
+    for attachment in attachments:
+        pose = Pose(time.time(), NEAR, 1.0 + 0j)
+        session.put(key, encode(pose), attachment=bytes.fromhex(attachment))
+        time.sleep(1.0 / rate)
+    return len(attachments)
 
 
 def replay(session: zenoh.Session, key: str, samples: list[tuple[str, str]], rate: float = 40.0) -> int:
@@ -154,7 +165,8 @@ def main(kind: str, how: dict[str, Any]) -> None:
         case "talk":
             result = talk(how["address"], how["port"], bytes.fromhex(how["words"]))
         case _:
-            does = {"put": put, "query": query, "declare": declare, "listen": listen, "replay": replay}[kind]
+            attacks = (put, query, declare, listen, relay, replay)
+            does = {one.__name__: one for one in attacks}[kind]
             with attacking(**_paths(how.pop("link"))) as session:
                 time.sleep(0.3)  # until both sides have told each other what they declare
                 result = does(session, **how)  # type: ignore[operator]

@@ -15,7 +15,6 @@ import pytest
 from deploy.field import authority, certificates
 from formation import order
 from formation.order import Told
-from formation.ros2.messages import Pose, encode
 from formation.topics import POSITION
 from formation.transport.session import Identity
 from formation.transport.signing import Signer
@@ -130,14 +129,14 @@ FORGERIES: dict[str, tuple[Callable[[Held], dict[str, Any]], tuple[str, ...]]] =
 def relayed(held: Held, fields: dict[str, Any]) -> None:
     """Have the thief say so, as robot1 does: where it is, and with rising counts and beats."""
     voice = secrets.token_hex(8)
-    samples = []
+    attachments = []
     for count in range(NUMBER):
         told = Told.model_validate({"voice": voice, "count": count + 1, "mission": mission().tag, **fields})
         if told.order is not None:
             risen = told.order.model_copy(update={"beat": told.order.beat + count})
             told = told.model_copy(update={"order": risen})
-        samples.append((encode(Pose(time.time(), -0.4 + 0.3j, 1 + 0j)).hex(), order.encode(told).hex()))
-    attack(held.team, "replay", link=link(held.team, THIEF), key=KEY, samples=samples)
+        attachments.append(order.encode(told).hex())
+    attack(held.team, "relay", link=link(held.team, THIEF), key=KEY, attachments=attachments)
 
 
 @pytest.mark.parametrize("kind", list(FORGERIES))
@@ -157,11 +156,11 @@ def test_a_forgery_is_refused_and_named(held: Held, kind: str) -> None:
 def test_orders_that_were_true_change_nothing(held: Held) -> None:
     """With right signatures; the leader has said hold since."""
     team, start, voice = held.team, time.monotonic(), secrets.token_hex(8)
-    samples = []
+    attachments = []
     for count, one in enumerate(held.ran):
         told = one.model_copy(update={"voice": voice, "count": count + 1})
-        samples.append((encode(Pose(time.time(), -0.4 + 0.3j, 1 + 0j)).hex(), order.encode(told).hex()))
-    attack(team, "replay", link=link(team, THIEF), key=KEY, samples=samples)
+        attachments.append(order.encode(told).hex())
+    attack(team, "relay", link=link(team, THIEF), key=KEY, attachments=attachments)
     time.sleep(1.0)
     assert team.states(since=start) == {"hold"}
     assert all((one.speed, one.turn_rate) == (0.0, 0.0) for one in team.commands(since=start))
@@ -182,8 +181,10 @@ def test_an_order_by_a_follower_does_not_verify(held: Held) -> None:
 def test_the_leader_raises_the_alarm(held: Held) -> None:
     """It is linked with robot1 as well."""
     fields = {"order": json.loads(changed(held)["signed"])}
-    told = Told.model_validate({"voice": secrets.token_hex(8), "count": 1, **fields})
-    sample = (encode(Pose(time.time(), -0.4 + 0.3j, 1 + 0j)).hex(), order.encode(told).hex())
-    attack(held.team, "replay", link=link(held.team, THIEF, "leader"), key=KEY, samples=[sample])
+    told = Told.model_validate(
+        {"voice": secrets.token_hex(8), "count": 1, "mission": mission().tag, **fields}
+    )
+    attachments = [order.encode(told).hex()]
+    attack(held.team, "relay", link=link(held.team, THIEF, "leader"), key=KEY, attachments=attachments)
     alarm = "ALARM: robot1 relays a forged order: order not signed by leader: it has no signature"
     until(lambda: alarm in held.team.running["leader"].errors, what=held.team.running["leader"].errors[-500:])
