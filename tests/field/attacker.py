@@ -169,7 +169,7 @@ def main(kind: str, how: dict[str, Any]) -> None:
             does = {one.__name__: one for one in attacks}[kind]
             with attacking(**_paths(how.pop("link"))) as session:
                 time.sleep(0.3)  # until both sides have told each other what they declare
-                result = does(session, **how)  # type: ignore[operator]
+                result = does(session, **how)
                 time.sleep(0.3)  # what was said is sent before the link goes
     say("done", result=result)
 
