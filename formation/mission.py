@@ -73,8 +73,6 @@ class SimulatedRobot(Table):
     """Odometry error that grows with the path, as a share of it."""
 
 
-MAX_ROBOTS = 500
-"""Robots of a mission, the leader among them: analysis and rules compare each with each."""
 MAX_SHAPES = 100
 MAX_HORIZON = 3600.0
 """Longest simulated run [s]."""
@@ -150,7 +148,7 @@ class Mission(Table):
     law: LawSpec = LawSpec()
     robot: RobotDefaults = RobotDefaults()
     shapes: dict[Name, dict[Name, Point]] = Field(min_length=1, max_length=MAX_SHAPES)
-    robots: dict[Name, RobotSpec] = Field(min_length=2, max_length=MAX_ROBOTS)
+    robots: dict[Name, RobotSpec] = Field(min_length=2)
     route: Annotated[tuple[Leg, ...], BeforeValidator(as_tuple), Field(min_length=1)]
     standbys: dict[Name, Standby] = Field(default={}, max_length=63)
     collisions: Collisions = Collisions()

@@ -39,6 +39,8 @@ class RouteFile(Table):
     route: Annotated[tuple[Leg, ...], BeforeValidator(as_tuple), Field(min_length=1)]
 
 
+MAX_ROBOTS = 500
+"""Robots of a mission file, the leader among them: analysis and rules compare each with each."""
 T = TypeVar("T", Mission, RouteFile)
 
 
@@ -85,14 +87,17 @@ def read(mission: str | Path) -> tuple[str, str]:
 
 def parse(text: str, name: str = "mission") -> Mission:
     """The mission in TOML `text`; `name` is the file to blame. Raises MissionError."""
-    return _validated(Mission, _toml(text, name), name)
+    data = _toml(text, name)
+    if isinstance(robots := data.get("robots"), dict) and len(robots) > MAX_ROBOTS:
+        raise MissionError(f"{name}: robots = {len(robots)} items: should have at most {MAX_ROBOTS} items")
+    return _validated(Mission, data, name)
 
 
 def parse_route(text: str, name: str = "route") -> tuple[Leg, ...]:
     """The ``[[route]]`` in TOML `text`, which may be a mission's; `name` is to blame. Raises MissionError."""
     data = _toml(text, name)
     if not data.keys().isdisjoint({"robots", "shapes"}):
-        return _validated(Mission, data, name).route
+        return parse(text, name).route
     return _validated(RouteFile, data, name).route
 
 

@@ -129,10 +129,11 @@ def test_from_rest_to_a_limit_takes_at_least_the_ramp_however_suddenly_it_is_wan
     commander, moment, spec = Commander(SIX, "robot2"), 10.0, SIX.robots["robot2"]
     commander.say(Now(moment, 1.7e9), AT_REST)
     for speed, turn_rate, wait in wishes:
-        before, moment = commander.newest, moment + wait
+        before, last, moment = commander.newest, moment, moment + wait
+        silence = moment - last  # rounded, as the commander sees it
         commander.say(Now(moment, 1.7e9), Command(speed, turn_rate))
-        after_a_gap = wait > GAP and before != AT_REST
-        share = (HALF if after_a_gap else min(wait, LONGEST / spec.rate) / spec.ramp) + 1e-9
+        after_a_gap = silence > GAP and before != AT_REST
+        share = (HALF if after_a_gap else min(silence, LONGEST / spec.rate) / spec.ramp) + 1e-9
         if commander.newest != AT_REST:
             assert abs(commander.newest.speed - before.speed) <= share * spec.max_speed
             assert abs(commander.newest.turn_rate - before.turn_rate) <= share * spec.max_turn_rate

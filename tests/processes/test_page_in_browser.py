@@ -95,11 +95,12 @@ def _who_is_killed_is_lost(page: Page, agent: psutil.Process) -> None:
 def _the_others_stop(page: Page) -> None:
     page.click('[data-do="stop"]')
     said = page.locator("#acknowledgements li")
-    said.nth(len(SIX.names) - 1).wait_for()
-    texts = said.all_inner_texts()
-    assert texts[0] == "✕ robot5 NO ANSWER"
-    assert all(text.startswith("✓ ") and text.endswith(" ms") for text in texts[1:])
-    assert {text.split()[1] for text in texts} == set(SIX.names)
+    said.nth(len(SIX.names)).wait_for()
+    advice, missing, *obeyed = said.all_inner_texts()
+    assert advice == "robot5 may still drive: use the robot's own switch"
+    assert missing == "✕ robot5 NO ANSWER"
+    assert all(text.startswith("✓ ") and text.endswith(" ms") for text in obeyed)
+    assert {text.split()[1] for text in (missing, *obeyed)} == set(SIX.names)
     until(page, f"{STATES}.filter((word) => word === 'stop').length === {len(SIX.names) - 1}")
     page.locator("#event-list li", has_text="operator").first.wait_for()
     deadline = time.monotonic() + PATIENCE

@@ -172,7 +172,7 @@ def test_a_term_from_the_day_after_tomorrow_counts_for_nothing() -> None:
 
 def test_ballots_are_checked_like_everything_else() -> None:
     monitor = Monitor(with_standbys())
-    good = Ballot(term=SECOND, number=1, standing="candidate")
+    good = Ballot(term=SECOND, number=1, standing="candidate", mission=with_standbys().tag)
     hear(monitor.metrics, [said(BALLOT.key("spare1"), Text(order.encode(good).decode()), 10.0)])
     assert not monitor.metrics.rejections.by_reason
     hear(monitor.metrics, [said(BALLOT.key("spare2"), Text(order.encode(good).decode()), 10.1)])
