@@ -19,6 +19,7 @@ from formation import scan
 from formation.avoidance import LAG, Manners, Obstacle, brake
 from formation.detour import Avoidance, avoid
 from formation.mission import Mission
+from formation.neighbour import unknown
 from formation.scan import Circle, Mate
 from formation.unicycle import Command
 from formation.wire import Now
@@ -56,10 +57,9 @@ class Avoiding:
         self._first = {name: mission.has_right_of_way(name, robot) for name in minded}
         self._local = spec.measurement == "local"
         self._limits = spec.limits
-        self._manners = Manners(
-            spec.radius, mission.collisions.margin, spec.longest_command + LAG * mission.collisions.lag
-        )
-        self._apart = mission.collisions.margin
+        rules = mission.collisions
+        self._manners = Manners(spec.radius, rules.room, spec.longest_command + LAG * rules.lag, rules.blind)
+        self._apart, self._delay = rules.room, rules.delay
 
     def command(
         self, wanted: Command, along: complex, here: Localisation, around: Neighbourhood, now: Now, dt: float
@@ -154,17 +154,22 @@ class Avoiding:
 
     def _obstacle(self, name: str, one: Neighbour, here: Localisation, now: Now) -> Obstacle:
         spec, sensed = self._specs[name], self._sensed(name)
-        at, unsure, velocity = one.around(now, here.stream.age(now), body=not sensed)
+        there = one.around(now, here.stream.age(now), body=not sensed)
         # a sensor sees the control point; the centre is somewhere around it
         mine, facing, radius = here.position, here.course.conjugate(), spec.radius
         if sensed:
             mine, facing = here.point, here.heading.conjugate()
             radius += spec.control_point_offset
+        aside, late, stopped = unknown(
+            there.age, self._delay, spec.top_speed, there.last - mine, there.at - mine
+        )
         return Obstacle(
-            facing * (at - mine) + (self._limits.offset if sensed else 0.0),
-            radius + unsure,
-            facing * velocity,
+            facing * (there.at - mine) + (self._limits.offset if sensed else 0.0),
+            radius + there.unsure + late + stopped,
+            facing * there.velocity,
             self._first[name],
             stands=not one.fresh(now),
             doubt=0.0 if sensed else here.course_doubt,
+            age=there.age,
+            unsure=aside,
         )

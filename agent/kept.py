@@ -84,7 +84,7 @@ def _sent(numbers: Iterable[float]) -> Sent:
 
 _COMMAND = row(Command._make, real, real)
 _TRACK = row(Track._make, real, plane, plane)
-_AVOIDANCE = row(Avoidance._make, real, real, count, plane, real, real)
+_AVOIDANCE = row(Avoidance._make, real, real, count, plane, real, real, real)
 _TRAVEL = row(Travel._make, real, real, plane)
 _MODELLED = row(Modelled._make, real, plane, plane, real, real, real, real)
 _DISAGREEMENT = row(Disagreement._make, word(*Disagrees, of=Disagrees), real, real, real)
@@ -205,6 +205,7 @@ KEPT: Mapping[type, Kept] = {
             "_measures_heading",
             "_gain",
             "_sharp_gain",
+            "_noise",
             "_limits",
             "_period",
             "_guessed",
@@ -288,6 +289,7 @@ KEPT: Mapping[type, Kept] = {
             "_limits",
             "_manners",
             "_apart",
+            "_delay",
         ),
     ),
     Scanner: Kept(

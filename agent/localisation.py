@@ -9,7 +9,7 @@ from agent.overhead import Overhead
 from agent.sighting import Sighting
 from agent.stream import Stream
 from formation import heading as observers
-from formation.avoidance import SHARPER, SLACK, heading_doubt
+from formation.avoidance import SHARPER, SLACK, course_gain, heading_doubt
 from formation.heading import Travel
 from formation.lateness import Trust, trusted
 from formation.mission import Mission
@@ -72,6 +72,7 @@ class Localisation:
         self._guesses = spec.first_heading_deg is None and not self._measures_heading and not self._printed
         # the filter's own: positions from outside are too noisy to learn from them faster
         self._sharp_gain = self._gain * (SHARPER if spec.localisation == "odometry" else 1.0)
+        self._noise = mission.collisions.noise
         self._course = self._estimate
         self._way = 0.0  # since it knew nothing of it [m]
         self._joined = False
@@ -137,7 +138,7 @@ class Localisation:
         """By how much that may be wrong [rad]."""
         if self._measures_heading:
             return SLACK
-        by_way, lacks = heading_doubt(self._way, self._sharp_gain), 1.0 - abs(self._course)
+        by_way, lacks = heading_doubt(self._way, self._sharp_gain, self._noise), 1.0 - abs(self._course)
         # its way explains so much; seen from outside, wheels may stand though they were told to go
         if math.sin(min(by_way - SLACK, 0.5 * math.pi)) >= lacks:
             return by_way
@@ -226,7 +227,8 @@ class Localisation:
             self._estimate = shorten(observers.mended(self._estimate, seen.travel, self._gain), LONGEST)
         else:
             self._estimate = observers.innovation(self._estimate, seen.travel, self._gain)
-            self._course = observers.innovation(self._course, seen.travel, self._sharp_gain)
+            gain = course_gain(self._way, self._sharp_gain, self._noise)
+            self._course = observers.innovation(self._course, seen.travel, gain)
             self._way += abs(seen.travel.distance)
         return elapsed
 

@@ -7,6 +7,7 @@ no such either, neighbours that are on their way back to their slots; or nobody.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 from agent.localisation import Localisation
 from agent.slots import Slots
@@ -32,6 +33,21 @@ STANDS = 1.0
 """A robot that has not moved for so long stands [s]."""
 MOVED = 0.03
 """So far a robot that stands may seem to move [m]."""
+
+
+class Whereabouts(NamedTuple):
+    """Where another robot is, as far as is known."""
+
+    at: complex
+    """Where its velocity has carried it [m; world frame]."""
+    last: complex
+    """Where it was seen last [m; world frame]."""
+    velocity: complex
+    """[m/s; world frame]"""
+    age: float
+    """Of what is known of either robot [s]."""
+    unsure: float = 0.0
+    """If it is silent: radius of a disc in which it stands [m]."""
 
 
 class Neighbour:
@@ -132,19 +148,17 @@ class Neighbour:
             raise ValueError(f"{self.name} has not been seen yet")
         return self._carried(self._track, now, my_age) if carry else self._track.point
 
-    def around(self, now: Now, my_age: float, *, body: bool) -> tuple[complex, float, complex]:
-        """Where its centre, or else its control point, was at that moment: a disc's middle and radius [m].
-
-        And how fast that moves [m/s; world frame].
-        """
+    def around(self, now: Now, my_age: float, *, body: bool) -> Whereabouts:
+        """Where its centre, or else its control point, was at that moment."""
         track = self._body if body else self._track
         if track is None:
             raise ValueError(f"{self.name} has not been seen yet")
-        carried = self._carried(track, now, my_age)
-        unsure = neighbour.uncertain(self.stream.age(now), self._top_speed)
+        carried, age = self._carried(track, now, my_age), self.stream.age(now)
         if self.fresh(now):
-            return carried, unsure, track.velocity
-        return *neighbour.somewhere(track.point, carried, unsure), 0j
+            return Whereabouts(carried, track.point, track.velocity, max(age, my_age))
+        unsure = neighbour.uncertain(age, self._top_speed)
+        middle, radius = neighbour.somewhere(track.point, carried, unsure)
+        return Whereabouts(middle, middle, 0j, 0.0, radius)
 
     def _carried(self, track: neighbour.Track, now: Now, my_age: float) -> complex:
         older = self.stream.age(now) - my_age

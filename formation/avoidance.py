@@ -37,6 +37,16 @@ SHARPER = 20.0
 """The filter learns the heading so many times faster than the law does: a guess is no use to it."""
 SLACK = 0.05
 """And may still be so wrong about it [rad]."""
+STEADY = 0.02
+"""Standard deviation that noise of positions may leave in the heading that is learned in the end [rad]."""
+FADING = 3.0
+"""Until then the gain is this over the way [–]."""
+PAIR_DEVIATIONS = 4.0
+"""So many standard deviations of the distance between two robots are kept free."""
+DEVIATIONS = 2.0
+"""So many standard deviations of the noise are expected."""
+AGEING = 1.5
+"""So many times the age of what is known of another robot counts like time that a command lasts."""
 LAG = 4.0
 """So many times the time constant with which robots follow commands counts like time that a command lasts."""
 NEGLIGIBLE = 1e-12
@@ -58,6 +68,10 @@ class Obstacle(NamedTuple):
     """Whether it will be there for ever: it is gone round and not waited for."""
     doubt: float = 0.0
     """By how much its direction may be off [rad]; from π on nothing is known of that."""
+    age: float = 0.0
+    """How long ago it was there [s]; what it did since is bounded by its own brake."""
+    unsure: float = 0.0
+    """How far aside of `at` it may be by now [m]."""
 
 
 class Manners(NamedTuple):
@@ -69,6 +83,8 @@ class Manners(NamedTuple):
     """Room that is left between two bodies [m]."""
     hold: float
     """Longest time that a command may last, and the robot take to follow it [s]."""
+    blind: float = 0.0
+    """Room that is left while the robot does not know its heading [m]: at most the margin."""
 
 
 class HalfPlane(NamedTuple):
@@ -120,7 +136,7 @@ def half_plane(obstacle: Obstacle, manners: Manners, limits: Limits) -> HalfPlan
     lever = front(manners, limits)
     away = obstacle.at - lever
     distance, towards = abs(away), unit(away)
-    room = distance - (lever + manners.radius + obstacle.radius + manners.margin)
+    room = distance - (lever + manners.radius + obstacle.radius + obstacle.unsure + manners.margin)
     most = PASSING * room
     if obstacle.first:
         velocity = obstacle.velocity
@@ -175,10 +191,13 @@ def brake(wanted: Command, obstacles: Sequence[Obstacle], manners: Manners) -> C
     low, high = -math.inf, math.inf
     for k in range(len(obstacles)):
         one = obstacles[k]
-        margin = manners.margin if one.doubt < math.pi else 0.0
-        room = abs(one.at) - (manners.radius + one.radius + margin)
-        most = max(0.0, 0.5 * room / manners.hold)
-        least, greatest = facing(unit(one.at), wanted.turn_rate * manners.hold, one.doubt)
+        distance, blind = abs(one.at), one.doubt >= math.pi
+        room = distance - (manners.radius + one.radius + (manners.blind if blind else manners.margin))
+        most = max(0.0, 0.5 * room / (manners.hold + AGEING * one.age))
+        doubt = one.doubt
+        if one.unsure > 0.0:
+            doubt += math.asin(min(1.0, one.unsure / distance)) if distance > 0.0 else math.pi
+        least, greatest = facing(unit(one.at), wanted.turn_rate * manners.hold, doubt)
         if greatest > 0.0:
             high = min(high, most / greatest)
         if least < 0.0:
@@ -201,10 +220,30 @@ def facing(towards: complex, turn: float, doubt: float) -> tuple[float, float]:
     return math.cos(min(math.pi, middle + spread)), math.cos(max(0.0, middle - spread))
 
 
-def heading_doubt(travelled: float, gain: float) -> float:
-    """By how much the observer may be wrong about the heading after so long a way [rad].
+def margin_kept(margin: float, noise: float) -> float:
+    """Room to keep between two bodies whose positions have `noise`, standard deviation per axis [m]."""
+    return max(margin, PAIR_DEVIATIONS * math.sqrt(2.0) * noise)
 
-    Whatever the first guess was, |ζ̂ - ζ| <= 2 e^{-k·way}. `travelled` in [m], `gain` k in [1/m].
+
+def course_gain(travelled: float, gain: float, noise: float) -> float:
+    """Gain of the filter's own heading observer after `travelled` [m], from `gain` on [1/m].
+
+    It falls as the robot moves, to where `noise` [m] of positions does not matter any more.
     """
-    wrong = 2.0 * math.exp(-gain * travelled)
-    return SLACK + math.asin(wrong) if wrong < 1.0 else math.pi
+    return max(_least_gain(gain, noise), gain * FADING / (FADING + gain * travelled))
+
+
+def heading_doubt(travelled: float, gain: float, noise: float) -> float:
+    """By how much that observer may be wrong about the heading after so long a way [rad].
+
+    |ζ̂ - ζ| <= 2 e^{-∫k} whatever the first guess was, and some k·noise besides, where k is `course_gain`.
+    """
+    least = _least_gain(gain, noise)
+    fading = min(travelled, FADING / least - FADING / gain)
+    kept = (1.0 + gain * fading / FADING) ** -FADING * math.exp(-least * (travelled - fading))
+    wrong, shaken = 2.0 * kept, DEVIATIONS * noise * course_gain(travelled, gain, noise)
+    return max(SLACK, shaken) + math.asin(wrong) if wrong + shaken < 1.0 else math.pi
+
+
+def _least_gain(gain: float, noise: float) -> float:
+    return gain if noise * gain <= STEADY else STEADY / noise

@@ -18,6 +18,9 @@ from formation.unicycle import Command, body_velocity, saturate
 
 HELD, WANTING = 0.05, 0.15
 """Of its top speed: a robot that does less than the one though it wants more than the other is kept."""
+LONG = 10.0
+"""Among robots what counts, besides, is how fast it came nearer to where it wants in about so long [s]: noise
+of positions keeps it in motion, though it trails another robot."""
 LATELY = 1.0
 """Before what stands a robot may go to and fro: there counts how far it came in about so long [s]."""
 PATIENCE, DETOUR = 0.5, 1.5
@@ -46,6 +49,8 @@ class Avoidance(NamedTuple):
     """How often it was kept in a row."""
     side: float = 0.0
     """To which side it goes round what stands: 1 left, -1 right, 0 if it does not."""
+    slow: float = 0.0
+    """By how much more slowly than at top speed it has come nearer to where it wants lately [m/s]."""
 
 
 def avoid(
@@ -62,12 +67,12 @@ def avoid(
     `along` is how the robots it follows move [m/s; body frame]: who only goes along with them is kept, too.
     """
     if len(obstacles) == 0:
-        return wanted, Avoidance(0.0, 0.0, before.deadlocks, 0j, before.again, 0.0)
+        return wanted, Avoidance(0.0, 0.0, before.deadlocks, 0j, before.again, 0.0, 0.0)
     want = body_velocity(wanted.speed, wanted.turn_rate, limits.offset)
     near, ahead = _standing(obstacles, manners, want)
     side = before.side if ahead > BEHIND else 0.0  # who has it behind itself goes its own way again
     detour = before.detour if side == before.side else 0.0
-    before = Avoidance(before.kept, detour, before.deadlocks, before.went, before.again, side)
+    before = Avoidance(before.kept, detour, before.deadlocks, before.went, before.again, side, before.slow)
     aim = wanted
     if detour > 0.0:
         turned = near * rotation(side * ROUND) * abs(want) if side != 0.0 else TO_THE_RIGHT * want
@@ -103,24 +108,32 @@ def _remembered(
 ) -> Avoidance:
     """How long the robot has been kept, or still goes another way."""
     velocity = body_velocity(done.speed, done.turn_rate, limits.offset)
-    went = before.went + min(1.0, dt / LATELY) * (velocity - before.went)
+    share = min(1.0, dt / LATELY)
+    went = before.went + share * (velocity - before.went)
+    slow, wants = 0.0, abs(want - along)
+    if wants > WANTING * limits.max_speed:
+        slow = limits.max_speed - ((want - along).conjugate() * (velocity - along)).real / wants
+    slow = before.slow + min(1.0, dt / LONG) * (slow - before.slow)
     detour = max(0.0, before.detour - dt)
     if before.detour > 0.0 and before.side == 0.0:
-        return Avoidance(0.0, detour, before.deadlocks, went, before.again, 0.0)
+        return Avoidance(0.0, detour, before.deadlocks, went, before.again, 0.0, slow)
     side = before.side if detour > 0.0 else 0.0
-    does, wants = abs(went), abs(want)
-    if near == 0j:
-        does = min(abs(velocity), abs(velocity - along))  # it stands, or goes along and gets no nearer
-        wants = abs(want - along)
+    does = abs(went)
+    if near != 0j:
+        wants = abs(want)
+    else:  # it stands, goes along and gets no nearer, or to and fro
+        does = min(abs(velocity), abs(velocity - along), max(0.0, limits.max_speed - slow))
     if does >= HELD * limits.max_speed or wants <= WANTING * limits.max_speed:
-        again = max(0.0, before.again - dt / FORGET)
-        return Avoidance(max(0.0, before.kept - dt), detour, before.deadlocks, went, again, side)
+        again = before.again
+        if near != 0j or slow < (1.0 - HELD) * limits.max_speed:
+            again = max(0.0, again - dt / FORGET)
+        return Avoidance(max(0.0, before.kept - dt), detour, before.deadlocks, went, again, side, slow)
     if before.kept + dt <= PATIENCE:
-        return Avoidance(before.kept + dt, detour, before.deadlocks, went, before.again, side)
+        return Avoidance(before.kept + dt, detour, before.deadlocks, went, before.again, side, slow)
     again = min(AGAIN, before.again + 1.0)
     if near != 0j:
         left = near.real * want.imag - near.imag * want.real >= 0.0
         other = -side if side != 0.0 else (1.0 if left else -1.0)
-        return Avoidance(0.0, LONGEST, before.deadlocks + 1, went, again, other)
+        return Avoidance(0.0, LONGEST, before.deadlocks + 1, went, again, other, slow)
     detour = DETOUR * (1.0 + before.again)
-    return Avoidance(0.0, detour, before.deadlocks + 1, went, again, 0.0)
+    return Avoidance(0.0, detour, before.deadlocks + 1, went, again, 0.0, slow)

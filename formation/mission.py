@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from formation import mission_rules
+from formation.avoidance import DEVIATIONS, margin_kept
 from formation.endpoint import Endpoint
 from formation.graph import Graph
 from formation.law import Gains
@@ -108,6 +109,20 @@ class Collisions(Table):
     """Room that is left between two bodies [m]."""
     lag: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
     """Time constant with which robots follow commands [s]."""
+    noise: Annotated[float, Field(ge=0.0, le=0.1)] = 0.002
+    """Standard deviation of robots' positions, per axis [m]."""
+    delay: Annotated[float, Field(ge=0.0, le=0.5)] = 0.2
+    """Positions of others may be so late [s]."""
+
+    @property
+    def room(self) -> float:
+        """What the filter keeps between two bodies [m]: the margin, or more where noise takes more."""
+        return margin_kept(self.margin, self.noise)
+
+    @property
+    def blind(self) -> float:
+        """The same while a robot does not know its heading yet: it needs room to learn it [m]."""
+        return min(self.room, DEVIATIONS * self.noise)
 
 
 class Bounds(Table):

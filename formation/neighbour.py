@@ -88,6 +88,19 @@ def uncertain(age: float, top_speed: float) -> float:
     return UNSEEN * top_speed * min(age, LONGEST_WAY)
 
 
+def unknown(
+    age: float, expected: float, top_speed: float, last: complex, carried: complex
+) -> tuple[float, float, float]:
+    """What another robot may have done since it was seen at `last`, `age` [s] ago.
+
+    `carried` is where its velocity leads to; both are relative to the robot that asks [m]. The result: how
+    far aside of that it may be [m]; how much nearer [m], where the age is above what is `expected` [s]; and
+    how much nearer if it has stopped meanwhile [m].
+    """
+    unsure = uncertain(min(age, expected), top_speed)
+    return unsure, uncertain(age, top_speed) - unsure, max(0.0, abs(carried) - abs(last))
+
+
 def somewhere(last: complex, carried: complex, unsure: float) -> tuple[complex, float]:
     """Where whoever fell silent may be: middle and radius [m] of a disc with both ends of its way in it.
 

@@ -7,9 +7,12 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from formation.mission import Collisions
 from formation.slots.measuring import measured
 from formation.slots.shapes import SHAPES, polygon
 
+COLLISIONS = Collisions()
+"""What holds for the collision filter where a mission says nothing; made missions say it."""
 SETTLED = 0.0005
 """Mean error of an edge under which a formation of more than a hundred edges counts as settled [m]."""
 MIND_ALL = 12
@@ -31,6 +34,8 @@ class Profile(NamedTuple):
     """[law] and [robot]."""
     speed: float
     """The leader's [m/s]."""
+    lag: float = 0.0
+    """Time constant with which it follows commands [s]."""
     simulated: str = ""
     """[simulated_robot]; without it bodies are ideal."""
 
@@ -40,6 +45,7 @@ PROFILES = {
         spacing=0.5,
         radius=0.105,
         speed=0.05,
+        lag=0.1,
         tables="""\
 [law]
 k_p = 2.0                    # [1/s]
@@ -133,6 +139,12 @@ settled = {bound:<18g} # formation error under which it counts as settled, summe
 turning = true               # slots are relative to the leader's heading: x ahead, y to the left
 
 {profile.tables}{_all(draft)}
+[collisions]
+margin = {COLLISIONS.margin:<19g} # room that is kept between two bodies [m]
+lag = {profile.lag:<22g} # time constant with which robots follow commands [s]
+noise = {COLLISIONS.noise:<20g} # of robots' positions, standard deviation per axis [m]
+delay = {COLLISIONS.delay:<20g} # positions of others may be so late [s]
+
 # [bounds]                   # your room, world frame [m]: outside it a robot holds, and orders that lead out
 # x = [-5.0, 20.0]           # are refused. Without it the bounds are wide: `formation check` says which
 # y = [-5.0, 5.0]

@@ -108,6 +108,7 @@ class Ensemble:
             observer=_OBSERVERS[observer],
             observer_gain=mission.law.observer_gain,
             course_gain=SHARPER * mission.law.observer_gain if minds else 0.0,
+            noise=mission.collisions.noise,
             normalised=options.normalised,
             feed_forward=not printed and mission.law.feed_forward,
             carries=not printed and mission.law.delay_compensation,

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from formation.avoidance import course_gain
 from formation.heading import Travel, innovation, mended, printed
 from formation.law import Gains, Limits, Measured, unwound
 from formation.law import field as law  # or whichever law this is compiled with
@@ -38,7 +39,9 @@ class World(NamedTuple):
     observer_gain: float
     """[1/m]"""
     course_gain: float
-    """The same for the filter's own observer; 0 where nobody minds anybody [1/m]."""
+    """The same for the filter's own observer at first; 0 where nobody minds anybody [1/m]."""
+    noise: float
+    """That the mission expects of positions [m]."""
     normalised: bool
     """Whether ζ̂/|ζ̂| is used, or ζ̂ as it is."""
     feed_forward: bool
@@ -162,7 +165,7 @@ def drive(me: Any, noise: complex, world: World) -> None:
     travel = Travel(distance, turn, position + noise - me.odometry)
     me.odometry = position + noise
     if world.course_gain > 0.0:
-        me.course = innovation(me.course, travel, world.course_gain)
+        me.course = innovation(me.course, travel, course_gain(me.way, world.course_gain, world.noise))
         me.way += abs(distance)
     if world.observer == INNOVATION:
         me.estimate = innovation(me.estimate, travel, world.observer_gain)

@@ -16,7 +16,7 @@ from formation.avoidance import LAG, Manners, heading_doubt
 from formation.detour import Avoidance, avoid
 from formation.law import Limits
 from formation.mission import Mission
-from formation.neighbour import FRESH_PERIODS, Track, learned, longest_way, uncertain
+from formation.neighbour import FRESH_PERIODS, Track, learned, longest_way, unknown
 from formation.plane import unit
 from formation.simulation.links import TRACK, Link, arrived, carried
 from formation.unicycle import Command, control_point
@@ -37,6 +37,8 @@ OBSTACLE = np.dtype(
         ("first", "b1"),
         ("stands", "b1"),
         ("doubt", "f8"),
+        ("age", "f8"),
+        ("unsure", "f8"),
     ],
     align=True,
 )
@@ -52,8 +54,12 @@ class Minds(NamedTuple):
     """Whether it is looked who touches whom: not where the mission has collisions off."""
     margin: float
     """[m]"""
+    blind: float
+    """The same while a robot does not know its heading [m]."""
     lag: float
     """[s]"""
+    delay: float
+    """That the mission expects [s]."""
     whom: Any
     """Records of `MIND`, robot by robot; shape (M,)."""
     tracks: Any
@@ -68,8 +74,8 @@ class Minds(NamedTuple):
 
 def minds_of(all_runs: Minds, run: int) -> Minds:
     """What belongs to one run."""
-    avoids, watches, margin, lag, whom, tracks, said, around, order = all_runs
-    return Minds(avoids, watches, margin, lag, whom, tracks[run], said[run], around, order[run])
+    avoids, watches, margin, blind, lag, delay, whom, tracks, said, around, order = all_runs
+    return Minds(avoids, watches, margin, blind, lag, delay, whom, tracks[run], said[run], around, order[run])
 
 
 def minds_in(
@@ -101,13 +107,17 @@ def minds_in(
     said = np.zeros((runs, moments, robots - 1 if minded else 0), dtype=np.complex128)
     around, rules = np.zeros(robots, OBSTACLE), mission.collisions
     order, watches = np.argsort(starts.real, axis=1), rules.mode != "off"
-    return Minds(len(minded) > 0, watches, rules.margin, rules.lag, whom, tracks, said, around, order)
+    return Minds(
+        len(minded) > 0,
+        *(watches, rules.room, rules.blind, rules.lag, rules.delay),
+        *(whom, tracks, said, around, order),
+    )
 
 
 def look(run: Any, i: int, robots: Any, minds: Minds, oldest: int, now: float, world: Any, draw: Any) -> int:
     """Fill `minds.around` with those whom robot i minds; how many they are."""
     me, robot = run[i], robots[i]
-    doubt = 0.0 if robot.local else heading_doubt(me.way, world.course_gain)
+    doubt = 0.0 if robot.local else heading_doubt(me.way, world.course_gain, world.noise)
     count = 0
     for m in range(robot.minds, robot.minds_end):
         whom, track, known = minds.whom[m], minds.tracks[m], minds.around[count]
@@ -133,9 +143,14 @@ def look(run: Any, i: int, robots: Any, minds: Minds, oldest: int, now: float, w
             known.radius = whom.radius + whom.offset
             known.velocity = me.heading.conjugate() * newest.velocity
         else:
-            known.at = unit(me.course).conjugate() * (carried(newest, now, link) - me.odometry)
-            known.radius = whom.radius + uncertain(now - track.stamp, whom.top_speed)
+            age, there = now - track.stamp, carried(newest, now, link)
+            unsure, more, nearer = unknown(
+                age, minds.delay, whom.top_speed, newest.point - me.odometry, there - me.odometry
+            )
+            known.at = unit(me.course).conjugate() * (there - me.odometry)
+            known.radius = whom.radius + more + nearer
             known.velocity = unit(me.course).conjugate() * newest.velocity
+            known.age, known.unsure = age, unsure
         known.first = whom.first
         known.doubt = doubt
         count += 1
@@ -146,11 +161,11 @@ def keep_clear(
     me: Any, robot: Any, wanted: Command, minds: Minds, count: int, along: complex, world: Any
 ) -> Command:
     """What the filter makes of what the law wants."""
-    manners = Manners(robot.radius, minds.margin, robot.hold + LAG * minds.lag)
+    manners = Manners(robot.radius, minds.margin, robot.hold + LAG * minds.lag, minds.blind)
     limits = Limits(robot.offset, robot.max_speed, robot.max_turn_rate)
-    before = Avoidance(me.kept, me.detour, me.deadlocks, me.went, me.again, me.side)
+    before = Avoidance(me.kept, me.detour, me.deadlocks, me.went, me.again, me.side, me.slow)
     done, after = avoid(wanted, minds.around[:count], manners, limits, along, before, world.step)
-    me.kept, me.detour, me.deadlocks, me.went, me.again, me.side = after
+    me.kept, me.detour, me.deadlocks, me.went, me.again, me.side, me.slow = after
     return done
 
 

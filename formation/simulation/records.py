@@ -32,7 +32,7 @@ FOLLOWER = np.dtype(
         ("wheel_speed", "f8"), ("wheel_turn_rate", "f8"), ("owed_speed", "f8"), ("owed_turn_rate", "f8"),
         ("drift", "c16"),
         ("course", "c16"), ("way", "f8"), ("kept", "f8"), ("detour", "f8"),
-        ("deadlocks", "i8"), ("went", "c16"), ("again", "f8"), ("side", "f8"),
+        ("deadlocks", "i8"), ("went", "c16"), ("again", "f8"), ("side", "f8"), ("slow", "f8"),
     ],
     align=True,
 )  # fmt: skip

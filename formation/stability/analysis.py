@@ -105,7 +105,7 @@ def analyse(mission: Mission, law: str | None = None) -> Analysis:
     problems = [*faults, *_sampling(mission, mu, stable=not faults), *feasibility.problems(mission)]
     if law == "field":
         problems += crowding.problems(mission)
-        warnings += [*meeting.warnings(mission), *crowding.warnings(mission)]
+        warnings += [*meeting.warnings(mission), *crowding.warnings(mission), *crowding.starts(mission)]
     else:
         warnings += meeting.unfiltered(mission)
     if settling is None:

@@ -1,4 +1,4 @@
-"""Whether slots leave room for the margin that the collision filter keeps."""
+"""Whether slots and starts leave room for what the collision filter keeps between bodies."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from formation.avoidance import LAG, PASSING, RETREAT, Manners, front
+from formation.avoidance import AGEING, LAG, PASSING, RETREAT, SHARPER, Manners, front, heading_doubt
 from formation.figure import Figure
 from formation.mission import Mission
 from formation.plane import unit
@@ -14,6 +14,10 @@ from formation.stability.spacing import too_close
 
 ROUNDING = 1e-6
 """Slots stand in a mission to so many metres: what misses a bound by less is on it."""
+
+
+WAY_STEP = 0.001
+"""In such steps it is looked how far a robot must go [m]."""
 
 
 class Room(NamedTuple):
@@ -30,7 +34,6 @@ class Room(NamedTuple):
 
 def problems(mission: Mission) -> Iterator[str]:
     """Bodies that would be nearer to each other than the margin, of which one minds the other."""
-    margin = mission.collisions.margin
     if mission.collisions.mode != "on":
         return
     tight = [room for shape in mission.shapes for room in _tight(mission, shape)]
@@ -39,7 +42,7 @@ def problems(mission: Mission) -> Iterator[str]:
     least = min(tight, key=lambda room: round(room.margin, 9))
     others = f" (and {len(tight) - 1} other pair{'' if len(tight) == 2 else 's'})" if len(tight) > 1 else ""
     yield (
-        f"collisions.margin = {margin:g} m: too much for the slots of {least.first} and {least.second} "
+        f"{_named(mission)}: too much for the slots of {least.first} and {least.second} "
         f"in {least.shape}{others}, {least.distance:.3g} m apart; must be below {_floored(least.margin):g} m"
     )
 
@@ -50,11 +53,11 @@ def warnings(mission: Mission) -> Iterator[str]:
         return
     rooms = [room for shape in mission.shapes for room in rooms_of(mission, shape)]
     least = min(rooms, key=lambda room: round(room.margin, 9), default=None)
-    if least is None or least.margin >= mission.collisions.margin:
+    if least is None or least.margin >= mission.collisions.room:
         return
     legal = _floored(least.margin)
     yield (
-        f"collisions.margin = {mission.collisions.margin:g} m: the filter keeps {least.first} off its slot "
+        f"{_named(mission)}: the filter keeps {least.first} off its slot "
         f"in {least.shape}, {least.distance:.3g} m from {least.second}'s; "
         + (f"should be at most {legal:g} m" if legal > 0.0 else "slots should be further apart")
     )
@@ -72,6 +75,8 @@ def rooms_of(mission: Mission, shape: str) -> Iterator[Room]:
     for name in mission.followers:
         me = mission.robots[name]
         hold = me.longest_command + LAG * mission.collisions.lag
+        if me.measurement == "network":
+            hold += AGEING * mission.collisions.delay
         lever = front(Manners(me.radius, 0.0, hold), me.limits)
         for other in mission.minded(name):
             spec, away = mission.robots[other], slots[other] - slots[name] + me.control_point_offset
@@ -93,7 +98,7 @@ def rooms_of(mission: Mission, shape: str) -> Iterator[Room]:
 
 def _tight(mission: Mission, shape: str) -> Iterator[Room]:
     """Bodies that overlap are a problem of their own."""
-    names, margin = mission.followers, mission.collisions.margin
+    names, margin = mission.followers, mission.collisions.room
     minded = {name: set(mission.minded(name)) for name in names}
     radii = [mission.robots[name].radius for name in names]
     wide = [radius + 0.5 * (margin + ROUNDING) for radius in radii]
@@ -103,6 +108,51 @@ def _tight(mission: Mission, shape: str) -> Iterator[Room]:
             yield Room(room, distance, shape, first, second)
 
 
+def _named(mission: Mission) -> str:
+    """The room that is kept, and which keys of the mission it comes from."""
+    rules = mission.collisions
+    if rules.room > rules.margin:
+        return f"collisions.noise = {rules.noise:g} m, which takes a margin of {rules.room:.3g} m"
+    return f"collisions.margin = {rules.margin:g} m"
+
+
 def _floored(margin: float) -> float:
     """Rounded down to a tenth of a millimetre, where so much is left."""
     return math.floor((margin + ROUNDING) * 1e4) / 1e4 or margin
+
+
+def starts(mission: Mission) -> Iterator[str]:
+    """Starts too near to each other for the filter to let robots find out their headings."""
+    if mission.collisions.mode != "on":
+        return
+    tight = []
+    for name in mission.followers:
+        me = mission.robots[name]
+        if me.heading == "measured" or me.measurement == "local":
+            continue
+        sharper = SHARPER if me.localisation == "odometry" else 1.0
+        learning = _learning_way(sharper * mission.law.observer_gain, mission.collisions.noise)
+        needed = mission.collisions.blind + 2.0 * learning
+        for other in mission.minded(name):
+            spec = mission.robots[other]
+            gap = abs(spec.start.position - me.start.position) - me.radius - spec.radius
+            if gap < needed - ROUNDING and (gap, needed, other, name) not in tight:
+                tight.append((gap, needed, name, other))
+    if not tight:
+        return
+    gap, needed, first, second = min(tight)
+    more = len(tight) - 1
+    others = f" (and {more} other pair{'' if more == 1 else 's'})" if more else ""
+    yield (
+        f"{first} and {second}{others} start with {max(gap, 0.0):.3g} m between their bodies: with "
+        f"collisions.noise = {mission.collisions.noise:g} m they need {needed:.2g} m to learn their headings "
+        "without touching, and may hold each other up; start them further apart"
+    )
+
+
+def _learning_way(gain: float, noise: float) -> float:
+    """How far a robot must go until it knows on which side of it another robot is [m]."""
+    way = 0.0
+    while heading_doubt(way, gain, noise) >= 0.5 * math.pi:
+        way += WAY_STEP
+    return way

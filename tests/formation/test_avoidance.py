@@ -135,7 +135,7 @@ def test_a_command_that_nothing_is_in_the_way_of_is_the_very_same(
     around = [Obstacle(one, 0.1, 0j, first=True, doubt=doubt) for one in at]
     done, after = avoid(wanted, around, MANNERS, BODY, 0j, Avoidance(), 0.05)
     assert done is wanted
-    assert after._replace(went=0j) == Avoidance()
+    assert after._replace(went=0j, slow=0.0) == Avoidance()
 
 
 @given(commands, obstacles)
@@ -211,7 +211,7 @@ def test_the_observer_is_never_more_wrong_than_its_doubt(truth: complex, guess: 
         there, heading = advance(here, heading, speed, turn_rate, 0.05)
         estimate = innovation(estimate, Travel(0.05 * speed, 0.05 * turn_rate, there - here), gain)
         here, way = there, way + abs(0.05 * speed)
-        doubt = heading_doubt(way, gain)
+        doubt = heading_doubt(way, gain, 0.0)
         if doubt < math.pi:
             # the way is an arc, the observer learns from its chord: shorter by less than (ωΔt)²/24
             assert abs(angle_between(estimate, heading)) <= doubt - SLACK + 1e-3

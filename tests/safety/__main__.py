@@ -12,13 +12,14 @@ from collections.abc import Mapping, Sequence
 from typing import cast
 
 from tests.reliability.document import DOCS, stamp
-from tests.safety import crossing, document, gains, missions, physics, posts, sensors
+from tests.safety import crossing, document, gains, imperfect, missions, physics, posts, sensors
 from tests.safety.part import Options, Part
 
 PARTS: Mapping[str, Part] = {
     name: cast("Part", module)
     for name, module in {
         "crossing": crossing,
+        "imperfect": imperfect,
         "posts": posts,
         "missions": missions,
         "physics": physics,
