@@ -160,16 +160,14 @@ class Avoiding:
         if sensed:
             mine, facing = here.point, here.heading.conjugate()
             radius += spec.control_point_offset
-        aside, late, stopped = unknown(
-            there.age, self._delay, spec.top_speed, there.last - mine, there.at - mine
-        )
+        since = unknown(there.age, self._delay, spec.top_speed, there.last - mine, there.at - mine)
         return Obstacle(
             facing * (there.at - mine) + (self._limits.offset if sensed else 0.0),
-            radius + there.unsure + late + stopped,
+            radius + there.unsure + since.nearer,
             facing * there.velocity,
             self._first[name],
             stands=not one.fresh(now),
             doubt=0.0 if sensed else here.course_doubt,
-            age=there.age,
-            unsure=aside,
+            age=since.age,
+            unsure=since.aside,
         )

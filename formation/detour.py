@@ -2,8 +2,8 @@
 
 Not in the paper. Who wants to move and does not for a while is kept: before something that stands, as a post
 does, or because two robots wait for each other. The former goes round it, to one side and, if that does not
-help, to the other. The latter turns what it wants to the right for a while (everybody does, so two pass each
-other), and for longer each time in a row.
+help, to the other. The latter turns what it wants to the right for a while (all robots do, so two pass each
+other), for longer each time in a row and then to the left every other time.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from formation.unicycle import Command, body_velocity, saturate
 
 HELD, WANTING = 0.05, 0.15
 """Of its top speed: a robot that does less than the one though it wants more than the other is kept."""
-LONG = 10.0
-"""Among robots what counts, besides, is how fast it came nearer to where it wants in about so long [s]: noise
-of positions keeps it in motion, though it trails another robot."""
+PROGRESS, LONG = 0.1, 10.0
+"""Among robots one is kept, too, that came nearer to where it wants by less than this share of its top speed,
+averaged over about so long [s]: noise of positions keeps it in motion, though it trails another robot."""
 LATELY = 1.0
 """Before what stands a robot may go to and fro: there counts how far it came in about so long [s]."""
 PATIENCE, DETOUR = 0.5, 1.5
@@ -30,8 +30,9 @@ ROUND, NEAR, BEHIND, LONGEST = 1.8, 0.5, -0.2, 10.0
 of that is nearer to where it wants than this cosine says; so long at most [s]."""
 AGAIN, FORGET = 3.0, 6.0
 """Each time in a row as long again, but not more often; it forgets one of them while free for so long [s]."""
-TO_THE_RIGHT = rotation(-1.2)
-"""By how much that turns what it wants."""
+TO_THE_RIGHT, REPEATED = rotation(-1.2), 1.0
+"""By how much that turns what it wants; kept more often than this in a row, it goes to the left every other time:
+a robot that follows it may keep to its right."""
 
 
 class Avoidance(NamedTuple):
@@ -75,10 +76,17 @@ def avoid(
     before = Avoidance(before.kept, detour, before.deadlocks, before.went, before.again, side, before.slow)
     aim = wanted
     if detour > 0.0:
-        turned = near * rotation(side * ROUND) * abs(want) if side != 0.0 else TO_THE_RIGHT * want
+        turned = near * rotation(side * ROUND) * abs(want) if side != 0.0 else _aside(before) * want
         aim = saturate(turned, limits.offset, limits.max_speed, limits.max_turn_rate)
     done = brake(give_way(aim, obstacles, manners, limits), obstacles, manners)
     return done, _remembered(want, done, near, along, limits, before, dt)
+
+
+def _aside(memory: Avoidance) -> complex:
+    """What turns what the robot wants for a while [–]."""
+    if memory.again > REPEATED and memory.deadlocks % 2 == 1:
+        return TO_THE_RIGHT.conjugate()
+    return TO_THE_RIGHT
 
 
 def _standing(obstacles: Sequence[Obstacle], manners: Manners, want: complex) -> tuple[complex, float]:
@@ -122,10 +130,12 @@ def _remembered(
     if near != 0j:
         wants = abs(want)
     else:  # it stands, goes along and gets no nearer, or to and fro
-        does = min(abs(velocity), abs(velocity - along), max(0.0, limits.max_speed - slow))
+        does = min(abs(velocity), abs(velocity - along))
+        if limits.max_speed - slow < PROGRESS * limits.max_speed:
+            does = 0.0
     if does >= HELD * limits.max_speed or wants <= WANTING * limits.max_speed:
         again = before.again
-        if near != 0j or slow < (1.0 - HELD) * limits.max_speed:
+        if near != 0j or slow < (1.0 - PROGRESS) * limits.max_speed:
             again = max(0.0, again - dt / FORGET)
         return Avoidance(max(0.0, before.kept - dt), detour, before.deadlocks, went, again, side, slow)
     if before.kept + dt <= PATIENCE:

@@ -88,17 +88,27 @@ def uncertain(age: float, top_speed: float) -> float:
     return UNSEEN * top_speed * min(age, LONGEST_WAY)
 
 
-def unknown(
-    age: float, expected: float, top_speed: float, last: complex, carried: complex
-) -> tuple[float, float, float]:
-    """What another robot may have done since it was seen at `last`, `age` [s] ago.
+class Unknown(NamedTuple):
+    """What another robot may have done since it was seen; not in the paper."""
 
-    `carried` is where its velocity leads to; both are relative to the robot that asks [m]. The result: how
-    far aside of that it may be [m]; how much nearer [m], where the age is above what is `expected` [s]; and
-    how much nearer if it has stopped meanwhile [m].
+    age: float
+    """For so long its own brake bounds what it did [s]."""
+    aside: float
+    """How far aside of where it is carried to it may be [m]."""
+    nearer: float
+    """How much nearer it may be [m]."""
+
+
+def unknown(age: float, expected: float, top_speed: float, last: complex, carried: complex) -> Unknown:
+    """What a robot of `top_speed` [m/s] may have done since it was seen at `last`, `age` [s] ago.
+
+    `carried` is where its velocity leads to; both are relative to the robot that asks [m]. Up to the age that
+    is `expected` [s] it may have stopped, or gone aside; what is older makes its body count as larger.
     """
-    unsure = uncertain(min(age, expected), top_speed)
-    return unsure, uncertain(age, top_speed) - unsure, max(0.0, abs(carried) - abs(last))
+    known = min(age, expected)
+    aside = uncertain(known, top_speed)
+    stopped = max(0.0, abs(carried) - abs(last)) * (known / age if age > 0.0 else 0.0)
+    return Unknown(known, aside, uncertain(age, top_speed) - aside + stopped)
 
 
 def somewhere(last: complex, carried: complex, unsure: float) -> tuple[complex, float]:

@@ -144,13 +144,13 @@ def look(run: Any, i: int, robots: Any, minds: Minds, oldest: int, now: float, w
             known.velocity = me.heading.conjugate() * newest.velocity
         else:
             age, there = now - track.stamp, carried(newest, now, link)
-            unsure, more, nearer = unknown(
+            since = unknown(
                 age, minds.delay, whom.top_speed, newest.point - me.odometry, there - me.odometry
             )
             known.at = unit(me.course).conjugate() * (there - me.odometry)
-            known.radius = whom.radius + more + nearer
+            known.radius = whom.radius + since.nearer
             known.velocity = unit(me.course).conjugate() * newest.velocity
-            known.age, known.unsure = age, unsure
+            known.age, known.unsure = since.age, since.aside
         known.first = whom.first
         known.doubt = doubt
         count += 1

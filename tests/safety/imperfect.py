@@ -22,7 +22,7 @@ RUNS, HORIZON, LEFT_BEHIND = 400, 120.0, 1.0
 ABOUT = f"""\
 The shipped `six_robots` in `formation simulate`'s own loop, {RUNS} random starts of {HORIZON:g} s for each
 pair of noise (of every position, standard deviation per axis) and delay (of all that robots hear of each
-other), with the collision filter. A run *leaves robots behind* when its error, summed over edges, is above
+other), with the collision filter. The mission states the noise where it is more than the default. A run *leaves robots behind* when its error, summed over edges, is above
 {LEFT_BEHIND:g} m at the end."""
 
 
@@ -37,6 +37,9 @@ def run(options: Options) -> Found:
 def cell(noise: float, delay: float, runs: int, horizon: float = HORIZON, seed: int = 0) -> Found:
     """What became of `runs` random starts with this `noise` [m] and `delay` [s]."""
     mission = load("six_robots")
+    stated = max(noise, mission.collisions.noise)
+    rules = mission.collisions.model_copy(update={"noise": stated})
+    mission = mission.model_copy(update={"collisions": rules})
     body = Body.of(mission.simulated_robot)._replace(position_noise=noise)
     result = simulate(
         mission,
