@@ -31,8 +31,8 @@ of that is nearer to where it wants than this cosine says; so long at most [s]."
 AGAIN, FORGET = 3.0, 6.0
 """Each time in a row as long again, but not more often; it forgets one of them while free for so long [s]."""
 TO_THE_RIGHT, REPEATED = rotation(-1.2), 1.0
-"""By how much that turns what it wants; kept more often than this in a row, it goes to the left every other time:
-a robot that follows it may keep to its right."""
+"""By how much that turns what it wants; kept more often than this in a row, it goes to the left every other
+time: a robot that follows it may keep to its right."""
 
 
 class Avoidance(NamedTuple):

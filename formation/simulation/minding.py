@@ -144,9 +144,7 @@ def look(run: Any, i: int, robots: Any, minds: Minds, oldest: int, now: float, w
             known.velocity = me.heading.conjugate() * newest.velocity
         else:
             age, there = now - track.stamp, carried(newest, now, link)
-            since = unknown(
-                age, minds.delay, whom.top_speed, newest.point - me.odometry, there - me.odometry
-            )
+            since = unknown(age, minds.delay, whom.top_speed, newest.point - me.odometry, there - me.odometry)
             known.at = unit(me.course).conjugate() * (there - me.odometry)
             known.radius = whom.radius + since.nearer
             known.velocity = unit(me.course).conjugate() * newest.velocity

@@ -22,7 +22,8 @@ RUNS, HORIZON, LEFT_BEHIND = 400, 120.0, 1.0
 ABOUT = f"""\
 The shipped `six_robots` in `formation simulate`'s own loop, {RUNS} random starts of {HORIZON:g} s for each
 pair of noise (of every position, standard deviation per axis) and delay (of all that robots hear of each
-other), with the collision filter. The mission states the noise where it is more than the default. A run *leaves robots behind* when its error, summed over edges, is above
+other), with the collision filter. The mission states the noise where it is more than the default. A run
+*leaves robots behind* when its error, summed over edges, is above
 {LEFT_BEHIND:g} m at the end."""
 
 
