@@ -219,7 +219,7 @@ class Agent:
 
     @property
     def _unreached(self) -> Code:
-        """Why no command reaches the robot; empty if it does, or nobody knows."""
+        """Why commands do not reach the robot; empty if they do, or if that is unknown."""
         if self._readonly:
             return "readonly"
         if self._surroundings.connected is False:

@@ -71,7 +71,7 @@ class Facts(NamedTuple):
     outside: str | None = None
     """How the robot is outside the mission's bounds, in words."""
     beyond: tuple[str, ...] = ()
-    """Neighbours that are heard from outside the bounds: nobody follows those."""
+    """Neighbours that report positions outside the bounds; the robot does not follow them."""
     unsigned: str | None = None
     """Why an order that came just now was refused for its signature, in words."""
     too_old: bool = False

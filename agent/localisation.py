@@ -78,7 +78,7 @@ class Localisation:
         self._joined = False
         self._before: tuple[float, complex, complex] | None = None
         self._calm = 0.0
-        self._judged = float("-inf")  # the message whose age has been judged arrived then [s, monotonic]
+        self._judged = float("-inf")  # arrival of the newest message that was checked for age [s, monotonic]
 
     @property
     def source(self) -> str:
@@ -157,7 +157,7 @@ class Localisation:
         self.follows, self.travel = False, None
 
     def carried(self) -> None:
-        """The robot was moved by somebody else: the collision filter is to doubt its heading."""
+        """Forget the filter's heading: the robot was moved by hand."""
         self._course, self._way = self.heading, 0.0
 
     def joins(self, order: Order) -> None:

@@ -4,11 +4,11 @@ Neighbours go on relaying the last order of a leader that is gone, so hearing on
 counts once its beat has risen at one neighbour, by no more than a leader can have counted meanwhile. A new
 term thus takes one period per hop, and a single message, however high its beat, moves and stops nobody.
 
-Beats are even, so they also tell how late an order is: one whose beat comes much later than the quickest of
-its term is too old to act on. A robot behind a link that gets slower and slower thus holds soon after its
-leader has died, and not when it has read all that is queued.
+The leader counts beats at an even rate, so a beat tells how late its order is. An order whose beat comes much
+later than the quickest of its term is too old to act on: a robot behind a link that gets slower and slower
+holds soon after its leader has died, and not when it has read all that is queued.
 
-An order of a slot outside the mission's bounds is refused, whoever it comes from.
+Orders that place a slot outside the mission's bounds are refused, from every sender.
 
 A robot that hears the leader itself takes no relayed order that is ahead of what the leader has said to it.
 
@@ -33,7 +33,7 @@ from formation.wire import BadMessage, Now
 REFUSED_LATELY = 1.0
 """So long after an order that was not signed the robot says so [s]."""
 FORGED_LATELY = 10.0
-"""So long it says who relayed a forged one [s]."""
+"""For so long the status names the robot that relayed a forged order [s]."""
 LEAP = 1.0
 """A beat may rise by so much time's worth between two messages, however soon they follow each other [s]."""
 

@@ -79,7 +79,7 @@ def test_a_way_that_was_written_in_part_is_not_read(files: Keeping, torn: bytes)
         files.read_way()
 
 
-def test_a_way_that_is_set_aside_is_not_read_by_the_next(files: Keeping) -> None:
+def test_state_set_aside_is_not_read_again(files: Keeping) -> None:
     files.keep_way({"mono": 1.5})
     aside = files.set_aside_way()
     files.keep_way({"mono": 2.0})  # too late
@@ -88,7 +88,7 @@ def test_a_way_that_is_set_aside_is_not_read_by_the_next(files: Keeping) -> None
     assert files.read_way() is None
 
 
-def test_a_pipe_in_the_place_of_a_file_is_not_waited_for(files: Keeping) -> None:
+def test_reading_a_pipe_does_not_wait(files: Keeping) -> None:
     os.mkfifo(files.stops)
     with pytest.raises(OSError, match="must be a file"):
         files.read_stops()

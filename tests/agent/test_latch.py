@@ -87,7 +87,7 @@ def test_a_stop_that_reuses_an_id_is_another_stop() -> None:
 
 @pytest.mark.parametrize("code", sorted(UNREACHED))
 @pytest.mark.parametrize("rest", ["stop", "hold"])
-def test_a_stop_that_cannot_reach_the_robot_is_latched_and_not_ok(rest: Do, code: Code) -> None:
+def test_unreachable_stop_is_latched_and_not_ok(rest: Do, code: Code) -> None:
     latch = Latch("robot1")
     request = OperatorRequest(do=rest, id="s")
     reply = decode(OperatorReply, latch.ask(request, 0.0, "run", code))

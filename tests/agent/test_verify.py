@@ -221,7 +221,7 @@ def test_whatever_is_missing_no_difference_is_ever_made_up(data: st.DataObject) 
         assert one.commands == sum(sample.key == CMD_VEL.key(one.robot) for sample, _ in part)
 
 
-@settings(max_examples=40)
+@settings(max_examples=40, deadline=None)
 @given(data=st.data())
 def test_a_trace_that_was_tampered_with_never_ends_the_verification(data: st.DataObject) -> None:
     rubbish: Any = data.draw(

@@ -119,7 +119,7 @@ def test_saved_state_that_its_agent_failed_with_is_set_aside(caplog: pytest.LogC
     assert team.agents["robot3"].decision.state is State.RUN
 
 
-def test_saved_state_that_has_worked_for_long_is_kept_after_a_failure(
+def test_proven_saved_state_survives_a_failure(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     team = lost(1.0)

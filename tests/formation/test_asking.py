@@ -323,7 +323,7 @@ class Robots:
         return [rest.mode for rest in self.rests.values()]
 
 
-def test_a_release_names_the_stops_in_force_and_a_run_the_holds() -> None:
+def test_release_names_stops_and_run_names_holds() -> None:
     robots = Robots("leader", "a", "b")
     for do, mode in (("hold", "hold"), ("stop", "stop"), ("release", "hold"), ("run", None)):
         assert robots.give(do).obeyed
