@@ -54,7 +54,7 @@ class Orders:
         self.forged: dict[str, tuple[str, float]] = {}
         """The same of orders that a neighbour, by name, has forged."""
         self.voter = Voter(mission, votes=votes)
-        """Its vote in who leads."""
+        """Votes for a leader on behalf of this robot."""
         self._shapes, self._bearable = mission.shapes, Bearable.of(mission)
         self._fence = Geofence(mission)
         self._leader, self._votes = mission.leader, bool(mission.standbys)

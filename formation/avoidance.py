@@ -221,7 +221,7 @@ def facing(towards: complex, turn: float, doubt: float) -> tuple[float, float]:
 
 
 def margin_kept(margin: float, noise: float) -> float:
-    """Room to keep between two bodies whose positions have `noise`, standard deviation per axis [m]."""
+    """Room to keep between two bodies [m]; `noise` is the standard deviation of a position per axis [m]."""
     return max(margin, PAIR_DEVIATIONS * math.sqrt(2.0) * noise)
 
 

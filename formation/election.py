@@ -46,8 +46,8 @@ was true. Neither does a frozen process: it looks at its lease, by its clock, be
 its term, so a robot promises that term and refuses orders of those before. It votes by rules 3 and 4 alone:
 the beat may have been long on its way.
 
-**No robot is held for ever by a term.** A term that has been silent (neither beat nor ballot) for `EXPIRY`
-binds nobody: robots forget it. A candidate never draws a term over half a day ahead of its clock, and robots
+**No robot is held for ever by a term.** Robots forget a term that has been silent (neither beat nor ballot)
+for `EXPIRY`. A candidate never draws a term over half a day ahead of its clock, and robots
 refuse what is over a day ahead of theirs. So where clocks agree within half a day, whatever terms were
 believed before (by a wrong clock, by a lie), a term that a candidate draws is accepted `EXPIRY` after the
 others fell silent.
@@ -88,7 +88,7 @@ ABSURD = 86_400.0
 FURTHEST = 43_200.0
 """A candidate draws no term so far ahead of its clock [s]: clocks that differ by as much accept it."""
 EXPIRY = 5.0
-"""A term that has been silent for so long binds nobody [s], or [T] where T is over 1 s."""
+"""Robots forget a term without beat or ballot for so long [s]; in units of T where T is over 1 s."""
 TOLD_FOR = 2.0
 """A robot tells for so long that it has refused a term [s]."""
 RANKS = 64
@@ -116,7 +116,7 @@ def too_far(term: int, now: Now) -> bool:
 
 
 def expiry(mission: Mission) -> float:
-    """Silence of a term after which it binds nobody [s]."""
+    """Silence of a term after which robots forget it [s]."""
     return EXPIRY * max(1.0, mission.takeover)
 
 

@@ -20,35 +20,13 @@ from formation.mission_file import parse
 from leader.core import Leader
 from tests.agent.fleet import Fleet
 from tests.leader.team import MISSION, TICK, TWIN, Team
+from tests.row_of_three import row_of_three
 
 DAY, HOUR = 86_400.0, 3_600.0
 """[s]"""
 ERRORS = (0.0, HOUR, -HOUR, 11 * HOUR, 13 * HOUR, -13 * HOUR, DAY - 1.0, DAY, DAY + HOUR, -DAY - HOUR)
 """Of clocks [s]."""
-CHAIN = """
-name = "chain"
-leader = "led"
-[robot]
-rate = 10
-[shapes.row]
-a = [-1.0, 0.0]
-b = [-2.0, 0.0]
-c = [-3.0, 0.0]
-[robots.led]
-start = { x = 0.0, y = 0.0 }
-[robots.a]
-neighbours = ["led"]
-start = { x = -1.1, y = 0.0 }
-[robots.b]
-neighbours = ["a"]
-start = { x = -2.1, y = 0.0 }
-[robots.c]
-neighbours = ["b", "a"]
-start = { x = -3.1, y = 0.0 }
-[[route]]
-speed = 0.2
-heading_deg = 0
-"""
+CHAIN = row_of_three("chain", rate=10, speed=0.2)
 FAR = CHAIN.replace("b = [-2.0, 0.0]", "b = [-2.0, 3.0]")
 """The same team, with another place for b."""
 CREPT = 0.01

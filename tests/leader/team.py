@@ -25,6 +25,7 @@ from formation.topics import ALIVE, ODOM, POSITION
 from formation.wire import Now, Outgoing, Sample
 from leader.core import Leader
 from tests.named import named
+from tests.row_of_three import row_of_three
 
 EPOCH = 1.7e9
 TICK = 0.1
@@ -36,37 +37,20 @@ LONGEST_SIGN = 0.3
 PERIOD = 0.2
 """Of odometry, and of the leader's positions [s]."""
 MISSION: Mission = parse(
-    """
-name = "chain"
-leader = "led"
-takeover = 2.0
+    row_of_three(
+        "chain",
+        rate=5,
+        speed=0.01,
+        takeover="takeover = 2.0",
+        tables="""\
 [standbys.first]
 [standbys.second]
-[robot]
-rate = 5
-[shapes.row]
-a = [-1.0, 0.0]
-b = [-2.0, 0.0]
-c = [-3.0, 0.0]
 [shapes.far]
 a = [-2.0, 0.0]
 b = [-4.0, 0.0]
 c = [-6.0, 0.0]
-[robots.led]
-start = { x = 0.0, y = 0.0 }
-[robots.a]
-neighbours = ["led"]
-start = { x = -1.1, y = 0.0 }
-[robots.b]
-neighbours = ["a"]
-start = { x = -2.1, y = 0.0 }
-[robots.c]
-neighbours = ["b", "a"]
-start = { x = -3.1, y = 0.0 }
-[[route]]
-speed = 0.01
-heading_deg = 0
-"""
+""",
+    )
 )
 
 

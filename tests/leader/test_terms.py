@@ -34,7 +34,7 @@ def test_folder_that_cannot_be_written_holds_up_nothing(tmp_path: Path) -> None:
     assert terms.read() == 0
 
 
-def test_leader_with_a_slow_clock_draws_a_term_above_the_kept_one() -> None:
+def test_slow_clock_draws_above_the_kept_term() -> None:
     kept = int((1.7e9 + 3600.0) * 1e9)
     leader = Leader(parse(CURVED), known=kept)
     leader.step(at(0.0), [])

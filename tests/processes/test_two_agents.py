@@ -19,34 +19,13 @@ from formation.ros2.messages import Diagnostics, decode
 from formation.topics import STATUS
 from formation.transport.bus import Bus, BusConfig
 from tests.processes.child import PATIENCE, Child, free_endpoint, started
+from tests.row_of_three import row_of_three
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(180)]
 TIMES = int(os.environ.get("FORMATION_TWO_AGENTS", "1"))
-MISSION = """
-name = "halves"
-leader = "led"
-[standbys.deputy]
-[robot]
-rate = 20
-[shapes.row]
-a = [-1.0, 0.0]
-b = [-2.0, 0.0]
-c = [-3.0, 0.0]
-[robots.led]
-start = { x = 0.0, y = 0.0 }
-[robots.a]
-neighbours = ["led"]
-start = { x = -1.0, y = 0.0 }
-[robots.b]
-neighbours = ["led"]
-start = { x = -2.0, y = 0.0 }
-[robots.c]
-neighbours = ["led"]
-start = { x = -3.0, y = 0.0 }
-[[route]]
-speed = 0.05
-heading_deg = 0
-"""
+MISSION = row_of_three(
+    "halves", rate=20, speed=0.05, neighbours=('["led"]',) * 3, behind=0.0, tables="[standbys.deputy]"
+)
 HALVES = {"led": ("a", "b"), "deputy": ("b", "c")}
 """Who may lead in each half, and the robots whose agents are there: b has one in both."""
 WATCHED = 6.0
