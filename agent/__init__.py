@@ -1,1 +1,1 @@
-"""The process that drives one robot; and the simulated robot that stands in for hardware."""
+"""The process that drives one robot; and the simulated robot that replaces hardware."""

@@ -1,4 +1,4 @@
-"""`python -m agent`: one follower's controller as a process of its own."""
+"""`python -m formation.agent`: run one follower's controller as a process."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-from agent.core import Agent
-from agent.keeping import Keeping
-from agent.loop import drive
-from formation.law import LAWS
-from formation.mission_file import load
+from formation.agent.core import Agent
+from formation.agent.persistence.store import Store
+from formation.agent.process import drive
+from formation.control.laws import LAWS
+from formation.mission.file import load
 from formation.transport import wiring
-from formation.transport.certified import verifier_of
-from formation.transport.flags import add_robot_connect, bus_config, parser, robot_bus
-from formation.transport.process import BadInput, Process, Stop, one_of, run_process
+from formation.transport.runtime.flags import add_robot_connect, bus_config, parser, robot_bus
+from formation.transport.runtime.process import BadInput, Process, Stop, one_of, run_process
+from formation.transport.security.certified import verifier_of
 
 EXAMPLES = """\
   formation agent six_robots --robot robot2
@@ -29,11 +29,11 @@ EXAMPLES = """\
   formation agent field.toml --robot robot2 --law paper --cfg transport/link/tx/lease:2000
 """
 NODE = "formation_agent"
-"""What ROS 2 calls it."""
+"""Name of its ROS 2 node."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Drive one robot until told to stop; the exit code."""
+    """Drive one robot until told to stop; return the exit code."""
     flags = parser(
         "agent", "Drive one follower: its own odometry and its neighbours in, commands out.", EXAMPLES
     )
@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     flags.add_argument(
         "--state", metavar="DIR", type=Path,
-        help="keep what is to outlive this process in this folder: whether an operator has stopped the robot,"
+        help="folder for what outlives this process: whether an operator has stopped the robot,"
         " and how it was on its way (default: nothing does)",
     )  # fmt: skip
     add_robot_connect(flags)
@@ -61,26 +61,28 @@ def _run(args: argparse.Namespace, stop: Stop) -> None:
     config = bus_config(args, mission, links, f"agent {name}")
     verifier = verifier_of(config, mission)
     carried = {} if verifier is None else {"certificate": verifier.carry}
-    agent = Agent(mission, name, args.law, readonly=args.readonly, voice=secrets.token_hex(8), **carried)
+    agent = Agent(
+        mission, name, args.law, readonly=args.readonly, publisher_id=secrets.token_hex(8), **carried
+    )
     robot = robot_bus(args, mission, name, NODE)
-    with Process(f"agent {name}", args, config, stop, robot) as process, _kept(args.state, name) as state:
+    with Process(f"agent {name}", args, config, stop, robot) as process, _store(args.state, name) as state:
         drive(agent, process, readonly=args.readonly, state=state, verifier=verifier)
 
 
 @contextmanager
-def _kept(folder: Path | None, robot: str) -> Iterator[Keeping | None]:
-    """The files in `folder`. Raises BadInput."""
+def _store(folder: Path | None, robot: str) -> Iterator[Store | None]:
+    """Open the state files in `folder`. Raises BadInput."""
     if folder is None:
         yield None
         return
     try:
-        keeping = Keeping(folder, robot)
+        store = Store(folder, robot)
     except OSError as error:
         raise BadInput(
             f"--state {folder}: must be a folder that can be written to: {error.strerror}"
         ) from None
-    with closing(keeping):
-        yield keeping
+    with closing(store):
+        yield store
 
 
 if __name__ == "__main__":

@@ -1,50 +1,108 @@
 """The agent: one follower's controller, without a clock, a socket or a log.
 
-`Agent.step(now, inbox) -> outbox` takes what its few subscriptions brought and gives what it has to say,
-commands first. It is driven by what tells its own position, odometry or a camera above: newest neighbours,
-law, command, at once. A step without that only watches for silence.
+`Agent.step(now, inbox) -> outbox` processes the received messages and returns those to send, commands first.
+Each measurement of its own position, from odometry or an external camera, triggers a step: newest neighbours,
+law, command, at once. A step without one only checks for silence.
 """
 
 from __future__ import annotations
 
-import cmath
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 from itertools import chain
 
-from agent import failsafe
-from agent.aside import Aside
-from agent.avoiding import Avoiding, Brake
-from agent.commander import AT_REST, Commander
-from agent.failsafe import Decision, Facts, State
-from agent.hearing import Hearing
-from agent.latch import HALTED, Latch
-from agent.localisation import Localisation
-from agent.motion_check import Kind, MotionCheck
-from agent.neighbourhood import Neighbourhood, other_missions
-from agent.orders import Orders
-from agent.probe import Probe
-from agent.slots import Slots
-from agent.status import Report, Surroundings, status
-from agent.tuning import Tuning
-from agent.wakefulness import Wakefulness
-from formation import order
-from formation.geofence import Geofence
-from formation.lateness import own_age_limit
-from formation.law import LAWS, error, unwound
-from formation.mission import Mission
-from formation.neighbour import LONGEST_WAY
-from formation.order import Code, OperatorRequest, Told
+from formation.agent.collision_filter import Avoiding, AvoidingState
+from formation.agent.following.answers import Answers, AnswersState
+from formation.agent.following.availability import Availability
+from formation.agent.following.gains import Tuning, TuningState
+from formation.agent.following.neighbours import (
+    Neighbour,
+    Neighbourhood,
+    NeighbourhoodState,
+    other_missions,
+    unanswered,
+)
+from formation.agent.following.orders import Orders, OrdersState
+from formation.agent.following.slots import Slots, SlotsState
+from formation.agent.inbox import Inbox, InboxState
+from formation.agent.pose.estimator import Localisation, LocalisationState
+from formation.agent.pose.motion_check import MotionCheck, MotionCheckState
+from formation.agent.pose.probe import Probe, ProbeState
+from formation.agent.safety import failsafe
+from formation.agent.safety.commander import Commander, CommanderState
+from formation.agent.safety.failsafe import Decision, Facts
+from formation.agent.safety.latch import HALTED, Latch, LatchState
+from formation.agent.safety.wakefulness import Wakefulness
+from formation.agent.status import Report, Surroundings, status
+from formation.control.controller import error
+from formation.control.laws import LAWS
+from formation.control.pipeline import (
+    ControlState,
+    Inputs,
+    Outcome,
+    constrained,
+    control_step,
+    law_command,
+)
+from formation.control.tracker import MAX_DELAY
+from formation.control.unicycle import AT_REST, Command
+from formation.mission.model import Mission
+from formation.protocol import order
+from formation.protocol.lateness import own_age_limit
+from formation.protocol.order import Code, OperatorRequest, PositionAttachment
+from formation.protocol.reasons import Code as ReasonCode
+from formation.protocol.reasons import Reason
+from formation.protocol.status import AgentState, MotionFault
+from formation.protocol.status_codec import to_message
 from formation.ros2.messages import Pose, encode
+from formation.slots.geofence import Geofence
 from formation.topics import POSITION, STATUS, Topic
-from formation.unicycle import Command
 from formation.wire import BadMessage, Now, Outgoing, Sample
 
 STATUS_PERIOD = 0.5
 """[s]"""
-RIVAL = 1.0
-"""After another agent's sign of life the robot holds for so long [s], and for 3 periods at least."""
+RIVAL_HOLD_TIME = 1.0
+"""The robot holds for this long after another agent's sign of life [s], and for 3 periods at least."""
+
+
+@dataclass(slots=True, kw_only=True)
+class CoreState:
+    """All that an agent has learned: its commands depend on this, its mission, and what it receives next."""
+
+    here: LocalisationState
+    neighbours: NeighbourhoodState
+    avoiding: AvoidingState
+    answers: AnswersState
+    orders: OrdersState
+    tuning: TuningState
+    slots: SlotsState
+    availability: Availability
+    motion: MotionCheckState
+    probe: ProbeState
+    wakefulness: Wakefulness
+    commander: CommanderState
+    latch: LatchState
+    inbox: InboxState
+    decision: Decision
+    sent: int = 0
+    """Number of positions sent."""
+    surroundings: Surroundings = field(default_factory=Surroundings)
+    rival: float = float("-inf")
+    """When another agent's sign of life was last received [s, monotonic]."""
+    moved: bool = False
+    """Whether an own position came in the newest step."""
+    integral: complex = 0j
+    """The law's integral."""
+    finite: bool = True
+    """Whether the newest command was finite."""
+    outside: Reason | None = None
+    """How it is outside the bounds."""
+    status_due: float = float("-inf")
+    """[s, monotonic]"""
+    rest_due: float = float("-inf")
+    """[s, monotonic]"""
 
 
 class Agent:
@@ -57,14 +115,14 @@ class Agent:
         law: str | None = None,
         *,
         readonly: bool = False,
-        voice: str = "",
+        publisher_id: str = "",
         certificate: Callable[[float], str] = lambda mono: "",  # noqa: ARG005
     ) -> None:
-        """Its law is the mission's unless `law` says otherwise; its `voice` is drawn anew at every start.
+        """Use the mission's law unless `law` is given; `publisher_id`: drawn at random at every start.
 
-        `readonly`: nobody passes its commands on, so the robot does not do what they say. `certificate` gives
-        the candidate's certificate that its neighbours are to have now [s, monotonic], or nothing. Raises
-        ValueError for a robot that is no follower of the mission.
+        `readonly`: its commands do not reach the robot. `certificate` returns the candidate's certificate to
+        send to the neighbours at that time [s, monotonic], or "". Raises ValueError for a robot that is no
+        follower of the mission.
         """
         if robot not in mission.followers:
             followers = ", ".join(mission.followers)
@@ -73,54 +131,81 @@ class Agent:
             raise ValueError(f"law {law!r}: must be one of {', '.join(LAWS)}")
         spec = mission.robots[robot]
         self.robot = robot
-        self.law_name = law or mission.law.kind
-        self.decision = Decision(State.WAITING, "just started")
+        self.controller = LAWS[law or mission.law.kind]
+        """Its control law."""
         self._mission, self._spec = mission, spec
-        self._readonly, self._voice, self._told = readonly, voice, 0
+        self._readonly, self._publisher_id = readonly, publisher_id
         self._certificate = certificate
-        self._surroundings = Surroundings()
-        self._rival = float("-inf")  # when another agent's sign of life was last received [s, monotonic]
-        self._moved = False  # by the newest step
-        self._law = LAWS[self.law_name]
-        self._here = Localisation(mission, robot, self.law_name)
-        self._neighbours = Neighbourhood(mission, robot, self.law_name)
-        self._avoiding = Avoiding(mission, robot, self.law_name)
-        self._integral = 0j
-        self._finite = True
+        self._params = mission.control(robot, self.controller)
+        self._here = Localisation(mission, robot, self.controller)
+        self._neighbours = Neighbourhood(mission, robot, self.controller)
+        self._avoiding = Avoiding(mission, robot, self.controller)
+        self._answers = Answers(mission, robot, self._others)
         self._fence = Geofence(mission)
-        self._outside: str | None = None  # how it is outside the bounds, in words
         self._orders = Orders(mission, votes=not readonly)
-        self._tuning = Tuning(mission, robot)
+        self._tuning = Tuning(mission, robot, self.controller)
         self._slots = Slots(mission, robot)
-        self._aside = Aside()
         self._motion = MotionCheck(mission, robot)
-        self._commander = Commander(mission, robot, self.law_name)
+        self._commander = Commander(mission, robot)
         self._probe = Probe(spec.limits, self._commander.steps, self._motion.model.longest)
         self._latch = Latch(robot)
-        self._wakefulness = Wakefulness()
-        self._status_due = float("-inf")
-        self._rest_due = float("-inf")
         self._status_key, self._position_key = STATUS.key(robot), POSITION.key(robot)
-        self._hearing = Hearing(
+        self._inbox = Inbox(
             mission,
             robot,
             self._here,
             self._neighbours,
             self._avoiding,
             self._orders,
+            self._answers,
             self._fence,
             self._watch_motion,
         )
+        self.state = CoreState(
+            here=self._here.state,
+            neighbours=self._neighbours.state,
+            avoiding=self._avoiding.state,
+            answers=self._answers.state,
+            orders=self._orders.state,
+            tuning=self._tuning.state,
+            slots=self._slots.state,
+            availability=Availability(),
+            motion=self._motion.state,
+            probe=self._probe.state,
+            wakefulness=Wakefulness(),
+            commander=self._commander.state,
+            latch=self._latch.state,
+            inbox=self._inbox.state,
+            decision=Decision(AgentState.WAITING, Reason(ReasonCode.STARTED)),
+        )
+
+    def adopt(self, state: CoreState) -> None:
+        """Continue from this state, of an agent with the same mission, robot and law."""
+        self.state = state
+        self._here.adopt(state.here)
+        self._neighbours.adopt(state.neighbours)
+        self._avoiding.adopt(state.avoiding)
+        self._answers.state = state.answers
+        self._orders.adopt(state.orders)
+        self._tuning.state, self._slots.state = state.tuning, state.slots
+        self._motion.adopt(state.motion)
+        self._probe.state, self._commander.state = state.probe, state.commander
+        self._latch.state, self._inbox.state = state.latch, state.inbox
+
+    @property
+    def decision(self) -> Decision:
+        """What it does now, and why."""
+        return self.state.decision
 
     @property
     def subscriptions(self) -> tuple[str, ...]:
-        """Every key this agent listens to: what tells its own position, its neighbours, whom it minds."""
-        return self._hearing.keys
+        """Every key that this agent subscribes to: own position, neighbours and robots that it avoids."""
+        return self._inbox.keys
 
     @property
     def dropped(self) -> Counter[str]:
         """Messages that were not used, by key."""
-        return self._hearing.dropped
+        return self._inbox.state.dropped
 
     @property
     def publications(self) -> tuple[tuple[Topic, str], ...]:
@@ -131,50 +216,52 @@ class Agent:
     @property
     def command(self) -> Command:
         """The newest command."""
-        return self._commander.newest
+        return self._commander.state.newest
 
     @property
     def due(self) -> float:
-        """When a step is wanted though nothing arrives [s, monotonic]."""
+        """When a step is needed though nothing arrives [s, monotonic]."""
         if self._drives:
-            return min(self._status_due, self._here.stream.stale_at, self._avoiding.blind_at)
-        return min(self._status_due, self._rest_due)
+            return min(self.state.status_due, self._here.stream.stale_at, self._avoiding.blind_at)
+        return min(self.state.status_due, self.state.rest_due)
 
     def aware(self, surroundings: Surroundings) -> None:
-        """Learn how the process around is connected; to be called before a step."""
-        self._surroundings = surroundings
+        """Store how the process is connected; call this before a step."""
+        self.state.surroundings = surroundings
 
     def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
-        """Learn from `inbox`, decide, and say what follows from it."""
+        """Process `inbox`, decide, and return the messages to send."""
         return [*self.act(now, inbox), *self.tell(now)]
 
     def act(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
-        """The first half of a step, whose result need not wait for the second: learn, decide, command."""
-        voter, rival = self._orders.voter, self._surroundings.rival and not self._readonly
+        """Run the first half of a step, which must not wait for the second: learn, decide, command."""
+        voter, rival = self._orders.voter, self.state.surroundings.rival and not self._readonly
         if rival:
-            self._rival = now.mono
+            self.state.rival = now.mono
         voter.aware(now.mono, rival=rival)
-        self._moved, interval = self._hearing.take(self._unstale(now, inbox), now)
-        if self._moved:
+        self.state.moved, interval = self._inbox.process_inbox(self._unstale(now, inbox), now)
+        if self.state.moved:
             voter.commanded(now.mono)
-            self._outside = self._fence.outside(self._here.position, before=self._outside is not None)
-        self._here.age_limit = own_age_limit(
-            len(self._spec.neighbours), self._tuning.k_p, self._tuning.k_i, self._spec.rate, LONGEST_WAY
+            before = self.state.outside is not None
+            self.state.outside = self._fence.outside(self._here.state.position, before=before)
+        gains = self._tuning.state
+        self._here.state.age_limit = own_age_limit(
+            len(self._spec.neighbours), gains.k_p, gains.k_i, self._spec.rate, MAX_DELAY
         )
         self._here.judge_age()
-        before, self.decision = self.decision.state, self._decide(now)
-        outbox = self._drive(now, interval) if self._moved else self._rest(now)
+        decided, self.state.decision = self.state.decision.state, self._decide(now)
+        outbox = self._drive(now, interval) if self.state.moved else self._rest(now)
         ordered = self._orders.newest
-        self._aside.judge(self.decision, ordered, now.mono)
+        self.state.availability.judge(self.state.decision, ordered, now.mono)
         if ordered is None or ordered.mode != "run" or self._latch.mode is not None:
             self._probe.rearm()
-        if self.decision.state is not before:
-            self._status_due = now.mono
+        if self.decision.state is not decided:
+            self.state.status_due = now.mono
         return outbox
 
     def _unstale(self, now: Now, inbox: Sequence[Sample]) -> Sequence[Sample]:
-        """The messages of `inbox` that did not wait while this process was frozen."""
-        wakefulness = self._wakefulness
+        """Return the messages of `inbox` that did not wait while this process was frozen."""
+        wakefulness = self.state.wakefulness
         if wakefulness.step(now.mono):
             self._here.doubt_all()
             self._neighbours.doubt_all()
@@ -185,79 +272,83 @@ class Agent:
         fresh = [sample for sample in inbox if not wakefulness.waited(sample.arrived)]
         for sample in inbox:
             if wakefulness.waited(sample.arrived):
-                self._hearing.drop(sample.key, BadMessage("waited while this process was frozen"))
+                self._inbox.drop(sample.key, BadMessage("waited while this process was frozen"))
         return fresh
 
     def tell(self, now: Now) -> list[Outgoing]:
-        """The second half: where this robot is, if it has just learned that, and now and then how it does."""
+        """Run the second half: return the position, if it is new, and the status when it is due."""
         outbox = []
-        here = self._here  # whoever measures a robot that is in doubt about it would be misled as well
-        if self._moved and here.jumped is None and here.doubt is None:
+        here = self._here  # a position in doubt would mislead the robots that measure this one
+        if self.state.moved and here.state.jumped is None and here.doubt is None:
             outbox.append(self._position(now))
-        if now.mono >= self._status_due:
-            self._status_due = now.mono + STATUS_PERIOD
+        if now.mono >= self.state.status_due:
+            self.state.status_due = now.mono + STATUS_PERIOD
             outbox.append(self._status(now))
         return outbox
 
     def halt(self, now: Now, reason: str) -> Iterable[Outgoing]:
-        """The last words of an agent that ends: zero velocity, and why.
+        """Return an ending agent's last messages: zero velocity, and the reason.
 
-        The latter is made only when the former has been taken: it may be what the agent fails for.
+        The second is made only after the first has been taken: making it may fail.
         """
-        self._latch.rest.stop, self.decision = HALTED, Decision(State.STOP, reason)
+        self._latch.state.rest.stop, self.state.decision = (
+            HALTED,
+            Decision(AgentState.STOP, Reason.of(ReasonCode.ENDED, cause=reason)),
+        )
         return chain(self._commander.leave(now), map(self._status, (now,)))
 
-    def request(self, data: bytes, heard: float) -> bytes:
-        """Answer what an operator asked at `heard` [s, monotonic]; it takes effect with the next step."""
+    def request(self, data: bytes, received: float) -> bytes:
+        """Answer a request received at `received` [s, monotonic]; it takes effect in the next step."""
         ordered = self._orders.newest.mode if self._orders.newest else "hold"
         try:
             request = order.decode(OperatorRequest, data)
-            return self._latch.ask(request, heard, ordered, self._unreached)
+            return self._latch.request(request, received, ordered, self._unreached)
         except BadMessage as bad:
-            self._hearing.drop("order", bad)
+            self._inbox.drop("order", bad)
             return self._latch.reply(ordered, ok=False, reason=str(bad))
 
     @property
     def _unreached(self) -> Code:
-        """Why commands do not reach the robot; empty if they do, or if that is unknown."""
+        """Why commands do not reach the robot; empty if they do, or if unknown."""
         if self._readonly:
             return "readonly"
-        if self._surroundings.connected is False:
+        if self.state.surroundings.connected is False:
             return "no-link"
-        return "no-listener" if self._surroundings.routed is False else ""
+        return "no-listener" if self.state.surroundings.routed is False else ""
 
     def _decide(self, now: Now) -> Decision:
         around, scanner = self._neighbours, self._avoiding.scanner
         around.choose(now)
-        self._wakefulness.confirm(beat_rose=self._orders.rose, follows=self._here.follows)
+        self.state.wakefulness.confirm(beat_rose=self._orders.state.rose, follows=self._here.state.follows)
         return failsafe.decide(
             Facts(
                 latched=self._latch.mode,
-                why=self._latch.why,
+                why=self._latch.state.why,
                 source=self._here.source,
-                connected=self._surroundings.connected,
-                routed=None if self._readonly else self._surroundings.routed,
+                connected=self.state.surroundings.connected,
+                routed=None if self._readonly else self.state.surroundings.routed,
                 silence=self._here.stream.silence(now),
                 limit=self._here.stream.limit,
-                jumped=self._here.jumped,
+                jumped=self._here.state.jumped,
                 doubt=self._here.doubt,
-                outside=self._outside,
+                outside=self.state.outside,
                 beyond=() if around.guides else around.beyond,
-                too_old=self._here.trust.held,
+                too_old=self._here.state.trust.held,
                 age=self._here.age,
-                age_limit=self._here.age_limit,
-                follows=self._here.follows,
+                age_limit=self._here.state.age_limit,
+                follows=self._here.state.follows,
                 order=self._orders.newest,
-                beat_silence=now.mono - self._orders.rose,
+                beat_silence=now.mono - self._orders.state.rose,
                 neighbours=around.silences(now),
-                fresh=len(around.guides),
-                aside=() if around.guides else around.aside(now),
+                followed=len(around.guides),
+                not_followed=() if around.guides else around.not_followed(now),
+                unanswered=unanswered(self._others, now),
                 unsigned=self._orders.unsigned(now),
                 leaderless=not around.guides and around.leaderless(now),
-                motion=self._motion.doubt,
-                frozen=self._wakefulness.pause,
-                finite=self._finite,
-                rival=now.mono - self._rival <= max(RIVAL, self._here.stream.limit),
+                motion=self._motion.state.doubt,
+                frozen=self.state.wakefulness.pause,
+                finite=self.state.finite,
+                rival=now.mono - self.state.rival <= max(RIVAL_HOLD_TIME, self._here.stream.limit),
                 mission=self._mission.tag,
                 other_missions=self._other_missions(now),
                 scan_silence=0.0 if scanner is None else scanner.silence(now),
@@ -266,9 +357,14 @@ class Agent:
             )
         )
 
+    @property
+    def _others(self) -> tuple[Neighbour, ...]:
+        """The neighbours, and the robots that only the collision filter uses."""
+        return *self._neighbours.each.values(), *self._avoiding.others.values()
+
     def _other_missions(self, now: Now) -> dict[str, str]:
         """Robots that this one measures or avoids and that run another mission, with its tag."""
-        return other_missions(chain(self._neighbours.each.values(), self._avoiding.others.values()), now)
+        return other_missions(self._others, now)
 
     def _drive(self, now: Now, interval: float | None) -> list[Outgoing]:
         """A command for the newest position; zero velocity unless the failsafe table says run."""
@@ -276,60 +372,80 @@ class Agent:
         wanted = self._orders.newest
         if wanted is not None:
             self._here.joins(wanted)
-        probes = self.decision.probes
-        if not (probes or self.decision.state is State.RUN) or wanted is None:
-            self._finite = True
+        probes = self.state.decision.probes
+        if not (probes or self.state.decision.state is AgentState.RUN) or wanted is None:
+            self.state.finite = True
             self._avoiding.rested()
             self._probe.interrupt()
-            return self._commanded(now, AT_REST)
-        self._slots.follow(wanted, self._orders.rose, now.mono)
+            return self._at_rest(now)
+        self._slots.follow(wanted, self._orders.state.rose, now.mono)
         what = self._neighbours.measured(self._here, self._slots, now)
         dt = min(interval or 0.0, self._here.stream.limit)
-        heading, limits = self._here.heading, self._spec.limits
-        gains, integral = self._tuning.follow(wanted, dt, self._integral, heading, what)
-        said, integral = self._law(integral, heading, what, gains, limits, dt)
-        self._finite = cmath.isfinite(complex(said.speed, said.turn_rate)) and cmath.isfinite(integral)
-        if not self._finite:
-            self.decision, self._integral = self._decide(now), 0j
-            return self._commanded(now, AT_REST)
-        trial = self._tried(now, said) if probes else said
-        if probes and trial == AT_REST:
+        heading = self._here.heading
+        gains, integral = self._tuning.follow(wanted, dt, self.state.integral, heading, what)
+        inputs = Inputs(now.mono, dt, heading, what, gains)
+        if probes:
+            return self._probed(now, integral, inputs)
+        obstacles, sight = self._avoiding.obstacles(self._here, self._neighbours, now)
+        before = self._commander.control_state(integral, self._avoiding.state.avoidance)
+        state, outcome = control_step(before, inputs._replace(sight=sight), obstacles, self._params)
+        self.state.finite = outcome.finite
+        if not outcome.finite:
+            return self._not_finite(now)
+        self.state.availability.drove(abs(error(heading, what)) / what.count)
+        if not self._readonly:  # the integral of a robot that does not move would only grow
+            self.state.integral = state.integral
+        return self._driven(now, state, outcome)
+
+    def _probed(self, now: Now, integral: complex, inputs: Inputs) -> list[Outgoing]:
+        """Send the probe's command instead of the law's; the integral stays as it is."""
+        state = self._commander.control_state(integral, self._avoiding.state.avoidance)
+        law_output, _, self.state.finite = law_command(state, inputs, self._params)
+        if not self.state.finite:
+            return self._not_finite(now)
+        trial = self._tried(now, law_output)
+        if trial == AT_REST:
             self._avoiding.rested()
-            return self._commanded(now, AT_REST)
-        along = heading.conjugate() * what.velocity
-        command, brake = self._avoiding.command(trial, along, self._here, self._neighbours, now, dt)
-        if not probes:
-            integral = unwound(integral, heading, what, gains, limits, said, command, dt)
-            self._aside.drove(abs(error(heading, what)) / what.count)
-            if not self._readonly:  # what does not move cannot be integrated away
-                self._integral = integral
-        self._rest_due = float("-inf")  # whatever stops it takes hold at once
-        return self._commanded(now, command, brake)
+            return self._at_rest(now)
+        obstacles, sight = self._avoiding.obstacles(self._here, self._neighbours, now)
+        inputs = inputs._replace(sight=sight)
+        return self._driven(now, *constrained(state, trial, inputs, obstacles, self._params))
+
+    def _driven(self, now: Now, state: ControlState, outcome: Outcome) -> list[Outgoing]:
+        """Send the command of a control step, and store its state for the next."""
+        self._avoiding.stepped(state, outcome)
+        self.state.rest_due = float("-inf")  # a later stop takes effect at once
+        return self._commanded(self._commander.say(now, outcome.command, state), now)
+
+    def _not_finite(self, now: Now) -> list[Outgoing]:
+        """Send zero velocity, because the law's command or integral is not finite."""
+        self.state.decision, self.state.integral = self._decide(now), 0j
+        return self._at_rest(now)
 
     @property
     def _drives(self) -> bool:
-        """Whether the robot is to move just now."""
-        return self.decision.state is State.RUN or (self.decision.probes and self._probe.moves)
+        """Whether the robot is to move now."""
+        return self.decision.state is AgentState.RUN or (self.decision.probes and self._probe.moves)
 
     def _watch_motion(self, arrived: float) -> None:
-        """An own measurement arrived [s, monotonic]: does it agree with what was commanded?"""
+        """Compare the own measurement that arrived [s, monotonic] with what was commanded."""
         if self._readonly:
             return
-        motion, travel = self._motion, self._here.travel
-        known = motion.doubt
+        motion, travel = self._motion, self._here.state.travel
+        known = motion.state.doubt
         motion.saw(arrived, travel)
         if known is not None:
             self._probe.saw(travel)
-        elif motion.doubt is not None:
+        elif motion.state.doubt is not None:
             self._probe.interrupt()
-            if motion.doubt.kind in {Kind.CARRIED, Kind.TURNED}:
+            if motion.state.doubt.kind in {MotionFault.CARRIED, MotionFault.TURNED}:
                 self._here.carried()
-        elif motion.confirmed:
+        elif motion.state.confirmed:
             self._probe.rearm()
 
     def _tried(self, now: Now, wanted: Command) -> Command:
-        """A command of the probe, while the robot does not move as it is told."""
-        doubt, motion = self._motion.doubt, self._motion
+        """Return a command of the probe, while the robot does not move as commanded."""
+        doubt, motion = self._motion.state.doubt, self._motion
         if doubt is None:
             return AT_REST
         speeds = self._here.source == "odometry"
@@ -341,60 +457,65 @@ class Agent:
         return self._probe.step(now.mono, doubt, motion.model.now, wanted)
 
     def _rest(self, now: Now) -> list[Outgoing]:
-        """A robot that must not move is told so every period: there may be no position, commands get lost."""
-        if self._drives or now.mono < self._rest_due:
+        """Send zero velocity every period while the robot must not move: commands may get lost."""
+        if self._drives or now.mono < self.state.rest_due:
             return []
-        self._rest_due = now.mono + 1.0 / self._spec.rate
-        return self._commanded(now, AT_REST)
+        self.state.rest_due = now.mono + 1.0 / self._spec.rate
+        return self._at_rest(now)
 
-    def _commanded(self, now: Now, wanted: Command, brake: Brake | None = None) -> list[Outgoing]:
-        outbox = self._commander.say(now, wanted, brake)
+    def _at_rest(self, now: Now) -> list[Outgoing]:
+        return self._commanded(self._commander.rest(now), now)
+
+    def _commanded(self, outbox: list[Outgoing], now: Now) -> list[Outgoing]:
+        """Pass the newest command to the models of the robot."""
         if not self._readonly:
-            self._here.told(now.mono, self._commander.newest)
-            self._motion.told(now.mono, self._commander.newest)
+            self._here.commanded(now.mono, self._commander.state.newest)
+            self._motion.commanded(now.mono, self._commander.state.newest)
             if self._avoiding.scanner is not None and self._spec.localisation != "odometry":
-                self._avoiding.scanner.told(now.mono, self._commander.newest)
+                self._avoiding.scanner.commanded(now.mono, self._commander.state.newest)
         return outbox
 
     def _position(self, now: Now) -> Outgoing:
-        self._told += 1
-        voter, newest, (signed, signature) = self._orders.voter, self._orders.newest, self._orders.signed
+        self.state.sent += 1
+        orders = self.state.orders
+        voter, newest, (signed, signature) = orders.voter, orders.newest, orders.signed
         certificate = self._certificate(now.mono)
-        told = Told(
-            voice=self._voice,
-            count=self._told,
+        attachment = PositionAttachment(
+            publisher_id=self._publisher_id,
+            count=self.state.sent,
             order=None if certificate else newest,
             signed="" if certificate else signed,
             signature="" if certificate else signature,
             certificate=certificate,
             term=newest.term if certificate and newest is not None else 0,
-            aside=self._aside.told,
-            promise=voter.promise,
-            echo=voter.echo,
+            unavailable=self.state.availability.published,
+            voted_term=voter.voted_term,
+            last_ballot=voter.last_ballot,
             mission=self._mission.tag,
             refused=voter.refused,
             because=voter.because,
+            received=self._answers.say(self._here.stream.state.stamp, now.mono),
         )
-        pose = Pose(self._here.stream.stamp, self._here.position, self._here.heading)
-        return Outgoing(self._position_key, encode(pose), order.encode(told))
+        pose = Pose(self._here.stream.state.stamp, self._here.state.position, self._here.heading)
+        return Outgoing(self._position_key, encode(pose), order.encode(attachment))
 
     def _status(self, now: Now) -> Outgoing:
         report = Report(
             robot=self.robot,
-            law=self.law_name,
-            decision=self.decision,
+            law=self.controller.name,
+            decision=self.state.decision,
             readonly=self._readonly,
             commander=self._commander,
             here=self._here,
             neighbours=self._neighbours,
             avoiding=self._avoiding,
-            aside=self._aside.told,
-            motion=self._motion.doubt,
-            gains=self._tuning.told,
-            surroundings=self._surroundings,
-            dropped=self._hearing.unused,
+            unavailable=self.state.availability.published,
+            motion=self._motion.state.doubt,
+            tuning=self._tuning,
+            surroundings=self.state.surroundings,
+            inbox=self._inbox,
             forgers=self._orders.forgers(now),
             mission=self._mission.fingerprint,
             other_missions=self._other_missions(now),
         )
-        return Outgoing(self._status_key, encode(status(report, now)))
+        return Outgoing(self._status_key, encode(to_message(status(report, now), now.wall)))

@@ -1,4 +1,4 @@
-"""What an agent says about itself: one diagnostic_msgs/DiagnosticArray."""
+"""The status of an agent, made from its parts."""
 
 from __future__ import annotations
 
@@ -6,54 +6,42 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-from agent.avoiding import Avoiding
-from agent.commander import Commander
-from agent.failsafe import Decision, State
-from agent.localisation import Localisation
-from agent.motion_check import Disagreement, Kind
-from agent.neighbourhood import Neighbourhood
-from formation.order import FORGED_ORDER
-from formation.ros2.messages import Diagnostics, Status
+from formation.agent.collision_filter import Avoiding
+from formation.agent.following.gains import Tuning
+from formation.agent.following.neighbours import Neighbourhood
+from formation.agent.inbox import Inbox
+from formation.agent.pose.estimator import Localisation
+from formation.agent.pose.motion_check import Disagreement
+from formation.agent.safety.commander import Commander
+from formation.agent.safety.failsafe import Decision
+from formation.protocol.status import AgentState, AgentStatus, CollisionMode, RobotLink
 from formation.wire import Now
-
-OK, WARNING = 0, 1
-
-_MOTION = {
-    Kind.FROZEN: "does not move though it is told to",
-    Kind.TURN: "does not turn though it is told to",
-    Kind.SPEEDS: "its speeds contradict its positions",
-    Kind.CARRIED: "moved without a command",
-    Kind.TURNED: "turned without a command",
-}
-"""What a robot does that does not move as it is told."""
 
 
 class Surroundings(NamedTuple):
-    """How an agent's process is connected, as its loop sees it; None where nobody knows."""
+    """How an agent's process is connected, as its loop sees it; None where that is unknown."""
 
     connected: bool | None = None
     """Whether there is a link to the robot."""
     routed: bool | None = None
-    """Whether anybody listens to the commands at its other end."""
+    """Whether anything at its other end receives the commands."""
     refused: Mapping[str, int] = MappingProxyType({})
-    """How often others were refused by the bus, by kind."""
+    """Number of times that the bus refused others, by kind."""
     rival: bool = False
     """Whether another agent's sign of life was received on the robot's side since the step before."""
 
     @property
-    def link(self) -> str | None:
-        """The link to the robot in words."""
+    def link(self) -> RobotLink:
+        """The link to the robot."""
         if self.connected is None:
-            return None
+            return RobotLink.UNKNOWN
         if not self.connected:
-            return "not connected"
-        if self.routed is False:
-            return "no listener on cmd_vel: the bridge's route is lost"
-        return "connected"
+            return RobotLink.NOT_CONNECTED
+        return RobotLink.NO_LISTENER if self.routed is False else RobotLink.CONNECTED
 
 
 class Report(NamedTuple):
-    """All that a status is made of."""
+    """All data of a status."""
 
     robot: str
     law: str
@@ -63,87 +51,79 @@ class Report(NamedTuple):
     here: Localisation
     neighbours: Neighbourhood
     avoiding: Avoiding
-    aside: bool
-    """Whether the others are to go on without it."""
+    unavailable: bool
+    """Whether dependants should prefer another neighbour."""
     motion: Disagreement | None
-    """How the robot does not move as it is told."""
-    gains: str
-    """Of the law, where they are not the mission's."""
+    """How the robot does not move as it is commanded."""
+    tuning: Tuning
     surroundings: Surroundings
-    dropped: Mapping[str, tuple[int, str]]
+    inbox: Inbox
     mission: str = ""
     """Its fingerprint."""
     forgers: Mapping[str, str] = MappingProxyType({})
-    """Neighbours that relayed forged orders of late, and what was wrong with them."""
+    """Neighbours that relayed forged orders lately, and what was wrong with the newest."""
     other_missions: Mapping[str, str] = MappingProxyType({})
-    """Robots that run another one, with its tag."""
+    """Robots that run another mission, with its tag."""
 
 
-def status(report: Report, now: Now) -> Diagnostics:
-    """The report as a message; a warning whenever the robot does not run or something is not believed."""
-    around = report.neighbours
-    streams = {report.here.source: report.here.stream} | {n: one.stream for n, one in around.each.items()}
-    scanner = report.avoiding.scanner
+def status(report: Report, now: Now) -> AgentStatus:
+    """Return the status of these parts."""
+    around, here, avoiding, command = (
+        report.neighbours,
+        report.here,
+        report.avoiding,
+        report.commander.state.newest,
+    )
+    scanner, state = avoiding.scanner, report.decision.state
+    streams = {here.source: here.stream} | {name: one.stream for name, one in around.each.items()}
     if scanner is not None:
-        streams["range scan"] = scanner.stream
-    unseen = None if scanner is None else scanner.doubt
-    contested = around.contested(now)
-    heard = {name: stream for name, stream in streams.items() if stream.arrived is not None}
-    doubted = [name for name, stream in heard.items() if stream.fresh(now) and not stream.clock_agrees]
-    state = f"readonly: would {report.decision.state}" if report.readonly else str(report.decision.state)
-    command, link = report.commander.newest, report.surroundings.link
-    values = {
-        "state": state,
-        "reason": report.decision.reason,
-        "law": report.law,
-        **({"gains": report.gains} if report.gains else {}),
-        **({"mission": report.mission} if report.mission else {}),
-        "speed": f"{command.speed:.4f}",
-        "turn_rate": f"{command.turn_rate:.4f}",
-        **({} if link is None else {"robot link": link}),
-        **({"follows": ", ".join(around.guides)} if report.decision.state is State.RUN else {}),
-        **({"aside": "the others go on without it"} if report.aside else {}),
-        **({"stuck": _MOTION[report.motion.kind]} if report.motion is not None else {}),
-        **report.avoiding.words(around),
-        **({"range scan": unseen} if unseen else {}),
-        "localisation": report.here.alignment,
-        **_steps(report.commander),
-        "jumps": str(report.here.jumps),
-        "late": str(report.here.late),
-        **{f"age {name}": f"{stream.silence(now):.3f}" for name, stream in heard.items()},
-        **{f"clock {name}": f"stamped {streams[name].underway:.3f} s before it came" for name in doubted},
-        **{f"second voice {name}": "two agents speak for it" for name in contested},
-        **{f"{FORGED_ORDER}{name}": why for name, why in report.forgers.items()},
-        **{f"other mission {name}": tag or "unknown" for name, tag in report.other_missions.items()},
-        **{f"refused {kind}": str(count) for kind, count in report.surroundings.refused.items()},
-        **{f"dropped {key}": f"{count}, last: {why}" for key, (count, why) in report.dropped.items()},
-    }
-    message = f"{state}: {report.decision.reason}"
-    if doubted:
-        message += f"; stamps of {', '.join(doubted)} not believed"
-    if unseen and unseen not in message:
-        message += f"; range scan {unseen}"
-    if contested:
-        message += f"; {', '.join(contested)} spoken for by a second voice"
-    if report.forgers:
-        message += f"; {', '.join(report.forgers)} relayed forged orders"
-    if link not in {None, "connected"}:
-        message += f"; robot link: {link}"
-    if report.motion is not None and not report.decision.probes:
-        message += f"; {_MOTION[report.motion.kind]}"
-    at_work = report.decision.state is State.RUN and not report.readonly
-    doubts = doubted or unseen or contested or report.motion is not None or report.forgers
-    sound = not doubts and link in {None, "connected"}
-    level = OK if at_work and sound else WARNING
-    return Diagnostics(now.wall, (Status(f"{report.robot}: agent", level, message, report.robot, values),))
-
-
-def _steps(commander: Commander) -> dict[str, str]:
-    """What is done about a robot that cuts commands to steps."""
-    if not any(commander.steps):
-        return {}
-    steps, left = commander.steps, commander.remainder
-    return {
-        "error feedback": f"steps of {steps.speed:g} m/s, {steps.turn_rate:g} rad/s; "
-        f"carries {left.speed:+.4f} m/s, {left.turn_rate:+.4f} rad/s"
-    }
+        streams["scan"] = scanner.stream
+    received = {name: stream for name, stream in streams.items() if stream.state.arrived is not None}
+    filtering = avoiding.has_obstacles
+    steps, left = report.commander.steps, report.commander.state.remainder
+    quantised, tuned = any(steps), report.tuning.tuned
+    return AgentStatus(
+        robot=report.robot,
+        state=state,
+        reason=report.decision.reason,
+        readonly=report.readonly,
+        law=report.law,
+        mission=report.mission,
+        speed=round(command.speed, 4),
+        turn_rate=round(command.turn_rate, 4),
+        k_p=report.tuning.state.k_p if tuned else None,
+        k_i=report.tuning.state.k_i if tuned else None,
+        link=report.surroundings.link,
+        follows=around.guides if state is AgentState.RUN else (),
+        unavailable=report.unavailable,
+        motion=None if report.motion is None else report.motion.kind,
+        collisions=CollisionMode(avoiding.mode) if filtering else None,
+        avoiding=filtering and avoiding.state.acting,
+        avoids=avoiding.avoids,
+        avoids_never_received=avoiding.never_received(around),
+        avoided=avoiding.state.avoided,
+        deadlocks=avoiding.state.avoidance.deadlocks,
+        zone=None if scanner is None else scanner.state.zone,
+        scan_fault=None if scanner is None else scanner.doubt,
+        localisation=here.alignment,
+        realigned=here.realigned,
+        realigned_after=here.realigned_after,
+        jumps=here.state.jumps,
+        late=here.state.late,
+        speed_step=steps.speed if quantised else None,
+        turn_rate_step=steps.turn_rate if quantised else None,
+        speed_remainder=round(left.speed, 4) if quantised else None,
+        turn_rate_remainder=round(left.turn_rate, 4) if quantised else None,
+        age={name: round(stream.silence(now), 3) for name, stream in received.items()},
+        clock={
+            name: round(stream.state.delay, 3)
+            for name, stream in received.items()
+            if stream.fresh(now) and not stream.clock_agrees
+        },
+        contested=tuple(around.contested(now)),
+        forged=report.forgers,
+        other_mission=report.other_missions,
+        refused=report.surroundings.refused,
+        dropped={key: count for key, (count, _) in report.inbox.unused.items()},
+        dropped_last={key: why for key, (_, why) in report.inbox.unused.items()},
+    )

@@ -1,1 +1,1 @@
-"""What puts the processes in place: the `formation` command, the launcher, missions, the environment."""
+"""The `formation` command, the launcher, missions, and the environment."""

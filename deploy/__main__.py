@@ -1,8 +1,8 @@
-"""`python -m deploy` is the `formation` command."""
+"""`python -m formation.deploy` is the `formation` command."""
 
 import sys
 
-from deploy.cli import main
+from formation.deploy.cli import main
 
 if __name__ == "__main__":
     sys.exit(main())

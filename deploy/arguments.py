@@ -1,22 +1,25 @@
-"""What the subcommands share: how they read their arguments, refuse them, and print their result."""
+"""Shared by the subcommands: read arguments, refuse them, and print the result."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import math
+import sys
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
-from deploy.refusal import Refusal
-from formation.law import LAWS
-from formation.mission import Mission
-from formation.mission_file import MissionError, load
+from formation.control.laws import LAWS
+from formation.deploy.refusal import Refusal
+from formation.mission.file import MISSION_HELP, MissionError, load
+from formation.mission.model import Mission
+from formation.transport.runtime.command_line import Parser
 
 
 def parser(command: str, summary: str, examples: str = "") -> argparse.ArgumentParser:
-    """A parser for `formation COMMAND`."""
-    return argparse.ArgumentParser(
+    """Return a parser for `formation COMMAND`."""
+    return Parser(
         prog=f"formation {command}",
         description=summary,
         epilog=f"examples:\n{examples}" if examples else None,
@@ -26,31 +29,36 @@ def parser(command: str, summary: str, examples: str = "") -> argparse.ArgumentP
 
 
 def add_mission(to: argparse.ArgumentParser, default: str | None = None, *, law: bool = True) -> None:
-    """The MISSION argument, and with `law` --law, which overrides what it says."""
+    """Add the MISSION argument, and with `law` --law, which overrides the mission's."""
     to.add_argument(
         "mission",
         metavar="MISSION",
         nargs=None if default is None else "?",
         default=default,
-        help="a TOML file, or the name of a shipped mission" + (f" (default {default})" if default else ""),
+        help=MISSION_HELP + (f" (default {default})" if default else ""),
     )
     if law:
         to.add_argument("--law", choices=list(LAWS), help="the control law, instead of the mission's")
 
 
+def add_json(to: argparse.ArgumentParser) -> None:
+    """Add the --json flag: stdout is then JSON alone, and words for people go to stderr."""
+    to.add_argument("--json", action="store_true", help="one JSON object on stdout, and nothing else there")
+
+
 def read_mission(name: str, law: str | None = None) -> Mission:
-    """The mission, under `law` if one is given. Raises Refusal."""
+    """Return the mission, with `law` if given. Raises Refusal."""
     try:
         mission = load(name)
     except MissionError as error:
         raise Refusal(str(error)) from None
     if law is None:
         return mission
-    return mission.model_copy(update={"law": mission.law.model_copy(update={"kind": law})})
+    return mission.under(law)
 
 
 def number(lowest: float, highest: float = math.inf, *, open_below: bool = False) -> Callable[[str], float]:
-    """An argument type: a finite number from `lowest` (or above it) to `highest`."""
+    """Return an argument type: a finite number from `lowest` (or above it) to `highest`."""
 
     def read(text: str) -> float:
         value = float(text)
@@ -66,7 +74,7 @@ def number(lowest: float, highest: float = math.inf, *, open_below: bool = False
 
 
 def whole(lowest: int, highest: int | None = None) -> Callable[[str], int]:
-    """An argument type: a whole number from `lowest` to `highest`."""
+    """Return an argument type: a whole number from `lowest` to `highest`."""
 
     def read(text: str) -> int:
         value = int(text)
@@ -79,8 +87,20 @@ def whole(lowest: int, highest: int | None = None) -> Callable[[str], int]:
     return read
 
 
+def add_out(to: argparse.ArgumentParser, what: str, *, metavar: str = "FILE", required: bool = False) -> None:
+    """Add the -o, --out flag of every command that writes."""
+    to.add_argument("-o", "--out", type=Path, metavar=metavar, required=required, help=what)
+
+
+def tell(options: argparse.Namespace, words: str, result: Callable[[], Mapping[str, Any]]) -> None:
+    """Print a command's result as its flags request: `words` for people, `result` for a script."""
+    print(words, file=sys.stderr if options.json else sys.stdout, flush=True)
+    if options.json:
+        print(as_json(result()), flush=True)
+
+
 def as_json(result: Mapping[str, Any]) -> str:
-    """One line of strict JSON: what is not finite becomes null."""
+    """Return one line of strict JSON: non-finite numbers become null."""
     return json.dumps(_finite(result), allow_nan=False, ensure_ascii=False)
 
 

@@ -1,4 +1,4 @@
-"""`formation assign`: who takes which slot, and whom to measure, so that nobody goes further than need be."""
+"""`formation assign`: assign slots and neighbours so that robots drive as little as possible."""
 
 from __future__ import annotations
 
@@ -8,29 +8,30 @@ from pathlib import Path
 from shlex import quote
 from typing import Any
 
-from deploy.arguments import add_mission, as_json, parser, read_mission
-from deploy.making.places import Places, changes, chosen, positions
-from deploy.making.text import check_out, edited, is_shipped, keep
-from deploy.refusal import Refusal
-from deploy.terminal.units import metres
-from formation.mission import Mission
-from formation.mission_file import parse, shipped
+from formation.deploy.arguments import add_json, add_mission, add_out, parser, read_mission, tell
+from formation.deploy.mission_files.edit import edited
+from formation.deploy.mission_files.places import Places, changes, chosen, positions
+from formation.deploy.mission_files.text import check_out, is_shipped, write_mission
+from formation.deploy.refusal import Refusal
+from formation.deploy.terminal.units import metres
+from formation.mission.file import file_of, parse
+from formation.mission.model import Mission
 from formation.slots.assignment import AIMS
 
 EXAMPLES = """\
   formation assign my_mission.toml --dry-run           what would change, and how far each would go
   formation assign my_mission.toml                     the least way in all, written into the file
-  formation assign my_mission.toml --least longest     nobody goes further than somebody must
+  formation assign my_mission.toml --least longest     the longest way is as short as possible
   formation assign six_robots --out my_mission.toml --graph keep
   formation assign my_mission.toml --positions now.json    with {"robot1": [0.4, -1.2], …}
 
-Whoever takes a slot takes it in every shape of the mission. Comments stay where they are: read them again.
+A robot takes its slot in every shape of the mission. Comments stay where they are: read them again.
 Robots in the field need what changed: `formation deploy bundle`, `formation deploy push`.
 """
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Assign slots and neighbours; the exit code."""
+    """Assign slots and neighbours; return the exit code."""
     options = _options().parse_args(arguments)
     mission = read_mission(options.mission)
     out = _out(options)
@@ -38,19 +39,17 @@ def main(arguments: Sequence[str]) -> int:
     kept = options.graph == "keep"
     places = chosen(mission, _shape(options, mission), at, AIMS[options.least], keep_graph=kept)
     written = None if out is None else _write(options.mission, mission, places, out)
-    print("\n".join(words(mission, places)))
-    if written is None:
-        print("\nnothing was written")
-    else:
-        print(f"\n{out}: {'changed' if written else 'is so already'}")
-        print(f"\nnext:\n  formation check {quote(str(out))}")
-    if options.json:
-        print(as_json(report(mission, places, options.least, out)))
+    end = "nothing was written"
+    if written is not None:
+        state = "changed" if written else "is so already"
+        end = f"{out}: {state}\n\nnext:\n  formation check {quote(str(out))}"
+    text = "\n".join([*words(mission, places), "", end])
+    tell(options, text, lambda: report(mission, places, options.least, out))
     return 0
 
 
 def words(mission: Mission, places: Places) -> Iterator[str]:
-    """The places for people."""
+    """Yield the places for people."""
     width = max(len(name) for name in ("in all", "longest", *mission.followers)) + 2
     yield f"  {'robot':<{width}}{'takes the slot of':<{width + 14}}{'way before':<12}{'now':<10}measures"
     for name, place in places.of.items():
@@ -66,20 +65,20 @@ def words(mission: Mission, places: Places) -> Iterator[str]:
 
 
 def report(mission: Mission, places: Places, least: str, out: Path | None) -> dict[str, Any]:
-    """The places for a script."""
+    """Return the places for a script."""
     return {
         "mission": mission.name,
         "least": least,
         "written": None if out is None else str(out),
-        "way": {
-            when: {"total": sum(ways.values()), "longest": max(ways.values())}
-            for when, ways in (("before", places.before), ("now", places.now))
+        "distance": {
+            when: {"total": sum(distances.values()), "longest": max(distances.values())}
+            for when, distances in (("before", places.before), ("now", places.now))
         },
         "robots": {
             name: {
                 "takes_slot_of": place,
-                "way_before": places.before[name],
-                "way_now": places.now[name],
+                "distance_before": places.before[name],
+                "distance_now": places.now[name],
                 "neighbours": list(places.neighbours[name]),
                 "fallback_neighbours": list(places.fallbacks[name]),
             }
@@ -89,30 +88,32 @@ def report(mission: Mission, places: Places, least: str, out: Path | None) -> di
 
 
 def _write(source: str, mission: Mission, places: Places, out: Path) -> bool:
-    """Write the mission with these places; whether that changed anything in it."""
-    path = shipped().get(source, Path(source))
+    """Write the mission with these places; return whether that changed it."""
+    path = file_of(source)
     with path.open(encoding="utf-8", newline="") as file:
         before = file.read()
     try:
         text = edited(before, changes(mission, places))
     except ValueError as error:
         raise Refusal(
-            f"{source}: {error} is not a list in a table of its own, so it cannot be changed in place; "
-            "write [shapes.NAME] and [robots.NAME] with a line for each key"
+            f"{source}: {error} cannot be changed in place; write [shapes.NAME] and [robots.NAME] with a"
+            " line for each key"
         ) from None
     parse(text, source)
     if text != before or out != path:
-        keep(out, text)
+        write_mission(out, text)
     return text != before
 
 
 def _out(options: argparse.Namespace) -> Path | None:
-    """Where to write; None for nowhere."""
+    """Return the file to write; None for none."""
     if options.dry_run:
         return None
     if options.out is not None:
         check_out(options.out, force=options.force)
-    elif options.mission in shipped() or is_shipped(Path(options.mission)):
+    elif Path(options.mission).is_dir():
+        raise Refusal(f"{options.mission} is a folder of bundles: name the file that they are made from")
+    elif is_shipped(file_of(options.mission)):
         raise Refusal(
             f"{options.mission} is shipped, and stays as it is: --out FILE for one of your own, or --dry-run"
         )
@@ -127,7 +128,7 @@ def _shape(options: argparse.Namespace, mission: Mission) -> str:
 
 
 def _options() -> argparse.ArgumentParser:
-    options = parser("assign", "Choose who takes which slot, and whom to measure.", EXAMPLES)
+    options = parser("assign", "Choose each robot's slot, and the neighbours that it measures.", EXAMPLES)
     add_mission(options, law=False)
     options.add_argument(
         "--least",
@@ -146,11 +147,11 @@ def _options() -> argparse.ArgumentParser:
         "--graph",
         choices=("new", "keep"),
         default="new",
-        help="measure the nearest who are fewer hops from the leader, or as now from slot to slot "
+        help="measure the nearest robots that are fewer hops from the leader, or as now from slot to slot "
         "(default %(default)s)",
     )
     options.add_argument("--dry-run", action="store_true", help="only show what would change")
-    options.add_argument("--out", type=Path, metavar="FILE", help="write there, and leave MISSION as it is")
+    add_out(options, "write there, and leave MISSION as it is")
     options.add_argument("--force", action="store_true", help="write over an --out that is there")
-    options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
+    add_json(options)
     return options

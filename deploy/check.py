@@ -1,4 +1,4 @@
-"""`formation check`: what can be known of a mission before anything moves."""
+"""`formation check`: analyse a mission before anything moves."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from deploy.arguments import add_mission, as_json, parser, read_mission
-from deploy.terminal.waiting import waiting
-from formation.geofence import Area
-from formation.mission import Mission
+from formation.deploy.arguments import add_json, add_mission, parser, read_mission, tell
+from formation.deploy.terminal.bar import warn_if_slow
+from formation.deploy.terminal.waiting import waiting
+from formation.mission.model import Mission
+from formation.slots.geofence import Area
 from formation.stability.analysis import Analysis, analyse
 from formation.stability.losses import Loss, losses
 
@@ -17,50 +18,50 @@ EXAMPLES = """\
   formation check six_robots
   formation check my_mission.toml --law paper --json
 
-Exit code 0: nothing speaks against it; 1: it cannot work, for the problems named; 2: it is no mission.
+Exit code 0: no problem found; 1: it cannot work, for the problems named; 2: it is no mission.
 """
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Check a mission; the exit code."""
+    """Check a mission; return the exit code."""
     flags = parser("check", "Check a mission before anything moves.", EXAMPLES)
     add_mission(flags)
-    flags.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
+    add_json(flags)
     options = flags.parse_args(arguments)
     mission = read_mission(options.mission, options.law)
+    warn_if_slow()
     with waiting("checking; the first time it takes ten seconds and more to compile the law"):
         found = analyse(mission)
-    print(words(mission, found))
-    if options.json:
-        print(
-            as_json(
-                {
-                    "mission": mission.name,
-                    **found.as_json(),
-                    "bounds": bounds(mission),
-                    "losses": _as_json(mission),
-                }
-            )
-        )
+    tell(options, words(mission, found), lambda: _report(mission, found))
     return 0 if found.ok else 1
 
 
+def _report(mission: Mission, found: Analysis) -> dict[str, Any]:
+    """Return the analysis for a script."""
+    return {
+        "mission": mission.name,
+        **found.as_json(),
+        "bounds": bounds(mission),
+        "losses": _losses_as_json(mission),
+    }
+
+
 def bounds(mission: Mission) -> dict[str, Any]:
-    """Where robots may be [m; world frame], and whether the mission says so."""
+    """Return the bounds of robots [m; world frame], and whether the mission sets them."""
     area = Area.of(mission)
     x, y = [area.x_min, area.x_max], [area.y_min, area.y_max]
     return {"x": x, "y": y, "default": mission.bounds is None}
 
 
 def words(mission: Mission, found: Analysis) -> str:
-    """The analysis for people."""
+    """Return the analysis for people."""
     return "\n".join(
         [*_summary(mission, found), "", *_robots(mission, found), "", *_losses(mission), *_findings(found)]
     )
 
 
 def _summary(mission: Mission, found: Analysis) -> Iterator[str]:
-    verdict = "nothing speaks against it" if found.ok else "it cannot work"
+    verdict = "no problem found" if found.ok else "it cannot work"
     deepest = max((hops for hops in found.depth.values() if hops is not None), default=0)
     yield f"{mission.name}, {found.law} law: {verdict}"
     hops = f"{deepest} hop{'' if deepest == 1 else 's'} to the leader at most"
@@ -85,12 +86,12 @@ def _robots(mission: Mission, found: Analysis) -> Iterator[str]:
 
 def _measured(mission: Mission, name: str) -> str:
     spec = mission.robots[name]
-    others = ", ".join(spec.neighbours) or "nobody: it leads"
+    others = ", ".join(spec.neighbours) or "none: it leads"
     return others + (f", or else {', '.join(spec.fallback_neighbours)}" if spec.fallback_neighbours else "")
 
 
 def _losses(mission: Mission) -> Iterator[str]:
-    """What comes of the loss of every single robot: who would hold, and who would go on by whom instead."""
+    """Yield the effect of losing each single robot: robots that hold, and robots that use fallbacks."""
     found = losses(mission)
     leader = found.pop(mission.leader)
     if not any(loss.holding for loss in found.values()):
@@ -100,9 +101,9 @@ def _losses(mission: Mission) -> Iterator[str]:
         if fine:
             yield f"  {_or(fine)} may be lost: the others go on"
     for name, loss in found.items():
-        said = _of_loss(mission, loss)
-        if said:
-            yield f"  {name} lost: {said}"
+        sentences = _of_loss(mission, loss)
+        if sentences:
+            yield f"  {name} lost: {sentences}"
     if mission.standbys:
         first = next(iter(mission.standbys))
         yield f"  {mission.leader} lost: {first} leads within about {mission.takeover:g} s"
@@ -111,23 +112,23 @@ def _losses(mission: Mission) -> Iterator[str]:
 
 
 def _of_loss(mission: Mission, loss: Loss) -> str:
-    said = []
+    sentences = []
     if loss.holding:
         everybody = len(loss.holding) >= len(mission.followers) - 1 and len(loss.holding) > 1
-        said.append(
+        sentences.append(
             "all others hold" if everybody else
             f"{', '.join(loss.holding)} {'holds' if len(loss.holding) == 1 else 'hold'}"
         )  # fmt: skip
-    said += [f"{name} goes on by {', '.join(others)}" for name, others in loss.instead.items()]
-    return "; ".join(said)
+    sentences += [f"{name} goes on by {', '.join(others)}" for name, others in loss.instead.items()]
+    return "; ".join(sentences)
 
 
 def _or(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
 
 
-def _as_json(mission: Mission) -> dict[str, Any]:
-    """By the robot that is lost; for the leader also who takes its place, None where nobody does."""
+def _losses_as_json(mission: Mission) -> dict[str, Any]:
+    """Return the losses by lost robot; for the leader also its replacement, None if there is none."""
     found: dict[str, Any] = {
         name: {"hold": list(loss.holding), "instead": {one: list(by) for one, by in loss.instead.items()}}
         for name, loss in losses(mission).items()
@@ -157,7 +158,7 @@ def _margin(found: Analysis) -> str:
 
 
 def _eigenvalues(values: Sequence[complex]) -> str:
-    """Distinct ones, slowest first, with how often each occurs; a conjugate pair as one."""
+    """Return the distinct eigenvalues, slowest first, with their counts; a conjugate pair as one."""
     counts: dict[str, int] = {}
     for value in sorted(values, key=lambda value: (-value.real, abs(value.imag), value.imag)):
         if value.imag < -1e-9:

@@ -1,8 +1,8 @@
-"""The `formation` command: finds the module of a subcommand and hands it the arguments.
+"""The `formation` command: find the module of a subcommand and pass it the arguments.
 
-A subcommand is imported when it is asked for and not before, so that `formation agent` on a robot starts fast
-and needs nothing that only a desk has. Exit codes: 0 as wished, 1 it ran but not as wished, 2 nothing was
-started because of what was asked, 130 interrupted.
+A subcommand is imported only when it is used, so that `formation agent` on a robot starts fast and needs
+no packages for the desk. Exit codes: 0 success, 1 it ran but failed, 2 nothing was started because of the
+arguments, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from importlib import import_module
 from importlib.metadata import version
 from typing import NamedTuple
 
-from deploy.refusal import Refusal
+from formation.deploy.refusal import Refusal
+from formation.transport.runtime.command_line import EXTRAS, Parser, needs
 
 
 class Command(NamedTuple):
@@ -31,45 +32,52 @@ HERE = "on this machine"
 ALONE = "one process, for a machine of its own"
 FIELD = "in the field"
 COMMANDS = {
-    "run": Command("deploy.run", HERE, "start every process of a mission here, watch it, record it"),
-    "check": Command("deploy.check", HERE, "is this mission stable, how fast, how much delay does it bear?"),
-    "simulate": Command("deploy.simulate", HERE, "many starts, faster than real time, without a network"),
-    "order": Command("deploy.order", HERE, "stop a running mission's robots, or give them any other order"),
-    "watch": Command("deploy.watch", HERE, "a table of any running fleet in the terminal"),
-    "replay": Command("deploy.replay", HERE, "play a recording to the live page, and onto keys of its own"),
-    "recover": Command("deploy.recover", HERE, "make a recording whole that was cut off"),
-    "report": Command("deploy.report", HERE, "a recording as a page and figures; two, side by side"),
-    "new": Command("deploy.new", HERE, "write a mission: a line, wedge, circle, … of so many robots"),
-    "assign": Command("deploy.assign", HERE, "who takes which slot, and whom to measure"),
-    "missions": Command("deploy.shelf", HERE, "list the missions that are shipped"),
-    "agent": Command("agent.__main__", ALONE, "control one robot"),
-    "leader": Command("leader.__main__", ALONE, "go along the route and give the orders"),
-    "guard": Command("agent.robots.guard.__main__", ALONE, "stop one robot when its agent falls silent"),
-    "robot": Command("agent.robots.__main__", ALONE, "simulate one robot or several"),
-    "monitor": Command("monitor.__main__", ALONE, "measure, record and show on a page"),
-    "deploy": Command("deploy.field.cli", FIELD, "bring a mission onto robots: certificates, bundles, push"),
-    "doctor": Command("deploy.doctor.cli", FIELD, "what is wrong with a robot or a team, and what to do"),
-}
-EXTRAS = {
-    **dict.fromkeys(
-        ("rich", "mcap", "lz4", "zstandard", "starlette", "uvicorn", "prometheus_client"), "monitor"
+    "run": Command(
+        "formation.deploy.run", HERE, "start every process of a mission here, watch it, record it"
     ),
-    "matplotlib": "plot",
-    "jinja2": "plot",
-    "markupsafe": "plot",
-    "cryptography": "field",
-    "foxglove": "foxglove",
-    **dict.fromkeys(("mujoco", "PIL"), "physics"),
+    "check": Command(
+        "formation.deploy.check", HERE, "is this mission stable, how fast, how much delay does it bear?"
+    ),
+    "simulate": Command(
+        "formation.deploy.simulate", HERE, "many starts, faster than real time, without a network"
+    ),
+    "stop": Command("formation.deploy.stop", HERE, "stop every robot of a running mission, at once"),
+    "order": Command("formation.deploy.order", HERE, "give a running mission's robots any order"),
+    "watch": Command("formation.deploy.watch", HERE, "a table of any running fleet in the terminal"),
+    "replay": Command(
+        "formation.deploy.replay", HERE, "play a recording to the live page, and onto keys of its own"
+    ),
+    "recover": Command("formation.deploy.recover", HERE, "make a recording whole that was cut off"),
+    "report": Command(
+        "formation.deploy.report", HERE, "a recording as a page and figures; two, side by side"
+    ),
+    "new": Command(
+        "formation.deploy.new", HERE, "write a mission: a line, wedge, circle, … of so many robots"
+    ),
+    "assign": Command("formation.deploy.assign", HERE, "choose slots, and the neighbours to measure"),
+    "missions": Command("formation.deploy.mission_list", HERE, "what the shipped missions are, and where"),
+    "agent": Command("formation.agent.__main__", ALONE, "control one robot"),
+    "leader": Command("formation.leader.__main__", ALONE, "go along the route and give the orders"),
+    "watchdog": Command(
+        "formation.agent.watchdog.__main__", ALONE, "stop one robot when its agent falls silent"
+    ),
+    "robot": Command("formation.agent.simulated.__main__", ALONE, "simulate one robot or several"),
+    "monitor": Command("formation.monitor.__main__", ALONE, "measure, record and show on a page"),
+    "deploy": Command(
+        "formation.deploy.fleet.cli", FIELD, "bring a mission onto robots: certificates, bundles, push"
+    ),
+    "doctor": Command(
+        "formation.deploy.doctor.cli", FIELD, "what is wrong with a robot or a team, and what to do"
+    ),
 }
-"""The extra that brings a package which a robot does without."""
-
 EXAMPLES = """\
 examples:
   formation run                          six robots, until they hold the paper's formation
   formation new wedge --robots 7         a mission of your own, into wedge_7.toml
   formation check two_chains             what the eigenvalues say of a mission
   formation simulate six_robots --runs 100 --seed 1
-  formation order six_robots stop        in a second terminal, while it runs
+  formation stop                         in a second terminal, while it runs
+  formation order six_robots shape wedge
   formation watch six_robots             and what that does, in a third
   formation replay recordings/six.mcap   what happened, once more
   formation agent my_mission.toml --robot robot2
@@ -79,24 +87,24 @@ MISSION is a TOML file or the name of a shipped mission. `formation COMMAND --he
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; the exit code."""
+    """Run the command line; return the exit code."""
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # as stderr: no sign is worth a traceback
+        sys.stdout.reconfigure(errors="backslashreplace")  # as stderr: no character may cause a traceback
     try:
         code = _dispatch(sys.argv[1:] if arguments is None else arguments)
         sys.stdout.flush()
-    except SystemExit as stop:  # argparse has said what there is to say
+    except SystemExit as stop:  # argparse has printed the error
         code = stop.code if isinstance(stop.code, int) else 2
     except Refusal as refusal:
         print(f"formation: {refusal}", file=sys.stderr)
         code = 2
     except ModuleNotFoundError as error:
-        extra = EXTRAS.get((error.name or "").partition(".")[0])
-        if extra is None:
+        package = (error.name or "").partition(".")[0]
+        if package not in EXTRAS:
             raise
-        print(f"formation: this needs {error.name}: pip install 'formation[{extra}]'", file=sys.stderr)
+        print(f"formation: this {needs(package)}", file=sys.stderr)
         code = 2
-    except BrokenPipeError:  # whoever read the output has seen enough
+    except BrokenPipeError:  # the reader of the output has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 1
     except KeyboardInterrupt:
@@ -108,7 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _leave(code: int) -> None:
-    """End here and now, with this code, if the interpreter's own end might become another."""
+    """Exit at once with this code, if the interpreter's own shutdown might change it."""
     bus = sys.modules.get("formation.transport.bus")
     if bus is not None and bus.still_closing():
         sys.stdout.flush()
@@ -117,7 +125,7 @@ def _leave(code: int) -> None:
 
 
 def _dispatch(arguments: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="formation",
         usage="formation [-h] [--version] COMMAND ...",
         description="Decentralised formation control of unicycle robots, one agent process per robot."
@@ -126,7 +134,7 @@ def _dispatch(arguments: Sequence[str]) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    parser.add_argument("--version", action="version", version=f"formation {version('formation')}")
+    parser.add_argument("--version", action="version", version=f"formation {version('zenoh-formation')}")
     parser.add_argument("command", metavar="COMMAND", choices=COMMANDS, help=argparse.SUPPRESS)
     parser.add_argument("rest", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
     if not arguments:

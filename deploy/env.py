@@ -34,9 +34,9 @@ ROOT = Path(__file__).resolve().parent.parent
 LOCK = ROOT / "deploy" / "lock"
 LINK = ROOT / ".venv"
 STORE = ROOT / ".venvs"
-DONE = "complete"  # the file that says that an environment's installation has ended well
+DONE = "complete"  # marker file of a complete installation
 OLDEST = (3, 11)
-KEPT = (
+MAX_ENVIRONMENTS = (
     3  # the environment in use, and those before it: processes may run in them, another Python may want them
 )
 
@@ -46,7 +46,7 @@ class SetupError(Exception):
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Prepare the environment, then become the command; returns only when there is no command to become."""
+    """Prepare the environment, then become the command; return only if there is none."""
     if arguments and arguments[0] in {"-h", "--help"}:
         print(__doc__.strip() if __doc__ else "")
         return 0
@@ -57,7 +57,7 @@ def main(arguments: Sequence[str]) -> int:
             print(f"{LINK} is ready")
             return 0
         become(environment, arguments)
-    except (SetupError, OSError) as error:  # an OSError says which file: a full disk, a read-only checkout
+    except (SetupError, OSError) as error:  # an OSError names the file: a full disk, a read-only checkout
         print(f"deploy/env.py: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
@@ -66,7 +66,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def refuse_unfit_system(version: tuple[int, ...], system: str) -> None:
-    """Raise SetupError where Python is too old or the system is not POSIX."""
+    """Raise SetupError if Python is too old or the system is not POSIX."""
     if version < OLDEST:
         found, needed = ".".join(map(str, version)), ".".join(map(str, OLDEST))
         raise SetupError(
@@ -78,7 +78,7 @@ def refuse_unfit_system(version: tuple[int, ...], system: str) -> None:
 
 
 def ready_environment() -> Path:
-    """Path of the complete environment that belongs to this checkout as it is now, made if need be."""
+    """Return the path of the complete environment of this checkout as it is now; make it if needed."""
     environment = STORE / key_of(ROOT, sys.version_info[:2], os.uname().machine)
     if not in_use(environment):
         with only_one():
@@ -91,7 +91,7 @@ def ready_environment() -> Path:
 
 
 def key_of(root: Path, version: tuple[int, ...], machine: str) -> str:
-    """Short name of all that an environment is made from: place, Python, machine, metadata, lock, recipe."""
+    """Return a short key of an environment's inputs: place, Python, machine, metadata, lock, recipe."""
     import tomllib  # noqa: PLC0415  (a Python without it must get as far as the sentence that says so)
 
     pyproject = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
@@ -102,24 +102,24 @@ def key_of(root: Path, version: tuple[int, ...], machine: str) -> str:
         f"{machine} {version}".encode(),
         json.dumps(metadata, sort_keys=True).encode(),
         (root / "deploy" / "lock" / "dev.txt").read_bytes(),
-        b"1",  # to be raised when the way an environment is made changes
+        b"1",  # to be raised when the recipe of an environment changes
     ):
         digest.update(hashlib.sha256(part).digest())
     return digest.hexdigest()[:12]
 
 
 def complete(environment: Path) -> bool:
-    """Whether the installation ended well and its Python still exists (a system upgrade may take it away)."""
+    """Return whether the installation is complete and its Python exists (an upgrade may remove it)."""
     return (environment / DONE).exists() and os.access(environment / "bin" / "python", os.X_OK)
 
 
 def in_use(environment: Path) -> bool:
-    """Whether the link names this environment, and it is complete."""
+    """Return whether the link names this environment, and it is complete."""
     return LINK.is_symlink() and LINK.resolve() == environment and complete(environment)
 
 
 def point(link: Path, environment: Path) -> None:
-    """Make the link name the environment, in one step that no other process can see half done."""
+    """Point the link to the environment, atomically."""
     if link.exists() and not link.is_symlink():
         raise SetupError(f"{link} is in the way: move or remove it, this script keeps a link of that name")
     new = link.with_name(f"{link.name}.{os.getpid()}")
@@ -128,16 +128,16 @@ def point(link: Path, environment: Path) -> None:
 
 
 def forget_old(current: Path) -> None:
-    """Remove environments that nothing is likely to use any more."""
+    """Remove environments that are probably no longer used."""
     others = [path for path in STORE.iterdir() if path.is_dir() and path != current]
     others.sort(key=lambda path: path.stat().st_mtime, reverse=True)
-    for path in others[KEPT - 1 :]:
+    for path in others[MAX_ENVIRONMENTS - 1 :]:
         shutil.rmtree(path, ignore_errors=True)
 
 
 @contextmanager
 def only_one() -> Iterator[None]:
-    """Let one process at a time install in this checkout; a second one waits, and says so."""
+    """Let one process at a time install in this checkout; a second one waits, with a message."""
     import fcntl  # noqa: PLC0415  (the same for a system without it)
 
     STORE.mkdir(exist_ok=True)
@@ -151,8 +151,8 @@ def only_one() -> Iterator[None]:
 
 
 def make(environment: Path) -> None:
-    """Install the lock and this checkout into a new environment; raise SetupError if that cannot be done."""
-    shutil.rmtree(environment, ignore_errors=True)  # what an interrupted installation left
+    """Install the lock and this checkout into a new environment; raise SetupError on failure."""
+    shutil.rmtree(environment, ignore_errors=True)  # left by an interrupted installation
     requirements = LOCK / "dev.txt"
     progress = Progress(len(pins(requirements.read_text(encoding="utf-8"))), sys.stderr)
     progress.start(f"installing the pinned environment into {LINK} (once; the next start is immediate)")
@@ -187,35 +187,37 @@ def new_environment(environment: Path) -> list[str]:
 
 
 def has_module(python: str, name: str) -> bool:
-    """Whether that Python can import the module."""
+    """Return whether that Python can import the module."""
     command = [python, "-c", f"import {name}"]
     return subprocess.run(command, env=clean(os.environ), capture_output=True, check=False).returncode == 0
 
 
 def some_pip() -> list[str] | None:
-    """A pip that can install into another environment (22.3 or newer), or None."""
+    """Return a pip that can install into another environment (22.3 or newer), or None."""
     for command in ([sys.executable, "-m", "pip"], ["pip3"], ["pip"]):
         if shutil.which(command[0]) is not None:
-            asked = [*command, "--version"]
-            answer = subprocess.run(asked, env=clean(os.environ), capture_output=True, text=True, check=False)
+            version_command = [*command, "--version"]
+            answer = subprocess.run(
+                version_command, env=clean(os.environ), capture_output=True, text=True, check=False
+            )
             if release(answer.stdout.removeprefix("pip ")) >= (22, 3):
                 return command
     return None
 
 
 def release(text: str) -> tuple[int, ...]:
-    """The version number that a text begins with: "23.0.1 from /usr" -> (23, 0, 1), other text -> ()."""
+    """Return the version at the start of a text: "23.0.1 from /usr" -> (23, 0, 1), other text -> ()."""
     found = re.match(r"\d+(\.\d+)*", text)
     return tuple(map(int, found[0].split("."))) if found else ()
 
 
 def pins(requirements: str) -> set[str]:
-    """Names of the packages that a lock file pins."""
+    """Return the names of the packages that a lock file pins."""
     return set(re.findall(r"^([\w.-]+)==", requirements, flags=re.MULTILINE))
 
 
 def clean(environ: Mapping[str, str]) -> dict[str, str]:
-    """The caller's variables without those that let other installations leak in, as a sourced ROS does."""
+    """Return the caller's variables without those of other installations, such as a sourced ROS."""
     return {name: value for name, value in environ.items() if name not in {"PYTHONPATH", "PYTHONHOME"}}
 
 
@@ -227,7 +229,7 @@ def run_checked(command: Sequence[str]) -> None:
 
 
 def run_pip(command: Sequence[str], progress: Progress) -> None:
-    """Run pip, turning what it prints into progress; raise SetupError with the end of that if it fails."""
+    """Run pip, showing its output as progress; raise SetupError with the end of it on failure."""
     # The user's configuration decides where pip fetches from, but not that it installs elsewhere than here.
     variables = clean(os.environ) | {"PYTHONUNBUFFERED": "1", "PIP_USER": "0", "PIP_REQUIRE_HASHES": "0"}
     printed = []
@@ -242,13 +244,13 @@ def run_pip(command: Sequence[str], progress: Progress) -> None:
         assert process.stdout is not None  # noqa: S101  (for the type checker: it was asked for above)
         for line in process.stdout:
             printed.append(line.rstrip())
-            progress.see(line)
+            progress.process_line(line)
     if process.returncode != 0:
         raise SetupError(failure(command, printed))
 
 
 def failure(command: Sequence[str], printed: Sequence[str]) -> str:
-    """What failed, with the last lines that it printed."""
+    """Return the failed command, with the last lines that it printed."""
     return "\n  ".join([f"this failed: {' '.join(command)}", *printed[-12:]])
 
 
@@ -260,10 +262,10 @@ class Progress:
         self._collected, self._begin = 0, time.monotonic()
 
     def start(self, text: str) -> None:
-        """Say what begins."""
+        """Show what begins."""
         print(text, file=self._stream, flush=True)
 
-    def see(self, line: str) -> None:
+    def process_line(self, line: str) -> None:
         """Take one line of pip's output."""
         words = line.split()
         if words[:1] == ["Collecting"] and len(words) > 1:
@@ -273,7 +275,7 @@ class Progress:
             self._show(f"unpacking {self._packages} packages")
 
     def end(self, text: str) -> None:
-        """Say how it ended, and how long it took."""
+        """Show the result and the duration."""
         if self._tty:
             print("\r\033[K", end="", file=self._stream)
         print(f"{text} in {time.monotonic() - self._begin:.0f} s", file=self._stream, flush=True)
@@ -285,7 +287,7 @@ class Progress:
 
 
 def become(environment: Path, arguments: Sequence[str]) -> NoReturn:
-    """Replace this process by the environment's command; raise SetupError if it has none of that name."""
+    """Replace this process by the environment's command; raise SetupError if there is no such command."""
     program = environment / "bin" / arguments[0]
     if "/" in arguments[0] or not os.access(program, os.X_OK):
         raise SetupError(

@@ -1,4 +1,4 @@
-"""`formation new`: a mission of one's own, from a shape and a number of robots."""
+"""`formation new`: make a mission from a shape and a number of robots."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from pathlib import Path
 from shlex import quote
 from typing import Any
 
-from deploy.arguments import as_json, number, parser, whole
-from deploy.making.draft import PROFILES, Draft, text
-from deploy.making.text import check_out, keep
-from deploy.refusal import Refusal
-from formation.mission import Mission
-from formation.mission_file import parse
-from formation.slots.shapes import MOST_SIDES, SHAPES
+from formation.deploy.arguments import add_json, add_out, number, parser, tell, whole
+from formation.deploy.mission_files.draft import PROFILES, Draft, text
+from formation.deploy.mission_files.text import check_out, write_mission
+from formation.deploy.refusal import Refusal
+from formation.mission.file import parse
+from formation.mission.model import Mission
+from formation.slots.shapes import MAX_SIDES, SHAPES
 
-MOST_ROBOTS = 200
-RADII = 4.5
-"""So many are between slots at least: from there on the collision filter lets bodies into every shape."""
+MAX_ROBOTS = 200
+MIN_SLOT_RADII = 4.5
+"""Least distance between slots [body radii]: from there on the collision filter allows every shape."""
 EXAMPLES = """\
   formation new wedge --robots 7                       into wedge_7.toml
   formation new grid --robots 12 --spacing 0.8 --out field.toml
@@ -30,22 +30,20 @@ The robots are robot1, robot2, …; a leader without a body goes ahead of them, 
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Write a mission; the exit code."""
+    """Write a mission; return the exit code."""
     options = _options().parse_args(arguments)
     draft = _draft(options)
     out = options.out or Path(f"{options.shape}_{options.robots}.toml")
     check_out(out, force=options.force)
     written = text(draft)
     mission = parse(written, str(out))
-    keep(out, written)
-    print(words(draft, mission, out))
-    if options.json:
-        print(as_json(report(draft, mission, out)))
+    write_mission(out, written)
+    tell(options, words(draft, mission, out), lambda: report(draft, mission, out))
     return 0
 
 
 def words(draft: Draft, mission: Mission, out: Path) -> str:
-    """What was written, and what to type next."""
+    """Return what was written, and the next commands."""
     deepest = max(hops or 0 for hops in mission.graph.depths)
     hops = f"{deepest} hop{'' if deepest == 1 else 's'} to the leader at most"
     file = quote(str(out))
@@ -59,7 +57,7 @@ next:
 
 
 def report(draft: Draft, mission: Mission, out: Path) -> dict[str, Any]:
-    """What was written, for a script."""
+    """Return what was written, for a script."""
     return {
         "file": str(out),
         "mission": mission.name,
@@ -73,10 +71,10 @@ def report(draft: Draft, mission: Mission, out: Path) -> dict[str, Any]:
 
 
 def _draft(options: argparse.Namespace) -> Draft:
-    """What is asked for, checked."""
+    """Return the checked request."""
     profile = PROFILES[options.robot]
     spacing = profile.spacing if options.spacing is None else options.spacing
-    least = RADII * profile.radius
+    least = MIN_SLOT_RADII * profile.radius
     if spacing < least:
         raise Refusal(
             f"--spacing {spacing:g}: must be at least {least:g} m for robots of radius {profile.radius:g} m"
@@ -98,13 +96,13 @@ def _options() -> argparse.ArgumentParser:
     options.add_argument("shape", metavar="SHAPE", choices=SHAPES, help=", ".join(SHAPES))
     options.add_argument(
         "--robots",
-        type=whole(2, MOST_ROBOTS),
+        type=whole(2, MAX_ROBOTS),
         required=True,
         metavar="N",
-        help=f"how many, 2 to {MOST_ROBOTS}",
+        help=f"how many, 2 to {MAX_ROBOTS}",
     )
     spacings = ", ".join(f"{profile.spacing:g} for {name}" for name, profile in PROFILES.items())
-    least = ", ".join(f"{RADII * profile.radius:g}" for profile in PROFILES.values())
+    least = ", ".join(f"{MIN_SLOT_RADII * profile.radius:g}" for profile in PROFILES.values())
     options.add_argument(
         "--spacing",
         type=number(0.0, 100.0, open_below=True),
@@ -121,9 +119,9 @@ def _options() -> argparse.ArgumentParser:
         "--corners",
         type=whole(3),
         metavar="K",
-        help=f"of a polygon (default {MOST_SIDES}, or as many as there are robots)",
+        help=f"of a polygon (default {MAX_SIDES}, or as many as there are robots)",
     )
-    options.add_argument("--out", type=Path, metavar="FILE", help="where to (default SHAPE_N.toml, here)")
+    add_out(options, "where to (default SHAPE_N.toml, here)")
     options.add_argument("--force", action="store_true", help="write over a file that is there")
-    options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
+    add_json(options)
     return options

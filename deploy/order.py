@@ -1,4 +1,4 @@
-"""`formation order`: an operator's word to the robots of a running mission, acknowledged one by one."""
+"""`formation order`: send an operator's order to the robots of a running mission; each acknowledges it."""
 
 from __future__ import annotations
 
@@ -8,32 +8,32 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from deploy.arguments import as_json, number, parser, read_mission
-from deploy.refusal import Refusal
-from deploy.terminal.waiting import waiting
-from formation.mission import Mission
-from formation.mission_file import MissionError, parse_route, read
-from formation.order import TAKES, OperatorRequest
-from formation.outcome import Outcome
+from formation.deploy.arguments import add_json, number, parser, read_mission, tell
+from formation.deploy.refusal import Refusal
+from formation.deploy.terminal.waiting import waiting
+from formation.mission.file import MISSION_HELP, MissionError, configuration_of, parse_route, read
+from formation.mission.model import Mission
+from formation.protocol.order import TAKES, OperatorRequest
+from formation.protocol.outcome import Outcome
 from formation.transport import asking, wiring
 from formation.transport.asking import OPERATOR
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError
-from formation.transport.flags import add_zenoh, bus_config
+from formation.transport.runtime.flags import add_zenoh, bus_config
 from formation.transport.wiring import Links
 
 
 class Verb(NamedTuple):
-    """An order as it is typed."""
+    """An order as typed."""
 
     takes: dict[str, str]
-    """What belongs to the request, and what the help calls it."""
+    """Values of the request, with their names in the help."""
     means: str
 
 
 VERBS = {
-    "stop": Verb({}, "every robot, at once, told by us and by each other; stopped until released"),
-    "release": Verb({}, "end the stop in force; everybody then holds until run"),
+    "stop": Verb({}, "every robot, at once, by this command and by the other robots; stopped until released"),
+    "release": Verb({}, "end the stop in force; all robots then hold until run"),
     "hold": Verb({}, "every robot stands still where it is, until run"),
     "run": Verb({}, "drive; ends the hold in force, but not a stop"),
     "shape": Verb({"shape": "NAME"}, "take another of the mission's shapes"),
@@ -46,10 +46,10 @@ VERBS = {
     "tune": Verb({"gains": "GAIN=…"}, "other gains of the law while driving: k_p=2.5 k_i=1, or one of them"),
 }
 
-WHAT = "Give an order to the robots of a running mission, and see who obeys.\n\norders:\n"
+WHAT = "Give an order to the robots of a running mission, and see which robots obey.\n\norders:\n"
 AFTER = """
 
-Stop, hold, release and run go to each robot directly. The others go to the leader, whose order travels
+Stop, hold, release and run go to each robot directly. The others go to the leader; its order travels
 with the positions; of several, the newest counts. Release and run end the stop or the hold that was in
 force when they were ordered; one that came later stays. Only run starts motion."""
 
@@ -61,54 +61,67 @@ EXAMPLES = """\
   formation order six_robots speed 0.1 90    a tenth of a metre a second, to the left of x
   formation order six_robots tune k_p=3 k_i=1.5
   formation order my_mission.toml stop -e tcp/192.168.1.11:7460 -e tcp/192.168.1.12:7460
-  formation order my_mission.toml stop -c operator/zenoh.json5      with the operator's certificate
+  formation order field stop                 robots with certificates, by the folder of their bundles
+  formation order my_mission.toml stop -c operator/zenoh.json5     or with the operator's configuration
 
---json: what was ordered, with its id and when (at: seconds, system clock); leader: who leads, or null;
+--json: what was ordered, with its id and when (at: seconds, system clock); leader: its name, or null;
 acknowledged and refused: [{robot, ms, mode, reason, code}], ms since the first question; missing: robots
-without an answer; standing_by: who would lead if the leader were gone; unreached: robots whose agent has
+without an answer; standby: the one that would lead next; unreached: robots with an agent that
 latched the stop or the hold, and cannot reach the robot; ends: ids of the stops or holds that this ended.
 
 Exit code 0: every robot and the leader obey; 1: at least one did not answer, refused, or cannot be reached
-(after stop: it is NOT STOPPED, use its own switch); 2: nobody was asked.
+(after stop: it is NOT STOPPED, use its own switch); 2: no robot was asked.
 """
 NEGATIVE = re.compile(r"-\.?\d")
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Give an order; the exit code."""
+    """Give an order; return the exit code."""
     # argparse takes -30 for a number, but -3e1 for a flag; what has a space in it is never one
     words = [f" {word}" if NEGATIVE.match(word) else word for word in arguments]
     options = _options().parse_intermixed_args(words)
     mission = read_mission(options.mission)
-    request = _request(mission, options.order)
-    asked = asking.addressed(mission, request.do)
+    return give(options, mission, _request(mission, options.order))
+
+
+def give(options: argparse.Namespace, mission: Mission, request: OperatorRequest) -> int:
+    """Ask all robots concerned, and print the answers; return the exit code. Raises Refusal."""
+    options.config = options.config or configuration_of(options.mission, OPERATOR)
+    recipients = asking.addressed(mission, request.do)
     try:
-        with Bus(_config(options, mission, asked.names)) as bus:
+        with Bus(_config(options, mission, recipients.names)) as bus:
             with waiting(f"asking for up to {options.timeout:g} s"):
-                outcome = asking.give(bus.question, asked, request, options.timeout, linked=lambda: bus.links)
-            _tell(options, mission, outcome)  # at once: to close the bus may take as long as its patience
+                outcome = asking.give(
+                    bus.question, recipients, request, options.timeout, linked=lambda: bus.links
+                )
+            _tell(options, mission, outcome)  # at once: closing the bus may take its whole patience
     except BusError as error:
         raise Refusal(str(error)) from None
     return 0 if outcome.obeyed else 1
 
 
 def _tell(options: argparse.Namespace, mission: Mission, outcome: Outcome) -> None:
-    print(outcome.words(), flush=True)
+    lines = [outcome.words()]
     ends = options.connect or wiring.endpoints(mission).agents.values()
     if outcome.missing and options.config is None and wiring.under_certificates(ends):
-        print("robots under certificates answer an operator who has one: -c FILE names his configuration")
-    if outcome.missing and (whose := _not_the_operators(options.config)):
-        print(f"orders are taken from the operator, and {options.config} has the certificate of {whose!r}")
-    if options.json:
-        print(as_json(outcome.report()), flush=True)
+        lines.append("robots with certificates answer only an operator's: name its configuration, -c FILE")
+    if outcome.missing and (name := _not_the_operators(options.config)):
+        lines.append(f"only the operator may give orders; {options.config} has the certificate of {name!r}")
+    tell(options, "\n".join(lines), outcome.report)
 
 
 def _options() -> argparse.ArgumentParser:
     orders = [f"  {_typed(do):<18}{verb.means}" for do, verb in VERBS.items()]
     options = parser("order", WHAT + "\n".join(orders) + AFTER, EXAMPLES)
     options.usage = "formation order [options] MISSION ORDER"
-    options.add_argument("mission", metavar="MISSION", help="a TOML file, or the name of a shipped mission")
+    options.add_argument("mission", metavar="MISSION", help=MISSION_HELP)
     options.add_argument("order", metavar="ORDER", nargs="*", help="one of those above")
+    add_request_flags(options)
+    return options
+
+
+def add_request_flags(options: argparse.ArgumentParser) -> None:
+    """Add the flags for asking robots and printing the answers."""
     options.add_argument(
         "--timeout",
         type=number(0.0, 600.0, open_below=True),
@@ -116,12 +129,11 @@ def _options() -> argparse.ArgumentParser:
         metavar="S",
         help="wait so long for answers (default 3)",
     )
-    options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
+    add_json(options)
     links = options.add_argument_group(
         "links (without -e and endpoints in FILE those that the mission implies)"
     )
     add_zenoh(links, connect="endpoint of an agent or the leader to dial; repeatable")
-    return options
 
 
 def _typed(do: str) -> str:
@@ -129,7 +141,7 @@ def _typed(do: str) -> str:
 
 
 def _request(mission: Mission, words: Sequence[str]) -> OperatorRequest:
-    """What was typed. Raises Refusal."""
+    """Return the typed request. Raises Refusal."""
     if not words:
         raise Refusal(f"an order is missing: must be one of {', '.join(VERBS)}")
     do, *given = (word.strip() for word in words)
@@ -139,15 +151,15 @@ def _request(mission: Mission, words: Sequence[str]) -> OperatorRequest:
     if do == "shape" and not given:
         raise Refusal(f"shape: must be one of {', '.join(mission.shapes)}")
     if do == "tune":
-        return _asked(mission, do, _gains(given))
+        return _request_for(mission, do, _gains(given))
     if len(given) != len(verb.takes):
         takes = " and ".join(verb.takes.values()) or "nothing more"
         raise Refusal(f"{do} takes {takes}; here: {' '.join(given) or 'nothing'}")
     what = {name: READ_AS.get(name, _number)(text) for name, text in zip(verb.takes, given, strict=True)}
-    return _asked(mission, do, what)
+    return _request_for(mission, do, what)
 
 
-def _asked(mission: Mission, do: str, what: dict[str, Any]) -> OperatorRequest:
+def _request_for(mission: Mission, do: str, what: dict[str, Any]) -> OperatorRequest:
     try:
         return asking.request_for(mission, do, **what)
     except ValueError as error:
@@ -155,7 +167,7 @@ def _asked(mission: Mission, do: str, what: dict[str, Any]) -> OperatorRequest:
 
 
 def _gains(words: Sequence[str]) -> dict[str, float]:
-    """``k_p=2 k_i=1`` as a table."""
+    """Return ``k_p=2 k_i=1`` as a table."""
     legal = " and ".join(TAKES["tune"])
     if not words:
         raise Refusal(f"tune takes gains as k_p=2 k_i=1; those that can be tuned are {legal}")
@@ -190,20 +202,20 @@ def _route(file: str) -> Any:
 
 
 READ_AS: dict[str, Callable[[str], Any]] = {"shape": str, "legs": _route}
-"""What is no number."""
+"""Readers of values that are not numbers."""
 
 
 def _not_the_operators(config: Path | None) -> str:
-    """Whose certificate `config` names, if it is not the operator's; empty else."""
+    """Return the owner of the certificate in `config`, if it is not the operator; empty else."""
     if config is None:
         return ""
-    from deploy.doctor import files  # noqa: PLC0415 - takes longer than a stop
+    from formation.deploy.doctor import files  # noqa: PLC0415 - takes longer than a stop
 
     papers = files.papers_of(config)
     found = None if papers is None else files.read(OPERATOR, papers)
     return "" if found is None or found.name == OPERATOR else found.name
 
 
-def _config(options: argparse.Namespace, mission: Mission, asked: Sequence[str]) -> BusConfig:
+def _config(options: argparse.Namespace, mission: Mission, recipients: Sequence[str]) -> BusConfig:
     where = wiring.endpoints(mission).agents
-    return bus_config(options, mission, Links((), tuple(where[name] for name in asked)), OPERATOR)
+    return bus_config(options, mission, Links((), tuple(where[name] for name in recipients)), OPERATOR)

@@ -1,4 +1,4 @@
-"""`formation recover`: makes a recording whole that was cut off, by a power cut, a kill or a full disk."""
+"""`formation recover`: repair a recording that was truncated by a power cut, a kill or a full disk."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from deploy.arguments import as_json, parser
-from deploy.refusal import Refusal
-from monitor.recording.reader import UnreadableError
-from monitor.recording.recover import Found, recover
+from formation.deploy.arguments import add_json, add_out, as_json, parser
+from formation.deploy.refusal import Refusal
+from formation.monitor.recording.reader import UnreadableError
+from formation.monitor.recording.recover import Found, recover
 
 EXAMPLES = """\
   formation recover recordings/six-robots-20260801-101500.mcap
@@ -21,12 +21,12 @@ EXAMPLES = """\
 `formation report` and `formation replay` read a cut recording as it is; Foxglove, PlotJuggler and `ros2 bag`
 want a whole one. Exit code 0: there is a whole one now, or it was; 2: nothing was written.
 """
-PATIENCE = 2.0
-"""Before it says how far it is, and from one time to the next [s]."""
+PROGRESS_PERIOD = 2.0
+"""Time before the first progress message, and between messages [s]."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Recover one file; the exit code."""
+    """Recover one file; return the exit code."""
     args = _flags().parse_args(argv)
     out = args.out or args.file.with_name(f"{args.file.stem}-recovered{args.file.suffix}")
     try:
@@ -38,23 +38,20 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise Refusal(f"{out}: {reason if out.exists() else f'{out.parent} is no folder'}") from None
     except OSError as error:
         raise Refusal(f"{args.file}: cannot be recovered to {out}: {error.strerror}") from None
-    if args.json:
-        print(as_json(_report(args.file, out, found)))
-    else:
-        print(_words(args.file, out, found))
+    print(as_json(_report(args.file, out, found)) if args.json else _words(args.file, out, found))
     return 0
 
 
 class _Progress:
-    """Says on stderr how far it is, where that takes long."""
+    """Prints progress on stderr if it takes long."""
 
     def __init__(self, file: Path) -> None:
-        self._file, self._due = file, time.monotonic() + PATIENCE
+        self._file, self._due = file, time.monotonic() + PROGRESS_PERIOD
 
     def __call__(self, share: float) -> None:
         now = time.monotonic()
         if now >= self._due:
-            self._due = now + PATIENCE
+            self._due = now + PROGRESS_PERIOD
             print(f"formation: reading {self._file}: {share:.0%}", file=sys.stderr, flush=True)
 
 
@@ -84,7 +81,7 @@ def _words(file: Path, out: Path, found: Found) -> str:
         lines.append(f"lost: its last {found.unreadable} bytes, which were not written to their end")
     if found.damaged:
         lines.append(f"lost: {found.damaged} stretches of up to half a second, which are damaged")
-    lines.append("lost: what was heard after that, within a second of the end")
+    lines.append("lost: what was received after that, within a second of the end")
     return "\n".join(lines)
 
 
@@ -97,8 +94,6 @@ def _flags() -> Any:
         "recover", "Make a recording whole that was cut off. The original is never touched.", EXAMPLES
     )
     flags.add_argument("file", metavar="FILE", type=Path, help="the recording: an MCAP file of `formation`'s")
-    flags.add_argument(
-        "-o", "--out", metavar="OUT", type=Path, help="where to (default: FILE with -recovered in its name)"
-    )
-    flags.add_argument("--json", action="store_true", help="one line of JSON instead of words")
+    add_out(flags, "where to (default: FILE with -recovered in its name)", metavar="WHOLE")
+    add_json(flags)
     return flags

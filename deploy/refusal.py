@@ -1,16 +1,16 @@
-"""The one exception that the command line itself has to know, on its own so that knowing it costs nothing."""
+"""The exception that the command line itself handles, in its own module so that its import is fast."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 
-class Refusal(Exception):  # noqa: N818 - it is no failure of ours
-    """What was asked for cannot be done; the text is one sentence for the user. Exit code 2."""
+class Refusal(Exception):  # noqa: N818 - not an error of the program
+    """A request cannot be done; the text is one sentence for the user. Exit code 2."""
 
 
 @contextmanager
 def refused(what: str) -> Iterator[None]:
-    """What the system says no to in here is refused: a folder nobody may enter, a name that is too long."""
+    """Turn system errors inside into a Refusal: a forbidden folder, a name that is too long."""
     try:
         yield
     except OSError as error:

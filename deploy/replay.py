@@ -1,4 +1,4 @@
-"""`formation replay`: a recording played to the live page, and onto Zenoh under another prefix."""
+"""`formation replay`: play a recording to the live page, and onto Zenoh under another prefix."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from deploy.arguments import as_json, number, parser
-from deploy.refusal import Refusal
-from deploy.replay_bus import add_links, session, where
-from deploy.terminal.keys import Keys
-from deploy.terminal.playing import Bar, Lines, clock, line, press
-from deploy.terminal.views import in_a_terminal
-from formation.rate import Rate
+from formation.deploy.arguments import add_json, as_json, number, parser
+from formation.deploy.refusal import Refusal
+from formation.deploy.replay_bus import add_links, session, where
+from formation.deploy.terminal.keys import Keys
+from formation.deploy.terminal.playing import Bar, Lines, clock, line, press
+from formation.deploy.terminal.views import in_a_terminal
+from formation.monitor.recording.reader import Recording, UnreadableError, read
+from formation.monitor.replay.echo import Echo
+from formation.monitor.replay.film import Film
+from formation.monitor.replay.player import MAX_SPEED, MIN_SPEED, Player
+from formation.monitor.replay.prefix import checked
+from formation.monitor.replay.process import Replay
+from formation.monitor.web import frames
+from formation.monitor.web.address import PORT
+from formation.monitor.web.flags import add_page_flags
+from formation.monitor.web.opening import opened
+from formation.monitor.web.server import PageServer
+from formation.monitor.web.source import Source
 from formation.transport.linger import Linger
-from formation.transport.process import Stop, clocks
-from monitor.page import frames
-from monitor.page.address import PORT
-from monitor.page.flags import add_page_flags
-from monitor.page.opening import opened
-from monitor.page.server import PageServer
-from monitor.page.source import Source
-from monitor.recording.reader import Recording, UnreadableError, read
-from monitor.replay.echo import Echo
-from monitor.replay.film import Film
-from monitor.replay.loop import Replay
-from monitor.replay.player import FASTEST, SLOWEST, Player
-from monitor.replay.prefix import checked
+from formation.transport.runtime.process import Stop, clocks
+from formation.transport.runtime.rate import Rate
 
-REFRESH = 5.0
-"""[Hz]"""
+REFRESH_RATE = 5.0
+"""Refresh rate [Hz]."""
 EXAMPLES = """\
   formation replay recordings/monday.mcap
   formation replay monday.mcap --speed 10 --start 60
@@ -49,22 +49,22 @@ as long as there is a page to look at. Exit code 0: it was played, or ended with
 
 
 class Opened(NamedTuple):
-    """A recording that can be played, and from where to where it is to be."""
+    """A playable recording, and the stretch to play."""
 
     recording: Recording
     film: Film
     begin: float
-    """[s, the recorder's system clock]"""
+    """Start [s, the recorder's system clock]."""
     until: float
-    """The same."""
+    """End [s, the recorder's system clock]."""
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Play a recording, or verify it; the exit code."""
+    """Play a recording, or verify it; return the exit code."""
     if "--verify" in arguments:
-        code: int = import_module("deploy.verify").main(
+        code: int = import_module("formation.deploy.verify").main(
             arguments
-        )  # which needs the agents, as playing does not
+        )  # imports the agents, which playing does not need
         return code
     options = _options().parse_args(arguments)
     one = _open(options)
@@ -95,12 +95,12 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _play(options: argparse.Namespace, replay: Replay, stop: Stop, stack: ExitStack) -> None:
-    """Until the end, or somebody wants it to end."""
+    """Play until the end, or until told to stop."""
     keys = stack.enter_context(Keys())
     drawn = in_a_terminal(sys.stdout) and not options.json
     view = Bar(sys.stdout) if drawn else Lines(sys.stderr if options.json else sys.stdout)
     stays = drawn and not options.no_page
-    refresh, linger = Rate(REFRESH), Linger()
+    refresh, linger = Rate(REFRESH_RATE), Linger()
     view.start()
     try:
         while not stop:
@@ -119,7 +119,7 @@ def _play(options: argparse.Namespace, replay: Replay, stop: Stop, stack: ExitSt
 
 
 def _open(options: argparse.Namespace) -> Opened:
-    """The recording. Raises Refusal for what is none, or does not have the stretch that is asked for."""
+    """Return the recording. Raises Refusal if it is none, or does not have the requested stretch."""
     try:
         recording = read(options.file)
         film = Film(recording)
@@ -143,7 +143,7 @@ def _prefix(options: argparse.Namespace, one: Opened) -> str:
 
 
 def _source(one: Opened, player: Player) -> Source:
-    about = frames.hello(one.recording.mission, live=False, control=False, version=version("formation"))
+    about = frames.hello(one.recording.mission, live=False, control=False, version=version("zenoh-formation"))
     return Source({**about, "recording": str(one.recording.path)}, lambda: player.goal)
 
 
@@ -168,7 +168,7 @@ def _report(one: Opened, prefix: str | None, replay: Replay, stop: Stop) -> dict
         "interrupted": bool(stop),
         "played": standing.played,
         "prefix": prefix,
-        "said": standing.said,
+        "published": standing.published,
         "skipped": standing.skipped,
         "drift": standing.drift,
         "formation_error": snapshot.final_error,
@@ -192,8 +192,8 @@ def _options() -> argparse.ArgumentParser:
         "file", metavar="FILE", type=Path, help="the recording, MCAP; a cut one plays as well"
     )
     options.add_argument(
-        "--speed", type=number(SLOWEST, FASTEST), default=1.0, metavar="X",
-        help=f"{SLOWEST:g} to {FASTEST:g} (default 1)",
+        "--speed", type=number(MIN_SPEED, MAX_SPEED), default=1.0, metavar="X",
+        help=f"{MIN_SPEED:g} to {MAX_SPEED:g} (default 1)",
     )  # fmt: skip
     options.add_argument(
         "--start", type=number(0.0), default=0.0, metavar="S", help="begin so far into the recording [s]"
@@ -201,15 +201,13 @@ def _options() -> argparse.ArgumentParser:
     options.add_argument(
         "--until", type=number(0.0), default=math.inf, metavar="S", help="end so far into the recording [s]"
     )
-    options.add_argument(
-        "--paused", action="store_true", help="wait at the beginning until somebody plays it"
-    )
+    options.add_argument("--paused", action="store_true", help="wait at the beginning until played")
     options.add_argument("--loop", action="store_true", help="begin again at the end, for ever")
     options.add_argument(
         "--verify", action="store_true",
         help="play nothing: would today's agents have commanded the same? `--verify --help` says more",
     )  # fmt: skip
-    options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
+    add_json(options)
     add_page_flags(options, control=False)
     add_links(options)
     return options

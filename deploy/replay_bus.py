@@ -1,4 +1,4 @@
-"""The Zenoh session on which `formation replay` speaks: on loopback unless flags lead elsewhere."""
+"""The Zenoh session of `formation replay`: on loopback by default."""
 
 from __future__ import annotations
 
@@ -6,26 +6,27 @@ import argparse
 import socket
 from contextlib import closing
 
-from deploy.refusal import Refusal
+from formation.deploy.refusal import Refusal
+from formation.monitor.replay.prefix import DEFAULT
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError, parse_override
-from formation.transport.flags import add_zenoh
+from formation.transport.runtime.flags import add_zenoh
 from formation.transport.wiring import AGENT_PORT
-from monitor.replay.prefix import DEFAULT
 
 HOST, LISTEN_PORT = "127.0.0.1", AGENT_PORT - 1
-"""Where whoever wants to hear the messages dials, unless told otherwise."""
+"""Default address to dial for the messages."""
 GIVEN_UP = ("transport/link/tx/queue/congestion_control/block/wait_before_close", "1000000")
-"""A listener that takes nothing for a second has its link closed [us]."""
+"""Time after which the link of a listener that takes nothing is closed [us]."""
 
 
 def add_links(options: argparse.ArgumentParser) -> None:
-    """Add the flags that say where."""
+    """Add the flags for links."""
     links = options.add_argument_group(
-        "the messages on Zenoh, each as recorded, with what rode on it",
-        f"By default whoever dials tcp/{HOST}:{LISTEN_PORT} hears them; if that is taken, another is said.",
+        "the messages on Zenoh, each as recorded, with its attachment",
+        f"By default a process that dials tcp/{HOST}:{LISTEN_PORT} receives them; if taken, another port"
+        " is used, and printed.",
     )
-    links.add_argument("--no-zenoh", action="store_true", help="say nothing there")
+    links.add_argument("--no-zenoh", action="store_true", help="publish nothing there")
     links.add_argument(
         "--prefix", default=DEFAULT, metavar="WORD",
         help=f"what keys begin with (default {DEFAULT}); no word that live keys begin with",
@@ -34,7 +35,7 @@ def add_links(options: argparse.ArgumentParser) -> None:
 
 
 def session(options: argparse.Namespace) -> Bus:
-    """A session that only whoever dials it hears, unless flags say otherwise. Raises Refusal."""
+    """Return a session that only processes that dial it receive, by default. Raises Refusal."""
     linked = options.listen or options.connect or options.mode == "client"
     if not linked and options.config is None:
         options.listen = [f"tcp/{HOST}:{_free_port()}"]
@@ -54,7 +55,7 @@ def session(options: argparse.Namespace) -> Bus:
 
 
 def _free_port() -> int:
-    """The usual port, or another one where that is taken."""
+    """Return the usual port, or another one if that is taken."""
     for port in (LISTEN_PORT, 0):
         with closing(socket.socket()) as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -67,6 +68,6 @@ def _free_port() -> int:
 
 
 def where(options: argparse.Namespace) -> str:
-    """How to reach it, in words; what a configuration file says of it is not known here."""
+    """Return in words how to reach it, without settings from a configuration file."""
     ends = [f"listens at {end}" for end in options.listen] + [f"dials {end}" for end in options.connect]
     return f"; {', '.join(ends)}" if ends else ""

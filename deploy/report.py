@@ -1,4 +1,4 @@
-"""`formation report`: a recording, or two beside each other, as one page and as figures for a paper."""
+"""`formation report`: make one page and figures for a paper from a recording, or from two side by side."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from deploy import check
-from deploy.arguments import as_json, number, parser
-from deploy.refusal import Refusal, refused
-from deploy.terminal.bar import Bar
+from formation.deploy import check
+from formation.deploy.arguments import add_json, add_out, number, parser, tell
+from formation.deploy.refusal import Refusal, refused
+from formation.deploy.terminal.bar import Bar
+from formation.monitor.recording.reader import Recording, UnreadableError, read
+from formation.monitor.report import figures
+from formation.monitor.report.compare import differences
+from formation.monitor.report.gather import Run, gather
+from formation.monitor.report.page import ReportedRun, labels, page
+from formation.monitor.report.summary import as_json as numbers
+from formation.monitor.report.summary import notices, verdict
+from formation.monitor.report.view import View
 from formation.stability.analysis import analyse
-from monitor.recording.reader import Recording, UnreadableError, read
-from monitor.report import figures
-from monitor.report.compare import differences
-from monitor.report.gather import Run, gather
-from monitor.report.page import Told, labels, page
-from monitor.report.summary import as_json as numbers
-from monitor.report.summary import notices, verdict
-from monitor.report.view import View
 
-READING = 0.6
-"""Share of the work that reading is; the rest is drawing."""
+READING_SHARE = 0.6
+"""Share of reading in the work; the rest is drawing."""
 GENERATOR = b'<meta name="generator" content="formation '
-"""Stands near the beginning of every page that is made."""
+"""Text near the beginning of every page that is made."""
 EXAMPLES = """\
   formation report recordings/monday.mcap                        monday.html beside it
   formation report monday.mcap --figures figures                 and every panel, for a paper
@@ -37,24 +37,26 @@ Exit code 0: the page is made; 2: it could not be.
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Make a report; the exit code."""
+    """Make a report; return the exit code."""
     options = _options().parse_args(arguments)
     recordings = [_open(path) for path in (options.file, options.second) if path is not None]
     out = _out(options.out, recordings)
     with Bar("report") as bar:
         runs = [
-            _gather(recording, bar, (READING * i / len(recordings), READING * (i + 1) / len(recordings)))
+            _gather(
+                recording,
+                bar,
+                (READING_SHARE * i / len(recordings), READING_SHARE * (i + 1) / len(recordings)),
+            )
             for i, recording in enumerate(recordings)
         ]
-        told = [Told(run, check.words(run.mission, analyse(run.mission))) for run in runs]
-        bar.at(READING)
+        reported = [ReportedRun(run, check.words(run.mission, analyse(run.mission))) for run in runs]
+        bar.at(READING_SHARE)
         made = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
-        _write(out, page(told, options.until, made))
-        bar.at(0.5 * (1.0 + READING))
+        _write(out, page(reported, options.until, made))
+        bar.at(0.5 * (1.0 + READING_SHARE))
         drawn = _figures(options, runs) if options.figures is not None else []
-    print(_words(runs, out, drawn, options.figures))
-    if options.json:
-        print(as_json(_json(runs, out, drawn)))
+    tell(options, _words(runs, out, drawn, options.figures), lambda: _json(runs, out, drawn))
     return 0
 
 
@@ -66,7 +68,7 @@ def _open(path: Path) -> Recording:
 
 
 def _gather(recording: Recording, bar: Bar, shares: tuple[float, float]) -> Run:
-    """Read it all, which takes the work from the first to the second of `shares`. Raises Refusal."""
+    """Read it all; the bar goes from the first to the second of `shares`. Raises Refusal."""
 
     def progress(_count: int, wall: float) -> None:
         done = (wall - begin) / duration
@@ -80,26 +82,26 @@ def _gather(recording: Recording, bar: Bar, shares: tuple[float, float]) -> Run:
         raise Refusal(f"{recording.path}: cannot be read: {error.strerror}") from None
 
 
-def _out(asked: Path | None, recordings: Sequence[Recording]) -> Path:
-    """Where the page goes. Raises Refusal for what would destroy another file."""
+def _out(requested: Path | None, recordings: Sequence[Recording]) -> Path:
+    """Return the page's path. Raises Refusal if that would destroy another file."""
     first = recordings[0].path
     stem = "-and-".join(recording.path.stem for recording in recordings)
-    path: Path = asked or first.with_name(f"{stem}.html")
+    path: Path = requested or first.with_name(f"{stem}.html")
     mine = {part.resolve() for recording in recordings for part in (recording.path, *recording.parts)}
-    with refused(f"-o {path}"):
+    with refused(f"--out {path}"):
         if path.is_dir():
-            raise Refusal(f"-o {path}: is a folder; name a file")
+            raise Refusal(f"--out {path}: is a folder; name a file")
         if path.exists() and path.resolve() in mine:
-            raise Refusal(f"-o {path}: is the recording itself; name another file")
+            raise Refusal(f"--out {path}: is the recording itself; name another file")
         if path.suffix.lower() != ".html":
-            raise Refusal(f"-o {path}: must end in .html")
+            raise Refusal(f"--out {path}: must end in .html")
         if path.exists() and not _is_report(path):
-            raise Refusal(f"-o {path}: is there already, and is no report; name another file")
+            raise Refusal(f"--out {path}: is there already, and is no report; name another file")
     return path
 
 
 def _is_report(path: Path) -> bool:
-    """Whether a page of ours is there, or nothing that could be lost."""
+    """Return whether the path has a page of ours, or nothing that could be lost."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -112,11 +114,11 @@ def _write(path: Path, text: str) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise Refusal(f"-o {path}: cannot be written: {error.strerror}") from None
+        raise Refusal(f"--out {path}: cannot be written: {error.strerror}") from None
 
 
 def _figures(options: argparse.Namespace, runs: Sequence[Run]) -> list[Path]:
-    """Every figure as a file; of two runs each in a folder of its own."""
+    """Write every figure as a file; two runs each get their own folder."""
     view = View.of(runs, options.until)
     folder: Path = options.figures
     try:
@@ -166,9 +168,7 @@ def _options() -> argparse.ArgumentParser:
     options = parser("report", "A recording as one page that loads nothing, and as figures.", EXAMPLES)
     options.add_argument("file", type=Path, metavar="FILE", help="a recording, MCAP")
     options.add_argument("second", type=Path, metavar="FILE2", nargs="?", help="one more, to compare with")
-    options.add_argument(
-        "-o", dest="out", type=Path, metavar="OUT", help="the page, .html (default: that of FILE)"
-    )
+    add_out(options, "the page, .html (default: that of FILE)", metavar="PAGE")
     options.add_argument(
         "--figures", type=Path, metavar="DIR", help="write every figure into this folder, too"
     )
@@ -180,5 +180,5 @@ def _options() -> argparse.ArgumentParser:
         "--until", type=number(0.0, open_below=True), metavar="S",
         help="last moment of the panels [s] (default: what it takes to see the formation form)",
     )  # fmt: skip
-    options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
+    add_json(options)
     return options

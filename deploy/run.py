@@ -1,4 +1,4 @@
-"""`formation run`: every process of a mission on this machine, watched and recorded."""
+"""`formation run`: run every process of a mission on this machine, watched and recorded."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from agent.robots.flags import NEEDED, add_world_flags, unfit, world_flags
-from deploy.arguments import add_mission, as_json, number, parser, read_mission
-from deploy.local.launch import Child, Launcher
-from deploy.local.outcome import Outcome, ended_well, how_it_ended
-from deploy.local.plan import Program, programs
-from deploy.local.ports import Ports
-from deploy.refusal import Refusal, refused
-from deploy.terminal.progress import Progress
-from deploy.terminal.snapshot import Snapshot
-from deploy.terminal.views import LiveTable, PlainLines, View, in_a_terminal
-from formation.mission import Mission
-from monitor.page.flags import add_page_flags
+from formation.agent.simulated.flags import NEEDED, add_world_flags, unfit, world_flags
+from formation.deploy.arguments import add_json, add_mission, as_json, number, parser, read_mission
+from formation.deploy.local.launch import Child, Launcher
+from formation.deploy.local.outcome import Outcome, ended_well, how_it_ended
+from formation.deploy.local.plan import Program, programs
+from formation.deploy.local.ports import Ports
+from formation.deploy.refusal import Refusal, refused
+from formation.deploy.terminal.progress import Progress
+from formation.deploy.terminal.snapshot import Snapshot
+from formation.deploy.terminal.views import LiveTable, PlainLines, View, in_a_terminal
+from formation.mission.model import Mission
+from formation.monitor.web.flags import add_page_flags
 
-START_WITHIN = 30.0
-"""How long the processes have to get ready [s]."""
-REFRESH = 0.25
-"""[s] between two pictures if no snapshot comes."""
+START_TIMEOUT_SECONDS = 30.0
+"""Time for the processes to get ready [s]."""
+REFRESH_PERIOD = 0.25
+"""Time between two pictures if no snapshot comes [s]."""
 EXAMPLES = """\
   formation run                            the paper's six robots
   formation run turtlebot3_pair --law paper
@@ -45,7 +45,7 @@ Exit code 0: the formation converged; 1: it did not, or a process failed; 2: not
 """
 
 
-class StartFailed(Exception):  # noqa: N818 - not everybody got ready
+class StartFailed(Exception):  # noqa: N818 - not all got ready
     """A process did not get ready."""
 
     def __init__(self, child: Child) -> None:
@@ -54,7 +54,7 @@ class StartFailed(Exception):  # noqa: N818 - not everybody got ready
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run a mission; the exit code."""
+    """Run a mission; return the exit code."""
     options = _options().parse_args(arguments)
     mission = read_mission(options.mission, options.law)
     wrong = unfit(options)
@@ -77,7 +77,7 @@ def main(arguments: Sequence[str]) -> int:
             parent=os.getpid(),
             record=record,
             law=options.law,
-            guards=options.guards,
+            watchdogs=options.watchdogs,
             page=_page_flags(options),
             world=world_flags(options),
         )
@@ -101,7 +101,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 class Logs:
-    """A folder for what the processes write on stderr; it goes away unless it is to be kept."""
+    """A folder for the processes' stderr; it is deleted unless it is to be kept."""
 
     def __init__(self) -> None:
         self.keep = False
@@ -118,15 +118,15 @@ class Logs:
 
 
 def start(launcher: Launcher, plan: Sequence[Program]) -> str | None:
-    """Start every process, and wait for the monitor to say where its page is; None if it serves none."""
+    """Start every process, and return the address of the monitor's page; None if it serves none."""
     for program in plan:
         launcher.start(program)
     watch = next((child for child in launcher.children if child.part == "watch"), None)
-    deadline = time.monotonic() + START_WITHIN
+    deadline = time.monotonic() + START_TIMEOUT_SECONDS
     while watch is not None and not launcher.interrupted and time.monotonic() < deadline:
         if any(child.died for child in launcher.children):
             break
-        event = launcher.next(REFRESH)
+        event = launcher.next(REFRESH_PERIOD)
         if event is not None and event.child is watch and event.data["event"] == "ready":
             page = event.data.get("page")
             return page if isinstance(page, str) else None
@@ -134,21 +134,21 @@ def start(launcher: Launcher, plan: Sequence[Program]) -> str | None:
 
 
 def conduct(launcher: Launcher, progress: Progress, view: View) -> None:
-    """Watch what was started for as long as it is to last or until a signal, and stop. Raises StartFailed."""
+    """Watch the run for its duration or until a signal, and stop it. Raises StartFailed."""
     progress.ready = sum(child.ready for child in launcher.children)
     view.show(progress)
-    deadline = time.monotonic() + START_WITHIN
+    deadline = time.monotonic() + START_TIMEOUT_SECONDS
     while not launcher.interrupted and progress.ready < progress.processes:
         failed = [child for child in launcher.children if child.died]
         late = [child for child in launcher.children if not child.ready]
         if failed or (late and time.monotonic() > deadline):
             launcher.stop()
             raise StartFailed((failed or late)[0])
-        _watch(launcher, progress, view, REFRESH)
+        _watch(launcher, progress, view, REFRESH_PERIOD)
     begin = time.monotonic()
     progress.phase = "running"
     while not launcher.interrupted and progress.left > 0.0:
-        _watch(launcher, progress, view, min(REFRESH, progress.left))
+        _watch(launcher, progress, view, min(REFRESH_PERIOD, progress.left))
         progress.elapsed = time.monotonic() - begin
     progress.phase = "stopping"
     view.show(progress)
@@ -158,7 +158,7 @@ def conduct(launcher: Launcher, progress: Progress, view: View) -> None:
 def _watch(launcher: Launcher, progress: Progress, view: View, timeout: float) -> None:
     event = launcher.next(timeout)
     if event is not None and event.data["event"] == "snapshot":
-        progress.see(Snapshot.of(event.data))
+        progress.add_snapshot(Snapshot.of(event.data))
     progress.ready = sum(child.ready for child in launcher.children)
     for child in launcher.children:
         if child.died and child.name not in progress.dead:
@@ -183,26 +183,28 @@ def _options() -> argparse.ArgumentParser:
         "--record", type=Path, metavar="FILE", help="the recording, MCAP (default: a new one in recordings/)"
     )
     options.add_argument(
-        "--guards", action="store_true", help="a guard beside each robot, as in the field: one process more"
+        "--watchdogs",
+        action="store_true",
+        help="a watchdog beside each robot, as in the field: one process more",
     )
     add_page_flags(options)
     add_world_flags(options)
     options.add_argument("--no-table", action="store_true", help="plain lines instead of the live table")
-    options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
+    add_json(options)
     return options
 
 
 def _page_flags(options: argparse.Namespace) -> list[str]:
-    """What the monitor is told of the page. Raises Refusal."""
+    """Return the monitor's flags for the page. Raises Refusal."""
     if options.no_page and options.control:
         raise Refusal("--control: gives orders by the page, which --no-page leaves out")
     place = ["--page", str(options.page)] if options.page else []
     return [*place, *["--no-page"] * options.no_page, *["--control"] * options.control]
 
 
-def _recording(mission: Mission, asked: Path | None) -> Path:
-    """Where the recording goes: a new file, in a folder that can be written to. Raises Refusal."""
-    path = asked or Path("recordings", f"{mission.name}-{time.strftime('%Y%m%d-%H%M%S')}.mcap")
+def _recording(mission: Mission, requested: Path | None) -> Path:
+    """Return the recording's path: a new file in a writable folder. Raises Refusal."""
+    path = requested or Path("recordings", f"{mission.name}-{time.strftime('%Y%m%d-%H%M%S')}.mcap")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -216,7 +218,7 @@ def _recording(mission: Mission, asked: Path | None) -> Path:
 
 
 def _how_to_order(source: str, ports: Ports) -> str:
-    command = f"formation order {shlex.quote(source)} stop"
+    command = f"formation stop {shlex.quote(source)}"
     if not ports.as_in_mission:
         command += "".join(f" -e {end}" for end in ports.endpoints.agents.values())
     return f"Ctrl-C ends it. From another terminal: {command}"
@@ -231,7 +233,11 @@ def _view(options: argparse.Namespace) -> View:
 
 
 def _tell_failed_start(child: Child) -> int:
-    how = how_it_ended(child) if not child.asked_to_end else f"was not ready within {START_WITHIN:g} s"
+    how = (
+        how_it_ended(child)
+        if not child.end_requested
+        else f"was not ready within {START_TIMEOUT_SECONDS:g} s"
+    )
     print(f"formation: {child.name} {how}; nothing runs", file=sys.stderr)
     for line in child.last_words():
         print(f"  | {line}", file=sys.stderr)

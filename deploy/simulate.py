@@ -1,4 +1,4 @@
-"""`formation simulate`: the closed loop of a mission, without a network and faster than real time."""
+"""`formation simulate`: simulate a mission's closed loop, without a network, faster than real time."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from deploy.arguments import add_mission, as_json, number, parser, read_mission, whole
-from deploy.refusal import Refusal, refused
-from deploy.terminal.bar import Bar
-from deploy.terminal.units import metres
-from deploy.terminal.waiting import waiting
-from formation.mission import MAX_HORIZON, Mission
-from formation.route import Route
+from formation.deploy.arguments import add_json, add_mission, number, parser, read_mission, tell, whole
+from formation.deploy.refusal import Refusal, refused
+from formation.deploy.terminal.bar import Bar, warn_if_slow
+from formation.deploy.terminal.units import metres
+from formation.deploy.terminal.waiting import waiting
+from formation.mission.model import MAX_HORIZON, Mission
+from formation.mission.route import Route
+from formation.monitor.report.panels import draw
 from formation.simulation.body import PROFILES, Body
 from formation.simulation.ensemble import Options
 from formation.simulation.simulate import Result, simulate
-from monitor.report.panels import draw
 
-MOST_RUNS = 100_000
-"""All runs go in step, and their robots have to fit into memory together."""
-ROUNDING = 1e-9
-"""Headings that differ by less are the same: waypoints in a line have such."""
+MAX_RUNS = 100_000
+"""Most runs: all go in step, and their robots must fit into memory together."""
+HEADING_TOLERANCE = 1e-9
+"""Headings that differ by less count as equal [rad], as for waypoints in a line."""
 EXAMPLES = """\
   formation simulate six_robots                          one run, from the mission's own starts
   formation simulate six_robots --runs 400 --law paper   many, from random starts; compare the laws
@@ -34,18 +34,19 @@ EXAMPLES = """\
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Simulate a mission; the exit code."""
+    """Simulate a mission; return the exit code."""
     options = _options().parse_args(arguments)
     mission = read_mission(options.mission, options.law)
     if options.plot is not None:
         _check_plot(options.plot)
+    warn_if_slow()
     with ExitStack() as stack:
         bar = stack.enter_context(Bar(f"{mission.name}, {options.runs} runs"))
         first = stack.enter_context(ExitStack())
         first.enter_context(waiting("compiling the law; the first time that takes ten seconds and more"))
 
-        def told(share: float) -> None:
-            first.close()  # by the first word of progress all is compiled
+        def show_progress(share: float) -> None:
+            first.close()  # at the first progress all is compiled
             bar.at(share)
 
         try:
@@ -57,7 +58,7 @@ def main(arguments: Sequence[str]) -> int:
                 horizon=options.horizon,
                 spread=options.spread,
                 starts=None if options.spread is None else "random",
-                progress=told,
+                progress=show_progress,
                 keep=options.plot is not None,
             )
         except ValueError as error:
@@ -70,16 +71,14 @@ def main(arguments: Sequence[str]) -> int:
         except OSError as error:
             raise Refusal(f"--plot {options.plot}: {error.strerror}") from None
     drawn = options.runs > 1 or options.spread is not None
-    print(words(mission, options.seed if drawn else None, result))
-    if options.plot is not None:
-        print(f"  figure           {options.plot}")
-    if options.json:
-        print(as_json(report(mission, options, result)))
+    text = words(mission, options.seed if drawn else None, result)
+    figure = "" if options.plot is None else f"\n  figure           {options.plot}"
+    tell(options, text + figure, lambda: report(mission, options, result))
     return 0
 
 
 def words(mission: Mission, seed: int | None, result: Result) -> str:
-    """The result for people; `seed` is what starts were drawn from, None for the mission's own."""
+    """Return the result for people; `seed` is that of drawn starts, None for the mission's own starts."""
     found = result.summary()
     runs, settling, final = found["runs"], found["settling_time"], found["final_error"]
     converged = round(found["converged_fraction"] * runs)
@@ -108,7 +107,7 @@ def words(mission: Mission, seed: int | None, result: Result) -> str:
 
 
 def _bodies(mission: Mission, result: Result) -> Iterator[str]:
-    """Whether bodies have touched, and what became of robots that kept each other from moving."""
+    """Yield whether bodies have touched, and the result for robots in deadlock."""
     found = result.summary()
     if not result.watched:
         yield "  bodies           not watched: collisions are off"
@@ -117,38 +116,37 @@ def _bodies(mission: Mission, result: Result) -> Iterator[str]:
     runs, touched = found["runs"], found["touched"]
     where = ("they touch" if touched else "none touch") if runs == 1 else f"touch in {touched} of {runs} runs"
     idle = (
-        result.law == "paper"
+        not mission.law.controller.collision_filter
         or mission.collisions.mode != "on"
-        or not any(mission.minded(name) for name in mission.followers)
+        or not any(mission.avoided_by(name) for name in mission.followers)
     )
     nearest = "" if touched else f", {metres(found['nearest'])} apart at least"
-    yield f"  bodies           {where}{nearest}{'; nobody avoids anybody' if idle else ''}"
+    yield f"  bodies           {where}{nearest}{'; robots do not avoid each other' if idle else ''}"
     if found["deadlocks"]:
         yield f"  deadlocks        {found['deadlocks']}, after each of which a robot went another way"
 
 
 def left_out(mission: Mission) -> list[str]:
-    """What the mission has, and this does not simulate."""
+    """Return the mission's features that are not simulated."""
     world, robots = mission.simulation, [mission.robots[name] for name in mission.followers]
     found = {
         "scanners": any(robot.scanner != "none" for robot in robots),
         "posts": bool(world.posts),
         "walls": bool(world.walls),
         "turning": mission.turning and _turns(mission),
-        "together": mission.together is not None,
-        "ramp": mission.law.kind != "paper" and any(robot.ramp > 0.0 for robot in robots),
+        "cohesion": mission.cohesion is not None,
     }
     return [what for what, there in found.items() if there]
 
 
 def _turns(mission: Mission) -> bool:
-    """Whether the leader's heading changes on its route."""
+    """Return whether the leader's heading changes on its route."""
     arcs = Route.of(mission).arcs
-    return any(arc.turn_rate != 0.0 or abs(arc.heading - arcs[0].heading) > ROUNDING for arc in arcs)
+    return any(arc.turn_rate != 0.0 or abs(arc.heading - arcs[0].heading) > HEADING_TOLERANCE for arc in arcs)
 
 
 def report(mission: Mission, options: argparse.Namespace, result: Result) -> dict[str, Any]:
-    """The result for a script."""
+    """Return the result for a script."""
     plot = {} if options.plot is None else {"plot": str(options.plot)}
     return {
         "mission": mission.name,
@@ -161,7 +159,7 @@ def report(mission: Mission, options: argparse.Namespace, result: Result) -> dic
 
 
 def _body(mission: Mission, options: argparse.Namespace) -> Body:
-    """The mission's robot, with what the command line adds."""
+    """Return the mission's robot, with settings from the command line."""
     body = Body.of(mission.simulated_robot)
     if options.noise is not None:
         body = body._replace(position_noise=options.noise)
@@ -172,7 +170,7 @@ def _body(mission: Mission, options: argparse.Namespace) -> Body:
 
 
 def _check_plot(path: Path) -> None:
-    """Raise before the work is done for a figure that could not be kept."""
+    """Raise, before the simulation, for a figure that cannot be written."""
     if find_spec("matplotlib") is None:
         raise ModuleNotFoundError("No module named 'matplotlib'", name="matplotlib")
     if path.suffix.lower() not in {".png", ".svg", ".pdf"}:
@@ -188,7 +186,7 @@ def _options() -> argparse.ArgumentParser:
     options = parser("simulate", "Simulate a mission: the agents' own law, without a network.", EXAMPLES)
     add_mission(options)
     options.add_argument(
-        "--runs", type=whole(1, MOST_RUNS), default=1, metavar="N", help="how many (default 1)"
+        "--runs", type=whole(1, MAX_RUNS), default=1, metavar="N", help="how many (default 1)"
     )
     options.add_argument("--seed", type=whole(0), default=0, metavar="S", help="of all chance (default 0)")
     options.add_argument(
@@ -214,5 +212,5 @@ def _options() -> argparse.ArgumentParser:
         "--quantised", action="store_true", help="cut commands to hundredths, as TurtleBot3 does"
     )
     options.add_argument("--plot", type=Path, metavar="FILE", help="draw the first run: .png, .svg or .pdf")
-    options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
+    add_json(options)
     return options

@@ -1,4 +1,4 @@
-"""`formation replay FILE --verify`: would today's agents have commanded what the recorded ones did?"""
+"""`formation replay FILE --verify`: compare the commands of today's agents with the recorded ones."""
 
 from __future__ import annotations
 
@@ -10,15 +10,22 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from agent.verify.core import Verification
-from agent.verify.verdict import TOLERANCE, Comparison, Input, Stretch, Told, Verdict
-from deploy.arguments import as_json, number, parser, read_mission
-from deploy.refusal import Refusal
-from deploy.terminal.bar import Bar
-from formation.law import LAWS
-from formation.mission import Mission
-from formation.mission_file import parse
-from monitor.recording.reader import Recorded, Recording, UnreadableError, read
+from formation.agent.verify.core import Verification
+from formation.agent.verify.verdict import (
+    COMMAND_TOLERANCE,
+    Comparison,
+    Input,
+    PublishedCommand,
+    Stretch,
+    Verdict,
+)
+from formation.control.laws import LAWS
+from formation.deploy.arguments import add_json, number, parser, read_mission, tell
+from formation.deploy.refusal import Refusal
+from formation.deploy.terminal.bar import Bar
+from formation.mission.file import parse
+from formation.mission.model import Mission
+from formation.monitor.recording.reader import Recorded, Recording, UnreadableError, read
 
 EXAMPLES = """\
   formation replay recordings/monday.mcap --verify
@@ -26,29 +33,29 @@ EXAMPLES = """\
   formation replay monday.mcap --verify --json
 
 A command is compared if all that it followed from is in the recording. Of a recording that begins after its
-agents, the first seconds are not, up to the first memory of each agent; these are told, and do not count.
+agents, the first seconds are not, up to the first state of each agent; these are reported, and do not count.
 
 Exit code 0: no command differs; 1: at least one does; 2: there was nothing to compare; 3: none differs, but
 of some robot's commands a smaller share was compared than --min-compared says.
 """
-MIN_COMPARED = 0.99
-"""Share of every robot's commands that has to be compared for a verdict, unless told otherwise."""
-TOO_FEW = 3
-"""Exit code where none differs of too few that were compared."""
-SHOWN = 5
-"""So many stretches of a robot are told one by one; --json has them all."""
+MIN_COMPARED_SHARE = 0.99
+"""Default share of every robot's commands that must be compared for a verdict."""
+EXIT_TOO_FEW = 3
+"""Exit code if no command differs but too few were compared."""
+MAX_SHOWN_STRETCHES = 5
+"""Number of stretches of a robot that are listed; --json has them all."""
 
 
 class Ran(NamedTuple):
-    """What was verified, and what came of it."""
+    """A verification and its result."""
 
     recording: Recording
     mission: Mission
     changed: bool
-    """Whether it is another mission than the recorded one."""
+    """Whether the mission is not the recorded one."""
     verdicts: dict[str, Verdict]
     start: float
-    """Of the recording [s, the recorder's system clock]."""
+    """Start of the recording [s, the recorder's system clock]."""
     length: float
     """[s]"""
     took: float
@@ -56,23 +63,23 @@ class Ran(NamedTuple):
 
     @property
     def compared(self) -> int:
-        """Commands of all robots."""
+        """Number of compared commands of all robots."""
         return sum(one.compared for one in self.verdicts.values())
 
     @property
     def first(self) -> tuple[str, Comparison] | None:
-        """The first command of the whole team that differs, and whose it is."""
+        """The first differing command of the whole team, with its robot."""
         firsts = [(name, one.first) for name, one in self.verdicts.items() if one.first is not None]
         return min(firsts, key=lambda found: found[1].wall, default=None)
 
     @property
     def least(self) -> tuple[str, float]:
-        """The robot of whose commands the smallest share was compared, and that share, 0 to 1."""
+        """The robot with the smallest share of compared commands, and that share, 0 to 1."""
         return min(((name, one.share) for name, one in self.verdicts.items()), key=lambda found: found[1])
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Verify a recording; the exit code."""
+    """Verify a recording; return the exit code."""
     options = _options().parse_args(arguments)
     try:
         recording = read(options.file)
@@ -81,40 +88,38 @@ def main(arguments: Sequence[str]) -> int:
         raise Refusal(str(error)) from None
     except OSError as error:
         raise Refusal(f"{options.file}: cannot be read: {error.strerror}") from None
-    print("\n".join(words(ran, options.min_compared)))
-    if options.json:
-        print(as_json(report(ran)))
+    tell(options, "\n".join(words(ran, options.min_compared)), lambda: report(ran))
     if not ran.compared:
         return 2
     if ran.first is not None:
         return 1
-    return TOO_FEW if ran.least[1] < options.min_compared else 0
+    return EXIT_TOO_FEW if ran.least[1] < options.min_compared else 0
 
 
 def run(recording: Recording, changed: str | None, law: str | None, tolerance: float) -> Ran:
-    """Have today's agents live through a recording. Raises Refusal for a mission that is none."""
+    """Run today's agents on a recording. Raises Refusal for an invalid mission."""
     mission = recording.mission if changed is None else read_mission(changed)
     verification = Verification(mission, law, tolerance)
     begin, extent = time.monotonic(), recording.extent()
     start, length = extent.start or 0.0, extent.duration
     with ExitStack() as stack:
         bar = stack.enter_context(Bar(f"verifying {recording.path.name}"))
-        for message in _told(recording, bar, start, length):
-            verification.take(message.sample, message.wall)
+        for message in _messages(recording, bar, start, length):
+            verification.process_sample(message.sample, message.wall)
         verification.close()
     took = time.monotonic() - begin
     return Ran(recording, mission, changed is not None, verification.verdicts, start, length, took)
 
 
-def _told(recording: Recording, bar: Bar, start: float, length: float) -> Iterator[Recorded]:
+def _messages(recording: Recording, bar: Bar, start: float, length: float) -> Iterator[Recorded]:
     for count, message in enumerate(recording.messages()):
         if count % 1000 == 0 and length > 0.0:
             bar.at((message.wall - start) / length)
         yield message
 
 
-def words(ran: Ran, min_compared: float = MIN_COMPARED) -> Iterator[str]:
-    """What came of it, for people; `min_compared` is the share that every robot needs, 0 to 1."""
+def words(ran: Ran, min_compared: float = MIN_COMPARED_SHARE) -> Iterator[str]:
+    """Yield the result for people; `min_compared` is the share that every robot needs, 0 to 1."""
     verdicts = ran.verdicts.values()
     yield f"{ran.recording.path}: {ran.mission.name}, {len(verdicts)} agents, {ran.length:.1f} s"
     width = max(map(len, ran.verdicts)) + 2
@@ -144,7 +149,7 @@ def _verdict(one: Verdict) -> str:
         return "no command in the recording"
     compared = f"{one.compared} of {one.commands} commands compared"
     if one.lead_in:
-        compared += f" (and {one.lead_in} before the first memory of its agent do not count)"
+        compared += f" (and {one.lead_in} before the first state in its trace do not count)"
     if not one.compared:
         return compared
     if one.exact == one.compared:
@@ -162,19 +167,19 @@ def _details(one: Verdict, start: float) -> Iterator[str]:
         yield f"first at {one.first.wall - start:.3f} s, command {one.first.number} of its agent:"
         yield f"  recorded {_command(one.first.recorded)}"
         yield f"  computed {_command(one.first.computed)}, {one.first.decision}"
-        yield f"  after {', '.join(map(_input, one.first.inputs[-SHOWN:])) or 'no message'}"
-    for stretch in one.unjudged[:SHOWN]:
+        yield f"  after {', '.join(map(_input, one.first.inputs[-MAX_SHOWN_STRETCHES:])) or 'no message'}"
+    for stretch in one.unjudged[:MAX_SHOWN_STRETCHES]:
         yield _stretch(stretch, start)
-    if len(one.unjudged) > SHOWN:
-        yield f"… and {len(one.unjudged) - SHOWN} more stretches that were not judged"
+    if len(one.unjudged) > MAX_SHOWN_STRETCHES:
+        yield f"… and {len(one.unjudged) - MAX_SHOWN_STRETCHES} more stretches that were not judged"
 
 
-def _command(told: Told | None) -> str:
-    return "none" if told is None else f"u {told.speed:+.9f} m/s, ω {told.turn_rate:+.9f} rad/s"
+def _command(sent: PublishedCommand | None) -> str:
+    return "none" if sent is None else f"u {sent.speed:+.9f} m/s, ω {sent.turn_rate:+.9f} rad/s"
 
 
-def _input(heard: Input) -> str:
-    return f"{heard.key} ({heard.age * 1e3:.1f} ms)"
+def _input(received: Input) -> str:
+    return f"{received.key} ({received.age * 1e3:.1f} ms)"
 
 
 def _stretch(one: Stretch, start: float) -> str:
@@ -199,7 +204,7 @@ def _notes(ran: Ran) -> Iterator[str]:
 
 
 def report(ran: Ran) -> dict[str, Any]:
-    """What came of it, for a script. Times are seconds into the recording."""
+    """Return the result for a script. Times are seconds into the recording."""
     return {
         "recording": str(ran.recording.path),
         "mission": ran.mission.name,
@@ -239,8 +244,8 @@ def _robot(one: Verdict, start: float) -> dict[str, Any]:
 
 
 def _first(one: Comparison, start: float) -> dict[str, Any]:
-    def command(told: Told | None) -> dict[str, float] | None:
-        return None if told is None else {"speed": told.speed, "turn_rate": told.turn_rate}
+    def command(sent: PublishedCommand | None) -> dict[str, float] | None:
+        return None if sent is None else {"speed": sent.speed, "turn_rate": sent.turn_rate}
 
     return {
         "at": one.wall - start,
@@ -248,7 +253,7 @@ def _first(one: Comparison, start: float) -> dict[str, Any]:
         "recorded": command(one.recorded),
         "computed": command(one.computed),
         "decision": one.decision,
-        "inputs": [{"key": heard.key, "age": heard.age} for heard in one.inputs],
+        "inputs": [{"key": received.key, "age": received.age} for received in one.inputs],
     }
 
 
@@ -267,13 +272,13 @@ def _options() -> argparse.ArgumentParser:
         "--law", choices=list(LAWS), help="the control law, instead of the one that was used"
     )
     options.add_argument(
-        "--tolerance", type=number(0.0), default=TOLERANCE, metavar="X",
-        help=f"how far off a command still counts as the same [m/s; rad/s] (default {TOLERANCE:g})",
+        "--tolerance", type=number(0.0), default=COMMAND_TOLERANCE, metavar="X",
+        help=f"how far off a command still counts as the same [m/s; rad/s] (default {COMMAND_TOLERANCE:g})",
     )  # fmt: skip
     options.add_argument(
-        "--min-compared", type=number(0.0, 1.0), default=MIN_COMPARED, metavar="SHARE",
+        "--min-compared", type=number(0.0, 1.0), default=MIN_COMPARED_SHARE, metavar="SHARE",
         help="share of every robot's commands that has to be compared, 0 to 1; with less the exit code is"
-        f" {TOO_FEW} (default {MIN_COMPARED:g})",
+        f" {EXIT_TOO_FEW} (default {MIN_COMPARED_SHARE:g})",
     )  # fmt: skip
-    options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
+    add_json(options)
     return options

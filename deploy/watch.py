@@ -1,7 +1,7 @@
-"""`formation watch`: a table of any running fleet in a terminal. It moves, publishes and records nothing.
+"""`formation watch`: show a table of a running fleet in a terminal. It moves, publishes and records nothing.
 
-The monitor's own core looks, in this process, and what it would publish is left unsaid. So any number of
-people can watch beside the monitor that records.
+The monitor's own core runs in this process, and its messages are not published. So any number of watchers can
+run beside the monitor that records.
 """
 
 from __future__ import annotations
@@ -17,40 +17,42 @@ from typing import Any
 
 from rich.console import Console
 
-from deploy.arguments import add_mission, as_json, parser, read_mission
-from deploy.refusal import Refusal
-from deploy.terminal.progress import Progress
-from deploy.terminal.snapshot import Snapshot
-from deploy.terminal.table import draw
-from deploy.terminal.views import LiveTable, PlainLines, View, in_a_terminal
-from formation.mission import Mission
-from formation.rate import Rate
+from formation.deploy.arguments import add_mission, as_json, parser, read_mission
+from formation.deploy.fleet.hosts import MONITOR
+from formation.deploy.refusal import Refusal
+from formation.deploy.terminal.progress import Progress
+from formation.deploy.terminal.snapshot import Snapshot
+from formation.deploy.terminal.table import draw
+from formation.deploy.terminal.views import LiveTable, PlainLines, View, in_a_terminal
+from formation.mission.file import configuration_of
+from formation.mission.model import Mission
+from formation.monitor.core import Monitor
+from formation.monitor.metrics import snapshot as metrics
+from formation.monitor.metrics.stage import usual
+from formation.monitor.metrics.words import as_json as snapshot_as_json
+from formation.monitor.process import MAX_WAITING_MESSAGES, STEP_PERIOD
 from formation.transport import wiring
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError
-from formation.transport.flags import add_zenoh, bus_config
 from formation.transport.linger import Linger
 from formation.transport.mailbox import Mailbox
-from formation.transport.process import Stop, clocks
-from formation.transport.robot_buses import RobotBuses
-from monitor.core import Monitor
-from monitor.figures import snapshot as figures
-from monitor.figures.stage import usual
-from monitor.figures.words import as_json as snapshot_as_json
-from monitor.loop import CAPACITY, PERIOD
+from formation.transport.runtime.flags import add_zenoh, bus_config
+from formation.transport.runtime.process import Stop, clocks
+from formation.transport.runtime.rate import Rate
+from formation.transport.runtime.robot_buses import RobotBuses
 
-REFRESH, TELL = 4.0, 1.0
-"""Of the table, and of JSON lines [Hz]."""
-NOBODY = 3.0
-"""So long nobody has answered before that is said [s]: links take up to a second."""
-COMPLETE = 5.0
-"""How long --once waits for a picture that is complete [s]."""
-SILENT = 1.0
-"""[s] without a position, after which a robot does not count as running."""
+REFRESH_RATE, JSON_RATE = 4.0, 1.0
+"""Rates of the table and of JSON lines [Hz]."""
+SILENCE_NOTICE_DELAY = 3.0
+"""Time without any message before that is reported [s]: links take up to a second."""
+COMPLETE_TIMEOUT_SECONDS = 5.0
+"""How long --once waits for a complete picture [s]."""
+MAX_POSITION_SILENCE = 1.0
+"""Time without a position after which a robot does not count as running [s]."""
 EXAMPLES = """\
   formation watch six_robots                beside `formation run`, from another terminal
   formation watch field.toml -e tcp/192.168.1.11:7460 -e tcp/192.168.1.12:7460
-  formation watch field.toml -c monitor/zenoh.json5     robots under certificates, with the monitor's
+  formation watch field                     robots with certificates, by the folder of their bundles
   formation watch six_robots --once && echo all run
 
 Ctrl-C ends it. Exit code 0; with --once 0 if every robot runs, else 1. 2: it could not be begun.
@@ -58,7 +60,7 @@ Ctrl-C ends it. Exit code 0; with --once 0 if every robot runs, else 1. 2: it co
 
 
 class Watcher:
-    """One look at a fleet after the other."""
+    """Repeated looks at a fleet."""
 
     def __init__(self, mission: Mission, options: argparse.Namespace, stack: ExitStack) -> None:
         """Link with the fleet until `stack` ends. Raises BusError."""
@@ -66,7 +68,7 @@ class Watcher:
         stage = usual(mission) if implied else {}
         self.mission = mission
         self._monitor = Monitor(mission, stage)
-        mailbox = Mailbox(CAPACITY)
+        mailbox = Mailbox(MAX_WAITING_MESSAGES)
         self._bus = stack.enter_context(Bus(_config(options, mission), mailbox))
         truth = RobotBuses(mission, stage, mailbox, node="formation_watch", awaited=False)
         stack.callback(truth.close)
@@ -76,7 +78,7 @@ class Watcher:
             self._bus.subscribe(key)
         self._linger = Linger()
         self._begin = clocks().mono
-        self._told = 0
+        self._shown = 0
 
     @property
     def elapsed(self) -> float:
@@ -84,31 +86,32 @@ class Watcher:
         return clocks().mono - self._begin
 
     @property
-    def heard(self) -> bool:
-        """Whether anybody has said anything."""
+    def has_received(self) -> bool:
+        """Whether any message has arrived."""
         return bool(self._bus.received)
 
-    def look(self) -> figures.Snapshot:
-        """Take what has arrived since the last look; the figures now."""
+    def look(self) -> metrics.Snapshot:
+        """Take the messages since the last look; return the current metrics."""
         now = clocks()
         self._monitor.step(now, self._bus.drain())
         self._linger.tend(now.mono)
         return self._monitor.snapshot or self._monitor.metrics.snapshot(now)
 
-    def show(self, progress: Progress, snapshot: figures.Snapshot) -> None:
-        """Have `progress` tell of it."""
+    def show(self, progress: Progress, snapshot: metrics.Snapshot) -> None:
+        """Put the snapshot into `progress`."""
         progress.elapsed = self.elapsed
-        if self.heard:
-            news = [one for one in self._monitor.events if one.number > self._told]
-            self._told = news[-1].number if news else self._told
+        if self.has_received:
+            news = [one for one in self._monitor.events if one.number > self._shown]
+            self._shown = news[-1].number if news else self._shown
             seen = Snapshot.of(snapshot_as_json(snapshot))
-            progress.see(seen._replace(events=tuple(one.event for one in news)))
+            progress.add_snapshot(seen._replace(events=tuple(one.event for one in news)))
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Watch a fleet; the exit code."""
+    """Watch a fleet; return the exit code."""
     options = _options().parse_args(arguments)
     mission = read_mission(options.mission, options.law)
+    options.config = options.config or configuration_of(options.mission, MONITOR)
     with ExitStack() as stack:
         stop = stack.enter_context(Stop())
         try:
@@ -118,22 +121,22 @@ def main(arguments: Sequence[str]) -> int:
         return _once(watcher, options, stop) if options.once else _watch(watcher, options, stop)
 
 
-def all_run(snapshot: figures.Snapshot) -> bool:
-    """Whether every robot says that it runs, and is heard."""
+def all_run(snapshot: metrics.Snapshot) -> bool:
+    """Return whether every robot reports that it runs, and its messages arrive."""
     return all(
-        robot.state == "run" and robot.age is not None and robot.age <= SILENT
+        robot.state == "run" and robot.age is not None and robot.age <= MAX_POSITION_SILENCE
         for robot in snapshot.robots.values()
     )
 
 
-def nobody(mission: Mission, options: argparse.Namespace) -> str:
-    """What to say, and what to try, when nobody answers."""
+def no_answer_message(mission: Mission, options: argparse.Namespace) -> str:
+    """Return the message, and remedies, if no process answers."""
     ends = options.connect or list(wiring.endpoints(mission).agents.values())
     where = "" if options.config else f" at {ends[0]}{f' … {ends[-1]}' if len(ends) > 1 else ''}"
     tries = [f"does it run here? formation run {shlex.quote(options.mission)}"]
     if not options.connect:
         tries.append(
-            "a run whose usual ports were taken prints its -e flags; a field has those of its robots"
+            "a run prints its -e flags if the usual ports were taken; a field has those of its robots"
         )
     else:
         tries.append("are these the endpoints of agents and leader, and does a firewall let this machine in?")
@@ -146,41 +149,41 @@ def nobody(mission: Mission, options: argparse.Namespace) -> str:
             f"is {options.config} the monitor's, of this team, and not expired? formation doctor says"
         )
     if mission.team:
-        tries.append(f"the mission's team is {mission.team!r}: robots of another are not heard")
-    return "\n".join([f"nobody answers{where}", *(f"  - {one}" for one in tries)])
+        tries.append(f"the mission's team is {mission.team!r}: messages of other teams do not arrive here")
+    return "\n".join([f"no process answers{where}", *(f"  - {one}" for one in tries)])
 
 
 def _watch(watcher: Watcher, options: argparse.Namespace, stop: Stop) -> int:
-    """Until somebody wants it to end."""
+    """Watch until told to stop."""
     progress = Progress(watcher.mission, phase="running", note="looking for the robots …")
-    refresh = Rate(TELL if options.json else REFRESH)
+    refresh = Rate(JSON_RATE if options.json else REFRESH_RATE)
     with _view(options) as view:
         while not stop:
             snapshot = watcher.look()
-            if not watcher.heard and watcher.elapsed > NOBODY:
-                progress.note = nobody(watcher.mission, options)
+            if not watcher.has_received and watcher.elapsed > SILENCE_NOTICE_DELAY:
+                progress.note = no_answer_message(watcher.mission, options)
             if refresh.tick(clocks().mono):
                 watcher.show(progress, snapshot)
                 view.show(progress)
                 if options.json:
                     print(as_json(_report(watcher.mission, snapshot)), flush=True)
-            time.sleep(PERIOD)
+            time.sleep(STEP_PERIOD)
     return 0
 
 
 def _once(watcher: Watcher, options: argparse.Namespace, stop: Stop) -> int:
-    """One picture, as soon as it is complete."""
+    """Show one picture, as soon as it is complete."""
     snapshot = watcher.look()
-    while not (stop or _complete(snapshot) or watcher.elapsed > COMPLETE):
-        time.sleep(PERIOD)
+    while not (stop or _complete(snapshot) or watcher.elapsed > COMPLETE_TIMEOUT_SECONDS):
+        time.sleep(STEP_PERIOD)
         snapshot = watcher.look()
     if stop:
         return 130
     progress = Progress(watcher.mission, phase="over")
     watcher.show(progress, snapshot)
-    progress.events.clear()  # all that is there was news a moment ago
-    if not watcher.heard:
-        print(f"{watcher.mission.name}: {nobody(watcher.mission, options)}", file=sys.stderr)
+    progress.events.clear()  # all values were fresh a moment ago
+    if not watcher.has_received:
+        print(f"{watcher.mission.name}: {no_answer_message(watcher.mission, options)}", file=sys.stderr)
     elif not options.json:
         size = shutil.get_terminal_size()
         Console(highlight=False, width=size.columns).print(
@@ -191,15 +194,15 @@ def _once(watcher: Watcher, options: argparse.Namespace, stop: Stop) -> int:
     return 0 if all_run(snapshot) else 1
 
 
-def _complete(snapshot: figures.Snapshot) -> bool:
-    """Whether everything is known that a healthy fleet tells."""
+def _complete(snapshot: metrics.Snapshot) -> bool:
+    """Return whether everything is known that a healthy fleet publishes."""
     return snapshot.formation_error is not None and all(
         robot.state not in {"unseen", "silent"} and robot.age is not None
         for robot in snapshot.robots.values()
     )
 
 
-def _report(mission: Mission, snapshot: figures.Snapshot) -> dict[str, Any]:
+def _report(mission: Mission, snapshot: metrics.Snapshot) -> dict[str, Any]:
     return {"mission": mission.name, "all_run": all_run(snapshot), **snapshot_as_json(snapshot)}
 
 

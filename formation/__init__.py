@@ -1,1 +1,1 @@
-"""What every process of a formation shares: the mathematics, the mission and the words on the wire."""
+"""What all processes of a formation share: mathematics, mission and messages."""

@@ -1,4 +1,4 @@
-"""The topic table: every key on the wire, who sends it to whom, and how. No key is spelled anywhere else."""
+"""The topic table: every key on the wire, its publishers, subscribers and QoS. All keys are defined here."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from typing import Literal
 
 Priority = Literal["real_time", "data", "background"]
 Side = Literal["robot", "fleet"]
+Role = Literal["follower", "leader", "standby"]
 
 
 @dataclass(frozen=True, slots=True)
 class Qos:
-    """How a topic travels. Congestion always drops: a late state is worth less than the next one."""
+    """QoS of a topic. Congestion always drops: a late state is worth less than the next one."""
 
     priority: Priority = "data"
     express: bool = False
-    """Send at once instead of batching with whatever else is due."""
+    """Send at once instead of batching with other messages."""
 
     def __str__(self) -> str:
         return ", ".join(["drop", self.priority.replace("_", "-")] + ["express"] * self.express)
@@ -28,7 +29,7 @@ class Topic:
 
     name: str
     pattern: str
-    """Key with ``{robot}`` and ``{other}`` where a robot's name goes."""
+    """Key with ``{robot}`` and ``{other}`` in place of a robot's name."""
     type: str
     """ROS 2 type of the payload, ``package/msg/Name``; empty for a queryable, which carries JSON."""
     sender: str
@@ -39,12 +40,18 @@ class Topic:
     """None for a queryable."""
     purpose: str
     side: Side = "fleet"
-    """Between an agent and its own robot, on the robot itself; or between robots, and to whoever watches."""
+    """Between an agent and its own robot, on the robot itself; or between robots, and to monitors."""
     alternative: str = ""
     """Second type some robots use on the same key."""
+    agent_input: bool = False
+    """Whether an agent's commands depend on it."""
+    monitored: tuple[Role, ...] = ()
+    """Roles of which the monitor subscribes to this key, `{other}` aside."""
+    promised_rate: Literal["robot"] | float | None = None
+    """That of the robot's mission entry, or this one [Hz]; None for a sensor's own or none."""
 
     def key(self, robot: str = "", other: str = "") -> str:
-        """The key for `robot` (and the `other` robot it is about). ValueError for a name missing or unfit."""
+        """The key for `robot` (and the `other` robot). ValueError for a missing or invalid name."""
         for field, name in (("robot", robot), ("other", other)):
             if ("{" + field + "}" in self.pattern) != bool(name):
                 raise ValueError(f"topic {self.name!r} has the key {self.pattern!r}: {field} is {name!r}")
@@ -55,8 +62,13 @@ class Topic:
         return self.pattern.format(robot=robot, other=other)
 
     @property
+    def from_robot(self) -> bool:
+        """Whether an agent receives it from its own robot."""
+        return self.side == "robot" and self.agent_input
+
+    @property
     def types(self) -> tuple[str, ...]:
-        """Every ROS 2 type that may stand on this key."""
+        """Every ROS 2 type that is allowed on this key."""
         return tuple(t for t in (self.type, self.alternative) if t)
 
 
@@ -66,45 +78,49 @@ BACKGROUND = Qos("background")
 ODOM = Topic(
     "odom", "{robot}/odom", "nav_msgs/msg/Odometry", "robot", "its agent", "20-50 Hz", REAL_TIME,
     "the robot's own position and speed", "robot",
+    agent_input=True, monitored=("follower",), promised_rate="robot",
 )  # fmt: skip
 CMD_VEL = Topic(
     "cmd_vel", "{robot}/cmd_vel", "geometry_msgs/msg/Twist", "agent", "its robot", "each odom",
     Qos("real_time", express=True), "forward speed and turn rate", "robot",
-    alternative="geometry_msgs/msg/TwistStamped",
+    alternative="geometry_msgs/msg/TwistStamped", monitored=("follower",), promised_rate="robot",
 )  # fmt: skip
 POSITION = Topic(
     "position", "{robot}/position", "geometry_msgs/msg/PoseStamped", "agent or leader",
-    "robots that measure or mind it", "each odom", Qos("data", express=True),
+    "robots that measure or avoid it", "each odom", Qos("data", express=True),
     "centre and estimated heading in the world frame; the order rides as attachment",
+    agent_input=True, monitored=("follower", "leader"), promised_rate="robot",
 )  # fmt: skip
 SCAN = Topic(
     "scan", "{robot}/scan", "sensor_msgs/msg/LaserScan", "robot", "its agent (optional)", "5 Hz", Qos(),
-    "range scan", "robot",
+    "range scan", "robot", agent_input=True, monitored=("follower",),
 )  # fmt: skip
 RELATIVE = Topic(
     "relative", "{robot}/relative/{other}", "geometry_msgs/msg/PointStamped", "sensor on the robot",
-    "its agent (optional)", "sensor", REAL_TIME,  # as odometry, which would else overtake it
-    "locally measured displacement to the other's control point, body frame", "robot",
+    "its agent (optional)", "sensor", REAL_TIME,  # as odometry, which would otherwise overtake it
+    "locally measured displacement to the other's control point, body frame", "robot", agent_input=True,
 )  # fmt: skip
 POSE = Topic(
     "pose", "{robot}/pose", "geometry_msgs/msg/PoseStamped", "localisation", "its agent (optional)", "sensor",
-    REAL_TIME, "centre and heading in the world frame, from an overhead camera or motion capture", "robot",
+    REAL_TIME, "centre and heading in the world frame, from a camera or motion capture", "robot",
+    agent_input=True, monitored=("follower",),
 )  # fmt: skip
 ALIVE = Topic(
-    "alive", "{robot}/alive", "std_msgs/msg/Float64", "agent", "its guard, a second agent", "each command",
-    Qos("real_time", express=True), "time since the agent's start, said with each command [s]", "robot",
+    "alive", "{robot}/alive", "std_msgs/msg/Float64", "agent", "its watchdog, a second agent", "each command",
+    Qos("real_time", express=True), "time since the agent's start, published with each command [s]", "robot",
 )  # fmt: skip
-GUARD = Topic(
-    "guard", "{robot}/guard", "", "doctor", "a robot's guard (queryable)", "on demand", None,
-    "whether the guard itself is there, and what it is doing (JSON)", "robot",
+WATCHDOG = Topic(
+    "watchdog", "{robot}/watchdog", "", "doctor", "a robot's watchdog (queryable)", "on demand", None,
+    "whether the watchdog itself is there, and what it is doing (JSON)", "robot",
 )  # fmt: skip
 STATUS = Topic(
     "status", "{robot}/status", "diagnostic_msgs/msg/DiagnosticArray", "agent or leader", "monitor", "2 Hz",
-    BACKGROUND, "state, reason and counters",
+    BACKGROUND, "state, reason and counters", monitored=("follower", "leader", "standby"), promised_rate=2.0,
 )  # fmt: skip
 GROUND_TRUTH = Topic(
     "ground_truth", "{robot}/ground_truth", "geometry_msgs/msg/PoseStamped", "simulated robot", "monitor",
     "as odom", BACKGROUND, "where the simulated robot really is", "robot",
+    monitored=("follower",), promised_rate="robot",
 )  # fmt: skip
 ERROR = Topic(
     "error", "formation/error", "std_msgs/msg/Float64", "monitor", "anyone", "10 Hz", BACKGROUND,
@@ -120,22 +136,24 @@ EVENTS = Topic(
 )  # fmt: skip
 ORDER = Topic(
     "order", "{robot}/order", "", "operator", "agent or leader (queryable)", "on demand", None,
-    "hold, run, stop, release, another figure, course or gains, acknowledged one by one (JSON)",
+    "hold, run, stop, release, another shape, route or gains, acknowledged one by one (JSON)",
 )  # fmt: skip
 
 BALLOT = Topic(
     "ballot", "{robot}/ballot", "std_msgs/msg/String", "leader or standby", "agents and other standbys",
     "10-20 Hz, with standbys", Qos("data", express=True),
-    "asks for the followers' voices in a term, and keeps them (JSON); they answer with their positions",
+    "asks for the followers' votes in a term, and keeps them (JSON); they answer with their positions",
+    agent_input=True, monitored=("leader", "standby"),
 )  # fmt: skip
-COURSE = Topic(
-    "course", "{robot}/course", "std_msgs/msg/String", "who leads", "standbys", "1 Hz, with standbys", Qos(),
-    "the route that the leader is on, for whoever takes its place (JSON)",
+ROUTE = Topic(
+    "route", "{robot}/route", "std_msgs/msg/String", "leader", "standbys", "1 Hz, with standbys", Qos(),
+    "the route that the leader is on, for the standby that takes its place (JSON)",
+    monitored=("leader", "standby"),
 )  # fmt: skip
 
 TABLE: tuple[Topic, ...] = (
     ODOM, CMD_VEL, POSITION, SCAN, RELATIVE, POSE, ALIVE, STATUS, GROUND_TRUTH, ERROR, DIAGNOSTICS, EVENTS,
-    BALLOT, COURSE, ORDER, GUARD,
+    BALLOT, ROUTE, ORDER, WATCHDOG,
 )  # fmt: skip
 
 
@@ -147,7 +165,7 @@ def command_topic(kind: Literal["twist", "twist_stamped"]) -> Topic:
 
 
 def markdown() -> str:
-    """The table as it stands in the README."""
+    """The table as it is printed in docs/reference/topics.md."""
 
     def rows() -> Iterator[str]:
         yield "| key | message | from → to | rate | QoS | what |"

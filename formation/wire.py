@@ -1,6 +1,6 @@
-"""What crosses the border between a process's pure core and its transport.
+"""The values exchanged between a process's pure core and its transport.
 
-A core is sans-I/O: ``step(now, inbox) -> outbox`` takes samples as bytes and gives bytes back, so the same
+A core is sans-I/O: ``step(now, inbox) -> outbox`` takes samples as bytes and returns bytes, so the same
 core runs on the bus, on an in-memory network under a fake clock, and under a fuzzer.
 """
 
@@ -10,21 +10,21 @@ from typing import NamedTuple
 
 
 class BadMessage(ValueError):  # noqa: N818 - it is the message that is bad
-    """Bytes that are not the message they claim to be, or a value that may not be sent; the text says why."""
+    """Bytes that are not the expected message, or a value that may not be sent; the text says why."""
 
 
 class Sample(NamedTuple):
-    """One message as it arrived."""
+    """One received message."""
 
     key: str
     payload: bytes
     attachment: bytes | None
     arrived: float
-    """When the receive thread had it [s, monotonic clock of this process]."""
+    """When the receive thread received it [s, monotonic clock of this process]."""
     unverified: str = ""
-    """Why the order on it does not count, where orders are signed, in words; empty: nothing against it."""
+    """Why its order does not count, if orders are signed, in words; empty: no objection."""
     forged: bool = False
-    """Whether that is the sender's doing, and no matter of certificates that are on their way or too old."""
+    """Whether its sender forged it, as opposed to a certificate that is missing or out of date."""
 
 
 class Outgoing(NamedTuple):
@@ -36,7 +36,7 @@ class Outgoing(NamedTuple):
 
 
 class Now(NamedTuple):
-    """The two clocks a core may know; it reads neither itself."""
+    """The two clocks of a core; it reads neither itself."""
 
     mono: float
     """[s] monotonic: ages, periods and time-outs."""

@@ -1,4 +1,4 @@
-"""`formation leader`, or `python -m leader`: go along the route and give the orders, or stand by to do so."""
+"""`formation leader`, or `python -m formation.leader`: follow the route and give orders, or stand by."""
 
 from __future__ import annotations
 
@@ -8,27 +8,29 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from formation.mission import Mission
-from formation.mission_file import load
-from formation.transport import flags, wiring
-from formation.transport.certified import signer_of
-from formation.transport.process import BadInput, Process, Stop, one_of, run_process
-from leader.core import Leader
-from leader.loop import lead
-from leader.terms import Terms
+from formation.leader.core import Leader
+from formation.leader.process import lead
+from formation.leader.terms import Terms
+from formation.mission.file import configuration_of, load
+from formation.mission.model import Mission
+from formation.transport import wiring
+from formation.transport.runtime import flags
+from formation.transport.runtime.process import BadInput, Process, Stop, one_of, run_process
+from formation.transport.security.certified import signer_of
 
 EXAMPLES = """\
   formation leader six_robots
   formation leader six_robots --hold          wait at the start until `formation order six_robots run`
   formation leader patrol --standby deputy    take the leader's place when it is gone
   formation leader my_mission.toml -l tcp/0.0.0.0:7447
-  python -m leader six_robots                 the same as the first"""
+  formation leader field --hold               with the configuration in this folder of bundles
+  python -m formation.leader six_robots                 the same as the first"""
 ONLY = ""
-"""The standby, where there is but one."""
+"""The standby if there is only one."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Lead until told to stop; the exit code."""
+    """Lead until told to stop; return the exit code."""
     parser = flags.parser("leader", "Go along the mission's route and give the orders.", EXAMPLES)
     parser.add_argument("--hold", action="store_true", help="wait at the start until told to run")
     parser.add_argument(
@@ -46,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--state", metavar="DIR", type=Path,
         help="keep the newest term in this folder: after a restart robots follow at once, even if the clock"
-        " was set back (default: it is heard from robots again)",
+        " was set back (default: learned from the robots again)",
     )  # fmt: skip
     args = parser.parse_args(arguments)
     return run_process("leader", args, lambda stop: _run(args, stop))
@@ -55,6 +57,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(args: argparse.Namespace, stop: Stop) -> None:
     mission = load(args.mission)
     name = _name(mission, args.standby)
+    part = "leader" if name == mission.leader else name
+    args.config = args.config or configuration_of(args.mission, part)
     links = wiring.of_leader(mission, wiring.endpoints(mission), name)
     called = f"leader {name}"
     config = flags.bus_config(args, mission, links, called)
@@ -65,7 +69,7 @@ def _run(args: argparse.Namespace, stop: Stop) -> None:
         name,
         hold=args.hold,
         anew=args.anew,
-        voice=secrets.token_hex(8),
+        publisher_id=secrets.token_hex(8),
         signer=signer,
         known=0 if terms is None else terms.read(),
     )
@@ -78,7 +82,7 @@ def _run(args: argparse.Namespace, stop: Stop) -> None:
 
 
 def _terms(folder: Path | None, name: str) -> Terms | None:
-    """The file in `folder`. Raises BadInput."""
+    """Return the term file in `folder`. Raises BadInput."""
     try:
         return None if folder is None else Terms(folder, name)
     except OSError as error:
@@ -86,7 +90,7 @@ def _terms(folder: Path | None, name: str) -> Terms | None:
 
 
 def _name(mission: Mission, standby: str | None) -> str:
-    """Who this process is. Raises BadInput."""
+    """Return the name of this candidate. Raises BadInput."""
     if standby is None:
         return mission.leader
     if not mission.standbys:

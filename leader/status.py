@@ -1,148 +1,121 @@
-"""How a candidate says how it does."""
+"""Compose a candidate's status from its parts."""
 
 from __future__ import annotations
 
-import json
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from formation.figure import Figure
-from formation.order import FORGED_ORDER, Refusal, mixed
-from formation.ros2.messages import Diagnostics, Status
-from formation.wire import Now
-from leader.conduct import Conduct
-from leader.desk import Asked, Seat
-
-OK, WARNING = 0, 1
-LONGEST_ASKED = 45_000
-"""Of what was asked so much stands in a status: the longest route, and what else there is room for."""
+from formation.leader.operator_requests import Seat
+from formation.leader.plan import Plan
+from formation.protocol.order import Refusal, mixed
+from formation.protocol.reasons import Code, Reason
+from formation.protocol.status import AnsweredRequest, LeaderState, LeaderStatus
 
 
 class Report(NamedTuple):
-    """What a status is made of."""
+    """The parts of a status."""
 
     name: str
     seat: Seat
     term: int
-    """Its own if it leads, else the highest that it has heard of."""
-    conduct: Conduct
+    """Its own term if it leads, else the newest known."""
+    plan: Plan
     mission: str
-    """Its fingerprint."""
+    """The mission's fingerprint."""
     refusals: Mapping[str, Refusal]
     """Robots that refuse its term, and why."""
     mixed: Mapping[str, str]
     """Robots that run another mission, with its tag."""
     tag: str
-    """Of its own mission."""
+    """Tag of its own mission."""
     beat: int
     late: int
-    """Periods that passed without a position."""
+    """Number of periods without a position."""
     dropped: Mapping[str, int]
-    asked: Sequence[Asked]
-    """What an operator has asked for of late."""
-    forgers: Mapping[str, str] = MappingProxyType({})
-    """Robots that relayed forged orders of late: how many, and what was wrong with the newest."""
+    requests: tuple[AnsweredRequest, ...]
+    """Recent operator requests."""
+    forgers: Mapping[str, tuple[int, str]] = MappingProxyType({})
+    """Robots that relayed forged orders lately: how many, and what was wrong with the newest."""
 
 
-def status(report: Report, now: Now, reason: str) -> Diagnostics:
-    """The message; `reason` if there is a special one."""
-    seat = report.seat
-    leads, state = seat.leads, seat.mode if seat.leads else seat.standing
-    why = reason or _doubts(report) or (_why(report.conduct) if leads else _why_not(report))
-    values = {
-        "state": state,
-        "reason": why,
-        "leads": "yes" if leads else "no",
-        "leader": seat.leader,
-        "term": str(report.term),
-        "mission": report.mission,
-        **({"asked": _spelled(report.asked)} if report.asked else {}),
-        **(_conducted(report) if leads else _latched(report.conduct)),
-        **{f"refused by {robot}": because for robot, because in report.refusals.items()},
-        **{f"other mission {robot}": tag or "unknown" for robot, tag in report.mixed.items()},
-        **{f"{FORGED_ORDER}{robot}": why for robot, why in report.forgers.items()},
-        **{f"dropped {key}": str(count) for key, count in report.dropped.items()},
-    }
-    doubts = report.forgers or report.mixed or report.refusals or (leads and report.conduct.fenced)
-    level = OK if state in {"run", "standby"} and not doubts else WARNING
-    message = f"{state}: {why}" if why else state
-    if report.forgers:
-        message += f"; {', '.join(report.forgers)} relayed forged orders"
-    what = Status(f"{report.name}: leader", level, message, report.name, values)
-    return Diagnostics(now.wall, (what,))
+def status(report: Report, ends: str = "") -> LeaderStatus:
+    """Return the status; `ends` says why the process ends, if it does."""
+    seat, plan = report.seat, report.plan
+    return LeaderStatus(
+        robot=report.name,
+        state=LeaderState(seat.mode if seat.leads else seat.candidacy),
+        reason=Reason.of(Code.ENDED, cause=ends) if ends else _reason(report),
+        leads=seat.leads,
+        leader=seat.leader,
+        term=report.term,
+        mission=report.mission,
+        requests=report.requests,
+        refused_by=report.refusals,
+        other_mission=report.mixed,
+        forged={robot: why for robot, (_, why) in report.forgers.items()},
+        forged_count={robot: count for robot, (count, _) in report.forgers.items()},
+        dropped=report.dropped,
+        **(_leading(report) if seat.leads else _latched(plan)),
+    )
 
 
-def spelled(figure: Figure) -> str:
-    """``hexagon``, or ``40 % hexagon + 60 % line, turned by 30°, scale 1.2``."""
-    shares = [(shape, share) for shape, share in figure.mix if share > 0.0]
-    whole = len(shares) == 1
-    said = [" + ".join(shape if whole else f"{100.0 * share:.0f} % {shape}" for shape, share in shares)]
-    if abs(figure.rotation) > 1e-6:
-        said.append(f"turned by {math.degrees(figure.rotation):.1f}°")
-    if abs(figure.scale - 1.0) > 1e-6:
-        said.append(f"scale {figure.scale:.3g}")
-    return ", ".join(said)
-
-
-def _spelled(asked: Sequence[Asked]) -> str:
-    """A JSON list: each request as it was put, with whether it was obeyed (``ok``) and the ``reason``.
-
-    Of many long ones the newest that a status has room for.
-    """
-    said: list[str] = []
-    for one in reversed(asked):
-        spelled = json.dumps({**one.request.spelled, "ok": one.ok, "reason": one.reason}, ensure_ascii=False)
-        if len(spelled) + sum(map(len, said)) <= LONGEST_ASKED:
-            said.insert(0, spelled)
-    return f"[{', '.join(said)}]"
-
-
-def _doubts(report: Report) -> str:
-    """What keeps robots from following, in words; empty for nothing."""
+def _reason(report: Report) -> Reason | None:
+    """Return what keeps robots from following, or else the leader from going on; None if nothing does."""
     if report.mixed:
         return mixed(*next(iter(report.mixed.items())), report.tag)
     if report.refusals:
-        robots = ", ".join(report.refusals)
         ahead = "ahead" in report.refusals.values()
-        why = "is over a day ahead: set the clocks (chronyc tracking)" if ahead else "is an earlier one"
-        return f"{robots} refuse{'' if ', ' in robots else 's'} term {report.term}, which {why}"
-    return ""
+        code = Code.TERM_AHEAD if ahead else Code.TERM_EARLIER
+        return Reason.of(code, robots=tuple(report.refusals), term=report.term)
+    return _why(report.plan) if report.seat.leads else _why_not(report.seat)
 
 
-def _why(conduct: Conduct) -> str:
-    if conduct.will.lost:
-        return conduct.will.lost
-    if conduct.fenced:
-        return f"stopped at the bounds: {conduct.fenced} next; order a speed or route that leads back"
-    if conduct.will.mode == "run" and conduct.together.waits_for:
-        return f"waits for {', '.join(conduct.together.waits_for)}"
-    return "at the end of the route" if conduct.route_time >= conduct.course.total else ""
+def _why(plan: Plan) -> Reason | None:
+    if plan.team_mode.lost:
+        return plan.team_mode.lost
+    if (breach := plan.fenced) is not None:
+        return Reason.of(
+            Code.STOPPED_AT_BOUNDS, what=breach.what, axis=breach.axis, value=breach.value, limit=breach.limit
+        )
+    if waits_for := _waits_for(plan):
+        return Reason.of(Code.WAITS, robots=waits_for)
+    return Reason(Code.ROUTE_ENDED) if plan.route_time >= plan.route.total else None
 
 
-def _why_not(report: Report) -> str:
-    if report.seat.standing == "standby":
-        return f"{report.seat.leader} leads" if report.seat.leader else "nobody leads"
-    return ""
+def _why_not(seat: Seat) -> Reason | None:
+    if seat.candidacy != "standby":
+        return None
+    return Reason.of(Code.OTHER_LEADS, robot=seat.leader) if seat.leader else Reason(Code.NO_LEADER)
 
 
-def _conducted(report: Report) -> dict[str, str]:
-    conduct = report.conduct
+def _waits_for(plan: Plan) -> tuple[str, ...]:
+    stands = plan.team_mode.mode != "run" or plan.fenced is not None
+    return () if stands else plan.cohesion.waits_for
+
+
+def _leading(report: Report) -> dict[str, Any]:
+    plan = report.plan
+    placed_shape, gains = plan.shape_transition.placed_shape, plan.gains
     return {
-        "shape": conduct.mover.wish.shape,
-        "figure": spelled(conduct.mover.figure),
-        "changing": f"{conduct.mover.remaining:.1f}",
-        "gains": conduct.gains.words,
-        "route": conduct.course.id,
-        "route_time": f"{conduct.route_time:.3f}",
-        "pace": f"{conduct.pace:.2f}",
-        "beat": str(report.beat),
-        "late": str(report.late),
+        "at_bounds": plan.fenced is not None,
+        "waits_for": _waits_for(plan),
+        "shape": plan.shape_transition.wish.shape,
+        "share": {shape: round(share, 4) for shape, share in placed_shape.mix if share > 0.0},
+        "rotation": round(placed_shape.rotation, 6),
+        "scale": round(placed_shape.scale, 6),
+        "changing": round(plan.shape_transition.remaining, 1),
+        "k_p": gains.k_p,
+        "k_i": gains.k_i,
+        "route": plan.route.id,
+        "route_time": round(plan.route_time, 3),
+        "pace": round(plan.pace, 2),
+        "beat": report.beat,
+        "late": report.late,
     }
 
 
-def _latched(conduct: Conduct) -> dict[str, str]:
+def _latched(plan: Plan) -> dict[str, Any]:
     """The stop or the hold that a candidate keeps while another leads."""
-    mode = conduct.will.rest.mode
-    return {"latched": mode} if mode else {}
+    mode = plan.team_mode.rest.mode
+    return {"latched": LeaderState(mode)} if mode else {}

@@ -1,6 +1,7 @@
 """The newest term that a candidate knows, on disk: its next process draws a later one.
 
-Best effort: a term that could not be written, or read, costs the robots at most `formation.election.EXPIRY`.
+Best effort: a term that could not be written or read delays the robots by at most
+`formation.protocol.election.TERM_EXPIRY_TIME`.
 """
 
 from __future__ import annotations
@@ -9,26 +10,26 @@ import logging
 import threading
 from pathlib import Path
 
-PERIOD = 1.0
-"""A term is written at most so often [s]."""
+WRITE_PERIOD = 1.0
+"""Shortest time between two writes of a term [s]."""
 MAX_DIGITS = 19
-"""Of a term, in a file."""
+"""Largest number of digits of a term in a file."""
 _log = logging.getLogger(__name__)
 
 
 class Terms:
-    """One candidate's file."""
+    """One candidate's term file."""
 
     def __init__(self, folder: Path, name: str) -> None:
-        """The folder is made if there is none. Raises OSError."""
+        """Make the folder if it is missing. Raises OSError."""
         folder.mkdir(parents=True, exist_ok=True)
         self._path = folder / f"{name}.term"
-        self._kept = 0
+        self._saved = 0
         self._due = float("-inf")  # [s, monotonic]
         self._writing: threading.Thread | None = None
 
     def read(self) -> int:
-        """The term that was kept; 0 for none, or one that cannot be read, which is logged."""
+        """Return the stored term; 0 if there is none or it cannot be read, which is logged."""
         try:
             with self._path.open("rb") as file:
                 text = file.read(MAX_DIGITS + 2).strip()
@@ -40,20 +41,20 @@ class Terms:
         if not text.isdigit() or len(text) > MAX_DIGITS or int(text) >= 2**63:
             _log.warning("%s holds no term of up to %d digits: ignored", self._path, MAX_DIGITS)
             return 0
-        self._kept = int(text)
-        return self._kept
+        self._saved = int(text)
+        return self._saved
 
-    def keep(self, term: int, mono: float) -> None:
-        """Have it written, by a thread of its own: a disk that hangs holds up no beat. `mono` in s."""
+    def save(self, term: int, mono: float) -> None:
+        """Write it in a separate thread, so that a hanging disk delays no beat; `mono` in s."""
         busy = self._writing is not None and self._writing.is_alive()
-        if term == self._kept or busy or mono < self._due:
+        if term == self._saved or busy or mono < self._due:
             return
-        self._kept, self._due = term, mono + PERIOD
+        self._saved, self._due = term, mono + WRITE_PERIOD
         self._writing = threading.Thread(target=self._write, args=(term,), name="term", daemon=True)
         self._writing.start()
 
     def close(self, patience: float = 1.0) -> None:
-        """Wait for the newest to be written, for at most so long [s]."""
+        """Wait at most `patience` [s] until the newest term is written."""
         if self._writing is not None:
             self._writing.join(patience)
 

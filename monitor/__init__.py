@@ -1,1 +1,1 @@
-"""The process that watches and never drives: metrics, recording, figures."""
+"""The monitor, which watches and never drives: metrics, recording, exporters."""

@@ -1,4 +1,4 @@
-"""`python -m monitor`: watch a fleet, measure the formation, record everything. It moves nothing."""
+"""`python -m formation.monitor`: watch a fleet, measure the formation, record everything; move nothing."""
 
 from __future__ import annotations
 
@@ -13,53 +13,54 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import get_args
 
-from formation.law import LAWS
-from formation.mission import Mission
-from formation.mission_file import parse, read
+from formation.control.laws import LAWS
+from formation.mission.file import configuration_of, parse, read
+from formation.mission.model import Mission
+from formation.monitor.core import Monitor
+from formation.monitor.exporters.opening import ExporterError, add_foxglove_flags, served, write_layout
+from formation.monitor.metrics.keys import OWN, watched
+from formation.monitor.metrics.stage import given, usual
+from formation.monitor.process import MAX_WAITING_MESSAGES, NAME, Watch
+from formation.monitor.recording.recorder import Recorder
+from formation.monitor.recording.rotation import Rotation, add_rotation_flags
+from formation.monitor.web import frames
+from formation.monitor.web.address import Bind
+from formation.monitor.web.control import on_the_bus
+from formation.monitor.web.flags import add_page_flags
+from formation.monitor.web.opening import EXPOSED, opened, words
+from formation.monitor.web.server import PageServer
+from formation.monitor.web.showing import Showing
+from formation.monitor.web.source import Source
 from formation.ros2.naming import Naming
-from formation.tables import Ros
+from formation.ros2.ros_names import Ros
 from formation.transport import wiring
+from formation.transport.asking import OPERATOR
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError, parse_override
-from formation.transport.flags import bus_config, parser
 from formation.transport.mailbox import Mailbox
-from formation.transport.process import BadInput, Stop, clocks, run_process, say
 from formation.transport.robot_bus import RobotBus
-from formation.transport.robot_buses import RobotBuses
-from monitor.core import Monitor
-from monitor.figures.keys import OWN, watched
-from monitor.figures.stage import given, usual
-from monitor.loop import CAPACITY, NAME, Watch
-from monitor.outlets.opening import OutletError, add_foxglove_flags, served, write_layout
-from monitor.page import frames
-from monitor.page.address import Bind
-from monitor.page.control import on_the_bus
-from monitor.page.flags import add_page_flags
-from monitor.page.opening import EXPOSED, opened, words
-from monitor.page.server import PageServer
-from monitor.page.showing import Showing
-from monitor.page.source import Source
-from monitor.recording.recorder import Recorder
-from monitor.recording.rotation import Rotation, add_rotation_flags
+from formation.transport.runtime.flags import bus_config, parser
+from formation.transport.runtime.process import BadInput, Stop, clocks, run_process, say
+from formation.transport.runtime.robot_buses import RobotBuses
 
 EXAMPLES = """\
   formation monitor six_robots
   formation monitor field.toml --record monday.mcap
   formation monitor field.toml --no-record -e tcp/192.168.1.11:7460 -e tcp/192.168.1.12:7460
   formation monitor six_robots --foxglove
-  formation monitor field.toml --page 0.0.0.0:8460 --control --control-config operator.json5
+  formation monitor field --page 0.0.0.0:8460 --control      with what is in this folder of bundles
   formation monitor field.toml --ros tcp/127.0.0.1:7447 --ros-names rmw_zenoh
 """
 NODE = "formation_monitor"
-"""What ROS calls it."""
-TURN = 0.0005
-"""After so long a busy thread lets another one in [s]. What takes a message from the network needs only
-microseconds, but at Python's 5 ms would have to wait as long for each of them while figures are made."""
+"""The monitor's node name in ROS."""
+SWITCH_INTERVAL = 0.0005
+"""Python's thread switch interval [s]. Taking a message from the network needs only microseconds, but at the
+default of 5 ms each one would wait as long while metrics are made."""
 _log = logging.getLogger(__name__)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Watch until told to stop; the exit code."""
+    """Watch until told to stop; return the exit code."""
     args = _flags().parse_args(argv)
     return run_process(NAME, args, lambda stop: _run(args, stop))
 
@@ -67,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(args: argparse.Namespace, stop: Stop) -> None:
     try:
         _watch(args, stop)
-    except OutletError as error:
+    except ExporterError as error:
         raise BadInput(str(error)) from None
 
 
@@ -77,13 +78,16 @@ def _watch(args: argparse.Namespace, stop: Stop) -> None:
     if args.foxglove_layout is not None:
         write_layout(args.foxglove_layout, mission)
         return
+    args.config = args.config or configuration_of(args.mission, "monitor")
+    if args.control:
+        args.control_config = args.control_config or configuration_of(args.mission, OPERATOR)
     links = wiring.of_monitor(wiring.endpoints(mission))
     config = bus_config(args, mission, links, NAME)
     stage, ros_naming = _stage(args, mission), _ros_naming(args, mission)
     _needs_a_page(args)
     when = datetime.now().astimezone()
     path = args.record or Path("recordings") / f"{mission.name}-{when:%Y%m%d-%H%M%S}.mcap"
-    mailbox = Mailbox(CAPACITY)
+    mailbox = Mailbox(MAX_WAITING_MESSAGES)
     with ExitStack() as stack:
         monitor = Monitor(mission, stage)
         page = _page(args, mission, monitor, stack)
@@ -121,8 +125,8 @@ def _watch(args: argparse.Namespace, stop: Stop) -> None:
             page=None if page is None else page.invitation,
             foxglove=None if foxglove is None else foxglove.address,
         )
-        sys.setswitchinterval(TURN)
-        gc.freeze()  # what stands by now is never looked through again
+        sys.setswitchinterval(SWITCH_INTERVAL)
+        gc.freeze()  # objects made so far are not scanned again
         one.run(stop, snapshots=args.snapshots)
     say("summary", **one.summary())
 
@@ -130,7 +134,7 @@ def _watch(args: argparse.Namespace, stop: Stop) -> None:
 def _page(
     args: argparse.Namespace, mission: Mission, monitor: Monitor, stack: ExitStack
 ) -> PageServer | None:
-    """The page, not yet served, with its operator. Raises BadInput and BusError."""
+    """Return the page, not yet served, with its operator. Raises BadInput and BusError."""
     if args.no_page:
         return None
     control = None
@@ -145,7 +149,7 @@ def _page(
         live=True,
         control=args.control,
         law=args.law or mission.law.kind,
-        version=version("formation"),
+        version=version("zenoh-formation"),
     )
     try:
         server = opened(args.page, Source(about, lambda: clocks().wall), control)
@@ -156,7 +160,7 @@ def _page(
 
 
 def _stage(args: argparse.Namespace, mission: Mission) -> dict[str, str]:
-    """Where robots are simulated, by name. Raises BadInput."""
+    """Return the endpoints of simulated robots, by robot. Raises BadInput."""
     if args.no_stage:
         return {}
     try:
@@ -169,7 +173,7 @@ def _stage(args: argparse.Namespace, mission: Mission) -> dict[str, str]:
 
 
 def _ros_naming(args: argparse.Namespace, mission: Mission) -> Naming:
-    """How the monitor's own topics are spelled: as flags say, else as the first follower's are."""
+    """Return the naming of the monitor's own topics: from flags, else the first follower's."""
     if not args.ros and (args.ros_names is not None or args.ros_domain is not None):
         raise BadInput("--ros-names and --ros-domain: say how --ros ENDPOINT spells, which is missing")
     if args.ros:
@@ -180,7 +184,7 @@ def _ros_naming(args: argparse.Namespace, mission: Mission) -> Naming:
 
 
 def _needs_a_page(args: argparse.Namespace) -> None:
-    """Raise BadInput for flags that say how to give orders where there is nothing to give them by."""
+    """Raise BadInput for flags about orders if there is no page to give orders from."""
     if args.control and args.no_page:
         raise BadInput("--control: gives orders by the page, which --no-page leaves out")
     if args.control_config is not None and not args.control:
@@ -188,7 +192,7 @@ def _needs_a_page(args: argparse.Namespace) -> None:
 
 
 def _check(flag: str, endpoint: str) -> None:
-    """Raise BadInput, in the name of `flag`, for an endpoint that cannot be dialled."""
+    """Raise BadInput, naming `flag`, for an endpoint that cannot be dialled."""
     try:
         BusConfig(connect=(endpoint,))
     except BusError as error:
@@ -230,7 +234,7 @@ def _flags() -> argparse.ArgumentParser:
         " no endpoint)",
     )  # fmt: skip
     where.add_argument("--no-stage", action="store_true", help="do not look for any")
-    ros = flags.add_argument_group("figures as ROS 2 topics (formation/error, formation/diagnostics)")
+    ros = flags.add_argument_group("metrics as ROS 2 topics (formation/error, formation/diagnostics)")
     ros.add_argument(
         "--ros", metavar="ENDPOINT", help="ROS 2 bridge or router to publish them to, as a client"
     )

@@ -1,4 +1,4 @@
-"""The monitor without a clock, a socket or a file: what was heard in, what it publishes out."""
+"""The monitor without a clock, a socket or a file: received messages in, messages to publish out."""
 
 from __future__ import annotations
 
@@ -6,38 +6,38 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from formation.mission import Mission
-from formation.rate import Rate
+from formation.mission.model import Mission
+from formation.monitor.metrics.events import Event, Events, to_message
+from formation.monitor.metrics.keys import OWN, watched
+from formation.monitor.metrics.metrics import Metrics
+from formation.monitor.metrics.snapshot import Snapshot
+from formation.monitor.metrics.words import diagnostics
 from formation.ros2.messages import Number, encode
 from formation.topics import DIAGNOSTICS, ERROR, EVENTS, Topic
+from formation.transport.runtime.rate import Rate
 from formation.wire import Now, Outgoing, Sample
-from monitor.figures.events import Event, Events, to_message
-from monitor.figures.keys import OWN, watched
-from monitor.figures.metrics import Metrics
-from monitor.figures.snapshot import Snapshot
-from monitor.figures.words import diagnostics
 
-REMEMBERED = 1000
-"""Newest events that are kept for whoever looks later; all are in the recording."""
+MAX_EVENTS = 1000
+"""Number of newest events that are kept; all are in the recording."""
 
 
 class Numbered(NamedTuple):
-    """An event and which one of the run it is, from 1."""
+    """An event and its number in the run, from 1."""
 
     number: int
     event: Event
 
 
 class Monitor:
-    """Watches one mission's fleet. It publishes figures about it and nothing that any robot listens to."""
+    """Watch one mission's fleet. Publishes metrics about it and nothing that a robot listens to."""
 
     def __init__(self, mission: Mission, stage: Iterable[str] = ()) -> None:
-        """`stage` has the robots that are simulated: only of them the truth is to be had."""
+        """`stage` has the simulated robots: only they have ground truth."""
         self.metrics = Metrics(mission)
         self.snapshot: Snapshot | None = None
-        """Of the last look, a tenth of a second old at most; None before the first."""
-        self.events: deque[Numbered] = deque(maxlen=REMEMBERED)
-        """The newest, the oldest of them first."""
+        """Snapshot of the last look, at most 0.1 s old; None before the first."""
+        self.events: deque[Numbered] = deque(maxlen=MAX_EVENTS)
+        """The newest events, oldest first."""
         self._events = Events(mission)
         self._noted: deque[Event] = deque()
         self._happened = 0
@@ -61,21 +61,21 @@ class Monitor:
         return tuple((one.topic, one.key) for one in self._keys if one.on_stage and one.robot in self._stage)
 
     def note(self, event: Event) -> None:
-        """Have an event of which the fleet's messages say nothing join the others. For any thread."""
+        """Add an event that is not from the fleet's messages. Any thread may call it."""
         self._noted.append(event)
 
     def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
-        """Learn from `inbox`; the figures that are due. An error that is not known is not published."""
+        """Read `inbox` and return the metrics that are due. An unknown error is not published."""
         ahead = now.wall - now.mono
         for sample in inbox:
-            self.metrics.take(sample, sample.arrived + ahead)
+            self.metrics.process_sample(sample, sample.arrived + ahead)
         outbox = []
         if self._error_rate.tick(now.mono):
             error = self.metrics.observe(now)
             if error is not None:
                 outbox.append(Outgoing(ERROR.key(), encode(Number(error))))
             self.snapshot = self.metrics.snapshot(now)
-            self._noted.extend(self._events.see(now, self.snapshot))
+            self._noted.extend(self._events.collect_events(now, self.snapshot))
         outbox += self._tell()
         if self._diagnostics_rate.tick(now.mono):
             snapshot = self.metrics.snapshot(now)
@@ -83,7 +83,7 @@ class Monitor:
         return outbox
 
     def _tell(self) -> list[Outgoing]:
-        """Number what has happened, keep it and publish it."""
+        """Number new events, keep and publish them."""
         outbox = []
         while self._noted:
             event = self._noted.popleft()

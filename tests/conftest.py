@@ -1,47 +1,86 @@
-"""What holds for all tests."""
+"""Which tests run, and what holds for all of them.
+
+    pytest                  unit tests, and a thin layer of real processes (marked `smoke`): some minutes
+    pytest --all            every test: slow ones, all processes, hypothesis with all its examples
+    pytest tests/field      everything in a folder or a file that is named
+
+Tests of real processes run one after another; unit tests run beside them, file by file, on the other cores.
+One of them that fails while the machine stood still is run again, and the summary names it.
+"""
 
 from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from functools import cache
 from typing import TYPE_CHECKING
 
 import pytest
+from _pytest.runner import runtestprotocol
 from hypothesis import settings
+from xdist.remote import Producer
+from xdist.scheduler.loadscope import LoadScopeScheduling
 
-from tests.needs import MARKS, missing
+from tests.support.needs import MARKS, missing
+from tests.support.stalls import MIN_STALL_SECONDS, StallWatch
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
+WITH_PROCESSES = ("tests/processes/", "tests/field/")
+"""Folders of tests that start processes, open sockets or wait for the wall clock."""
+MAX_RUNS_IN_STALLS = 3
+"""How often a test with processes is run that fails each time while the machine stands still."""
+STALLED = "stalled"
+"""Name of the property of a test's report that says how long the machine stood still."""
+QUICK_EXAMPLES = 20
+"""Examples of each hypothesis test without `--all`; hypothesis itself takes 100."""
+
 # The same examples every time, and no time limit for one: a busy machine is not a counter-example.
 # To look for new ones: pytest --hypothesis-profile=search
-settings.register_profile("seeded", derandomize=True, deadline=None)
+settings.register_profile("quick", derandomize=True, deadline=None, max_examples=QUICK_EXAMPLES)
+settings.register_profile("thorough", derandomize=True, deadline=None)
 settings.register_profile("search", max_examples=1000, deadline=None)
-settings.load_profile("seeded")
 
 
-@pytest.fixture
-def in_a_terminal() -> Iterator[None]:
-    """Signals as a terminal leaves them, though the tests themselves may have been started by nohup."""
-    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
-    yield
-    signal.signal(signal.SIGHUP, before)
+class ByCost(LoadScopeScheduling):  # type: ignore[misc] # xdist says nothing of its types
+    """Hand out unit tests file by file, and all tests with processes to one worker."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        return "processes" if _has_processes(nodeid) else nodeid.partition("::")[0]
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """A browser for all tests of a module; not of a session, for meanwhile no other event loop can run."""
-    from tests.monitor.page.served import browsing
-
-    with browsing() as one:
-        yield one
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add --all."""
+    parser.addoption(
+        "--all", action="store_true", help="run every test, slow ones and all real processes too"
+    )
 
 
-@pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Leave out, by name, tests that need what this machine lacks; with FORMATION_TEST_ALL=1 none is."""
+def pytest_configure(config: pytest.Config) -> None:
+    """Choose how many examples hypothesis tries, unless the command line did."""
+    if not config.getoption("--hypothesis-profile"):
+        settings.load_profile("thorough" if config.getoption("--all") else "quick")
+
+
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """Return the number of worker processes: none where files are named, for output and debuggers."""
+    if any(argument.partition("::")[0].endswith(".py") for argument in config.args):
+        return 0
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadScopeScheduling:
+    """Return what hands out the tests to worker processes."""
+    return ByCost(config, log)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Select by cost, and skip by name what needs what this machine lacks."""
+    if not config.getoption("--all") and config.args_source is pytest.Config.ArgsSource.TESTPATHS:
+        _deselect_costly(config, items)
     if os.environ.get("FORMATION_TEST_ALL") == "1":
         return
     for item in items:
@@ -51,9 +90,82 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Where every test has to run, one that cannot has failed."""
+    """Fail a test that cannot run where FORMATION_TEST_ALL=1 says that every test has to."""
     if os.environ.get("FORMATION_TEST_ALL") == "1" and (lacking := _lacking(item)):
         pytest.fail(f"{item.name} needs {lacking}, and FORMATION_TEST_ALL=1 leaves out none", pytrace=False)
+
+
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
+    """Run a test with processes; again if its call failed and the machine stood still meanwhile."""
+    if not _has_processes(item.nodeid):
+        return None
+    watch = _stall_watch()
+    item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
+    for run in range(1, MAX_RUNS_IN_STALLS + 1):
+        watch.longest_since_last_call()
+        reports = runtestprotocol(item, log=False, nextitem=nextitem)
+        stall = watch.longest_since_last_call()
+        if run == MAX_RUNS_IN_STALLS or stall < MIN_STALL_SECONDS or not _failed_in_call(reports):
+            break
+        item.user_properties.append((STALLED, f"failed while the machine stood still for {stall:.2f} s"))
+    for report in reports:
+        item.ihook.pytest_runtest_logreport(report=report)
+    item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
+    return True
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Name every test that was run again, and why."""
+    for outcome in ("passed", "failed"):
+        for report in terminalreporter.getreports(outcome):
+            for name, text in report.user_properties:
+                if name == STALLED and report.when == "call":
+                    terminalreporter.line(f"RUN AGAIN {report.nodeid}: {text}; then it {outcome}")
+
+
+@cache
+def _stall_watch() -> StallWatch:
+    watch = StallWatch()
+    watch.start()
+    return watch
+
+
+def _failed_in_call(reports: Sequence[pytest.TestReport]) -> bool:
+    return any(report.failed and report.when == "call" for report in reports)
+
+
+@pytest.fixture
+def in_a_terminal() -> Iterator[None]:
+    """Handle signals as a terminal leaves them, though the tests may have been started by nohup."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """Start a browser for all tests of a module; meanwhile no other event loop can run."""
+    from tests.support.served import browsing
+
+    with browsing() as one:
+        yield one
+
+
+def _has_processes(nodeid: str) -> bool:
+    return nodeid.startswith(WITH_PROCESSES)
+
+
+def _deselect_costly(config: pytest.Config, items: list[pytest.Item]) -> None:
+    costly = [item for item in items if _costly(item)]
+    chosen = [item for item in items if not _costly(item)]
+    config.hook.pytest_deselected(items=costly)
+    items[:] = chosen
+
+
+def _costly(item: pytest.Item) -> bool:
+    if item.get_closest_marker("slow") is not None:
+        return True
+    return _has_processes(item.nodeid) and item.get_closest_marker("smoke") is None
 
 
 def _lacking(item: pytest.Item) -> str:

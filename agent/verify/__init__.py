@@ -1,1 +1,1 @@
-"""A recorded run lived through again: does an agent that is given the same inputs say the same?"""
+"""Run the agents of a recording again: do they send the same commands for the same inputs?"""

@@ -1,7 +1,7 @@
-"""Every agent of a recording lived through once more, message by message, in bounded memory.
+"""Run every agent of a recording again, message by message, in bounded memory.
 
-Each command is taken up when all that its trace names has passed: the messages lie shortly before it in the
-recording, or shortly after. Nothing here looks at a clock but at the recorder's, as the messages have it.
+Each command is judged when all messages that its trace names have passed: they are shortly before it in
+the recording, or shortly after. The only clock is that of the recorder, as the messages contain it.
 """
 
 from __future__ import annotations
@@ -10,68 +10,71 @@ from collections import deque
 from collections.abc import Iterable
 from functools import lru_cache
 
-from agent.verify.replica import Replica, Said
-from agent.verify.shelf import Shelf, Title
-from agent.verify.traced import BadTraceError, read
-from agent.verify.verdict import TOLERANCE, Comparison, Verdict
-from formation.mission import Mission
+from formation.agent.verify.buffer import MessageBuffer, Title
+from formation.agent.verify.replica import RecordedCommand, Replica
+from formation.agent.verify.traced import BadTraceError, read
+from formation.agent.verify.verdict import COMMAND_TOLERANCE, Comparison, Verdict
+from formation.mission.model import Mission
 from formation.ros2.ros_names import address
-from formation.topics import BALLOT, CMD_VEL, ODOM, POSE, POSITION, RELATIVE, SCAN
+from formation.topics import CMD_VEL, TABLE
 from formation.wire import Sample
 
-LATE = 3.0
-"""So long after a command what it followed from may come into the recording [s]."""
-LEAP = 1.0
-"""More than this between two messages is a clock that was set, or a pause: nothing comes late in it [s]."""
+MAX_INPUT_DELAY = 3.0
+"""Time after a command in which its inputs may still follow in the recording [s]."""
+MAX_MESSAGE_GAP = 1.0
+"""Longer gaps between two messages are a clock that was set, or a pause: no message comes late in them
+[s]."""
 MAX_WAITING = 2000
-"""Commands of one robot that wait for what they followed from: three seconds at 200 Hz have 600."""
-MOST_VOICES = 16
-"""Agents of one robot that are told apart at a time."""
-_HEARD = frozenset({BALLOT, ODOM, POSE, POSITION, RELATIVE, SCAN})
+"""Most commands of one robot that wait for their inputs: three seconds at 200 Hz have 600."""
+MOST_PUBLISHERS = 16
+"""Most agents of one robot that are distinguished at a time."""
+_INPUTS = frozenset(topic for topic in TABLE if topic.agent_input)
 
 
 class Verification:
-    """What comes of living a recording through once more. Take its messages in their order, then `close`."""
+    """Verifies a recording. Pass its messages to `process_sample` in their order, then call `close`."""
 
-    def __init__(self, mission: Mission, law: str | None = None, tolerance: float = TOLERANCE) -> None:
-        """Agents go by `mission`, and by the law that they were recorded with unless `law` says otherwise.
+    def __init__(
+        self, mission: Mission, law: str | None = None, tolerance: float = COMMAND_TOLERANCE
+    ) -> None:
+        """Run agents with `mission`, and with the law that they were recorded with unless `law` is given.
 
-        `tolerance` [m/s; rad/s] is how far off a command may be and still count as the same.
+        `tolerance` [m/s; rad/s] is the greatest difference of commands that count as the same.
         """
         self.verdicts = {robot: Verdict(robot, tolerance) for robot in mission.followers}
         """By robot."""
         self._lines = {
             CMD_VEL.key(robot): _Line(mission, law, verdict) for robot, verdict in self.verdicts.items()
         }
-        self._shelf = Shelf()
+        self._buffer = MessageBuffer()
         self._awaited: dict[str, frozenset[Title]] = {}  # what a line waits for
         self._due: deque[tuple[float, str]] = deque()  # until when
         self._moment, self._wall = 0.0, float("inf")
 
-    def take(self, sample: Sample, wall: float) -> None:
-        """Take the next message, which was recorded at `wall` [s]."""
-        self._moment += min(max(wall - self._wall, 0.0), LEAP)
+    def process_sample(self, sample: Sample, wall: float) -> None:
+        """Process the next message, recorded at `wall` [s]."""
+        self._moment += min(max(wall - self._wall, 0.0), MAX_MESSAGE_GAP)
         self._wall = wall
         if sample.key in self._lines:
-            if self._lines[sample.key].add(sample, wall, self._moment + LATE):
-                self._due.append((self._moment + LATE, sample.key))
+            if self._lines[sample.key].add(sample, wall, self._moment + MAX_INPUT_DELAY):
+                self._due.append((self._moment + MAX_INPUT_DELAY, sample.key))
                 self._proceed(sample.key)
-        elif _may_be_heard(sample.key):
-            title = self._shelf.put(sample, self._moment)
+        elif _may_be_received(sample.key):
+            title = self._buffer.put(sample, self._moment)
             for key in [key for key, awaited in self._awaited.items() if title in awaited]:
                 self._proceed(key)
         while self._due and self._due[0][0] <= self._moment:
             self._proceed(self._due.popleft()[1])
 
     def close(self) -> None:
-        """There will be no more."""
+        """End the recording."""
         self._moment = float("inf")
         for key in self._lines:
             self._proceed(key)
 
     def _proceed(self, key: str) -> None:
-        """Judge the commands of a line that can be, or that have waited long enough."""
-        awaited = self._lines[key].judge(self._shelf, self._moment)
+        """Judge the commands of a robot that are ready, or have waited long enough."""
+        awaited = self._lines[key].judge(self._buffer, self._moment)
         self._awaited.pop(key, None)
         if awaited:
             self._awaited[key] = awaited
@@ -82,11 +85,11 @@ class _Line:
 
     def __init__(self, mission: Mission, law: str | None, verdict: Verdict) -> None:
         self._mission, self._law, self._verdict = mission, law, verdict
-        self._waiting: deque[tuple[Said, float]] = deque()  # and until when
-        self._replicas: dict[str, Replica] = {}  # by voice
+        self._waiting: deque[tuple[RecordedCommand, float]] = deque()  # and until when
+        self._replicas: dict[str, Replica] = {}  # by publisher id
 
     def add(self, sample: Sample, wall: float, until: float) -> bool:
-        """Have a command wait to be judged; whether it can be, for its trace."""
+        """Queue a command to be judged; whether its trace allows that."""
         if sample.attachment is None:
             self._verdict.passed_over(wall, "no trace of it in the recording")
             return False
@@ -95,52 +98,52 @@ class _Line:
         except BadTraceError as bad:
             self._verdict.passed_over(wall, f"its trace cannot be read: {bad}")
             return False
-        self._waiting.append((Said(traced, sample.payload, wall), until))
+        self._waiting.append((RecordedCommand(traced, sample.payload, wall), until))
         return True
 
-    def judge(self, shelf: Shelf, moment: float) -> frozenset[Title]:
-        """Judge all that can be judged, or has waited long enough by `moment`; what the next waits for."""
+    def judge(self, buffer: MessageBuffer, moment: float) -> frozenset[Title]:
+        """Judge all commands that are ready, or overdue at `moment`; return what the next waits for."""
         while self._waiting:
-            said, until = self._waiting[0]
-            replica = self._replica(said.traced.voice)
+            command, until = self._waiting[0]
+            replica = self._replica(command.traced.publisher_id)
             try:
-                missing = frozenset(title for title in replica.needs(said.traced) if title not in shelf)
+                missing = frozenset(title for title in replica.needs(command.traced) if title not in buffer)
                 if missing and moment < until and len(self._waiting) <= MAX_WAITING:
                     return missing
-                self._count(said, replica.follow(said, shelf))
+                self._count(command, replica.follow(command, buffer))
             except BadTraceError as bad:
-                self._count(said, f"its trace cannot be followed: {bad}")
+                self._count(command, f"its trace cannot be followed: {bad}")
             self._waiting.popleft()
         return frozenset()
 
-    def _count(self, said: Said, result: Comparison | str | None) -> None:
-        if said.traced.agent is not None and len(self._verdict.missions) < MOST_VOICES:
-            self._verdict.missions.add(said.traced.agent.mission)
+    def _count(self, command: RecordedCommand, result: Comparison | str | None) -> None:
+        if command.traced.agent is not None and len(self._verdict.missions) < MOST_PUBLISHERS:
+            self._verdict.missions.add(command.traced.agent.mission)
         if isinstance(result, Comparison):
             self._verdict.compared_one(result)
         else:
-            self._verdict.passed_over(said.wall, result)
+            self._verdict.passed_over(command.wall, result)
 
-    def _replica(self, voice: str) -> Replica:
-        if voice not in self._replicas:
-            if len(self._replicas) == MOST_VOICES:
+    def _replica(self, publisher_id: str) -> Replica:
+        if publisher_id not in self._replicas:
+            if len(self._replicas) == MOST_PUBLISHERS:
                 del self._replicas[next(iter(self._replicas))]
             late = (
-                "another agent speaks from here on, whose beginning is"
+                "another agent publishes from here on; its beginning is"
                 if self._replicas
                 else "its agent's beginning is"
             )
-            self._replicas[voice] = Replica(
+            self._replicas[publisher_id] = Replica(
                 self._mission, self._verdict.robot, self._law, late=f"{late} not in the recording"
             )
-        return self._replicas[voice]
+        return self._replicas[publisher_id]
 
 
 @lru_cache(4096)
-def _may_be_heard(key: str) -> bool:
-    """Whether an agent may listen to it."""
+def _may_be_received(key: str) -> bool:
+    """Whether an agent may subscribe to it."""
     try:
-        return address(key).topic in _HEARD
+        return address(key).topic in _INPUTS
     except ValueError:
         return False
 
@@ -149,11 +152,11 @@ def verify(
     mission: Mission,
     messages: Iterable[tuple[Sample, float]],
     law: str | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float = COMMAND_TOLERANCE,
 ) -> dict[str, Verdict]:
-    """What comes of each robot; `messages` with their times [s, recorder's clock], in recorded order."""
+    """Return each robot's verdict; `messages` with times [s, recorder's clock], in recorded order."""
     verification = Verification(mission, law, tolerance)
     for sample, wall in messages:
-        verification.take(sample, wall)
+        verification.process_sample(sample, wall)
     verification.close()
     return verification.verdicts

@@ -1,4 +1,4 @@
-"""What `agent.trace` tells, read strictly: it may come from any file."""
+"""The traces of `formation.agent.persistence.trace`, read strictly: they may come from any file."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from agent.trace import MOST
-from formation.order import MAX_REQUEST
+from formation.agent.persistence.trace import MAX_TRACED_INPUTS
+from formation.protocol.order import MAX_REQUEST_BYTES
 from formation.wire import Now
 
 Count = Annotated[int, Field(ge=0, lt=2**63)]
@@ -15,10 +15,10 @@ Text = Annotated[str, Field(max_length=1000)]
 
 
 class BadTraceError(ValueError):
-    """What rides on a command is no trace; the text says why."""
+    """The attachment of a command is no trace; the text says why."""
 
 
-class Heard(NamedTuple):
+class TracedMessage(NamedTuple):
     """A message of an inbox."""
 
     key: Count
@@ -27,12 +27,12 @@ class Heard(NamedTuple):
     arrived: float
     """[s, monotonic]"""
     unverified: Text = ""
-    """Why the order on it did not count."""
+    """Why its order did not count."""
     forged: bool = False
 
 
 class Link(NamedTuple):
-    """What an agent saw of its robot's side: of `agent.status.Surroundings` what commands depend on."""
+    """State of the robot's side, as an agent saw it: the part of `Surroundings` that affects commands."""
 
     connected: bool | None
     routed: bool | None
@@ -44,75 +44,75 @@ class Step(NamedTuple):
 
     mono: float
     wall: float
-    heard: tuple[Heard, ...]
+    received: tuple[TracedMessage, ...]
     link: Link | None = None
 
     @property
     def now(self) -> Now:
-        """By which clocks it was taken."""
+        """The clocks of this step."""
         return Now(self.mono, self.wall)
 
 
-class Asked(NamedTuple):
+class RequestStep(NamedTuple):
     """An operator's request, between two steps."""
 
-    heard: float
+    received: float
     """[s, monotonic]"""
-    request: Annotated[str, Field(max_length=MAX_REQUEST)]
+    request: Annotated[str, Field(max_length=MAX_REQUEST_BYTES)]
 
 
 class _Table(BaseModel):
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
 
 
-class Recalled(_Table):
-    """What an agent took over, between two steps, from another that ran before it."""
+class RestoredStep(_Table):
+    """State that an agent restored, between two steps, from another that ran before it."""
 
-    recalled: dict[Text, Any]
+    restored: dict[Text, Any]
 
 
 class About(_Table):
-    """What an agent was made with."""
+    """How an agent was constructed."""
 
     law: Text
     readonly: bool
     mission: Text
     """Fingerprint."""
     keys: tuple[Text, ...]
-    """What it listens to."""
+    """Keys that it subscribes to."""
 
 
 class Traced(_Table):
     """One command's trace."""
 
     n: Count
-    """Which command of this voice, from 1."""
-    voice: Text
-    steps: tuple[Step | Asked | Recalled, ...] = ()
-    """What led to it since the command before: steps, and between them an operator's requests."""
+    """Number of this command, from 1, by publisher id."""
+    publisher_id: Text
+    steps: tuple[Step | RequestStep | RestoredStep, ...] = ()
+    """Its inputs since the command before: steps, and between them an operator's requests."""
     halt: Now | None = None
-    """When the agent said its last words."""
+    """When the agent sent its last messages."""
     gap: Text = ""
-    """Why the steps are not told."""
+    """Why the steps are missing."""
     agent: About | None = None
-    memory: Any = None
-    """What the agent knew after this command."""
+    state: Any = None
+    """The agent's state after this command."""
 
-    def heard(self, keys: tuple[str, ...]) -> list[tuple[str, Heard]]:
-        """Every message that it names, with its key. Raises BadTraceError for one that is none of `keys`."""
-        found = [one for step in self.steps if isinstance(step, Step) for one in step.heard]
+    def received(self, keys: tuple[str, ...]) -> list[tuple[str, TracedMessage]]:
+        """Every message that it names, with its key. Raises BadTraceError for a key not in `keys`."""
+        found = [one for step in self.steps if isinstance(step, Step) for one in step.received]
         if any(one.key >= len(keys) for one in found):
             raise BadTraceError(f"names a key that the agent does not have: it has {len(keys)}")
         return [(keys[one.key], one) for one in found]
 
 
 def read(attachment: bytes) -> Traced:
-    """The trace in an attachment. Raises BadTraceError, and nothing else."""
+    """Parse the trace in an attachment. Raises BadTraceError, and nothing else."""
     try:
         traced = Traced.model_validate_json(attachment)
-        many = sum(1 + len(step.heard) if isinstance(step, Step) else 1 for step in traced.steps)
-        if many > MOST:  # an agent tells no more; each costs a step or a search
-            raise BadTraceError(f"tells {many} steps and messages, at most {MOST} are read")
+        many = sum(1 + len(step.received) if isinstance(step, Step) else 1 for step in traced.steps)
+        if many > MAX_TRACED_INPUTS:  # an agent traces no more; each costs a step or a search
+            raise BadTraceError(f"has {many} steps and messages, at most {MAX_TRACED_INPUTS} are read")
         return traced
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False, include_context=False)[0]

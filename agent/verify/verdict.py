@@ -1,21 +1,21 @@
-"""What came of living one robot's run through once more."""
+"""The result of running one robot's agent again."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-TOLERANCE = 1e-9
-"""Up to this commands are the same [m/s; rad/s]."""
-LEAD_IN = 6.0
-"""A recording that begins after its agents is followed from the first memory in it on, which comes within
-five seconds. So long after a robot's first command nothing has to be judged [s]."""
+COMMAND_TOLERANCE = 1e-9
+"""Greatest difference of commands that count as the same [m/s; rad/s]."""
+LEAD_IN_TIME = 6.0
+"""Time after a robot's first command in which no command has to be judged [s]: a recording that began
+after its agents is followed from the first state in its trace, which comes within five seconds."""
 MOST_STRETCHES = 200
-"""So many stretches are told one by one, the rest together."""
+"""Most stretches that are listed one by one; the rest are counted together."""
 
 
-class Told(NamedTuple):
-    """A command, and the bytes that say it."""
+class PublishedCommand(NamedTuple):
+    """A command and its payload."""
 
     speed: float
     """[m/s]"""
@@ -25,26 +25,26 @@ class Told(NamedTuple):
 
 
 class Input(NamedTuple):
-    """A message that a command followed from."""
+    """A message that is an input of a command."""
 
     key: str
     age: float
-    """How long before the command it had come [s]."""
+    """Its age at the time of the command [s]."""
 
 
 class Comparison(NamedTuple):
-    """A recorded command beside the one that is computed from the same inputs."""
+    """A recorded command and the one computed from the same inputs."""
 
     wall: float
     """When it was recorded [s, system clock of the recorder]."""
     number: int
-    """Which command of its agent."""
-    recorded: Told | None
-    """None for what is no command."""
-    computed: Told | None
-    """None where this agent says nothing, or fails."""
+    """Number of the command, by agent."""
+    recorded: PublishedCommand | None
+    """None if it is no command."""
+    computed: PublishedCommand | None
+    """None if this agent sends nothing, or fails."""
     decision: str
-    """What the computing agent is doing, and why."""
+    """State of the computing agent, and its reason."""
     inputs: tuple[Input, ...]
     """Since the command before."""
 
@@ -59,7 +59,7 @@ class Comparison(NamedTuple):
 
     @property
     def off(self) -> tuple[float, float]:
-        """By how much they differ [m/s; rad/s]; infinite where one is missing."""
+        """Their difference [m/s; rad/s]; infinite if one is missing."""
         if self.recorded is None or self.computed is None:
             return float("inf"), float("inf")
         one, other = self.recorded, self.computed
@@ -68,7 +68,7 @@ class Comparison(NamedTuple):
 
 @dataclass
 class Stretch:
-    """Commands in a row that could not be judged."""
+    """Consecutive commands that could not be judged."""
 
     since: float
     """[s, system clock of the recorder]"""
@@ -79,16 +79,16 @@ class Stretch:
 
 @dataclass
 class Verdict:
-    """On one robot."""
+    """The result for one robot."""
 
     robot: str
-    tolerance: float = TOLERANCE
+    tolerance: float = COMMAND_TOLERANCE
     """[m/s; rad/s]"""
     commands: int = 0
     """In the recording."""
     compared: int = 0
     lead_in: int = 0
-    """Commands before the first that was compared, in the first `LEAD_IN` seconds."""
+    """Commands before the first that was compared, in the first `LEAD_IN_TIME` seconds."""
     exact: int = 0
     """The same to the last bit."""
     differing: int = 0
@@ -99,13 +99,13 @@ class Verdict:
     """The first that differs."""
     unjudged: list[Stretch] = field(default_factory=list)
     missions: set[str] = field(default_factory=set)
-    """Fingerprints of what the recorded agents drove by."""
+    """Fingerprints of the recorded agents' missions."""
     _judging: bool = False
     _began: float | None = None
 
     @property
     def share(self) -> float:
-        """Share of its commands that was compared, 0 to 1, without the lead-in; 1 where there are none."""
+        """Share of its commands that were compared, 0 to 1, without the lead-in; 1 if there are none."""
         counted = self.commands - self.lead_in
         return self.compared / counted if counted else float(not self.commands)
 
@@ -122,10 +122,10 @@ class Verdict:
             self.first = self.first or one
 
     def passed_over(self, wall: float, reason: str | None) -> None:
-        """Count a command that could not be judged; without a `reason` for that of the one before."""
+        """Count a command that could not be judged; without a `reason` for the reason before."""
         self.commands += 1
         self._began = wall if self._began is None else self._began
-        if not self.compared and wall - self._began <= LEAD_IN:
+        if not self.compared and wall - self._began <= LEAD_IN_TIME:
             self.lead_in += 1
         new = not self.unjudged or self._judging or (reason and reason != self.unjudged[-1].reason)
         self._judging = False

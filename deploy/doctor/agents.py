@@ -1,28 +1,29 @@
-"""Is there an agent for the robot, exactly one, with the right mission, and what has it refused?"""
+"""Check that the robot has exactly one agent, with the right mission, and list its refusals."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
-from deploy.doctor.facts import Examination, Facts, Finding
+from formation.deploy.doctor.facts import Examination, Facts, Finding
+from formation.protocol.status_codec import sentence
 
 Sign = tuple[float, float]
-"""When it arrived [s, monotonic], and the time since its agent's start that it says [s]."""
-FALLS = 3
-"""So often the time since the start falls back if there are two; one agent may be started anew meanwhile."""
-RUNS = "mission"
-"""Key of a status that says with which mission, by its fingerprint, it was started."""
-MIXED = "other mission "
-"""How keys of a status begin that name a robot of another mission; the value is its tag."""
-REFUSED, VOICE = "refused ", "second voice "
-"""How keys of a status begin that tell of who was refused, and of two who speak for one robot."""
+"""Arrival [s, monotonic], and the stated time since the agent's start [s]."""
+MIN_UPTIME_DROPS = 3
+"""Drops of the time since the start that prove two agents; one agent may restart meanwhile."""
 
 
 def look(facts: Facts) -> Iterator[Finding]:
-    """Silent, or more than one."""
-    quiet = facts.status is not None and not facts.status.heard
-    if quiet and not facts.router_trouble and not _unreached(facts):
+    """Yield findings: a silent agent, or more than one."""
+    quiet = facts.status is not None and not facts.status.received
+    if facts.status is not None and facts.status.bad:
+        yield Finding(
+            f"{facts.part}-unreadable",
+            f"{len(facts.status.bad)} statuses of its {facts.part} cannot be read: {facts.status.bad[-1]}",
+            "does it run another version of formation? push this one: formation deploy push",
+        )
+    elif quiet and not facts.router_trouble and not _unreached(facts):
         yield Finding(
             f"{facts.part}-silent",
             f"its {facts.part} says nothing: no status in {facts.seconds:g} s",
@@ -38,53 +39,50 @@ def look(facts: Facts) -> Iterator[Finding]:
     elif facts.doubled:
         yield Finding(
             "agents-two",
-            f"two agents speak for it, as {', '.join(facts.doubled)} hears",
+            f"{', '.join(facts.doubled)} receives its positions from two agents",
             "end one of them; the second is not believed, but whichever started first is",
         )
 
 
 def well(facts: Facts) -> str:
-    """What it says of itself."""
-    return f"says {facts.said.message}" if facts.said else ""
+    """Return the agent's state."""
+    return f"says {sentence(facts.newest_status)}" if facts.newest_status else ""
 
 
 def refusals(facts: Facts) -> Iterator[Finding]:
-    """Whom the agent refused: somebody tries what is not his."""
-    for key, count in _refused(facts).items():
+    """Yield the processes that the agent refused: they tried what they may not do."""
+    for kind, count in (facts.agent.refused if facts.agent else {}).items():
         yield Finding(
             "refused",
-            f"its agent has refused {count} times: {key}",
-            "see who that is: an old certificate, a wrong mission, or somebody who does not belong here",
+            f"its agent has refused {count} times: {kind}",
+            "find that process: an old certificate, a wrong mission, or an intruder",
         )
-    for key in facts.said.values if facts.said else ():
-        if key.startswith(VOICE):
-            name = key.removeprefix(VOICE)
-            yield Finding(
-                "neighbour-doubled", f"it hears two agents speak for {name}", f"end one of {name}'s"
-            )
+    for name in facts.agent.contested if facts.agent else ():
+        yield Finding(
+            "neighbour-doubled", f"it receives positions of {name} from two agents", f"end one of {name}'s"
+        )
 
 
 def refusals_well(facts: Facts) -> str:
-    """That there are none."""
-    return "none" if facts.said and not facts.leads else ""
+    """Return that there are none."""
+    return "none" if facts.newest_status and not facts.leads else ""
 
 
 def mission(facts: Facts) -> Iterator[Finding]:
-    """Is the mission that runs, and the one that is installed, the one that was given?"""
-    told = facts.said.values.get(RUNS) if facts.said else None
-    if told is not None and told != facts.mission.fingerprint:
+    """Yield findings if the running or the installed mission is not the given one."""
+    theirs = facts.newest_status.mission if facts.newest_status else ""
+    if theirs and theirs != facts.mission.fingerprint:
         yield Finding(
             "mission-other",
             f"its {facts.part} was started with another mission than this one",
             "restart it if the right one is installed; else push that",
         )
-    for key, tag in facts.said.values.items() if facts.said else ():
-        if key.startswith(MIXED):
-            yield Finding(
-                "mission-mixed",
-                f"{key.removeprefix(MIXED)} runs mission {tag}, its {facts.part} {facts.mission.tag}",
-                "give all the same one: formation deploy push",
-            )
+    for name, tag in facts.newest_status.other_mission.items() if facts.newest_status else ():
+        yield Finding(
+            "mission-mixed",
+            f"{name} runs mission {tag or 'unknown'}, its {facts.part} {facts.mission.tag}",
+            "give all the same one: formation deploy push",
+        )
     if facts.installed_differs:
         yield Finding(
             "mission-differs",
@@ -94,30 +92,25 @@ def mission(facts: Facts) -> Iterator[Finding]:
 
 
 def mission_well(facts: Facts) -> str:
-    """That it is."""
+    """Return that it is the given one."""
     seen = ["the one that is installed"] if facts.installed_differs == "" else []
-    if facts.said and facts.said.values.get(RUNS) == facts.mission.fingerprint:
+    if facts.newest_status and facts.newest_status.mission == facts.mission.fingerprint:
         seen.append(f"{facts.part} runs it")
     return ", ".join(seen)
 
 
 def two_ages(signs: Sequence[Sign]) -> tuple[float, float] | None:
-    """How long two agents have been running whose signs of life are mixed [s], the older first; else None.
+    """Return the running times of two agents with mixed signs of life [s], the older first; else None.
 
-    One agent's come in order, so its time only falls when it is started anew: once, not again and again.
+    Those of one agent come in order, so its time falls only at a restart: once, not repeatedly.
     """
-    ages = [value for _, value in signs if value >= 0.0]  # a farewell is below
+    ages = [value for _, value in signs if value >= 0.0]  # the last sign is negative
     falls = [(before, after) for before, after in pairwise(ages) if after < before]
-    return falls[-1] if len(falls) >= FALLS else None
-
-
-def _refused(facts: Facts) -> dict[str, str]:
-    values = facts.said.values if facts.said else {}
-    return {key.removeprefix(REFUSED): value for key, value in values.items() if key.startswith(REFUSED)}
+    return falls[-1] if len(falls) >= MIN_UPTIME_DROPS else None
 
 
 def _unreached(facts: Facts) -> bool:
-    """At the desk: its agent could not even be dialled, which is said elsewhere."""
+    """Return whether, at the desk, the agent could not be dialled, which is reported elsewhere."""
     reached = facts.reached.get(facts.robot)
     return reached is not None and reached.outcome != "ok"
 

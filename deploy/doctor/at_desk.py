@@ -1,4 +1,4 @@
-"""Gathers what can be known at the desk: what robots say of themselves, and whether they can be dialled."""
+"""Gather facts at the desk: robots' statuses, and whether they can be dialled."""
 
 from __future__ import annotations
 
@@ -7,21 +7,19 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from deploy.doctor import files, listening, machine
-from deploy.doctor.agents import VOICE
-from deploy.doctor.facts import Certificate, Facts
-from deploy.doctor.leading import LEADS, YES
-from deploy.doctor.probe import Papers, reach
-from deploy.refusal import Refusal
-from formation.mission import Mission
-from formation.ros2.messages import Status
+from formation.deploy.doctor import files, listening, machine
+from formation.deploy.doctor.facts import Certificate, Facts
+from formation.deploy.doctor.probe import Papers, reach
+from formation.deploy.refusal import Refusal
+from formation.mission.model import Mission
+from formation.protocol.status import AgentStatus, LeaderStatus
 from formation.topics import STATUS
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError
 from formation.transport.wiring import Links, endpoints, members
 
-LINKED = 2.0
-"""How much longer links may take, as long as somebody has not been heard [s]."""
+LINK_TIME = 2.0
+"""Additional time for links while nothing has come from a robot [s]."""
 OPERATOR = "operator"
 
 
@@ -33,9 +31,9 @@ def gather(
     papers: Papers | None,
     folder: Path | None,
 ) -> list[Facts]:
-    """Facts about each of `robots`, standbys among them.
+    """Return facts about each of `robots`, which may include standbys.
 
-    `config` is the operator's, `folder` the mission's certificates.
+    `config` is the operator's, `folder` has the mission's certificates.
     """
     certificates = _certificates(mission, folder)
     where = endpoints(mission).agents
@@ -49,16 +47,21 @@ def gather(
         ) as bus:
             for key in keys.values():
                 bus.subscribe(key)
-            early = listening.listen(bus, LINKED, keys.values())
-            heard = listening.listen(bus, seconds)
+            early = listening.listen(bus, LINK_TIME, keys.values())
+            received = listening.listen(bus, seconds)
     except BusError as error:
         raise Refusal(str(error)) from None
     for key, samples in early.items():
-        heard.setdefault(key, [])[:0] = samples
+        received.setdefault(key, [])[:0] = samples
     with ThreadPoolExecutor(max_workers=16) as pool:
         reached = dict(zip(robots, pool.map(lambda end: reach(end, papers), dialled), strict=True))
-    statuses = {name: listening.statuses(heard.get(key, [])) for name, key in keys.items()}
-    told = {name: said for name, (_, said) in statuses.items() if said is not None}
+    statuses = {
+        name: listening.statuses(
+            LeaderStatus if name in mission.candidates else AgentStatus, received.get(key, [])
+        )
+        for name, key in keys.items()
+    }
+    known = {name: newest for name, (_, newest) in statuses.items() if newest is not None}
     return [
         Facts(
             mission=mission,
@@ -66,18 +69,18 @@ def gather(
             on_robot=False,
             seconds=seconds,
             status=stream,
-            said=said,
+            newest_status=newest,
             reached={name: reached[name]},
             certificates=certificates.get(name),
-            doubled=_doubled(name, told),
+            doubled=_doubled(name, known),
             wall=time.time(),
         )
-        for name, (stream, said) in statuses.items()
+        for name, (stream, newest) in statuses.items()
     ]
 
 
 def desk(mission: Mission, papers: Papers | None, others: Sequence[Facts]) -> Facts:
-    """Facts about the desk itself, the operator's certificate and this machine's clock, and who leads."""
+    """Return facts about the desk: the operator's certificate, this machine's clock, and the leader."""
     own = None if papers is None else files.read(OPERATOR, papers)
     return Facts(
         mission=mission,
@@ -92,8 +95,10 @@ def desk(mission: Mission, papers: Papers | None, others: Sequence[Facts]) -> Fa
 
 
 def _leading(mission: Mission, others: Sequence[Facts]) -> tuple[str, ...]:
-    told = {one.robot: one.said.values for one in others if one.said is not None}
-    return tuple(name for name in mission.candidates if told.get(name, {}).get(LEADS) == YES)
+    leads = {
+        one.robot for one in others if isinstance(one.newest_status, LeaderStatus) and one.newest_status.leads
+    }
+    return tuple(name for name in mission.candidates if name in leads)
 
 
 def _certificates(mission: Mission, folder: Path | None) -> dict[str, tuple[Certificate, ...]]:
@@ -103,5 +108,9 @@ def _certificates(mission: Mission, folder: Path | None) -> dict[str, tuple[Cert
     return {name: (one,) for name, one in read.items() if one is not None}
 
 
-def _doubled(robot: str, told: Mapping[str, Status]) -> tuple[str, ...]:
-    return tuple(name for name, said in told.items() if VOICE + robot in said.values)
+def _doubled(robot: str, known: Mapping[str, AgentStatus | LeaderStatus]) -> tuple[str, ...]:
+    return tuple(
+        name
+        for name, newest in known.items()
+        if isinstance(newest, AgentStatus) and robot in newest.contested
+    )

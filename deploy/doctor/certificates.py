@@ -1,27 +1,27 @@
-"""Are the certificates valid, for long enough, of the right name, with their keys, and kept secret?"""
+"""Check certificates: valid, for long enough, right name, matching keys, kept secret."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from datetime import UTC, datetime
 
-from deploy.doctor.facts import Certificate, Examination, Facts, Finding
+from formation.deploy.doctor.facts import Certificate, Examination, Facts, Finding
 
-LEFT = 0.2
-"""Share of its life from which a certificate is about to expire."""
-OTHERS = 0o007
-"""Rights of everybody on the machine."""
+EXPIRING_LIFE_SHARE = 0.2
+"""Remaining share of its life at which a certificate counts as about to expire."""
+OTHERS_MODE_BITS = 0o007
+"""File mode bits of all other users."""
 RENEW = "formation deploy certificates MISSION --out DIR --renew, then bundle and push"
 
 
 def look(facts: Facts) -> Iterator[Finding]:
-    """Each certificate that was found."""
+    """Yield findings about each certificate found."""
     for one in facts.certificates or ():
         yield from _one(one, facts.wall)
 
 
 def well(facts: Facts) -> str:
-    """How long the first to expire still lasts."""
+    """Return the time until the first certificate expires."""
     usable = [one for one in facts.certificates or () if not one.problem]
     if not usable:
         return ""
@@ -30,7 +30,7 @@ def well(facts: Facts) -> str:
 
 
 def span(seconds: float) -> str:
-    """A length of time for people."""
+    """Return a duration for people."""
     if abs(seconds) >= 2 * 86_400:
         return f"{seconds / 86_400:.0f} days"
     return f"{seconds / 3_600:.1f} hours" if abs(seconds) >= 5_400 else f"{seconds / 60:.0f} minutes"
@@ -46,11 +46,11 @@ def _one(one: Certificate, now: float) -> Iterator[Finding]:
             f"{one.path} is the certificate of {one.name!r}, not of {one.wanted!r}",
             "each process needs its own: make the bundles again, and push",
         )
-    if one.mode & OTHERS:
+    if one.mode & OTHERS_MODE_BITS:
         yield Finding(
             "key-readable",
             f"the key of {one.path} is readable by others (mode {one.mode:03o})",
-            "chmod o= the key; if anybody may have read it, renew it",
+            "chmod o= the key; if another user may have read it, renew it",
         )
     if now >= one.ends:
         when = f"{datetime.fromtimestamp(one.ends, UTC):%Y-%m-%d %H:%M} UTC"
@@ -61,7 +61,7 @@ def _one(one: Certificate, now: float) -> Iterator[Finding]:
             f"{one.path} becomes valid in {span(one.begins - now)}, by this machine's clock",
             "the clock is behind: set it, let chrony run",
         )
-    elif one.ends - now < LEFT * (one.ends - one.begins):
+    elif one.ends - now < EXPIRING_LIFE_SHARE * (one.ends - one.begins):
         yield Finding("certificate-expires", f"{one.path} expires in {span(one.ends - now)}", RENEW)
 
 

@@ -1,47 +1,50 @@
-"""`formation doctor`: names what is wrong with a robot or a team, and what to do. It moves nothing."""
+"""`formation doctor`: name the faults of a robot or a team, and remedies. It moves nothing."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
-from deploy.arguments import as_json, number, parser, read_mission
-from deploy.doctor import at_desk, at_robot, files, report
-from deploy.doctor.agents import AGENT, MISSION, REFUSALS
-from deploy.doctor.certificates import CERTIFICATES
-from deploy.doctor.clocks import CLOCKS
-from deploy.doctor.facts import examine
-from deploy.doctor.leading import LEADING
-from deploy.doctor.neighbours import NEIGHBOURS
-from deploy.doctor.odometry import ODOMETRY
-from deploy.doctor.robot_link import GUARD, ROBOT_LINK
-from deploy.field.fleet import PREFIX
-from deploy.refusal import Refusal
-from deploy.terminal.waiting import waiting
-from formation.mission import Mission
+from formation.deploy.arguments import add_json, number, parser, read_mission, tell
+from formation.deploy.doctor import at_desk, at_robot, files, report
+from formation.deploy.doctor.agents import AGENT, MISSION, REFUSALS
+from formation.deploy.doctor.certificates import CERTIFICATES
+from formation.deploy.doctor.clocks import CLOCKS
+from formation.deploy.doctor.facts import examine
+from formation.deploy.doctor.leading import LEADING
+from formation.deploy.doctor.neighbours import NEIGHBOURS
+from formation.deploy.doctor.odometry import ODOMETRY
+from formation.deploy.doctor.robot_link import ROBOT_LINK, WATCHDOG
+from formation.deploy.fleet.fleet import PREFIX
+from formation.deploy.refusal import Refusal
+from formation.deploy.terminal.waiting import waiting
+from formation.mission.file import MISSION_HELP, configuration_of
+from formation.mission.model import Mission
+from formation.transport.asking import OPERATOR
 from formation.transport.wiring import endpoints, members, role, under_certificates
 
 EXAMPLES = """\
   formation doctor                                           on a robot that formation is installed on
   formation doctor field.toml --robot robot2 -c zenoh.json5  on a robot, by hand
-  formation doctor field.toml -c field/desk/operator.json5   at the desk: everybody, from outside
+  formation doctor field                                     at the desk: all robots, from outside
 
 With --robot (or without MISSION) this machine is that robot, and everything is looked at. Without it only
 what agents say of themselves, and whether they can be dialled. Nothing is published, so nothing moves.
 Exit code 0: healthy; 1: something is wrong, as named.
 """
 EXAMINATIONS = (
-    AGENT, MISSION, ROBOT_LINK, GUARD, ODOMETRY, CLOCKS, NEIGHBOURS, CERTIFICATES, REFUSALS,
+    AGENT, MISSION, ROBOT_LINK, WATCHDOG, ODOMETRY, CLOCKS, NEIGHBOURS, CERTIFICATES, REFUSALS,
 )  # fmt: skip
-"""In the order in which they are told."""
+"""All examinations, in the order of the report."""
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Examine; the exit code."""
+    """Examine; return the exit code."""
     options = _options().parse_args(arguments)
     current = options.prefix / "current"
     if options.mission is None:
@@ -49,13 +52,14 @@ def main(arguments: Sequence[str]) -> int:
         robot = options.robot or _robot_of(current / "VERSION.json", mission)
     else:
         mission, robot = read_mission(options.mission), options.robot
+        if robot is None:
+            options.config = options.config or configuration_of(options.mission, OPERATOR)
     with waiting(f"listening for {options.seconds:g} s, and dialling"):
         checks = _desk(options, mission) if robot is None else _robot(options, mission, robot, current)
-    print(report.words(checks, _style(sys.stdout)))
+    text = report.words(checks, style(sys.stderr if options.json else sys.stdout))
     if robot is None and options.config is None and under_certificates(endpoints(mission).agents.values()):
-        print("robots under certificates speak to an operator only: -c FILE, his configuration")
-    if options.json:
-        print(as_json({"mission": mission.name, **report.as_object(checks)}))
+        text += "\nrobots with certificates answer only an operator's: name its configuration, -c FILE"
+    tell(options, text, lambda: {"mission": mission.name, **report.as_object(checks)})
     return 0 if report.ok(checks) else 1
 
 
@@ -100,10 +104,10 @@ def _installed(mission: Path) -> str:
 
 
 def _robot_of(version: Path, mission: Mission) -> str:
-    """Which robot this machine is, by what is installed on it."""
+    """Return the robot that this machine is, by its installation."""
     try:
-        said: Any = json.loads(version.read_text(encoding="utf-8"))
-        robot = str(said["robot"])
+        data: Any = json.loads(version.read_text(encoding="utf-8"))
+        robot = str(data["robot"])
     except (OSError, ValueError, KeyError, TypeError):
         raise Refusal(f"{version} does not say which robot this is: say --robot NAME") from None
     if robot in mission.candidates:
@@ -114,17 +118,18 @@ def _robot_of(version: Path, mission: Mission) -> str:
     return robot
 
 
-def _style(stream: TextIO) -> report.Style:
+def style(stream: TextIO) -> report.Style:
+    """Return the marks of findings on `stream`: in colour on a terminal, unless NO_COLOR is set."""
     if not (stream.encoding or "").lower().startswith("utf"):
         return report.ASCII
-    return report.COLOUR if stream.isatty() else report.PLAIN
+    return report.COLOUR if stream.isatty() and not os.environ.get("NO_COLOR") else report.PLAIN
 
 
 def _options() -> argparse.ArgumentParser:
     options = parser("doctor", "Name what is wrong, and what to do about it. Moves nothing.", EXAMPLES)
     options.add_argument(
         "mission", metavar="MISSION", nargs="?",
-        help="a TOML file, or the name of a shipped mission (default: the one that is installed here)",
+        help=f"{MISSION_HELP} (default: the one that is installed here)",
     )  # fmt: skip
     options.add_argument("--robot", metavar="NAME", help="this machine is that robot")
     options.add_argument(
@@ -151,5 +156,5 @@ def _options() -> argparse.ArgumentParser:
         default=PREFIX,
         help=f"where it is installed (default {PREFIX})",
     )
-    options.add_argument("--json", action="store_true", help="one JSON object as the last line on stdout")
+    add_json(options)
     return options

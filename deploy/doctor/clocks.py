@@ -1,20 +1,18 @@
-"""Do the clocks agree? Positions carry their sender's time, so that a receiver knows how old they are."""
+"""Check that the clocks agree: a receiver computes a position's age from its sender's time."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from deploy.doctor.facts import Examination, Facts, Finding, Stream
-from formation.neighbour import FRESH_PERIODS
+from formation.control.tracker import FRESH_PERIODS
+from formation.deploy.doctor.facts import Examination, Facts, Finding, Stream
 
 CHRONY_LIMIT = 0.02
-"""Offset from NTP time that deserves a word [s]."""
-CLOCK = "clock "
-"""How keys of a status begin that tell of a neighbour whose stamps are not believed."""
+"""Offset from NTP time from which on it is reported [s]."""
 
 
 def look(facts: Facts) -> Iterator[Finding]:
-    """Stamps of what was heard, what the agent says of its neighbours' stamps, and chrony's own word."""
+    """Yield findings from received stamps, the agent's report on neighbours' stamps, and chrony."""
     for what, stream in _streams(facts):
         offset = behind(stream)
         if offset is not None and abs(offset) > limit(facts):
@@ -23,13 +21,12 @@ def look(facts: Facts) -> Iterator[Finding]:
                 f"{what} is stamped {abs(offset):.3g} s {'ago' if offset > 0 else 'ahead'}, by this clock",
                 "let chrony run on both machines: chronyc tracking",
             )
-    for key, value in (facts.said.values if facts.said else {}).items():
-        if key.startswith(CLOCK):
-            yield Finding(
-                "clock-doubted",
-                f"its agent does not believe the stamps of {key.removeprefix(CLOCK)}: {value}",
-                "let chrony run on both machines: chronyc tracking",
-            )
+    for name, age in (facts.agent.clock if facts.agent else {}).items():
+        yield Finding(
+            "clock-doubted",
+            f"its agent does not believe the stamps of {name}: {age:.3f} s old when they came",
+            "let chrony run on both machines: chronyc tracking",
+        )
     if facts.chrony is not None and not facts.chrony.synchronised:
         yield Finding(
             "clock-unsynchronised",
@@ -45,7 +42,7 @@ def look(facts: Facts) -> Iterator[Finding]:
 
 
 def well(facts: Facts) -> str:
-    """The largest difference seen."""
+    """Return the largest difference seen."""
     offsets = [abs(offset) for _, stream in _streams(facts) if (offset := behind(stream)) is not None]
     seen = [f"stamps within {max(offsets) * 1e3:.0f} ms"] if offsets else []
     if facts.chrony is not None:
@@ -54,14 +51,14 @@ def well(facts: Facts) -> str:
 
 
 def behind(stream: Stream) -> float | None:
-    """How far a sender's clock is behind ours [s]: the least of what was seen, for the way here only adds."""
-    return min((one.behind for one in stream.heard), default=None)
+    """Return how far a sender's clock is behind ours [s]: the least one seen, as delays only add to it."""
+    return min((one.behind for one in stream.received), default=None)
 
 
 def limit(facts: Facts) -> float:
-    """Half the age at which a position counts as stale [s].
+    """Return half the age at which a position counts as stale [s].
 
-    An agent takes more than this for a long way, and carries positions too far: nobody but the doctor tells.
+    An agent takes a larger offset for a long delay and extrapolates too far: only the doctor reports that.
     """
     return 0.5 * FRESH_PERIODS * facts.period
 
@@ -69,7 +66,7 @@ def limit(facts: Facts) -> float:
 def _streams(facts: Facts) -> Iterator[tuple[str, Stream]]:
     for what, stream in (
         ("odometry", facts.odometry),
-        ("the pose from outside", facts.pose),
+        ("the external pose", facts.pose),
         ("its position", facts.position),
         ("its status", facts.status),
     ):

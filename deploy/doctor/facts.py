@@ -1,4 +1,4 @@
-"""What is known about one robot before anything is judged. Gathering fills it in; None is not looked at."""
+"""Facts about one robot, before judging. Gathering fills them in; None means not examined."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Literal, NamedTuple
 
-from formation.mission import Mission
-from formation.ros2.messages import Status
+from formation.mission.model import Mission
+from formation.protocol.status import AgentStatus, LeaderStatus
 from formation.transport.wiring import role
 
 Outcome = Literal[
@@ -16,146 +16,151 @@ Outcome = Literal[
 ]
 
 
-class Heard(NamedTuple):
-    """One message as it came."""
+class ReceivedMessage(NamedTuple):
+    """One received message."""
 
     arrived: float
     """[s, monotonic]"""
     stamp: float
     """[s, sender's system clock]"""
     wall: float
-    """Our system clock when it came [s]."""
+    """Our system clock at its arrival [s]."""
 
     @property
     def behind(self) -> float:
-        """How far the sender's clock, and the way here, are behind ours [s]; negative: it is ahead."""
+        """Lag of the sender's clock plus the delay [s]; negative if the clock is ahead."""
         return self.wall - self.stamp
 
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """What came on one key."""
+    """The messages received on one key."""
 
-    heard: tuple[Heard, ...] = ()
+    received: tuple[ReceivedMessage, ...] = ()
     frames: frozenset[str] = frozenset()
     bad: tuple[str, ...] = ()
-    """Why messages could not be read."""
+    """Why messages could not be decoded."""
 
     @property
     def rate(self) -> float:
         """[Hz]; 0 for fewer than two messages."""
-        if len(self.heard) < 2:
+        if len(self.received) < 2:
             return 0.0
-        span = self.heard[-1].arrived - self.heard[0].arrived
-        return (len(self.heard) - 1) / span if span > 0.0 else 0.0
+        span = self.received[-1].arrived - self.received[0].arrived
+        return (len(self.received) - 1) / span if span > 0.0 else 0.0
 
     @property
     def gaps(self) -> tuple[float, ...]:
-        """From each message to the next [s]."""
-        arrivals = [one.arrived for one in self.heard]
+        """Times from each message to the next [s]."""
+        arrivals = [one.arrived for one in self.received]
         return tuple(later - earlier for earlier, later in pairwise(arrivals))
 
 
 class Party(NamedTuple):
-    """Somebody in ROS who speaks or listens on cmd_vel."""
+    """A publisher or subscriber of cmd_vel in ROS."""
 
     name: str
-    """Of the node, or the bridge that has it on its side."""
+    """Name of the node, or of its bridge."""
     type: str
     """ROS type, ``package/msg/Name``."""
     session: str
-    """Zenoh's name of its session."""
+    """Zenoh id of its session."""
 
 
 class Reached(NamedTuple):
-    """What came of dialling another robot's agent."""
+    """The result of dialling another robot's agent."""
 
     endpoint: str
     outcome: Outcome
-    said: str = ""
-    """What the system or the other side said."""
+    detail: str = ""
+    """The error of the system or of the other side."""
     name: str = ""
     """The common name in its certificate."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Certificate:
-    """One process's certificate and key, as its files are."""
+    """One process's certificate and key files."""
 
     path: str
     wanted: str
-    """The name it must say."""
+    """The required name."""
     name: str = ""
-    """The name it says."""
+    """The name in it."""
     begins: float = 0.0
     """[s since the epoch]"""
     ends: float = 0.0
     mode: int = 0o600
-    """Of the key's file."""
+    """Mode of the key file."""
     problem: str = ""
     """Why it cannot be used: a sentence's end, such as ``the key does not belong to it``."""
 
 
 class Chrony(NamedTuple):
-    """What ``chronyc tracking`` says of this machine's clock."""
+    """This machine's clock by ``chronyc tracking``."""
 
     offset: float
-    """From NTP time [s]."""
+    """Offset from NTP time [s]."""
     synchronised: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Facts:
-    """All that is known about one robot, or about a standby."""
+    """All facts about one robot, or about a standby."""
 
     mission: Mission
     robot: str
     on_robot: bool
     wall: float
-    """When it was looked at [s since the epoch]."""
+    """Time of the examination [s since the epoch]."""
     seconds: float
-    """How long was listened [s]."""
+    """Duration of listening [s]."""
     odometry: Stream | None = None
     pose: Stream | None = None
     position: Stream | None = None
     status: Stream | None = None
-    said: Status | None = None
+    newest_status: AgentStatus | LeaderStatus | None = None
     """The newest status."""
     alive: tuple[tuple[float, float], ...] | None = None
-    """Signs of life: arrival [s, monotonic] and what they say [s since the agent's start]."""
+    """Signs of life: arrival [s, monotonic] and stated time [s since the agent's start]."""
     router: str | None = None
-    """Where the robot's own bridge or router should be; None at the desk."""
+    """Expected endpoint of the robot's own bridge or router; None at the desk."""
     router_trouble: str = ""
     """Why it was not reached; empty if it was."""
     routed: bool | None = None
-    """Whether anybody listens to cmd_vel."""
-    guard_state: str | None = None
-    """What the robot's guard says that it is doing; empty if no guard answers, None if it was not asked."""
-    guard_unit: str | None = None
-    """What systemd says of the guard, where it knows one."""
+    """Whether cmd_vel has a subscriber."""
+    watchdog_state: str | None = None
+    """State of the robot's watchdog; empty if none answers, None if not queried."""
+    watchdog_unit: str | None = None
+    """State of the watchdog's systemd unit, if there is one."""
     listeners: tuple[Party, ...] = ()
-    """Who listens to cmd_vel, as far as ROS shows it."""
+    """Subscribers of cmd_vel, as far as ROS shows them."""
     speakers: tuple[Party, ...] = ()
-    """Who speaks on cmd_vel, likewise."""
+    """Publishers of cmd_vel, as far as ROS shows them."""
     reached: Mapping[str, Reached] = field(default_factory=dict)
     """Other robots' agents by name; at the desk this robot's own."""
     certificates: tuple[Certificate, ...] | None = None
     chrony: Chrony | None = None
     installed_differs: str | None = None
-    """Where another mission is installed than the one given; empty if it is the same."""
+    """Place of an installed mission that differs from the given one; empty if it is the same."""
     leading: tuple[str, ...] | None = None
-    """Who said that it leads; None where nobody could take its place, or nobody was asked."""
+    """Candidates that claim to lead; None without standbys, or if not examined."""
     doubled: tuple[str, ...] = ()
-    """Robots that hear two voices speak for this one."""
+    """Robots that report two publishers for this one."""
+
+    @property
+    def agent(self) -> AgentStatus | None:
+        """The newest status, if it is an agent's."""
+        return self.newest_status if isinstance(self.newest_status, AgentStatus) else None
 
     @property
     def period(self) -> float:
-        """Between two odometries, or two positions of whoever leads, as the mission has it [s]."""
+        """Period of the odometry, or of the leader's positions, by the mission [s]."""
         return 1.0 / self.mission.robots[self.mission.leader if self.leads else self.robot].rate
 
     @property
     def leads(self) -> bool:
-        """Whether it may lead; then it has no robot."""
+        """Whether it is a candidate, which has no robot."""
         return self.robot in self.mission.candidates
 
     @property
@@ -165,7 +170,7 @@ class Facts:
 
 
 class Finding(NamedTuple):
-    """One thing that is wrong."""
+    """One fault."""
 
     name: str
     """For programs, such as ``odometry-silent``."""
@@ -174,17 +179,17 @@ class Finding(NamedTuple):
 
 
 class Examination(NamedTuple):
-    """One kind of thing that is looked at."""
+    """One kind of examination."""
 
     title: str
     look: Callable[[Facts], Iterator[Finding]]
-    """What is wrong; nothing where all is well or nothing is known."""
+    """Yields the faults; none if all is well or nothing is known."""
     well: Callable[[Facts], str]
-    """What was seen, in a few words; empty if it was not looked at."""
+    """Returns the observation in a few words; empty if it was not examined."""
 
 
 class Checked(NamedTuple):
-    """What an examination came to."""
+    """The result of an examination."""
 
     title: str
     findings: Sequence[Finding]
@@ -192,6 +197,6 @@ class Checked(NamedTuple):
 
 
 def examine(examinations: Sequence[Examination], facts: Facts) -> list[Checked]:
-    """Every examination that has something to say."""
+    """Return the examinations with a result."""
     checked = [Checked(one.title, tuple(one.look(facts)), one.well(facts)) for one in examinations]
     return [one for one in checked if one.findings or one.seen]

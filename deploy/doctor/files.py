@@ -1,4 +1,4 @@
-"""Reads certificates with what Python itself has: a robot has no library for them."""
+"""Read certificates with Python's standard library only, as a robot has no other."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ import stat
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from deploy.doctor.facts import Certificate
-from deploy.doctor.probe import Papers, common_name, context
-from deploy.refusal import Refusal
+from formation.deploy.doctor.facts import Certificate
+from formation.deploy.doctor.probe import Papers, common_name, context
+from formation.deploy.refusal import Refusal
 from formation.transport.bus import setting
 from formation.transport.bus_config import BusError
 
 NO_CHECK_TIME = 0x20_0000
-"""OpenSSL's X509_V_FLAG_NO_CHECK_TIME: an expired certificate is to be read, too."""
+"""OpenSSL's X509_V_FLAG_NO_CHECK_TIME: read expired certificates too."""
 
 
 def papers_of(config: Path) -> Papers | None:
-    """What a Zenoh configuration proves its session with; None if it has no TLS. Raises Refusal."""
+    """Return the TLS files of a Zenoh configuration; None if it has no TLS. Raises Refusal."""
     try:
         tls = setting(config, "transport/link/tls")
     except BusError as error:
@@ -30,9 +30,9 @@ def papers_of(config: Path) -> Papers | None:
 
 
 def papers_in(folder: Path, names: Sequence[str]) -> Iterator[tuple[str, Papers]]:
-    """The papers of those of `names` that have any in `folder`, as `formation deploy certificates` made it.
+    """Yield the papers of `names` found in `folder`, as made by `formation deploy certificates`.
 
-    Raises Refusal where nobody has.
+    Raises Refusal if there are none.
     """
     found = {path.parent.name for path in folder.glob("*/certificate.pem")}
     if not found:
@@ -44,7 +44,7 @@ def papers_in(folder: Path, names: Sequence[str]) -> Iterator[tuple[str, Papers]
 
 
 def read(name: str, papers: Papers) -> Certificate | None:
-    """The certificate of what should be `name`; None if this user may not read it."""
+    """Return the certificate of `name`; None if this user may not read it."""
     path, wanted = str(papers.certificate), name
     try:
         mode = stat.S_IMODE(papers.key.stat().st_mode)
@@ -68,11 +68,11 @@ def read(name: str, papers: Papers) -> Certificate | None:
 
 
 def _shown(papers: Papers) -> dict[str, object]:
-    """What the certificate says, after it has proven itself as a client to a server of the same authority."""
+    """Return the certificate's content, after a handshake as a client with a server of the same authority."""
     server, client = context(papers, server=True), context(papers)
     server.verify_flags |= NO_CHECK_TIME
     client.check_hostname = False
-    client.verify_mode = ssl.CERT_NONE  # who only dials has no certificate for a server, which is well
+    client.verify_mode = ssl.CERT_NONE  # a process that only dials needs no server certificate
     one, other = ssl.MemoryBIO(), ssl.MemoryBIO()
     ends = [
         server.wrap_bio(one, other, server_side=True),

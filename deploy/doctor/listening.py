@@ -1,4 +1,4 @@
-"""Turns what arrives on a bus into facts."""
+"""Turn messages from a bus into facts."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Protocol
 
-from deploy.doctor.facts import Heard, Stream
-from formation.ros2.messages import BadMessage, Diagnostics, Number, Odometry, Pose, Status, decode
+from formation.deploy.doctor.facts import ReceivedMessage, Stream
+from formation.protocol import status_codec
+from formation.protocol.status import AgentStatus, LeaderStatus
+from formation.ros2.messages import BadMessage, Diagnostics, Number, Odometry, Pose, decode
 from formation.transport.bus import Bus
 from formation.wire import Sample
 
@@ -19,47 +21,52 @@ class _Stamped(Protocol):
 
 
 Listened = dict[str, list[tuple[Sample, float]]]
-"""What came, by key: each sample, and our system clock when it did [s]."""
+"""Received samples by key, each with our system clock at its arrival [s]."""
 
 
 def listen(bus: Bus, seconds: float, enough: Iterable[str] = ()) -> Listened:
-    """Everything that comes in `seconds`; less, if something came on each key of `enough`."""
-    heard: Listened = {}
+    """Return what arrives within `seconds`; stop early once every key in `enough` had a message."""
+    received: Listened = {}
     awaited = set(enough)
     ends = time.monotonic() + seconds
     while (left := ends - time.monotonic()) > 0.0:
         bus.wait(left)
         offset = time.time() - time.monotonic()
         for sample in bus.drain():
-            heard.setdefault(sample.key, []).append((sample, sample.arrived + offset))
-        if awaited and awaited <= heard.keys():
+            received.setdefault(sample.key, []).append((sample, sample.arrived + offset))
+        if awaited and awaited <= received.keys():
             break
-    return heard
+    return received
 
 
 def odometry(samples: Sequence[tuple[Sample, float]]) -> Stream:
-    """Odometry as it came."""
+    """Return the received odometry."""
     return _stream(partial(decode, Odometry), samples)
 
 
 def poses(samples: Sequence[tuple[Sample, float]]) -> Stream:
-    """Poses as they came."""
+    """Return the received poses."""
     return _stream(partial(decode, Pose), samples)
 
 
-def statuses(samples: Sequence[tuple[Sample, float]]) -> tuple[Stream, Status | None]:
-    """Statuses as they came, and the newest."""
-    newest = None
-    for sample, _ in samples:
-        try:
-            newest = next(iter(decode(Diagnostics, sample.payload).statuses), newest)
-        except BadMessage:
-            continue
-    return _stream(partial(decode, Diagnostics), samples), newest
+def statuses(
+    kind: type[AgentStatus | LeaderStatus], samples: Sequence[tuple[Sample, float]]
+) -> tuple[Stream, AgentStatus | LeaderStatus | None]:
+    """Return the received statuses of a kind, and the newest."""
+    newest: list[AgentStatus | LeaderStatus] = []
+
+    def read(payload: bytes) -> Diagnostics:
+        message = decode(Diagnostics, payload)
+        status = status_codec.from_message(kind, message)
+        newest[:] = newest if status is None else [status]
+        return message
+
+    stream = _stream(read, samples)
+    return stream, newest[0] if newest else None
 
 
 def signs(samples: Sequence[tuple[Sample, float]]) -> tuple[tuple[float, float], ...]:
-    """Signs of life: arrival [s, monotonic], and what they say [s]."""
+    """Return signs of life: arrival [s, monotonic], and stated time [s]."""
     found = []
     for sample, _ in samples:
         try:
@@ -70,13 +77,13 @@ def signs(samples: Sequence[tuple[Sample, float]]) -> tuple[tuple[float, float],
 
 
 def _stream(read: Callable[[bytes], _Stamped], samples: Sequence[tuple[Sample, float]]) -> Stream:
-    heard, bad, frames = [], [], set()
+    received, bad, frames = [], [], set()
     for sample, wall in samples:
         try:
             message = read(sample.payload)
         except BadMessage as error:
             bad.append(str(error))
             continue
-        heard.append(Heard(sample.arrived, message.stamp, wall))
+        received.append(ReceivedMessage(sample.arrived, message.stamp, wall))
         frames.add(str(getattr(message, "frame", "")))
-    return Stream(tuple(heard), frozenset(frames), tuple(bad))
+    return Stream(tuple(received), frozenset(frames), tuple(bad))

@@ -1,23 +1,23 @@
-"""What this machine's own tools say: chrony of the clock, systemd of the guard. None where there is none."""
+"""This machine's tools: chrony for the clock, systemd for the watchdog. None if a tool is missing."""
 
 from __future__ import annotations
 
 import subprocess
 from collections.abc import Sequence
 
-from deploy.doctor.facts import Chrony
+from formation.deploy.doctor.facts import Chrony
 
-GUARD = "formation-guard.service"
+WATCHDOG = "formation-watchdog.service"
 
 
 def chrony() -> Chrony | None:
-    """What ``chronyc tracking`` says; None without chrony."""
-    said = _said(["chronyc", "-c", "-n", "tracking"])
-    return None if said is None else read_tracking(said)
+    """Return the result of ``chronyc tracking``; None without chrony."""
+    output = _output_of(["chronyc", "-c", "-n", "tracking"])
+    return None if output is None else read_tracking(output)
 
 
 def read_tracking(line: str) -> Chrony | None:
-    """The line of ``chronyc -c tracking``: field 5 is the offset [s], the last one the leap status."""
+    """Parse the line of ``chronyc -c tracking``: field 5 is the offset [s], the last one the leap status."""
     fields = line.strip().split(",")
     try:
         offset = float(fields[4])
@@ -26,14 +26,14 @@ def read_tracking(line: str) -> Chrony | None:
     return Chrony(offset, fields[-1] != "Not synchronised")
 
 
-def guard_unit() -> str | None:
-    """What systemd says of the guard's unit, such as active or failed; None where it knows no such unit."""
-    said = _said(["systemctl", "show", "-p", "LoadState", "-p", "ActiveState", GUARD])
-    facts = dict(line.partition("=")[::2] for line in (said or "").splitlines())
+def watchdog_unit() -> str | None:
+    """Return the state of the watchdog's systemd unit, such as active or failed; None without a unit."""
+    output = _output_of(["systemctl", "show", "-p", "LoadState", "-p", "ActiveState", WATCHDOG])
+    facts = dict(line.partition("=")[::2] for line in (output or "").splitlines())
     return facts.get("ActiveState") if facts.get("LoadState") == "loaded" else None
 
 
-def _said(words: Sequence[str]) -> str | None:
+def _output_of(words: Sequence[str]) -> str | None:
     try:
         done = subprocess.run(words, capture_output=True, text=True, timeout=5.0, check=False)
     except (OSError, subprocess.TimeoutExpired):

@@ -1,16 +1,14 @@
-"""Can the agents be dialled that this one talks with, and do their positions come?"""
+"""Check that the agents linked with this one can be dialled, and that their positions arrive."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from deploy.doctor.facts import Examination, Facts, Finding, Reached
+from formation.deploy.doctor.facts import Examination, Facts, Finding, Reached
 from formation.transport.wiring import role
 
-SILENT = 1.0
-"""[s]; an agent stops for less, but one pause is no illness."""
-AGE = "age "
-"""How keys of a status begin that tell how long a neighbour has been silent."""
+MAX_SILENCE = 1.0
+"""Silence from which on it is a fault [s]. An agent stops for less, but one pause is normal."""
 WORDS = {
     "refused": (
         "refuses the connection",
@@ -21,8 +19,11 @@ WORDS = {
         "does not answer",
         "is it on? a firewall, or client isolation of the access point, looks just the same",
     ),
-    "unknown name": ("cannot be reached: nobody knows its name", "use its address in the mission's endpoint"),
-    "no TLS": ("does not speak TLS", "its agent runs without its -c file, or something else listens there"),
+    "unknown name": (
+        "cannot be reached: its name cannot be resolved",
+        "use its address in the mission's endpoint",
+    ),
+    "no TLS": ("does not use TLS", "its agent runs without its -c file, or something else listens there"),
     "untrusted": (
         "shows a certificate that is not to be trusted",
         "renew it: formation deploy certificates --renew, bundle, push",
@@ -32,11 +33,11 @@ WORDS = {
         "renew ours, or theirs: formation deploy certificates --renew, bundle, push",
     ),
 }
-"""What an outcome means, and what to do."""
+"""Meaning of an outcome, and the remedy."""
 
 
 def look(facts: Facts) -> Iterator[Finding]:
-    """Everybody who was dialled; and neighbours who can be dialled and yet are not heard."""
+    """Yield findings about dialled agents, and neighbours that can be dialled but send nothing."""
     for name, reached in facts.reached.items():
         if reached.outcome != "ok":
             yield _unreachable(facts, name, reached)
@@ -48,8 +49,8 @@ def look(facts: Facts) -> Iterator[Finding]:
             )
     for name in () if facts.leads else facts.mission.robots[facts.robot].neighbours:
         reached_well = name not in facts.reached or facts.reached[name].outcome == "ok"
-        if facts.said and reached_well and (age := silence(facts, name)) is not None:
-            since = "has never been heard" if age < 0 else f"has been silent for {age:.1f} s"
+        if facts.newest_status and reached_well and (age := silence(facts, name)) is not None:
+            since = "has never been received" if age < 0 else f"has been silent for {age:.1f} s"
             yield Finding(
                 "neighbour-silent",
                 f"its neighbour {name} {since}",
@@ -58,7 +59,7 @@ def look(facts: Facts) -> Iterator[Finding]:
 
 
 def well(facts: Facts) -> str:
-    """Who was reached."""
+    """Return the agents reached."""
     reached = [name for name, one in facts.reached.items() if one.outcome == "ok"]
     if not reached:
         return ""
@@ -68,22 +69,20 @@ def well(facts: Facts) -> str:
 
 
 def silence(facts: Facts, neighbour: str) -> float | None:
-    """How long the agent has not heard a neighbour [s]: negative for never, None where it is fresh."""
-    age = facts.said.values.get(AGE + neighbour) if facts.said else None
-    try:
-        seconds = -1.0 if age is None else float(age)
-    except ValueError:
-        return None
-    return seconds if seconds < 0.0 or seconds > SILENT else None
+    """Return how long nothing has come from a neighbour [s]: negative for never, None if it is fresh."""
+    seconds = facts.agent.age.get(neighbour, -1.0) if facts.agent else -1.0
+    return seconds if seconds < 0.0 or seconds > MAX_SILENCE else None
 
 
 def _unreachable(facts: Facts, name: str, reached: Reached) -> Finding:
     sentence, remedy = WORDS[reached.outcome]
-    said = f" ({reached.said})" if reached.said and reached.outcome in {"untrusted", "turned away"} else ""
+    detail = (
+        f" ({reached.detail})" if reached.detail and reached.outcome in {"untrusted", "turned away"} else ""
+    )
     whose = {"agent": f"{name}'s agent", "leader": "the leader", "standby": f"the standby {name}"}
     kind = role(facts.mission, name)
     who = "its agent" if name == facts.robot and kind == "agent" else whose[kind]
-    return Finding("unreachable", f"{who} at {reached.endpoint} {sentence}{said}", remedy)
+    return Finding("unreachable", f"{who} at {reached.endpoint} {sentence}{detail}", remedy)
 
 
 NEIGHBOURS = Examination("network", look, well)

@@ -1,33 +1,33 @@
-"""Does the robot say where it is: often enough, evenly, readably, in the frame that the mission expects?"""
+"""Check the robot's odometry: rate, regularity, decoding, and the frame that the mission expects."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from deploy.doctor.facts import Examination, Facts, Finding, Stream
-from formation.neighbour import FRESH_PERIODS
+from formation.control.tracker import FRESH_PERIODS
+from formation.deploy.doctor.facts import Examination, Facts, Finding, Stream
 
-SLOW, FAST = 0.8, 1.4
-"""Shares of the mission's rate."""
-PAUSES = 2
-"""So many pauses while listening are irregular; one may happen."""
+MIN_RATE_SHARE, MAX_RATE_SHARE = 0.8, 1.4
+"""Lowest and highest share of the mission's rate."""
+IRREGULAR_PAUSES = 2
+"""Number of pauses while listening that counts as irregular; one may happen."""
 
 
 def look(facts: Facts) -> Iterator[Finding]:
-    """Odometry, and the pose from outside where that takes its place."""
+    """Yield findings about odometry, or about the external pose that replaces it."""
     if facts.router_trouble:
-        return  # the one explains the other
+        return  # one explains the other
     if facts.odometry is not None:
         yield from _stream(facts, "odometry", "odometry", facts.odometry)
         yield from _frame(facts, facts.odometry)
     if facts.pose is not None:
-        yield from _stream(facts, "pose", "the pose from outside", facts.pose)
+        yield from _stream(facts, "pose", "the external pose", facts.pose)
 
 
 def well(facts: Facts) -> str:
-    """Rate and frame."""
+    """Return rate and frame."""
     stream = facts.odometry
-    if stream is None or not stream.heard:
+    if stream is None or not stream.received:
         return ""
     return f"{stream.rate:.3g} Hz, frame {', '.join(sorted(stream.frames)) or 'without a name'}"
 
@@ -42,26 +42,26 @@ def _stream(facts: Facts, name: str, what: str, stream: Stream) -> Iterator[Find
             f"{len(stream.bad)} messages on {what} cannot be used: {stream.bad[-1]}",
             "see what publishes there, and with which type",
         )
-    if not stream.heard:
+    if not stream.received:
         if not stream.bad:
             yield Finding(
                 f"{name}-silent",
                 f"no {what.removeprefix('the ')} in {facts.seconds:g} s",
                 "is the bring-up up, in the namespace and domain that the mission says?",
             )
-    elif rate < SLOW * wanted:
+    elif rate < MIN_RATE_SHARE * wanted:
         yield Finding(
             f"{name}-slow",
             f"{what} comes at {rate:.3g} Hz instead of {wanted:.3g} Hz",
             "is the computer overloaded or hot (vcgencmd get_throttled)? else correct the mission's rate",
         )
-    elif rate > FAST * wanted:
+    elif rate > MAX_RATE_SHARE * wanted:
         yield Finding(
             f"{name}-fast",
             f"{what} comes at {rate:.3g} Hz instead of {wanted:.3g} Hz",
             "do two processes publish it? else correct the mission's rate",
         )
-    elif len(pauses) >= PAUSES:
+    elif len(pauses) >= IRREGULAR_PAUSES:
         yield Finding(
             f"{name}-irregular",
             f"{what} paused {len(pauses)} times in {facts.seconds:g} s, for up to {max(pauses):.2f} s",

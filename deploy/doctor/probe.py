@@ -1,4 +1,4 @@
-"""Dials an agent as Zenoh would, as far as the handshake, and says what came of it. Nothing is sent."""
+"""Dial an agent as Zenoh would, up to the handshake, and report the result. No message is sent."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import ssl
 from pathlib import Path
 from typing import NamedTuple
 
-from deploy.doctor.facts import Outcome, Reached
+from formation.deploy.doctor.facts import Outcome, Reached
 
-PATIENCE = 2.0
-"""For a connection, and for a handshake [s]."""
-SECOND_THOUGHT = 0.3
-"""So long after our half of a TLS 1.3 handshake the other side may still turn us away [s]."""
+CONNECT_TIMEOUT_SECONDS = 2.0
+"""Time for a connection, and for a handshake [s]."""
+LATE_REFUSAL_TIME = 0.3
+"""Time after our half of a TLS 1.3 handshake in which the other side may still refuse [s]."""
 GONE = {errno.ENETUNREACH, errno.EHOSTUNREACH, errno.EHOSTDOWN, errno.ENETDOWN}
 
 
 class Papers(NamedTuple):
-    """What a process proves with who it is, as its Zenoh configuration names the files."""
+    """The files of a process's TLS identity, as named in its Zenoh configuration."""
 
     trusted: Path
     certificate: Path
@@ -26,14 +26,14 @@ class Papers(NamedTuple):
 
 
 def reach(endpoint: str, papers: Papers | None) -> Reached:
-    """Dial `endpoint`; without papers a TLS endpoint is only knocked at."""
+    """Dial `endpoint`; without papers only connect to a TLS endpoint, without a handshake."""
     protocol, _, place = endpoint.partition("/")
     host, _, port = place.partition("?")[0].partition("#")[0].rpartition(":")
     host = host.strip("[]")
     if protocol not in {"tcp", "tls"}:
         return Reached(endpoint, "ok", f"{protocol} is not dialled")
     try:
-        with socket.create_connection((host, int(port)), PATIENCE) as plain:
+        with socket.create_connection((host, int(port)), CONNECT_TIMEOUT_SECONDS) as plain:
             if protocol == "tcp" or papers is None:
                 return Reached(endpoint, "ok")
             return _handshake(endpoint, plain, host, papers)
@@ -42,7 +42,7 @@ def reach(endpoint: str, papers: Papers | None) -> Reached:
 
 
 def context(papers: Papers, *, server: bool = False) -> ssl.SSLContext:
-    """How Zenoh's mTLS would be set up with these papers. OSError (SSLError among them) if it cannot be."""
+    """Return a TLS context like Zenoh's mTLS with these papers. OSError (or SSLError) on failure."""
     made = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER if server else ssl.PROTOCOL_TLS_CLIENT)
     made.load_verify_locations(papers.trusted)
     made.load_cert_chain(papers.certificate, papers.key, password="")
@@ -51,7 +51,7 @@ def context(papers: Papers, *, server: bool = False) -> ssl.SSLContext:
 
 
 def common_name(certificate: object) -> str:
-    """The common name in what `SSLSocket.getpeercert` gives."""
+    """Return the common name in a result of `SSLSocket.getpeercert`."""
     subject = certificate.get("subject", ()) if isinstance(certificate, dict) else ()
     names = [value for part in subject for key, value in part if key == "commonName"]
     return str(names[0]) if names else ""
@@ -60,16 +60,16 @@ def common_name(certificate: object) -> str:
 def _handshake(endpoint: str, plain: socket.socket, host: str, papers: Papers) -> Reached:
     try:
         ours = context(papers)
-    except OSError as error:  # the examination of certificates says more
+    except OSError as error:  # the examination of certificates reports more
         return Reached(endpoint, "turned away", f"ours cannot be used: {error}")
     try:
         with ours.wrap_socket(plain, server_hostname=host) as secure:
             name = common_name(secure.getpeercert())
-            secure.settimeout(SECOND_THOUGHT)
+            secure.settimeout(LATE_REFUSAL_TIME)
             try:
                 secure.recv(1)
             except TimeoutError:
-                return Reached(endpoint, "ok", name=name)  # it waits for us to speak
+                return Reached(endpoint, "ok", name=name)  # it waits for our first message
             return Reached(endpoint, "turned away", "it hung up", name)
     except ssl.SSLCertVerificationError as error:
         return Reached(endpoint, "untrusted", error.verify_message)

@@ -1,4 +1,4 @@
-"""What the doctor says: lines for people, an object for programs."""
+"""The doctor's report: lines for people, an object for programs."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from deploy.doctor.facts import Checked
+from formation.deploy.doctor.facts import Checked
 
-TITLE = 13
-"""Columns for the name of an examination."""
-WIDTH = 80
+TITLE_WIDTH = 13
+"""Width of the column for an examination's name [characters]."""
+LINE_WIDTH = 80
 Checks = Mapping[str, Sequence[Checked]]
-"""What was examined, by robot (or desk)."""
+"""Results by robot (or desk)."""
 
 
 class Style(NamedTuple):
-    """How well and ill are marked."""
+    """The marks of results."""
 
     well: str
     ill: str
@@ -30,8 +30,8 @@ ASCII = Style("+", "!", ">", "", "")
 COLOUR = Style("\033[32m✓\033[0m", "\033[31m✗\033[0m", "→", "\033[1m", "\033[0m")
 
 
-def words(checks: Checks, style: Style = PLAIN, width: int = WIDTH) -> str:
-    """Everything that was examined, grouped by robot, and what came of it."""
+def words(checks: Checks, style: Style = PLAIN, width: int = LINE_WIDTH) -> str:
+    """Return all results, grouped by robot."""
     lines: list[str] = []
     for name, checked in checks.items():
         lines.append(f"{style.bold}{name}{style.plain}")
@@ -48,7 +48,7 @@ def words(checks: Checks, style: Style = PLAIN, width: int = WIDTH) -> str:
 
 
 def as_object(checks: Checks) -> dict[str, Any]:
-    """The same for programs."""
+    """Return the results for programs."""
     robots = {
         name: {
             one.title: {
@@ -64,20 +64,20 @@ def as_object(checks: Checks) -> dict[str, Any]:
 
 
 def ok(checks: Checks) -> bool:
-    """Whether nothing is wrong."""
+    """Return whether there are no faults."""
     return not any(one.findings for checked in checks.values() for one in checked)
 
 
 def _lines(one: Checked, style: Style, width: int) -> Iterator[str]:
     if not one.findings:
-        yield from _wrapped(f"  {style.well} {one.title:<{TITLE}}", one.seen, width)
+        yield from _wrapped(f"  {style.well} {one.title:<{TITLE_WIDTH}}", one.seen, width)
     for finding in one.findings:
-        yield from _wrapped(f"  {style.ill} {one.title:<{TITLE}}", finding.sentence, width)
-        yield from _wrapped(f"    {'':<{TITLE}}{style.arrow} ", finding.remedy, width, hang=2)
+        yield from _wrapped(f"  {style.ill} {one.title:<{TITLE_WIDTH}}", finding.sentence, width)
+        yield from _wrapped(f"    {'':<{TITLE_WIDTH}}{style.arrow} ", finding.remedy, width, hang=2)
 
 
 def _wrapped(head: str, text: str, width: int, hang: int = 0) -> Iterator[str]:
-    column = 4 + TITLE
+    column = 4 + TITLE_WIDTH
     first, *rest = textwrap.wrap(text, max(20, width - column - hang), break_on_hyphens=False) or [""]
     yield head + first
     yield from (" " * (column + hang) + line for line in rest)

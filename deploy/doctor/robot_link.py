@@ -1,21 +1,22 @@
-"""Does what the agent commands reach its own robot, as the type it takes, from nobody else, and guarded?"""
+"""Check that only the agent's commands reach its robot, in the right type, with a watchdog."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from deploy.doctor.facts import Examination, Facts, Finding
+from formation.deploy.doctor.facts import Examination, Facts, Finding
+from formation.protocol.status import RobotLink
+from formation.protocol.status_codec import LINKS
+from formation.ros2.tokens import hidden
 from formation.topics import command_topic
 
-LINK = "robot link"
-"""Key of a status that tells of the link to the robot."""
-OURS = frozenset({"formation_agent", "formation_guard", "formation_doctor"})
-"""ROS nodes that may speak on cmd_vel."""
+OURS = frozenset(map(hidden, ("formation_agent", "formation_watchdog", "formation_doctor")))
+"""ROS nodes that may publish on cmd_vel."""
 KINDS = {"geometry_msgs/msg/Twist": "twist", "geometry_msgs/msg/TwistStamped": "twist_stamped"}
 
 
 def look(facts: Facts) -> Iterator[Finding]:
-    """The router, the route to cmd_vel, its type, and who else speaks there."""
+    """Yield findings on the router, the route to cmd_vel, its type, and other publishers."""
     if facts.router_trouble:
         yield Finding(
             "router-missing",
@@ -32,63 +33,71 @@ def look(facts: Facts) -> Iterator[Finding]:
             if kind
             else "cmd_vel must be of type Twist or TwistStamped",
         )
-    told = facts.said.values.get(LINK, "connected") if facts.said else "connected"
+    robot = facts.mission.robots.get(facts.robot)
+    bridged = robot is not None and robot.ros == "ros2dds"
+    remedy = f"restart the bring-up{' and the bridge together' if bridged else ''}"
+    link = facts.agent.link if facts.agent else RobotLink.UNKNOWN
     if facts.routed is False and not wrong:
         yield Finding(
             "route-lost",
-            "nobody listens to cmd_vel: the bridge has lost its route, or the bring-up is down",
-            "restart the bring-up and the bridge together",
+            f"nothing listens to cmd_vel: {'the bridge has lost its route, or ' if bridged else ''}"
+            "the bring-up is down",
+            remedy,
         )
-    elif told != "connected" and facts.routed is None and not facts.router_trouble:
+    elif (
+        link not in {RobotLink.UNKNOWN, RobotLink.CONNECTED}
+        and facts.routed is None
+        and not facts.router_trouble
+    ):
         yield Finding(
             "route-lost",
-            f"its agent's link to the robot: {told}",
-            "restart the bring-up and the bridge together",
+            f"its agent's link to the robot: {LINKS[link]}",
+            remedy,
         )
     for party in facts.speakers:
         if party.name not in OURS:
             yield Finding(
                 "cmd-vel-contested",
                 f"{party.name} publishes on cmd_vel as well",
-                "end it: two who command one robot undo each other's work",
+                "end it: two controllers of one robot undo each other's work",
             )
 
 
 def well(facts: Facts) -> str:
-    """Who listens."""
+    """Return the subscribers."""
     if facts.routed:
         names = sorted({party.name for party in facts.listeners})
         return f"cmd_vel is listened to as {_short(wanted(facts))}{' by ' if names else ''}{', '.join(names)}"
-    if facts.said and facts.said.values.get(LINK) == "connected":
+    if facts.agent and facts.agent.link is RobotLink.CONNECTED:
         return "its agent says: connected"
     return ""
 
 
-def guard(facts: Facts) -> Iterator[Finding]:
-    """Does somebody stop the robot when its agent dies?"""
-    if facts.guard_unit not in {None, "active"}:
+def watchdog(facts: Facts) -> Iterator[Finding]:
+    """Yield findings if no watchdog would stop the robot when its agent dies."""
+    if facts.watchdog_unit not in {None, "active"}:
         yield Finding(
-            "guard-down",
-            f"the guard does not run: systemd calls it {facts.guard_unit}",
-            "sudo systemctl restart formation-guard; journalctl -u formation-guard says why",
+            "watchdog-down",
+            f"the watchdog does not run: systemd calls it {facts.watchdog_unit}",
+            "sudo systemctl restart formation-watchdog; journalctl -u formation-watchdog says why",
         )
-    elif facts.guard_state == "" and not facts.router_trouble:
+    elif facts.watchdog_state == "" and not facts.router_trouble:
         yield Finding(
-            "guard-down",
-            "no guard answers: if the agent dies, the robot drives on",
-            f"start it: formation guard MISSION --robot {facts.robot}",
+            "watchdog-down",
+            "no watchdog answers: if the agent dies, the robot drives on",
+            f"start it: formation watchdog MISSION --robot {facts.robot}",
         )
 
 
-def guard_well(facts: Facts) -> str:
-    """That it answers, and what it is doing."""
-    if not facts.guard_state:
+def watchdog_well(facts: Facts) -> str:
+    """Return that the watchdog answers, and its state."""
+    if not facts.watchdog_state:
         return ""
-    return f"answers: {facts.guard_state}{', systemd calls it active' if facts.guard_unit else ''}"
+    return f"answers: {facts.watchdog_state}{', systemd calls it active' if facts.watchdog_unit else ''}"
 
 
 def wanted(facts: Facts) -> str:
-    """ROS type of the commands that the agent sends."""
+    """Return the ROS type of the commands that the agent sends."""
     return command_topic(facts.mission.robots[facts.robot].cmd_vel).type
 
 
@@ -97,4 +106,4 @@ def _short(ros_type: str) -> str:
 
 
 ROBOT_LINK = Examination("robot", look, well)
-GUARD = Examination("guard", guard, guard_well)
+WATCHDOG = Examination("watchdog", watchdog, watchdog_well)

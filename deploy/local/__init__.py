@@ -1,1 +1,1 @@
-"""A mission's processes on this machine: which they are, where they listen, how they start and end."""
+"""A mission's processes on this machine: their list, endpoints, start and end."""

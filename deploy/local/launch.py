@@ -1,8 +1,8 @@
-"""The local launcher: starts processes, hears what they say, and leaves none behind.
+"""The local launcher: start processes, read their output, and leave none behind.
 
-Each child has a session of its own, so a Ctrl-C in the terminal reaches the launcher alone, which then stops
-the children in order. A child says one JSON object per line on stdout; what it writes on stderr goes to a
-file. Should the launcher be killed outright, its children notice that their parent is gone, and stop.
+Each child has its own session, so a Ctrl-C in the terminal reaches only the launcher, which then stops the
+children in order. A child prints one JSON object per line on stdout; its stderr goes to a file. If the
+launcher is killed, its children notice that their parent is gone, and stop.
 """
 
 from __future__ import annotations
@@ -21,40 +21,40 @@ from queue import Empty, SimpleQueue
 from types import FrameType, TracebackType
 from typing import Any, NamedTuple, Self
 
-from deploy.local.plan import Part, Program
+from formation.deploy.local.plan import Part, Program
 
-STOP_ORDER: tuple[Part, ...] = ("control", "guard", "body", "watch")
-"""Agents and leader first: their last words are zero velocity, which the others still have to hear."""
-GRACE: Mapping[Part, float] = {"control": 5.0, "guard": 5.0, "body": 15.0, "watch": 10.0}
-"""How long a child has to end after it was asked to, before it is killed [s]: a tenth of it, if nobody else
-needs the processors. Robots may have a picture to render at the end."""
-COAST = 1.0
-"""How long the robots go on after the agents have ended, so that they come to rest, wheels lag [s]."""
+STOP_ORDER: tuple[Part, ...] = ("control", "watchdog", "body", "watch")
+"""Order of stopping: agents and leader first, as the others must still receive their zero velocity."""
+GRACE: Mapping[Part, float] = {"control": 5.0, "watchdog": 5.0, "body": 15.0, "watch": 10.0}
+"""Time for a child to end after a request, before it is killed [s]; on an idle machine a tenth is enough.
+Robots may render a picture at the end."""
+COASTING_TIME = 1.0
+"""How long robots run on after the agents have ended, so that they come to rest as wheels lag [s]."""
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-TWICE = 1.0
-"""A signal this soon after the first one says the same thing twice: a terminal sends it to a wrapper of this
-process as well, and the wrapper passes it on [s]."""
-LONGEST_LINE = 1 << 20
-"""[bytes]"""
+SIGNAL_REPEAT_TIME = 1.0
+"""A signal within this time after the first counts as the same one: a terminal also sends it to a wrapper of
+this process, which passes it on [s]."""
+MAX_LINE_BYTES = 1 << 20
+"""Longest line of a child [bytes]."""
 
 
 class Event(NamedTuple):
-    """One line a child said."""
+    """One line of a child's output."""
 
     child: Child
     data: Mapping[str, Any]
 
 
 class Child:
-    """A process that was started."""
+    """A started process."""
 
     def __init__(self, program: Program, folder: Path, events: SimpleQueue[Event | None]) -> None:
         self.name, self.part, self.robots = program.name, program.part, program.robots
         self.log = folder / f"{program.name.replace(' ', '-')}.log"
         self.ready = False
-        self.asked_to_end = False
+        self.end_requested = False
         self.summary: Mapping[str, Any] | None = None
-        """What it says at its end; None if it did not come to that."""
+        """Its last message; None if there was none."""
         with self.log.open("ab") as log:
             self._process = subprocess.Popen(
                 program.argv,
@@ -73,35 +73,35 @@ class Child:
 
     @property
     def exit(self) -> int | None:
-        """Its exit code, minus the signal that killed it, or None while it lives."""
+        """Its exit code, minus the signal that killed it, or None while it runs."""
         return self._process.poll()
 
     @property
     def died(self) -> bool:
-        """Whether it ended without having been asked to."""
-        return self.exit is not None and not self.asked_to_end
+        """Whether it ended without a request."""
+        return self.exit is not None and not self.end_requested
 
     def end(self) -> None:
-        """Ask it to end."""
+        """Request its end."""
         if self.exit is None:
-            self.asked_to_end = True
+            self.end_requested = True
             self._process.terminate()
 
     def kill(self) -> None:
-        """End it and whatever it started, at once, and wait until it is gone."""
+        """Kill it and all processes that it started, and wait until it is gone."""
         if self.exit is None:
-            self.asked_to_end = True
+            self.end_requested = True
             with suppress(ProcessLookupError):
                 os.killpg(self.pid, signal.SIGKILL)
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(5.0)
 
-    def hear_out(self) -> None:
-        """Wait until all it said is in the queue; it has ended."""
+    def finish_reading(self) -> None:
+        """Wait until all its output is in the queue, after its end."""
         self._reader.join(1.0)
 
     def last_words(self, lines: int = 5) -> list[str]:
-        """The end of what it wrote on stderr."""
+        """Return the end of its stderr."""
         with self.log.open("rb") as log:
             log.seek(max(0, log.seek(0, os.SEEK_END) - 8192))
             text = log.read().decode(errors="replace")
@@ -111,7 +111,7 @@ class Child:
         stream = self._process.stdout
         assert stream is not None  # noqa: S101 - for the type checker: it was asked for above
         with stream, self.log.open("ab") as log:
-            while line := stream.readline(LONGEST_LINE):
+            while line := stream.readline(MAX_LINE_BYTES):
                 data = _event(line)
                 if data is None:
                     log.write(b"on stdout: " + line)
@@ -125,17 +125,17 @@ class Child:
 
 
 class Launcher:
-    """Children, the events they send, and the signals that are to end it all. A context manager.
+    """Children, their events, and the signals that end the run. A context manager.
 
     Inside the context, the first SIGINT, SIGTERM or SIGHUP only sets `interrupted`; a second one makes `stop`
-    kill what has not ended. However the context is left, no child outlives it.
+    kill what has not ended. No child remains after the context.
     """
 
     def __init__(self, folder: Path) -> None:
         """`folder` takes one log file per child."""
         self.children: list[Child] = []
         self.interrupted = False
-        """Whether a signal has asked for the end."""
+        """Whether a signal has requested the end."""
         self._forced = False
         self._first_signal = math.inf  # when it came [s, monotonic]
         self._folder = folder
@@ -144,7 +144,7 @@ class Launcher:
 
     def __enter__(self) -> Self:
         for number in STOP_SIGNALS:
-            # started by nohup, it is to outlive its terminal
+            # under nohup it must go on without its terminal
             if not (number == signal.SIGHUP and signal.getsignal(number) == signal.SIG_IGN):
                 self._handlers[number] = signal.signal(number, self._interrupt)
         return self
@@ -161,31 +161,31 @@ class Launcher:
                 signal.signal(number, handler)
 
     def start(self, program: Program) -> Child:
-        """Start a process. OSError if that cannot be done."""
+        """Start a process. Raises OSError on failure."""
         child = Child(program, self._folder, self._events)
         self.children.append(child)
         return child
 
     def next(self, timeout: float) -> Event | None:
-        """The next event; None after `timeout` [s], or sooner when a child ended or a signal came."""
+        """Return the next event; None after `timeout` [s], or sooner when a child ended or a signal came."""
         try:
             return self._events.get(timeout=max(timeout, 0.0))
         except Empty:
             return None
 
     def stop(self) -> None:
-        """End all children in order, each within its time, and hear them out."""
+        """End all children in order, each within its time, and read their remaining output."""
         for part in STOP_ORDER:
-            asked = [child for child in self.children if child.part == part and child.exit is None]
-            for child in asked:
+            ending = [child for child in self.children if child.part == part and child.exit is None]
+            for child in ending:
                 child.end()
-            self._wait_for(asked, GRACE[part])
-            for child in asked:
+            self._wait_for(ending, GRACE[part])
+            for child in ending:
                 child.kill()
-            if part == "control" and asked and self._alive("body"):
-                self._pause(COAST)
+            if part == "control" and ending and self._alive("body"):
+                self._pause(COASTING_TIME)
         for child in self.children:
-            child.hear_out()
+            child.finish_reading()
 
     def _alive(self, part: Part) -> bool:
         return any(child.part == part and child.exit is None for child in self.children)
@@ -205,14 +205,14 @@ class Launcher:
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - as signal calls it
         now = time.monotonic()
-        self._forced = self._forced or now - self._first_signal > TWICE
+        self._forced = self._forced or now - self._first_signal > SIGNAL_REPEAT_TIME
         self._first_signal = min(self._first_signal, now)
         self.interrupted = True
         self._events.put(None)  # a SimpleQueue may be put to in a signal handler
 
 
 def _event(line: bytes) -> dict[str, Any] | None:
-    """A line as an event, or None if it is none."""
+    """Parse a line as an event; None if it is none."""
     try:
         data = json.loads(line)
     except (ValueError, RecursionError):

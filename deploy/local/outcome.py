@@ -1,4 +1,4 @@
-"""How a run ended: from what its processes said to one JSON object and a few lines for people."""
+"""The result of a run: one JSON object and a few lines for people, from its processes' summaries."""
 
 from __future__ import annotations
 
@@ -10,53 +10,54 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from deploy.local.launch import Child
-from deploy.local.plan import leaders
-from deploy.terminal.units import metres
-from formation.mission import Mission
+from formation.deploy.local.launch import Child
+from formation.deploy.local.plan import leaders
+from formation.deploy.terminal.units import metres
+from formation.mission.model import Mission
+from formation.monitor.metrics.known import KnownVerdict
+from formation.monitor.metrics.settling import DWELL_TIME
 from formation.topics import GROUND_TRUTH, POSITION
-from monitor.figures.known import KnownVerdict
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The end of a run."""
+    """The result of a run."""
 
     mission: Mission
     children: Sequence[Child]
     duration: float
-    """[s] from when all were ready."""
+    """Time since all were ready [s]."""
     logs: Path
     interrupted: bool = False
     record: Path | None = None
-    """Where the monitor was told to record to."""
+    """The monitor's recording file."""
 
     @property
     def monitor(self) -> Mapping[str, Any]:
-        """What the monitor found; empty if it did not live to say it."""
+        """The monitor's summary; empty if it gave none."""
         found = (child.summary for child in self.children if child.part == "watch")
         return next(found, None) or {}
 
     @property
     def converged(self) -> bool:
-        """Whether the formation error was, and stayed, under the mission's bound."""
+        """Whether the formation error fell, and stayed, under the mission's bound."""
         return self.monitor.get("converged") is True
 
     @property
     def faults(self) -> list[str]:
-        """What went wrong with the processes."""
+        """Faults of the processes."""
         bad = [child for child in self.children if not ended_well(child) and child not in self.replaced]
         failure = self.monitor.get("recording_failure")
         unrecorded = [f"monitor stopped recording: {failure}"] if failure else []
         if lacking := self.monitor.get("recording_lost"):
-            unrecorded.append(f"the recording lacks {lacking} messages that the monitor heard")
+            unrecorded.append(f"the recording lacks {lacking} messages that the monitor received")
         return [
             f"{child.name} {how_it_ended(child)}{' during the run' if child.died else ''}" for child in bad
         ] + unrecorded
 
     @property
     def replaced(self) -> list[Child]:
-        """Those that may lead and were stopped or killed, while another stood by to the end, as it is to."""
+        """Candidates that were stopped or killed, while another stood by to the end as intended."""
         names = set(leaders(self.mission).values())
         candidates = [child for child in self.children if child.name in names]
         if not any(ended_well(child) for child in candidates):
@@ -65,25 +66,25 @@ class Outcome:
 
     @property
     def lost(self) -> int | None:
-        """Messages that were published and not recorded; None if the monitor did not live to say.
+        """Number of messages published and not recorded; None if the monitor gave no summary.
 
-        That is all that was said to the fleet, and what simulated robots said to the monitor themselves: the
-        truth. Their odometry counts as what their agents repeated of it. What the leader's position was, all
-        that have led say together: it is not known how often if one of them was killed.
+        Counted are all messages to the fleet, and ground truth from simulated robots. Odometry counts as
+        repeated by the agents. The leader's positions are summed over all that have led; their number is
+        unknown if one of them was killed.
         """
         recorded = _counts(self.monitor, "recorded")
         if recorded is None:
             return None
         truths = {GROUND_TRUTH.key(name) for name in self.mission.followers}
-        told: Counter[str] = Counter()
+        published: Counter[str] = Counter()
         for child in self.children:
-            told.update(_counts(child.summary, "published") or {})
+            published.update(_counts(child.summary, "published") or {})
             if child.part == "body":
-                said = _counts(_side(child), "published") or {}
-                told.update({key: count for key, count in said.items() if key in truths})
+                child_counts = _counts(_side(child), "published") or {}
+                published.update({key: count for key, count in child_counts.items() if key in truths})
         if any(child.summary is None for child in self.replaced):
-            told.pop(POSITION.key(self.mission.leader), None)
-        return sum(count - recorded.get(key, 0) for key, count in told.items())
+            published.pop(POSITION.key(self.mission.leader), None)
+        return sum(count - recorded.get(key, 0) for key, count in published.items())
 
     @property
     def exit_code(self) -> int:
@@ -91,7 +92,7 @@ class Outcome:
         return 0 if self.converged and not self.faults else 1
 
     def as_json(self) -> dict[str, Any]:
-        """Everything a script may want to know."""
+        """Return the result for a script."""
         return {
             "mission": self.mission.name,
             "law": self.mission.law.kind,
@@ -109,14 +110,14 @@ class Outcome:
         }
 
     def words(self) -> str:
-        """The summary for people."""
+        """Return the summary for people."""
         verdict = "converged" if self.converged else self._verdict_on_known() or "not converged"
         when = f", interrupted after {self.duration:.1f} s" if self.interrupted else ""
         rows = [f"{self.mission.name}, {self.mission.law.kind} law: {verdict}{when}"]
-        rows += [f"  {title:<17}{text}" for title, text in self._figures()]
+        rows += [f"  {title:<17}{text}" for title, text in self._rows()]
         return "\n".join(rows)
 
-    def _figures(self) -> Iterator[tuple[str, str]]:
+    def _rows(self) -> Iterator[tuple[str, str]]:
         if self.monitor:
             yield "formation error", self._error()
             yield "recording", str(self.monitor.get("recording"))
@@ -135,7 +136,7 @@ class Outcome:
 
     @property
     def _known(self) -> KnownVerdict | None:
-        """What the monitor found of the known edges; None if all were known at the end, or none."""
+        """Return the monitor's verdict on the known edges; None if all were known at the end, or none."""
         found = self.monitor.get("known")
         if self.monitor.get("formation_error") is not None or not isinstance(found, Mapping):
             return None
@@ -152,27 +153,33 @@ class Outcome:
         known = self._known
         if known is None or known.final is None:
             return ""
-        under, settled = metres(self.mission.settled), known.settled_at
-        since = f"never under {under} for good" if settled is None else f"under {under} since {settled:.1f} s"
+        since = self._since(known.settled_at, converged=known.converged)
         return f"{metres(known.final.error)}, sum over {known.final.words}; {since}"
 
     def _error(self) -> str:
-        error, settled = self.monitor.get("formation_error"), self.monitor.get("settled_at")
+        error = self.monitor.get("formation_error")
         if error is None:
             return self._known_error() or "not known"
         edges = sum(len(robot.neighbours) for robot in self.mission.robots.values())
+        since = self._since(self.monitor.get("settled_at"), converged=self.converged)
+        return f"{metres(error)}, sum over {edges} edges; {since}"
+
+    def _since(self, settled: float | None, *, converged: bool) -> str:
+        """Return since when the error is under the bound, and what is missing for convergence."""
         under = metres(self.mission.settled)
-        since = f"under {under} for good" if settled is None else f"under {under} since {settled:.1f} s"
-        return f"{metres(error)}, sum over {edges} edges; {'never ' if settled is None else ''}{since}"
+        if settled is None:
+            return f"never under {under} for good"
+        lacking = "" if converged else f"; converged means under it for at least {DWELL_TIME:g} s"
+        return f"under {under} since {settled:.1f} s{lacking}"
 
 
 def ended_well(child: Child) -> bool:
-    """Whether a child did as it was told; one that was told to end before it was ready may just go."""
+    """Return whether a child ended as requested; one stopped before it was ready may end in any way."""
     return not child.died and (child.exit == 0 or (child.exit == -signal.SIGTERM and not child.ready))
 
 
 def how_it_ended(child: Child) -> str:
-    """A sentence's end about a child that has ended, or has not."""
+    """Return the end of a sentence about how a child has ended, or that it has not."""
     code = child.exit
     if code is None:
         return "is still alive"
@@ -184,7 +191,7 @@ def how_it_ended(child: Child) -> str:
 
 
 def _counts(summary: Mapping[str, Any] | None, key: str) -> dict[str, int] | None:
-    """Counts that a process gave in its summary; None if it gave none."""
+    """Return counts from a process's summary; None if it has none."""
     counts = (summary or {}).get(key)
     if not isinstance(counts, Mapping):
         return None
@@ -192,7 +199,7 @@ def _counts(summary: Mapping[str, Any] | None, key: str) -> dict[str, int] | Non
 
 
 def _side(child: Child) -> Mapping[str, Any]:
-    """What it counted between agent and robot; empty if it did not say, or had nothing to do with that."""
+    """Return its counts between agent and robot; empty if it gave none."""
     side = (child.summary or {}).get("robot")
     return side if isinstance(side, Mapping) else {}
 

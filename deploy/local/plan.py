@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from formation.mission import Mission
+from formation.mission.model import Mission
 from formation.transport import wiring
 from formation.transport.wiring import Endpoints, Links
 
-Part = Literal["control", "guard", "body", "watch"]
-"""What a process is to the run: an agent or one that may lead, a guard, the simulated robots, the monitor."""
+Part = Literal["control", "watchdog", "body", "watch"]
+"""Role of a process: agent or candidate, watchdog, simulated robots, monitor."""
 
 
 NO_LINKS = Links((), ())
@@ -29,7 +29,7 @@ class Program(NamedTuple):
 
 
 def leaders(mission: Mission) -> dict[str, str]:
-    """What the processes are called that may lead, by candidate."""
+    """Return the names of the candidates' processes, by candidate."""
     return {mission.leader: "leader", **{name: f"standby {name}" for name in mission.standbys}}
 
 
@@ -41,37 +41,39 @@ def programs(
     parent: int,
     record: Path,
     law: str | None = None,
-    guards: bool = False,
+    watchdogs: bool = False,
     page: Sequence[str] = (),
     world: Sequence[str] = (),
     patience: float = 30.0,
 ) -> tuple[Program, ...]:
-    """Every process of `mission`, read from `source` by each of them, in the order of starting.
+    """Return every process of `mission`, which each reads from `source`, in the order of starting.
 
-    `parent` is the process whose death ends them all; `guards` adds one for each robot; `page` are the
-    monitor's flags for its page, `world` those of the simulated robots for theirs; `patience` [s] is how long
-    they wait for the monitor before they publish anything, so that the recording misses nothing.
+    All end when the process `parent` dies; `watchdogs` adds one for each robot; `page` are the monitor's
+    flags for its page, `world` those of the simulated robots; `patience` [s] is how long they wait for the
+    monitor before publishing, so that the recording is complete.
     """
 
     def program(name: str, part: Part, module: str, *flags: str, links: Links = NO_LINKS) -> Program:
         listen = [word for end in links.listen for word in ("-l", end)]
         connect = [word for end in links.connect for word in ("-e", end)]
-        # -P: what lies in the folder where the user happens to be is not imported
+        # -P: import nothing from the current folder
         command = (sys.executable, "-P", "-m", module, source, *flags, *listen, *connect)
         return Program(name, part, (*command, "--parent", str(parent)))
 
     def agent(name: str) -> Program:
         links = wiring.of_agent(mission, name, where)
-        one = program(f"agent {name}", "control", "agent", *robot(name), *law_flag, *wait, links=links)
+        one = program(
+            f"agent {name}", "control", "formation.agent", *robot(name), *law_flag, *wait, links=links
+        )
         return one._replace(robots=(name,))
 
     def leader(name: str) -> Program:
         flags = ("--standby", name) if name in mission.standbys else ()
         links = wiring.of_leader(mission, where, name)
-        return program(leaders(mission)[name], "control", "leader", *flags, *wait, links=links)
+        return program(leaders(mission)[name], "control", "formation.leader", *flags, *wait, links=links)
 
-    def guard(name: str) -> Program:
-        return program(f"guard {name}", "guard", "agent.robots.guard", *robot(name))
+    def watchdog(name: str) -> Program:
+        return program(f"watchdog {name}", "watchdog", "formation.agent.watchdog", *robot(name))
 
     def robot(name: str) -> tuple[str, ...]:
         return "--robot", name, "--robot-connect", where.robots[name]
@@ -82,9 +84,9 @@ def programs(
     watch = ("--record", str(record), "--snapshots", *law_flag, *page, *stage)
     robots = Links(tuple(where.robots.values()), wiring.of_robots(mission, mission.followers, where).connect)
     return (
-        program("monitor", "watch", "monitor", *watch, links=wiring.of_monitor(where)),
-        program("robots", "body", "agent.robots", *world, *wait, links=robots),
+        program("monitor", "watch", "formation.monitor", *watch, links=wiring.of_monitor(where)),
+        program("robots", "body", "formation.agent.simulated", *world, *wait, links=robots),
         *map(leader, mission.candidates),
-        *(guard(name) for name in mission.followers if guards),
+        *(watchdog(name) for name in mission.followers if watchdogs),
         *(agent(name) for name in mission.followers),
     )

@@ -1,7 +1,7 @@
-"""Ports of this machine for a mission's processes, held so that nobody else takes them before they listen.
+"""Ports of this machine for a mission's processes, held until the processes listen on them.
 
 A port is held by a socket that is bound and does not listen. With SO_REUSEADDR on both sides Linux lets the
-process that the port is meant for listen on it all the same; what asks for any free port never gets it.
+intended process listen on it all the same; a request for any free port never gets it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
 
-from formation.mission import Mission
+from formation.mission.model import Mission
 from formation.transport import wiring
 from formation.transport.wiring import Endpoints
 
@@ -24,10 +24,9 @@ HOST = "127.0.0.1"
 class Ports:
     """Endpoints of every process of a mission on this machine, held while the context lasts.
 
-    Agents have the mission's own where those are plain TCP of this machine and all free, so that
-    `formation order` finds them without being told; else others. An endpoint that the mission names for a
-    robot is where its ROS 2 router listens, whose place no simulated robot takes: those have the usual ports,
-    or others.
+    Agents get the mission's own endpoints if those are plain TCP of this machine and all free, so that
+    `formation order` finds them without flags; else others. An endpoint that the mission names for a robot
+    belongs to its ROS 2 router, so no simulated robot uses it: those get the usual ports, or others.
     """
 
     def __init__(self, mission: Mission) -> None:
@@ -36,7 +35,7 @@ class Ports:
         named = any(mission.robots[name].robot_endpoint for name in wanted.robots)
         try:
             self.as_in_mission = self._hold_all(wanted.agents.values())
-            """Whether agents and leader listen where the mission says."""
+            """Whether agents and leader listen at the mission's endpoints."""
             usual = not named and self._hold_all(wanted.robots.values())
             self.endpoints = Endpoints(
                 wanted.agents if self.as_in_mission else {name: self._any() for name in wanted.agents},
@@ -55,7 +54,7 @@ class Ports:
         self._held.close()
 
     def _hold_all(self, endpoints: Iterable[str]) -> bool:
-        """Hold every endpoint, or none if one is not to be had."""
+        """Hold every endpoint, or none if one is not available."""
         with ExitStack() as held:
             for endpoint in endpoints:
                 local = re.fullmatch(rf"tcp/({re.escape(HOST)}|localhost):(\d+)", endpoint)
@@ -68,7 +67,7 @@ class Ports:
         return True
 
     def _any(self) -> str:
-        """An endpoint with a port that the system says is free."""
+        """Return an endpoint with a free port."""
         holder = self._held.enter_context(socket.socket())
         holder.bind((HOST, 0))
         port = holder.getsockname()[1]
@@ -79,7 +78,7 @@ class Ports:
 
 
 def _hold(port: int, held: ExitStack) -> bool:
-    """Hold a certain port, even where connections of the last run linger. OSError if it is taken."""
+    """Hold a given port, even if connections of the last run linger. OSError if it is taken."""
     if sys.platform != "linux":
         with socket.socket() as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -1,1 +1,1 @@
-"""What commands show in a terminal, and the keys that they take there."""
+"""Output of commands in a terminal, and their keys."""

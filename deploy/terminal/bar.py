@@ -1,4 +1,4 @@
-"""A progress bar for what takes long: on a terminal, and nowhere else."""
+"""A progress bar for long work, only on a terminal, and a warning without numba."""
 
 from __future__ import annotations
 
@@ -9,12 +9,22 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, Self
 
-PATIENCE = 2.0
-"""From this on it is shown how far something is [s]."""
+from formation.simulation.compiled import AVAILABLE
+from formation.transport.runtime.command_line import installing
+
+PROGRESS_DELAY = 2.0
+"""Time from which on progress is shown [s]."""
+
+
+def warn_if_slow() -> None:
+    """Warn on stderr, if numba is not installed, that simulations take long."""
+    if not AVAILABLE:
+        how = installing("numba")
+        print(f"formation: without numba a simulation takes about 100 times as long: {how}", file=sys.stderr)
 
 
 class Bar:
-    """A progress bar on a terminal's stderr, for what takes longer than `PATIENCE`. A context manager."""
+    """A progress bar on a terminal's stderr, for work longer than `PROGRESS_DELAY`. A context manager."""
 
     def __init__(self, title: str) -> None:
         self._title = title
@@ -34,7 +44,7 @@ class Bar:
         if not self._wanted:
             return
         if self._progress is None:
-            if time.monotonic() - self._begin < PATIENCE:
+            if time.monotonic() - self._begin < PROGRESS_DELAY:
                 return
             console = import_module("rich.console").Console(stderr=True)
             kind = import_module("rich.progress").Progress

@@ -15,13 +15,13 @@ NAMED = {
     b"\x1b[C": "right", b"\x1bOC": "right", b"\x1b[D": "left", b"\x1bOD": "left", b"\x1b": "escape",
     b" ": "space",
 }  # fmt: skip
-"""What terminals send for keys that have no sign of their own."""
-LONGEST = 64
-"""Bytes read at once: far more than anybody types between two looks."""
+"""Byte sequences of terminals for keys without a character."""
+MAX_KEY_BYTES = 64
+"""Number of bytes read at once: far more than is typed between two looks."""
 
 
 class Keys:
-    """Reads keys from `stream` without their being shown; nothing of a stream that is no terminal.
+    """Read keys from `stream` without echo; nothing if it is no terminal.
 
     A context manager: outside it the terminal is as it was.
     """
@@ -43,21 +43,21 @@ class Keys:
             termios.tcsetattr(self._number, termios.TCSANOW, self._before)
 
     def wait(self, seconds: float) -> list[str]:
-        """The keys that are pressed within that time [s]; returns as soon as there are any."""
+        """Return the keys pressed within that time [s], as soon as there are any."""
         if self._number is None:
             time.sleep(seconds)
             return []
         ready, _, _ = select.select([self._number], [], [], seconds)
         if not ready:
             return []
-        data = os.read(self._number, LONGEST)
+        data = os.read(self._number, MAX_KEY_BYTES)
         if not data:  # the terminal has gone
             self._number = None
         return named(data)
 
 
 def named(data: bytes) -> list[str]:
-    """Keys by name, or as the sign they have, from what a terminal sends."""
+    """Return keys by name, or by character, from a terminal's bytes."""
     keys = []
     while data:
         length = next((n for n in (3, 1) if data[:n] in NAMED), 1)

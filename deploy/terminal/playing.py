@@ -1,4 +1,4 @@
-"""What `formation replay` shows: two lines that change in a terminal, a line now and then elsewhere."""
+"""Output of `formation replay`: two changing lines in a terminal, occasional lines elsewhere."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.text import Text
 
-from deploy.terminal.table import states
-from deploy.terminal.units import metres
-from monitor.figures.snapshot import Snapshot
-from monitor.replay.loop import Replay, Standing
-from monitor.replay.player import FASTEST, SLOWEST
+from formation.deploy.terminal.table import states
+from formation.deploy.terminal.units import metres
+from formation.monitor.metrics.snapshot import Snapshot
+from formation.monitor.replay.player import MAX_SPEED, MIN_SPEED
+from formation.monitor.replay.process import Replay, Standing
 
 KEYS = "space pause/play   ←/→ 5 s   +/- speed   q quit"
 ASCII_KEYS = "space pause/play   left/right 5 s   +/- speed   q quit"
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
-JUMP = 5.0
-"""What an arrow key jumps [s of the recording]."""
-DRIFT = 0.1
-"""A drift that is worth saying [s]."""
+SEEK_STEP = 5.0
+"""Jump of an arrow key [s of the recording]."""
+MIN_SHOWN_DRIFT = 0.1
+"""Drift from which on it is shown [s]."""
 PLAIN_PERIOD = 2.0
-"""Between two plain lines [s]."""
+"""Time between two plain lines [s]."""
 Look = Callable[[], Snapshot]
 
 
@@ -37,15 +37,15 @@ class Bar:
         self._live = Live(console=self._console, auto_refresh=False, transient=False)
 
     def start(self) -> None:
-        """Begin to draw."""
+        """Start drawing."""
         self._live.start()
 
     def stop(self) -> None:
-        """Leave what was drawn last."""
+        """Stop drawing; the last picture stays."""
         self._live.stop()
 
     def show(self, standing: Standing, look: Look) -> None:
-        """Draw how it stands; `look` gives the figures."""
+        """Draw the state; `look` gives the metrics."""
         ascii_only = not (self._console.encoding or "").lower().startswith("utf")
         picture = draw(standing, look(), self._console.size.width, ascii_only=ascii_only)
         self._live.update(picture, refresh=True)
@@ -65,7 +65,7 @@ class Lines:
         """End."""
 
     def show(self, standing: Standing, look: Look) -> None:
-        """Write how it stands, if the last time was two seconds ago; `look` gives the figures."""
+        """Write the state, at most every two seconds; `look` gives the metrics."""
         now = time.monotonic()
         if now < self._due or standing.seeking:
             return
@@ -74,21 +74,21 @@ class Lines:
 
 
 def press(replay: Replay, key: str) -> bool:
-    """Do what a key asks for; whether to go on."""
+    """Do the action of a key; return whether to go on."""
     now = replay.standing
     if key == "space":
         replay.step("play" if now.paused or now.finished else "pause")
     elif key in {"left", "right"}:
-        replay.step("seek", now.position + (JUMP if key == "right" else -JUMP))
+        replay.step("seek", now.position + (SEEK_STEP if key == "right" else -SEEK_STEP))
     elif key in {"+", "="}:
-        replay.step("speed", min((one for one in SPEEDS if one > now.speed), default=FASTEST))
+        replay.step("speed", min((one for one in SPEEDS if one > now.speed), default=MAX_SPEED))
     elif key == "-":
-        replay.step("speed", max((one for one in SPEEDS if one < now.speed), default=SLOWEST))
+        replay.step("speed", max((one for one in SPEEDS if one < now.speed), default=MIN_SPEED))
     return key not in {"q", "Q"}
 
 
 def line(standing: Standing, snapshot: Snapshot) -> str:
-    """How it stands, in one line."""
+    """Return the state in one line."""
     parts = [
         f"{clock(standing.position - standing.start)} of {clock(standing.end - standing.start)}",
         f"{standing.speed:g}x" + (" paused" if standing.paused else ""),
@@ -106,7 +106,7 @@ def _error(snapshot: Snapshot) -> str:
 
 
 def draw(standing: Standing, snapshot: Snapshot, width: int, *, ascii_only: bool = False) -> RenderableType:
-    """The same for a terminal of `width` columns, with a bar and the keys that steer."""
+    """Return the state for a terminal of `width` columns, with a bar and the keys for steering."""
     sign = _sign(standing, ascii_only=ascii_only)
     head = Text(f"{sign} {clock(standing.position - standing.start)} ", style="bold")
     tail = f" {clock(standing.end - standing.start)}  {standing.speed:g}x  "
@@ -132,19 +132,19 @@ def draw(standing: Standing, snapshot: Snapshot, width: int, *, ascii_only: bool
 
 
 def remarks(standing: Standing) -> list[str]:
-    """What is not as one would expect."""
+    """Return remarks on unexpected states."""
     found = []
     if standing.counted_from > standing.start:
         found.append(f"settling and counts since {clock(standing.counted_from - standing.start)}")
-    if standing.drift > DRIFT:
+    if standing.drift > MIN_SHOWN_DRIFT:
         found.append(f"{standing.drift:.1f} s late")
     if standing.skipped:
-        found.append(f"{standing.skipped} messages came too late to be said")
+        found.append(f"{standing.skipped} messages came too late to be published")
     return found
 
 
 def clock(seconds: float) -> str:
-    """A time of a recording: ``1:05.3``, ``1:02:03.4``."""
+    """Return a time of a recording: ``1:05.3``, ``1:02:03.4``."""
     tenths = round(max(seconds, 0.0) * 10)
     minutes, rest = divmod(tenths, 600)
     hours, minutes = divmod(minutes, 60)

@@ -1,4 +1,4 @@
-"""The monitor's snapshots as the launcher reads them: JSON objects on the monitor's stdout."""
+"""The monitor's snapshots for the launcher: JSON objects from the monitor's stdout."""
 
 from __future__ import annotations
 
@@ -7,34 +7,34 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from monitor.figures.events import Event
-from monitor.figures.known import KnownError
+from formation.monitor.metrics.events import Event
+from formation.monitor.metrics.known import KnownError
 
 
 class RobotNow(NamedTuple):
-    """What the monitor last knew of one robot; None is not known."""
+    """The monitor's last values of one robot; None means unknown."""
 
     state: str = ""
     error: float | None = None
-    """Sum over its neighbours [m]."""
+    """Error summed over its neighbours [m]."""
     speed: float | None = None
-    """Commanded [m/s]."""
+    """Commanded speed [m/s]."""
     turn_rate: float | None = None
-    """Commanded [rad/s]."""
+    """Commanded turn rate [rad/s]."""
     heading_error: float | None = None
-    """[rad]"""
+    """Estimated less true heading [rad]."""
     age: float | None = None
-    """Of its last position [s]."""
-    aside: bool = False
-    """It does not follow, and others go on without it."""
+    """Age of its last position [s]."""
+    unavailable: bool = False
+    """Whether it is unavailable: it does not follow, and others go on without it."""
     stuck: bool = False
-    """It does not move though it is told to."""
-    evades: str = ""
-    """What it does instead of what its law wants, in a word: ``yields``, ``slowed`` or ``blocked``."""
+    """Whether it does not move although commanded to."""
+    avoiding: str = ""
+    """Limit on its law's command, in a word: ``avoids``, ``slowed`` or ``blocked``."""
     fallback: str = ""
-    """Whom it follows in place of its neighbours."""
+    """Fallback neighbours that it follows."""
     known_error: float | None = None
-    """Sum over those of its neighbours that are known [m]: at most `error`."""
+    """Error summed over its known neighbours [m]: at most `error`."""
 
 
 class Known(NamedTuple):
@@ -43,7 +43,7 @@ class Known(NamedTuple):
     error: float = math.nan
     """[m]; NaN if none is."""
     words: str = ""
-    """Over how many of them, and why not all; empty if all are known, or none."""
+    """Number of known edges, and why not all; empty if all are known, or none."""
 
 
 class Snapshot(NamedTuple):
@@ -53,26 +53,26 @@ class Snapshot(NamedTuple):
     """Formation error, summed over all edges [m]; NaN while a position is missing."""
     robots: Mapping[str, RobotNow]
     events: tuple[Event, ...] = ()
-    """What has happened since the snapshot before."""
+    """Events since the last snapshot."""
     leads: str | None = None
-    """Who leads; None for nobody, or not known."""
+    """The leading candidate; None if there is none, or it is unknown."""
     waits: str = ""
-    """For whom the leader waits."""
-    figure: str = ""
-    """How the shape is turned and scaled, and whether it is on its way."""
+    """Robots that the leader waits for."""
+    placed_shape: str = ""
+    """Rotation and scale of the shape, and whether it is changing."""
     partial: Known | None = None
-    """The same over the edges that are known, where not all are."""
+    """The error over the known edges, if not all are known."""
     candidates: Mapping[str, str] = MappingProxyType({})
-    """What everybody does who may lead, by rank; empty where there are no standbys."""
+    """State of each candidate, by rank; empty if there are no standbys."""
 
     @property
     def known(self) -> Known:
-        """The error over the edges that are known, all or some."""
+        """The error over the known edges, all or some."""
         return self.partial or Known(self.error)
 
     @classmethod
     def of(cls, event: Mapping[str, Any]) -> Snapshot:
-        """Read a snapshot event; what it does not have, or has as another type, is not known."""
+        """Read a snapshot event; a value that is missing or of another type is unknown."""
         error = _number(event.get("formation_error"))
         robots, events = event.get("robots"), event.get("events")
         return cls(
@@ -83,7 +83,7 @@ class Snapshot(NamedTuple):
             tuple(filter(None, map(_happened, events))) if isinstance(events, list) else (),
             _text(event.get("leads")) or None,
             _text(event.get("waits")),
-            _figure(event),
+            _placed_shape(event),
             _partial(event),
             _candidates(event.get("candidates")),
         )
@@ -97,21 +97,21 @@ def _robot(robot: Mapping[str, Any]) -> RobotNow:
         turn_rate=_number(robot.get("turn_rate")),
         heading_error=_number(robot.get("heading_error")),
         age=_number(robot.get("age")),
-        aside=robot.get("aside") is True,
+        unavailable=robot.get("unavailable") is True,
         stuck=robot.get("stuck") is True,
-        evades=_text(robot.get("evades")),
+        avoiding=_text(robot.get("avoiding")),
         fallback=_text(robot.get("fallback")),
         known_error=_number(known[0]) if isinstance(known := robot.get("known"), list) and known else None,
     )
 
 
 def _partial(event: Mapping[str, Any]) -> Known | None:
-    """What it says of the known edges, where it does not say all."""
-    said = event.get("known")
-    if _number(event.get("formation_error")) is not None or not isinstance(said, Mapping):
+    """Return the error over the known edges, if not all are known."""
+    known_part = event.get("known")
+    if _number(event.get("formation_error")) is not None or not isinstance(known_part, Mapping):
         return None
-    error, silent = _number(said.get("error")), said.get("silent")
-    some, every = _number(said.get("known_edges")), _number(said.get("edges"))
+    error, silent = _number(known_part.get("error")), known_part.get("silent")
+    some, every = _number(known_part.get("known_edges")), _number(known_part.get("edges"))
     if error is None or some is None or every is None:
         return None
     ages = silent.items() if isinstance(silent, Mapping) else ()
@@ -119,8 +119,8 @@ def _partial(event: Mapping[str, Any]) -> Known | None:
     return Known(error, known.words)
 
 
-def _figure(event: Mapping[str, Any]) -> str:
-    """In words, where there is more to say than the shape: ``wedge turned by 30°, × 1.5, on its way``."""
+def _placed_shape(event: Mapping[str, Any]) -> str:
+    """Return the shape in words, unless it is as drawn: ``wedge turned by 30°, × 1.5, on its way``."""
     shape, rotation, scale = (
         _text(event.get("shape")),
         _number(event.get("rotation")),
@@ -131,8 +131,8 @@ def _figure(event: Mapping[str, Any]) -> str:
         f"{scale:.3g} times as large" if scale not in {None, 1.0} else "",
         "on its way" if event.get("formed") is False else "",
     ]
-    told = ", ".join(filter(None, parts))
-    return f"{shape} {told}" if told else ""
+    details = ", ".join(filter(None, parts))
+    return f"{shape} {details}" if details else ""
 
 
 def _candidates(candidates: Any) -> dict[str, str]:
@@ -148,7 +148,7 @@ def _text(value: Any) -> str:
 
 
 def _happened(event: Any) -> Event | None:
-    """An event as it was said; None for what is none."""
+    """Return the event; None if it is invalid."""
     if not isinstance(event, Mapping):
         return None
     at, level = _number(event.get("at")), _number(event.get("level"))

@@ -1,4 +1,4 @@
-"""The table that `formation run` and `formation watch` show: one robot a line, and below it the formation."""
+"""The table of `formation run` and `formation watch`: one robot a line, and below it the formation."""
 
 from __future__ import annotations
 
@@ -12,56 +12,56 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from deploy.terminal.progress import Progress
-from deploy.terminal.snapshot import Known, RobotNow
-from deploy.terminal.units import metres, seconds
-from monitor.figures.events import Event
+from formation.deploy.terminal.progress import Progress
+from formation.deploy.terminal.snapshot import Known, RobotNow
+from formation.deploy.terminal.units import metres, seconds
+from formation.monitor.metrics.events import Event
 
 BLOCKS = "▁▂▃▄▅▆▇█"
 ASCII_BLOCKS = "_.-:=+*#"
-SATURATED = 0.995
+SATURATED_SHARE = 0.995
 """Share of a limit from which a command counts as at its limit."""
-LATE = 0.5
-"""Age of a position that deserves a look [s]."""
+LATE_POSITION_AGE = 0.5
+"""Age from which on a position is marked [s]."""
 COLOURS = {
     "run": "green", "hold": "yellow", "stop": "red", "waiting": "cyan", "dead": "bold red",
     "silent": "bold red", "unseen": "dim",
 }  # fmt: skip
 CANDIDATES = {"leads": "bold green", "standby": "dim", "lost": "bold red", "dead": "bold red"}
-"""Styles of what processes do that may lead."""
+"""Styles of candidates' states."""
 LEADER = "leader"
 LEVELS = {20: "dim", 30: "yellow", 40: "bold red"}
 """Styles of events."""
-MOST_EVENTS = 8
-"""Lines for events, if there is room for so many."""
+MAX_EVENT_LINES = 8
+"""Most lines for events, if there is room."""
 COLUMNS = {
     "robot": 8, "state": 7, "error": 7, "u [m/s]": 12, "ω [rad/s]": 12, "θ error": 7, "age": 6,
 }  # fmt: skip
-"""And how wide they are at least, so that nothing jumps while figures change."""
-NAME_APART = sum(COLUMNS.values()) - COLUMNS["robot"] + 2 * (len(COLUMNS) - 1)
-"""Width of all columns but the first, with the spaces between them."""
+"""Columns and their least width [characters], so that nothing jumps while figures change."""
+OTHER_COLUMNS_WIDTH = sum(COLUMNS.values()) - COLUMNS["robot"] + 2 * (len(COLUMNS) - 1)
+"""Width of all columns but the first, with the spaces between them [characters]."""
 NUMBERS = ("error", "θ error", "age")
-"""Columns that stand right."""
+"""Columns aligned to the right."""
 ECHO = len("^C")
-"""Columns left free behind the last line, where a terminal shows that Ctrl-C was pressed. Without them that
-would take one more line, and the table be drawn anew below its own title."""
+"""Width left free after the last line [characters], where a terminal shows ^C at Ctrl-C. Without it that
+would take one more line, and the table would be redrawn below its own title."""
 
 
 def states(of_robots: Iterable[str]) -> str:
-    """How many are in which state: ``5 run, 1 hold``."""
+    """Return the number of robots in each state: ``5 run, 1 hold``."""
     known = [state for state in of_robots if state]
     return ", ".join(f"{known.count(state)} {state}" for state in dict.fromkeys(known))
 
 
 def happened(event: Event) -> str:
-    """An event in one line, with its kind: a text such as "under the bound" does not say that it settled."""
+    """Return an event in one line, with its kind, as a text such as "under the bound" may not state it."""
     at = time.strftime("%H:%M:%S", time.localtime(event.at))
     about = " ".join(word for word in (event.robot, event.kind) if word)
     return f"{at}  {about}: {event.text}" if about else f"{at}  {event.text}"
 
 
 def draw(progress: Progress, width: int, height: int, *, ascii_only: bool = False) -> RenderableType:
-    """The table, at most `height` lines of `width` columns; below it, where there is room, what happened."""
+    """Return the table, at most `height` lines of `width` columns, with events below if there is room."""
     if progress.snapshot is None:
         return Text(_beginning(progress))
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim", pad_edge=False)
@@ -71,7 +71,7 @@ def draw(progress: Progress, width: int, height: int, *, ascii_only: bool = Fals
     footer = _footer(progress, width, ascii_only=ascii_only)
     names, left_out = _chosen(progress, max(1, height - 3 - len(footer)))
     for name in names:
-        table.add_row(*_row(progress, name, width - NAME_APART, ascii_only=ascii_only))
+        table.add_row(*_row(progress, name, width - OTHER_COLUMNS_WIDTH, ascii_only=ascii_only))
     heading = Text(f"{progress.mission.name}, {progress.mission.law.kind} law", style="bold")
     room = height - 3 - len(names) - bool(left_out) - len(footer)
     return Group(
@@ -84,7 +84,7 @@ def draw(progress: Progress, width: int, height: int, *, ascii_only: bool = Fals
 
 
 def _beginning(progress: Progress) -> str:
-    """What there is to say before the first snapshot."""
+    """Return the text before the first snapshot."""
     if progress.note:
         return f"{progress.mission.name}: {progress.note}"
     waits = "waiting for the monitor's first figures" if progress.phase == "running" else progress.phase
@@ -92,8 +92,8 @@ def _beginning(progress: Progress) -> str:
 
 
 def _events(progress: Progress, width: int, room: int) -> list[Text]:
-    """The newest events, in at most `room` lines."""
-    newest = list(progress.events)[-min(room, MOST_EVENTS) :] if room > 0 else []
+    """Return the newest events, in at most `room` lines."""
+    newest = list(progress.events)[-min(room, MAX_EVENT_LINES) :] if room > 0 else []
     lines = [Text(happened(event), style=LEVELS.get(event.level, "")) for event in newest]
     for text in lines:
         text.truncate(width - 1 - ECHO)
@@ -101,7 +101,7 @@ def _events(progress: Progress, width: int, room: int) -> list[Text]:
 
 
 def _chosen(progress: Progress, room: int) -> tuple[Sequence[str], str]:
-    """Robots to show: all, or those with the largest errors, and what to say of the others."""
+    """Return the robots to show: all, or those with the largest errors, and a text about the others."""
     names = progress.mission.names
     if len(names) <= room:
         return names, ""
@@ -120,7 +120,7 @@ def _row(progress: Progress, name: str, room: int, *, ascii_only: bool) -> list[
     robot = robot or RobotNow()
     led = name == progress.mission.leader and _called(progress) != LEADER  # another leads by now
     state = "dead" if name in progress.dead_robots and not led else robot.state
-    late = robot.age is not None and robot.age > LATE
+    late = robot.age is not None and robot.age > LATE_POSITION_AGE
     limits = progress.mission.robots[name]
     leads = name == progress.mission.leader
     title = f"{name} ({_called(progress)})" if leads and name != LEADER else name
@@ -136,31 +136,31 @@ def _row(progress: Progress, name: str, room: int, *, ascii_only: bool) -> list[
 
 
 def _error(robot: RobotNow, *, ascii_only: bool) -> str:
-    """Over all its neighbours; where some are unknown, that it is at least so much."""
+    """Return the error over all its neighbours; if some are unknown, marked as a lower bound."""
     if robot.error is None and robot.known_error is not None:
         return f"{'>=' if ascii_only else '≥'}{metres(robot.known_error)}"
     return metres(robot.error)
 
 
 def _called(progress: Progress) -> str:
-    """The leader, or which process leads in his place."""
+    """Return the leader's name, with the process that leads in its place."""
     other = progress.snapshot.leads if progress.snapshot else None
     return LEADER if other is None or other == progress.mission.leader else other
 
 
 def _state(state: str, robot: RobotNow) -> Text:
-    """What it does; of one that runs, whether it follows, and whether anything is in its way."""
+    """Return the robot's state; if it runs, also whether it follows, and obstacles."""
     if state == "run" and robot.stuck:
         return Text("stuck", style="yellow")
-    if state == "run" and robot.aside:
-        return Text("aside", style="yellow")
-    if state == "run" and robot.evades:
-        return Text(robot.evades, style="yellow" if robot.evades == "blocked" else "cyan")
+    if state == "run" and robot.unavailable:
+        return Text("unavail", style="yellow")  # the word is wider than the column
+    if state == "run" and robot.avoiding:
+        return Text(robot.avoiding, style="yellow" if robot.avoiding == "blocked" else "cyan")
     return Text(state or "-", style=COLOURS.get(state, ""))
 
 
 def _against(value: float | None, limit: float | None, *, ascii_only: bool) -> Text:
-    """A command, a bar for its share of the limit, and a mark where it is at the limit."""
+    """Return a command, a bar for its share of the limit, and a mark if it is at the limit."""
     if value is None:
         return Text("-")
     text = Text(f"{_signed(value, 2):>6} ")
@@ -168,7 +168,7 @@ def _against(value: float | None, limit: float | None, *, ascii_only: bool) -> T
         share = abs(value) / limit
         full = min(4, round(share * 4))
         bar, rest = ("#", ".") if ascii_only else ("━", "╌")
-        at_limit = share >= SATURATED
+        at_limit = share >= SATURATED_SHARE
         text.append(bar * full, style="red" if at_limit else "green")
         text.append(rest * (4 - full), style="dim")
         text.append("!" if at_limit else " ", style="bold red")
@@ -176,7 +176,7 @@ def _against(value: float | None, limit: float | None, *, ascii_only: bool) -> T
 
 
 def _signed(value: float, digits: int) -> str:
-    """The number, without a minus before what is rounded to nothing."""
+    """Return the number, without a minus sign if it is rounded to zero."""
     return f"{round(value, digits) + 0.0:.{digits}f}"
 
 
@@ -201,7 +201,7 @@ def _footer(progress: Progress, width: int, *, ascii_only: bool) -> list[Text]:
 
 
 def _leading(progress: Progress, *, ascii_only: bool) -> list[Text]:
-    """Who leads, and who could; for whom he waits; the figure, where it is not as drawn; who has others."""
+    """Return the leader, candidates, awaited robots, the shape if not as drawn, and fallbacks in use."""
     snapshot = progress.snapshot
     lines: list[Text] = []
     if snapshot is None:
@@ -216,9 +216,12 @@ def _leading(progress: Progress, *, ascii_only: bool) -> list[Text]:
         lines.append(text)
     if snapshot.waits:
         lines.append(Text(f"the leader waits for {snapshot.waits}", style="yellow"))
-    if snapshot.figure:
+    if snapshot.placed_shape:
         lines.append(
-            Text(snapshot.figure.replace("°", " deg") if ascii_only else snapshot.figure, style="cyan")
+            Text(
+                snapshot.placed_shape.replace("°", " deg") if ascii_only else snapshot.placed_shape,
+                style="cyan",
+            )
         )
     others = [f"{name} follows {one.fallback}" for name, one in snapshot.robots.items() if one.fallback]
     if others:
@@ -241,7 +244,7 @@ def _clock(progress: Progress, width: int, *, ascii_only: bool) -> Text:
 
 
 def sparkline(values: Sequence[float], width: int, blocks: str = BLOCKS) -> str:
-    """All of `values` in at most `width` characters, each the mean of its span, on a log scale."""
+    """Return all of `values` in at most `width` characters, each the mean of its span, on a log scale."""
     positive = [max(value, 1e-6) for value in values]
     if not positive:
         return ""
@@ -249,5 +252,5 @@ def sparkline(values: Sequence[float], width: int, blocks: str = BLOCKS) -> str:
     cuts = [round(i * len(positive) / count) for i in range(count + 1)]
     logs = [math.log(math.fsum(positive[a:b]) / (b - a)) for a, b in pairwise(cuts)]
     low, high = min(logs), max(logs)
-    span = max(high - low, math.log(10.0))  # noise around one value is not a mountain range
+    span = max(high - low, math.log(10.0))  # noise around one value must look flat
     return "".join(blocks[min(len(blocks) - 1, int((value - low) / span * len(blocks)))] for value in logs)

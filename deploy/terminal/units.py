@@ -1,4 +1,4 @@
-"""Quantities for people."""
+"""Format quantities for people."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a run or a fleet is shown: a table that changes in place in a terminal, plain lines elsewhere."""
+"""Views of a run or a fleet: a table that changes in place in a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from typing import Protocol, Self, TextIO
 from rich.console import Console
 from rich.live import Live
 
-from deploy.terminal.progress import Progress
-from deploy.terminal.table import draw, happened, states
-from deploy.terminal.units import metres
-from monitor.figures.events import Event
+from formation.deploy.terminal.progress import Progress
+from formation.deploy.terminal.table import draw, happened, states
+from formation.deploy.terminal.units import metres
+from formation.monitor.metrics.events import Event
 
-LINE_EVERY = 2.0
-"""[s]"""
+LINE_PERIOD = 2.0
+"""Time between two lines [s]."""
 
 
 class View(Protocol):
-    """Something that shows the progress; a context manager."""
+    """A view of the progress; a context manager."""
 
     def __enter__(self) -> Self: ...
 
@@ -30,7 +30,7 @@ class View(Protocol):
     ) -> None: ...
 
     def show(self, progress: Progress) -> None:
-        """Show it as it is now."""
+        """Show the current progress."""
 
 
 class LiveTable:
@@ -50,19 +50,19 @@ class LiveTable:
         self._live.stop()
 
     def show(self, progress: Progress) -> None:
-        """Draw it anew."""
+        """Redraw the table."""
         size = self._console.size
         ascii_only = not (self._console.encoding or "").lower().startswith("utf")
         self._live.update(draw(progress, size.width, size.height, ascii_only=ascii_only), refresh=True)
 
 
 class PlainLines:
-    """A line every two seconds, and one for each thing that happens."""
+    """A line every two seconds, and one for each event."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
         self._last = 0.0
-        self._told: set[str] = set()
+        self._shown: set[str] = set()
         self._phase = ""
         self._note = ""
         self._event: Event | None = None
@@ -75,21 +75,21 @@ class PlainLines:
     ) -> None: ...
 
     def show(self, progress: Progress) -> None:
-        """Write what is new."""
+        """Write the news."""
         for name, how in progress.dead.items():
-            if name not in self._told:
-                self._told.add(name)
+            if name not in self._shown:
+                self._shown.add(name)
                 self._say(f"{name} {how}")
         changed, self._phase = progress.phase != self._phase, progress.phase
         if changed and progress.phase == "running":
-            self._last = time.monotonic()  # there is nothing to tell yet
+            self._last = time.monotonic()  # nothing to show yet
         elif changed:
             self._say(
                 f"{progress.mission.name}: {progress.phase} {progress.processes} processes"
                 if progress.phase == "starting"
                 else f"{progress.phase} after {progress.elapsed:.1f} s"
             )
-        if progress.phase == "running" and time.monotonic() - self._last >= LINE_EVERY:
+        if progress.phase == "running" and time.monotonic() - self._last >= LINE_PERIOD:
             self._last = time.monotonic()
             self._say(line(progress))
         if progress.snapshot is None and progress.note != self._note:
@@ -108,19 +108,19 @@ class PlainLines:
 
 
 def in_a_terminal(stream: TextIO) -> bool:
-    """Whether what is written there can be changed afterwards."""
+    """Return whether text written to `stream` can be changed afterwards."""
     return stream.isatty() and os.environ.get("TERM", "dumb") != "dumb"
 
 
 def line(progress: Progress) -> str:
-    """The run so far in one line."""
+    """Return the run so far in one line."""
     of = "" if progress.duration is None else f" of {progress.duration:g}"
     head = f"{progress.elapsed:5.1f}{of} s"
     if progress.snapshot is None:
-        said = progress.note.partition("\n")[0]
-        return f"{head}  {said or 'no word from the monitor yet'}"
+        note = progress.note.partition("\n")[0]
+        return f"{head}  {note or 'no word from the monitor yet'}"
     if not progress.snapshot.robots:
-        return f"{head}  nothing is known: nobody measures any more"
+        return f"{head}  nothing is known: there are no measurements any more"
     counts = states(robot.state for robot in progress.snapshot.robots.values())
     known = progress.snapshot.known
     over = f" over {known.words}" if known.words else ""

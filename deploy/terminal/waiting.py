@@ -1,4 +1,4 @@
-"""A sign of life from a command that people wait for."""
+"""A message from a command that takes long."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-AFTER = 1.0
-"""What is done sooner needs no such sign [s]."""
+MESSAGE_DELAY = 1.0
+"""Time from which on the message is shown [s]."""
 
 
 @contextmanager
-def waiting(what: str, after: float = AFTER) -> Iterator[None]:
-    """Say `what` on a terminal, once, if the block takes longer than `after` [s]; a script hears nothing."""
+def waiting(what: str, after: float = MESSAGE_DELAY) -> Iterator[None]:
+    """Print `what` once on a terminal if the block takes longer than `after` [s]; nothing for a script."""
 
     def say() -> None:
         print(f"formation: {what} …", file=sys.stderr, flush=True)

@@ -1,1 +1,1 @@
-"""How ROS 2 spells things: messages in CDR, names on Zenoh, tokens."""
+"""ROS 2 on the wire: messages in CDR, names on Zenoh, tokens."""

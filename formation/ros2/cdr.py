@@ -1,9 +1,9 @@
-"""CDR, the bytes of ROS 2's messages: numbers and texts one after the other, each where its size divides.
+"""CDR, the encoding of ROS 2's messages: numbers and texts in sequence, each aligned to its size.
 
-Offsets are counted from after the encapsulation, four bytes that say how the rest is spelled. `Writer` writes
-little endian; `Reader` reads either byte order and raises BadMessage for bytes that are not what is asked
-for. Of a whole library there would be needed no more than this, in a process that is to be small and to
-start at once; tests hold it against that library, byte for byte (docs/decisions/0035).
+Offsets are counted from after the encapsulation, four bytes that give the encoding of the rest. `Writer`
+writes little endian; `Reader` reads either byte order and raises BadMessage for bytes that do not fit. Of
+a whole library only this much is needed, in a process that must be small and start at once; tests compare
+it with that library, byte for byte (docs/decisions/0035).
 """
 
 from __future__ import annotations
@@ -16,37 +16,37 @@ from typing import Any, NamedTuple, Self
 from formation.wire import BadMessage
 
 LITTLE = b"\0\1\0\0"
-PADDING = 3
-"""So many bytes may follow the last field."""
-_MOST = 8
-"""float64 fields that follow each other."""
-_SHORT = 256
-"""Texts of so many bytes come again, as names do, and are remembered; a stranger's long ones are not."""
+MAX_PADDING_BYTES = 3
+"""Most bytes that may follow the last field."""
+_MAX_FORMATS = 8
+"""Number of formats for consecutive float64 fields."""
+_MAX_CACHED_BYTES = 256
+"""Greatest size of a text that is cached, such as names; longer ones of strangers are not [bytes]."""
 
 
 class _Order(NamedTuple):
-    """How numbers are spelled in one byte order."""
+    """Encoding of numbers in one byte order."""
 
     doubles: tuple[struct.Struct, ...]
-    """So many of them."""
+    """Formats of consecutive float64 fields, by their number."""
     time: struct.Struct
     whole: struct.Struct
     sign: str
 
     @classmethod
     def of(cls, sign: str) -> Self:
-        doubles = tuple(struct.Struct(f"{sign}{number}d") for number in range(_MOST))
+        doubles = tuple(struct.Struct(f"{sign}{number}d") for number in range(_MAX_FORMATS))
         return cls(doubles, struct.Struct(f"{sign}iI"), struct.Struct(f"{sign}I"), sign)
 
 
 @lru_cache(maxsize=32)
 def _singles(sign: str, number: int) -> struct.Struct:
-    """So many float32 fields in one byte order; a scanner's scans are all of a length, or nearly."""
+    """Format of consecutive float32 fields in one byte order; a scanner's scans have nearly equal lengths."""
     return struct.Struct(f"{sign}{number}f")
 
 
 def singles(numbers: Sequence[float]) -> tuple[float, ...]:
-    """The numbers as float32 fields keep them. Raises BadMessage for what is too large for these."""
+    """Round the numbers to float32. Raises BadMessage for numbers that are too large."""
     spelling = _singles("<", len(numbers))
     try:
         return spelling.unpack(spelling.pack(*numbers))
@@ -66,12 +66,12 @@ class Writer:
         self._data = bytearray(LITTLE)
 
     def doubles(self, *numbers: float) -> None:
-        """float64 fields that follow each other."""
+        """Write consecutive float64 fields."""
         data = self._data
         data += bytes((4 - len(data)) % 8) + _LITTLE.doubles[len(numbers)].pack(*numbers)
 
     def floats(self, numbers: Sequence[float]) -> None:
-        """float32 fields that follow each other; the numbers are such already (`singles`)."""
+        """Write consecutive float32 fields; the numbers are already rounded (`singles`)."""
         self._data += bytes(-len(self._data) % 4) + _singles("<", len(numbers)).pack(*numbers)
 
     def time(self, seconds: int, nanoseconds: int) -> None:
@@ -85,7 +85,7 @@ class Writer:
         self._data += spelled + b"\0"
 
     def count(self, number: int) -> None:
-        """A uint32, and what a sequence begins with."""
+        """Write a uint32, also the length of a sequence."""
         self._data += bytes(-len(self._data) % 4) + _LITTLE.whole.pack(number)
 
     def octet(self, number: int) -> None:
@@ -93,31 +93,31 @@ class Writer:
         self._data.append(number)
 
     def zeros(self, numbers: int) -> None:
-        """So many float64 fields of zero."""
+        """Write that many float64 fields of zero."""
         self._data += bytes((4 - len(self._data)) % 8 + 8 * numbers)
 
     def written(self) -> bytes:
-        """All of it."""
+        """Return the whole message."""
         return bytes(self._data)
 
 
 class Reader:
-    """Fields of a message, one after the other. Methods raise BadMessage where bytes are missing."""
+    """Fields of a message, in sequence. Methods raise BadMessage if bytes are missing."""
 
     __slots__ = ("_at", "_data", "_order")
 
     def __init__(self, data: bytes) -> None:
         # 00, byte order, 00, number of padding bytes at the end of the payload
-        if len(data) <= 4 or data[0] or data[1] > 1 or data[2] or data[3] > PADDING:
+        if len(data) <= 4 or data[0] or data[1] > 1 or data[2] or data[3] > MAX_PADDING_BYTES:
             raise BadMessage(f"no CDR header but {data[:4].hex(' ') or 'nothing'}")
         self._data, self._at, self._order = data, 4, _LITTLE if data[1] else _BIG
 
     def doubles(self, number: int) -> tuple[float, ...]:
-        """So many float64 fields."""
+        """Read that many float64 fields."""
         return self._numbers(self._order.doubles[number], (self._at + 3 & -8) + 4)
 
     def floats(self, number: int) -> tuple[float, ...]:
-        """So many float32 fields; who asks for them has seen to it that they are not too many."""
+        """Read that many float32 fields; the caller has checked the number."""
         return self._numbers(_singles(self._order.sign, number), self._at + 3 & -4)
 
     def time(self) -> tuple[int, int]:
@@ -132,10 +132,10 @@ class Reader:
         spelled = self._data[begin : self._at]
         if not size or len(spelled) < size or spelled[-1]:
             raise BadMessage(f"no text of {size} bytes at {begin}")
-        return _known(spelled) if size <= _SHORT else _decoded(spelled)
+        return _known(spelled) if size <= _MAX_CACHED_BYTES else _decoded(spelled)
 
     def count(self) -> int:
-        """A uint32, and what a sequence begins with."""
+        """Read a uint32, also the length of a sequence."""
         return int(self._numbers(self._order.whole, self._at + 3 & -4)[0])
 
     def octet(self) -> int:
@@ -143,12 +143,12 @@ class Reader:
         return int(self._numbers(_OCTET, self._at)[0])
 
     def skip(self, numbers: int) -> None:
-        """Pass by so many float64 fields; whether they were there `end` says."""
+        """Skip that many float64 fields; `end` checks that they exist."""
         self._at = (self._at + 3 & -8) + 4 + 8 * numbers
 
     def end(self) -> None:
         """Raise BadMessage unless the message ends here, or ended a little before its padding."""
-        if not 0 <= len(self._data) - self._at <= PADDING:
+        if not 0 <= len(self._data) - self._at <= MAX_PADDING_BYTES:
             raise BadMessage(f"size mismatch: {len(self._data)} bytes, should be {self._at}")
 
     def _numbers(self, spelling: struct.Struct, begin: int) -> tuple[Any, ...]:

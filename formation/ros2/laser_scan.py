@@ -1,9 +1,9 @@
-"""sensor_msgs/LaserScan: distances to what stands around a robot, one for each beam of a turning scanner.
+"""sensor_msgs/LaserScan: distances to the surroundings of a robot, one for each beam of a turning scanner.
 
-What a beam says follows REP 117: a number from `range_min` to `range_max` is a distance, +∞ means that there
-was nothing, -∞ that something was too near to be measured, NaN that the beam was lost. Of other numbers, such
-as the 0 of an LDS-01 for a beam that did not come back, nothing is known, as of a lost beam. So a scan with
-such beams is a good scan; a bad one is one whose beams cannot be put where they belong.
+Beams follow REP 117: a number from `range_min` to `range_max` is a distance, +∞ means that nothing was
+hit, -∞ that something was too near to be measured, NaN that the beam was lost. Other numbers, such as the
+0 of an LDS-01 for a beam that did not come back, count as a lost beam. So a scan with such beams is valid;
+one with beams of unknown direction is not.
 """
 
 from __future__ import annotations
@@ -14,27 +14,34 @@ from typing import ClassVar, Self
 
 from formation.ros2 import ros
 from formation.ros2.cdr import Reader, Writer, singles
+from formation.ros2.message import Message
 from formation.wire import BadMessage
 
 MAX_BEAMS = 4096
-"""Most beams of a scan that is read; an LDS-01 has 360, finer scanners up to some three thousand."""
+"""Most beams of a scan that is read; an LDS-01 has 360, finer scanners up to about three thousand."""
 MAX_ANGLE = 4.0 * math.pi
 """[rad]"""
-FINEST = 1e-4
+MIN_BEAM_ANGLE = 1e-4
 """Smallest angle from beam to beam [rad]."""
 MAX_RANGE = 1e3
 """[m]"""
 MAX_TIME = 10.0
 """[s]"""
-FULL_TURN = 2.0 * math.pi * (1.0 + 1e-3)
-"""From the first beam to the last there is no more than this [rad]."""
+MAX_SWEEP_ANGLE = 2.0 * math.pi * (1.0 + 1e-3)
+"""Greatest angle from the first beam to the last [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
-class LaserScan:
+class LaserScan(Message):
     """sensor_msgs/LaserScan: one sweep of a range scanner. On the wire numbers have single precision."""
 
     ROS_TYPE: ClassVar[str] = "sensor_msgs/msg/LaserScan"
+    DEFINITION: ClassVar[str] = (
+        "std_msgs/Header header\nfloat32 angle_min\nfloat32 angle_max\nfloat32 angle_increment\n"
+        "float32 time_increment\nfloat32 scan_time\nfloat32 range_min\nfloat32 range_max\n"
+        "float32[] ranges\nfloat32[] intensities\n"
+    )
+    TYPE_HASH: ClassVar[str] = "64c191398013af96509d518dac71d5164f9382553fce5c1f8cca5be7924bd828"
     stamp: float
     """Of the first beam [s, sender's system clock]."""
     angle_min: float
@@ -46,11 +53,11 @@ class LaserScan:
     range_max: float
     """[m]"""
     ranges: tuple[float, ...]
-    """What each beam says [m]; a lost beam is +∞ here. What numbers mean stands above."""
+    """Each beam's range [m]; a lost beam is +∞ here. The module's docstring explains the numbers."""
     time_increment: float = 0.0
-    """From one beam to the next [s]; 0 where the scanner does not say."""
+    """From one beam to the next [s]; 0 if unknown."""
     scan_time: float = 0.0
-    """From one scan to the next [s]; 0 where the scanner does not say."""
+    """From one scan to the next [s]; 0 if unknown."""
     frame: str = "base_scan"
 
     def _write(self, to: Writer) -> None:
@@ -90,10 +97,10 @@ def _check(
     range_min: float,
     range_max: float,
 ) -> None:
-    """Refuse what no scanner can mean. The last angle is only held to be a number: drivers differ in it."""
+    """Refuse numbers that no scanner can mean. The last angle need only be a number: drivers differ in it."""
     ros.within("angle", MAX_ANGLE, first, last)
-    if not FINEST <= abs(increment) <= MAX_ANGLE:
-        raise BadMessage(f"angle increment is {increment:g}, must be ±{FINEST:g} rad at least")
+    if not MIN_BEAM_ANGLE <= abs(increment) <= MAX_ANGLE:
+        raise BadMessage(f"angle increment is {increment:g}, must be ±{MIN_BEAM_ANGLE:g} rad at least")
     for time in (time_increment, scan_time):
         if not 0.0 <= time <= MAX_TIME:
             raise BadMessage(f"time of a beam or a scan is {time:g} s, must be from 0 to {MAX_TIME:g} s")
@@ -106,5 +113,5 @@ def _check(
 def _check_beams(beams: int, increment: float) -> None:
     if not 1 <= beams <= MAX_BEAMS:
         raise BadMessage(f"{beams} beams, must be from 1 to {MAX_BEAMS}")
-    if (beams - 1) * abs(increment) > FULL_TURN:
+    if (beams - 1) * abs(increment) > MAX_SWEEP_ANGLE:
         raise BadMessage(f"{beams} beams {abs(increment):g} rad apart, must be one full turn at most")

@@ -1,8 +1,8 @@
 """The messages on the wire: plain frozen values here, standard ROS 2 messages in CDR outside.
 
-`encode` and `decode` are the only way out and in. `decode` accepts exactly what a controller can use:
-whatever is wrong with the bytes (length, header, type, numbers that are not finite or not physical, a robot
-that is not upright) is one BadMessage.
+Messages are converted only by `encode` and `decode`. `decode` accepts exactly what a controller can use:
+any fault in the bytes (length, header, type, numbers that are not finite or not physical, a robot that is
+not upright) is one BadMessage.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from typing import ClassVar, Self, TypeVar
 from formation.ros2 import ros
 from formation.ros2.cdr import Reader, Writer
 from formation.ros2.laser_scan import LaserScan
+from formation.ros2.message import Message
 from formation.wire import BadMessage
 
 __all__ = [
-    "MAX_BYTES",
+    "MAX_PAYLOAD_BYTES",
     "BadMessage",
     "Diagnostics",
     "Displacement",
@@ -36,15 +37,20 @@ __all__ = [
     "encode",
 ]
 
-MAX_BYTES = 64 * 1024
-"""Longest payload that is read at all; an Odometry has 724 bytes."""
+MAX_PAYLOAD_BYTES = 64 * 1024
+"""Greatest size of a payload that is read; an Odometry has 724 bytes."""
 
 
 @dataclass(frozen=True, slots=True)
-class Odometry:
-    """nav_msgs/Odometry: where a robot is and how it moves."""
+class Odometry(Message):
+    """nav_msgs/Odometry: a robot's pose and speeds."""
 
     ROS_TYPE: ClassVar[str] = "nav_msgs/msg/Odometry"
+    DEFINITION: ClassVar[str] = (
+        "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/PoseWithCovariance pose\n"
+        "geometry_msgs/TwistWithCovariance twist\n"
+    )
+    TYPE_HASH: ClassVar[str] = "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0"
     stamp: float
     """[s, sender's system clock]"""
     position: complex
@@ -62,26 +68,28 @@ class Odometry:
         ros.write_header(to, self.stamp, self.frame)
         ros.write_text(to, self.child_frame)
         ros.write_pose(to, self.position, self.heading)
-        to.zeros(ros.COVARIANCE)
+        to.zeros(ros.COVARIANCE_LENGTH)
         ros.write_twist(to, self.speed, self.turn_rate)
-        to.zeros(ros.COVARIANCE)
+        to.zeros(ros.COVARIANCE_LENGTH)
 
     @classmethod
     def _read(cls, source: Reader) -> Self:
         stamp, frame = ros.read_header(source)
         child_frame = ros.read_text(source)
         position, heading = ros.read_pose(source)
-        source.skip(ros.COVARIANCE)
+        source.skip(ros.COVARIANCE_LENGTH)
         speed, turn_rate = ros.read_twist(source)
-        source.skip(ros.COVARIANCE)
+        source.skip(ros.COVARIANCE_LENGTH)
         return cls(stamp, position, heading, speed, turn_rate, frame, child_frame)
 
 
 @dataclass(frozen=True, slots=True)
-class Twist:
+class Twist(Message):
     """geometry_msgs/Twist: a command [m/s; rad/s]."""
 
     ROS_TYPE: ClassVar[str] = "geometry_msgs/msg/Twist"
+    DEFINITION: ClassVar[str] = "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular\n"
+    TYPE_HASH: ClassVar[str] = "9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a"
     speed: float
     turn_rate: float
 
@@ -94,10 +102,12 @@ class Twist:
 
 
 @dataclass(frozen=True, slots=True)
-class TwistStamped:
+class TwistStamped(Message):
     """geometry_msgs/TwistStamped: a command [m/s; rad/s] with its time [s, sender's system clock]."""
 
     ROS_TYPE: ClassVar[str] = "geometry_msgs/msg/TwistStamped"
+    DEFINITION: ClassVar[str] = "std_msgs/Header header\ngeometry_msgs/Twist twist\n"
+    TYPE_HASH: ClassVar[str] = "5f0fcd4f81d5d06ad9b4c4c63e3ea51b82d6ae4d0558f1d475229b1121db6f64"
     stamp: float
     speed: float
     turn_rate: float
@@ -114,10 +124,12 @@ class TwistStamped:
 
 
 @dataclass(frozen=True, slots=True)
-class Pose:
+class Pose(Message):
     """geometry_msgs/PoseStamped: axle midpoint [m; `frame`], heading e^{iθ}, stamp [s, sender's clock]."""
 
     ROS_TYPE: ClassVar[str] = "geometry_msgs/msg/PoseStamped"
+    DEFINITION: ClassVar[str] = "std_msgs/Header header\ngeometry_msgs/Pose pose\n"
+    TYPE_HASH: ClassVar[str] = "10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8"
     stamp: float
     position: complex
     heading: complex
@@ -134,10 +146,12 @@ class Pose:
 
 
 @dataclass(frozen=True, slots=True)
-class Displacement:
+class Displacement(Message):
     """geometry_msgs/PointStamped: from a robot's control point to another's [m; body frame]."""
 
     ROS_TYPE: ClassVar[str] = "geometry_msgs/msg/PointStamped"
+    DEFINITION: ClassVar[str] = "std_msgs/Header header\ngeometry_msgs/Point point\n"
+    TYPE_HASH: ClassVar[str] = "4c0296af86e01e562e9e0405d138a01537247580076c58ea38d7923ac1045897"
     stamp: float
     displacement: complex
     frame: str = "base_footprint"
@@ -153,10 +167,12 @@ class Displacement:
 
 
 @dataclass(frozen=True, slots=True)
-class Number:
+class Number(Message):
     """std_msgs/Float64, finite."""
 
     ROS_TYPE: ClassVar[str] = "std_msgs/msg/Float64"
+    DEFINITION: ClassVar[str] = "float64 data\n"
+    TYPE_HASH: ClassVar[str] = "705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a"
     value: float
 
     def _write(self, to: Writer) -> None:
@@ -172,7 +188,7 @@ class Number:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """diagnostic_msgs/DiagnosticStatus: how one thing is."""
+    """diagnostic_msgs/DiagnosticStatus: the state of one thing."""
 
     name: str
     level: int
@@ -183,10 +199,12 @@ class Status:
 
 
 @dataclass(frozen=True, slots=True)
-class Diagnostics:
+class Diagnostics(Message):
     """diagnostic_msgs/DiagnosticArray: several statuses of one moment [s, sender's system clock]."""
 
     ROS_TYPE: ClassVar[str] = "diagnostic_msgs/msg/DiagnosticArray"
+    DEFINITION: ClassVar[str] = "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status\n"
+    TYPE_HASH: ClassVar[str] = "5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e"
     stamp: float
     statuses: tuple[Status, ...]
 
@@ -203,19 +221,25 @@ class Diagnostics:
 
 
 @dataclass(frozen=True, slots=True)
-class LogEntry:
-    """rcl_interfaces/Log: something that happened, in words."""
+class LogEntry(Message):
+    """rcl_interfaces/Log: an event, in words."""
 
     ROS_TYPE: ClassVar[str] = "rcl_interfaces/msg/Log"
+    DEFINITION: ClassVar[str] = (
+        "uint8 DEBUG=10\nuint8 INFO=20\nuint8 WARN=30\nuint8 ERROR=40\nuint8 FATAL=50\n"
+        "builtin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\nstring file\n"
+        "string function\nuint32 line\n"
+    )
+    TYPE_HASH: ClassVar[str] = "e28ce254ca8abc06abf92773b74602cdbf116ed34fbaf294fb9f81da9f318eac"
     stamp: float
     """[s, sender's system clock]"""
     level: int
     """10 debug, 20 info, 30 warning, 40 error, 50 fatal."""
     name: str
-    """Whom it is about."""
+    """Name of the robot or process that it is about."""
     text: str
     kind: str = ""
-    """What kind of thing it was, in one word; ROS calls the field `function`."""
+    """Kind of event, in one word; ROS calls the field `function`."""
 
     def _write(self, to: Writer) -> None:
         ros.write_stamp(to, self.stamp)
@@ -235,10 +259,12 @@ class LogEntry:
 
 
 @dataclass(frozen=True, slots=True)
-class Text:
+class Text(Message):
     """std_msgs/String, printable."""
 
     ROS_TYPE: ClassVar[str] = "std_msgs/msg/String"
+    DEFINITION: ClassVar[str] = "string data\n"
+    TYPE_HASH: ClassVar[str] = "df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
     text: str
 
     def _write(self, to: Writer) -> None:
@@ -249,29 +275,24 @@ class Text:
         return cls(ros.read_text(source))
 
 
-Message = (
-    Odometry | Twist | TwistStamped | Pose | Displacement | Number | Diagnostics | LogEntry | Text | LaserScan
-)
-M = TypeVar(
-    "M", Odometry, Twist, TwistStamped, Pose, Displacement, Number, Diagnostics, LogEntry, Text, LaserScan
-)
+M = TypeVar("M", bound=Message)
 
 
 def encode(message: Message) -> bytes:
-    """CDR, little endian. Raises BadMessage for what no receiver would accept."""
+    """Encode as CDR, little endian. Raises BadMessage for a message that no receiver would accept."""
     to = Writer()
     message._write(to)  # noqa: SLF001 - the two halves of one codec
     payload = to.written()
-    if len(payload) > MAX_BYTES:
-        raise BadMessage(f"{message.ROS_TYPE}: {len(payload)} bytes, at most {MAX_BYTES} may be sent")
+    if len(payload) > MAX_PAYLOAD_BYTES:
+        raise BadMessage(f"{message.ROS_TYPE}: {len(payload)} bytes, at most {MAX_PAYLOAD_BYTES} may be sent")
     return payload
 
 
 def decode(cls: type[M], payload: bytes) -> M:
-    """The `cls` in `payload`, CDR of either byte order. Raises BadMessage, nothing else, if it is not one."""
+    """Decode a `cls` from CDR of either byte order. Raises BadMessage, nothing else, if it is invalid."""
     try:
-        if len(payload) > MAX_BYTES:
-            raise BadMessage(f"{len(payload)} bytes, at most {MAX_BYTES} are read")
+        if len(payload) > MAX_PAYLOAD_BYTES:
+            raise BadMessage(f"{len(payload)} bytes, at most {MAX_PAYLOAD_BYTES} are read")
         source = Reader(payload)
         message = cls._read(source)
         source.end()

@@ -1,10 +1,10 @@
-"""How ROS 2 spells a logical key on Zenoh, in either of the two ways it reaches it.
+"""Names of logical keys on Zenoh in ROS 2, by either of its two routes to Zenoh.
 
     ros2dds     zenoh-bridge-ros2dds: the ROS name without its leading slash, `robot1/odom`
     rmw_zenoh   `<domain>/<ROS name>/<DDS type>/<type hash>`, with an attachment on each sample, and
-                liveliness tokens by which `ros2 topic list` and `ros2 node info` know who is there
+                liveliness tokens from which `ros2 topic list` and `ros2 node info` know the nodes
 
-The cores know logical keys only; the robot bus translates with what stands here. Pure.
+The cores use logical keys only; the robot bus translates with this module. Pure.
 """
 
 from __future__ import annotations
@@ -15,23 +15,19 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import count
-from typing import TYPE_CHECKING, Literal, Self
+from typing import Literal, Self
 
-from formation.ros2.ros_names import RosNames, address
-from formation.ros2.tokens import Token, dds_type
-from formation.ros2.type_hashes import type_hash
-from formation.topics import CMD_VEL, TABLE, Topic, command_topic
-
-if TYPE_CHECKING:
-    from formation.mission import Mission
-    from formation.tables import Ros
+from formation.ros2.definitions import type_hash
+from formation.ros2.ros_names import Ros, RosNames, RosRobot, address
+from formation.ros2.tokens import QOS, SENSOR_QOS, Token, dds_type, hidden
+from formation.topics import CMD_VEL, SCAN, TABLE, Topic, command_topic
 
 _ATTACHMENT = struct.Struct("<qqB16s")
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where in ROS a robot lives, or the formation as a whole."""
+    """The place in ROS of a robot, or of the formation as a whole."""
 
     names: RosNames
     ros: Ros = "ros2dds"
@@ -39,7 +35,7 @@ class Place:
     cmd_vel: Literal["twist", "twist_stamped"] = "twist"
 
     def logical_keys(self) -> Iterator[str]:
-        """Every logical key that lives here."""
+        """Every logical key of this place."""
         if self.names.robot:
             yield from (one.key for one in self.names.addresses())
         else:
@@ -50,7 +46,7 @@ class Place:
         return command_topic(self.cmd_vel).type if topic is CMD_VEL else topic.type
 
     def wire(self, logical: str, ros_type: str) -> str:
-        """How a logical key that lives here is spelled on Zenoh."""
+        """Name on Zenoh of a logical key of this place."""
         name = self.names.spelled(logical)
         if self.ros == "ros2dds" or not ros_type:
             return name
@@ -59,7 +55,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Naming:
-    """ROS 2 spellings of the topics of some robots, and of the formation as a whole."""
+    """ROS 2 names of the topics of some robots, and of the formation as a whole."""
 
     robots: Mapping[str, Place]
     formation: Place
@@ -78,15 +74,17 @@ class Naming:
         object.__setattr__(self, "_logical", logical)
 
     @classmethod
-    def of(cls, mission: Mission, robots: Iterable[str]) -> Self:
-        """Names of these `robots`. KeyError for an unknown one, ValueError if two would share a name.
+    def of(cls, known: Mapping[str, RosRobot], robots: Iterable[str]) -> Self:
+        """Return the names of these of the `known` robots.
 
-        Topics of the formation as a whole are spelled as the first robot's are.
+        KeyError for an unknown one, ValueError if two would share a name.
+
+        Topics of the formation as a whole are named as the first robot's are.
         """
         places = {
-            name: Place(RosNames.of(mission, name), spec.ros, spec.domain, spec.cmd_vel)
+            name: Place(RosNames.of(name, spec), spec.ros, spec.domain, spec.cmd_vel)
             for name in robots
-            for spec in (mission.robots[name],)
+            for spec in (known[name],)
         }
         first = next(iter(places.values()), Place(RosNames("", "")))
         return cls(places, Place(RosNames("", ""), first.ros, first.domain))
@@ -101,7 +99,7 @@ class Naming:
         return self.wire(topic.key(robot, other))
 
     def wire(self, logical: str, ros_type: str | None = None) -> str:
-        """The wire key of a logical one, with the type of its topic unless told another.
+        """The wire key of a logical one, with the type of its topic unless given another.
 
         KeyError for a robot that is not named here, ValueError for a key that is not in the topic table.
         """
@@ -110,13 +108,13 @@ class Naming:
         return place.wire(logical, place.type(one.topic) if ros_type is None else ros_type)
 
     def logical(self, wire: str) -> str | None:
-        """The logical key that `wire` spells; None for one that is nothing to us."""
+        """The logical key of `wire`; None for a key of others."""
         return self._logical.get(wire)
 
     def attachment(self, logical: str, sequence: int, wall: float, zid: str = "") -> bytes | None:
-        """What rides on sample number `sequence` (from 1, per key) of time `wall` [s since the epoch].
+        """Attachment of sample number `sequence` (from 1, per key) of time `wall` [s since the epoch].
 
-        None where ROS wants nothing. `zid` is the session's: it tells two that publish on one key apart.
+        None if ROS needs none. `zid` is the session's: it distinguishes two that publish on one key.
         """
         if self._place(address(logical).robot).ros == "ros2dds":
             return None
@@ -129,8 +127,8 @@ class Naming:
     ) -> tuple[str, ...]:
         """Liveliness tokens of a session `zid` that is the ROS node `node` of each of its robots.
 
-        `publications` and `subscriptions` are logical keys. Only rmw_zenoh has tokens. All of a session must
-        be asked for at once: their ids are unique within the answer.
+        `publications` and `subscriptions` are logical keys. Only rmw_zenoh has tokens. Request all of a
+        session at once: their ids are unique within the answer.
         """
         kept: dict[str, list[tuple[str, str]]] = {}
         for kind, keys in (("MP", publications), ("MS", subscriptions)):
@@ -147,7 +145,7 @@ class Naming:
 
 @cache
 def _gid(zid: str, wire: str) -> bytes:
-    """By which rmw_zenoh knows a publisher."""
+    """Id of a publisher in rmw_zenoh."""
     return hashlib.blake2b(f"{zid}/{wire}".encode(), digest_size=16).digest()
 
 
@@ -157,14 +155,16 @@ def _tokens(node: str, zid: str, kept: Iterable[tuple[Place, list[tuple[str, str
         if place.ros == "ros2dds":
             continue
         node_id = next(ids)
-        this = Token(place.domain, zid, node_id, node_id, "NN", place.names.namespace, node)
+        this = Token(place.domain, zid, node_id, node_id, "NN", place.names.namespace, hidden(node))
         yield this
         for kind, key in keys:
-            ros_type = place.type(address(key).topic)
+            topic = address(key).topic
+            ros_type = place.type(topic)
             yield this._replace(
                 id=next(ids),
                 kind=kind,
                 topic=place.names.spelled(key),
                 type=ros_type,
                 type_hash=type_hash(ros_type),
+                qos=SENSOR_QOS if topic.name == SCAN.name else QOS,
             )

@@ -1,7 +1,7 @@
-"""The parts of ROS 2 messages, spelled for a planar robot, with the limits that both directions keep.
+"""The parts of ROS 2 messages, encoded for a planar robot, with limits for both directions.
 
-``write_*`` writes a part, ``read_*`` reads it; both raise BadMessage for what is not finite, not physical or
-not planar.
+``write_*`` writes a part, ``read_*`` reads it; both raise BadMessage for what is not finite, not physical
+or not planar.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ MAX_TILT = 0.2
 _MAX_TILT = math.sin(MAX_TILT / 2.0) ** 2
 UNIT_TOLERANCE = 0.01
 """How far the length of a heading or a quaternion may be from 1."""
-COVARIANCE = 36
-"""Numbers of one; nobody here fills or reads them, and the TurtleBot3 sends zeros as well."""
+COVARIANCE_LENGTH = 36
+"""Length of a covariance; formation neither fills nor reads it, and the TurtleBot3 sends zeros as well."""
 
 
 def within(what: str, limit: float, *numbers: float) -> None:
@@ -32,12 +32,12 @@ def within(what: str, limit: float, *numbers: float) -> None:
 
 
 def write_text(to: Writer, text: str) -> None:
-    """`text`, with a space for each character that cannot be encoded or would upset a terminal."""
+    """Write `text`, with a space for each character that cannot be encoded or shown in a terminal."""
     to.text(text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text))
 
 
 def read_text(source: Reader) -> str:
-    """A text, if a terminal can show it."""
+    """Read a text, if a terminal can show it."""
     text = source.text()
     if not text.isprintable():
         raise BadMessage(f"text has a control character: {text[:40]!r}")
@@ -83,7 +83,7 @@ def write_point(to: Writer, what: str, point: complex) -> None:
 
 
 def read_point(source: Reader, what: str) -> complex:
-    """The point's shadow on the plane [m]."""
+    """The point's projection on the plane [m]."""
     x, y, z = source.doubles(3)
     within(what, MAX_POSITION, x, y, z)
     return complex(x, y)
@@ -105,7 +105,7 @@ def read_pose(source: Reader) -> tuple[complex, complex]:
 
 
 def half_turn(heading: complex) -> tuple[float, float]:
-    """z and w of the geometry_msgs/Quaternion that turns as `heading` e^{iθ} does, without trigonometry."""
+    """z and w of the geometry_msgs/Quaternion of `heading` e^{iθ}, without trigonometry."""
     length = abs(heading)
     if not abs(length - 1.0) <= UNIT_TOLERANCE:
         raise BadMessage(f"heading has length {length:g}, must be 1")

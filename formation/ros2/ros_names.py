@@ -1,7 +1,7 @@
-"""What ROS 2 calls our topics: a robot's logical key with its ROS namespace in place of its name.
+"""ROS 2 names of topics: a robot's logical key with its ROS namespace in place of its name.
 
-Logical keys are those of the topic table, `robot2/odom`. A robot in the ROS namespace `lab/burger` calls that
-topic `/lab/burger/odom`; ROS names stand here without their leading slash.
+Logical keys are those of the topic table, `robot2/odom`. A robot in the ROS namespace `lab/burger` calls
+that topic `/lab/burger/odom`; ROS names are written here without their leading slash.
 """
 
 from __future__ import annotations
@@ -9,12 +9,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Literal, NamedTuple, Protocol
 
 from formation.topics import TABLE, Topic
-
-if TYPE_CHECKING:
-    from formation.mission import Mission
 
 _NAMESPACE = re.compile(r"(?:[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z_][A-Za-z0-9_]*)*)?")
 
@@ -24,8 +21,36 @@ def is_namespace(text: str) -> bool:
     return _NAMESPACE.fullmatch(text) is not None
 
 
+Ros = Literal["ros2dds", "rmw_zenoh"]
+"""Route from ROS 2 to Zenoh."""
+
+
+class RosRobot(Protocol):
+    """The part of a robot's mission entry that defines its ROS 2 names."""
+
+    @property
+    def namespace(self) -> str | None:
+        """ROS namespace without its leading slash; None for the robot's own name."""
+
+    @property
+    def measurable(self) -> tuple[str, ...]:
+        """Robots that its sensors may measure."""
+
+    @property
+    def ros(self) -> Ros:
+        """Its route from ROS 2 to Zenoh."""
+
+    @property
+    def domain(self) -> int:
+        """ROS domain id."""
+
+    @property
+    def cmd_vel(self) -> Literal["twist", "twist_stamped"]:
+        """Message type of its commands."""
+
+
 class Address(NamedTuple):
-    """A logical key, taken apart."""
+    """A logical key in parts."""
 
     topic: Topic
     robot: str
@@ -45,7 +70,7 @@ _KINDS = tuple(
 
 
 def address(logical: str) -> Address:
-    """The topic and the robots that a logical key is about. ValueError for a key that is not in the table."""
+    """The topic and robots of a logical key. ValueError for a key that is not in the table."""
     for topic, pattern in _KINDS:
         match = pattern.fullmatch(logical)
         if match:
@@ -62,13 +87,12 @@ class RosNames:
     namespace: str
     """Without leading slash; empty for the root."""
     sees: tuple[str, ...] = ()
-    """Others that a sensor on it may be about."""
+    """Others that its sensors may measure."""
 
     @classmethod
-    def of(cls, mission: Mission, robot: str) -> RosNames:
-        """The names that `mission` gives to `robot`. KeyError for one that it does not have."""
-        spec = mission.robots[robot]
-        return cls(robot, robot if spec.namespace is None else spec.namespace, spec.measurable)
+    def of(cls, name: str, robot: RosRobot) -> RosNames:
+        """Return the names of the robot called `name`."""
+        return cls(name, name if robot.namespace is None else robot.namespace, robot.measurable)
 
     def name(self, topic: Topic, other: str = "") -> str:
         """ROS name of one of this robot's topics, without leading slash."""
@@ -89,7 +113,7 @@ class RosNames:
 
 
 def clash(robots: Mapping[str, RosNames]) -> tuple[str, str, str] | None:
-    """Two of these `robots`, and a ROS name that both would have; None if all names differ."""
+    """Two of these `robots` with a ROS name in common, and that name; None if all names differ."""
     taken: dict[str, str] = {}
     for robot, names in robots.items():
         for one in names.addresses():

@@ -1,8 +1,7 @@
-"""Liveliness tokens by which ROS 2 shows on Zenoh who is there. Pure.
+"""Liveliness tokens by which ROS 2 shows its nodes on Zenoh. Pure.
 
-Of rmw_zenoh, written and read: nodes, and what they publish and hear.
-A token is a key of 9 parts for a node (NN), and of 13 for what a node has (MP publishes, MS subscribes,
-SS serves, SC asks):
+Of rmw_zenoh, written and read: nodes, and what they publish and receive. A token is a key of 9 parts for a
+node (NN), and of 13 for a part of a node (MP publishes, MS subscribes, SS serves, SC requests):
 
     @ros2_lv/<domain>/<zid>/<node id>/<id>/<kind>/<enclave>/<namespace>/<node>
     ... the same .../<topic>/<type>/<type hash>/<QoS>
@@ -11,7 +10,7 @@ Slashes inside a part are written as %.
 
 Of zenoh-bridge-ros2dds, only read: its routes, one for each topic that ROS has on its side.
 
-    @/<zid>/@ros2_lv/<kind>/<key>/<type>/<QoS>, without QoS for what is no topic
+    @/<zid>/@ros2_lv/<kind>/<key>/<type>/<QoS>, without QoS if it is no topic
 
 Slashes inside a part are written as §.
 """
@@ -24,7 +23,9 @@ SPACE = "@ros2_lv"
 KINDS = ("NN", "MP", "MS", "SS", "SC")
 ROUTE_KINDS = ("MP", "MS", "SS", "SC", "AS", "AC")
 QOS = "::,10:,:,:,,"
-"""Reliable, volatile, the last 10 kept: what ROS means by default. What is left out is its default."""
+"""Reliable, volatile, the last 10 kept: ROS's default. Omitted parts are defaults."""
+SENSOR_QOS = "2::,5:,:,:,,"
+"""Best effort, volatile, the last 5 kept: ROS's sensor data."""
 
 
 class Token(NamedTuple):
@@ -59,13 +60,21 @@ class Token(NamedTuple):
         return "/".join((*head, _mangled(f"/{self.topic}"), dds_type(self.type), self.type_hash, self.qos))
 
 
-def everybody(domain: int) -> str:
+def hidden(node: str) -> str:
+    """Return the name of a node that ROS tools do not list by default: one without parameter services.
+
+    `ros2 param list` waits 5 s for each listed node that has none.
+    """
+    return f"_{node}"
+
+
+def all_tokens(domain: int) -> str:
     """Key expression of all tokens in a ROS domain."""
     return f"{SPACE}/{domain}/**"
 
 
 def read(key: str) -> Token | None:
-    """The token that `key` spells; None for a key that is none, whatever else it is."""
+    """Parse the token in `key`; None for any other key."""
     parts = key.split("/")
     if len(parts) < 9 or not all(parts) or parts[0] != SPACE or parts[5] not in KINDS:
         return None
@@ -91,9 +100,9 @@ class Route(NamedTuple):
 
     zid: str
     kind: str
-    """MP: somebody in ROS publishes. MS: somebody subscribes. SS, SC, AS, AC: services and actions."""
+    """MP: ROS has a publisher. MS: ROS has a subscriber. SS, SC, AS, AC: services and actions."""
     key: str
-    """On Zenoh."""
+    """Key on Zenoh."""
     type: str
     """ROS type, ``package/msg/Name``."""
 
@@ -103,7 +112,7 @@ ROUTES = f"@/*/{SPACE}/**"
 
 
 def read_route(key: str) -> Route | None:
-    """The bridge's route that `key` spells; None for a key that is none, whatever else it is."""
+    """Parse the bridge's route in `key`; None for any other key."""
     parts = key.split("/")
     if (
         len(parts) < 6
@@ -117,13 +126,13 @@ def read_route(key: str) -> Route | None:
 
 
 def dds_type(ros: str) -> str:
-    """A ROS type as DDS names it: ``std_msgs/msg/Float64`` is ``std_msgs::msg::dds_::Float64_``."""
+    """DDS name of a ROS type: ``std_msgs/msg/Float64`` is ``std_msgs::msg::dds_::Float64_``."""
     parts = ros.split("/")
     return f"{parts[0]}::{parts[1]}::dds_::{parts[2]}_" if len(parts) == 3 else ros
 
 
 def ros_type(dds: str) -> str:
-    """A DDS type as ROS names it; one that ROS did not make is left as it is."""
+    """ROS name of a DDS type; types not made by ROS are left unchanged."""
     parts = dds.split("::")
     if len(parts) == 4 and parts[2] == "dds_" and parts[3].endswith("_"):
         return f"{parts[0]}/{parts[1]}/{parts[3][:-1]}"

@@ -1,1 +1,1 @@
-"""Many robots at once, without a network."""
+"""Simulation of many robots at once, without a network."""

@@ -1,14 +1,14 @@
-"""The body that stands in for hardware: what becomes of a command, and what the odometry makes of it.
+"""The simulated body: the effect of a command, and errors of the odometry.
 
-Pure. `ideal` is the robot of Eq. (1), which does at once and exactly
-what it is told. `turtlebot3_burger`, after its published sources:
+Pure. `ideal` is the robot of Eq. (1), which follows commands at once and exactly.
+`turtlebot3_burger`, after its published sources:
 
 | number | why |
 |---|---|
 | 0.2108 m/s, 2.635 rad/s | clamps of the firmware, a little under the data sheet's 0.22 and 2.84 |
 | 0.01 m/s, 0.01 rad/s | its node sends hundredths as whole numbers, cut off, not rounded |
 | lag 0.1 s | chosen, not measured: wheels get a new goal 30 times a second, then their own loop must follow |
-| position noise 0.1 mm | twice the way of one encoder tick (4096 a turn, wheel radius 33 mm) |
+| position noise 0.1 mm | twice the distance of one encoder tick (4096 a turn, wheel radius 33 mm) |
 | heading noise 2 mrad | chosen: its gyroscope's noise after fusion |
 | drift 0.5 % of the path | chosen: wheel radius known to a sixth of a millimetre, on a flat hard floor |
 """
@@ -20,9 +20,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-from formation.mission import SimulatedRobot
-from formation.plane import clip
-from formation.unicycle import Command
+from formation.control.plane import clip
+from formation.control.unicycle import Command
+from formation.mission.model import SimulatedRobot
 
 
 class Body(NamedTuple):
@@ -47,7 +47,7 @@ class Body(NamedTuple):
 
     @staticmethod
     def of(spec: SimulatedRobot) -> Body:
-        """The body that a mission's [simulated_robot] describes: its profile, and departures from it."""
+        """The body of a mission's [simulated_robot]: its profile, and changes to it."""
         return PROFILES[spec.profile]._replace(**spec.model_dump(exclude={"profile"}, exclude_none=True))
 
 
@@ -60,7 +60,7 @@ def obeyed(body: Body, command: Command) -> Command:
 
 
 def _cut(value: float, step: float) -> float:
-    """`value` cut towards zero to a multiple of `step`; a multiple but for rounding stays what it is."""
+    """`value` cut towards zero to a multiple of `step`; rounding errors of a multiple are ignored."""
     if step <= 0.0:
         return value
     return math.copysign(math.floor(abs(value) / step + 1e-6), value) * step

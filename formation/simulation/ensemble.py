@@ -1,10 +1,10 @@
 """Many runs of one mission at once: the closed loop of N robots, without a network.
 
 The law, observer, tracks and kinematics are the ones that agents use; only the links and the bodies are
-simulated (`formation.simulation.loop`). Shapes: R runs, N robots (leader first), F = N-1 followers, E edges
-of the graph. Bodies pass through each other, which is counted, and all act at the same instants. Positions
-are in the frame of each robot's odometry, as are those that robots publish: drift moves the robot in it, for
-neither the law nor the formation error can see more.
+simulated (`formation.simulation.closed_loop`). Shapes: R runs, N robots (leader first), F = N-1 followers,
+E edges of the graph. Bodies pass through each other, which is counted, and all act at the same instants.
+Positions are in the frame of each robot's odometry, as are those that robots publish: drift moves the
+robot in it, because neither the law nor the formation error depends on more.
 """
 
 from __future__ import annotations
@@ -15,49 +15,43 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from formation.arrays import ComplexArray, FloatArray
-from formation.avoidance import SHARPER
-from formation.edges import Edges
-from formation.figure import Figure
-from formation.law import LAWS, Law, Limits
-from formation.mission import Mission
-from formation.neighbour import FRESH_PERIODS, longest_way
-from formation.quantiser import Grid, Quantiser
-from formation.robot_spec import RobotSpec
-from formation.route import Route
-from formation.simulation import loop
+from formation.control.arrays import ComplexArray, FloatArray
+from formation.control.avoidance import HEADING_GAIN_RATIO
+from formation.control.controller import Controller
+from formation.control.observer import Observer
+from formation.control.tracker import FRESH_PERIODS, longest_delay
+from formation.mission.model import Mission
+from formation.mission.route import Route
+from formation.simulation import closed_loop as loop
+from formation.simulation.avoiding import avoided_in, avoided_of
 from formation.simulation.body import Body
 from formation.simulation.compiled import AVAILABLE, compiled
+from formation.simulation.edges import Edges
 from formation.simulation.leader import positions
 from formation.simulation.links import TRACK
-from formation.simulation.minding import minds_in, minds_of
 from formation.simulation.records import EDGE, FOLLOWER, ROBOT
 from formation.simulation.starts import Starts
-from formation.unicycle import Command
-
-Observer = Literal["innovation", "mended", "printed"]
-"""Field law's; Eq. (3) with erratum 1 mended; Eq. (3) as printed."""
-_OBSERVERS = {"innovation": loop.INNOVATION, "mended": loop.MENDED, "printed": loop.PRINTED}
+from formation.slots.shape import PlacedShape
 
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What a simulation may do differently from the mission, and from a perfect network."""
+    """Differences of a simulation from the mission, and from a perfect network."""
 
     delay: float = 0.0
     """Age of every neighbour's sample when it is used [s]; rounded up to whole steps."""
     loss: float = 0.0
-    """Share of neighbours' samples that never arrive, each edge for itself, in [0, 1]."""
+    """Share of neighbours' samples that never arrive, independently for each edge, in [0, 1]."""
     body: Body | None = None
     """Drive and odometry of every robot; by default the mission's [simulated_robot]."""
     measurement: Literal["network", "local"] | None = None
-    """Of every robot; by default what the mission says of each."""
+    """Measurement of every robot; by default as the mission says."""
     observer: Observer | None = None
-    """By default the law's own: `innovation` for the field law, `mended` for the paper's."""
+    """Heading observer; by default the law's own."""
     avoid: bool = True
-    """Whether robots get out of each other's way, if the mission has them do so."""
+    """Whether robots avoid each other, if the mission says so."""
     normalised: bool = True
-    """Whether ζ̂/|ζ̂| is used; False takes ζ̂ as it is, as Eq. (7) is printed."""
+    """Whether ζ̂/|ζ̂| is used; False uses ζ̂ itself, as Eq. (7) is printed."""
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.delay <= 60.0:
@@ -66,81 +60,84 @@ class Options:
             raise ValueError(f"loss = {self.loss}: must be a share from 0 to 1")
 
     def delay_steps(self, step: float) -> int:
-        """The delay in steps of so many seconds."""
+        """The delay in steps of that many seconds."""
         return int(np.ceil(self.delay / step - 1e-9))
 
 
 class Plan(NamedTuple):
-    """What is to be written down on the way."""
+    """Length of the runs, and of the stored errors."""
 
     steps: int
-    """How many there will be."""
+    """Number of steps."""
     stride: int
-    """Steps between moments of the error that is kept for every run."""
+    """Steps between stored moments of every run's error."""
 
 
 class Ensemble:
-    """R runs of a mission; `run_on` takes all of them some steps further."""
+    """R runs of a mission; `run_on` advances all of them."""
 
     def __init__(
         self,
         mission: Mission,
-        law: str | Law,
+        controller: Controller,
         options: Options,
         starts: Starts,
         step: float,
         rng: np.random.Generator,
         plan: Plan,
     ) -> None:
-        """`law` is a key of LAWS, or a law that gets what `field` does; `step` the control period [s]."""
-        printed = law == "paper"
-        observer = options.observer or ("mended" if printed else "innovation")
+        """`step` is the control period [s]."""
+        law, observer = mission.law, options.observer or controller.observer
         self.steps = 0
         """Taken so far."""
         self.route = Route.of(mission)
         self._draw = rng
-        avoids = options.avoid and not printed and mission.collisions.mode == "on"
-        minds = avoids and any(mission.minded(name) for name in mission.followers)
+        avoids = options.avoid and controller.collision_filter and mission.collisions.mode == "on"
+        velocities = controller.feed_forward or controller.delay_compensation or controller.collision_filter
+        avoids = avoids and any(mission.avoided_by(name) for name in mission.followers)
         self._world = loop.World(
             step=step,
-            gains=mission.law.gains,
+            gains=law.gains_for(controller),
             body=options.body or Body.of(mission.simulated_robot),
-            observer=_OBSERVERS[observer],
-            observer_gain=mission.law.observer_gain,
-            course_gain=SHARPER * mission.law.observer_gain if minds else 0.0,
+            integral=controller.integral,
+            observer_gain=law.observer_gain,
+            course_gain=HEADING_GAIN_RATIO * law.observer_gain if avoids else 0.0,
             noise=mission.collisions.noise,
             normalised=options.normalised,
-            feed_forward=not printed and mission.law.feed_forward,
-            carries=not printed and mission.law.delay_compensation,
-            time_constant=0.0 if printed else mission.law.velocity_filter,
+            feed_forward=controller.feed_forward and law.feed_forward,
+            carries=controller.delay_compensation and law.delay_compensation,
+            time_constant=law.velocity_filter if velocities else 0.0,
             loss=options.loss,
-            quantises=any(Quantiser.of(*_steps(mission.robots[name])) for name in mission.followers),
             settled=mission.settled,
             stride=plan.stride,
         )
-        self._robots, self._edges = _robots(mission, options, step), _edges(mission, options, step)
+        self._robots = _robots(mission, controller, options, step)
+        self._edges = _edges(mission, options, step)
         self._followers = _followers(starts, self._world.body, rng)
+        self._followers["commanded"] = -step  # zero velocity, as until then
+        self._followers["gentle_until"] = -np.inf
         self._tracks = np.zeros((len(self._followers), len(self._edges)), TRACK)
         self._tracks["stamp"] = -np.inf
         ring = options.delay_steps(step) + 1
-        self._said = np.zeros((len(self._followers), ring, len(mission.names)), dtype=np.complex128)
+        self._published = np.zeros((len(self._followers), ring, len(mission.names)), dtype=np.complex128)
         late = options.delay_steps(step) * step
-        self._minds = minds_in(
-            mission, options.measurement, late, self._said.shape, starts.position, avoids=minds
+        self._avoided = avoided_in(
+            mission, options.measurement, late, self._published.shape, starts.position, avoids=avoids
         )
         guesses = [mission.first_heading(name) for name in mission.followers]
         self._followers["estimate"] = self._followers["course"] = guesses
-        if observer != "innovation":
-            self._followers["estimate"] = mission.law.observer_gain * self._followers["odometry"]
-        chosen = LAWS[law] if isinstance(law, str) else law
-        self._run_on = compiled(loop.run_on, law=chosen)
-        self._all_run_on = compiled(loop.all_run_on, law=chosen)
+        if observer.start is not None:
+            positions: Any = self._followers["odometry"]
+            self._followers["estimate"] = observer.start(positions, law.observer_gain)
+        self._run_on = compiled(loop.run_on, law=controller.step, observe=observer.step)
+        self._all_run_on = compiled(loop.all_run_on, law=controller.step, observe=observer.step)
         self.error: FloatArray = self._error_now()
-        """Formation error of every run now [m], infinite where it has left the numbers; shape (R,)."""
+        """Formation error of every run now [m], infinite if it has overflowed; shape (R,)."""
         self.nearest: FloatArray = np.full(len(self.error), np.inf)
-        """How near two bodies came [m], shape (R,): negative where they touched, infinite where off."""
+        """Least distance between two bodies [m], shape (R,): negative if they touched, infinite if not
+        detected."""
         self.last_out = np.where(self.error >= mission.settled, 0, -1)
-        """Step at which it was not under the mission's bound for the last time, -1 for never; shape (R,)."""
+        """Last step at which it was not under the mission's bound, -1 for never; shape (R,)."""
         self.errors: FloatArray = np.full((plan.steps // plan.stride + 1, len(self.error)), np.inf)
         """Formation error every `Plan.stride` steps [m]; shape (moments, R)."""
         self.errors[0] = self.error
@@ -157,38 +154,39 @@ class Ensemble:
 
     @property
     def robots(self) -> NDArray[Any]:
-        """What followers are, records of `records.ROBOT`; shape (F,)."""
+        """Constants of the followers, records of `records.ROBOT`; shape (F,)."""
         return self._robots
 
     def run_on(self, steps: int) -> None:
-        """Take so many steps. Random numbers are drawn run by run: how steps are grouped matters to them."""
+        """Take that many steps. Random numbers are drawn run by run, in an order that depends on `steps`."""
         begin, leader = self.steps, self._leader(steps + 1)
         self.steps += steps
         if AVAILABLE:
             self._all_run_on(
                 begin, leader, self._world, self._robots, self._edges, self._followers, self._tracks,
-                self._said, self._draw, self.errors, self.last_out, self.error, self.nearest, self._minds,
+                self._published, self._draw, self.errors, self.last_out, self.error, self.nearest,
+                self._avoided,
             )  # fmt: skip
             return
         robots, edges = self._robots.view(np.recarray), self._edges.view(np.recarray)
         followers, tracks = self._followers.view(np.recarray), self._tracks.view(np.recarray)
-        minds = self._minds._replace(
-            whom=self._minds.whom.view(np.recarray),
-            tracks=self._minds.tracks.view(np.recarray),
-            around=self._minds.around.view(np.recarray),
+        avoided = self._avoided._replace(
+            whom=self._avoided.whom.view(np.recarray),
+            tracks=self._avoided.tracks.view(np.recarray),
+            around=self._avoided.around.view(np.recarray),
         )
         for r in np.flatnonzero(np.isfinite(self.error)):
             one = (
                 followers[r],
                 tracks[r],
-                self._said[r],
+                self._published[r],
                 self._draw,
                 self.errors[:, r],
-                minds_of(minds, int(r)),
+                avoided_of(avoided, int(r)),
             )
             try:
                 out, self.error[r], room = self._run_on(begin, leader, self._world, robots, edges, *one)
-            except (ArithmeticError, ValueError):  # Python's word for a run that leaves the numbers
+            except (ArithmeticError, ValueError):  # raised by Python for a run that overflows
                 out, self.error[r], room = self.steps, np.inf, np.inf
             self.last_out[r] = max(self.last_out[r], out)
             self.nearest[r] = min(self.nearest[r], room)
@@ -200,29 +198,24 @@ class Ensemble:
         return np.array([error(run, robots, edges, here) for run in runs])
 
     def _leader(self, count: int) -> ComplexArray:
-        """Where it is now and after each next step [m; world frame]."""
+        """Its positions now and after each next step [m; world frame]."""
         return positions(
             self.route, self._world.step * np.arange(self.steps, self.steps + count, dtype=np.float64)
         )
 
 
-def _steps(robot: RobotSpec) -> tuple[Command, Limits]:
-    return Command(robot.speed_step, robot.turn_rate_step), robot.limits
-
-
-def _robots(mission: Mission, options: Options, step: float) -> NDArray[Any]:
+def _robots(mission: Mission, controller: Controller, options: Options, step: float) -> NDArray[Any]:
     robots = np.zeros(len(mission.followers), ROBOT)
-    last, minds_end = 0, 0
+    last, avoided_end = 0, 0
     for i, name in enumerate(mission.followers):
-        spec = mission.robots[name]
+        spec, params = mission.robots[name], mission.control(name, controller, step)
         first, last = last, last + len(spec.neighbours)
-        minds, minds_end = minds_end, minds_end + len(mission.minded(name))
-        speed = Grid.of(spec.speed_step, spec.max_speed)
-        turn_rate = Grid.of(spec.turn_rate_step, spec.max_turn_rate)
+        avoided, avoided_end = avoided_end, avoided_end + len(mission.avoided_by(name))
+        speed, turn_rate = params.quantiser
         local = (options.measurement or spec.measurement) == "local"
         steps = speed.step, speed.most, turn_rate.step, turn_rate.most
-        body = spec.radius, max(spec.longest_command, step), minds, minds_end
-        robots[i] = (*spec.limits, *steps, first, last, local, *body)
+        body = params.avoidance.radius, params.avoidance.hold, avoided, avoided_end
+        robots[i] = (*params.limits, *steps, first, last, local, *body, *params.ramp)
     return robots
 
 
@@ -231,11 +224,11 @@ def _edges(mission: Mission, options: Options, step: float) -> NDArray[Any]:
     robots = [mission.robots[name] for name in mission.names]
     local = np.array([(options.measurement or robot.measurement) == "local" for robot in robots])
     edges = np.zeros(len(graph.heads), EDGE)
-    slots = np.array(Figure.first(mission).slots(mission))
+    slots = np.array(PlacedShape.first(mission).slots(mission))
     edges["head"], edges["desired"] = graph.heads, graph.along_edges(slots)
     edges["late"] = np.where(local[graph.tails], 0.0, options.delay_steps(step) * step)
     edges["limit"] = np.array([FRESH_PERIODS / robot.rate for robot in robots])[graph.heads]
-    edges["longest_way"] = np.array([longest_way(robot.rate) for robot in robots])[graph.heads]
+    edges["longest_delay"] = np.array([longest_delay(robot.rate) for robot in robots])[graph.heads]
     edges["top_speed"] = np.array([robot.top_speed for robot in robots])[graph.heads]
     return edges
 

@@ -1,15 +1,15 @@
-"""One run over time, as arrays: what a simulation kept or a recording holds, ready to be drawn."""
+"""One run over time, as arrays: from a simulation or a recording, ready to be plotted."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from formation.arrays import ComplexArray, FloatArray
+from formation.control.arrays import ComplexArray, FloatArray
 
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """T moments of N robots, the leader first; F = N-1 followers. NaN where something is not known."""
+    """T moments of N robots, the leader first; F = N-1 followers. Unknown values are NaN."""
 
     title: str
     names: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""Where a mission's leader is at many times at once."""
+"""Positions of a mission's leader at many times at once."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from formation.arrays import ComplexArray, FloatArray
-from formation.route import Route
+from formation.control.arrays import ComplexArray, FloatArray
+from formation.control.unicycle import along
+from formation.mission.route import Route
 from formation.simulation.compiled import compiled
-from formation.unicycle import along
 
 
 def positions(route: Route, times: FloatArray) -> ComplexArray:

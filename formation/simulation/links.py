@@ -1,8 +1,8 @@
-"""What a follower hears of a neighbour in a simulation: samples late, lost, or measured on the spot.
+"""Data that a follower receives of a neighbour in a simulation: late, lost, or measured by a sensor.
 
 Freshness and ages follow the agent's rules: a neighbour is followed while its newest sample arrived within
-the limit, a sample is carried forward by its age as far as its way can be believed, and after a long silence
-the velocity is learned anew.
+the limit, a sample is extrapolated by its age as far as its delay is believed, and after a long silence
+the velocity is estimated afresh.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from formation.neighbour import FORGOTTEN, Track, believed_way, moved
+from formation.control.tracker import FORGETTING_SILENCE, Track, believed_delay, moved
 
 TRACK = np.dtype([("stamp", "f8"), ("point", "c16"), ("velocity", "c16")], align=True)
 """`Track` of a neighbour."""
@@ -20,22 +20,23 @@ _ROUNDING = 1e-9
 
 
 class Link(NamedTuple):
-    """How well one edge of the graph works."""
+    """Quality of one edge of the graph."""
 
     late: float
-    """Age of a sample when it is used [s]; 0 for what a sensor on the robot measures."""
+    """Age of a sample when it is used [s]; 0 for measurements of the robot's own sensor."""
     limit: float
     """Longest silence of a fresh neighbour [s]."""
-    longest_way: float
-    """How long a sample can well have been on the way [s]."""
+    longest_delay: float
+    """Longest plausible delay of a sample [s]."""
 
 
 def arrived(last: Track, stamp: float, sample: complex, share: float, top_speed: float) -> Track:
-    """The track once one more sample has come: the first, if the last one is infinitely old.
+    """The track after one more sample: the first, if the last one is infinitely old.
 
-    `share` is `formation.neighbour.learned`, 0 for no velocity; nobody is faster than `top_speed` [m/s].
+    `share` is `formation.control.tracker.learned`, 0 for no velocity; velocities are limited to
+    `top_speed` [m/s].
     """
-    if stamp - last.stamp > FORGOTTEN:
+    if stamp - last.stamp > FORGETTING_SILENCE:
         return Track(stamp, sample, 0j)
     return moved(last, stamp, sample, share, top_speed)
 
@@ -46,6 +47,6 @@ def is_fresh(track: Track, now: float, link: Link) -> bool:
 
 
 def carried(track: Track, now: float, link: Link) -> complex:
-    """Where the neighbour's control point is by `now` [s], as far as its samples tell [m; world frame]."""
+    """The neighbour's control point extrapolated to `now` [s] [m; world frame]."""
     silence = now - track.stamp - link.late
-    return track.point + (silence + believed_way(link.late, link.longest_way)) * track.velocity
+    return track.point + (silence + believed_delay(link.late, link.longest_delay)) * track.velocity

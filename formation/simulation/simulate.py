@@ -1,8 +1,8 @@
-"""Simulate a mission faster than real time: one run or many random starts, and what became of them.
+"""Simulate a mission faster than real time: one run or many random starts, and their results.
 
 A run has converged when its formation error (summed over edges) stays under the mission's `settled` bound
-until the horizon, and has been there for at least `DWELL`: an error that dips under the bound in the last
-moments, or swings through it, has shown nothing (a loop that winds up swings with a period of 2π/√k_I). Its
+until the horizon, and has been there for at least `DWELL_TIME`: an error that falls under the bound in the
+last moments, or swings through it, proves nothing (a loop that winds up swings with a period of 2π/√k_I). Its
 settling time is when it went under the bound for good.
 """
 
@@ -17,42 +17,43 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from formation.arrays import FloatArray
-from formation.law import LAWS, Law
-from formation.mission import Mission
+from formation.control.arrays import FloatArray
+from formation.control.controller import Controller
+from formation.control.laws import LAWS
+from formation.mission.model import Mission
 from formation.simulation.ensemble import Ensemble, Options, Plan
 from formation.simulation.history import History
 from formation.simulation.leader import positions
 from formation.simulation.starts import own_starts, random_starts
 
-DWELL = 10.0
-"""How long a run has to stay under the bound before it counts as converged [s]; half of a short horizon."""
-GROUPED, WORK = 16, 1_000_000
-"""Every run goes so many steps before the next has its turn, or so many that all robots do so much work."""
-CURVE, ERRORS = 1000, 25_000_000
-"""Moments of the error that are kept of each run at most, and of all runs together."""
-MOMENTS = 2_000_000
-"""Robot poses that a history holds at most; a longer run is thinned evenly."""
+DWELL_TIME = 10.0
+"""Time under the bound after which a run counts as converged [s]; half of a short horizon."""
+GROUP_STEPS, MAX_GROUP_STEPS = 16, 1_000_000
+"""Steps of one run before the next takes its turn, and greatest work of all robots in that time [steps]."""
+MAX_RUN_MOMENTS, MAX_ALL_MOMENTS = 1000, 25_000_000
+"""Most stored moments of the error of each run, and of all runs together."""
+MAX_MOMENTS = 2_000_000
+"""Most robot poses in a history; a longer run is thinned evenly."""
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What became of R runs."""
+    """Results of R runs."""
 
     law: str
     settled: float
     """The bound [m]."""
     settling_time: FloatArray
-    """When each run went under the bound for good [s], NaN where it did not; shape (R,)."""
+    """When each run went under the bound for good [s], NaN if it did not; shape (R,)."""
     converged: NDArray[np.bool_]
     """Shape (R,)."""
     final_error: FloatArray
-    """At the horizon [m], infinite where a run left the numbers; shape (R,)."""
+    """At the horizon [m], infinite if a run overflowed; shape (R,)."""
     watched: bool
-    """Whether it was looked who touches whom: not with collisions off."""
+    """Whether contacts were detected: not with collisions off."""
     nearest: FloatArray
-    """How near two bodies came to each other [m], shape (R,): negative where they touched, infinite where
-    nobody looked."""
+    """Least distance between two bodies [m], shape (R,): negative if they touched, infinite if contacts
+    were not detected."""
     deadlocks: NDArray[np.int64]
     """Of all robots; shape (R,)."""
     time: FloatArray
@@ -60,14 +61,14 @@ class Result:
     error: FloatArray
     """Formation error of every run [m]; shape (K, R)."""
     wall_time: float
-    """Without what compiling took [s]."""
+    """Duration without compilation [s]."""
     robot_steps: int
     """Control steps of all followers of all runs."""
     history: History | None
-    """The first run, if it was to be kept."""
+    """The first run, if requested."""
 
     def summary(self) -> dict[str, Any]:
-        """The figures as JSON has them; None where there is no number."""
+        """The results for JSON; None instead of NaN and infinity."""
         settling = self.settling_time[self.converged]
         return {
             "runs": len(self.converged),
@@ -93,7 +94,7 @@ def simulate(
     *,
     runs: int = 1,
     seed: int = 0,
-    law: str | Law | None = None,
+    law: str | Controller | None = None,
     options: Options | None = None,
     horizon: float | None = None,
     step: float | None = None,
@@ -102,13 +103,12 @@ def simulate(
     progress: Callable[[float], None] | None = None,
     keep: bool = False,
 ) -> Result:
-    """Run the closed loop `runs` times; what is not given is as the mission says.
+    """Run the closed loop `runs` times; missing arguments are as the mission says.
 
     One run starts as the mission says, several at random: within ± `spread` [m] of the slots. The starts
-    depend on `seed` alone, so laws can be compared. `law` is a key of LAWS, or a law that gets what `field`
-    does. `progress` is told the share done, 0 once all is compiled. `keep` keeps the first run's history; of
-    several runs the noise and losses of a seed are then others. Raises ValueError for an argument out of
-    range.
+    depend on `seed` alone, so laws can be compared. `law` is a key of LAWS, or another law. `progress` is
+    called with the share done, 0 once all is compiled. `keep` stores the first run's history; with several
+    runs this changes the noise and losses of a seed. Raises ValueError for an argument out of range.
     """
     law = law or mission.law.kind
     horizon = mission.simulation.horizon if horizon is None else horizon
@@ -121,25 +121,25 @@ def simulate(
     else:
         first = random_starts(mission, runs, spread, drawn)
     steps = round(horizon / step)
-    stride = math.ceil(steps / max(1, min(CURVE, ERRORS // runs)))
-    ensemble = Ensemble(mission, law, options or Options(), first, step, noise, Plan(steps, stride))
-    ensemble.run_on(0)  # compiles, if that was not done before
+    stride = math.ceil(steps / max(1, min(MAX_RUN_MOMENTS, MAX_ALL_MOMENTS // runs)))
+    controller = LAWS[law] if isinstance(law, str) else law
+    ensemble = Ensemble(mission, controller, options or Options(), first, step, noise, Plan(steps, stride))
+    ensemble.run_on(0)  # compiles, if not done before
     if progress is not None:
         progress(0.0)
     began = time.perf_counter()
     film = _Film(mission, ensemble, steps) if keep else None
-    group = film.pace if film else max(GROUPED, WORK // first.position.size)
+    group = film.pace if film else max(GROUP_STEPS, MAX_GROUP_STEPS // first.position.size)
     while ensemble.steps < steps:
         ensemble.run_on(min(group, steps - ensemble.steps))
         if film is not None:
-            film.take()
+            film.store_moment()
         if progress is not None:
             progress(ensemble.steps / steps)
-    name = law if isinstance(law, str) else law.__name__
-    return _result(mission, name, ensemble, stride, time.perf_counter() - began, film)
+    return _result(mission, controller.name, ensemble, stride, time.perf_counter() - began, film)
 
 
-def _check(runs: int, law: str | Law, horizon: float, step: float, spread: float) -> None:
+def _check(runs: int, law: str | Controller, horizon: float, step: float, spread: float) -> None:
     if runs < 1:
         raise ValueError(f"runs = {runs}: must be at least 1")
     if isinstance(law, str) and law not in LAWS:
@@ -155,9 +155,9 @@ def _check(runs: int, law: str | Law, horizon: float, step: float, spread: float
 def _result(
     mission: Mission, law: str, ensemble: Ensemble, stride: int, wall_time: float, film: _Film | None
 ) -> Result:
-    """What there is to say at the end."""
+    """Collect the results at the end."""
     steps, step = ensemble.steps, ensemble.time / ensemble.steps
-    converged = ensemble.last_out + round(min(DWELL, 0.5 * steps * step) / step) < steps
+    converged = ensemble.last_out + round(min(DWELL_TIME, 0.5 * steps * step) / step) < steps
     return Result(
         law=law,
         settled=mission.settled,
@@ -176,23 +176,23 @@ def _result(
 
 
 class _Film:
-    """Keeps the moments of the first run."""
+    """Stores the moments of the first run."""
 
     def __init__(self, mission: Mission, ensemble: Ensemble, steps: int) -> None:
-        self.pace = max(1, math.ceil(steps * len(mission.names) / MOMENTS))
-        """Steps between two."""
+        self.pace = max(1, math.ceil(steps * len(mission.names) / MAX_MOMENTS))
+        """Steps between two moments."""
         self._mission, self._ensemble = mission, ensemble
         self._moments: list[tuple[Any, ...]] = []
-        self.take()
+        self.store_moment()
 
-    def take(self) -> None:
-        """Keep the present."""
+    def store_moment(self) -> None:
+        """Store the present moment."""
         now, first = self._ensemble, self._ensemble.followers[0]
         names = ("position", "heading", "estimate", "speed", "turn_rate")
         self._moments.append((now.time, now.error[0], *(first[name].copy() for name in names)))
 
     def history(self, law: str) -> History:
-        """All of them."""
+        """Return all stored moments."""
         columns = [np.array(column) for column in zip(*self._moments, strict=True)]
         times, error, position, heading, estimate, speed, turn_rate = columns
         mission, robots, route = self._mission, self._ensemble.robots, self._ensemble.route

@@ -1,4 +1,4 @@
-"""Where the followers of a simulation start: as the mission says, or drawn at random around their slots."""
+"""Initial poses of a simulation's followers: as the mission says, or random around their slots."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from formation.arrays import ComplexArray
-from formation.figure import Figure
-from formation.mission import Mission
+from formation.control.arrays import ComplexArray
+from formation.mission.model import Mission
+from formation.slots.shape import PlacedShape
 
-APART = 0.05
-"""Bodies that are drawn leave so much room between each other [m]."""
-TRIES = 100
-"""So often is a start drawn again that leaves less; where there is no room it stays."""
+MIN_START_CLEARANCE = 0.05
+"""Least distance between the bodies at random starts [m]."""
+MAX_TRIES = 100
+"""Number of tries for a start that is far enough from others; then it stays."""
 
 
 class Starts(NamedTuple):
-    """Where followers start; shapes (R, F)."""
+    """Initial poses of followers; shapes (R, F)."""
 
     position: ComplexArray
     """Centres [m; world frame]."""
@@ -36,19 +36,21 @@ def own_starts(mission: Mission, runs: int) -> Starts:
 def random_starts(mission: Mission, runs: int, spread: float, rng: np.random.Generator) -> Starts:
     """Control points uniformly within ± `spread` [m] of their slots on each axis, headings uniformly.
 
-    Where two bodies would begin in each other the later one of them is drawn again.
+    If two bodies would overlap the later one of them is drawn again.
     """
     shape = (runs, len(mission.followers))
     heading = np.exp(1j * rng.uniform(-np.pi, np.pi, shape))
     away = rng.uniform(-spread, spread, shape) + 1j * rng.uniform(-spread, spread, shape)
     offset = np.array([mission.robots[name].control_point_offset for name in mission.followers])
-    slots = mission.robots[mission.leader].start.position + np.array(Figure.first(mission).slots(mission)[1:])
+    slots = mission.robots[mission.leader].start.position + np.array(
+        PlacedShape.first(mission).slots(mission)[1:]
+    )
     position = slots + away - offset * heading
     radii = np.array([mission.robots[name].radius for name in mission.followers])
     for j in range(1, len(radii)):
-        for _ in range(TRIES):
+        for _ in range(MAX_TRIES):
             distance = np.abs(position[:, :j] - position[:, j : j + 1])
-            crowded = np.flatnonzero((distance < radii[:j] + radii[j] + APART).any(axis=1))
+            crowded = np.flatnonzero((distance < radii[:j] + radii[j] + MIN_START_CLEARANCE).any(axis=1))
             if not len(crowded):
                 break
             again = rng.uniform(-spread, spread, (2, len(crowded)))

@@ -1,1 +1,1 @@
-"""Slots: where a formation's robots belong, who takes which, and whom each of them measures."""
+"""Slots: positions of robots in the formation, their assignment, and the measurement graph."""

@@ -1,8 +1,8 @@
-"""Who takes which slot: the least total way, or the least longest.
+"""Assignment of robots to slots: least total distance, or least longest distance.
 
 Exact, for costs c[i, k] >= 0 of robot i on place k. `least_total` is the Hungarian method by shortest
-augmenting paths, O(n³), its inner loop over arrays. `least_longest` finds by bisection the least bound under
-which there is a perfect matching, O(n³ log n), and of all that keep it the one with the least total.
+augmenting paths, O(n³), its inner loop over arrays. `least_longest` finds by bisection the least bound
+under which there is a perfect matching, O(n³ log n), and of all within it the one with the least total.
 
 Source: R. Burkard, M. Dell'Amico, S. Martello, Assignment Problems, SIAM 2009, sections 4.4 and 6.2.
 """
@@ -15,16 +15,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from formation.arrays import FloatArray
+from formation.control.arrays import FloatArray
 
 
 class Aim(NamedTuple):
-    """What is to be least."""
+    """The quantity to minimise."""
 
     assign: Callable[[FloatArray], tuple[int, ...]]
     """The place of each robot; costs are of shape (n, n), and finite."""
     worth: Callable[[FloatArray, Sequence[int]], tuple[float, ...]]
-    """What places cost; the less, the better."""
+    """Cost of an assignment; the less, the better."""
 
 
 def least_total(costs: FloatArray) -> tuple[int, ...]:
@@ -67,17 +67,17 @@ def least_longest(costs: FloatArray) -> tuple[int, ...]:
         else:
             low = middle + 1
     longest = float(bounds[low])
-    beyond = (len(costs) + 1.0) * (longest + 1.0)  # dearer than all that are allowed together
+    beyond = (len(costs) + 1.0) * (longest + 1.0)  # more than all allowed costs together
     return least_total(np.where(costs <= longest, costs, beyond))
 
 
 def total(costs: FloatArray, places: Sequence[int]) -> tuple[float, ...]:
-    """The sum of what these places cost."""
+    """Sum of the costs of these places."""
     return (float(costs[range(len(costs)), places].sum()),)
 
 
 def longest_then_total(costs: FloatArray, places: Sequence[int]) -> tuple[float, ...]:
-    """The largest and the sum of what these places cost."""
+    """Largest cost and sum of the costs of these places."""
     return (float(costs[range(len(costs)), places].max()), *total(costs, places))
 
 
@@ -95,7 +95,7 @@ def _matched(allowed: NDArray[np.bool_]) -> bool:
         if found is None:
             return False
         place: int | None = found
-        while place is not None:  # everybody on the path moves on by one
+        while place is not None:  # every robot on the path moves to the next place
             mover = came_from[place]
             before = has.get(mover)
             has[mover], taken_by[place] = place, mover
@@ -106,7 +106,7 @@ def _matched(allowed: NDArray[np.bool_]) -> bool:
 def _free_place(
     robot: int, choices: Sequence[Sequence[int]], taken_by: Mapping[int, int]
 ) -> tuple[int | None, dict[int, int]]:
-    """A place that is free once others have moved, None if there is none; and who comes to each place."""
+    """A place that is free after others have moved, None if there is none; and the robot for each place."""
     came_from: dict[int, int] = {}
     waiting = [robot]
     for mover in waiting:  # grows meanwhile

@@ -1,4 +1,4 @@
-"""Shapes by generator: where the slots of so many robots are, relative to the leader.
+"""Shapes by generator: slots for a number of robots, relative to the leader.
 
 x is ahead and y to the left. The leader is a point without a body: lines, columns, wedges and grids come
 behind it, circles and polygons stand round it. Neighbouring slots are `spacing` apart, no two are nearer.
@@ -7,9 +7,9 @@ behind it, circles and polygons stand round it. Neighbouring slots are `spacing`
 |---|---|
 | line | abreast, one spacing behind the leader, from left to right |
 | column | one behind the other |
-| wedge | a tip one spacing behind the leader, and arms 45° backwards, left and right by turns |
+| wedge | a tip one spacing behind the leader, and arms 45° backwards, alternating left and right |
 | circle | evenly round the leader, counter-clockwise, the first ahead |
-| grid | rows and columns, as near to a square as can be; a last row that is shorter stands in the middle |
+| grid | rows and columns, as near to a square as possible; a shorter last row stands in the middle |
 | polygon | one on each corner, the first ahead, the rest evenly on the sides, counter-clockwise |
 """
 
@@ -22,8 +22,8 @@ from collections.abc import Callable
 Shape = Callable[[int, float], tuple[complex, ...]]
 """(robots, spacing [m]) -> their slots [m; from the leader, x ahead, y to the left]."""
 
-MOST_SIDES = 6
-"""Corners that a polygon has when nobody says how many, or as many as it has robots."""
+MAX_SIDES = 6
+"""Default number of corners of a polygon, at most its number of robots."""
 
 
 def line(robots: int, spacing: float) -> tuple[complex, ...]:
@@ -66,7 +66,7 @@ def polygon(robots: int, spacing: float, corners: int | None = None) -> tuple[co
 
     Sides that have a robot more than others are filled first; neighbours on them are `spacing` apart.
     """
-    corners = min(MOST_SIDES, robots) if corners is None else corners
+    corners = min(MAX_SIDES, robots) if corners is None else corners
     most = math.ceil(robots / corners)
     radius = most * spacing / (2.0 * math.sin(math.pi / corners))
     slots: list[complex] = []

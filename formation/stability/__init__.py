@@ -1,1 +1,1 @@
-"""What can be said of a mission before anything moves."""
+"""Checks of a mission before any robot moves."""

@@ -1,7 +1,7 @@
-"""What can be known of a mission before anything moves: does it hold, how fast, how much delay does it bear?
+"""Analysis of a mission before any robot moves: stability, settling time, and tolerated delay.
 
-Pure. Poles are of the linear loop near formation (see `spectrum`), limits are checked in `feasibility`, and
-the settling time comes from the closed loop itself, simulated once from the mission's own starts.
+Pure. Poles are of the linear loop near formation (see `spectrum`), limits are checked in `feasibility`,
+and the settling time comes from the closed loop itself, simulated once from the mission's own starts.
 """
 
 from __future__ import annotations
@@ -12,30 +12,30 @@ from typing import Any
 
 import numpy as np
 
-from formation.arrays import ComplexArray
-from formation.graph import cyclic_core
-from formation.mission import Mission
-from formation.route import Route
+from formation.control.arrays import ComplexArray
+from formation.mission.graph import cyclic_core
+from formation.mission.model import Mission
+from formation.mission.route import Route
 from formation.simulation.simulate import simulate
 from formation.stability import bounding, crowding, feasibility, meeting, spectrum
 from formation.stability.losses import useless_fallbacks
 
-GROWTH = 2.0
-"""Amplification of the last robots over that of the first that deserves a warning."""
-PERIODS = 3.0
+MAX_AMPLIFICATION_RATIO = 2.0
+"""Amplification of the last robots over that of the first beyond which there is a warning."""
+MIN_DELAY_MARGIN_PERIODS = 3.0
 """Delay margin, in control periods, under which there is a warning."""
 
 
 @dataclass(frozen=True, slots=True)
 class Analysis:
-    """A mission, checked. Mappings are by robot."""
+    """Result of checking a mission. Mappings are by robot."""
 
     law: str
     robots: int
-    """The leader among them."""
+    """Number of robots, the leader included."""
     edges: int
     depth: dict[str, int | None]
-    """Hops to the leader; None where no path leads there."""
+    """Hops to the leader; None if there is no path."""
     unreachable: dict[str, str]
     """Robots without a path to the leader, and why."""
     laplacian_eigenvalues: tuple[complex, ...]
@@ -43,19 +43,19 @@ class Analysis:
     eigenvalues: tuple[complex, ...]
     """Closed-loop poles of the PI loop (7) [1/s]."""
     stable: bool
-    """Whether the linear loop of the law in use is."""
+    """Whether the linear loop of the law in use is stable."""
     slowest_mode: float
     """Largest real part of `eigenvalues` [1/s]."""
     settling_time_estimate: float | None
     """When the formation settles from the mission's own starts [s]; None if not within its horizon."""
     delay_margin: float
-    """How late the PI loop's whole measurement may be [s]; 0 if unstable."""
+    """Greatest delay of the PI loop's whole measurement [s]; 0 if unstable."""
     amplification: dict[str, float]
     """Peak over frequency of a robot's mean edge error per leader velocity [s]; infinite if unstable."""
     problems: tuple[str, ...]
-    """What cannot work."""
+    """Faults with which the mission cannot work."""
     warnings: tuple[str, ...]
-    """What will not work well."""
+    """Faults with which it will not work well."""
 
     @property
     def ok(self) -> bool:
@@ -63,7 +63,7 @@ class Analysis:
         return not self.problems
 
     def as_json(self) -> dict[str, Any]:
-        """The figures as JSON has them; None where there is no finite number."""
+        """The results for JSON; None instead of NaN and infinity."""
         return {
             "ok": self.ok,
             "problems": list(self.problems),
@@ -84,12 +84,13 @@ class Analysis:
 
 
 def analyse(mission: Mission, law: str | None = None) -> Analysis:
-    """Check a mission; `law` overrules the mission's."""
-    law = law or mission.law.kind
+    """Check a mission; `law` replaces the mission's."""
+    mission = mission.under(law or mission.law.kind)
+    law, controller = mission.law.kind, mission.law.controller
     graph, gains = mission.graph, mission.law.gains
     mu = spectrum.laplacian(graph)
     poles = spectrum.poles(mu, gains.k_p, gains.k_i)
-    forward = mission.law.velocity_filter if law == "field" and mission.law.feed_forward else None
+    forward = mission.law.velocity_filter if mission.law.feeds_forward else None
     faults = tuple(_instability(mission, mu, poles, forward))
     peaks = np.full(len(mission.followers), math.inf)
     if not faults:
@@ -103,7 +104,7 @@ def analyse(mission: Mission, law: str | None = None) -> Analysis:
         *_shaky(mission, margin, peaks),
     ]
     problems = [*faults, *_sampling(mission, mu, stable=not faults), *feasibility.problems(mission)]
-    if law == "field":
+    if controller.collision_filter:
         problems += crowding.problems(mission)
         warnings += [*meeting.warnings(mission), *crowding.warnings(mission), *crowding.starts(mission)]
     else:
@@ -130,16 +131,17 @@ def analyse(mission: Mission, law: str | None = None) -> Analysis:
 
 
 def settling_time(mission: Mission, law: str) -> float | None:
-    """When the formation settles from the mission's own starts [s], by the closed loop at the robots' period.
+    """Settling time from the mission's own starts [s], by the closed loop at the robots' period.
 
-    It includes what makes settling long: the way to a moving slot at top speed, headings that are not known
-    yet, what the integral collects meanwhile, and corners of the route. None if not within the horizon.
+    It includes all that delays settling: the distance to a moving slot at top speed, headings that are not
+    known yet, the integral accumulated meanwhile, and corners of the route. None if not within the
+    horizon.
     """
     period = 1.0 / min(mission.robots[name].rate for name in mission.followers)
     step = min(period, 0.2, mission.simulation.horizon)
     longest = mission.simulation.horizon
     route = Route.of(mission)
-    # most missions settle long before the horizon; after the last corner nothing new can happen
+    # most missions settle long before the horizon; after the last corner nothing changes
     for horizon in (min(route.last_change + 30.0, longest), longest):
         result = simulate(mission, law=law, step=step, horizon=max(horizon, step), starts="mission")
         if result.converged[0]:
@@ -148,7 +150,7 @@ def settling_time(mission: Mission, law: str) -> float | None:
 
 
 def _instability(mission: Mission, mu: ComplexArray, poles: ComplexArray, forward: float | None) -> list[str]:
-    k_p, k_i = mission.law.k_p, mission.law.k_i
+    k_p, k_i, *_ = mission.law.gains
     if not spectrum.stable(mu, k_p, k_i):
         bound = _largest_integral_gain(mu, k_p)
         what = f"law.k_p = {k_p:g}, law.k_i = {k_i:g} on this graph"
@@ -177,13 +179,14 @@ def _sampling(mission: Mission, mu: ComplexArray, *, stable: bool) -> list[str]:
         return []
     slowest = min(mission.followers, key=lambda name: mission.robots[name].rate)
     rate = mission.robots[slowest].rate
-    radius = spectrum.sampled_radius(mu, mission.law.k_p, mission.law.k_i, 1.0 / rate)
+    k_p, k_i, *_ = mission.law.gains
+    radius = spectrum.sampled_radius(mu, k_p, k_i, 1.0 / rate)
     if radius < 1.0:
         return []
     enough = (
         f"must be above {faster:.3g} Hz"
         for faster in rate * np.geomspace(1.01, 1e6, 2000)
-        if spectrum.sampled_radius(mu, mission.law.k_p, mission.law.k_i, 1.0 / faster) < 1.0
+        if spectrum.sampled_radius(mu, k_p, k_i, 1.0 / faster) < 1.0
     )
     most = max(map(len, mission.graph.neighbours))
     why = f"too low for law.k_p = {mission.law.k_p:g} and up to {most} neighbours: commands overshoot"
@@ -193,16 +196,17 @@ def _sampling(mission: Mission, mu: ComplexArray, *, stable: bool) -> list[str]:
 def _shaky(mission: Mission, margin: float, peaks: Any) -> list[str]:
     found = []
     rate = min(mission.robots[name].rate for name in mission.followers)
-    if 0.0 < margin < PERIODS / rate:
+    if 0.0 < margin < MIN_DELAY_MARGIN_PERIODS / rate:
         found.append(
-            f"the delay margin of {margin * 1e3:.0f} ms is less than {PERIODS:g} periods at {rate:g} Hz: "
+            f"the delay margin of {margin * 1e3:.0f} ms is less than"
+            f" {MIN_DELAY_MARGIN_PERIODS:g} periods at {rate:g} Hz: "
             "lower law.k_p or measure fewer neighbours"
         )
     first = min(
         peak for peak, depth in zip(peaks.tolist(), mission.graph.depths[1:], strict=True) if depth == 1
     )
     worst = int(np.argmax(peaks))
-    if math.isfinite(first) and peaks[worst] > GROWTH * first:
+    if math.isfinite(first) and peaks[worst] > MAX_AMPLIFICATION_RATIO * first:
         last = f"{mission.followers[worst]}, {mission.graph.depths[1 + worst]} hops from the leader"
         times = f"{peaks[worst] / first:.1f} times as much as the first"
         found.append(

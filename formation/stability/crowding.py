@@ -1,4 +1,4 @@
-"""Whether slots and starts leave room for what the collision filter keeps between bodies."""
+"""Check that slots and starts leave the room that the collision filter keeps between bodies."""
 
 from __future__ import annotations
 
@@ -6,18 +6,27 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from formation.avoidance import AGEING, LAG, PASSING, RETREAT, SHARPER, Manners, front, heading_doubt
-from formation.figure import Figure
-from formation.mission import Mission
-from formation.plane import unit
-from formation.stability.spacing import too_close
+from formation.control.avoidance import (
+    AGE_WEIGHT,
+    HEADING_GAIN_RATIO,
+    LAG_WEIGHT,
+    MAX_PASSING_RATE,
+    MAX_RETREAT_SHARE,
+    AvoidanceParameters,
+    front,
+    heading_doubt,
+)
+from formation.control.plane import unit
+from formation.mission.model import Mission
+from formation.mission.spacing import too_close
+from formation.slots.shape import PlacedShape
 
-ROUNDING = 1e-6
-"""Slots stand in a mission to so many metres: what misses a bound by less is on it."""
+BOUND_TOLERANCE = 1e-6
+"""Tolerance of bounds [m], as a mission gives slots with few digits."""
 
 
-WAY_STEP = 0.001
-"""In such steps it is looked how far a robot must go [m]."""
+DISTANCE_STEP = 0.001
+"""Step of the search for a travelled distance [m]."""
 
 
 class Room(NamedTuple):
@@ -33,7 +42,7 @@ class Room(NamedTuple):
 
 
 def problems(mission: Mission) -> Iterator[str]:
-    """Bodies that would be nearer to each other than the margin, of which one minds the other."""
+    """Bodies that would be nearer to each other than the margin, of which one avoids the other."""
     if mission.collisions.mode != "on":
         return
     tight = [room for shape in mission.shapes for room in _tight(mission, shape)]
@@ -48,7 +57,7 @@ def problems(mission: Mission) -> Iterator[str]:
 
 
 def warnings(mission: Mission) -> Iterator[str]:
-    """Robots that the filter keeps off their slots: it wants more room than bodies need."""
+    """Robots that the filter keeps off their slots, because it needs more room than bodies do."""
     if mission.collisions.mode != "on":
         return
     rooms = [room for shape in mission.shapes for room in rooms_of(mission, shape)]
@@ -64,21 +73,21 @@ def warnings(mission: Mission) -> Iterator[str]:
 
 
 def rooms_of(mission: Mission, shape: str) -> Iterator[Room]:
-    """Of each robot and whom it minds: the greatest margin at which it may go straight on as its leader does.
+    """For each robot and each that it avoids: the greatest margin at which it may move as its leader does.
 
-    That is `formation.avoidance`: the brake wants room for the time that a command lasts, and the half-plane
-    is around the front of the body. Whom no margin would hold back has none.
+    These are the limits of `formation.control.avoidance`: the brake needs room for the time that a command
+    lasts, and the half-plane is around the front of the body. Pairs that no margin limits are omitted.
     """
-    figure = Figure.first(mission)._replace(mix=((shape, 1.0),))
-    slots = {name: figure.slot(mission, name) / mission.leader_heading for name in mission.followers}
+    placed_shape = PlacedShape.first(mission)._replace(mix=((shape, 1.0),))
+    slots = {name: placed_shape.slot(mission, name) / mission.leader_heading for name in mission.followers}
     speed = max(leg.speed for leg in mission.route)
     for name in mission.followers:
         me = mission.robots[name]
-        hold = me.longest_command + LAG * mission.collisions.lag
+        hold = me.longest_command + LAG_WEIGHT * mission.collisions.lag
         if me.measurement == "network":
-            hold += AGEING * mission.collisions.delay
-        lever = front(Manners(me.radius, 0.0, hold), me.limits)
-        for other in mission.minded(name):
+            hold += AGE_WEIGHT * mission.collisions.delay
+        lever = front(AvoidanceParameters(me.radius, 0.0, hold), me.limits)
+        for other in mission.avoided_by(name):
             spec, away = mission.robots[other], slots[other] - slots[name] + me.control_point_offset
             radii = me.radius + spec.radius
             if me.measurement == "local":  # a sensor sees control points, and bodies anywhere around these
@@ -89,27 +98,29 @@ def rooms_of(mission: Mission, shape: str) -> Iterator[Room]:
             braked = bounded = math.inf
             if ahead > 0.0:
                 braked = abs(away) - radii - 2.0 * hold * ahead
-            if towards > -RETREAT * me.max_speed:  # or else it leaves faster than anybody has to
-                passing = 0.0 if mission.has_right_of_way(other, name) else towards / PASSING
+            if (
+                towards > -MAX_RETREAT_SHARE * me.max_speed
+            ):  # otherwise it leaves faster than any robot has to
+                passing = 0.0 if mission.has_right_of_way(other, name) else towards / MAX_PASSING_RATE
                 bounded = abs(away - lever) - lever - radii - passing
             if math.isfinite(least := min(braked, bounded)):
                 yield Room(least, abs(slots[other] - slots[name]), shape, name, other)
 
 
 def _tight(mission: Mission, shape: str) -> Iterator[Room]:
-    """Bodies that overlap are a problem of their own."""
+    """The room of each pair nearer than the margin; bodies that overlap are reported separately."""
     names, margin = mission.followers, mission.collisions.room
-    minded = {name: set(mission.minded(name)) for name in names}
+    avoided = {name: set(mission.avoided_by(name)) for name in names}
     radii = [mission.robots[name].radius for name in names]
-    wide = [radius + 0.5 * (margin + ROUNDING) for radius in radii]
+    wide = [radius + 0.5 * (margin + BOUND_TOLERANCE) for radius in radii]
     for i, j, distance in too_close([mission.slot(name, shape) for name in names], wide):
         first, second, room = names[i], names[j], distance - radii[i] - radii[j]
-        if room > 0.0 and (first in minded[second] or second in minded[first]):
+        if room > 0.0 and (first in avoided[second] or second in avoided[first]):
             yield Room(room, distance, shape, first, second)
 
 
 def _named(mission: Mission) -> str:
-    """The room that is kept, and which keys of the mission it comes from."""
+    """The required room, and the keys of the mission that determine it."""
     rules = mission.collisions
     if rules.room > rules.margin:
         return f"collisions.noise = {rules.noise:g} m, which takes a margin of {rules.room:.3g} m"
@@ -117,12 +128,12 @@ def _named(mission: Mission) -> str:
 
 
 def _floored(margin: float) -> float:
-    """Rounded down to a tenth of a millimetre, where so much is left."""
-    return math.floor((margin + ROUNDING) * 1e4) / 1e4 or margin
+    """Round down to a tenth of a millimetre, unless that gives zero."""
+    return math.floor((margin + BOUND_TOLERANCE) * 1e4) / 1e4 or margin
 
 
 def starts(mission: Mission) -> Iterator[str]:
-    """Starts too near to each other for the filter to let robots find out their headings."""
+    """Starts too near to each other for robots to learn their headings under the filter."""
     if mission.collisions.mode != "on":
         return
     tight = []
@@ -130,13 +141,13 @@ def starts(mission: Mission) -> Iterator[str]:
         me = mission.robots[name]
         if me.heading == "measured" or me.measurement == "local":
             continue
-        sharper = SHARPER if me.localisation == "odometry" else 1.0
+        sharper = HEADING_GAIN_RATIO if me.localisation == "odometry" else 1.0
         learning = _learning_way(sharper * mission.law.observer_gain, mission.collisions.noise)
         needed = mission.collisions.blind + 2.0 * learning
-        for other in mission.minded(name):
+        for other in mission.avoided_by(name):
             spec = mission.robots[other]
             gap = abs(spec.start.position - me.start.position) - me.radius - spec.radius
-            if gap < needed - ROUNDING and (gap, needed, other, name) not in tight:
+            if gap < needed - BOUND_TOLERANCE and (gap, needed, other, name) not in tight:
                 tight.append((gap, needed, name, other))
     if not tight:
         return
@@ -151,8 +162,8 @@ def starts(mission: Mission) -> Iterator[str]:
 
 
 def _learning_way(gain: float, noise: float) -> float:
-    """How far a robot must go until it knows on which side of it another robot is [m]."""
-    way = 0.0
-    while heading_doubt(way, gain, noise) >= 0.5 * math.pi:
-        way += WAY_STEP
-    return way
+    """Distance after which a robot knows on which side of it another robot is [m]."""
+    distance = 0.0
+    while heading_doubt(distance, gain, noise) >= 0.5 * math.pi:
+        distance += DISTANCE_STEP
+    return distance

@@ -1,6 +1,7 @@
-"""What a mission asks of its robots, against what they can do; each check yields sentences.
+"""What a mission requires of its robots, compared with their limits; each check yields sentences.
 
-A problem is what no tuning of the law can mend; a warning is what works, but not well.
+A problem is a fault that no tuning of the law can correct; a warning is one that allows driving, but not
+well.
 """
 
 from __future__ import annotations
@@ -8,20 +9,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from formation.figure import Figure
-from formation.graph import Graph
-from formation.intent import swings_too_fast
-from formation.legs import Circle
-from formation.mission import Mission
+from formation.mission.graph import Graph
+from formation.mission.legs import Circle
+from formation.mission.model import Mission
+from formation.mission.spacing import too_close
 from formation.simulation.body import Body
-from formation.stability.spacing import too_close
+from formation.slots.shape import PlacedShape
+from formation.stability.intent import swings_too_fast
 
-RESERVE = 0.8
+LEADER_SPEED_SHARE = 0.8
 """Share of a follower's top speed that the leader may use without a warning."""
 
 
 def problems(mission: Mission) -> Iterator[str]:
-    """What cannot work."""
+    """Faults with which the mission cannot work."""
     yield from _too_fast(mission)
     yield from _too_tight(mission)
     yield from _slots_touch(mission)
@@ -29,7 +30,7 @@ def problems(mission: Mission) -> Iterator[str]:
 
 
 def warnings(mission: Mission) -> Iterator[str]:
-    """What will not work well."""
+    """Faults with which it will not work well."""
     yield from _little_reserve(mission)
     yield from _weaker_body(mission)
 
@@ -45,12 +46,12 @@ def unreachable(graph: Graph, names: tuple[str, ...]) -> dict[str, str]:
                     found.add(j)
                     waiting.append(j)
         others = ", ".join(names[j] for j in sorted(found - {i}))
-        reasons[names[i]] = f"its neighbours lead only to {others}" if others else "it measures nobody"
+        reasons[names[i]] = f"its neighbours lead only to {others}" if others else "it measures no robot"
     return reasons
 
 
 def _limits(mission: Mission, name: str) -> tuple[float, float]:
-    """What a follower can do, by its own limits and by the simulated robot's [m/s], [rad/s]."""
+    """Limits of a follower, by the mission and by the simulated robot [m/s], [rad/s]."""
     robot, body = mission.robots[name], Body.of(mission.simulated_robot)
     return min(robot.max_speed, body.max_speed), min(robot.max_turn_rate, body.max_turn_rate)
 
@@ -103,7 +104,7 @@ def _slots_touch(mission: Mission) -> Iterator[str]:
 def _swing_too_fast(mission: Mission) -> Iterator[str]:
     """Shapes that turn with the leader, on the circles of its route."""
     for shape in mission.shapes:
-        why = swings_too_fast(mission, Figure(((shape, 1.0),)), mission.route)
+        why = swings_too_fast(mission, PlacedShape(((shape, 1.0),)), mission.route)
         if why is not None:
             yield f"shapes.{shape}: {why}"
 
@@ -111,7 +112,7 @@ def _swing_too_fast(mission: Mission) -> Iterator[str]:
 def _little_reserve(mission: Mission) -> Iterator[str]:
     fastest = max(leg.speed for leg in mission.route)
     slow = [name for name in mission.followers if _limits(mission, name)[0] > fastest]
-    slow = [name for name in slow if fastest > RESERVE * _limits(mission, name)[0]]
+    slow = [name for name in slow if fastest > LEADER_SPEED_SHARE * _limits(mission, name)[0]]
     if slow:
         limit = min(_limits(mission, name)[0] for name in slow)
         yield (

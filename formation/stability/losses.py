@@ -1,10 +1,10 @@
-"""Robots that are lost: whom can the others still follow?
+"""Lost robots, and which robots the others can still follow.
 
-A robot follows those of its neighbours that can be followed, or else its fallbacks. Who has neither holds,
-says so, and is lost to others in turn. A neighbour is worth following only if it comes to know where the
-leader goes without me: two robots that follow each other and nobody else stay together, but drive anywhere.
-An agent knows the mission and whom of its own it has lost, and goes by `leads`; `losing` puts together what
-all of them do.
+A robot follows the usable ones of its neighbours, or else its fallbacks. A robot with neither holds,
+reports it, and is lost to others in turn. A neighbour is usable only if its path to the leader avoids the
+robot that follows it: two robots that follow only each other stay together, but drive anywhere. An agent
+knows the mission and its own lost neighbours, and uses `leads`; `losing` combines the behaviour of all
+agents.
 """
 
 from __future__ import annotations
@@ -12,22 +12,22 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator
 from typing import NamedTuple
 
-from formation.mission import Mission
+from formation.mission.model import Mission
 
 
 class Loss(NamedTuple):
-    """What comes of a loss."""
+    """Effect of a loss."""
 
     holding: tuple[str, ...]
-    """Who has nobody left to follow."""
+    """Robots that hold, because none is left to follow."""
     instead: dict[str, tuple[str, ...]]
-    """Who goes on by its fallbacks, and by which."""
+    """Robots that continue with fallbacks, and these."""
 
 
 def leads(mission: Mission, other: str, robot: str, lost: Collection[str]) -> bool:
-    """Whether `other` follows the leader by a way on which is neither `robot` nor any of its `lost`.
+    """Whether `other` follows the leader on a path without `robot` and without any of its `lost`.
 
-    Whether the leader itself is lost is not seen from who is silent, but from its beat.
+    A lost leader is recognised by its beat, not by silence.
     """
     gone = set(lost) - {mission.leader}
     while more := {name for name in mission.followers if name not in gone and name != robot} & {
@@ -42,13 +42,13 @@ def leads(mission: Mission, other: str, robot: str, lost: Collection[str]) -> bo
         if name not in seen:
             seen.add(name)
             spec = mission.robots[name]
-            # a fallback counts for who certainly has to take it
+            # a fallback counts only if it is certainly used
             waiting += spec.measurable if gone.issuperset(spec.neighbours) else spec.neighbours
     return False
 
 
 def followed(mission: Mission, robot: str, lost: Iterable[str]) -> tuple[str, ...]:
-    """Whom `robot` follows when these are lost, of all whom it may measure; nobody if it holds."""
+    """The robots that `robot` follows when these are lost, of all that it may measure; empty if it holds."""
     spec = mission.robots[robot]
     gone = set(lost).intersection(spec.measurable)
     missing = gone.intersection(spec.neighbours)
@@ -62,7 +62,7 @@ def followed(mission: Mission, robot: str, lost: Iterable[str]) -> tuple[str, ..
 
 
 def losing(mission: Mission, lost: str) -> Loss:
-    """What the others do when the robot `lost` is lost; for the leader, when nobody takes its place."""
+    """What the others do when the robot `lost` is lost; for the leader, if no standby replaces it."""
     if lost == mission.leader or _no_majority(mission):
         return Loss(tuple(name for name in mission.followers if name != lost), {})
     gone, waiting = {lost}, [lost]
@@ -87,7 +87,7 @@ def losses(mission: Mission) -> dict[str, Loss]:
 
 
 def useless_fallbacks(mission: Mission) -> Iterator[str]:
-    """Sentences about fallbacks that never help, whoever is lost."""
+    """Sentences about fallbacks that help in no loss."""
     for name in mission.followers:
         spec = mission.robots[name]
         for other in spec.fallback_neighbours:
@@ -103,5 +103,5 @@ def _measuring(mission: Mission, other: str) -> set[str]:
 
 
 def _no_majority(mission: Mission) -> bool:
-    """Whether who leads needs the voice of every single follower."""
+    """Whether a leader needs the vote of every single follower."""
     return bool(mission.standbys) and len(mission.followers) <= 2

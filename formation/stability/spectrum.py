@@ -17,9 +17,9 @@ from collections import deque
 
 import numpy as np
 
-from formation.arrays import ComplexArray, FloatArray
-from formation.edges import Edges
-from formation.graph import Graph, cyclic_core
+from formation.control.arrays import ComplexArray, FloatArray
+from formation.mission.graph import Graph, cyclic_core
+from formation.simulation.edges import Edges
 
 
 def laplacian(graph: Graph) -> ComplexArray:
@@ -37,7 +37,7 @@ def poles(mu: ComplexArray, k_p: float, k_i: float) -> ComplexArray:
     if k_i == 0.0:
         return -k_p * mu
     root = np.sqrt((k_p * mu) ** 2 - 4.0 * k_i * mu)
-    # the sign that adds up, then Vieta for the other: no cancellation
+    # the sign without cancellation, then Vieta for the other root
     root = np.where((k_p * mu * root.conjugate()).real < 0.0, -root, root)
     fast = -0.5 * (k_p * mu + root)
     return np.concatenate([fast, k_i * mu / fast])
@@ -59,7 +59,7 @@ def sampled_radii(mu: ComplexArray, k_p: float, k_i: float, period: float) -> Fl
 
     One mode is δ ← δ - T μ (k_P δ + k_I ξ), ξ ← ξ + T δ.
     """
-    if k_i == 0.0:  # δ goes by itself
+    if k_i == 0.0:  # δ is independent of ξ
         return np.abs(1.0 - k_p * mu * period)
     trace = 2.0 - k_p * mu * period
     root = np.sqrt(trace**2 - 4.0 * (1.0 - k_p * mu * period + k_i * mu * period**2))
@@ -82,7 +82,7 @@ def feed_forward_poles(graph: Graph, k_p: float, k_i: float, time_constant: floa
     estimate = motion / time_constant
     estimate[:, 2 * count :] -= np.eye(count) / time_constant
     loop = np.vstack([motion, integral, estimate])
-    if k_i == 0.0:  # nothing goes by the integral
+    if k_i == 0.0:  # no integral
         moving = np.r_[:count, 2 * count : 3 * count]
         loop = loop[np.ix_(moving, moving)]
     values: ComplexArray = np.linalg.eigvals(loop).astype(np.complex128)
@@ -90,7 +90,7 @@ def feed_forward_poles(graph: Graph, k_p: float, k_i: float, time_constant: floa
 
 
 def delay_margin(mu: ComplexArray, k_p: float, k_i: float) -> float:
-    """How late the whole measurement may be before the PI loop oscillates [s]; 0 if it is unstable as it is.
+    """Greatest delay of the whole measurement before the PI loop oscillates [s]; 0 if it is unstable.
 
     λ² + (k_P λ + k_I) μ e^{-λτ} has a root iω where ω⁴ = |μ|² (k_P² ω² + k_I²), and there
     ωτ = arg μ + atan(k_P ω / k_I). The smallest over all μ counts.

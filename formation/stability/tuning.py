@@ -1,7 +1,7 @@
-"""Which gains a mission's graph bears while it drives: what an operator may tune, and what not.
+"""Gains that are stable for a mission's graph, and so may be tuned by an operator while it drives.
 
-The same conditions as of `formation check`, each with the eigenvalue that breaks it and the gain that would
-not:
+The same conditions as of `formation check`, each with the eigenvalue that violates it and the gain that
+would not:
 
 | condition | for | |
 |---|---|---|
@@ -9,8 +9,8 @@ not:
 | sampled | every μ, at the slowest follower's rate | `spectrum.sampled_radius` < 1 |
 | fed forward | the cyclic core, if velocities are fed forward | `spectrum.feed_forward_poles` left of 0 |
 
-The first is a half-plane in (ln k_P, ln k_I) for each μ, so gains that go straight from one stable point to
-another in these coordinates are stable all the way: so `agent.tuning` ramps them.
+The first is a half-plane in (ln k_P, ln k_I) for each μ, so gains on a straight line from one stable point
+to another in these coordinates are stable: this is how `formation.agent.following.gains` ramps them.
 """
 
 from __future__ import annotations
@@ -21,46 +21,48 @@ from typing import NamedTuple
 
 import numpy as np
 
-from formation.arrays import ComplexArray
-from formation.graph import cyclic_core
-from formation.mission import Mission
-from formation.order import LEAST_GAIN, MOST_GAIN, Tuned
+from formation.control.arrays import ComplexArray
+from formation.mission.graph import cyclic_core
+from formation.mission.model import Mission
+from formation.protocol.order import MAX_GAIN, MIN_GAIN, Tuned
 from formation.stability import spectrum
 
-STEP = 1.3
-"""Legal gains are looked for by so large a factor, …"""
-HALVINGS = 16
-"""… and then by so many halvings between one that is legal and one that is not."""
-LARGEST = 32
-"""For a cyclic core of more robots poles with velocities fed forward are not looked for so often: meanwhile
-the leader leads nobody."""
+GAIN_STEP_FACTOR = 1.3
+"""Factor between the steps of the search for legal gains."""
+HALVING_COUNT = 16
+"""Number of halvings between a legal and an illegal gain that follow."""
+MAX_CORE_SIZE = 32
+"""Size of a cyclic core above which the search for legal gains omits the poles with velocities fed forward:
+it takes long, and the leader does not lead meanwhile."""
 
 
 class _Fault(NamedTuple):
-    """What breaks a condition."""
+    """The violation of a condition."""
 
     why: str
     what: str
-    """The eigenvalue or pole, as it is said."""
+    """The eigenvalue or pole, in words."""
     first: str
-    """The gain that is rather to be another."""
+    """The gain to change first."""
 
 
 _Condition = Callable[[Mission, ComplexArray, Tuned], _Fault | None]
 
 
-def refusal(mission: Mission, wanted: Tuned, asked: tuple[str, ...] = ("k_p", "k_i")) -> str | None:
-    """Why these gains would not do, with the eigenvalue and the legal range; None if they would.
+def refusal(mission: Mission, wanted: Tuned, requested: tuple[str, ...] = ("k_p", "k_i")) -> str | None:
+    """Why these gains are refused, with the eigenvalue and the legal range; None if they are legal.
 
-    `asked`: which of them were asked for; if there is a choice, the range is of one of these.
+    `requested`: the requested ones; if there is a choice, the range is of one of these.
     """
     for name, value in (("k_p", wanted.k_p), ("k_i", wanted.k_i)):
         without = name == "k_i" and value == 0.0
-        if not (without or LEAST_GAIN <= value <= MOST_GAIN):
-            return f"{name} = {value:g}: must be from {LEAST_GAIN:g} to {MOST_GAIN:g}"
+        if not (without or MIN_GAIN <= value <= MAX_GAIN):
+            return f"{name} = {value:g}: must be from {MIN_GAIN:g} to {MAX_GAIN:g}"
+    if not mission.law.controller.integral:
+        wanted = wanted.model_copy(update={"k_i": 0.0})
     mu = spectrum.laplacian(mission.graph)
     cheap: tuple[_Condition, ...] = (_hurwitz, _sampled)
-    looked_at = cheap if len(cyclic_core(mission.graph)) > LARGEST else (*cheap, _fed_forward)
+    looked_at = cheap if len(cyclic_core(mission.graph)) > MAX_CORE_SIZE else (*cheap, _fed_forward)
 
     def legal(gains: Tuned) -> bool:
         return not any(condition(mission, mu, gains) for condition in looked_at)
@@ -68,7 +70,7 @@ def refusal(mission: Mission, wanted: Tuned, asked: tuple[str, ...] = ("k_p", "k
     for condition in (*cheap, _fed_forward):
         fault = condition(mission, mu, wanted)
         if fault is not None and condition in looked_at:
-            return _said(legal, fault, wanted, asked)
+            return _explained(legal, fault, wanted, requested)
         if fault is not None:
             return f"{wanted.words}: {fault.why}, {fault.what}; other gains are needed"
     return None
@@ -95,7 +97,7 @@ def _sampled(mission: Mission, mu: ComplexArray, gains: Tuned) -> _Fault | None:
 
 def _fed_forward(mission: Mission, _mu: ComplexArray, gains: Tuned) -> _Fault | None:
     law = mission.law
-    if law.kind != "field" or not law.feed_forward or not cyclic_core(mission.graph):
+    if not law.feeds_forward or not cyclic_core(mission.graph):
         return None
     poles = spectrum.feed_forward_poles(mission.graph, gains.k_p, gains.k_i, law.velocity_filter)
     if poles.real.max() < 0.0:
@@ -104,15 +106,17 @@ def _fed_forward(mission: Mission, _mu: ComplexArray, gains: Tuned) -> _Fault | 
     return _Fault("unstable with law.feed_forward", f"pole {spelled(worst)} 1/s", "k_i")
 
 
-def _said(legal: Callable[[Tuned], bool], fault: _Fault, wanted: Tuned, asked: tuple[str, ...]) -> str:
+def _explained(
+    legal: Callable[[Tuned], bool], fault: _Fault, wanted: Tuned, requested: tuple[str, ...]
+) -> str:
     """``k_i = 30: unstable, eigenvalue 0.5+0.87i needs k_i < 11.9 at k_p = 2``."""
-    for name in sorted(asked, key=lambda name: name != fault.first):
+    for name in sorted(requested, key=lambda name: name != fault.first):
         other = "k_p" if name == "k_i" else "k_i"
         bound = _nearest(legal, wanted, name)
         if bound is not None:
             needs = f"needs {name} {bound} at {other} = {getattr(wanted, other):g}"
             return f"{name} = {getattr(wanted, name):g}: {fault.why}, {fault.what} {needs}"
-    return f"{wanted.words}: {fault.why}, {fault.what}; no {' or '.join(asked)} will do without the other"
+    return f"{wanted.words}: {fault.why}, {fault.what}; no {' or '.join(requested)} will do without the other"
 
 
 def _nearest(legal: Callable[[Tuned], bool], wanted: Tuned, name: str) -> str | None:
@@ -124,25 +128,25 @@ def _nearest(legal: Callable[[Tuned], bool], wanted: Tuned, name: str) -> str | 
     def fits(other: float) -> bool:
         return legal(wanted.model_copy(update={name: other}))
 
-    steps = math.ceil(math.log(MOST_GAIN / LEAST_GAIN, STEP))
+    steps = math.ceil(math.log(MAX_GAIN / MIN_GAIN, GAIN_STEP_FACTOR))
     for step in range(1, steps + 1):
-        for sign, ends in ((-1, value > LEAST_GAIN), (1, value < MOST_GAIN)):
-            tried = min(max(value * STEP ** (sign * step), LEAST_GAIN), MOST_GAIN)
+        for sign, ends in ((-1, value > MIN_GAIN), (1, value < MAX_GAIN)):
+            tried = min(max(value * GAIN_STEP_FACTOR ** (sign * step), MIN_GAIN), MAX_GAIN)
             if ends and fits(tried):
                 return ("< " if sign < 0 else "> ") + _inside(_edge(fits, tried, value), sign)
     return None
 
 
 def _edge(fits: Callable[[float], bool], legal: float, illegal: float) -> float:
-    """Where legal values end between the two; itself legal."""
-    for _ in range(HALVINGS):
+    """Last legal value between the two."""
+    for _ in range(HALVING_COUNT):
         middle = math.sqrt(legal * illegal)
         legal, illegal = (middle, illegal) if fits(middle) else (legal, middle)
     return legal
 
 
 def _inside(edge: float, sign: int) -> str:
-    """Three figures, rounded to the legal side."""
+    """Three digits, rounded towards the legal side."""
     unit = 10.0 ** (math.floor(math.log10(edge)) - 2)
     rounded = (math.floor if sign < 0 else math.ceil)(edge / unit) * unit
     return f"{rounded:.3g}"

@@ -1,1 +1,1 @@
-"""Buses, processes and links: all of formation that touches a clock, a socket or Zenoh."""
+"""Buses, processes and links: all code of formation that uses a clock, a socket or Zenoh."""

@@ -1,9 +1,9 @@
-"""An operator's word to robots: put to each until it has answered.
+"""An operator's request to robots, repeated to each until it has answered.
 
-The command line and the live page give their orders through this and nothing else.
+The command line and the live page send their requests only through this module.
 
-A question is put again and again without waiting for the answers to the one before, so each robot hears it as
-soon as it is linked: nobody waits for one that cannot be reached, or that is linked and says nothing.
+A question is repeated without waiting for the answers to the one before, so each robot receives it as soon
+as it is linked: no robot waits for one that is unreachable or silent.
 """
 
 from __future__ import annotations
@@ -16,65 +16,67 @@ from typing import Any, Protocol, get_args
 
 from pydantic import ValidationError
 
-from formation import intent, order
-from formation.mission import Mission
-from formation.order import MAX_ENDED, MAX_REQUEST, TAKES, Do, OperatorReply, OperatorRequest
-from formation.outcome import Answer, Asked, Outcome
+from formation.mission.model import Mission
+from formation.protocol import order
+from formation.protocol.order import MAX_ENDED, MAX_REQUEST_BYTES, TAKES, Do, OperatorReply, OperatorRequest
+from formation.protocol.outcome import Answer, Outcome, Recipients
+from formation.stability import intent
 from formation.topics import ORDER
 from formation.transport.question import Reply
 from formation.wire import BadMessage
 
 OPERATOR = "operator"
-"""What whoever gives orders is called, in certificates too."""
+"""Name of the operator, in certificates too."""
 EVERYONE = ("stop", "hold", "release", "run")
-"""Told to each robot directly; all else is the leader's, whose order travels with the positions."""
+"""Requests sent to each robot directly; all others go to the leader, which puts them into its orders."""
 ENDING = ("release", "run")
-"""These name what they end, so that is asked for first."""
-LEARNING = 1.0
-"""How long all have to say what is in force, once somebody has [s]."""
-ROUND = 0.5
-"""How long a question waits for its answer before it is put again [s]."""
-AGAIN = 0.02
-"""When a question is put again that reached nobody, or was answered by one who does not lead [s]."""
+"""Requests that name what they end, so that is queried first."""
+LEARNING_TIME = 1.0
+"""Time for all robots to report what is in force, after the first has [s]."""
+MAX_ROUND_TIME = 0.5
+"""Longest wait of a question for its answer before it is repeated [s]."""
+REPEAT_PAUSE = 0.02
+"""Time after which a question is repeated that reached no robot, or only standbys [s]."""
 LONGEST_PAUSE = 0.05
-"""So soon another follows one that somebody has not answered [s]."""
+"""Longest time after which an unanswered question is repeated [s]."""
 LINKING_PAUSE = 0.12
-"""The same where links are counted: questions put while links are being made slow the linking [s]."""
-LINKED_FOR = 0.03
-"""Where no link has been added for so long, those that there are count as all that can be made [s]."""
-LOOK = 0.002
-"""How often we look for answers [s]; each has the time at which it came."""
-LINGER = 0.1
-"""How long the others who may lead have to answer once all that count have [s]."""
+"""The same if links are counted: questions sent while links are being made slow the linking [s]."""
+LINKS_STABLE_TIME = 0.03
+"""Time without a new link after which the existing ones count as all [s]."""
+CHECK_PERIOD = 0.002
+"""Period of checks for answers [s]; each has its own time of arrival."""
+LINGER_TIME = 0.1
+"""Time for the other candidates to answer after all required robots have [s]."""
 _CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
-"""Goes on while a laptop sleeps, so that what it puts after that is as old as it is."""
+"""Continues while a laptop sleeps, so that the age of a later request is right."""
 
 
 class Question(Protocol):
-    """One that was put: `formation.transport.question.Question`."""
+    """A question that was sent: `formation.transport.question.Question`."""
 
     @property
     def replies(self) -> Sequence[Reply]:
-        """Those that have come so far."""
+        """Answers so far."""
 
     @property
     def over(self) -> bool:
-        """Whether no more will come."""
+        """Whether no more answers will come."""
 
 
 Put = Callable[[str, bytes, float], Question]
 """`formation.transport.bus.Bus.question`."""
 
 
-def addressed(mission: Mission, do: str) -> Asked:
-    """Who is asked to `do` it."""
-    return Asked(mission.candidates, mission.followers if do in EVERYONE else ())
+def addressed(mission: Mission, do: str) -> Recipients:
+    """The processes that must answer the request `do`."""
+    return Recipients(mission.candidates, mission.followers if do in EVERYONE else ())
 
 
 def request_for(mission: Mission, do: str, **what: Any) -> OperatorRequest:
-    """A request with an id of its own. Raises ValueError for what cannot be asked; it names what can be.
+    """A request with its own id. Raises ValueError for an invalid one; the text names the legal ones.
 
-    `what` belongs to it, as `formation.order.TAKES` has it. Who leads may refuse more: he knows the figure.
+    `what` are its fields, see `formation.protocol.order.TAKES`. The leader may refuse more, as it knows
+    the figure.
     """
     legal = [one for one in get_args(Do) if one != "query"]
     if do not in legal:
@@ -91,54 +93,56 @@ def request_for(mission: Mission, do: str, **what: Any) -> OperatorRequest:
         raise ValueError(f"{do}: {_plain(error)}") from None
     if why := intent.refusal(mission, request):
         raise ValueError(why)
-    if len(order.encode(request)) > MAX_REQUEST:
-        raise ValueError(f"{do}: too long, at most {MAX_REQUEST} bytes are sent")
+    if len(order.encode(request)) > MAX_REQUEST_BYTES:
+        raise ValueError(f"{do}: too long, at most {MAX_REQUEST_BYTES} bytes are sent")
     return request
 
 
 def give(
     put: Put,
-    asked: Asked,
+    recipients: Recipients,
     request: OperatorRequest,
     seconds: float,
     over: Callable[[], bool] = lambda: False,
     linked: Callable[[], int] | None = None,
 ) -> Outcome:
-    """Give an order as `ask` does; one that ends a stop or a hold first learns which are in force.
+    """Send a request as `ask` does; one that ends a stop or a hold first queries which are in force.
 
-    A robot that does not say so in time may have another one, and then keeps it. That a stop never waits for
-    this costs a release at most `LEARNING` more.
+    A robot that does not report it in time may have another one, and then keeps it. A stop never waits for
+    this; a release takes at most `LEARNING_TIME` longer.
     """
     if request.do not in ENDING:
-        return ask(put, asked, request, seconds, over, linked)
+        return ask(put, recipients, request, seconds, over, linked)
     query, began = OperatorRequest(do="query"), _now()
-    known = ask(put, asked, query, min(LEARNING, seconds), over, linked)
+    known = ask(put, recipients, query, min(LEARNING_TIME, seconds), over, linked)
     while not (known.answers or over() or _now() - began >= seconds):
-        known = ask(put, asked, query, min(LEARNING, seconds), over, linked)
+        known = ask(put, recipients, query, min(LEARNING_TIME, seconds), over, linked)
     if over() or not known.answers:
-        return Outcome(request, asked, {}, known.at, seconds)
+        return Outcome(request, recipients, {}, known.at, seconds)
     field = "stop" if request.do == "release" else "hold"
     ids = Counter(getattr(answer.reply, field) for answer in known.answers.values())
     ends = tuple(name for name, _ in ids.most_common() if name)[:MAX_ENDED]
-    return ask(put, asked, request.model_copy(update={"ends": ends}), seconds, over, linked)
+    return ask(put, recipients, request.model_copy(update={"ends": ends}), seconds, over, linked)
 
 
 def ask(
     put: Put,
-    asked: Asked,
+    recipients: Recipients,
     request: OperatorRequest,
     seconds: float,
     over: Callable[[], bool] = lambda: False,
     linked: Callable[[], int] | None = None,
 ) -> Outcome:
-    """Ask until everybody who counts has answered, for at most `seconds`; what came of it.
+    """Ask until all required robots have answered, for at most `seconds`; return the result.
 
-    A question reaches who is linked at that moment, and links take a moment, so it is put again and again:
-    by its id it is known as the same. Once it is `over` it is not put any more. `linked` counts the robots
-    that are linked; a question to all then waits for the first link, and is repeated when all are linked.
+    A question reaches the robots linked at that moment, and linking takes a moment, so it is repeated: its
+    id identifies it. After `over` it is not repeated. `linked` counts the linked robots; a question to all
+    then waits for the first link, and is repeated when all are linked.
     """
-    began, outcome = _now(), Outcome(request, asked, {}, time.time(), seconds)
-    talks = {key: _Talk(len(asked.names), linked if asked.each else None) for key in _keys(asked)}
+    began, outcome = _now(), Outcome(request, recipients, {}, time.time(), seconds)
+    talks = {
+        key: _Talk(len(recipients.names), linked if recipients.each else None) for key in _keys(recipients)
+    }
     settled = None
     while True:
         age = _now() - began
@@ -147,54 +151,59 @@ def ask(
                 _take(outcome, question.replies, put_at)
         if settled is None and not outcome.missing:
             settled = age
-        if outcome.whole or age >= seconds or over() or (settled is not None and age >= settled + LINGER):
+        if (
+            outcome.whole
+            or age >= seconds
+            or over()
+            or (settled is not None and age >= settled + LINGER_TIME)
+        ):
             return outcome
-        wanted = _keys(asked, outcome.unsettled)
+        wanted = _keys(recipients, outcome.unsettled)
         for key, talk in talks.items():
             if key in wanted and talk.due(age):
-                talk.put(put(key, _aged(request, age), min(seconds - age, ROUND)), age)
-        time.sleep(LOOK)
+                talk.put(put(key, _aged(request, age), min(seconds - age, MAX_ROUND_TIME)), age)
+        time.sleep(CHECK_PERIOD)
 
 
-def _keys(asked: Asked, of: Sequence[str] | None = None) -> list[str]:
-    """What to put a question on: one for everybody, or one for each of who may lead.
+def _keys(recipients: Recipients, of: Sequence[str] | None = None) -> list[str]:
+    """Keys of a question: one for all robots, or one for each candidate.
 
-    Not one for each of many: a robot whose link is being made is sent all of them, and its Zenoh answers what
-    is not for it on the very thread that sends, which a burst stops for seconds.
+    Not one for each of many: a robot with an unfinished link is sent all of them, and its Zenoh answers
+    those for others on the sending thread, which a burst blocks for seconds.
     """
-    if asked.each:
+    if recipients.each:
         return [ORDER.pattern.format(robot="*")]
-    return [ORDER.key(name) for name in (asked.candidates if of is None else of)]
+    return [ORDER.key(name) for name in (recipients.candidates if of is None else of)]
 
 
 class _Talk:
     """The questions on one key.
 
-    That one is not over does not mean that all have heard it: it may wait for somebody whose link is half
-    made. So another follows soon, and then less often.
+    An unfinished one need not have reached all: it may wait for a robot with an unfinished link. So
+    another follows soon, and then less often.
     """
 
     def __init__(self, expected: int, linked: Callable[[], int] | None) -> None:
-        """`expected` is how many answer on the key; `linked` counts the links, None where it is not known."""
+        """`expected` is the number of answers on the key; `linked` counts the links, None if unknown."""
         self._open: list[tuple[Question, float]] = []
-        self._newest, self._pause = -LINKING_PAUSE, AGAIN
+        self._newest, self._pause = -LINKING_PAUSE, REPEAT_PAUSE
         self._expected, self._linked = expected, linked
-        self._reached = 0  # links that there were when the newest question was put,
-        self._count, self._grew = 0, 0.0  # that there are, and when the newest of them was added [s]
+        self._reached = 0  # links when the newest question was sent,
+        self._count, self._grew = 0, 0.0  # present links, and when the newest of them was added [s]
 
     def due(self, age: float) -> bool:
-        """Whether to ask (again), so long [s] after the first question to anybody."""
+        """Whether to ask (again), at this time [s] after the first question of the request."""
         if self._linked is not None:
             return self._due_by_links(self._linked(), age)
-        heard_by_nobody = all(question.over for question, _ in self._open)
-        return age >= self._newest + (AGAIN if heard_by_nobody else self._pause)
+        all_over = all(question.over for question, _ in self._open)
+        return age >= self._newest + (REPEAT_PAUSE if all_over else self._pause)
 
     def _due_by_links(self, count: int, age: float) -> bool:
-        """At the first link, when no more are being made, and every `LINKING_PAUSE`."""
+        """At the first link, when links are complete, and every `LINKING_PAUSE`."""
         if count > self._count:
             self._grew = age
         self._count = count
-        complete = count >= self._expected or age >= self._grew + LINKED_FOR
+        complete = count >= self._expected or age >= self._grew + LINKS_STABLE_TIME
         added = self._reached == 0 or (count > self._reached and complete)
         due = count > 0 and (added or age >= self._newest + LINKING_PAUSE)
         if due:
@@ -202,31 +211,31 @@ class _Talk:
         return due
 
     def put(self, question: Question, age: float) -> None:
-        """It was asked."""
-        self._pause = min(2.0 * self._pause, LONGEST_PAUSE) if self._open else 2.0 * AGAIN
+        """Record that it was sent."""
+        self._pause = min(2.0 * self._pause, LONGEST_PAUSE) if self._open else 2.0 * REPEAT_PAUSE
         self._open.append((question, age))
         self._newest = age
 
     def open(self) -> list[tuple[Question, float]]:
-        """Questions and when they were put; each is there once more after it is over."""
-        told, self._open = self._open, [one for one in self._open if not one[0].over]
-        return told
+        """Questions and when they were sent; each is returned once more after it is over."""
+        questions, self._open = self._open, [one for one in self._open if not one[0].over]
+        return questions
 
 
 def _take(outcome: Outcome, replies: Sequence[Reply], put_at: float) -> None:
-    """Keep the first answer of each; of whoever may lead, the first in which it leads."""
-    for said, ms in _read(replies):
-        known = outcome.answers.get(said.robot)
-        waits = known is not None and known.reply.leads is False and said.leads is not False
-        if said.robot in outcome.asked.names and (known is None or waits):
-            outcome.answers[said.robot] = Answer(said, put_at * 1e3 + ms)
+    """Keep the first answer of each robot; of a candidate, the first in which it leads."""
+    for operator_reply, ms in _read(replies):
+        known = outcome.answers.get(operator_reply.robot)
+        waits = known is not None and known.reply.leads is False and operator_reply.leads is not False
+        if operator_reply.robot in outcome.recipients.names and (known is None or waits):
+            outcome.answers[operator_reply.robot] = Answer(operator_reply, put_at * 1e3 + ms)
 
 
 def _plain(error: ValidationError) -> str:
     first = error.errors(include_url=False, include_context=False)[0]
     where = ".".join(str(part) for part in first["loc"])
-    said = first["msg"].replace("Input should be", "must be")
-    return f"{where} = {first['input']!r}: {said}" if where else said
+    message = first["msg"].replace("Input should be", "must be")
+    return f"{where} = {first['input']!r}: {message}" if where else message
 
 
 def _now() -> float:
@@ -234,19 +243,21 @@ def _now() -> float:
 
 
 def _aged(request: OperatorRequest, age: float) -> bytes:
-    """The request as it is put when it is so old [s]: what is put again is older than 0, by `AGAIN` at least.
+    """Encode the request with its age [s]: a repeated one is older than 0, by `REPEAT_PAUSE` at least.
 
-    Who has obeyed a stop does so again only if it is new; who has not, however old it is.
+    A robot that has obeyed a stop does so again only if it is new; another one, however old it is.
     """
     return order.encode(request.model_copy(update={"age": round(age, 2)}))
 
 
 def _read(replies: Sequence[Reply]) -> Iterator[tuple[OperatorReply, float]]:
-    for reply in list(replies):  # more may come meanwhile
+    for reply in list(replies):  # more may arrive meanwhile
         try:
-            said = order.decode(OperatorReply, reply.payload)
+            operator_reply = order.decode(OperatorReply, reply.payload)
         except BadMessage:
-            continue  # whoever says that is no robot of ours
-        if reply.key == ORDER.key(said.robot):
-            reason = "".join(c if c.isprintable() else " " for c in said.reason)  # it goes to terminals
-            yield said.model_copy(update={"reason": reason}), reply.ms
+            continue  # not an answer of our robots
+        if reply.key == ORDER.key(operator_reply.robot):
+            reason = "".join(
+                c if c.isprintable() else " " for c in operator_reply.reason
+            )  # it is printed in terminals
+            yield operator_reply.model_copy(update={"reason": reason}), reply.ms

@@ -1,6 +1,6 @@
-"""The bus: one Zenoh session of a process. Nobody but this and `formation.transport.session` imports zenoh.
+"""The bus: one Zenoh session of a process. Only this module and `formation.transport.session` import zenoh.
 
-Zenoh's receive thread stamps what arrives and puts it into a mailbox; everything else happens on the main
+Zenoh's receive thread stamps each message and puts it into a mailbox; everything else happens on the main
 thread. A process with several buses has one mailbox for them all.
 """
 
@@ -18,10 +18,10 @@ import zenoh
 
 from formation.topics import Topic
 from formation.transport.bus_config import THREADS, BusConfig, BusError
-from formation.transport.clock import monotonic, wall
-from formation.transport.heap import share_one_heap
 from formation.transport.mailbox import Handler, Mailbox
 from formation.transport.question import Question, Reply
+from formation.transport.runtime.clock import monotonic, wall
+from formation.transport.runtime.heap import share_one_heap
 from formation.transport.session import closed, named, opened, refusals_of, setting, settings_of
 from formation.wire import Outgoing, Sample
 
@@ -33,17 +33,17 @@ _PRIORITY = {
     "background": zenoh.Priority.BACKGROUND,
 }
 _CONGESTION = {False: zenoh.CongestionControl.DROP, True: zenoh.CongestionControl.BLOCK}
-# What may be dropped goes by a link that drops, where there is one (an endpoint with ``?rel=0``): over TCP
-# what is lost comes later, and holds up for seconds what comes after it.
+# Messages that may be dropped use a link that drops, if there is one (an endpoint with ``?rel=0``): over TCP
+# lost data are resent, and delay all later messages for seconds.
 _RELIABILITY = {False: zenoh.Reliability.BEST_EFFORT, True: zenoh.Reliability.RELIABLE}
-CLOSE_LIMIT = 1.5
-"""How long `Bus.close` may take [s]: a little longer than the lease of a peer that hangs."""
+CLOSE_TIMEOUT_SECONDS = 1.5
+"""Longest duration of `Bus.close` [s]: a little longer than the lease of a peer that hangs."""
 _LEFT: list[threading.Thread] = []
 _log = logging.getLogger(__name__)
 
 
 def still_closing() -> bool:
-    """Whether a session is being closed in the background: an interpreter that ends just then may abort."""
+    """Whether a session is being closed in the background: an interpreter that exits meanwhile may abort."""
     return any(thread.is_alive() for thread in _LEFT)
 
 
@@ -55,7 +55,7 @@ class Bus:
     """
 
     def __init__(self, config: BusConfig, mailbox: Mailbox | None = None, *, capacity: int = 1024) -> None:
-        """Open the session. What arrives goes into `mailbox`, by default one of its own.
+        """Open the session. Messages go into `mailbox`, by default one of its own.
 
         `capacity` bounds the samples that wait there to be drained. Raises BusError.
         """
@@ -83,8 +83,8 @@ class Bus:
     def advertise(self, topic: Topic, key: str, *, waits: bool = False) -> None:
         """Declare that this process will publish `key`, with the topic's quality of service.
 
-        If it `waits`, publishing takes as long as the slowest listener that has not been given up: that is
-        for no process that steers anything.
+        If it `waits`, publishing takes as long as the slowest subscriber that has not been given up: not
+        for a process that controls anything.
         """
         if topic.qos is None:
             raise BusError(f"topic {topic.name!r} is a queryable: it is answered, not published")
@@ -100,7 +100,7 @@ class Bus:
             )
 
     def publish(self, key: str, payload: bytes, attachment: bytes | None = None) -> None:
-        """Send on an advertised key. Drops, and never waits for long, where the network does not keep up."""
+        """Publish on an advertised key. Drops, and never waits for long, if the network is too slow."""
         self._publisher(key).put(payload, attachment=attachment)
         self.published[key] += 1
 
@@ -110,8 +110,8 @@ class Bus:
             self.publish(out.key, out.payload, out.attachment)
 
     def watched(self, key: str) -> bool:
-        """Whether anybody subscribes to an advertised key right now."""
-        # The stub promises a bool; what comes is an object that is always true.
+        """Whether an advertised key has a subscriber now."""
+        # The stub promises a bool; the object returned is always true.
         return bool(self._publisher(key).matching_status.matching)  # type: ignore[attr-defined]
 
     def subscribe(
@@ -123,12 +123,12 @@ class Bus:
         others_only: bool = False,
         check: Callable[[Sample, float], Sample] | None = None,
     ) -> None:
-        """Have the samples of `key` put into the mailbox, as samples of `name` if that is given.
+        """Put the samples of `key` into the mailbox, as samples of `name` if that is given.
 
-        Wildcards are allowed; then each sample has the key that it was published on. With `wakes` false they
-        wait there until something else wakes whoever waits. ``check(sample, wall)`` marks each as it arrives,
-        on the receive thread, so that no step takes longer for it.
-        `others_only`: not what this session publishes.
+        Wildcards are allowed; then each sample has the key that it was published on. With `wakes` false
+        they wait there until something else wakes the main thread. ``check(sample, wall)`` marks each on
+        the receive thread, so that no step takes longer for it. `others_only`: not what this session
+        publishes.
         """
         fixed = name or ("" if "*" in key else key)
         put, received = self.mailbox.put, self.received
@@ -152,7 +152,7 @@ class Bus:
             )
 
     def claim(self, tokens: Iterable[str]) -> None:
-        """Hold exactly these liveliness tokens. Zenoh tells them again to whoever is linked later."""
+        """Hold exactly these liveliness tokens. Zenoh also sends them to sessions linked later."""
         wanted = dict.fromkeys(tokens)
         for token in [held for held in self._tokens if held not in wanted]:
             self._tokens.pop(token).undeclare()  # type: ignore[no-untyped-call]
@@ -168,31 +168,31 @@ class Bus:
 
     @property
     def refused(self) -> Counter[str]:
-        """What was refused to others so far, by kind; known only of a bus with access control."""
+        """Number of refused messages and links so far, by kind; only for a bus with access control."""
         return Counter() if self._refusals is None else self._refusals.counts
 
     @property
     def overflowed(self) -> int:
-        """Messages that were pushed out of the mailbox by newer ones before anybody drained them."""
+        """Messages that newer ones pushed out of the mailbox before they were drained."""
         return self.mailbox.overflowed
 
     @property
     def zid(self) -> str:
-        """What Zenoh calls this session."""
+        """Zenoh's id of this session."""
         return str(self._live.info.zid())
 
     @property
     def linked_routers(self) -> int:
-        """How many routers this session is linked with right now."""
+        """Number of routers that this session is linked with now."""
         return 0 if self._session is None else len(self._session.info.routers_zid())
 
     @property
     def links(self) -> int:
-        """How many peers and routers this session is linked with right now."""
+        """Number of peers and routers that this session is linked with now."""
         return self.linked_routers + (0 if self._session is None else len(self._session.info.peers_zid()))
 
     def drain(self) -> list[Sample]:
-        """All samples that wait, in order of arrival."""
+        """All waiting samples, in order of arrival."""
         return self.mailbox.drain()
 
     def wait(self, timeout: float) -> bool:
@@ -200,7 +200,7 @@ class Bus:
         return self.mailbox.wait(timeout)
 
     def wake(self) -> None:
-        """Have the current or next `wait` return at once. Safe in a signal handler."""
+        """Make the current or next `wait` return at once. Safe in a signal handler."""
         self.mailbox.wake()
 
     def answer(self, key: str, handler: Handler) -> None:
@@ -213,29 +213,29 @@ class Bus:
             self._live.declare_queryable(key, zenoh.handlers.Callback(receive, indirect=False))
 
     def serve(self) -> int:
-        """Answer the queries that wait; how many."""
+        """Answer the waiting queries; return their number."""
         return self.mailbox.serve()
 
     def ask(self, key: str, payload: bytes, timeout: float) -> list[Reply]:
-        """Query everybody who answers `key` (wildcards are allowed) and wait for all, at most `timeout` [s].
+        """Query all queryables of `key` (wildcards are allowed) and wait for all, at most `timeout` [s].
 
-        That is everybody linked whom this session has heard of by now, and who does not answer in time is
-        simply missing. Must not ask what this very process answers.
+        These are the ones linked and known to this session by now; those that do not answer in time are
+        missing. Must not query this very process.
         """
         question = self.question(key, payload, timeout)
         question.wait(timeout)
         return list(question.replies)
 
     def question(self, key: str, payload: bytes, timeout: float) -> Question:
-        """Put it as `ask` does, but wait for nobody.
+        """Send a query as `ask` does, but return at once.
 
-        Of two questions to the same robot it hears that first which was put first.
+        A robot receives two questions in the order in which they were sent.
         """
         question = Question()
 
         def receive(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
-                question.take(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
+                question.add_reply(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
 
         with named(key):
             self._live.get(
@@ -251,7 +251,7 @@ class Bus:
         return question
 
     def tokens(self, expression: str, timeout: float) -> list[str]:
-        """The liveliness tokens that match `expression` and that come in, at most `timeout` [s]."""
+        """The liveliness tokens that match `expression` and arrive within `timeout` [s]."""
         found: list[str] = []
         done = threading.Event()
 
@@ -266,19 +266,19 @@ class Bus:
         return list(found)
 
     def close(self) -> None:
-        """Send what was published and close the session, within `CLOSE_LIMIT`; twice does no harm."""
+        """Send what was published, close the session in `CLOSE_TIMEOUT_SECONDS`; may be called twice."""
         session, self._session = self._session, None
         if session is None:
             return
         self.mailbox.turn_away()
         # Zenoh waits up to 10 s for a peer that has stopped reading, or that it is dialling; a daemon thread
-        # does not keep us.
+        # does not delay the exit.
         closing = threading.Thread(target=closed, args=(session,), name="bus-close", daemon=True)
         closing.start()
-        closing.join(CLOSE_LIMIT)
+        closing.join(CLOSE_TIMEOUT_SECONDS)
         if closing.is_alive():
             _LEFT.append(closing)
-            _log.warning("the bus did not close within %g s: a peer does not answer", CLOSE_LIMIT)
+            _log.warning("the bus did not close within %g s: a peer does not answer", CLOSE_TIMEOUT_SECONDS)
 
     @property
     def _live(self) -> zenoh.Session:
@@ -297,7 +297,7 @@ class Bus:
 
 
 class _Query:
-    """A query of Zenoh's, as the mailbox keeps it."""
+    """A Zenoh query in the mailbox."""
 
     __slots__ = ("_key", "_query")
 

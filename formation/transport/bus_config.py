@@ -1,4 +1,4 @@
-"""How a process wants to be on the bus: the flags that Zenoh users know as one frozen value, and defaults."""
+"""Configuration of a process's bus: the flags known from Zenoh as one frozen value, and defaults."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ THREADS = (
     "(rx: (handover: app), acc: (handover: app), tx: (worker_threads: 1), net: (handover: app),"
     " app: (worker_threads: 1))"
 )
-"""``ZENOH_RUNTIME``: one thread that sends, and one for all else. At these rates more cost memory only.
+"""``ZENOH_RUNTIME``: one thread that sends, and one for all else. At these rates more only cost memory.
 
-On one thread alone Zenoh waits for itself: what it answers while it receives (questions that are for nobody
-here, and those about its admin space) needs a place among what is to be sent, and twenty at once find none.
-It, and whoever wants to publish, then stood still for seconds, until the link was given up.
+On one thread alone Zenoh waits for itself: its answers while it receives (to queries without a queryable,
+and about its admin space) need space in the send queue, and twenty at once find none. Zenoh, and every
+publishing thread, then blocked for seconds, until the link was given up.
 """
 
 DEFAULTS: tuple[tuple[str, str], ...] = (
     ("scouting/multicast/enabled", "false"),
     ("scouting/gossip/enabled", "false"),
     ("listen/endpoints", "[]"),  # Zenoh's own default accepts links on every interface
-    # Start at once, whether or not those to dial are there; dial the absent again for ever, after 0.2 to 1 s.
+    # Start at once, whether or not the peers to dial exist; dial missing ones for ever, after 0.2 to 1 s.
     ("open/return_conditions/connect_scouted", "false"),
     ("connect/retry", "{period_init_ms: 200, period_max_ms: 1000, period_increase_factor: 2}"),
-    # Who hangs or is unplugged is given up after the lease that it announced itself [ms].
+    # A peer that hangs or is unplugged is given up after its own lease, as announced [ms].
     ("transport/link/tx/lease", "1000"),
     ("transport/link/tx/keep_alive", "4"),
-    # How many messages may wait to be sent, per priority, and how long one waits for a place before it is
+    # How many messages may wait to be sent, per priority, and how long one waits for space before it is
     # dropped [us]. Zenoh's own 2 and 1000 lose some on a busy machine; a link that jams costs one such wait.
     ("transport/link/tx/queue/size/real_time", "16"),
     ("transport/link/tx/queue/size/data", "16"),
@@ -46,30 +46,31 @@ DEFAULTS: tuple[tuple[str, str], ...] = (
     ("transport/shared_memory/enabled", "false"),
     ("timestamping/enabled", "{router: false, peer: false, client: false}"),
 )
-"""Paths in Zenoh's configuration and their JSON5: a sparse peer that is quick to notice a dead one."""
+"""Paths in Zenoh's configuration and their JSON5: a sparse peer that quickly detects a dead one."""
 
 
 class BusError(RuntimeError):
-    """The bus cannot be opened or used as asked; the text names the flag or key and says what is legal."""
+    """The bus cannot be opened or used so; the text names the flag or key and the legal values."""
 
 
 @dataclass(frozen=True, slots=True)
 class BusConfig:
-    """Where a session listens and dials. Raises BusError for what cannot work.
+    """Endpoints on which a session listens and that it dials. Raises BusError if that cannot work.
 
     Sparse peers: no multicast, no gossip, so a session has exactly the links that `listen` and `connect`
-    make. What `config_file` sets other than Zenoh's own default is kept over ours; flags outrank the file,
-    the file outranks what the mission implies, and `overrides` outrank everything.
+    make. Values in `config_file` that differ from Zenoh's own default replace ours; flags take precedence
+    over the file, the file over the mission, and `overrides` over everything.
     """
 
     listen: tuple[str, ...] = ()
-    """Endpoints to accept links on, ``tcp/0.0.0.0:7447``; port 0 takes a free one. None: accepts no links."""
+    """Endpoints to accept links on, ``tcp/0.0.0.0:7447``; port 0 takes a free one. Empty: accepts no
+    links."""
     connect: tuple[str, ...] = ()
-    """Endpoints to dial, and to dial again for as long as they are absent."""
+    """Endpoints to dial, repeatedly while they are missing."""
     implied: Links | None = None
-    """What the mission implies: where to listen and dial if neither flags nor the file say so."""
+    """The mission's endpoints to listen on and dial, if neither flags nor the file name any."""
     mode: str | None = None
-    """One of `MODES`; None is what the file says, else peer."""
+    """One of `MODES`; None is the file's, else peer."""
     namespace: str = ""
     """Prefix of every key on the network, invisible here: keeps two teams on one network apart."""
     config_file: Path | None = None
@@ -79,7 +80,7 @@ class BusConfig:
     adminspace: bool = True
     """Whether other sessions may read this one's links and subscriptions under ``@/``."""
     name: str = ""
-    """What this process calls itself in its admin space."""
+    """Name of this process in its admin space."""
 
     def __post_init__(self) -> None:
         implied = self.implied or Links((), ())
@@ -95,7 +96,7 @@ class BusConfig:
             raise BusError(f"--namespace {self.namespace!r}: must be words joined by '/', without * $ ? # @")
 
     def flags(self) -> list[tuple[str, str]]:
-        """What the flags set: paths in Zenoh's configuration and their JSON."""
+        """The settings of the flags: paths in Zenoh's configuration and their JSON."""
         flags = {
             "mode": self.mode,
             "listen/endpoints": self.listen,
@@ -107,7 +108,7 @@ class BusConfig:
         return [(path, json.dumps(value)) for path, value in flags.items() if value]
 
     def links(self) -> list[tuple[str, str]]:
-        """The implied links, for a session that nobody else has told where to listen or dial."""
+        """The implied links, for a session without endpoints of flags or file."""
         if self.implied is None:
             return []
         return [

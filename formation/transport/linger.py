@@ -1,10 +1,10 @@
-"""Have links to those who are gone closed without waiting for them.
+"""Close links to dead peers without waiting for them.
 
-Zenoh (1.10; eclipse-zenoh/zenoh#2350) sets SO_LINGER to 10 s on each of its TCP and TLS sockets. Closing one
-whose peer was unplugged then blocks the thread that does it for 10 s, though the link was given up after its
-lease of one, and that thread carries every other link of the process: one robot out of the radio's reach made
-its neighbours' agents dumb and deaf. There is no setting for it, so the option is taken back from outside.
-What was sent before a close is still delivered, by the kernel and in the background.
+Zenoh (1.10; eclipse-zenoh/zenoh#2350) sets SO_LINGER to 10 s on each of its TCP and TLS sockets. Closing
+the socket of an unplugged peer then blocks its thread for 10 s, though the link was given up after its
+lease of one, and that thread serves every other link of the process: one robot out of radio range blocked
+the agents of its neighbours. There is no setting for it, so the option is reset from outside. Data sent
+before a close are still delivered, by the kernel and in the background.
 """
 
 from __future__ import annotations
@@ -15,28 +15,28 @@ import stat
 import struct
 from contextlib import suppress
 
-PERIOD = 0.25
-"""Sockets are looked at so often [s]: several times within the lease, before which no link is given up."""
+CHECK_PERIOD = 0.25
+"""Period of checking the sockets [s]: several times within the lease, before which no link is given up."""
 _OPEN = "/proc/self/fd"
 _LINGER = struct.Struct("ii")
 _OFF = _LINGER.pack(0, 0)
 
 
 class Linger:
-    """Takes the option back from sockets as they come; where there is no /proc, nothing is done."""
+    """Resets the option on new sockets; without /proc, it does nothing."""
 
     def __init__(self) -> None:
         self._due = float("-inf") if os.path.isdir(_OPEN) else float("inf")  # noqa: PTH112 - no file of ours
 
     def tend(self, now: float) -> None:
-        """To be called often, at `now` [s, monotonic]."""
+        """Reset the option when due; call this often, at `now` [s, monotonic]."""
         if now >= self._due:
-            self._due = now + PERIOD
+            self._due = now + CHECK_PERIOD
             take_back()
 
 
 def take_back() -> int:
-    """Take the option back from every stream socket of this process; how many had it."""
+    """Reset the option on every stream socket of this process; return how many had it."""
     return sum(_taken_back(int(name)) for name in os.listdir(_OPEN))  # noqa: PTH208 - numbers, not paths
 
 

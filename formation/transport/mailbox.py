@@ -1,8 +1,8 @@
-"""Where everything that arrives at a process waits for its main thread, from however many buses.
+"""A queue of all messages to a process, from all its buses, for its main thread.
 
-A receive thread does as little as can be: it appends to a bounded queue and rings a bell, if what came
-cannot wait for something else that will. The main thread waits for the bell, drains the queue and answers
-queries, so a slow main loop loses old samples (counted) but never stalls a link, and no core needs a lock.
+A receive thread does as little as possible: it appends to a bounded queue and wakes the main thread,
+unless the message can wait for another one. The main thread waits, drains the queue and answers queries,
+so a slow main loop loses old samples (counted) but never stalls a link, and no core needs a lock.
 """
 
 from __future__ import annotations
@@ -14,29 +14,29 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Protocol
 
-from formation.transport.clock import monotonic
+from formation.transport.runtime.clock import monotonic
 from formation.wire import Sample
 
 MAX_QUERIES = 64
-"""Queries that may wait to be served; more are turned away."""
+"""Most queries that wait to be served; more are refused."""
 
 
 Handler = Callable[[bytes, float], bytes]
-"""Answers ``handler(request, heard)``; it came at ``heard`` [s, monotonic]."""
+"""Answers ``handler(request, received)``; ``received`` is the time of arrival [s, monotonic]."""
 
 
 class Query(Protocol):
-    """A question that waits for its answer."""
+    """A query that waits for its answer."""
 
     @property
     def request(self) -> bytes:
-        """What is asked."""
+        """The payload of the query."""
 
     def answer(self, reply: bytes) -> None:
-        """Send the answer; nothing may be done with it afterwards."""
+        """Send the answer; the query must not be used afterwards."""
 
     def drop(self) -> None:
-        """Turn it away."""
+        """Refuse it."""
 
 
 class Mailbox:
@@ -51,11 +51,11 @@ class Mailbox:
         self.received: Counter[str] = Counter()
         """Messages that arrived on any bus, by key, overflowed ones included."""
         self.overflowed = 0
-        """Messages that arrived and were pushed out by newer ones before anybody drained them."""
+        """Messages that newer ones pushed out before they were drained."""
         self._samples: deque[Sample] = deque(maxlen=capacity)
         self._queries: deque[tuple[Query, Handler, float]] = deque()
         self._woken = False
-        self._pressing = False  # whether anything among the samples has rung
+        self._pressing = False  # whether any of the samples has rung
         self._counting = threading.Lock()
         # A lock used as a bell: held while there is nothing to do, released to wake the main thread. That
         # neither blocks nor takes a second lock, so unlike an Event's `set` it is safe in a signal handler.
@@ -63,7 +63,7 @@ class Mailbox:
         self._bell.acquire()
 
     def put(self, sample: Sample, *also_counted: Counter[str], wakes: bool = True) -> None:
-        """Have `sample` wait to be drained, count it (in `also_counted` as well), and ring if it `wakes`."""
+        """Append `sample`, count it (in `also_counted` as well), and ring if it `wakes`."""
         with self._counting:
             self.received[sample.key] += 1
             for counts in also_counted:
@@ -75,7 +75,7 @@ class Mailbox:
             self.ring()
 
     def accept(self, query: Query, handler: Handler) -> None:
-        """Have `query` wait to be answered by `handler`; too many are turned away."""
+        """Queue `query` for `handler`; if there are too many, refuse it."""
         if len(self._queries) < MAX_QUERIES:
             self._queries.append((query, handler, monotonic()))
             self.ring()
@@ -83,21 +83,21 @@ class Mailbox:
             query.drop()
 
     def drain(self) -> list[Sample]:
-        """All samples that wait, in order of arrival."""
+        """All waiting samples, in order of arrival."""
         with self._counting:
             self._pressing = False
             return [self._samples.popleft() for _ in range(len(self._samples))]
 
     def serve(self) -> int:
-        """Answer the queries that wait; how many."""
+        """Answer the waiting queries; return their number."""
         waiting = len(self._queries)
         for _ in range(waiting):
-            query, handler, heard = self._queries.popleft()
-            query.answer(handler(query.request, heard))
+            query, handler, received = self._queries.popleft()
+            query.answer(handler(query.request, received))
         return waiting
 
     def turn_away(self) -> None:
-        """Drop the queries that wait: nobody will answer them."""
+        """Drop the waiting queries, which will not be answered."""
         while self._queries:
             self._queries.popleft()[0].drop()
 
@@ -112,12 +112,12 @@ class Mailbox:
         return True
 
     def wake(self) -> None:
-        """Have the current or next `wait` return at once. Safe in a signal handler."""
+        """Make the current or next `wait` return at once. Safe in a signal handler."""
         self._woken = True
         self.ring()
 
     def ring(self) -> None:
-        """Have whoever sleeps in `wait` look again."""
-        if self._bell.locked():  # else it rings already, which who comes at thousands a second finds mostly
-            with suppress(RuntimeError):  # somebody else was faster
+        """Wake a thread that sleeps in `wait`."""
+        if self._bell.locked():  # else it rings already, which is usual at thousands of messages a second
+            with suppress(RuntimeError):  # another thread was faster
                 self._bell.release()

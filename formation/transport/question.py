@@ -1,4 +1,4 @@
-"""A question to everybody who answers a key, and the answers to it as they come in."""
+"""A query to all queryables of a key, and the answers received so far."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ class Reply(NamedTuple):
 
 
 class Question:
-    """A question that was put, and the answers to it as they come in."""
+    """A query that was sent, and the answers received so far."""
 
     def __init__(self) -> None:
         self.replies: list[Reply] = []
-        """Those that have come so far."""
+        """Answers so far."""
         self._start = time.perf_counter()
         self._done = threading.Event()
 
     @property
     def over(self) -> bool:
-        """Whether no more will come: all have answered, or its time is over, or nobody is there."""
+        """Whether no more answers will come: all have answered, it timed out, or there is no queryable."""
         return self._done.is_set()
 
     def wait(self, patience: float) -> bool:
-        """Wait until it is `over`, at most so long [s]; whether it is."""
+        """Wait until it is `over`, at most this time [s]; whether it is."""
         return self._done.wait(patience)
 
-    def take(self, key: str, payload: bytes) -> None:
-        """An answer has come."""
+    def add_reply(self, key: str, payload: bytes) -> None:
+        """Add an answer."""
         self.replies.append(Reply(key, payload, (time.perf_counter() - self._start) * 1e3))
 
     def end(self) -> None:
-        """No more will come."""
+        """End the question: no more answers will come."""
         self._done.set()

@@ -1,8 +1,8 @@
 """The robot's side: a session with the robot's own ROS 2 router, in logical keys.
 
-The router is zenoh-bridge-ros2dds, rmw_zenohd, or a simulated robot in the part of both. It may come later
-than this process, and come and go: nobody waits for it. `formation.ros2.naming` says how ROS 2 spells each
-key and what must ride on a sample; nothing of that is seen outside.
+The router is zenoh-bridge-ros2dds, rmw_zenohd, or a simulated robot that replaces both. It may start later
+than this process, and come and go, without blocking it. `formation.ros2.naming` has the ROS 2 name of each
+key and the attachments; both are invisible outside.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from formation.transport.bus import Bus, BusConfig, BusError
 from formation.transport.mailbox import Handler, Mailbox
 from formation.wire import BadMessage
 
-AGAIN = 0.5
-"""So long after nobody was there it is tried again [s]."""
-CLOSING = 1.0
-"""How long an attempt under way may keep `close` [s]."""
+REDIAL_PERIOD = 0.5
+"""Time after which dialling is repeated [s]."""
+MAX_CLOSE_DELAY = 1.0
+"""Longest time that a running attempt delays `close` [s]."""
 _CDR = (b"\x00\x01", b"\x00\x00")
-"""How a payload begins: plain CDR, little or big endian."""
+"""First bytes of a payload: plain CDR, little or big endian."""
 _log = logging.getLogger(__name__)
 
 
 class RobotBus:
     """A session on the robot's side. Methods are for the main thread, and none of them waits.
 
-    As a ``client`` it dials until somebody is there and again whenever that one has gone; as a ``router`` it
+    As a ``client`` it dials until a router answers and again whenever the link is lost; as a ``router`` it
     is the one that others dial: the simulated robot.
     """
 
@@ -49,14 +49,14 @@ class RobotBus:
     ) -> None:
         """`endpoints` to dial (a client has one link, with the first that answers), or to listen on.
 
-        `node` is what ROS 2 calls this process; unless the router is `awaited` nobody is told that it is
-        not there. Raises BusError for an endpoint that cannot be, and for a
-        router whose endpoint is taken.
+        `node` is the name of its ROS 2 node; a missing router is logged only if it is `awaited`. Raises
+        BusError for an invalid endpoint, and for a
+        router with an endpoint that is taken.
         """
         self.published: Counter[str] = Counter()
         """Messages handed to Zenoh, by logical key."""
         self.unsent: Counter[str] = Counter()
-        """Messages published before the session was open, by logical key: they are gone."""
+        """Messages published before the session was open, by logical key: they are lost."""
         self.received: Counter[str] = Counter()
         """Messages that arrived, by logical key."""
         ends = tuple(dict.fromkeys(endpoints))
@@ -67,7 +67,7 @@ class RobotBus:
         self._advertised: dict[str, _Line] = {}
         self._subscribed: dict[str, str] = {}
         self._answered: dict[str, Handler] = {}
-        self._overheard: set[str] = set()
+        self._from_others: set[str] = set()
         self._zid = ""
         self._level = logging.INFO if awaited else logging.DEBUG
         self._bus: Bus | None = None
@@ -89,14 +89,15 @@ class RobotBus:
 
     @property
     def connected(self) -> bool:
-        """Whether the router is there; a router itself is."""
+        """Whether the router is linked; true for a router itself."""
         bus = self._bus
         return bus is not None and (self._router or bus.linked_routers > 0)
 
     def advertise(self, topic: Topic, key: str) -> None:
         """Declare that this process will publish logical `key`, with the topic's quality of service.
 
-        Raises BusError if it is advertised already or a queryable, KeyError and ValueError as `Naming.wire`.
+        Raises BusError if it is advertised already or a queryable, KeyError and ValueError as
+        `Naming.wire`.
         """
         if key in self._advertised:
             raise BusError(f"{key!r} is advertised already")
@@ -110,10 +111,10 @@ class RobotBus:
                 self._bus.advertise(topic, line.wire)
                 self._claim(self._bus)
 
-    def subscribe(self, topic: Topic, key: str, *, overheard: bool = False) -> None:
-        """Have the samples of logical `key` put into the mailbox, under that name.
+    def subscribe(self, topic: Topic, key: str, *, from_others: bool = False) -> None:
+        """Put the samples of logical `key` into the mailbox, under that name.
 
-        `overheard`: those of other processes only, and they do not wake this one. Raises BusError if it is
+        `from_others`: those of other processes only, and they do not wake this one. Raises BusError if it is
         subscribed to already, KeyError and ValueError as `Naming.wire`.
         """
         if key in self._subscribed:
@@ -121,10 +122,10 @@ class RobotBus:
         wire = self._naming.wire(key, _type(topic))
         with self._changing:
             self._subscribed[key] = wire
-            if overheard:
-                self._overheard.add(key)
+            if from_others:
+                self._from_others.add(key)
             if self._bus is not None:
-                self._bus.subscribe(wire, key, wakes=not overheard, others_only=overheard)
+                self._bus.subscribe(wire, key, wakes=not from_others, others_only=from_others)
                 self._claim(self._bus)
 
     def answer(self, key: str, handler: Handler) -> None:
@@ -136,10 +137,10 @@ class RobotBus:
                 self._bus.answer(wire, handler)
 
     def publish(self, key: str, payload: bytes) -> None:
-        """Send on an advertised key; before the session is open this does nothing (counted in `unsent`).
+        """Publish on an advertised key; before the session is open this does nothing (counted in `unsent`).
 
-        Raises BadMessage for a payload that would wedge a bridge's route for good: one that is empty or has
-        no CDR header.
+        Raises BadMessage for a payload that would block a bridge's route for good: one that is empty or
+        has no CDR header.
         """
         line = self._line(key)
         if len(payload) <= 4 or payload[:2] not in _CDR:
@@ -158,15 +159,15 @@ class RobotBus:
         self.published[key] += 1
 
     def routed(self, key: str) -> bool | None:
-        """Whether anybody listens to what is published on logical `key`; None while not connected."""
+        """Whether logical `key` has a subscriber; None while not connected."""
         line, bus = self._line(key), self._bus
         return bus.watched(line.wire) if bus is not None and self.connected else None
 
     def close(self) -> None:
-        """Send what was published and close the session; twice does no harm."""
+        """Send what was published and close the session; a second call has no effect."""
         self._closing.set()
         if self._opener.is_alive():
-            self._opener.join(CLOSING)
+            self._opener.join(MAX_CLOSE_DELAY)
         with self._changing:
             bus, self._bus = self._bus, None
         if bus is not None:
@@ -179,7 +180,7 @@ class RobotBus:
         return line
 
     def _open_at_last(self) -> None:
-        """On a thread of its own: open as soon as somebody is there."""
+        """Open the session as soon as a router answers, on a separate thread."""
         where = " or ".join(self._config.connect)
         failures = 0
         while not self._closing.is_set():
@@ -189,10 +190,10 @@ class RobotBus:
                 if failures == 0:
                     _log.log(self._level, "no router at %s yet: %s", where, nobody)
                 failures += 1
-                self._closing.wait(AGAIN)
+                self._closing.wait(REDIAL_PERIOD)
             except Exception:  # noqa: BLE001 - a thread that ended here would leave the robot without a link
                 _log.exception("the session with the router at %s could not be set up", where)
-                self._closing.wait(AGAIN)
+                self._closing.wait(REDIAL_PERIOD)
             else:
                 _log.log(self._level, "connected with the router at %s", where)
                 return
@@ -213,8 +214,8 @@ class RobotBus:
         for line in self._advertised.values():
             bus.advertise(line.topic, line.wire)
         for key, wire in self._subscribed.items():
-            overheard = key in self._overheard
-            bus.subscribe(wire, key, wakes=not overheard, others_only=overheard)
+            from_others = key in self._from_others
+            bus.subscribe(wire, key, wakes=not from_others, others_only=from_others)
         for wire, handler in self._answered.items():
             bus.answer(wire, handler)
         self._claim(bus)
@@ -224,17 +225,17 @@ class RobotBus:
 
 
 class _Line:
-    """A publication: where it goes and how far it is."""
+    """A publication: its destination and its progress."""
 
     __slots__ = ("attached", "sequence", "topic", "wire")
 
     def __init__(self, topic: Topic, wire: str) -> None:
         self.topic, self.wire = topic, wire
         self.attached = False
-        """Whether ROS wants something to ride on each sample."""
+        """Whether ROS needs an attachment on each sample."""
         self.sequence = 0
 
 
 def _type(topic: Topic) -> str | None:
-    """The type to write into keys; None is the one that the mission gives to the robot."""
+    """The type to write into keys; None for the one in the robot's mission entry."""
     return None if topic.alternative else topic.type

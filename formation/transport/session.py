@@ -1,4 +1,4 @@
-"""Opening a Zenoh session as a `BusConfig` wants it, and closing it."""
+"""Open a Zenoh session for a `BusConfig`, and close it."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from typing import Any, NamedTuple
 import zenoh
 
 from formation.transport.bus_config import DEFAULTS, BusConfig, BusError, plain
-from formation.transport.refusals import Refusals
+from formation.transport.security.refusals import Refusals
 
 _log = logging.getLogger(__name__)
 
 
 class Identity(NamedTuple):
-    """The files by which a process proves who it is on its links, and knows the others (mTLS)."""
+    """The files with which a process authenticates itself and others on its links (mTLS)."""
 
     authority: Path
     """Certificate of the authority that it trusts."""
     key: Path | None
     certificate: Path | None
-    """Its own."""
+    """Certificate of the process itself."""
 
 
 def identity_of(config: BusConfig) -> Identity | None:
     """The identity of a process with this configuration; None for one without certificates.
 
-    Raises BusError where both sides of a link are to prove who they are, and the authority is in no file.
+    Raises BusError if both sides of a link must authenticate, and no file contains the authority.
     """
     tls = json.loads(settings_of(config).get_json("transport/link/tls"))
     if not tls["enable_mtls"]:
@@ -48,7 +48,7 @@ def identity_of(config: BusConfig) -> Identity | None:
 
 
 def setting(file: Path, path: str) -> Any:
-    """What a Zenoh configuration file (JSON5) says at `path`, Zenoh's default included. Raises BusError."""
+    """The value at `path` of a Zenoh configuration file (JSON5), or Zenoh's default. Raises BusError."""
     with named(f"--config {str(file)!r}"):
         return json.loads(zenoh.Config.from_file(file).get_json(path))
 
@@ -66,7 +66,7 @@ def opened(settings: zenoh.Config, name: str) -> zenoh.Session:
 
 
 def settings_of(config: BusConfig) -> zenoh.Config:
-    """What Zenoh is told: defaults, the file, what the mission implies, flags, overrides. Raises BusError."""
+    """Zenoh's settings: defaults, the file, the mission's, flags, overrides. Raises BusError."""
     settings, untouched = zenoh.Config(), zenoh.Config()
     if config.config_file is not None:
         with named(f"--config {str(config.config_file)!r}"):
@@ -86,7 +86,7 @@ def settings_of(config: BusConfig) -> zenoh.Config:
 
 
 def refusals_of(settings: zenoh.Config) -> Refusals | None:
-    """Who counts what a session with these settings will refuse; None if it will refuse nobody."""
+    """The counter of refusals of a session with these settings; None if it cannot refuse any."""
     if not json.loads(settings.get_json("access_control/enabled")):
         return None
     namespace = json.loads(settings.get_json("namespace"))
@@ -103,7 +103,7 @@ def closed(session: zenoh.Session) -> None:
 
 @contextmanager
 def named(what: str) -> Iterator[None]:
-    """Turn Zenoh's errors into a BusError that says of `what`."""
+    """Turn Zenoh's errors into a BusError that names `what`."""
     try:
         yield
     except zenoh.ZError as error:

@@ -1,12 +1,12 @@
-"""Who links to whom: endpoints that each process listens on and dials.
+"""The links between processes: endpoints on which each process listens and that it dials.
 
-The fleet's links follow the measurement graph, with its fallbacks: no router, no multicast, no gossip; peers
-do not relay. Who may lead has links besides: where there are standbys, each of them and the leader hears all
-followers and each other; a leader that waits for its team hears all followers. Of two that need a link the
-one listed later dials (the leader, then followers, then standbys), so a mutual pair has one link. The monitor
-dials everybody; nobody dials the monitor.
+The fleet's links follow the measurement graph, with its fallbacks: no router, no multicast, no gossip;
+peers do not relay. Candidates have further links: if there are standbys, each of them and the leader are
+linked with all followers and each other; a leader that waits for its team is linked with all followers. Of
+two linked processes the one listed later dials (the leader, then followers, then standbys), so a mutual
+pair has one link. The monitor dials all processes; none dials the monitor.
 
-A robot's own side is apart from that: its agent, and at a desk the monitor, are clients of its router.
+A robot's own side is separate: its agent, and at a desk the monitor, are clients of its router.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Literal, NamedTuple
 
-from formation.mission import Mission
+from formation.mission.model import Mission
 
 Role = Literal["agent", "leader", "standby"]
 AGENT_PORT = 7460
-"""First port of those that have no endpoint in the mission: number i of `members` listens on this plus i."""
+"""First default port: number i of `members` listens on this plus i if the mission names no endpoint."""
 ROBOT_PORT = 7660
 """The same for robots."""
 
 
 class Endpoints(NamedTuple):
-    """Where processes listen, by name."""
+    """Endpoints on which processes listen, by name."""
 
     agents: Mapping[str, str]
     """Each follower's agent, the leader, and the standbys."""
@@ -40,12 +40,12 @@ class Links(NamedTuple):
 
 
 def members(mission: Mission) -> tuple[str, ...]:
-    """All that have a place of their own in the fleet: the leader, the followers, the standbys."""
+    """Names of all processes with endpoints in the fleet: the leader, the followers, the standbys."""
     return (*mission.names, *mission.standbys)
 
 
 def role(mission: Mission, name: str) -> Role:
-    """What runs under a name of `members`."""
+    """The kind of process with a name of `members`."""
     if name in mission.standbys:
         return "standby"
     return "leader" if name == mission.leader else "agent"
@@ -60,7 +60,7 @@ def named(mission: Mission) -> dict[str, str | None]:
 
 
 def endpoints(mission: Mission) -> Endpoints:
-    """The mission's endpoints; where it names none, ports of this machine."""
+    """The mission's endpoints; ports of this machine where it names none."""
     agents = {
         name: given or f"tcp/127.0.0.1:{AGENT_PORT + number}"
         for number, (name, given) in enumerate(named(mission).items())
@@ -74,35 +74,35 @@ def endpoints(mission: Mission) -> Endpoints:
 
 
 def partners(mission: Mission, name: str) -> tuple[str, ...]:
-    """Whom `name`, a robot or a standby, needs a link with, in the order of `members`."""
+    """The processes with which `name`, a robot or a standby, needs a link, in the order of `members`."""
     return tuple(
         other for other in members(mission) if other != name and _linked(mission, frozenset((name, other)))
     )
 
 
 def called(mission: Mission, name: str) -> tuple[str, ...]:
-    """Whom `name` dials: those of its partners that are listed before it."""
+    """The processes that `name` dials: those of its partners that are listed before it."""
     order = members(mission)
     before = order[: order.index(name)]
     return tuple(other for other in partners(mission, name) if other in before)
 
 
 def of_agent(mission: Mission, name: str, where: Endpoints) -> Links:
-    """Links of a follower's agent with the fleet; besides, it is a client of ``where.robots[name]``."""
+    """Links of a follower's agent with the fleet; it is also a client of ``where.robots[name]``."""
     return Links((where.agents[name],), _endpoints(called(mission, name), where))
 
 
 def of_leader(mission: Mission, where: Endpoints, name: str | None = None) -> Links:
-    """Links of the leader, or of the standby `name`. The leader is listed first, so it dials nobody."""
+    """Links of the leader, or of the standby `name`. The leader is listed first, so it dials none."""
     name = mission.leader if name is None else name
     return Links((where.agents[name],), _endpoints(called(mission, name), where))
 
 
 def of_robots(mission: Mission, names: Iterable[str], where: Endpoints) -> Links:
-    """Links of a process that simulates `names` with the fleet: none, for what it is a router of is no fleet.
+    """Links with the fleet of a process that simulates `names`: none, as it is only a router of their robots.
 
-    Unless a simulated sensor looks at the virtual leader, which is nowhere but in its own position: whoever
-    may lead is dialled then.
+    If a simulated sensor measures the virtual leader, which exists only in its own position, the
+    candidates are dialled.
     """
     robots = [mission.robots[name] for name in names]
     looks = any(robot.measurement == "local" and mission.leader in robot.measurable for robot in robots)
@@ -110,7 +110,7 @@ def of_robots(mission: Mission, names: Iterable[str], where: Endpoints) -> Links
 
 
 def of_monitor(where: Endpoints) -> Links:
-    """Links of the monitor with the fleet: to everybody, because an agent shows it nothing but itself."""
+    """Links of the monitor with the fleet: to all processes, because agents do not relay."""
     return Links((), tuple(where.agents.values()))
 
 
@@ -123,7 +123,7 @@ def by_endpoint(where: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
 
 
 def under_certificates(ends: Iterable[str]) -> bool:
-    """Whether somebody listens there who wants to see a certificate."""
+    """Whether an endpoint requires certificates."""
     return any(end.startswith(("tls/", "quic/")) for end in ends)
 
 
@@ -132,11 +132,11 @@ def _endpoints(names: Iterable[str], where: Endpoints) -> tuple[str, ...]:
 
 
 def _linked(mission: Mission, pair: frozenset[str]) -> bool:
-    """Whether these two have anything to say to each other."""
+    """Whether these two exchange messages."""
     for name in pair & mission.robots.keys():
-        if not pair.isdisjoint(mission.heard(name)):
+        if not pair.isdisjoint(mission.received_by(name)):
             return True
     candidates = len(pair.intersection(mission.candidates))
     if mission.standbys:
-        return candidates > 0  # ballots, and the voices that answer them
-    return candidates > 0 and mission.together is not None
+        return candidates > 0  # ballots, and the votes that answer them
+    return candidates > 0 and mission.cohesion is not None

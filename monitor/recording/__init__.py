@@ -1,1 +1,1 @@
-"""What was heard, kept: written as a ROS 2 bag in MCAP, mended, and read again."""
+"""Recordings: written as a ROS 2 bag in MCAP, repaired, and read again."""

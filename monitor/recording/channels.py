@@ -1,4 +1,4 @@
-"""What a recording is about, and the schemas and channels of its messages: the same in every part."""
+"""A recording's metadata, and the schemas and channels of its messages: the same in every part."""
 
 from __future__ import annotations
 
@@ -9,16 +9,18 @@ from uuid import uuid4
 
 from mcap.records import Channel, Schema
 
-from formation.ros2.definitions import definition
-from formation.ros2.type_hashes import type_hash
+from formation.ros2.definitions import definition, type_hash
 
 ABOUT = "formation"
-"""Name of the metadata record that says what was recorded."""
-PACKAGES = ("formation", "eclipse-zenoh", "mcap", "numpy", "pydantic")
+"""Name of the metadata record about the recording."""
+DISTRIBUTIONS = {"formation": "zenoh-formation"} | {
+    name: name for name in ("eclipse-zenoh", "mcap", "numpy", "pydantic")
+}
+"""Distributions with versions stated in a recording, by their names in it."""
 QOS = """\
 - history: 1
   depth: 10
-  reliability: 2
+  reliability: 1
   durability: 2
   deadline: {sec: 9223372036, nsec: 854775807}
   lifespan: {sec: 9223372036, nsec: 854775807}
@@ -26,11 +28,12 @@ QOS = """\
   liveliness_lease_duration: {sec: 9223372036, nsec: 854775807}
   avoid_ros_namespace_conventions: false
 """
-"""What `ros2 bag play` offers: keep last 10, best effort, volatile. As numbers, which every ROS 2 reads."""
+"""QoS for `ros2 bag play`: keep last 10, reliable, volatile. As numbers, which every ROS 2 reads. A
+best-effort publisher would not be received by subscribers with the default, reliable, profile."""
 
 
 def about(mission: str, text: str, law: str) -> dict[str, str]:
-    """What every part says of the recording; `text` is the mission's file, `law` the one in use."""
+    """Return the metadata of every part; `text` is the mission's file, `law` the one in use."""
     return {
         "recording": uuid4().hex,
         "mission": mission,
@@ -38,12 +41,12 @@ def about(mission: str, text: str, law: str) -> dict[str, str]:
         "law": law,
         "recorded_at": datetime.now(UTC).isoformat(timespec="seconds"),
         "python": sys.version.split()[0],
-        **{name: version(name) for name in PACKAGES},
+        **{name: version(distribution) for name, distribution in DISTRIBUTIONS.items()},
     }
 
 
 class Channels:
-    """Every channel so far, and its schema. It only ever grows, so another thread may read it too."""
+    """Every channel so far, and its schema. It only grows, so another thread may read it too."""
 
     def __init__(self) -> None:
         self.channels: list[Channel] = []
@@ -52,12 +55,12 @@ class Channels:
         self._adopted: set[tuple[type, int]] = set()
 
     def adopt(self, channel: Channel) -> None:
-        """Take over a channel of another file, with its number; of two with one number the first."""
+        """Take over a channel of another file, with its number; the first wins if two have one number."""
         if self._is_new(channel):
             self.channels.append(channel)
 
     def adopt_schema(self, schema: Schema) -> None:
-        """Likewise."""
+        """Take over a schema of another file in the same way."""
         if self._is_new(schema):
             self.schemas.append(schema)
 
@@ -69,7 +72,7 @@ class Channels:
         return True
 
     def register(self, key: str, ros_type: str) -> int:
-        """A new channel's number, for messages of `ros_type` on `key`."""
+        """Add a channel for messages of `ros_type` on `key`; return its number."""
         schema = self._numbers.get(ros_type)
         if schema is None:
             schema = self._numbers[ros_type] = len(self.schemas) + 1

@@ -1,7 +1,7 @@
-"""The thread that writes a recording, so that a slow or full disk is never waited for by who watches.
+"""The thread that writes a recording, so that the monitor never waits for a slow or full disk.
 
-It is given chunks and nothing else; another thread forces to the disk what this one has written. What the
-disk refuses is said, and tried again later.
+It receives only chunks; another thread forces what it has written to the disk. A refused write is reported,
+and tried again later.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import NamedTuple
 
-from monitor.recording.channels import Channels
-from monitor.recording.chunk import Chunk
-from monitor.recording.forcing import NOTHING, Forcer, Mark
-from monitor.recording.part import Part
-from monitor.recording.rotation import Room, Rotation, need_room, part_path
+from formation.monitor.recording.channels import Channels
+from formation.monitor.recording.chunk import Chunk
+from formation.monitor.recording.forcing import NOTHING, Forcer, Mark
+from formation.monitor.recording.part import Part
+from formation.monitor.recording.rotation import Room, Rotation, need_room, part_path
 
-RETRY = 10.0
-"""How long after a failure it is tried again [s]."""
+RETRY_DELAY = 10.0
+"""Time after a failure until the next try [s]."""
 _log = logging.getLogger(__name__)
 
 
 class Notice(NamedTuple):
-    """Something to be told about the recording."""
+    """A message about the recording."""
 
     level: int
     """As in `logging`."""
@@ -37,7 +37,7 @@ class Notice(NamedTuple):
 
 
 class Disk:
-    """Writes one recording, part after part. Everything public is for the thread that watches."""
+    """Write one recording, part after part. The public methods are for the watching thread."""
 
     def __init__(
         self,
@@ -49,13 +49,13 @@ class Disk:
     ) -> None:
         """Begin the first part at once. Raises OSError."""
         self.failure: str | None = None
-        """Why nothing is recorded just now."""
+        """Why nothing is being recorded now; None if it is."""
         self.paths: tuple[Path, ...] = ()
         """Every part so far."""
         self.lost = 0
-        """Messages that are not and will not be."""
+        """Number of messages lost for good."""
         self.written = 0
-        """Chunks dealt with, in one way or the other."""
+        """Number of chunks processed, written or lost."""
         self.notices: deque[Notice] = deque(maxlen=100)
         self._first, self._about, self._channels = path, about, channels
         self._rotation, self._room = rotation, room
@@ -64,7 +64,7 @@ class Disk:
         self._ended = NOTHING  # the parts before this one
         self._retry = 0.0
         self._begun: float | None = None  # when this part was given its first chunk [s, monotonic]
-        self._name = 0  # the number that the newest part's name bears
+        self._name = 0  # the number in the newest part's name
         self._part: Part | None = None
         self._begin()
         self._tell(logging.INFO, f"recording into {path}")
@@ -73,20 +73,20 @@ class Disk:
 
     @property
     def is_alive(self) -> bool:
-        """Whether somebody takes what is put."""
+        """Return whether the thread still takes chunks."""
         return self._thread.is_alive()
 
     @property
     def safe(self) -> Mark:
-        """So far it is on the disk itself, and survives a power cut."""
+        """Up to where it is on the disk itself, and survives a power cut."""
         return self._forcer.safe
 
     def put(self, chunk: Chunk) -> None:
-        """Have a chunk written."""
+        """Queue a chunk for writing."""
         self._queue.put(chunk)
 
     def close(self, patience: float) -> bool:
-        """Write what is left and end the file; False if that takes longer than `patience` [s]."""
+        """Write the rest and end the file; return False if that takes longer than `patience` [s]."""
         self._queue.put(None)
         self._thread.join(patience)
         return not self._thread.is_alive()
@@ -105,7 +105,7 @@ class Disk:
         self._forcer.close()
 
     def _next(self) -> list[Chunk | None]:
-        """Everything that waits, at least one."""
+        """Return all waiting chunks, at least one."""
         batch = [self._queue.get()]
         with suppress(Empty):
             while batch[-1] is not None:
@@ -113,7 +113,7 @@ class Disk:
         return batch
 
     def _keep(self, chunk: Chunk) -> None:
-        """Write a chunk to where it belongs: this part, or the next one."""
+        """Write a chunk to its part: the current or the next one."""
         try:
             if self._part is not None and self._part.is_gone:
                 self._lose(self._part)
@@ -132,13 +132,13 @@ class Disk:
             self._fail(OSError(str(error)), chunk.handed)
 
     def _is_due(self, part: Part, chunk: Chunk) -> bool:
-        """Whether a chunk belongs to the next part already; every part has one."""
+        """Return whether a chunk belongs to the next part; every part gets at least one."""
         if self._begun is None:
             return False
         return self._rotation.is_due(part.whole_size + len(chunk.raw), chunk.handed - self._begun)
 
     def _append(self, chunk: Chunk) -> None:
-        if self._part is None:  # it is not time yet to try again
+        if self._part is None:  # too early to try again
             self.lost += chunk.total
             return
         try:
@@ -147,7 +147,7 @@ class Disk:
         except OSError as error:
             if error.errno != errno.EFBIG or not self._part.counts:
                 raise
-            self._end()  # some file systems have files of 2 or 4 GB at most
+            self._end()  # some file systems allow files of 2 or 4 GB at most
             self._begin()
             self._part.append(chunk)
         if self._begun is None:
@@ -171,7 +171,7 @@ class Disk:
         self.paths = (*self.paths, part.path)
 
     def _create(self, about: Mapping[str, str]) -> tuple[Part, int]:
-        """The next part, under the next name that is free; the first one has no choice."""
+        """Create the next part under the next free name; the first part's name is fixed."""
         for name in count(self._name + 1):
             try:
                 return Part(part_path(self._first, name), about, self._channels), name
@@ -181,23 +181,23 @@ class Disk:
         raise AssertionError
 
     def _resume(self, now: float) -> None:
-        """Where there is no part, when it is time: go on in a new one."""
+        """Go on in a new part if there is none and the time has come."""
         if now >= self._retry:
             self._begin(self._room.resume if self.failure else None)
 
     def _force(self, chunks: list[Chunk]) -> None:
-        """Have the disk itself hold what was written; only then is it called recorded."""
+        """Force what was written to the disk; only then it counts as recorded."""
         if self._part is None:
             self._forcer.confirm(self._ended._replace(number=self.written))
             return
         counts, size = self._ended.counts + self._part.counts, self._ended.size + self._part.size
         try:
-            self._forcer.ask(self._part, Mark(self.written, counts, size))
-        except OSError as error:  # nobody knows what of it is there: what comes goes elsewhere
+            self._forcer.request(self._part, Mark(self.written, counts, size))
+        except OSError as error:  # unknown what of it was written: new messages go to another part
             self._fail(error, chunks[-1].handed if chunks else 0.0)
 
     def _end(self) -> None:
-        """End this part, whole if that can be done."""
+        """End this part, whole if possible."""
         if self._part is None:
             return
         part, self._part = self._part, None
@@ -213,7 +213,7 @@ class Disk:
         self._forcer.confirm(self._ended)
 
     def _lose(self, part: Part) -> None:
-        """Somebody deleted the file: what it held is lost, the rest need not be."""
+        """Give up a part with a deleted file: only its messages are lost."""
         self._part = None
         with suppress(OSError):
             part.finish()
@@ -223,16 +223,16 @@ class Disk:
         self._tell(logging.ERROR, f"{part.path} was deleted, with the {part.counts.total()} messages in it")
 
     def _fail(self, error: OSError, now: float) -> None:
-        """Leave behind what is whole, and say once that there will be no more for a while."""
+        """Close the part with what is whole, and report once that recording pauses."""
         fresh = self.failure is None
-        self.failure, self._retry = error.strerror or str(error), now + RETRY
+        self.failure, self._retry = error.strerror or str(error), now + RETRY_DELAY
         if self._part is not None and self._begun is None and len(self.paths) > 1:
             with suppress(OSError):
                 self._part.discard()
             self._part, self._name, self.paths = None, self._name - 1, self.paths[:-1]
         self._end()
         if fresh:
-            again = f"it is tried again every {RETRY:g} s"
+            again = f"it is tried again every {RETRY_DELAY:g} s"
             self._tell(
                 logging.ERROR, f"{self.paths[-1]}: nothing is recorded any more: {self.failure}; {again}"
             )

@@ -1,4 +1,4 @@
-"""How far a file of a recording goes, from its index where it has one, else from all that it holds."""
+"""The extent of a file of a recording, from its index if it has one, else from its messages."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from typing import IO
 from mcap.opcode import Opcode
 from mcap.records import Channel, Statistics
 
-from monitor.recording.attached import SUFFIX
-from monitor.recording.scan import contents, footer, records, summary, understood
+from formation.monitor.recording.attached import SUFFIX
+from formation.monitor.recording.scan import contents, footer, records, summary, understood
 
 
 @dataclass(frozen=True)
 class Extent:
-    """When something was recorded, and how much of it. Extents of parts add up."""
+    """Time span and message counts. Extents of parts add up."""
 
     start: float | None = None
     """When the first message arrived [s, system clock of the recorder]; None if there is none."""
     end: float | None = None
-    """When the last one arrived [s]."""
+    """When the last message arrived [s]."""
     counts: Counter[str] = field(default_factory=Counter)
-    """Messages by key, without what rode on them."""
+    """Messages by key, without attachments."""
 
     @property
     def duration(self) -> float:
-        """How long it goes on [s]."""
+        """Duration [s]."""
         return 0.0 if self.start is None or self.end is None else self.end - self.start
 
     def __add__(self, other: Extent) -> Extent:
@@ -37,7 +37,7 @@ class Extent:
 
 
 def extent_of(path: Path) -> Extent:
-    """Of one file. Raises OSError."""
+    """Return the extent of one file. Raises OSError."""
     with path.open("rb") as file:
         return (_indexed(file) if footer(file) is not None else None) or _counted(file)
 

@@ -1,7 +1,7 @@
-"""The thread that forces to the disk what has been written, so that writing does not wait for it.
+"""The thread that forces written data to the disk, so that writing does not wait for it.
 
-What is written is safe from a kill, what is forced from a power cut. A slow card takes seconds for the second
-and next to nothing for the first.
+Written data is safe from a kill, forced data from a power cut. A slow card takes seconds for the second and
+almost no time for the first.
 """
 
 from __future__ import annotations
@@ -11,55 +11,55 @@ from collections import Counter
 from queue import Empty, SimpleQueue
 from typing import NamedTuple
 
-from monitor.recording.part import Part
+from formation.monitor.recording.part import Part
 
 
 class Mark(NamedTuple):
-    """How far a recording has come."""
+    """Progress of a recording."""
 
     number: int
-    """Chunks that have been dealt with, in one way or the other."""
+    """Number of chunks processed, written or lost."""
     counts: Counter[int]
     """Messages in all parts, by channel."""
     size: int
-    """All parts together [bytes]."""
+    """Size of all parts together [bytes]."""
 
 
 NOTHING = Mark(0, Counter(), 0)
 
 
 class Forcer:
-    """Forces the newest of what it is asked for."""
+    """Force the newest requested part to the disk."""
 
     def __init__(self) -> None:
         self.safe = NOTHING
-        """So far everything is on the disk itself."""
+        """Up to where everything is on the disk itself."""
         self._error: OSError | None = None
         self._lock = threading.Lock()
         self._queue: SimpleQueue[tuple[Part, Mark] | None] = SimpleQueue()
         self._thread = threading.Thread(target=self._work, name="forcing", daemon=True)
         self._thread.start()
 
-    def ask(self, part: Part, mark: Mark) -> None:
-        """Have `part` forced, after which `mark` is safe. Raises OSError if that has failed since."""
+    def request(self, part: Part, mark: Mark) -> None:
+        """Request forcing `part`, after which `mark` is safe. Raises OSError if an earlier one failed."""
         if self._error is not None:
             error, self._error = self._error, None
             raise error
         self._queue.put((part, mark))
 
     def confirm(self, mark: Mark) -> None:
-        """`mark` is safe already."""
+        """Note that `mark` is safe already."""
         with self._lock:
             if mark.number >= self.safe.number:
                 self.safe = mark
 
     def close(self) -> None:
-        """End, after all that was asked for."""
+        """End after all requests are done."""
         self._queue.put(None)
 
     def _work(self) -> None:
-        while (asked := self._newest()) is not None:
-            part, mark = asked
+        while (requested := self._newest()) is not None:
+            part, mark = requested
             try:
                 part.sync()
             except OSError as error:
@@ -68,11 +68,11 @@ class Forcer:
                 self.confirm(mark)
 
     def _newest(self) -> tuple[Part, Mark] | None:
-        """What was asked for last: it includes what came before, for an ended part has been forced."""
-        asked = self._queue.get()
-        while asked is not None:
+        """Return the newest request: it includes the earlier ones, as an ended part has been forced."""
+        requested = self._queue.get()
+        while requested is not None:
             try:
-                asked = self._queue.get_nowait()
+                requested = self._queue.get_nowait()
             except Empty:
                 break
-        return asked
+        return requested

@@ -1,8 +1,8 @@
 """One file of a recording: MCAP, complete in itself, with all its schemas, channels and metadata.
 
-It is written here and not by `mcap`'s own Writer because that one forgets nothing: an index of some hundred
-megabytes an hour for 100 robots, which it keeps in memory as Python objects, and chunks which never reached a
-disk that was full. Its records are used; three readers of other people hold the result to the format.
+`mcap`'s own Writer is not used because it keeps everything in memory: for 100 robots an index of some hundred
+megabytes an hour as Python objects, and chunks that a full disk refused. Its record classes are used; tests
+with three other readers check the format.
 
 <https://mcap.dev/spec>: header, metadata, (chunk, its message indexes)*, end of data, summary, footer.
 """
@@ -34,39 +34,39 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from monitor.recording.channels import ABOUT, Channels
-from monitor.recording.chunk import Chunk
-from monitor.recording.index import Entry, Index
-from monitor.recording.scan import MAGIC
+from formation.monitor.recording.channels import ABOUT, Channels
+from formation.monitor.recording.chunk import Chunk
+from formation.monitor.recording.index import Entry, Index
+from formation.monitor.recording.scan import MAGIC
 
 PROFILE = "ros2"
 CODEC = b"lz4"
 _CHUNK_HEAD = struct.Struct("<BQQQQII3sQ")
-CHUNK_HEAD = _CHUNK_HEAD.size - len(CODEC)
-"""Bytes of a chunk's record besides the name of the codec and what it compressed."""
+CHUNK_HEAD_BYTES = _CHUNK_HEAD.size - len(CODEC)
+"""Length of a chunk's record without the codec's name and the compressed data [bytes]."""
 _INDEX_HEAD = struct.Struct("<BQHI")
 _FOOTER_HEAD = struct.Struct("<BQQQ")
 _sync = getattr(os, "fdatasync", os.fsync)
 
 
 class Part:
-    """A file being written. Whatever fails raises OSError and leaves the file as it was before."""
+    """A file being written. A failure raises OSError and leaves the file as it was before."""
 
     def __init__(self, path: Path, about: Mapping[str, str], channels: Channels) -> None:
-        """Create `path`, which must not exist, and have its folder know it for good."""
+        """Create `path`, which must not exist, and force its folder entry to the disk."""
         self.path = path
         self.counts: Counter[int] = Counter()
-        """Messages by channel."""
+        """Number of messages by channel."""
         self.start, self.end = 0, 0
         """Log times of the first and the last message [ns]."""
         self._channels, self._declared = channels, 0
         self._forcing = threading.Lock()
-        self._index = Index(CHUNK_HEAD)
+        self._index = Index(CHUNK_HEAD_BYTES)
         self._known, self._kinds_size = 0, 0
         fresh = _make_folder(path.parent)
         self._file = path.open("xb", buffering=0)
         try:
-            top = MAGIC + packed(Header(profile=PROFILE, library=f"formation {version('formation')}"))
+            top = MAGIC + packed(Header(profile=PROFILE, library=f"formation {version('zenoh-formation')}"))
             metadata = packed(Metadata(name=ABOUT, metadata=dict(about)))
             self._metadata = MetadataIndex(offset=len(top), length=len(metadata), name=ABOUT)
             self._put(top + metadata)
@@ -80,12 +80,12 @@ class Part:
 
     @property
     def is_gone(self) -> bool:
-        """Whether somebody deleted the file."""
+        """Return whether the file was deleted."""
         return os.fstat(self._file.fileno()).st_nlink == 0
 
     @property
     def whole_size(self) -> int:
-        """About how long it would be if it ended now [bytes]."""
+        """Approximate size if it ended now [bytes]."""
         if self._known != len(self._channels.channels):
             self._known = len(self._channels.channels)
             kinds = (*self._channels.schemas, *self._channels.channels)
@@ -93,16 +93,16 @@ class Part:
         return self.size + self._kinds_size + self._index.size + 10 * self._known + 1000
 
     def append(self, chunk: Chunk) -> None:
-        """Write a chunk and hand it to the operating system."""
+        """Write a chunk to the operating system."""
         declarations = self._declarations(chunk.channels)
         raw = declarations + chunk.raw
         self.append_packed(_chunk_record(chunk, raw), chunk, len(declarations), len(raw), CODEC.decode())
 
     def append_packed(self, record: bytes, chunk: Chunk, shift: int, unpacked: int, codec: str) -> None:
-        """Write a chunk's whole record, and the indexes to the messages that it holds.
+        """Write a chunk's whole record, and the indexes of its messages.
 
-        `chunk` says what these are; they stand `shift` bytes further back in it, and all of it is `unpacked`
-        bytes long before `codec` compressed it.
+        `chunk` describes the messages; in the record they stand `shift` bytes further back, and `unpacked` is
+        its length in bytes before compression by `codec`.
         """
         lengths, indexes = {}, bytearray()
         for channel, entries in chunk.index.items():
@@ -122,13 +122,13 @@ class Part:
             self.counts[channel] += chunk.count(channel)
 
     def sync(self) -> None:
-        """Return when all of it is on the disk itself, as an ended part is. For a thread of its own."""
+        """Force it to the disk unless it has ended; return when done. For a separate thread."""
         with self._forcing:
             if not self._file.closed:
                 _sync(self._file.fileno())
 
     def finish(self) -> None:
-        """Write the index and close the file; if that fails it is closed all the same."""
+        """Write the index and close the file, also if writing fails."""
         try:
             late = self._declarations(len(self._channels.channels))
             self._put(late + packed(DataEnd(data_section_crc=0)) + self._summary(self.size + len(late)))
@@ -137,12 +137,12 @@ class Part:
             self._close()
 
     def discard(self) -> None:
-        """Close the file and delete it: it has nothing worth keeping."""
+        """Close and delete the file."""
         self._close()
         self.path.unlink(missing_ok=True)
 
     def reserve(self, room: int) -> None:
-        """Raise OSError unless so many bytes more could be written: a quota is seen nowhere else."""
+        """Raise OSError unless `room` more bytes can be written: only this shows a quota."""
         try:
             os.posix_fallocate(self._file.fileno(), self.size, room)
         finally:
@@ -153,7 +153,7 @@ class Part:
             self._file.close()
 
     def _put(self, data: bytes | bytearray) -> None:
-        """Write all of `data` at the end, or nothing."""
+        """Append all of `data`, or nothing."""
         before, view = self._file.tell(), memoryview(data)
         try:
             while view:
@@ -167,7 +167,7 @@ class Part:
             raise
 
     def _declarations(self, count: int) -> bytes:
-        """The channels which this file does not know yet, with their schemas."""
+        """Return the channels that are new to this file, with their schemas."""
         new = self._channels.channels[self._declared : count]
         known = {one.schema_id for one in self._channels.channels[: self._declared]} if new else set()
         schemas = {one.id: one for one in self._channels.schemas} if new else {}
@@ -181,7 +181,7 @@ class Part:
         return bytes(records)
 
     def _summary(self, end: int) -> bytes:
-        """All that comes after the data, which ends at `end`."""
+        """Return everything after the data, which ends at `end`."""
         base = end + len(packed(DataEnd(data_section_crc=0)))
         groups = (
             (Opcode.SCHEMA, b"".join(map(packed, self._channels.schemas))),
@@ -211,7 +211,7 @@ class Part:
 
 
 def packed(record: McapRecord) -> bytes:
-    """One record as it stands in the file."""
+    """Return one record as stored in the file."""
     builder = RecordBuilder()
     write: Callable[[RecordBuilder], None] = record.write
     write(builder)
@@ -227,7 +227,7 @@ def _chunk_record(chunk: Chunk, raw: bytes | bytearray) -> bytes:
 
 
 def _make_folder(folder: Path) -> list[Path]:
-    """Make it and those above it where they are missing; every folder that has a new entry."""
+    """Make the folder and missing parents; return every folder with a new entry."""
     changed = [folder]
     while not folder.exists() and folder != folder.parent:
         folder = folder.parent

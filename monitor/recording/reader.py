@@ -1,4 +1,4 @@
-"""A recording read again, message by message: all its parts in order, a cut one as far as it goes."""
+"""Read a recording message by message: all its parts in order, a truncated one up to its end."""
 
 from __future__ import annotations
 
@@ -11,66 +11,66 @@ from typing import IO, NamedTuple
 from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata
 
-from formation.law import LAWS
-from formation.mission import Mission
-from formation.mission_file import MissionError, parse
+from formation.control.laws import LAWS
+from formation.mission.file import MissionError, parse
+from formation.mission.model import Mission
+from formation.monitor.recording.attached import SUFFIX, unpacked
+from formation.monitor.recording.channels import ABOUT
+from formation.monitor.recording.extent import Extent, extent_of
+from formation.monitor.recording.rotation import siblings
+from formation.monitor.recording.scan import contents, ends_before, footer, records, summary, understood
 from formation.wire import Sample
-from monitor.recording.attached import SUFFIX, unpacked
-from monitor.recording.channels import ABOUT
-from monitor.recording.extent import Extent, extent_of
-from monitor.recording.rotation import siblings
-from monitor.recording.scan import contents, ends_before, footer, records, summary, understood
 
 
 class UnreadableError(ValueError):
-    """A file is no recording of a mission; the text names it and says why."""
+    """A file is no recording of a mission; the text names it and the cause."""
 
 
 class Recorded(NamedTuple):
     """One message of a recording."""
 
     sample: Sample
-    """`arrived` is on the system clock of the recorder here, as `wall`."""
+    """Its `arrived` is on the recorder's system clock, as `wall`."""
     wall: float
     """When it arrived [s, system clock of the recorder]."""
     ns: int
-    """The same [ns]."""
+    """When it arrived [ns]."""
 
 
 @dataclass(frozen=True)
 class Recording:
-    """What a recording says of itself. Its messages are read anew by each call of `messages`."""
+    """A recording's metadata. Each call of `messages` reads the messages again."""
 
     path: Path
-    """The file that was asked for."""
+    """The requested file."""
     about: Mapping[str, str]
     """Mission, law, versions: the metadata that the recorder wrote."""
     mission: Mission
-    """Under the law that was in use."""
+    """The mission, with the law that was in use."""
     parts: tuple[Path, ...]
-    """Every file of it that is there, in order."""
+    """Every existing file of it, in order."""
 
     def messages(self, since: float = -math.inf) -> Iterator[Recorded]:
-        """Every message of every part, attachments included, up to where one is cut.
+        """Yield every message of every part, with attachments, up to where a part is truncated.
 
-        Those before `since` [s, system clock of the recorder] are passed over, by whole chunks, so that some
-        of them may still come.
+        Messages before `since` [s, system clock of the recorder] are skipped by whole chunks, so some of them
+        may still come.
         """
         for part in self.parts:
             with part.open("rb") as file:
                 yield from _messages(file, since)
 
     def is_cut(self) -> bool:
-        """Whether the end of a part is missing: its recorder was killed, or is still at work."""
+        """Whether the end of a part is missing: its recorder was killed or is still running."""
         return not all(map(is_whole, self.parts))
 
     def extent(self) -> Extent:
-        """From when to when it goes, and how many messages there are."""
+        """Return its time span and message counts."""
         return sum((extent_of(part) for part in self.parts), Extent())
 
 
 def read(path: Path) -> Recording:
-    """Open the recording that `path` is a part of. Raises UnreadableError for what is none."""
+    """Open the recording that `path` is a part of. Raises UnreadableError if it is none."""
     about = about_of(path)
     source = f"{path}: its mission"
     try:
@@ -80,14 +80,13 @@ def read(path: Path) -> Recording:
     kind = about.get("law", mission.law.kind)
     if kind not in LAWS:
         raise UnreadableError(f"{path}: its law is {kind[:40]!r}; must be one of {', '.join(LAWS)}")
-    law = mission.law.model_copy(update={"kind": kind})
-    return Recording(path, about, mission.model_copy(update={"law": law}), _parts(path, about))
+    return Recording(path, about, mission.under(kind), _parts(path, about))
 
 
 def about_of(path: Path) -> Mapping[str, str]:
-    """The metadata of one file. Raises UnreadableError."""
+    """Return the metadata of one file. Raises UnreadableError."""
     try:
-        if path.exists() and not (path.is_file() or path.is_dir()):  # to open a pipe waits for its other end
+        if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would wait for its other end
             raise UnreadableError(f"{path}: must be a file, is a pipe or a device")
         with path.open("rb") as file:
             for record in records(file):
@@ -103,13 +102,13 @@ def about_of(path: Path) -> Mapping[str, str]:
 
 
 def is_whole(path: Path) -> bool:
-    """Whether a file was ended as it should."""
+    """Return whether a file was ended properly."""
     with path.open("rb") as file:
         return footer(file) is not None
 
 
 def _parts(path: Path, about: Mapping[str, str]) -> tuple[Path, ...]:
-    """Every file of the same recording beside `path`; where two are the same part, the one asked for."""
+    """Return all files of the recording beside `path`; of two for one part, the requested one."""
     if "recording" not in about:
         return (path,)
     found = {_number(about): path}
@@ -131,7 +130,7 @@ def _number(about: Mapping[str, str]) -> int:
 def _messages(file: IO[bytes], since: float) -> Iterator[Recorded]:
     keys = {} if since == -math.inf else _indexed(file)
     indexed = bool(keys)
-    riding: dict[str, bytes] = {}
+    attachments: dict[str, bytes] = {}
     for record in records(file):
         if record.opcode == Opcode.CHANNEL:
             _learn(keys, [understood(Channel.read, record.body)])
@@ -145,15 +144,15 @@ def _messages(file: IO[bytes], since: float) -> Iterator[Recorded]:
         for message in chunk.messages:
             key = keys.get(message.channel, "")
             if key.endswith(SUFFIX):
-                riding[key.removesuffix(SUFFIX)] = unpacked(message.data)
+                attachments[key.removesuffix(SUFFIX)] = unpacked(message.data)
             elif key:
                 wall = message.logged / 1e9
-                sample = Sample(key, message.data, riding.pop(key, None), wall)
+                sample = Sample(key, message.data, attachments.pop(key, None), wall)
                 yield Recorded(sample, wall, message.logged)
 
 
 def _indexed(file: IO[bytes]) -> dict[int, str]:
-    """The keys of all channels, from the index at the end; empty where there is none."""
+    """Return the keys of all channels, from the index at the end; empty if there is none."""
     keys: dict[int, str] = {}
     for record in summary(file):
         if record.opcode == Opcode.CHANNEL:

@@ -1,8 +1,8 @@
-"""The recording: everything heard, byte for byte, as a ROS 2 bag in MCAP.
+"""The recorder: it writes every received message, byte for byte, as a ROS 2 bag in MCAP.
 
-A recording must survive its recorder, and the machine's power: twice a second what was heard is handed to a
-thread that writes it and forces it to the disk, so that no more than a second is ever lost. Such a file has
-no end; `read` reads it all the same, and `formation recover` gives it one.
+A recording must survive a kill and a power cut: twice a second the messages go to a thread that writes them
+and forces them to the disk, so that at most a second is lost. Such a file has no end; `read` reads it all
+the same, and `formation recover` adds an end.
 """
 
 from __future__ import annotations
@@ -15,36 +15,36 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from formation.monitor.metrics.keys import Watched
+from formation.monitor.recording.attached import SUFFIX, TYPE, packed
+from formation.monitor.recording.channels import Channels, about
+from formation.monitor.recording.chunk import Chunk
+from formation.monitor.recording.disk import Disk, Notice
+from formation.monitor.recording.rotation import ROOM, ROTATION, Room, Rotation
 from formation.ros2.definitions import definition
-from formation.transport.process import BadInput
+from formation.transport.runtime.process import BadInput
 from formation.wire import Sample
-from monitor.figures.keys import Watched
-from monitor.recording.attached import SUFFIX, TYPE, packed
-from monitor.recording.channels import Channels, about
-from monitor.recording.chunk import Chunk
-from monitor.recording.disk import Disk, Notice
-from monitor.recording.rotation import ROOM, ROTATION, Room, Rotation
 
-CHUNK = 1024 * 1024
-"""Longest chunk [bytes]; reading one needs so much memory."""
+CHUNK_BYTES = 1024 * 1024
+"""Longest chunk [bytes]; reading one takes as much memory."""
 FLUSH_PERIOD = 0.5
-"""[s]. With it a loop that is late, or a disk that takes as long to write, still loses less than a second."""
-WAITING = 64 * 1024 * 1024
-"""How much may wait for a slow disk [bytes]: 25 s of 6000 messages a second."""
-LATE = 2.0
-"""A disk that is so far behind is worth a word [s]."""
-PATIENCE = 20.0
-"""How long the end of a recording may take [s]."""
+"""Time between writes [s]. A loop or a disk that is late by as much still loses less than a second."""
+MAX_WAITING_BYTES = 64 * 1024 * 1024
+"""Most data that may wait for a slow disk [bytes]: 25 s of 6000 messages a second."""
+MIN_REPORTED_DELAY = 2.0
+"""Delay of the disk from which on it is reported [s]."""
+STOP_TIMEOUT_SECONDS = 20.0
+"""Longest time for ending a recording [s]."""
 _LITTLE, _BIG = struct.Struct("<iI"), struct.Struct(">iI")
 _log = logging.getLogger(__name__)
 
 
 class RecordingError(BadInput):
-    """The recording cannot be begun; the text names the file and says why."""
+    """The recording cannot be started; the text names the file and the cause."""
 
 
 class Recorder:
-    """One recording. Close it, best as a context manager; what fails after the beginning never raises."""
+    """One recording. Close it, best as a context manager; failures after the start never raise."""
 
     def __init__(
         self,
@@ -58,7 +58,7 @@ class Recorder:
     ) -> None:
         """Begin `path`, which must not exist, for `keys`. Raises RecordingError.
 
-        `mission` is the mission's name, `text` its file and `law` the one in use; all go into the recording.
+        `mission` is the mission's name, `text` its file and `law` the one in use; the recording holds all.
         """
         self.path = path
         """The first part."""
@@ -67,8 +67,8 @@ class Recorder:
         self._attached: dict[str, int] = {}
         self._sequence: Counter[str] = Counter()
         self._chunk = Chunk()
-        self._waiting: deque[int] = deque()  # how long those chunks are that were not written yet
-        self._unsafe: deque[float] = deque()  # when those were handed over that a power cut would take
+        self._waiting: deque[int] = deque()  # lengths of the chunks not yet written
+        self._unsafe: deque[float] = deque()  # when the chunks not yet forced were handed over
         self._handed, self._dropped = 0, 0
         self._flush_due: float | None = None
         self._is_late = self._is_full = self._is_closed = False
@@ -92,23 +92,23 @@ class Recorder:
 
     @property
     def bytes(self) -> int:
-        """What has been written."""
+        """Number of bytes written."""
         return self._disk.safe.size
 
     @property
     def recorded(self) -> Counter[str]:
-        """Messages that are on the disk, by key."""
+        """Number of messages on the disk, by key."""
         counts = self._disk.safe.counts
         return Counter({key: counts[number] for key, (number, _) in self._keys.items() if counts[number]})
 
     @property
     def lost(self) -> int:
-        """Messages (with what rode on them) that could not be recorded."""
+        """Number of messages (with attachments) that could not be recorded."""
         return self._dropped + self._disk.lost
 
     @property
     def failure(self) -> str | None:
-        """Why nothing is recorded just now."""
+        """Why nothing is being recorded now; None if it is."""
         if self._is_full:
             return "the disk is too slow"
         if not self._is_closed and not self._disk.is_alive:
@@ -116,7 +116,7 @@ class Recorder:
         return self._disk.failure
 
     def notices(self) -> Iterator[Notice]:
-        """What has happened to the recording since this was asked last. It has been logged already."""
+        """Yield the notices since the last call. They have been logged already."""
         while self._disk.notices:
             yield self._disk.notices.popleft()
 
@@ -126,7 +126,7 @@ class Recorder:
         if known is None:
             return
         channel, stamped = known
-        arrived = max(round(wall * 1e9), 0)  # in the first seconds of 1970 clocks may be set
+        arrived = max(round(wall * 1e9), 0)  # an unset clock may be before 1970
         stamp = stamp_of(sample.payload) if stamped else None
         sent = arrived if stamp is None else stamp
         self._sequence[sample.key] += 1
@@ -136,11 +136,11 @@ class Recorder:
             if beside is not None:
                 self._chunk.add(self._beside(sample.key), sequence, arrived, sent, beside)
         self._chunk.add(channel, sequence, arrived, sent, sample.payload)
-        if len(self._chunk.raw) > CHUNK:
+        if len(self._chunk.raw) > CHUNK_BYTES:
             self._hand_over(self._flush_due or 0.0)
 
     def flush(self, mono: float) -> None:
-        """Have it written, if the last time was a period ago; `mono` [s]. Call it often."""
+        """Hand over the chunk for writing, at most once a period; `mono` [s]. Call it often."""
         if self._flush_due is None:
             self._flush_due = mono + FLUSH_PERIOD
         if mono >= self._flush_due:
@@ -149,21 +149,21 @@ class Recorder:
             self._look(mono)
 
     def close(self) -> None:
-        """Write the index and end the file. Doing so twice does no harm."""
+        """Write the index and end the file. May be called twice."""
         if self._is_closed:
             return
         self._hand_over(self._flush_due or 0.0)
         self._is_closed = True
-        if not self._disk.close(PATIENCE):
+        if not self._disk.close(STOP_TIMEOUT_SECONDS):
             _log.error("%s: the disk does not answer, the end of the recording is missing", self.paths[-1])
 
     def _declare(self, one: Watched) -> tuple[int, bool]:
-        """Its channel's number, and whether its messages begin with a stamp."""
+        """Return its channel's number, and whether its messages begin with a stamp."""
         number = self._channels.register(one.key, one.topic.type)
         return number, definition(one.topic.type).lstrip().startswith("std_msgs/Header ")
 
     def _beside(self, key: str) -> int:
-        """The channel of what rides on `key`, which there is once something does."""
+        """Return the channel of attachments on `key`, made when first needed."""
         number = self._attached.get(key)
         if number is None:
             number = self._attached[key] = self._channels.register(key + SUFFIX, TYPE)
@@ -184,17 +184,17 @@ class Recorder:
         self._disk.put(chunk)
 
     def _look(self, mono: float) -> None:
-        """How far behind the disk is."""
+        """Check how far the disk is behind."""
         while len(self._waiting) > self._handed - self._disk.written:
             self._waiting.popleft()
         while len(self._unsafe) > self._handed - self._disk.safe.number:
             self._unsafe.popleft()
         behind = mono - self._unsafe[0] if self._unsafe else 0.0
-        if behind > LATE and not self._is_late:
+        if behind > MIN_REPORTED_DELAY and not self._is_late:
             lost = f"a power cut would take the last {behind:.1f} s"
             self._tell(logging.WARNING, f"the disk is slow: {lost}")
-        self._is_late = behind > LATE
-        full = sum(self._waiting) > (WAITING // 2 if self._is_full else WAITING)
+        self._is_late = behind > MIN_REPORTED_DELAY
+        full = sum(self._waiting) > (MAX_WAITING_BYTES // 2 if self._is_full else MAX_WAITING_BYTES)
         if full and not self._is_full:
             self._tell(logging.ERROR, f"nothing is recorded any more: the disk is {behind:.0f} s behind")
         elif self._is_full and not full:
@@ -207,7 +207,7 @@ class Recorder:
 
 
 def stamp_of(payload: bytes) -> int | None:
-    """The stamp of a message that begins with a std_msgs/Header [ns]; None where it cannot be one."""
+    """Return the stamp of a message that begins with a std_msgs/Header [ns]; None if it is invalid."""
     if len(payload) < 12 or payload[0] != 0 or payload[1] > 1:
         return None
     seconds, nanoseconds = (_LITTLE if payload[1] else _BIG).unpack_from(payload, 4)

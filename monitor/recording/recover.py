@@ -1,4 +1,4 @@
-"""A recording that was cut off made whole: what can be read of it, in a new file with an index and an end."""
+"""Recover a truncated recording: copy what is readable to a new file with an index and an end."""
 
 from __future__ import annotations
 
@@ -10,34 +10,34 @@ from typing import NamedTuple
 from mcap.opcode import Opcode
 from mcap.records import Chunk as ChunkRecord
 
-from monitor.recording.channels import Channels
-from monitor.recording.chunk import Chunk
-from monitor.recording.extent import Extent, extent_of
-from monitor.recording.part import Part
-from monitor.recording.reader import about_of
-from monitor.recording.scan import Contents, Record, contents, footer, records, understood
+from formation.monitor.recording.channels import Channels
+from formation.monitor.recording.chunk import Chunk
+from formation.monitor.recording.extent import Extent, extent_of
+from formation.monitor.recording.part import Part
+from formation.monitor.recording.reader import about_of
+from formation.monitor.recording.scan import Contents, Record, contents, footer, records, understood
 
 Tell = Callable[[float], None]
-"""Is told how much of the file has been read, from 0 to 1."""
+"""Progress callback: the share of the file read, from 0 to 1."""
 
 
 class Found(NamedTuple):
-    """What there is to be read in a file, and what not."""
+    """What is readable in a file, and what is not."""
 
     is_whole: bool
-    """It has its end, and nothing in it is damaged."""
+    """Whether it has its end and no damage."""
     extent: Extent
     unreadable: int
-    """Bytes at its end that are nothing whole."""
+    """Incomplete data at its end [bytes]."""
     damaged: int
-    """Stretches of it that are there and cannot be read."""
+    """Number of stretches that cannot be read."""
 
 
 def recover(path: Path, out: Path, tell: Tell = lambda _: None) -> Found:
-    """Write what can be read of `path` to `out`, which must not exist; nothing if it is whole already.
+    """Write what is readable in `path` to `out`, which must not exist; nothing if it is whole already.
 
-    Raises UnreadableError for what is no recording, OSError for what cannot be read or written: then there is
-    no `out`.
+    Raises UnreadableError if it is no recording, OSError if it cannot be read or written; then there is no
+    `out`.
     """
     about = about_of(path)
     whole = _examine(path, tell)
@@ -55,7 +55,7 @@ def recover(path: Path, out: Path, tell: Tell = lambda _: None) -> Found:
 
 
 def _examine(path: Path, tell: Tell) -> Found | None:
-    """None unless it is whole; only a file that has its end is worth reading for that."""
+    """Return None unless the file is whole; only one with an end is read for that."""
     with path.open("rb") as file:
         if footer(file) is None:
             return None
@@ -70,7 +70,7 @@ def _examine(path: Path, tell: Tell) -> Found | None:
 
 
 def _copy(path: Path, part: Part, channels: Channels, tell: Tell) -> tuple[int, int]:
-    """Chunk by chunk, as they are; how many could not be, and where what can be read ends."""
+    """Copy chunk by chunk, unchanged; return the number of failures, and where the readable data ends."""
     damaged, end, size = 0, 0, max(path.stat().st_size, 1)
     with path.open("rb") as file:
         for record in records(file):

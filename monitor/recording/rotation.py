@@ -1,4 +1,4 @@
-"""When a recording goes on in another file, what that is called, and what is left of the disk for others."""
+"""Rotation of recordings: when a new file begins, its name, and the disk space to leave free."""
 
 from __future__ import annotations
 
@@ -15,42 +15,42 @@ OFF = "off"
 
 
 class Rotation(NamedTuple):
-    """How far one part goes; None for as far as the recording."""
+    """Limits of one part; None for no limit."""
 
     size: float | None = 2e9
-    """[bytes]. It bounds what a part's index takes in memory, and what one broken file takes along."""
+    """Largest size [bytes]. It bounds the memory of a part's index, and the loss with one broken file."""
     time: float | None = None
-    """[s]"""
+    """Longest duration [s]."""
 
     def is_due(self, size: int, age: float) -> bool:
-        """Whether a part of this `size` [bytes] and `age` [s] is to be ended."""
+        """Return whether a part of this `size` [bytes] and `age` [s] is to be ended."""
         return (self.size is not None and size > self.size) or (self.time is not None and age >= self.time)
 
 
 class Room(NamedTuple):
-    """How full a disk may become. Two limits, so that a disk which is just full does not make many parts."""
+    """How full a disk may become. Two limits, so that a nearly full disk does not cause many parts."""
 
     stop: int = 32_000_000
-    """Nothing is recorded with less than this free: others live there too [bytes]."""
+    """Nothing is recorded with less free space, which is left to other programs [bytes]."""
     resume: int = 128_000_000
-    """It goes on with this much free [bytes]."""
+    """Free space at which recording resumes [bytes]."""
 
 
 ROTATION, ROOM = Rotation(), Room()
 
 
 def of_size(text: str) -> float | None:
-    """What `--rotate-size` means [bytes]; None for off."""
+    """Return the value of `--rotate-size` [bytes]; None for off."""
     return _quantity(text, _SIZES, "100MB, 2GB", 1e5, "100kB")
 
 
 def of_time(text: str) -> float | None:
-    """What `--rotate-time` means [s]; None for off."""
+    """Return the value of `--rotate-time` [s]; None for off."""
     return _quantity(text, _TIMES, "90s, 30min, 2h", 10.0, "10s")
 
 
 def add_rotation_flags(to: argparse.ArgumentParser) -> None:
-    """The flags that say when a recording goes on in another file: rotate_size and rotate_time."""
+    """Add the flags for rotation: rotate_size and rotate_time."""
     group = to.add_argument_group("long recordings (NAME.mcap, NAME-2.mcap, …, each complete in itself)")
     group.add_argument(
         "--rotate-size", metavar="SIZE", type=of_size, default=ROTATION.size,
@@ -63,12 +63,12 @@ def add_rotation_flags(to: argparse.ArgumentParser) -> None:
 
 
 def part_path(first: Path, number: int) -> Path:
-    """Part 1 is NAME.mcap, part 2 NAME-2.mcap, and so on."""
+    """Return a part's path: part 1 is NAME.mcap, part 2 NAME-2.mcap, and so on."""
     return first if number == 1 else first.with_name(f"{first.stem}-{number}{first.suffix}")
 
 
 def siblings(path: Path) -> list[Path]:
-    """Files which by their names may be parts of the same recording as `path`, itself included."""
+    """Return the files that by name may be parts of the same recording as `path`, itself included."""
     shorter = re.sub(r"-\d+$", "", path.stem)
     fits = re.compile(
         rf"({re.escape(path.stem)}|{re.escape(shorter)})(-\d+)?{re.escape(path.suffix)}", re.ASCII

@@ -1,6 +1,6 @@
-"""An MCAP file as it lies on the disk, up to where it is cut or damaged. Nothing in it can raise anything.
+"""Read an MCAP file up to where it is truncated or damaged. No content raises an exception.
 
-`mcap`'s readers want an index or raise where it is missing, and build an object for each message.
+`mcap`'s readers raise if the index is missing, and build an object for each message.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, Schema
 
-from monitor.recording.chunk import MESSAGE
+from formation.monitor.recording.chunk import MESSAGE
 
 MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_BYTES = 64 * 1024 * 1024
@@ -27,7 +27,7 @@ MAX_RECORD_BYTES = 64 * 1024 * 1024
 MAX_CHUNK_BYTES = 16 * 1024 * 1024
 """Longest chunk that is read, unpacked [bytes]. The recorder's own have a megabyte and one message; other
 tools that rewrite a recording make chunks of 4 MB. Reading one takes some ten times as much memory."""
-MAX_EXPANSION = 100
+MAX_EXPANSION_RATIO = 100
 """Largest ratio of a chunk's length to that of its packed form. The recorder's own chunks reach 10. A file
 made to keep its reader busy packs zeros 10,000 times; with this bound the time to read a file is
 proportional to its size."""
@@ -42,18 +42,18 @@ class Record(NamedTuple):
 
     opcode: int
     at: int
-    """Where it begins [bytes from the file's start]."""
+    """Its offset [bytes from the file's start]."""
     body: bytes
-    """What follows its length."""
+    """The bytes after its length field."""
 
     @property
     def whole(self) -> bytes:
-        """As it stands in the file."""
+        """The whole record as stored in the file."""
         return _HEAD.pack(self.opcode, len(self.body)) + self.body
 
     @property
     def end(self) -> int:
-        """Where the next one begins."""
+        """Offset of the next record [bytes]."""
         return self.at + _HEAD.size + len(self.body)
 
 
@@ -70,26 +70,26 @@ class Entry(NamedTuple):
 
 
 class Contents(NamedTuple):
-    """What a chunk holds."""
+    """The content of a chunk."""
 
     declared: list[Channel]
     schemas: list[Schema]
     messages: list[Entry]
     places: list[int]
-    """Where each message begins in the unpacked chunk [bytes]."""
+    """Offset of each message in the unpacked chunk [bytes]."""
     unpacked: int
-    """How long the chunk is then [bytes]."""
+    """Length of the unpacked chunk [bytes]."""
 
 
 def records(file: IO[bytes]) -> Iterator[Record]:
-    """Every whole record from the start of `file`, until the footer or until what cannot be one."""
+    """Yield every whole record from the start of `file`, up to the footer or an invalid record."""
     file.seek(0)
     if file.read(len(MAGIC)) == MAGIC:
         yield from _records_from(file, len(MAGIC))
 
 
 def understood(read: Callable[[ReadDataStream], R], body: bytes) -> R | None:
-    """A record by its class's own `read`; None for one that is damaged."""
+    """Return a record parsed by its class's `read`; None if it is damaged."""
     try:
         return read(ReadDataStream(BytesIO(body)))
     except (McapError, ValueError, OverflowError, struct.error):
@@ -97,7 +97,7 @@ def understood(read: Callable[[ReadDataStream], R], body: bytes) -> R | None:
 
 
 def contents(body: bytes) -> Contents | None:
-    """What the chunk with this body holds; None if any of it is damaged."""
+    """Return the content of the chunk with this body; None if any of it is damaged."""
     chunk = understood(Chunk.read, body)
     try:
         if chunk is None:
@@ -111,12 +111,12 @@ def contents(body: bytes) -> Contents | None:
 
 
 def ends_before(chunk: Record, moment: float) -> bool:
-    """Whether all messages of a chunk arrived before `moment` [s]; False for one that is damaged."""
+    """Return whether all messages of a chunk arrived before `moment` [s]; False if it is damaged."""
     return len(chunk.body) >= _TIMES.size and _TIMES.unpack_from(chunk.body)[1] < moment * 1e9
 
 
 def footer(file: IO[bytes]) -> Footer | None:
-    """The end of a file that is whole; None for one that has none, or one that names a place outside it."""
+    """Return the footer of a whole file; None if it is missing or points outside the file."""
     size = os.fstat(file.fileno()).st_size
     if size < 2 * len(MAGIC) + _FOOTER:
         return None
@@ -130,14 +130,14 @@ def footer(file: IO[bytes]) -> Footer | None:
 
 
 def summary(file: IO[bytes]) -> Iterator[Record]:
-    """The records of the index at the end; none if there is no such thing."""
+    """Yield the records of the index at the end, if there is one."""
     end = footer(file)
     if end is not None and end.summary_start:
         yield from _records_from(file, end.summary_start)
 
 
 def _records_from(file: IO[bytes], at: int) -> Iterator[Record]:
-    """Every whole record from `at` on, the footer included; up to what cannot be one."""
+    """Yield every whole record from `at` on, the footer included, up to an invalid record."""
     end = os.fstat(file.fileno()).st_size
     file.seek(at)
     while len(head := file.read(_HEAD.size)) == _HEAD.size:
@@ -154,9 +154,9 @@ def _records_from(file: IO[bytes], at: int) -> Iterator[Record]:
 
 
 def _unpacked(chunk: Chunk) -> bytes:
-    """Its records, and at most a byte more than it says. Raises what its codec does, or ValueError."""
+    """Return its records, at most a byte more than stated. Raises the codec's errors, or ValueError."""
     size = chunk.uncompressed_size
-    if size > min(MAX_CHUNK_BYTES, MAX_EXPANSION * len(chunk.data)):
+    if size > min(MAX_CHUNK_BYTES, MAX_EXPANSION_RATIO * len(chunk.data)):
         raise ValueError(f"a chunk of {size} bytes in {len(chunk.data)} is longer than any that is read")
     match chunk.compression:
         case "":
@@ -169,7 +169,7 @@ def _unpacked(chunk: Chunk) -> bytes:
 
 
 def _contents(raw: bytes) -> Contents:
-    """Raises ValueError or struct.error where `raw` is no row of records."""
+    """Parse the records in `raw`. Raises ValueError or struct.error if it is no sequence of records."""
     found = Contents([], [], [], [], len(raw))
     message = int(Opcode.MESSAGE)  # of which there are thousands
     at = 0

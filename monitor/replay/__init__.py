@@ -1,1 +1,1 @@
-"""A recording played again."""
+"""Replay of a recording."""

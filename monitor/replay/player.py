@@ -1,10 +1,10 @@
-"""Where one is in a recording that is played, and which of its messages are due: a clock that can be set.
+"""The position in a recording being played, and its due messages: a clock that can be set.
 
-A position is a time of the recording [s, its recorder's system clock]. It follows a monotonic clock that the
-caller reads, as fast as is asked; it stands while paused. Who seeks forward passes over what lies between,
-who seeks back begins anew: the figures that live on all messages so far then have to be built again. From the
-beginning, or where that is more than a stretch, from a stretch before the position. Positions never run ahead
-of the messages: a player that cannot keep up falls behind and says by how much, instead of skipping.
+A position is a time of the recording [s, its recorder's system clock]. It follows the caller's monotonic
+clock at the requested speed; it stands while paused. Seeking forward skips the messages between, seeking back
+starts again, as the metrics depend on all messages so far: from the beginning or, if that is more than a
+stretch, from a stretch before the position. Positions never run ahead of the messages: a player that cannot
+keep up falls behind and reports by how much, instead of skipping.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
-from monitor.recording.reader import Recorded
+from formation.monitor.recording.reader import Recorded
 
-SLOWEST, FASTEST = 0.1, 100.0
+MIN_SPEED, MAX_SPEED = 0.1, 100.0
 """Speeds [s of the recording per s]."""
-HURRY = 0.5
-"""So far behind the player tries to catch up [s, real]; what is more is time lost."""
+MAX_CATCH_UP_TIME = 0.5
+"""Longest lag that the player tries to catch up [s, real]; more is time lost."""
 
 
 class Film(Protocol):
-    """What is played."""
+    """A recording to play."""
 
     @property
     def start(self) -> float:
@@ -33,27 +33,27 @@ class Film(Protocol):
         """Time of the last message [s]."""
 
     def messages(self, since: float) -> Iterator[Recorded]:
-        """Every message from the first one at or after `since` [s] on, in the order of the file."""
+        """Yield every message from the first one at or after `since` [s], in the order of the file."""
 
 
 class Due(NamedTuple):
-    """One message whose time has come."""
+    """One due message."""
 
     message: Recorded
     aloud: bool
-    """Whether it is played; else it is passed over on the way to the position that was sought."""
+    """Whether it is played; else it is skipped on the way to the sought position."""
 
 
 class Batch(NamedTuple):
-    """What is to be done now."""
+    """The messages to handle now."""
 
     anew: bool
-    """Whether figures begin anew before these messages."""
+    """Whether the metrics start again before these messages."""
     due: list[Due]
 
 
 class Player:
-    """Plays one film. Times called `mono` are of the caller's monotonic clock [s], and never go back."""
+    """Player of one film. Times called `mono` are of the caller's monotonic clock [s], and never go back."""
 
     def __init__(
         self,
@@ -65,23 +65,23 @@ class Player:
         stretch: float = 600.0,
         until: float = math.inf,
     ) -> None:
-        """At the beginning of `film`, which counts as ending at `until` [s] if it goes on for longer.
+        """Begin at the start of `film`, which ends at `until` [s] at the latest.
 
-        `stretch` [s] of it are at most passed over on the way to a position. Raises ValueError for a speed
-        that cannot be.
+        At most `stretch` [s] of it are skipped on the way to a position. Raises ValueError for an invalid
+        speed.
         """
         self.start = film.start
         self.end = max(min(film.end, until), film.start)
         self.position = film.start
-        """How far it has come [s]: what lies before has been given out."""
+        """Position [s]: all earlier messages have been handed out."""
         self.built_from = film.start
-        """Since when the figures count [s]: later than the start after a seek into a long recording."""
+        """Since when the metrics count [s]: later than the start after a seek into a long recording."""
         self.speed = _checked(speed)
         self.paused = paused
         self.behind = 0.0
-        """How far the position is behind the clock just now [s, real]."""
+        """How far the position is behind the clock now [s, real]."""
         self.lost = 0.0
-        """How much longer playing has taken than was asked, for want of time [s, real]."""
+        """Additional playing time because the player could not keep up [s, real]."""
         self._film, self._stretch = film, stretch
         self._anchor = mono, film.start
         self._target: float | None = None
@@ -91,46 +91,46 @@ class Player:
 
     @property
     def seeking(self) -> bool:
-        """Whether it is still on its way to a position that was asked for."""
+        """Whether it is still on its way to a sought position."""
         return self._target is not None
 
     @property
     def goal(self) -> float:
-        """The position, or the one that it is on its way to [s]."""
+        """The sought position, or else the current one [s]."""
         return self.position if self._target is None else self._target
 
     @property
     def finished(self) -> bool:
-        """Whether all has been given out."""
+        """Whether all messages have been handed out."""
         over = self._next is None or self._next.wall > self.end
         return over and self.position >= self.end and not self.seeking
 
     def pause(self) -> None:
-        """Stand where it is."""
+        """Pause at the position."""
         self.paused, self.behind = True, 0.0
 
     def play(self, mono: float) -> None:
-        """Go on from where it stands; at the end, from the beginning."""
+        """Go on from the position; at the end, from the beginning."""
         if self.finished:
             self.seek(self.start)
         self.paused = False
         self._anchor = mono, self.position
 
     def set_speed(self, mono: float, speed: float) -> None:
-        """Go on at another speed. Raises ValueError for one that cannot be."""
+        """Go on at another speed. Raises ValueError for an invalid one."""
         self.speed, self.behind = _checked(speed), 0.0
         self._anchor = mono, self.position
 
     def seek(self, to: float) -> None:
-        """Go to a position [s], or the end that is nearest to it. Pausing and speed stay as they are."""
+        """Go to a position [s], limited to the film. Pausing and speed stay as they are."""
         target = min(max(to, self.start), self.end)
         near = self.position <= target <= self.position + self._stretch
         if self._anew or (self.seeking and target < self.goal) or not near:
             self._begin_anew(target)
         self._target, self.behind = target, 0.0
 
-    def take(self, mono: float, most: int) -> Batch:
-        """What is due at `mono`, in order: at most `most` messages; if so many, ask again."""
+    def next_batch(self, mono: float, most: int) -> Batch:
+        """Return the messages due at `mono`, in order: at most `most`; if as many, call again."""
         anew, self._anew = self._anew, False
         due: list[Due] = []
         if self._target is not None:
@@ -140,7 +140,7 @@ class Player:
         return Batch(anew, due)
 
     def idle(self, mono: float) -> float:
-        """How long nothing will be due, unless somebody steers [s, real]; infinite while paused."""
+        """Return how long nothing will be due without steering [s, real]; infinite while paused."""
         if self.seeking:
             return 0.0
         if self._next is None or self.paused:
@@ -162,27 +162,27 @@ class Player:
         while self._next is not None and self._next.wall <= clock and len(due) < most:
             due.append(Due(self._pop(), aloud=True))
         reached = clock
-        if self._next is not None and self._next.wall <= clock:  # more than can be taken now
+        if self._next is not None and self._next.wall <= clock:  # more than fits now
             reached = due[-1].message.wall if due else self.position
         self.position = max(self.position, reached)
         return due
 
     def _clock(self, mono: float) -> float:
-        """The position that is due, set back to the next message where that has waited for too long."""
+        """Return the due position, set back to the next message if that has waited too long."""
         since, begin = self._anchor
         clock = begin + (mono - since) * self.speed
         self.behind = 0.0
         if self._next is not None and self._next.wall <= self.end:
             waits = max(self._next.wall, self.position)
             self.behind = max(clock - waits, 0.0) / self.speed
-            if self.behind > HURRY:
+            if self.behind > MAX_CATCH_UP_TIME:
                 self.lost += self.behind
                 self.behind, self._anchor, clock = 0.0, (mono, waits), waits
         return min(clock, self.end)
 
     def _pop(self) -> Recorded:
         message = self._next
-        assert message is not None  # noqa: S101 - for the type checker: whoever pops has looked
+        assert message is not None  # noqa: S101 - for the type checker: checked by the caller
         self._next = next(self._messages, None)
         return message
 
@@ -195,6 +195,6 @@ class Player:
 
 
 def _checked(speed: float) -> float:
-    if not SLOWEST <= speed <= FASTEST:
-        raise ValueError(f"speed {speed:g}: must be from {SLOWEST:g} to {FASTEST:g}")
+    if not MIN_SPEED <= speed <= MAX_SPEED:
+        raise ValueError(f"speed {speed:g}: must be from {MIN_SPEED:g} to {MAX_SPEED:g}")
     return speed

@@ -1,7 +1,7 @@
-"""Under which keys a recording is played: never under one that begins as anything does that a robot may hear.
+"""Prefix of a replay's keys: never the first word of a key that a robot may receive.
 
-A robot listens to keys of its own spelling and to no wildcard that begins with one, so a first word that
-occurs nowhere on the live network keeps what is played away from all robots, whoever is linked with whom.
+A robot subscribes to its own keys and to no wildcard at their beginning, so a first word that occurs nowhere
+on the live network keeps the replay away from all robots, however they are linked.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from formation.mission import Mission
+from formation.mission.model import Mission
 from formation.ros2.naming import Naming
 from formation.topics import TABLE
 
@@ -18,7 +18,7 @@ _WORDS = re.compile(r"[^\s/*$?#@]+(/[^\s/*$?#@]+)*")
 
 
 def checked(prefix: str, mission: Mission) -> str:
-    """`prefix`, if nothing that is said under it can be taken for live. Raises ValueError."""
+    """Return `prefix` if no message under it can be taken for live. Raises ValueError."""
     if not _WORDS.fullmatch(prefix):
         raise ValueError(f"{prefix!r}: must be words joined by '/', without * $ ? # @, such as {DEFAULT}")
     first = prefix.partition("/")[0]
@@ -30,10 +30,10 @@ def checked(prefix: str, mission: Mission) -> str:
 
 
 def _beginnings(mission: Mission) -> Iterator[str]:
-    """The first word of every key on which something live may be said, on either side of an agent."""
+    """Yield the first word of every key with live messages, on either side of an agent."""
     yield from mission.names
     yield from (topic.pattern.partition("/")[0] for topic in TABLE if "{" not in topic.pattern)
     for name in mission.followers:
-        naming = Naming.of(mission, [name])
+        naming = Naming.of(mission.robots, [name])
         places = (*naming.robots.values(), naming.formation)
         yield from (naming.wire(key).partition("/")[0] for place in places for key in place.logical_keys())

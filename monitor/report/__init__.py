@@ -1,1 +1,1 @@
-"""A recording made into figures and a page for a paper."""
+"""Figures and a page, for a paper, from a recording."""

@@ -1,4 +1,4 @@
-"""Two runs beside each other: number by number, and whether they may be compared at all."""
+"""Compare two runs: number by number, and whether they are comparable at all."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import json
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from formation.mission import Mission
-from monitor.report import words
-from monitor.report.gather import Run
-from monitor.report.summary import items
+from formation.mission.model import Mission
+from formation.monitor.report import words
+from formation.monitor.report.gather import Run
+from formation.monitor.report.summary import items
 
-MOST = 12
-"""Differences of two missions that are spelled out."""
+MAX_DIFFERENCES = 12
+"""Number of differences of two missions that are listed."""
 
 
 class Row(NamedTuple):
@@ -22,29 +22,29 @@ class Row(NamedTuple):
     first: str
     second: str
     ratio: str
-    """Of the second to the first."""
+    """Ratio of the second to the first."""
 
 
 def verdict(first: Run, second: Run) -> str:
-    """Which one settled sooner, in a sentence."""
+    """Return in a sentence which run settled sooner."""
     a, b = first.snapshot.settled_at, second.snapshot.settled_at
     if a is None or b is None:
-        told = [words.seconds(time) if time is not None else "never" for time in (a, b)]
-        return f"Settled for good: A {told[0]}, B {told[1]}."
+        times = [words.seconds(time) if time is not None else "never" for time in (a, b)]
+        return f"Settled for good: A {times[0]}, B {times[1]}."
     by = f" ({words.ratio(max(a, b) / min(a, b))})" if min(a, b) > 0.0 else ""
     sooner, later = ("A", "B") if a <= b else ("B", "A")
     return f"{sooner} settled after {words.seconds(min(a, b))}, {later} after {words.seconds(max(a, b))}{by}."
 
 
 def rows(first: Run, second: Run) -> Iterator[Row]:
-    """Every number that either has."""
+    """Yield every number of either run."""
     for a, b in zip(items(first), items(second), strict=True):
         if a.value is not None or b.value is not None:
             yield Row(a.title, a.text, b.text, words.ratio(_ratio(a.value, b.value)))
 
 
 def robot_rows(first: Run, second: Run) -> Iterator[Row]:
-    """RMS error of every follower that both have."""
+    """Yield the RMS error of every follower in both runs."""
     for name in first.mission.followers:
         if name in second.robots:
             a, b = first.robots[name].error.whole.rms, second.robots[name].error.whole.rms
@@ -52,7 +52,7 @@ def robot_rows(first: Run, second: Run) -> Iterator[Row]:
 
 
 def differences(first: Mission, second: Mission) -> list[str]:
-    """Where two missions differ beyond their law and their name, as `key: one, other`; empty if nowhere."""
+    """Return the differences of two missions except law and name, as `key: one, other`."""
     a, b = first.model_dump(mode="json"), second.model_dump(mode="json")
     for one in (a, b):
         one["law"].pop("kind")
@@ -60,10 +60,10 @@ def differences(first: Mission, second: Mission) -> list[str]:
     return list(_differ("", a, b))
 
 
-def told(different: list[str]) -> list[str]:
-    """The first few of them, and how many more there are."""
-    more = len(different) - MOST
-    return different if more <= 0 else [*different[:MOST], f"… and {more} more"]
+def shortened(different: list[str]) -> list[str]:
+    """Return the first `MAX_DIFFERENCES` of them, and the number of others."""
+    more = len(different) - MAX_DIFFERENCES
+    return different if more <= 0 else [*different[:MAX_DIFFERENCES], f"… and {more} more"]
 
 
 def _differ(where: str, a: Any, b: Any) -> Iterator[str]:

@@ -1,7 +1,7 @@
-"""What the panels of a figure are drawn with: arrays in, lines on axes out.
+"""Drawing of a figure's panels: arrays in, lines on axes out.
 
-Colours can be told apart by the colour-blind (after Okabe and Ito), and so can lines without colour, by their
-dashes. With many robots colours run along the graph. Letters are 8 pt at the size that figures are made for.
+Colours are distinct for colour-blind readers (after Okabe and Ito), and lines without colour by their dashes.
+With many robots colours run along the graph. Letters are 8 pt at the figures' intended size.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from formation.arrays import ComplexArray, FloatArray
-from formation.mission import SimulationSpec
-from formation.plane import unit
+from formation.control.arrays import ComplexArray, FloatArray
+from formation.control.plane import unit
+from formation.mission.model import SimulationSpec
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,8 +27,8 @@ DASHES: tuple[Any, ...] = (
 FORMATION = "#1F4E79"
 INK = "#000000"
 FAINT = "#707070"
-MANY = 40
-"""From so many robots on, they are not named one by one, and their lines become a picture in an SVG."""
+MANY_ROBOTS = 40
+"""Number of robots from which on they are not named one by one, and their lines are rasterised in an SVG."""
 STYLE: dict[Any, Any] = {
     "font.sans-serif": ["DejaVu Sans", "Verdana", "Helvetica", "Arial"],
     "font.size": 8.0,
@@ -52,23 +52,23 @@ STYLE: dict[Any, Any] = {
 
 
 class Look(NamedTuple):
-    """Of one robot's lines."""
+    """Style of one robot's lines."""
 
     colour: Any
     dashes: Any = "-"
 
 
 def looks(followers: int) -> list[Look]:
-    """Of every follower, in the mission's order."""
+    """Return the style of every follower, in the mission's order."""
     if followers <= len(PALETTE):
         return [Look(*both) for both in zip(PALETTE, DASHES, strict=True)][:followers]
-    from matplotlib import colormaps  # noqa: PLC0415 - only who draws needs it
+    from matplotlib import colormaps  # noqa: PLC0415 - only needed for drawing
 
     return [Look(tuple(colour)) for colour in colormaps["viridis"](np.linspace(0.0, 0.88, followers))]
 
 
 def short(names: Sequence[str]) -> list[str]:
-    """Names as they fit beside a point: their numbers, if that is all in which they differ."""
+    """Return names short enough for a label: their numbers, if they differ only in those."""
     parts = [re.fullmatch(r"(\D*)(\d+)", name) for name in names]
     if all(parts) and len({part[1] for part in parts if part}) == 1:
         return [part[2] for part in parts if part]
@@ -82,10 +82,10 @@ def graph(
     points: ComplexArray,
     robots: Sequence[Look],
 ) -> None:
-    """Who measures whom, drawn at `points` [m], from the leader, who is the first of `names`."""
+    """Draw the sensing graph at `points` [m], relative to the leader, the first of `names`."""
     if not np.isfinite(points).all():
         points = np.exp(2j * np.pi * np.arange(len(points)) / len(points))
-    many, middle = len(points) > MANY, complex(points.mean())
+    many, middle = len(points) > MANY_ROBOTS, complex(points.mean())
     size = 3.0 if many else 7.0
     for i, j in edges:
         arrow = {
@@ -109,18 +109,18 @@ def graph(
     equal(axes, 0.2)
 
 
-def ways(axes: Axes, centres: ComplexArray, names: Sequence[str], robots: Sequence[Look]) -> None:
-    """Ways of the centres [m; world frame], shape (T, N), the leader's dotted; a number where each begins."""
-    many = len(names) > MANY
+def draw_paths(axes: Axes, centres: ComplexArray, names: Sequence[str], robots: Sequence[Look]) -> None:
+    """Draw the centres' paths [m; world frame], shape (T, N), the leader's dotted; a number at each start."""
+    many = len(names) > MANY_ROBOTS
     axes.plot(centres[:, 0].real, centres[:, 0].imag, color=INK, linewidth=0.9, linestyle=":")
-    for way, look in zip(centres.T[1:], robots, strict=True):
+    for path, look in zip(centres.T[1:], robots, strict=True):
         axes.plot(
-            way.real, way.imag, color=look.colour, linestyle=look.dashes, linewidth=0.8, rasterized=many
+            path.real, path.imag, color=look.colour, linestyle=look.dashes, linewidth=0.8, rasterized=many
         )
-    for way, name, colour in zip(
+    for path, name, colour in zip(
         centres.T, short(names), [INK, *(look.colour for look in robots)], strict=True
     ):
-        known = way[np.isfinite(way)]
+        known = path[np.isfinite(path)]
         if known.size and not many:
             axes.plot(known[0].real, known[0].imag, "o", color=colour, markersize=2.2)
             axes.annotate(
@@ -132,7 +132,7 @@ def ways(axes: Axes, centres: ComplexArray, names: Sequence[str], robots: Sequen
 
 
 def formations(axes: Axes, points: ComplexArray, edges: Iterable[tuple[int, int]]) -> None:
-    """The formation of control points [m; world frame] at a few moments, shape (M, N): the first one grey."""
+    """Draw the formation of control points [m; world frame] at M moments, shape (M, N): the first grey."""
     edges = list(edges)
     for number, marks in enumerate(points):
         first, strength = number == 0, 0.35 + 0.65 * number / max(len(points) - 1, 1)
@@ -147,7 +147,7 @@ def formations(axes: Axes, points: ComplexArray, edges: Iterable[tuple[int, int]
 
 
 def things(axes: Axes, world: SimulationSpec) -> None:
-    """Posts and walls of a simulated world."""
+    """Draw posts and walls of a simulated world."""
     from matplotlib.patches import Circle  # noqa: PLC0415
 
     for post in world.posts:
@@ -157,12 +157,12 @@ def things(axes: Axes, world: SimulationSpec) -> None:
 
 
 def moments(times: Iterable[float]) -> str:
-    """A few moments [s] as a title names them."""
+    """Return a few moments [s] as words for a title."""
     return ", ".join(f"{time:.0f}" if time >= 99.95 else f"{round(time, 1):g}" for time in times) + " s"
 
 
 def limits(axes: Axes, values: FloatArray) -> None:
-    """Dashed lines at ± each of `values`, and room for them."""
+    """Draw dashed lines at ± each of `values`, and make room for them."""
     for limit in np.unique(values):
         for sign in (-1.0, 1.0):
             axes.axhline(sign * limit, color="#606060", linewidth=0.8, linestyle="--", zorder=1.8)
@@ -170,16 +170,16 @@ def limits(axes: Axes, values: FloatArray) -> None:
 
 
 def falling(axes: Axes, least: float, most: float) -> None:
-    """A logarithmic scale that shows an error [m] from `most` down to `least`, but not for ever."""
+    """Set a logarithmic scale for an error [m] from `most` down to `least`, within bounds."""
     axes.set_yscale("log")
     if 0.0 < most < np.inf:
         axes.set_ylim(max(least, 1e-6 * most, 1e-5) / 2.0, 2.0 * most)
 
 
 def span(time: FloatArray, error: FloatArray) -> float:
-    """Until when a run is worth looking at [s]: well after the error last left one per cent of its peak.
+    """Return the end of a run's interesting part [s]: well after the error last left 1 % of its peak.
 
-    After the last moment at which the error was known there is nothing to be seen.
+    It is at most the last moment at which the error was known.
     """
     known = np.flatnonzero(np.isfinite(error))
     if not known.size:
@@ -191,7 +191,7 @@ def span(time: FloatArray, error: FloatArray) -> float:
 
 
 def equal(axes: Axes, margin: float = 0.08) -> None:
-    """One metre is as long in x as in y, with room for marks and words at the border."""
+    """Set equal scales in x and y, with room for marks and words at the border."""
     axes.set_aspect("equal", adjustable="datalim")
     box = axes.dataLim
     if np.isfinite(box.extents).all():
@@ -201,14 +201,14 @@ def equal(axes: Axes, margin: float = 0.08) -> None:
 
 
 def unjoined(angles: FloatArray) -> FloatArray:
-    """Angles with a gap where they wrap around, so that no line is drawn across."""
+    """Return angles with a gap where they wrap around, so that no line is drawn across."""
     apart = angles.copy()
     apart[1:][np.abs(np.diff(angles, axis=0)) > np.pi] = np.nan
     return apart
 
 
 def legend(names: Sequence[str], robots: Sequence[Look]) -> list[Any]:
-    """Handles that name the leader and the followers; of many, a few."""
+    """Return legend handles of the leader and the followers; of many, a few."""
     from matplotlib.lines import Line2D  # noqa: PLC0415
 
     chosen = range(len(robots)) if len(robots) <= 14 else (0, len(robots) // 2, len(robots) - 1)
@@ -220,5 +220,5 @@ def legend(names: Sequence[str], robots: Sequence[Look]) -> list[Any]:
 
 
 def xy(point: complex) -> tuple[float, float]:
-    """A point as matplotlib takes it."""
+    """Return a point's coordinates for matplotlib."""
     return float(point.real), float(point.imag)

@@ -1,6 +1,6 @@
 """The figures of a recording: the panels of the paper's Fig. 2 and Fig. 3, alone and together.
 
-Each panel is one column of a paper wide and its letters are 8 pt there. What is not known a panel says.
+Each panel is one column of a paper wide and its letters are 8 pt there. A panel states what is unknown.
 """
 
 from __future__ import annotations
@@ -12,29 +12,29 @@ from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from monitor.report import drawing, parts
-from monitor.report.drawing import FAINT, STYLE
-from monitor.report.gather import Run
-from monitor.report.parts import PANELS, Panel
-from monitor.report.story import Ordered
-from monitor.report.view import View
+from formation.monitor.report import drawing, parts
+from formation.monitor.report.drawing import FAINT, STYLE
+from formation.monitor.report.gather import Run
+from formation.monitor.report.parts import PANELS, Panel
+from formation.monitor.report.story import Ordered
+from formation.monitor.report.view import View
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FIG2, FIG3 = PANELS[:6], PANELS[1:4]
-COLUMN, PAGE = 3.5, 7.1
+COLUMN_WIDTH, PAGE_WIDTH = 3.5, 7.1
 """Width of one column and of both [inches]."""
 FORMATS = ("png", "svg", "pdf")
 DPI = 300
-MARKED = 40
-"""Orders, and changes of the leader, that are marked in the figure of a whole recording."""
+MAX_MARKS = 40
+"""Most orders and changes of the leader marked in the figure of a whole recording."""
 CHANGED = "#D55E00"
 Made = TypeVar("Made", bound="Callable[..., Figure]")
 
 
 def _styled(make: Made) -> Made:
-    """A function that makes a figure, in our style and nobody else's."""
+    """Decorate a function that makes a figure, to use exactly our style."""
 
     @wraps(make)
     def styled(*args: Any, **kwargs: Any) -> Figure:
@@ -47,8 +47,8 @@ def _styled(make: Made) -> Made:
 
 
 @_styled
-def panel(run: Run, view: View, which: Panel, width: float = COLUMN) -> Figure:
-    """One panel with the names of its lines."""
+def panel(run: Run, view: View, which: Panel, width: float = COLUMN_WIDTH) -> Figure:
+    """Return one panel with the names of its lines."""
     figure = _figure(width, which.height)
     axes = figure.subplots()
     axes.set_title(which.title)
@@ -60,8 +60,8 @@ def panel(run: Run, view: View, which: Panel, width: float = COLUMN) -> Figure:
 
 @_styled
 def fig2(run: Run, view: View) -> Figure:
-    """Six panels over both columns, as the paper's Fig. 2."""
-    figure = _figure(PAGE, 7.4)
+    """Return six panels over both columns, as the paper's Fig. 2."""
+    figure = _figure(PAGE_WIDTH, 7.4)
     grid: Any = figure.subplots(3, 2, height_ratios=(1.35, 1.0, 1.0))
     for axes, which in zip(grid.flat, FIG2, strict=True):
         axes.set_title(which.title)
@@ -72,8 +72,8 @@ def fig2(run: Run, view: View) -> Figure:
 
 @_styled
 def fig3(run: Run, view: View) -> Figure:
-    """Trajectories, heading errors and formation error in one column, as the paper's Fig. 3."""
-    figure = _figure(COLUMN, 6.6)
+    """Return trajectories, heading errors and formation error in one column, as the paper's Fig. 3."""
+    figure = _figure(COLUMN_WIDTH, 6.6)
     grid: Any = figure.subplots(3, 1, height_ratios=(1.5, 1.0, 1.0))
     for axes, which, letter in zip(grid, FIG3, "abc", strict=True):
         axes.set_title(f"({letter}){which.title[3:]}")
@@ -84,8 +84,8 @@ def fig3(run: Run, view: View) -> Figure:
 
 @_styled
 def whole(run: Run) -> Figure:
-    """The formation error from the first message to the last, with what the leader ordered."""
-    figure = _figure(PAGE, 2.1)
+    """Return the formation error from the first message to the last, with the leader's orders."""
+    figure = _figure(PAGE_WIDTH, 2.1)
     axes = figure.subplots()
     begin, end = (run.begin - run.start, run.end - run.start) if run.messages else (0.0, 0.0)
     axes.set_title("Formation error over the whole recording")
@@ -102,18 +102,18 @@ def whole(run: Run) -> Figure:
 
 
 def _marks(run: Run) -> Iterator[tuple[float, str, str, bool]]:
-    """What is marked in the figure of a whole recording: when [s], what, in which colour, whether on top."""
-    for one in run.reigns[1 : MARKED + 1]:
-        yield one.heard.begin - run.start, f"{one.name} leads", CHANGED, True
+    """Yield the marks of a whole recording's figure: time [s], text, colour, whether on top."""
+    for one in run.leader_terms[1 : MAX_MARKS + 1]:
+        yield one.received.begin - run.start, f"{one.name} leads", CHANGED, True
     before: Ordered | None = None
-    for order in run.orders[:MARKED]:
+    for order in run.orders[:MAX_MARKS]:
         if text := _change(before, order):
             yield order.at - run.start, text, FAINT, False
         before = order
 
 
 def _change(before: Ordered | None, order: Ordered) -> str:
-    """What is another than before."""
+    """Return the changes from the order before."""
     wish = order.wish
     old = before.wish if before else wish._replace(shape="", rotation=0.0, scale=1.0, route="")
     return ", ".join(
@@ -123,7 +123,7 @@ def _change(before: Ordered | None, order: Ordered) -> str:
             (wish.shape, wish.shape != old.shape),
             (f"{math.degrees(wish.rotation):.3g}°", wish.rotation != old.rotation),
             (f"× {wish.scale:.3g}", wish.scale != old.scale),
-            ("course", wish.route != old.route),
+            ("route", wish.route != old.route),
         )
         if is_new
     )
@@ -131,8 +131,8 @@ def _change(before: Ordered | None, order: Ordered) -> str:
 
 @_styled
 def overlay(runs: Mapping[str, Run], view: View) -> Figure:
-    """Formation errors of several runs on the same axes; what each is called, by the run."""
-    figure = _figure(PAGE, 2.7)
+    """Return the formation errors of several runs on the same axes; `runs` is by name."""
+    figure = _figure(PAGE_WIDTH, 2.7)
     axes = figure.subplots()
     axes.set_title("Formation error")
     parts.overlaid(axes, runs, view)
@@ -141,7 +141,7 @@ def overlay(runs: Mapping[str, Run], view: View) -> Figure:
 
 
 def written(figure: Figure, suffix: str) -> bytes:
-    """The figure as a file of this format. What is written does not depend on when."""
+    """Return the figure as a file of this format, independent of the time of writing."""
     import matplotlib as mpl  # noqa: PLC0415
 
     metadata: dict[str, Any] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(suffix, {})
@@ -152,7 +152,7 @@ def written(figure: Figure, suffix: str) -> bytes:
 
 
 def write(folder: Path, run: Run, view: View, formats: Sequence[str]) -> list[Path]:
-    """Every figure of one run into `folder`, which is made; their paths. Raises OSError."""
+    """Write every figure of one run into `folder`, which is made; return their paths. Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
     figures = {"fig2": fig2(run, view), "fig3": fig3(run, view), "whole": whole(run)}
     figures |= {which.name: panel(run, view, which) for which in PANELS}
@@ -160,7 +160,7 @@ def write(folder: Path, run: Run, view: View, formats: Sequence[str]) -> list[Pa
 
 
 def write_overlay(folder: Path, runs: Mapping[str, Run], view: View, formats: Sequence[str]) -> list[Path]:
-    """What compares several runs into `folder`, which is made; the paths. Raises OSError."""
+    """Write the comparison of several runs into `folder`, which is made; return the paths. Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
     return _save(folder, {"overlay": overlay(runs, view)}, formats)
 

@@ -1,8 +1,8 @@
-"""A recording read once, from the first message to the last, into what a report shows.
+"""Read a recording once, from the first message to the last, into the data of a report.
 
-The figures are the monitor's own, fed as they were fed live, so settling time and final error are those that
-the monitor told. Memory is bounded, however long the run was: curves are thinned as they grow, everything
-else is counted.
+The metrics are the monitor's own, fed as they were fed live, so settling time and final error are those that
+the monitor published. Memory is bounded for any length of the run: curves are thinned as they grow, all else
+is counted.
 """
 
 from __future__ import annotations
@@ -14,32 +14,32 @@ from typing import NamedTuple
 
 import numpy as np
 
-from formation.arrays import ComplexArray, FloatArray
-from formation.mission import Mission
+from formation.control.arrays import ComplexArray, FloatArray
+from formation.mission.model import Mission
+from formation.monitor.metrics.events import Event
+from formation.monitor.metrics.snapshot import RobotMetrics, Snapshot
+from formation.monitor.metrics.trajectory import Placed
+from formation.monitor.recording.reader import Recorded, Recording
+from formation.monitor.recording.rerun import Rerun
+from formation.monitor.report.doing import Doing, Doings
+from formation.monitor.report.judging import MAX_LINE_GAP, Commands, Judge, Measured, Robot
+from formation.monitor.report.latency import Late, Latencies
+from formation.monitor.report.leader_terms import LeaderTerm, LeaderTerms
+from formation.monitor.report.story import Ordered, Story
+from formation.monitor.report.thin import Curves, Extremes, Samples
+from formation.monitor.report.traffic import Key, Traffic
 from formation.topics import CMD_VEL, ERROR
 from formation.wire import Now
-from monitor.figures.events import Event
-from monitor.figures.snapshot import RobotFigures, Snapshot
-from monitor.figures.trajectory import Placed
-from monitor.recording.reader import Recorded, Recording
-from monitor.recording.rerun import Rerun
-from monitor.report.doing import Doing, Doings
-from monitor.report.judging import GAP, Commands, Judge, Measured, Robot
-from monitor.report.latency import Late, Latencies
-from monitor.report.reigns import Reign, Reigns
-from monitor.report.story import Ordered, Story
-from monitor.report.thin import Curves, Extremes, Samples
-from monitor.report.traffic import Key, Traffic
 
-LOOK = 0.2
-"""Where no formation error was published, because it was not known, robots are looked at this often [s]."""
-OFTEN = 2000
-"""Messages between two signs of progress."""
+LOOK_PERIOD = 0.2
+"""Time between two looks while no formation error was published because it was unknown [s]."""
+PROGRESS_MESSAGES = 2000
+"""Number of messages between two calls of progress."""
 NOWHERE = complex(math.nan, math.nan)
 
 
-class Ways(NamedTuple):
-    """Where robots were; T moments of N robots, the leader first. NaN where not known."""
+class Paths(NamedTuple):
+    """Positions of N robots at T moments, the leader first. NaN if unknown."""
 
     time: FloatArray
     """[s]; shape (T,)."""
@@ -51,23 +51,23 @@ class Ways(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """A recording, understood. Times are since `start`."""
+    """The data of a recording. Times are since `start`."""
 
     recording: Recording
     messages: int
     begin: float
     """Arrival of the first message [s, the recorder's clock]; NaN without one."""
     end: float
-    """Arrival of the last."""
+    """Arrival of the last message."""
     start: float
     """When the formation error was first known [s, the recorder's clock]; else the beginning."""
     snapshot: Snapshot
-    """At the end: settling time and final error as the monitor told them."""
-    ways: Ways
+    """At the end: settling time and final error as the monitor published them."""
+    paths: Paths
     formation: Curves
     """Formation error, and the true one [m]."""
     errors: Curves
-    """Of each follower [m]."""
+    """Error of each follower [m]."""
     headings: Curves
     """Heading error of each follower [rad]."""
     commands: Mapping[str, Curves]
@@ -83,19 +83,19 @@ class Run:
     answers: Mapping[str, Late]
     """Odometry to command, by follower [s]."""
     events: tuple[Event, ...]
-    untold: int
-    """Events that there was no room for."""
+    unlisted: int
+    """Number of events beyond the limit."""
     orders: tuple[Ordered, ...]
-    reigns: tuple[Reign, ...]
-    """Who led."""
+    leader_terms: tuple[LeaderTerm, ...]
+    """The leader terms."""
     doings: Mapping[str, Doing]
-    """What followers did, and how long."""
+    """Followers' times by activity."""
     apart: float
-    """By how much the monitor's own settling time was longer when it last told it [s]; NaN: it told none."""
+    """Excess of the settling time last published by the monitor [s]; NaN if none was."""
 
     @property
     def mission(self) -> Mission:
-        """As it was driven."""
+        """The mission as driven."""
         return self.recording.mission
 
     @property
@@ -105,7 +105,7 @@ class Run:
 
     @property
     def truth(self) -> bool:
-        """Whether anything is known of true headings."""
+        """Whether any true heading is known."""
         return any(robot.heading.whole.count for robot in self.robots.values())
 
     @property
@@ -115,35 +115,35 @@ class Run:
 
 
 def gather(recording: Recording, progress: Callable[[int, float], None] = lambda _count, _wall: None) -> Run:
-    """Read all of it; `progress` is told now and then how many messages, and up to when [s, system clock]."""
+    """Read all of it; `progress` gets at times the number of messages, and up to when [s, system clock]."""
     one = _Gatherer(recording.mission)
     for message in recording.messages():
-        one.take(message)
-        if one.messages % OFTEN == 0:
+        one.process_message(message)
+        if one.messages % PROGRESS_MESSAGES == 0:
             progress(one.messages, message.wall)
     return one.run(recording)
 
 
 class Known(NamedTuple):
-    """What is known at one moment."""
+    """The values known at one moment."""
 
-    followers: Mapping[str, RobotFigures]
+    followers: Mapping[str, RobotMetrics]
     errors: tuple[float | None, float | None]
     """The formation error, and the true one [m]."""
 
 
 class _Gatherer:
-    """Takes one message after the other."""
+    """Take one message after the other."""
 
     def __init__(self, mission: Mission) -> None:
         self.messages = 0
         self._mission = mission
         self._rerun = Rerun(mission)
         self._late, self._traffic, self._story = Latencies(mission), Traffic(mission), Story()
-        self._reigns, self._doings = Reigns(mission), Doings(mission)
+        self._leader_terms, self._doings = LeaderTerms(mission), Doings(mission)
         self._commands = {CMD_VEL.key(name): Commands(mission, name) for name in mission.followers}
         count = len(mission.followers)
-        self._ways = Samples(2 * (count + 1))
+        self._paths = Samples(2 * (count + 1))
         self._formation, self._errors, self._headings = Extremes(2), Extremes(count), Extremes(count)
         self._judges = {name: (Judge(), Judge()) for name in mission.followers}
         self._judge, self._true_judge = Judge(), Judge()
@@ -157,24 +157,24 @@ class _Gatherer:
         self._settled_at: float | None = None
         self._now_settled: float | None = None
 
-    def take(self, message: Recorded) -> None:
+    def process_message(self, message: Recorded) -> None:
         key, payload, wall = message.sample.key, message.sample.payload, message.wall
         rejections = self._rerun.metrics.rejections.by_key
         before = rejections[key]
-        self._rerun.take(message)
+        self._rerun.process_message(message)
         self.messages += 1
         if self.messages == 1:
             self._begin = wall
         self._end = wall
-        self._traffic.take(key, wall)
+        self._traffic.count_message(key, wall)
         if rejections[key] == before:
-            self._late.take(key, payload, wall)
+            self._late.process_message(key, payload, wall)
             if key in self._commands:
-                self._commands[key].take(payload, wall)
-        self._story.take(key, payload)
-        self._reigns.take(message.sample, wall)
+                self._commands[key].process_command(payload, wall)
+        self._story.process_message(key, payload)
+        self._leader_terms.process_sample(message.sample, wall)
         self._story.check(key, payload, self._now_settled)
-        if key == ERROR.key() or wall - self._looked > LOOK:
+        if key == ERROR.key() or wall - self._looked > LOOK_PERIOD:
             self._look(Now(wall, wall))
 
     def run(self, recording: Recording) -> Run:
@@ -183,7 +183,7 @@ class _Gatherer:
         start = self._start if self._start is not None else self._begin if self.messages else 0.0
         settled = snapshot.settled_at is not None
         count = len(self._mission.names)
-        time, rows = self._ways.taken(start)
+        time, rows = self._paths.taken(start)
         rejected = self._rerun.metrics.rejections.by_key
         return Run(
             recording=recording,
@@ -192,7 +192,7 @@ class _Gatherer:
             end=self._end,
             start=start,
             snapshot=snapshot,
-            ways=Ways(time, rows[:, :count], rows[:, count:]),
+            paths=Paths(time, rows[:, :count], rows[:, count:]),
             formation=self._formation.curves(start),
             errors=self._errors.curves(start),
             headings=self._headings.curves(start),
@@ -207,9 +207,9 @@ class _Gatherer:
             late=self._late.by_topic,
             answers=self._late.answers,
             events=tuple(self._story.events),
-            untold=self._story.untold,
+            unlisted=self._story.unlisted,
             orders=tuple(self._story.orders),
-            reigns=tuple(self._reigns.all),
+            leader_terms=tuple(self._leader_terms.all),
             doings=self._doings.each,
             apart=self._story.apart,
         )
@@ -225,7 +225,7 @@ class _Gatherer:
         )
 
     def _look(self, now: Now) -> None:
-        """See how everything is, as the monitor did at this moment."""
+        """Look at the state, as the monitor did at this moment."""
         metrics = self._rerun.metrics
         snapshot = metrics.snapshot(now)
         self._looked = now.wall
@@ -242,10 +242,10 @@ class _Gatherer:
         if not placed:
             moment = now.wall
         if moment <= self._shown:
-            return  # nobody has moved on since the last look
+            return  # no new positions since the last look
         true_error = self._true_error(now, moment, snapshot)
         self._judge_all(snapshot, true_error)
-        if moment - self._shown > GAP and self._shown > 0.0:
+        if moment - self._shown > MAX_LINE_GAP and self._shown > 0.0:
             self._row(self._shown, {}, Known({}, (None, None)))
         followers = {name: snapshot.robots[name] for name in self._mission.followers}
         self._row(moment, placed, Known(followers, (snapshot.formation_error, true_error)))
@@ -255,7 +255,7 @@ class _Gatherer:
         return [self._judge, self._true_judge, *(one for both in self._judges.values() for one in both)]
 
     def _true_error(self, now: Now, moment: float, snapshot: Snapshot) -> float | None:
-        """The true formation error [m], if it is of the same `moment` [s] as the error that robots tell."""
+        """Return the true formation error [m], if of the same `moment` [s] as the published error."""
         of = self._rerun.metrics.placed(now, truly=True)[0]
         same = snapshot.formation_error is not None and abs(of - moment) < self._same
         return snapshot.formation_error_true if same else None
@@ -268,12 +268,12 @@ class _Gatherer:
             heading.add(snapshot.robots[name].heading_error)
 
     def _row(self, moment: float, placed: Mapping[str, Placed], known: Known) -> None:
-        """Add a row to every curve; what is not known leaves a gap in its line."""
+        """Add a row to every curve; unknown values leave a gap in the line."""
         names = self._mission.names
         points = np.array([placed[name].point if name in placed else NOWHERE for name in names])
         headings = np.array([placed[name].heading if name in placed else NOWHERE for name in names])
         robots = [known.followers.get(name) for name in self._mission.followers]
-        self._ways.add(moment, np.concatenate([points - self._offsets * headings, points]))
+        self._paths.add(moment, np.concatenate([points - self._offsets * headings, points]))
         self._formation.add(moment, [_or_nan(error) for error in known.errors])
         self._errors.add(moment, [_or_nan(robot.error if robot else None) for robot in robots])
         self._headings.add(moment, [_or_nan(robot.heading_error if robot else None) for robot in robots])

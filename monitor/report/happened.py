@@ -1,31 +1,31 @@
-"""The tables of what happened in a run: orders, leaders, what robots did, events."""
+"""The tables of a run's history: orders, leaders, robots' activities, events."""
 
 from __future__ import annotations
 
 import math
 
-from monitor.figures.leading import described
-from monitor.report import words
-from monitor.report.doing import LOST_STATE, STATES
-from monitor.report.gather import Run
-from monitor.report.reigns import overlaps
-from monitor.report.tables import Table
+from formation.monitor.metrics.leading import described
+from formation.monitor.report import words
+from formation.monitor.report.doing import LOST_STATE, STATES
+from formation.monitor.report.gather import Run
+from formation.monitor.report.leader_terms import overlaps
+from formation.monitor.report.tables import Table
 
-ORDERS = "With another figure or course settling begins anew: the settling time counts from the newest."
+ORDERS = "With another shape or route settling begins anew: the settling time counts from the newest."
 LEADERS = (
-    "By the terms of the orders and the voices that gave them, as they arrived; whether two led at once is"
+    "By the terms of the orders and the publisher ids, as they arrived; whether two led at once is"
     " judged by the leaders' own stamps."
 )
 DOINGS = (
-    "By their own words, as the monitor heard them. Lost: not heard for a second. Aside: it said that it did"
-    " not follow, and who measures it went on without it. Out of the way: the collision filter turned or"
-    " slowed it, or its protective zone slowed it. Blocked: that stopped it. Deadlocks: it was kept from"
-    " moving, and went another way for a while."
+    "By their own words, as received by the monitor. Lost: silent for a second. Unavailable: it did"
+    " not follow, and the robots that measure it continued without it. Avoiding: the collision filter"
+    " turned or slowed it, or its protective zone slowed it. Blocked: that stopped it. Deadlocks: it was"
+    " kept from moving, and went another way for a while."
 )
 
 
 def orders(run: Run) -> Table:
-    """What the leader wanted, and since when."""
+    """Return the leader's orders, with their times."""
     several = len({order.leads for order in run.orders}) > 1
     rows = [
         (
@@ -36,64 +36,66 @@ def orders(run: Run) -> Table:
         )
         for order in run.orders
     ]
-    heads = ("time", "mode", "figure", "who led") if several else ("time", "mode", "figure")
+    heads = ("time", "mode", "shape", "leader") if several else ("time", "mode", "shape")
     return Table("The leader's orders", heads, rows, ORDERS, words=True)
 
 
-def reigns(run: Run) -> Table:
-    """Who led; empty where nobody could have taken the leader's place, and nobody has."""
+def leader_terms(run: Run) -> Table:
+    """Return the leader terms; empty if the leader had no standbys and was never replaced."""
     rows = []
-    both = {id(one) for pair in overlaps(run.reigns) for one in pair[:2]}
-    for number, one in enumerate(run.reigns):
-        before = run.reigns[number - 1].heard.end if number else math.nan
+    both = {id(one) for pair in overlaps(run.leader_terms) for one in pair[:2]}
+    for number, one in enumerate(run.leader_terms):
+        before = run.leader_terms[number - 1].received.end if number else math.nan
         rows.append(
             (
                 one.name or "unknown",
-                words.seconds(one.heard.begin - run.start),
-                words.seconds(one.heard.end - run.start),
-                words.lasting(one.heard.begin - before),
+                words.seconds(one.received.begin - run.start),
+                words.seconds(one.received.end - run.start),
+                words.lasting(one.received.begin - before),
                 words.whole(one.positions),
                 words.whole(one.ballots),
                 "no: two led at once" if id(one) in both else "yes",
             )
         )
-    heads = ("who led", "from", "to", "nobody before for", "positions", "ballots", "alone")
+    heads = ("leader", "from", "to", "no leader before, for", "positions", "ballots", "alone")
     return Table("Leaders", heads, rows if run.mission.standbys or len(rows) > 1 else [], LEADERS)
 
 
 def doings(run: Run) -> Table:
-    """What followers did with their time."""
+    """Return followers' times by activity."""
     heads = (
-        "robot", "ran", "held", "stopped", "waited", "lost", "aside", "out of the way",
+        "robot", "ran", "held", "stopped", "waited", "lost", "unavailable", "avoiding",
         "blocked", "deadlocks", "with fallback neighbours", "started anew",
     )  # fmt: skip
     rows = []
     for name, one in run.doings.items():
         times = [one.seconds.get(state, 0.0) for state in (*STATES, LOST_STATE)]
-        aside = words.lasting(one.aside) + (f", {one.asides} times" if one.asides > 1 else "")
+        unavailable = words.lasting(one.unavailable) + (
+            f", {one.times_unavailable} times" if one.times_unavailable > 1 else ""
+        )
         rows.append(
             (
                 name,
                 *(words.lasting(time) if time else "" for time in times),
-                aside if one.asides else "",
-                words.lasting(one.evading) if one.evading else "",
+                unavailable if one.times_unavailable else "",
+                words.lasting(one.avoiding) if one.avoiding else "",
                 words.lasting(one.blocked) if one.blocked else "",
                 words.whole(one.deadlocks) if one.deadlocks else "",
                 words.lasting(one.fallback) if one.fallback else "",
                 words.whole(one.starts) if one.starts else "",
             )
         )
-    told = [n for n in range(len(heads)) if any(row[n] for row in rows)]
+    filled = [n for n in range(len(heads)) if any(row[n] for row in rows)]
     return Table(
         "What robots did",
-        tuple(heads[n] for n in told),
-        [tuple(row[n] for n in told) for row in rows],
+        tuple(heads[n] for n in filled),
+        [tuple(row[n] for n in filled) for row in rows],
         DOINGS,
     )
 
 
 def events(run: Run) -> Table:
-    """The monitor's list."""
+    """Return the monitor's list of events."""
     levels = {20: "", 30: "warning", 40: "error"}
     rows = [
         (
@@ -105,4 +107,4 @@ def events(run: Run) -> Table:
         )
         for event in run.events
     ]
-    return Table("Events", ("time", "who", "what", "level", "in words"), rows, words=True)
+    return Table("Events", ("time", "robot", "what", "level", "in words"), rows, words=True)

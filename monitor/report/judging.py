@@ -1,4 +1,4 @@
-"""What is measured of a quantity and of a robot's commands while a recording is read."""
+"""Statistics of a quantity and of a robot's commands while a recording is read."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from formation.mission import Mission
+from formation.mission.model import Mission
+from formation.monitor.report.thin import Extremes, Size
 from formation.ros2.messages import Twist, TwistStamped, decode
 from formation.wire import BadMessage
-from monitor.report.thin import Extremes, Size
 
-SATURATED = 0.995
+SATURATED_SHARE = 0.995
 """Share of a limit from which a command counts as at its limit."""
-GAP = 1.0
-"""Where nothing at all was heard for longer, no line is drawn across [s]."""
+MAX_LINE_GAP = 1.0
+"""Longest silence across which a line is drawn [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,9 +23,9 @@ class Measured:
 
     whole: Size
     after: Size | None
-    """None where it has not settled."""
+    """None if it has not settled."""
     final: float | None
-    """The newest value that was known."""
+    """The newest known value."""
 
 
 class Robot(NamedTuple):
@@ -41,25 +41,25 @@ class Robot(NamedTuple):
 
 
 class Judge:
-    """Measures one quantity, before and after settling."""
+    """Statistics of one quantity, before and after settling."""
 
     def __init__(self) -> None:
         self._whole, self._after = Size(), Size()
         self._final: float | None = None
 
     def add(self, value: float | None) -> None:
-        """Take one value; None is: not known."""
+        """Take one value; None means unknown."""
         if value is not None:
             self._whole.add(value)
             self._after.add(value)
             self._final = value
 
     def restart(self) -> None:
-        """From now on it may be settled for good."""
+        """Start the second half: from now on it may be settled for good."""
         self._after = Size()
 
     def measured(self, *, settled: bool) -> Measured:
-        """All of it; the second half only if it has `settled`."""
+        """Return the statistics; the second half only if it has `settled`."""
         return Measured(self._whole, self._after if settled else None, self._final)
 
 
@@ -72,10 +72,10 @@ class Commands:
         self.curves = Extremes(2)
         self.count = 0
         self.saturated = [0, 0]
-        self._limits = SATURATED * spec.max_speed, SATURATED * spec.max_turn_rate
+        self._limits = SATURATED_SHARE * spec.max_speed, SATURATED_SHARE * spec.max_turn_rate
         self._last = -math.inf
 
-    def take(self, payload: bytes, wall: float) -> None:
+    def process_command(self, payload: bytes, wall: float) -> None:
         """Take one command that arrived at `wall` [s]."""
         try:
             command = decode(TwistStamped, payload) if self._stamped else decode(Twist, payload)
@@ -85,11 +85,11 @@ class Commands:
         self.count += 1
         for i in range(2):
             self.saturated[i] += abs(values[i]) >= self._limits[i]
-        if wall - self._last > GAP and self.count > 1:
+        if wall - self._last > MAX_LINE_GAP and self.count > 1:
             self.curves.add(self._last, (math.nan, math.nan))
         self._last = wall
         self.curves.add(wall, values)
 
     def share(self, which: int) -> float | None:
-        """Of commands at the limit of the speed (0) or the turn rate (1); None without a command."""
+        """Return the share of commands at the limit of speed (0) or turn rate (1); None without a command."""
         return self.saturated[which] / self.count if self.count else None

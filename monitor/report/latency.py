@@ -1,7 +1,7 @@
-"""How late messages came, and how soon a robot's odometry was answered by a command.
+"""Latency of messages, and time from a robot's odometry to its command.
 
 Both are differences between a stamp, on its sender's clock, and an arrival, on the recorder's: they contain
-the difference of the two clocks.
+the offset of the two clocks.
 """
 
 from __future__ import annotations
@@ -9,20 +9,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from formation.mission import Mission
+from formation.mission.model import Mission
+from formation.monitor.metrics.keys import watched
+from formation.monitor.recording.recorder import stamp_of
+from formation.monitor.report.thin import Spread
 from formation.ros2.definitions import definition
 from formation.topics import CMD_VEL, ODOM, POSE, TABLE
-from monitor.figures.keys import watched
-from monitor.recording.recorder import stamp_of
-from monitor.report.thin import Spread
 
 HEADER = "std_msgs/Header "
-"""What the definition of a message that begins with a stamp begins with."""
+"""Beginning of the definition of a message that starts with a stamp."""
 
 
 @dataclass(frozen=True, slots=True)
 class Late:
-    """How times [s] are spread."""
+    """Distribution of times [s]."""
 
     count: int
     median: float | None
@@ -31,7 +31,7 @@ class Late:
 
     @classmethod
     def of(cls, spread: Spread) -> Late:
-        """Its figures; the maximum is over every value."""
+        """Return the distribution of `spread`; the maximum is over every value."""
         most = spread.most if spread.count else None
         return cls(spread.count, spread.percentile(0.5), spread.percentile(0.99), most)
 
@@ -53,12 +53,12 @@ class Latencies:
         }
         self._commands = {CMD_VEL.key(name): name for name in mission.followers}
         self._period = {name: 1.0 / mission.robots[name].rate for name in mission.followers}
-        self._asked: dict[str, float] = {}
+        self._sent: dict[str, float] = {}
 
-    def take(self, key: str, payload: bytes, wall: float) -> None:
-        """Take one message that was not rejected and arrived at `wall` [s, the recorder's clock]."""
+    def process_message(self, key: str, payload: bytes, wall: float) -> None:
+        """Take one accepted message that arrived at `wall` [s, the recorder's clock]."""
         if key in self._commands:
-            self._asked[self._commands[key]] = wall
+            self._sent[self._commands[key]] = wall
         topic = self._topics.get(key)
         stamp = None if topic is None else stamp_of(payload)
         if topic is None or stamp is None:
@@ -70,18 +70,18 @@ class Latencies:
 
     @property
     def by_topic(self) -> Mapping[str, Late]:
-        """Arrival less stamp, in the order of the topic table."""
+        """Return arrival less stamp by topic, in the order of the topic table."""
         return {
             topic.name: Late.of(self._spreads[topic.name]) for topic in TABLE if topic.name in self._spreads
         }
 
     @property
     def answers(self) -> Mapping[str, Late]:
-        """From the stamp of an odometry (or pose) message to the arrival of the command that answers it."""
+        """Return times from the stamp of an odometry (or pose) message to the arrival of its command."""
         return {name: Late.of(spread) for name, spread in self._answers.items() if spread.count}
 
     def _answer(self, robot: str, wall: float, late: float) -> None:
-        """An agent repeats what it heard once it has answered: the command stands before its odometry."""
-        asked = self._asked.pop(robot, None)
-        if asked is not None and wall - asked < 0.5 * self._period[robot]:
-            self._answers[robot].add(late - (wall - asked))
+        """Take an odometry message, which an agent repeats after its answer: the command precedes it."""
+        sent = self._sent.pop(robot, None)
+        if sent is not None and wall - sent < 0.5 * self._period[robot]:
+            self._answers[robot].add(late - (wall - sent))

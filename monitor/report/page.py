@@ -1,4 +1,4 @@
-"""The page: everything that is known of one run or two, in a single file that loads nothing."""
+"""The page of one run or two: a single file that loads nothing."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from typing import Any, NamedTuple
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from monitor.report import compare, drawing, figures, happened, svg, tables, words
-from monitor.report.gather import Run
-from monitor.report.parts import PANELS, Panel
-from monitor.report.summary import Item, items, notices, verdict
-from monitor.report.view import View
+from formation.monitor.report import compare, drawing, figures, happened, svg, tables, words
+from formation.monitor.report.gather import Run
+from formation.monitor.report.parts import PANELS, Panel
+from formation.monitor.report.summary import Item, items, notices, verdict
+from formation.monitor.report.view import View
 
 CARDS = (
     "settling_time", "formation_error", "formation_error_true", "error_rms_settled", "error_max_settled",
     "answer_median", "missed", "rejected", "messages", "duration",
 )  # fmt: skip
-"""Numbers that stand on top."""
-RECOLOURED = len(drawing.PALETTE)
-"""With more followers the colours are made for white, and so stays the figure's ground."""
+"""Numbers shown at the top."""
+MAX_RECOLOURED_FOLLOWERS = len(drawing.PALETTE)
+"""Most followers with colours for a dark page; with more, the figure's background stays white."""
 _PACKAGES = ("formation", "python", "eclipse-zenoh", "mcap", "numpy", "pydantic")
 
 
-class Told(NamedTuple):
-    """A run, and what others have to say of it."""
+class ReportedRun(NamedTuple):
+    """A run, with results from elsewhere."""
 
     run: Run
     check: str
-    """What `formation check` says of its mission."""
+    """Output of `formation check` for its mission."""
 
 
 class Drawn(NamedTuple):
@@ -41,17 +41,17 @@ class Drawn(NamedTuple):
     svg: Markup
     caption: str
     wide: bool
-    """Over both columns."""
+    """Whether it spans both columns."""
     paper: bool
-    """Whether its ground stays white."""
+    """Whether its background stays white."""
 
 
-def page(told: Sequence[Told], until: float | None = None, made: str = "") -> str:
-    """The page of one run, or of two beside each other; `until` [s] is the last moment of the panels.
+def page(reported: Sequence[ReportedRun], until: float | None = None, made: str = "") -> str:
+    """Return the page of one run, or of two side by side; `until` [s] is the last moment of the panels.
 
-    `made` says when, for the last line.
+    `made` is the time of writing, for the last line.
     """
-    runs = [one.run for one in told]
+    runs = [one.run for one in reported]
     view = View.of(runs, until)
     environment = Environment(
         loader=PackageLoader("monitor", "report"),
@@ -69,16 +69,16 @@ def page(told: Sequence[Told], until: float | None = None, made: str = "") -> st
         subtitle=_subtitle(runs),
         notices=[] if several else list(notices(runs[0], cut=runs[0].recording.is_cut())),
         compared=_compared(runs, names, view) if several else None,
-        runs=[_run(one, name, view, several) for one, name in zip(told, names, strict=True)],
+        runs=[_run(one, name, view, several) for one, name in zip(reported, names, strict=True)],
         terms=tables.TERMS,
-        style=Markup(files("monitor.report").joinpath("page.css").read_text("utf-8")),  # noqa: S704 - ours
-        version=version("formation"),
+        style=Markup(files("formation.monitor.report").joinpath("page.css").read_text("utf-8")),  # noqa: S704 - ours
+        version=version("zenoh-formation"),
         made=made,
     )
 
 
 def labels(runs: Sequence[Run]) -> list[str]:
-    """What each run is called: mission and law, and a letter where there are two."""
+    """Return each run's label: mission and law, and a letter if there are two."""
     names = [f"{run.mission.name}, {run.mission.law.kind} law" for run in runs]
     if len(runs) == 1:
         return names
@@ -108,7 +108,7 @@ def _compared(runs: Sequence[Run], names: Sequence[str], view: View) -> dict[str
         wide=True,
     )
     return {
-        "different": compare.told(different),
+        "different": compare.shortened(different),
         "overlay": overlay,
         "numbers": tables.Table("In numbers", heads, [tuple(row) for row in compare.rows(first, second)]),
         "robots": tables.Table(
@@ -126,8 +126,8 @@ def _compared(runs: Sequence[Run], names: Sequence[str], view: View) -> dict[str
     }
 
 
-def _run(told: Told, name: str, view: View, several: bool) -> dict[str, Any]:
-    run = told.run
+def _run(reported: ReportedRun, name: str, view: View, several: bool) -> dict[str, Any]:
+    run = reported.run
     letter = name[0].lower() if several else "a"
     numbers = {item.name: item for item in items(run)}
     cut = run.recording.is_cut()
@@ -145,10 +145,10 @@ def _run(told: Told, name: str, view: View, several: bool) -> dict[str, Any]:
         "rejected": tables.rejected(run),
         "each_key": tables.keys(run),
         "orders": happened.orders(run),
-        "reigns": happened.reigns(run),
+        "leader_terms": happened.leader_terms(run),
         "doings": happened.doings(run),
         "events": happened.events(run),
-        "check": told.check,
+        "check": reported.check,
         "file": run.recording.about["mission_file"],
         "facts": list(_facts(run, cut=cut)),
     }
@@ -161,7 +161,7 @@ def _cards(run: Run, numbers: Mapping[str, Item]) -> Iterator[Item]:
 
 
 def _facts(run: Run, *, cut: bool) -> Iterator[tuple[str, str]]:
-    """What there is to say of the file."""
+    """Yield the facts about the file."""
     recording, about = run.recording, run.recording.about
     parts = recording.parts
     yield ("file" if len(parts) == 1 else f"{len(parts)} parts"), ", ".join(part.name for part in parts)
@@ -186,20 +186,20 @@ def _whole(run: Run, letter: str) -> Drawn | None:
         return None
     text = f"Formation error over the whole recording of {words.lasting(run.duration)}. {verdict(run)}"
     caption = (
-        "The whole recording, with the leader's orders, and who led. What is thinned shows the least and the"
-        " greatest."
+        "The whole recording, with the leader's orders, and which candidate led. Where it is thinned, least"
+        " and greatest are shown."
     )
     return _drawn(figures.whole(run), f"{letter}-whole", text, caption, run, wide=True)
 
 
 def _drawn(figure: Any, name: str, text: str, caption: str, run: Run, *, wide: bool = False) -> Drawn:
-    plain = len(run.mission.followers) > RECOLOURED
+    plain = len(run.mission.followers) > MAX_RECOLOURED_FOLLOWERS
     source = figures.written(figure, "svg").decode()
     return Drawn(Markup(svg.inline(source, name, text, recolour=not plain)), caption, wide, plain)  # noqa: S704 - ours
 
 
 CAPTIONS = {
-    "graph": "Who measures whom: an arrow from each robot to its neighbours, in the formation's shape.",
+    "graph": "Measurements: an arrow from each robot to its neighbours, in the formation's shape.",
     "trajectories": "Ways of the axle centres, the leader's dotted; the formation at four moments.",
     "heading_errors": "Estimated less true heading of each follower.",
     "formation_error": "Sum over all edges of |z_ij − z*_ij|, with the mission's bound.",
@@ -210,7 +210,7 @@ CAPTIONS = {
 
 
 def _alt(run: Run, view: View, which: Panel) -> str:
-    """What a panel shows, for who does not see it."""
+    """Return the text alternative of a panel."""
     over = f"over {view.until:g} s"
     if which.name == "graph":
         edges = [
@@ -233,5 +233,5 @@ def _alt(run: Run, view: View, which: Panel) -> str:
 
 
 def _overlay_alt(runs: Sequence[Run], names: Sequence[str]) -> str:
-    told = " ".join(f"{name}: {verdict(run)}" for name, run in zip(names, runs, strict=True))
-    return f"Formation errors of both runs on a logarithmic scale. {told}"
+    reported = " ".join(f"{name}: {verdict(run)}" for name, run in zip(names, runs, strict=True))
+    return f"Formation errors of both runs on a logarithmic scale. {reported}"

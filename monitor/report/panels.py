@@ -1,6 +1,6 @@
 """The panels of the paper's Fig. 2 from one run: graph, trajectories, heading errors, formation error, u, ω.
 
-Pure but for the file that it writes. matplotlib is imported when a figure is drawn: a robot does not have it.
+Pure except for writing the file. matplotlib is imported only for drawing: robots do not have it.
 """
 
 from __future__ import annotations
@@ -10,30 +10,31 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from formation.arrays import FloatArray
+from formation.control.arrays import FloatArray
+from formation.monitor.report import drawing
+from formation.monitor.report.drawing import STYLE, Look
 from formation.simulation.history import History
-from monitor.report import drawing
-from monitor.report.drawing import STYLE, Look
+from formation.transport.runtime.command_line import needs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 WIDTH, HEIGHT = 7.1, 7.4
-"""Of a page with two columns [inches]; letters are 8 pt on it."""
+"""Size of a page with two columns [inches]; letters are 8 pt on it."""
 
 
 def draw(history: History, path: Path | str, until: float | None = None) -> None:
-    """Write the figure; the suffix of `path` (.png, .svg, .pdf) says how.
+    """Write the figure in the format of `path`'s suffix (.png, .svg, .pdf).
 
-    `until` [s] is the last moment shown; by default what it takes to see the formation form. Raises
-    ModuleNotFoundError without matplotlib, OSError where the file cannot be written.
+    `until` [s] is the last moment shown; by default until the formation has formed. Raises
+    ModuleNotFoundError without matplotlib, OSError if the file cannot be written.
     """
     try:
-        import matplotlib as mpl  # noqa: PLC0415 - only who draws needs it
+        import matplotlib as mpl  # noqa: PLC0415 - only needed for drawing
         from matplotlib.figure import Figure  # noqa: PLC0415
     except ModuleNotFoundError as missing:
-        text = "a figure needs matplotlib: pip install 'formation[plot]'"
+        text = f"a figure {needs('matplotlib')}"
         raise ModuleNotFoundError(text, name=missing.name) from None
     last = drawing.span(history.time, history.error) if until is None else until
     shown = history.time <= last + 1e-9
@@ -48,7 +49,7 @@ def _panels(figure: Figure, history: History, shown: Any) -> None:
     looks = drawing.looks(len(history.names) - 1)
     time = history.time[shown]
     drawing.graph(grid[0, 0], history.names, history.edges, history.points[-1] - history.points[-1, 0], looks)
-    grid[0, 0].set(title="(a) Who measures whom")
+    grid[0, 0].set(title="(a) Measurement graph")
     _trajectories(grid[0, 1], history, shown, looks)
     _over_time(grid[1, 0], time, np.rad2deg(drawing.unjoined(history.heading_error[shown])), looks)
     grid[1, 0].set(title="(c) Heading errors", ylabel="estimate less truth [°]", ylim=(-190.0, 190.0))
@@ -70,10 +71,10 @@ def _panels(figure: Figure, history: History, shown: Any) -> None:
 
 
 def _trajectories(axes: Axes, history: History, shown: Any, looks: list[Look]) -> None:
-    """Ways of the centres, and the formation of control points at four moments."""
+    """Draw the centres' paths, and the formation of control points at four moments."""
     points = history.points[shown]
     moments = np.linspace(0, len(points) - 1, 4).astype(int)
-    drawing.ways(axes, history.position[shown], history.names, looks)
+    drawing.draw_paths(axes, history.position[shown], history.names, looks)
     drawing.formations(axes, points[moments], history.edges)
     axes.set(title=f"(b) Trajectories; formation at {drawing.moments(history.time[shown][moments])}")
 

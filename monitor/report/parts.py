@@ -1,4 +1,4 @@
-"""The parts of a recording's figures: one set of axes each. What is not known a part says."""
+"""The parts of a recording's figures: one set of axes each. A part states what is unknown."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from formation.arrays import FloatArray
-from formation.figure import Figure
-from monitor.report import drawing, words
-from monitor.report.drawing import FAINT, INK, MANY
-from monitor.report.gather import Run
-from monitor.report.view import View
+from formation.control.arrays import FloatArray
+from formation.monitor.report import drawing, words
+from formation.monitor.report.drawing import FAINT, INK, MANY_ROBOTS
+from formation.monitor.report.gather import Run
+from formation.monitor.report.view import View
+from formation.slots.shape import PlacedShape
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,30 +22,30 @@ class Panel(NamedTuple):
     """One panel."""
 
     name: str
-    """Of its file."""
+    """Name of its file."""
     title: str
     height: float
-    """[inches] at the width of a column."""
+    """Height at the width of a column [inches]."""
     draw: Callable[[Axes, Run, View], None]
 
 
 def graph(axes: Axes, run: Run, _view: View) -> None:
-    """(a) Who measures whom, where everybody belongs."""
+    """(a) Draw the sensing graph at the slots."""
     mission = run.mission
-    figure = run.snapshot.figure or Figure.first(mission)
-    points = np.array(figure.slots(mission), dtype=np.complex128)
+    placed_shape = run.snapshot.placed_shape or PlacedShape.first(mission)
+    points = np.array(placed_shape.slots(mission), dtype=np.complex128)
     drawing.graph(axes, mission.names, edges(run), points, drawing.looks(len(mission.followers)))
 
 
 def trajectories(axes: Axes, run: Run, view: View) -> None:
-    """(b) Ways of the centres, and the formation at four moments."""
-    ways, mission = run.ways, run.mission
-    shown = (ways.time >= -1e-9) & (ways.time <= view.until + 1e-9) & np.isfinite(ways.points).any(axis=1)
+    """(b) Draw the centres' paths, and the formation at four moments."""
+    paths, mission = run.paths, run.mission
+    shown = (paths.time >= -1e-9) & (paths.time <= view.until + 1e-9) & np.isfinite(paths.points).any(axis=1)
     if not shown.any():
         _unknown(axes, "no positions were recorded")
         return
-    drawing.ways(axes, ways.centres[shown], mission.names, drawing.looks(len(mission.followers)))
-    time, points = ways.time[shown], ways.points[shown]
+    drawing.draw_paths(axes, paths.centres[shown], mission.names, drawing.looks(len(mission.followers)))
+    time, points = paths.time[shown], paths.points[shown]
     moments = np.unique(np.searchsorted(time, np.linspace(time[0], time[-1], 4)).clip(0, len(time) - 1))
     drawing.formations(axes, points[moments], edges(run))
     if run.truth:  # in the field [simulation] is about another world
@@ -58,7 +58,7 @@ def trajectories(axes: Axes, run: Run, view: View) -> None:
 
 
 def headings(axes: Axes, run: Run, view: View) -> None:
-    """(c) Estimated less true heading."""
+    """(c) Draw estimated less true heading."""
     axes.set(ylabel="estimate less truth [°]", xlabel="time [s]", xlim=(0.0, view.until))
     if not run.truth:
         _unknown(axes, "not known: no ground truth was recorded")
@@ -70,10 +70,10 @@ def headings(axes: Axes, run: Run, view: View) -> None:
 
 
 def error(axes: Axes, run: Run, view: View) -> None:
-    """(d) Formation error, as robots say and in truth; the bound, and when it was reached for good."""
+    """(d) Draw the formation error, estimated and true; the bound, and when it was reached for good."""
     axes.set(ylabel="$\\Sigma\\,|z_{ij}-z_{ij}^*|$ [m]", xlabel="time [s]", xlim=(0.0, view.until))
     if not run.known:
-        _unknown(axes, "never known: some robot was not heard")
+        _unknown(axes, "never known: positions of some robot are missing")
         return
     time, values = _positive(*run.formation.line(0))
     axes.plot(time, values, color=INK, label="as the robots say")
@@ -97,7 +97,7 @@ def error(axes: Axes, run: Run, view: View) -> None:
 
 
 def robot_errors(axes: Axes, run: Run, view: View) -> None:
-    """(g) Each follower's share of the formation error."""
+    """(g) Draw each follower's share of the formation error."""
     axes.set(ylabel="$\\Sigma_j\\,|z_{ij}-z_{ij}^*|$ [m]", xlabel="time [s]", xlim=(0.0, view.until))
     if not any(robot.error.whole.count for robot in run.robots.values()):
         _unknown(axes, "never known")
@@ -107,24 +107,24 @@ def robot_errors(axes: Axes, run: Run, view: View) -> None:
 
 
 def speeds(axes: Axes, run: Run, view: View) -> None:
-    """(e) Commanded forward speeds, their limits, and how fast the leader was."""
+    """(e) Draw commanded forward speeds, their limits, and the leader's speed."""
     axes.set(ylabel="$u$ [m/s]", xlabel="time [s]", xlim=(0.0, view.until))
     _commands(axes, run, view, 0)
-    leader, time = run.ways.centres[:, 0], run.ways.time
+    leader, time = run.paths.centres[:, 0], run.paths.time
     if np.isfinite(leader).sum() > 2:
-        with np.errstate(divide="ignore", invalid="ignore"):  # a gap's two ends have one time, and no place
+        with np.errstate(divide="ignore", invalid="ignore"):  # both ends of a gap have the same time
             speed = np.abs(np.gradient(leader, time))
         axes.plot(time, speed, color=INK, linewidth=0.8, linestyle=":")
 
 
 def turn_rates(axes: Axes, run: Run, view: View) -> None:
-    """(f) Commanded turn rates and their limits."""
+    """(f) Draw commanded turn rates and their limits."""
     axes.set(ylabel="$\\omega$ [rad/s]", xlabel="time [s]", xlim=(0.0, view.until))
     _commands(axes, run, view, 1)
 
 
 PANELS = (
-    Panel("graph", "(a) Who measures whom", 2.9, graph),
+    Panel("graph", "(a) Measurement graph", 2.9, graph),
     Panel("trajectories", "(b) Trajectories", 2.9, trajectories),
     Panel("heading_errors", "(c) Heading errors", 2.3, headings),
     Panel("formation_error", "(d) Formation error", 2.3, error),
@@ -135,7 +135,7 @@ PANELS = (
 
 
 def overlaid(axes: Axes, runs: Mapping[str, Run], view: View) -> None:
-    """Formation errors of several runs, by what each is called."""
+    """Draw the formation errors of several runs, by label."""
     axes.set(ylabel="$\\Sigma\\,|z_{ij}-z_{ij}^*|$ [m]", xlabel="time [s]", xlim=(0.0, view.until))
     for (name, run), look in zip(runs.items(), drawing.looks(len(runs)), strict=True):
         if run.known:
@@ -147,7 +147,7 @@ def overlaid(axes: Axes, runs: Mapping[str, Run], view: View) -> None:
 
 
 def edges(run: Run) -> list[tuple[int, int]]:
-    """(i, j) by index into the mission's names: robot i measures robot j."""
+    """Return (i, j) by index into the mission's names: robot i measures robot j."""
     index = {name: i for i, name in enumerate(run.mission.names)}
     return [
         (index[name], index[other])
@@ -169,26 +169,26 @@ def _commands(axes: Axes, run: Run, view: View, column: int) -> None:
 
 
 def _lines(axes: Axes, run: Run, line: Callable[[int], tuple[FloatArray, FloatArray]], view: View) -> None:
-    """One line for each follower, as far as it is shown."""
+    """Draw one line for each follower, up to the end of the view."""
     count = len(run.mission.followers)
     for i, look in enumerate(drawing.looks(count)):
         time, values = line(i)
         shown = (time >= -1.0) & (time <= view.until + 1.0)
         axes.plot(
             time[shown], values[shown], color=look.colour, linestyle=look.dashes, linewidth=0.9,
-            rasterized=count > MANY,
+            rasterized=count > MANY_ROBOTS,
         )  # fmt: skip
 
 
 def _unknown(axes: Axes, why: str) -> None:
-    """Say in an empty panel why it is empty."""
+    """State in an empty panel why it is empty."""
     axes.grid(visible=False)
     axes.set(xticks=[], yticks=[])
     axes.text(0.5, 0.5, why, transform=axes.transAxes, ha="center", va="center", color=FAINT)
 
 
 def _positive(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """For a logarithmic scale."""
+    """Return the values for a logarithmic scale."""
     return time, np.where(values > 0.0, values, np.nan)
 
 

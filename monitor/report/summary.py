@@ -1,4 +1,4 @@
-"""A run in numbers: those that stand on top of its page, in its JSON, and beside another run's."""
+"""A run in numbers: for the top of its page, its JSON, and the comparison with another run."""
 
 from __future__ import annotations
 
@@ -6,18 +6,19 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
-from monitor.figures.feed import CLOCK_AGREES
-from monitor.figures.known import NOTHING
-from monitor.report import words
-from monitor.report.gather import Run
-from monitor.report.judging import Measured
-from monitor.report.reigns import overlaps
-from monitor.report.traffic import Key
+from formation.monitor.metrics.feed import CLOCK_AGREES
+from formation.monitor.metrics.known import NOTHING
+from formation.monitor.metrics.settling import DWELL_TIME
+from formation.monitor.report import words
+from formation.monitor.report.gather import Run
+from formation.monitor.report.judging import Measured
+from formation.monitor.report.leader_terms import overlaps
+from formation.monitor.report.traffic import Key
 
-APART = 0.01
-"""A settling time that differs more from the monitor's own is worth a word [s]."""
-BEFORE = 1.0
-"""Who falls silent so much earlier than the others was lost [s]."""
+MIN_SETTLING_DIFFERENCE = 0.01
+"""Difference of settling time from the monitor's own from which on it is reported [s]."""
+EARLIER_SILENCE = 1.0
+"""A robot that falls silent earlier than the others by this much counts as lost [s]."""
 
 
 class Item(NamedTuple):
@@ -27,17 +28,17 @@ class Item(NamedTuple):
     """Its key in JSON."""
     title: str
     value: float | None
-    """SI; None is: not known."""
+    """In SI units; None means unknown."""
     write: Callable[[float | None], str]
 
     @property
     def text(self) -> str:
-        """For people."""
+        """Return the value for people."""
         return self.write(self.value)
 
 
 def items(run: Run) -> Iterator[Item]:
-    """Everything that one number says of a run."""
+    """Yield every number of a run."""
     yield Item("settling_time", "settling time", run.snapshot.settling_time, words.seconds)
     yield Item("formation_error", "final formation error", run.snapshot.final_error, words.length)
     last = run.snapshot.known_verdict.final or NOTHING
@@ -67,7 +68,7 @@ def items(run: Run) -> Iterator[Item]:
 
 
 def as_json(run: Run) -> dict[str, Any]:
-    """A run for a script; SI, None where something is not known."""
+    """Return a run for a script; SI units, None for unknown values."""
     return {
         "recording": str(run.recording.path),
         "mission": run.mission.name,
@@ -91,22 +92,24 @@ def as_json(run: Run) -> dict[str, Any]:
 
 
 def verdict(run: Run) -> str:
-    """How it went, in one sentence."""
+    """Return the result in one sentence."""
     bound = words.bound(run.mission.settled)
     if not run.messages:
         return "Nothing was recorded."
     if not run.known:
-        return "The formation error was never known: some robot was not heard."
+        return "The formation error was never known: positions of some robot are missing."
     if run.snapshot.final_error is None:
         return _of_known(run, bound)
     if run.snapshot.settled_at is None:
         return f"Not settled: the formation error was not under {bound} at the end."
     since = f"under {bound} since {words.seconds(run.snapshot.settled_at)}"
-    return f"Converged: formation error {since}." if run.snapshot.converged else f"Just settled: {since}."
+    if run.snapshot.converged:
+        return f"Converged: formation error {since}."
+    return f"Just settled: {since}; converged means under it for at least {DWELL_TIME:g} s."
 
 
 def _of_known(run: Run, bound: str) -> str:
-    """How it went where not all edges are known at the end."""
+    """Return the result if not all edges are known at the end."""
     known = run.snapshot.known_verdict
     if known.final is None:
         return "Not known at the end: a robot was lost before the others."
@@ -114,11 +117,13 @@ def _of_known(run: Run, bound: str) -> str:
     if known.settled_at is None:
         return f"Not settled {over}: their error was not under {bound} at the end."
     since = f"under {bound} since {words.seconds(known.settled_at)}"
-    return f"{'Converged' if known.converged else 'Just settled'} {over}: error {since}."
+    if known.converged:
+        return f"Converged {over}: error {since}."
+    return f"Just settled {over}: error {since}; converged means under it for at least {DWELL_TIME:g} s."
 
 
 def notices(run: Run, *, cut: bool) -> Iterator[str]:
-    """What whoever reads the figures should know first."""
+    """Yield the notices to read before the metrics."""
     if cut:
         yield (
             "This recording is cut: its recorder was killed or is still at work. It was read as far as it"
@@ -126,37 +131,38 @@ def notices(run: Run, *, cut: bool) -> Iterator[str]:
         )
     if not run.messages:
         return
-    for former, latter, span in overlaps(run.reigns):
+    for former, latter, span in overlaps(run.leader_terms):
         yield (
-            f"Two led at once: {former.name or 'somebody'} and {latter.name or 'somebody'}, for"
-            f" {words.lasting(span.end - span.begin)} from {words.seconds(span.begin - run.start)} on."
+            f"Two leaders at once: {former.name or 'an unknown leader'} and"
+            f" {latter.name or 'an unknown one'}, for {words.lasting(span.end - span.begin)}"
+            f" from {words.seconds(span.begin - run.start)} on."
         )
-    unheard = [key.robot for key in run.keys if key.topic == "position" and not key.count]
-    if unheard:
-        yield f"Never heard: {_listed(unheard)}. So the sum over all edges is not known."
+    never_received = [key.robot for key in run.keys if key.topic == "position" and not key.count]
+    if never_received:
+        yield f"Never received: {_listed(never_received)}. So the sum over all edges is not known."
     lost = lost_robots(run.keys)
     if lost:
-        told = [f"{name} {words.lasting(quiet)} before the others" for name, quiet in lost]
-        yield f"Fell silent and did not come back: {_listed(told)}."
+        silences = [f"{name} {words.lasting(quiet)} before the others" for name, quiet in lost]
+        yield f"Fell silent and did not come back: {_listed(silences)}."
     if not run.truth:
         yield "No ground truth was recorded, as in the field: true errors and heading errors are not known."
     wrong = sorted({key.robot for key in run.keys if key.clock is not None and not _agrees(key.clock)})
     if wrong:
         yield f"Clocks differ from the recorder's: {_listed(wrong)}. Their delays contain the difference."
-    if abs(run.apart) > APART:
+    if abs(run.apart) > MIN_SETTLING_DIFFERENCE:
         yield (
             "The recorder's system clock was set during the run: times here are off by up to"
             f" {words.milliseconds(abs(run.apart))}."
         )
-    if run.untold:
-        yield f"{words.whole(run.untold)} more events were recorded than are listed here."
+    if run.unlisted:
+        yield f"{words.whole(run.unlisted)} more events were recorded than are listed here."
 
 
 def lost_robots(keys: Sequence[Key]) -> list[tuple[str, float]]:
-    """Robots that fell silent before the others did, and how much earlier [s]."""
+    """Return the robots that fell silent before the others, and how much earlier [s]."""
     positions = {key.robot: key.quiet for key in keys if key.topic == "position" and key.quiet is not None}
     last = min(positions.values(), default=0.0)
-    return [(robot, quiet - last) for robot, quiet in positions.items() if quiet - last > BEFORE]
+    return [(robot, quiet - last) for robot, quiet in positions.items() if quiet - last > EARLIER_SILENCE]
 
 
 def _measured(

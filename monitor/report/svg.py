@@ -1,6 +1,6 @@
-"""A figure put into a page: its SVG without what a page has already, in colours that follow the page's.
+"""Put a figure into a page: its SVG without what a page has already, in colours that follow the page's.
 
-Text stays text, and is found by whoever searches the page.
+Text stays text and can be searched.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ COLOURS = {
     "#606060": "var(--faint)",
     "#1f4e79": "var(--formation)",
 }
-"""Of a figure on paper, and what they are on a page that may be dark."""
+"""Colours of a figure on paper, and those on a page that may be dark."""
 _ID = re.compile(r'\sid="([^"]*)"')
 _USE = re.compile(r'(?:xlink:href="|href="|url\()#([^")]+)')
 
 
 def inline(svg: str, name: str, text: str, *, recolour: bool = True) -> str:
-    """An SVG file as an element of a page; `name` is unique on it, `text` says what is to be seen."""
+    """Return an SVG file as an element of a page; `name` is unique on it, `text` describes the figure."""
     body = svg[svg.index("<svg") :]
     body = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>", "", body, flags=re.DOTALL)
     used = set(_USE.findall(body))

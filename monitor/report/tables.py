@@ -6,11 +6,11 @@ import statistics
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from monitor.report import words
-from monitor.report.gather import Run
-from monitor.report.judging import Measured
-from monitor.report.latency import Late
-from monitor.report.traffic import Key
+from formation.monitor.report import words
+from formation.monitor.report.gather import Run
+from formation.monitor.report.judging import Measured
+from formation.monitor.report.latency import Late
+from formation.monitor.report.traffic import Key
 
 TERMS = (
     (
@@ -23,25 +23,25 @@ TERMS = (
     ("final", "the newest that was known; of the formation, only if it was known at the end."),
     (
         "settling time",
-        "counts from the first moment with a known error, or from the newest order of another figure or way.",
+        "counts from the first moment with a known error, or the newest order of another shape or route.",
     ),
     ("at its limit", "share of commands with u, or ω, at 99.5 % of the robot's limit or more."),
     ("heading error", "estimated less true heading; the truth only simulated robots tell."),
 )
-"""What the words of the tables mean."""
+"""Explanations of the words in the tables."""
 CLOCKS = (
     "Arrival, on the recorder's clock, less stamp, on the sender's: on one machine that is the delay; between"
     " machines it contains the difference of their clocks, and may even be negative."
 )
 ANSWERS = (
-    "From the stamp of a position (odometry, or pose from outside) to the arrival of the command that answers"
-    " it, as the recorder heard it: the way to the agent, its thinking, and the way to the recorder. Clocks"
+    "From the stamp of a position (odometry, or external pose) to the arrival of the command that answers"
+    " it, as recorded: the way to the agent, its thinking, and the way to the recorder. Clocks"
     " as above."
 )
 
 
 class Table(NamedTuple):
-    """Rows of text; the first cell of each names it."""
+    """Rows of text; the first cell of each is its name."""
 
     title: str
     heads: tuple[str, ...]
@@ -52,7 +52,7 @@ class Table(NamedTuple):
 
 
 def robots(run: Run) -> Table:
-    """Errors and saturation of every follower."""
+    """Return errors and saturation of every follower."""
     heads = (
         "robot", "RMS error", "greatest", "RMS, settled", "greatest, settled", "final", "u at its limit",
         "ω at its limit",
@@ -65,13 +65,13 @@ def robots(run: Run) -> Table:
             *map(words.share, robot.saturated),
         ]
         rows.append((*cells, *_heading(robot.heading)) if run.truth else tuple(cells))
-    everybody = ["formation", *_measured(run.error)][:-1]  # who was lost before the end leaves it unknown
+    everybody = ["formation", *_measured(run.error)][:-1]  # a robot lost before the end leaves it unknown
     everybody += [words.length(run.snapshot.final_error), "", ""]
     rows.append((*everybody, "", "") if run.truth else tuple(everybody))
     if run.true_error.whole.count:
         true = None if run.snapshot.final_error is None else run.true_error.final
-        told = [*_measured(run.true_error)][:-1]
-        rows.append(("formation, in truth", *told, words.length(true), "", "", "", ""))
+        measured = [*_measured(run.true_error)][:-1]
+        rows.append(("formation, in truth", *measured, words.length(true), "", "", "", ""))
     return Table(
         "Errors and saturation",
         (*heads, "RMS heading error", "greatest, settled") if run.truth else heads,
@@ -80,7 +80,7 @@ def robots(run: Run) -> Table:
 
 
 def topics(run: Run) -> Table:
-    """How each topic came, over all robots."""
+    """Return the reception of each topic, over all robots."""
     heads = (
         "topic", "messages", "rate of a key", "promised", "missed", "longest silence", "rejected",
         "delay p50", "p99", "greatest",
@@ -90,18 +90,18 @@ def topics(run: Run) -> Table:
         by_topic.setdefault(key.topic, []).append(key)
     rows = []
     for topic, keys in by_topic.items():
-        heard = [key for key in keys if key.count]
-        if not heard:
+        received = [key for key in keys if key.count]
+        if not received:
             continue
         late = run.late.get(topic, Late(0, None, None, None))
         rows.append(
             (
                 topic,
-                words.whole(sum(key.count for key in heard)),
-                _span([key.rate for key in heard]),
+                words.whole(sum(key.count for key in received)),
+                _span([key.rate for key in received]),
                 _span([key.promised for key in keys]),
-                _missed(heard),
-                _longest(heard),
+                _missed(received),
+                _longest(received),
                 words.whole(sum(key.rejected for key in keys)),
                 *_late(late),
             )
@@ -110,14 +110,14 @@ def topics(run: Run) -> Table:
 
 
 def answers(run: Run) -> Table:
-    """How soon each robot's odometry was answered."""
+    """Return the times from each robot's odometry to its command."""
     heads = ("robot", "commands answered", "p50", "p99", "greatest")
     rows = [(name, words.whole(late.count), *_late(late)) for name, late in run.answers.items()]
     return Table("From odometry to command", heads, rows, ANSWERS)
 
 
 def keys(run: Run) -> Table:
-    """Every key."""
+    """Return all keys."""
     heads = ("key", "messages", "rate", "promised", "missed", "longest silence", "rejected", "clock offset")
     rows = [
         (
@@ -140,7 +140,7 @@ def keys(run: Run) -> Table:
 
 
 def rejected(run: Run) -> Table:
-    """Messages that were not what they should be."""
+    """Return the rejected messages."""
     rows = [(what, words.whole(count)) for what, count in run.snapshot.rejected.items()]
     return Table("Rejected messages", ("key: reason", "messages"), rows)
 
@@ -165,7 +165,7 @@ def _late(late: Late) -> Iterator[str]:
 
 
 def _span(rates: Sequence[float | None]) -> str:
-    """One rate, or from the slowest over the median to the fastest where they differ."""
+    """Return one rate, or the slowest, median and fastest if they differ."""
     known = sorted(rate for rate in rates if rate is not None)
     if not known:
         return words.UNKNOWN
@@ -173,15 +173,15 @@ def _span(rates: Sequence[float | None]) -> str:
     return f"{texts[1]} Hz" if texts[0] == texts[2] else f"{texts[0]} to {texts[2]} Hz"
 
 
-def _missed(heard: Sequence[Key]) -> str:
-    if not any(key.promised for key in heard):
+def _missed(received: Sequence[Key]) -> str:
+    if not any(key.promised for key in received):
         return words.UNKNOWN
-    missed, count = sum(key.missed for key in heard), sum(key.count for key in heard)
+    missed, count = sum(key.missed for key in received), sum(key.count for key in received)
     return "none" if not missed else f"{words.whole(missed)} ({words.share(missed / (missed + count))})"
 
 
-def _longest(heard: Sequence[Key]) -> str:
-    gaps = [(key.gap, key) for key in heard if key.gap is not None and key.promised]
+def _longest(received: Sequence[Key]) -> str:
+    gaps = [(key.gap, key) for key in received if key.gap is not None and key.promised]
     if not gaps:
         return words.UNKNOWN
     gap, key = max(gaps, key=lambda both: both[0])

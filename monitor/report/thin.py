@@ -1,6 +1,6 @@
-"""Series in bounded memory: long runs are thinned as they are read, and nothing that stands out is lost.
+"""Series in bounded memory: long runs are thinned as they are read, and extremes are kept.
 
-The beginning, in which a formation forms, is kept whole. What follows shares a fixed number of rows: whenever
+The beginning, in which a formation forms, is kept whole. The rest shares a fixed number of rows: whenever
 they are full, each two become one.
 """
 
@@ -12,18 +12,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from formation.arrays import FloatArray
+from formation.control.arrays import FloatArray
 
-MOST = 4096
+MAX_ROWS = 4096
 """Rows of one series: more than a printed column has dots."""
-HEAD = 1200
+HEAD_ROWS = 1200
 """Of these, the first ones that are never thinned: a minute of commands at 20 Hz."""
-DRAWN = 1 << 16
-"""Numbers that percentiles are taken from."""
+MAX_SAMPLED_VALUES = 1 << 16
+"""Number of values from which percentiles are taken."""
 
 
 class Curves(NamedTuple):
-    """Columns over time. A thinned row holds the least and the greatest of what it stands for."""
+    """Columns over time. A thinned row holds the least and the greatest of its merged rows."""
 
     time: FloatArray
     """[s]; shape (T,)."""
@@ -32,7 +32,7 @@ class Curves(NamedTuple):
     high: FloatArray
 
     def line(self, column: int) -> tuple[FloatArray, FloatArray]:
-        """Time and values to draw: through the least and the greatest, where a row stands for several."""
+        """Return time and values to draw: through the least and the greatest of a merged row."""
         low, high = self.low[:, column], self.high[:, column]
         apart = low < high
         time = np.repeat(self.time, 1 + apart)
@@ -42,7 +42,7 @@ class Curves(NamedTuple):
 
 
 class _Rows:
-    """Times, and rows that the subclass merges."""
+    """Times, and rows that a subclass merges."""
 
     def __init__(self, most: int, head: int) -> None:
         self._most, self._head = most, head
@@ -52,7 +52,7 @@ class _Rows:
         self._time = np.empty(most)
 
     def _begun(self, time: float) -> bool:
-        """Whether a new row begins at `time` [s]; else the newest one goes on."""
+        """Return whether a new row begins at `time` [s]; else the newest one goes on."""
         if self._pending > 0:
             self._pending -= 1
             return False
@@ -64,7 +64,7 @@ class _Rows:
         return True
 
     def _halve(self) -> None:
-        """Each two rows after the head become one."""
+        """Merge each two rows after the head."""
         pairs = (self._most - self._head) // 2
         into, first = slice(self._head, self._head + pairs), slice(self._head, self._head + 2 * pairs, 2)
         self._time[into] = self._time[first]
@@ -79,7 +79,7 @@ class _Rows:
 class Extremes(_Rows):
     """Rows of numbers; a thinned row keeps the least and the greatest of each."""
 
-    def __init__(self, columns: int, most: int = MOST, head: int = HEAD) -> None:
+    def __init__(self, columns: int, most: int = MAX_ROWS, head: int = HEAD_ROWS) -> None:
         super().__init__(most, head)
         self._low, self._high = np.empty((most, columns)), np.empty((most, columns))
 
@@ -93,7 +93,7 @@ class Extremes(_Rows):
         np.fmax(high, values, out=high)
 
     def curves(self, start: float) -> Curves:
-        """All of it, in time since `start`."""
+        """Return all rows, in time since `start`."""
         n = self._count
         return Curves(self._time[:n] - start, self._low[:n].copy(), self._high[:n].copy())
 
@@ -103,9 +103,9 @@ class Extremes(_Rows):
 
 
 class Samples(_Rows):
-    """Rows of vectors (complex); of rows that are thinned the first one stays."""
+    """Rows of vectors (complex); of merged rows the first one stays."""
 
-    def __init__(self, columns: int, most: int = MOST, head: int = HEAD) -> None:
+    def __init__(self, columns: int, most: int = MAX_ROWS, head: int = HEAD_ROWS) -> None:
         super().__init__(most, head)
         self._rows = np.empty((most, columns), dtype=np.complex128)
 
@@ -123,9 +123,9 @@ class Samples(_Rows):
 
 
 class Spread:
-    """How a quantity is spread: median and 99th percentile, of evenly drawn values, and the true extremes."""
+    """Distribution of a quantity: median and 99th percentile of evenly drawn values, and true extremes."""
 
-    def __init__(self, drawn: int = DRAWN) -> None:
+    def __init__(self, drawn: int = MAX_SAMPLED_VALUES) -> None:
         self.count = 0
         self.least, self.most = math.inf, -math.inf
         self._drawn, self._stride = drawn, 1
@@ -143,7 +143,7 @@ class Spread:
         self.least, self.most = min(self.least, value), max(self.most, value)
 
     def percentile(self, share: float) -> float | None:
-        """The value that `share` (0 to 1) of all do not exceed; None without any."""
+        """Return the value that `share` (0 to 1) of all do not exceed; None without any."""
         if not self._values:
             return None
         ranked = sorted(self._values)
@@ -151,7 +151,7 @@ class Spread:
 
 
 class Size:
-    """RMS and greatest magnitude of a signal, over every value of it that is known."""
+    """RMS and greatest magnitude of a signal, over all known values."""
 
     def __init__(self) -> None:
         self.count = 0

@@ -1,4 +1,4 @@
-"""What came on each key: how many, how fast, the longest silence."""
+"""Messages on each key: count, rate, longest silence."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from formation.mission import Mission
+from formation.mission.model import Mission
+from formation.monitor.metrics.keys import OWN, Watched, watched
+from formation.monitor.metrics.snapshot import Snapshot
 from formation.topics import TABLE
-from monitor.figures.keys import OWN, Watched, watched
-from monitor.figures.snapshot import Snapshot
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,19 +19,19 @@ class Key:
     key: str
     topic: str
     robot: str
-    """Empty for what the monitor said itself."""
+    """Empty for the monitor's own keys."""
     count: int
     rate: float | None
     """Messages per second between the first and the last."""
     promised: float | None
-    """[Hz]"""
+    """Promised rate [Hz]."""
     missed: int
     """As the monitor counts them: periods without a message in gaps of up to a second."""
     rejected: int
     gap: float | None
     """Longest time between two messages [s]; None without two."""
     gap_at: float | None
-    """When it began [s]."""
+    """When that gap began [s]."""
     quiet: float | None
     """From the last message to the end of the recording [s]; None without a message."""
     clock: float | None
@@ -39,7 +39,7 @@ class Key:
 
     @property
     def missed_share(self) -> float | None:
-        """Of the messages that should have come."""
+        """Share of the expected messages that were missed."""
         return self.missed / (self.missed + self.count) if self.count else None
 
 
@@ -57,7 +57,7 @@ class Traffic:
         self._keys: dict[str, Watched] = {one.key: one for one in (*watched(mission), *OWN)}
         self._tallies = {key: _Tally() for key in self._keys}
 
-    def take(self, key: str, wall: float) -> None:
+    def count_message(self, key: str, wall: float) -> None:
         """Count a message that arrived at `wall` [s]."""
         tally = self._tallies.get(key)
         if tally is None:
@@ -74,10 +74,10 @@ class Traffic:
         self, snapshot: Snapshot, rejected: Mapping[str, int], start: float, end: float
     ) -> Iterator[Key]:
         """Every key of the mission, in the order of the topic table, in time since `start` [s]."""
-        figures = {key: one for robot in snapshot.robots.values() for key, one in robot.keys.items()}
+        metrics = {key: one for robot in snapshot.robots.values() for key, one in robot.keys.items()}
         order = [topic.name for topic in TABLE]
         for key, one in sorted(self._keys.items(), key=lambda item: order.index(item[1].topic.name)):
-            tally, known = self._tallies[key], figures.get(key)
+            tally, known = self._tallies[key], metrics.get(key)
             span = tally.last - tally.first
             yield Key(
                 key=key,

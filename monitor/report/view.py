@@ -1,4 +1,4 @@
-"""What is shown of runs that are to be compared: the same axes for all of them."""
+"""The view of runs to compare: the same axes for all of them."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from monitor.report import drawing
-from monitor.report.gather import Run
+from formation.monitor.report import drawing
+from formation.monitor.report.gather import Run
 
 ANGLES = (2.0, 5.0, 10.0, 20.0, 45.0, 90.0, 180.0)
-"""Where the scale of heading errors may end [°]."""
+"""Possible ends of the scale of heading errors [°]."""
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """What is shown of several runs alike: the same axes for all of them."""
+    """The common axes of several runs."""
 
     until: float
     """Last moment [s]."""
@@ -27,11 +27,11 @@ class View:
     inputs: tuple[float, float]
     """Greatest limit of speed [m/s] and turn rate [rad/s]."""
     box: tuple[complex, complex] | None
-    """Lower left and upper right corner of all ways [m; world frame]."""
+    """Lower left and upper right corner of all paths [m; world frame]."""
 
     @classmethod
     def of(cls, runs: Sequence[Run], until: float | None = None) -> View:
-        """Everything that matters of every one of `runs`; `until` [s] if somebody knows better."""
+        """Return the axes that show the relevant part of all `runs`; `until` [s] overrides their end."""
         last = max((_until(run) for run in runs), default=0.0) if until is None else until
         specs = [run.mission.robots[name] for run in runs for name in run.mission.followers]
         return cls(
@@ -44,8 +44,8 @@ class View:
 
 
 def _until(run: Run) -> float:
-    """Until when a run is worth looking at [s]: past its settling, or all of it if it did not settle."""
-    seen = run.ways.time[np.isfinite(run.ways.points).any(axis=1)]
+    """Return the end of a run's interesting part [s]: after settling, or all if it did not settle."""
+    seen = run.paths.time[np.isfinite(run.paths.points).any(axis=1)]
     last, settled = float(seen[-1]) if seen.size else 0.0, run.snapshot.settled_at
     if settled is None or not run.known:
         return last
@@ -77,8 +77,8 @@ def _heading_range(runs: Sequence[Run], until: float) -> float:
 def _box(runs: Sequence[Run], until: float) -> tuple[complex, complex] | None:
     parts = []
     for run in runs:
-        shown = (run.ways.time >= 0.0) & (run.ways.time <= until)
-        both = np.concatenate([run.ways.centres[shown].ravel(), run.ways.points[shown].ravel()])
+        shown = (run.paths.time >= 0.0) & (run.paths.time <= until)
+        both = np.concatenate([run.paths.centres[shown].ravel(), run.paths.points[shown].ravel()])
         parts.append(both[np.isfinite(both)])
     if len(runs) < 2 or not all(part.size for part in parts):
         return None

@@ -1,4 +1,4 @@
-"""Quantities as a report writes them. What is not known is a dash."""
+"""Format quantities for a report. An unknown value is a dash."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def length(value: float | None) -> str:
 
 
 def bound(value: float) -> str:
-    """A length that somebody chose [m]: 5 cm."""
+    """A chosen length [m]: 5 cm."""
     return f"{value * 1e2:g} cm" if value < 1.0 else f"{value:g} m"
 
 
@@ -76,7 +76,7 @@ def size(value: int) -> str:
 
 
 def ratio(value: float | None) -> str:
-    """How many times as much: × 7.72."""
+    """A ratio: × 7.72."""
     if value is None or not math.isfinite(value):
         return UNKNOWN
     if 0.0 < value < 0.0995:
@@ -85,7 +85,7 @@ def ratio(value: float | None) -> str:
 
 
 def _three(value: float) -> str:
-    """Three digits that count, but no more than two behind the point, and never an exponent."""
+    """Return three significant digits, at most two decimals, never an exponent."""
     if 0.0 < abs(value) < 0.005:
         return "<0.01"
     places = min(max(2 - math.floor(math.log10(abs(value))), 0), 2) if value else 0

@@ -8,15 +8,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tests.field.namespaces import until
 from tests.field.team import VICTIM, Band, Team, longest_gap, mission
+from tests.support.namespaces import until
 
 BEFORE = 2.0
 """So long before an attack commands are what they are without one [s]."""
 LASTS = 2.0
 """How long an attack goes on [s]."""
 SILENCE = 0.3
-"""The guard would stop the robot after that; nobody's attack may keep commands away so long [s]."""
+"""The watchdog would stop the robot after that; nobody's attack may keep commands away so long [s]."""
 
 
 def link(team: Team, name: str, victim: str = VICTIM, identity: Path | None = None) -> dict[str, Any]:

@@ -17,13 +17,13 @@ from typing import Any
 
 import zenoh
 
-from formation import order
-from formation.order import OperatorRequest, Order, Told
+from formation.protocol import order
+from formation.protocol.order import OperatorRequest, Order, PositionAttachment
 from formation.ros2.messages import Pose, encode
-from formation.transport.process import say
-from tests.field.namespaces import until
+from formation.transport.runtime.process import say
 from tests.field.sessions import attacking
 from tests.field.team import mission
+from tests.support.namespaces import until
 
 FAR = 5.0 + 5.0j
 """Where the attacker would have the robot go [m; world frame]: nowhere near."""
@@ -34,11 +34,11 @@ NEAR = -0.4 + 0.3j
 def forged(seconds: float, rate: float) -> Iterator[tuple[bytes, bytes]]:
     """Positions far away that go on and on, with an order to stop by a leader who took over just now."""
     tag = mission().tag
-    voice, term, start = secrets.token_hex(8), time.time_ns(), time.monotonic()
+    publisher_id, term, start = secrets.token_hex(8), time.time_ns(), time.monotonic()
     for count in range(int(seconds * rate)):
         what = Order(term=term, beat=count, mode="stop", shape="row")
-        told = Told(voice=voice, count=count, order=what, mission=tag)
-        yield encode(Pose(time.time(), FAR, 1j)), order.encode(told)
+        decoded = PositionAttachment(publisher_id=publisher_id, count=count, order=what, mission=tag)
+        yield encode(Pose(time.time(), FAR, 1j)), order.encode(decoded)
         time.sleep(max(0.0, start + (count + 1) / rate - time.monotonic()))
 
 
@@ -71,16 +71,16 @@ def declare(session: zenoh.Session, keys: list[str], seconds: float) -> int:
 
 def listen(session: zenoh.Session, key: str, number: int) -> list[tuple[str, str]]:
     """The next `number` things that somebody says, or a few more: payload and attachment in hexadecimal."""
-    heard: list[tuple[str, str]] = []
+    received: list[tuple[str, str]] = []
 
     def receive(sample: zenoh.Sample) -> None:
         attachment = sample.attachment
-        heard.append((sample.payload.to_bytes().hex(), attachment.to_bytes().hex() if attachment else ""))
+        received.append((sample.payload.to_bytes().hex(), attachment.to_bytes().hex() if attachment else ""))
 
     subscriber = session.declare_subscriber(key, zenoh.handlers.Callback(receive, indirect=False))
-    until(lambda: len(heard) >= number, what=f"{number} messages on {key}")
+    until(lambda: len(received) >= number, what=f"{number} messages on {key}")
     subscriber.undeclare()  # type: ignore[no-untyped-call]
-    return heard
+    return received
 
 
 def relay(session: zenoh.Session, key: str, attachments: list[str], rate: float = 40.0) -> int:

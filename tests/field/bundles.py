@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from deploy.cli import main
+from formation.deploy.cli import main
 from tests.field.sshd import Server
 
 ROBOTS = ("robot1", "robot2", "robot3")
@@ -89,6 +89,6 @@ class Field:
 
 
 def result(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    """The JSON object that a command has just printed as its last line."""
-    said: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
-    return said
+    """The JSON object that a command has just printed."""
+    output: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return output

@@ -9,11 +9,11 @@ from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 
-from deploy.field import bundle, certificates, folders, units
-from deploy.field.wheels import Target
-from formation.mission import Mission
-from formation.mission_file import parse
-from tests.field.namespaces import Computer, Field, Running
+from formation.deploy.fleet import bundle, certificates, units
+from formation.deploy.fleet.wheels import Target
+from formation.mission.file import DESK, parse
+from formation.mission.model import Mission
+from tests.support.namespaces import Computer, Field, Running
 
 HERE = Target(os.uname().machine, f"{sys.version_info.major}.{sys.version_info.minor}")
 """This machine, as a bundle names it."""
@@ -94,7 +94,7 @@ class Deployed:
     def __init__(self, field: Field, out: Path, folder: Path) -> None:
         self.field, self.out, self.mission = field, out, mission()
         self.prefix = {name: folder / name for name in self.mission.names}
-        self.computers = {name: field.computer(name) for name in (*self.mission.names, folders.DESK)}
+        self.computers = {name: field.computer(name) for name in (*self.mission.names, DESK)}
         self.running: dict[tuple[str, str], Running] = {}
         """By computer and unit."""
         with ThreadPoolExecutor() as pool:
@@ -104,7 +104,7 @@ class Deployed:
     @property
     def desk(self) -> Computer:
         """Where the monitor and the operator are."""
-        return self.computers[folders.DESK]
+        return self.computers[DESK]
 
     def program(self, name: str) -> Path:
         """The installed `formation` of a robot."""
@@ -126,17 +126,19 @@ class Deployed:
 
     def start_monitor(self, recording: Path) -> Running:
         """The monitor, at the desk, with its own certificate."""
-        desk = self.out / folders.DESK
+        desk = self.out / DESK
         flags = ("-c", desk / "monitor.json5", "--record", recording, "--snapshots")
-        running = self.desk.start(sys.executable, "-m", "monitor", desk / "mission.toml", *flags)
-        self.running[folders.DESK, "monitor"] = running
+        running = self.desk.start(sys.executable, "-m", "formation.monitor", desk / "mission.toml", *flags)
+        self.running[DESK, "monitor"] = running
         return running
 
     def order(self, do: str, process: str = "operator") -> subprocess.CompletedProcess[str]:
         """An order from the desk, with the operator's certificate (or another one's)."""
-        desk = self.out / folders.DESK
+        desk = self.out / DESK
         flags = ("-c", desk / f"{process}.json5", "--json")
-        return self.desk.run(sys.executable, "-m", "deploy", "order", desk / "mission.toml", do, *flags)
+        return self.desk.run(
+            sys.executable, "-m", "formation.deploy", "order", desk / "mission.toml", do, *flags
+        )
 
     def _install(self, name: str) -> subprocess.CompletedProcess[str]:
         return install(self.out / name, self.prefix[name], "--no-systemd")

@@ -8,14 +8,14 @@ import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from deploy.field import folders, wheels
+from formation.deploy.fleet import folders, wheels
 
 MODULES = {
     "numpy.py": "",
     "pydantic.py": "",
     "zenoh.py": "",
     "formation/__init__.py": "",
-    "formation/mission_file.py": """
+    "formation/mission/file.py": """
 import tomllib, types
 
 def load(path):
@@ -26,7 +26,7 @@ def load(path):
 Made = Callable[..., Path]
 """Makes a light bundle of robot1 under a name, so that bundles of two names are two releases."""
 META = {
-    "METADATA": "Metadata-Version: 2.1\nName: formation\nVersion: 0.1.0\n",
+    "METADATA": "Metadata-Version: 2.1\nName: zenoh-formation\nVersion: 0.1.0\n",
     "WHEEL": "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
 }
 
@@ -37,18 +37,18 @@ def light(whole: Path, folder: Path, modules: Mapping[str, str] | None = None, *
     (pip,) = (whole / "wheels").glob("pip-*.whl")
     wheels.link(pip, folder / "wheels" / pip.name)
     own = wheel(folder / "wheels", {**MODULES, **(modules or {})})
-    pinned = f"formation==0.1.0 --hash=sha256:{wheels.digest(own)}\n"
+    pinned = f"zenoh-formation==0.1.0 --hash=sha256:{wheels.digest(own)}\n"
     (folder / "wheels" / wheels.REQUIREMENTS).write_text(pinned)
-    said = json.loads((whole / folders.VERSION).read_text())
-    said |= {"release": folders.release_id(folder), **facts}
-    (folder / folders.VERSION).write_text(json.dumps(said, indent=1) + "\n")
+    result = json.loads((whole / folders.VERSION).read_text())
+    result |= {"release": folders.release_id(folder), **facts}
+    (folder / folders.VERSION).write_text(json.dumps(result, indent=1) + "\n")
     return folder
 
 
 def wheel(folder: Path, modules: Mapping[str, str]) -> Path:
     """A wheel of these modules."""
-    path = folder / "formation-0.1.0-py3-none-any.whl"
-    meta = "formation-0.1.0.dist-info"
+    path = folder / "zenoh_formation-0.1.0-py3-none-any.whl"
+    meta = "zenoh_formation-0.1.0.dist-info"
     with zipfile.ZipFile(path, "w") as archive:
         for name, text in modules.items():
             archive.writestr(name, text)

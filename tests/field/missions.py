@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from formation.mission import Mission
-from formation.mission_file import load
+from formation.mission.file import load
+from formation.mission.model import Mission
 from formation.transport.wiring import members
 
 

@@ -11,7 +11,7 @@ import psutil
 
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig
-from formation.transport.process import log_to_stderr, say
+from formation.transport.runtime.process import log_to_stderr, say
 
 PERIOD = 0.005
 """How often it says something [s]."""
@@ -34,7 +34,7 @@ def main(file: str, team: str) -> None:
             number += 1
             time.sleep(PERIOD)
         grown = process.memory_info().rss - memory
-        say("end", number=number, refused=bus.refused, heard=bus.received, grown=grown, longest=longest)
+        say("end", number=number, refused=bus.refused, received=bus.received, grown=grown, longest=longest)
 
 
 if __name__ == "__main__":

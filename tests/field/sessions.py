@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import zenoh
 
-from deploy.field import access, certificates
-from formation.mission import Mission
+from formation.deploy.fleet import access, certificates
+from formation.mission.model import Mission
 from formation.transport.bus_config import DEFAULTS, BusConfig
 from formation.transport.session import settings_of
 from formation.transport.wiring import named
-from tests.field.namespaces import until
+from tests.support.namespaces import until
 
 
 class Desk(NamedTuple):
@@ -49,7 +49,7 @@ class Sessions:
 
     def __init__(self, desk: Desk, stack: ExitStack) -> None:
         self.desk, self._stack = desk, stack
-        self.heard: dict[str, Counter[str]] = {}
+        self.received: dict[str, Counter[str]] = {}
         """By process and key."""
         self.said: dict[str, set[bytes]] = {}
         """Everything that a process has heard."""
@@ -62,11 +62,11 @@ class Sessions:
         return self._stack.enter_context(zenoh.open(settings_of(config)))
 
     def listen(self, process: str, session: zenoh.Session, *keys: str) -> None:
-        heard, said = self.heard.setdefault(process, Counter()), self.said.setdefault(process, set())
+        received, result = self.received.setdefault(process, Counter()), self.said.setdefault(process, set())
 
         def receive(sample: zenoh.Sample) -> None:
-            heard[str(sample.key_expr)] += 1
-            said.add(sample.payload.to_bytes())
+            received[str(sample.key_expr)] += 1
+            result.add(sample.payload.to_bytes())
 
         for key in keys:
             session.declare_subscriber(key, zenoh.handlers.Callback(receive, indirect=False))
@@ -81,13 +81,13 @@ class Sessions:
         session.declare_queryable(key, zenoh.handlers.Callback(reply, indirect=False))
 
     def reaches(self, session: zenoh.Session, key: str, process: str) -> None:
-        """Say something again and again until it is heard; links need a moment."""
+        """Say something again and again until it is received; links need a moment."""
 
-        def said() -> bool:
+        def result() -> bool:
             session.put(key, b"something")
-            return self.heard[process][key] > 0
+            return self.received[process][key] > 0
 
-        until(said, what=f"{process} hears {key}")
+        until(result, what=f"{process} hears {key}")
 
     def attacking(self, name: str, victim: str) -> AbstractContextManager[zenoh.Session]:
         """Whoever has the key of `name` and keeps to no rules, linked with the victim."""

@@ -13,8 +13,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from tests.needs import path_of
-from tests.processes.child import PATIENCE, free_endpoint
+from tests.support.child import PATIENCE, free_endpoint
+from tests.support.needs import path_of
 
 SEPARATION = Path("/run/sshd")
 """Where a server that root starts puts its unprivileged half; it must be there, and is empty."""

@@ -17,11 +17,11 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
-from deploy.field import authority, certificates
-from formation.mission import Mission
-from formation.mission_file import parse
-from tests.field.namespaces import Computer, Field, Running, until
+from formation.deploy.fleet import authority, certificates
+from formation.mission.file import parse
+from formation.mission.model import Mission
 from tests.field.sessions import Desk, prepared
+from tests.support.namespaces import Computer, Field, Running, until
 
 VICTIM = "robot2"
 TEXT = """
@@ -146,7 +146,7 @@ class Team:
 
     def formation(self, command: str, *flags: str) -> tuple[str, ...]:
         """A command line of the project for this mission."""
-        return (sys.executable, "-m", "deploy", command, str(self.source), *flags)
+        return (sys.executable, "-m", "formation.deploy", command, str(self.source), *flags)
 
     def attack(self, kind: str, **how: Any) -> Running:
         """Start an attack of `tests.field.attacker` on the attacker's computer."""
@@ -155,42 +155,43 @@ class Team:
     def commands(self, since: float = 0.0, before: float = float("inf")) -> list[Command]:
         """What arrived at the victim's wheels between two moments [s, monotonic]."""
         found = [
-            Command(said["at"], said["speed"], said["turn_rate"])
-            for said in self.running["witness"].events("command")
+            Command(result["at"], result["speed"], result["turn_rate"])
+            for result in self.running["witness"].events("command")
         ]
         return [command for command in found if since <= command.at < before]
 
     def status(self) -> dict[str, str]:
         """The newest status of the victim."""
-        said = self.running["witness"].events("status")
-        values: dict[str, str] = said[-1]["values"] if said else {}
+        result = self.running["witness"].events("status")
+        values: dict[str, str] = result[-1]["values"] if result else {}
         return values
 
     def states(self, since: float) -> set[str]:
         """What states the victim said it was in since a moment [s, monotonic]."""
         return {
-            said["values"]["state"]
-            for said in self.running["witness"].events("status")
-            if said["at"] >= since
+            result["values"]["state"]
+            for result in self.running["witness"].events("status")
+            if result["at"] >= since
         }
 
     def refused(self) -> dict[str, int]:
         """What the victim's bus has refused, by kind, as its status says."""
         values = self.status()
         return {
-            name.removeprefix("refused "): int(value)
+            name.removeprefix("refused."): int(value)
             for name, value in values.items()
-            if name.startswith("refused ")
+            if name.startswith("refused.")
         }
 
     def dropped(self) -> dict[str, tuple[int, str]]:
         """What the victim's agent has not believed: how many and why last, by key."""
-        found = {}
-        for name, value in self.status().items():
-            if name.startswith("dropped "):
-                count, _, why = value.partition(", last: ")
-                found[name.removeprefix("dropped ")] = (int(count), why)
-        return found
+        values = self.status()
+        counts = {
+            name.removeprefix("dropped."): int(value)
+            for name, value in values.items()
+            if name.startswith("dropped.")
+        }
+        return {key: (count, values[f"dropped_last.{key}"]) for key, count in counts.items()}
 
     def settled(self) -> bool:
         """Whether the victim's last two seconds of commands were those of settled straight driving."""

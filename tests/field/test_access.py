@@ -11,15 +11,15 @@ from typing import Any
 
 import pytest
 
-from deploy.field import access
-from deploy.field.hosts import MONITOR, OPERATOR, hosts
-from deploy.refusal import Refusal
-from formation.mission import Mission
-from formation.mission_file import shipped
-from formation.topics import BALLOT, COURSE, ORDER, POSITION, STATUS, TABLE
+from formation.deploy.fleet import access
+from formation.deploy.fleet.hosts import MONITOR, OPERATOR, hosts
+from formation.deploy.refusal import Refusal
+from formation.mission.file import shipped
+from formation.mission.model import Mission
+from formation.topics import BALLOT, ORDER, POSITION, ROUTE, STATUS, TABLE
 from formation.transport.wiring import members, partners
 from tests.field.missions import in_the_field, on_a_wireless_network
-from tests.formation import scenarios
+from tests.unit.formation import scenarios
 
 MISSIONS = {
     f"{name}{'-' + team if team else ''}": in_the_field(name, on_a_wireless_network, team)
@@ -31,7 +31,7 @@ MESSAGES = (
     "put", "delete", "declare_subscriber", "query", "declare_queryable", "reply",
     "liveliness_token", "liveliness_query", "declare_liveliness_subscriber",
 )  # fmt: skip
-MISSIONS["minding"] = scenarios.clearing(MISSIONS["turtlebot3_pair"])
+MISSIONS["avoiding"] = scenarios.clearing(MISSIONS["turtlebot3_pair"])
 EVERY_MISSION = pytest.mark.parametrize("mission", MISSIONS.values(), ids=MISSIONS)
 
 
@@ -101,24 +101,24 @@ def comes(mission: Mission) -> Iterator[tuple[str, str, str, str]]:
 
 @EVERY_MISSION
 def test_what_comes_in_is_what_the_table_says_and_nothing_else(mission: Mission) -> None:
-    said = {(word.receiver, word.sender, word.message, word.key) for word in access.words(mission)}
+    result = {(word.receiver, word.sender, word.message, word.key) for word in access.words(mission)}
     allowed = set(comes(mission))
     # every key that the table names is among the attempts, but for sensors that see a robot not tried here
-    assert {word for word in said if "/relative/" not in word[3]} <= allowed
+    assert {word for word in result if "/relative/" not in word[3]} <= allowed
     for me, peer, message, key in allowed:
-        assert any((me, peer, message) == word[:3] and includes(word[3], key) for word in said), (
+        assert any((me, peer, message) == word[:3] and includes(word[3], key) for word in result), (
             f"{peer} may {message} {key} to {me}"
         )
 
 
 @EVERY_MISSION
-def test_nobody_but_a_robot_speaks_for_it_and_only_the_operator_gives_orders(mission: Mission) -> None:
+def test_only_robots_publish_own_keys_and_operator_orders(mission: Mission) -> None:
     for me, peer, message, key in comes(mission):
         robot, topic = key.split("/", 1)
         match message:
             case "put":
                 assert peer in speakers(mission, key)
-                assert me in {MONITOR, OPERATOR} or me in hearers(mission, peer, key)
+                assert me in {MONITOR, OPERATOR} or me in receivers(mission, peer, key)
             case "reply" | "declare_queryable":
                 assert (robot, me) == (peer, OPERATOR)
                 assert peer in members(mission)
@@ -127,7 +127,7 @@ def test_nobody_but_a_robot_speaks_for_it_and_only_the_operator_gives_orders(mis
                 assert topic == "order"
             case "declare_subscriber":
                 assert me in speakers(mission, key)
-                assert peer in {MONITOR, OPERATOR} or peer in hearers(mission, me, key)
+                assert peer in {MONITOR, OPERATOR} or peer in receivers(mission, me, key)
             case _:
                 pytest.fail(f"{message} is never allowed")
 
@@ -137,32 +137,32 @@ def speakers(mission: Mission, key: str) -> set[str]:
     return {key.split("/", 1)[0]} | set(mission.candidates if key == POSITION.key(mission.leader) else ())
 
 
-def hearers(mission: Mission, speaker: str, key: str) -> set[str]:
+def receivers(mission: Mission, speaker: str, key: str) -> set[str]:
     """For which robots and standbys it is meant."""
     robot, topic = key.split("/", 1)
     leaders, everybody = set(mission.candidates), set(mission.followers)
     match topic:
         case "position":
-            hearing = {i for i in everybody if robot in mission.heard(i)}  # who measures or minds it
+            receivers = {i for i in everybody if robot in mission.received_by(i)}  # who measures or avoids it
             if robot == mission.leader:
-                return hearing
-            return hearing | {one for one in leaders if robot in partners(mission, one)}
+                return receivers
+            return receivers | {one for one in leaders if robot in partners(mission, one)}
         case "ballot" if mission.standbys and speaker in leaders:
             return everybody | leaders
-        case "course" if mission.standbys and speaker in leaders:
+        case "route" if mission.standbys and speaker in leaders:
             return leaders
         case _:
             return set()
 
 
 @EVERY_MISSION
-def test_ballots_are_cast_by_those_who_may_lead_and_by_nobody_else(mission: Mission) -> None:
+def test_only_candidates_publish_ballots_and_routes(mission: Mission) -> None:
     cast = {(me, peer, key) for me, peer, message, key in comes(mission) if message == "put"}
-    receiving = {BALLOT: (*members(mission), MONITOR), COURSE: (*mission.candidates, MONITOR)}
+    receiving = {BALLOT: (*members(mission), MONITOR), ROUTE: (*mission.candidates, MONITOR)}
     for topic, receivers in receiving.items():
-        heard = {(me, peer) for me, peer, key in cast if key.endswith(f"/{topic.name}")}
+        received = {(me, peer) for me, peer, key in cast if key.endswith(f"/{topic.name}")}
         wanted = {(me, peer) for me in receivers for peer in mission.candidates if me != peer}
-        assert heard == (wanted if mission.standbys else set())
+        assert received == (wanted if mission.standbys else set())
 
 
 @EVERY_MISSION
@@ -180,7 +180,7 @@ def test_keys_outside_the_team_are_nobodys(mission: Mission) -> None:
 
 
 @EVERY_MISSION
-def test_who_keeps_to_his_own_rules_is_never_refused_by_the_others(mission: Mission) -> None:
+def test_rules_of_sender_and_receiver_agree(mission: Mission) -> None:
     rules = {me: access.access_control(mission, me) for me in access.processes(mission)}
     for me, peer, message, key in attempts(mission):
         if peer in rules:
@@ -193,26 +193,26 @@ def test_everything_that_the_mission_needs_is_allowed(mission: Mission) -> None:
     for me in members(mission):
         rules = access.access_control(mission, me)
 
-        def heard(peer: str, message: str, key: str, rules: dict[str, Any] = rules) -> bool:
+        def received(peer: str, message: str, key: str, rules: dict[str, Any] = rules) -> bool:
             return allows(rules, peer, "ingress", message, wire(mission, key))
 
         for j in mission.robots[me].measurable if me in mission.robots else ():
-            assert heard(j, "put", POSITION.key(j))
+            assert received(j, "put", POSITION.key(j))
         for other in mission.followers:
             if me in mission.robots[other].measurable:
-                assert heard(other, "declare_subscriber", POSITION.key(me))
+                assert received(other, "declare_subscriber", POSITION.key(me))
             if me in mission.candidates and mission.standbys:
-                assert heard(other, "put", POSITION.key(other))
-                assert heard(other, "declare_subscriber", BALLOT.key(me))
+                assert received(other, "put", POSITION.key(other))
+                assert received(other, "declare_subscriber", BALLOT.key(me))
                 if mission.leader in mission.robots[other].measurable:
-                    assert heard(other, "declare_subscriber", POSITION.key(mission.leader))
-        assert heard(MONITOR, "declare_subscriber", STATUS.key(me))
-        assert heard(OPERATOR, "query", ORDER.key(me))
-        assert heard(OPERATOR, "query", ORDER.pattern.format(robot="*"))
+                    assert received(other, "declare_subscriber", POSITION.key(mission.leader))
+        assert received(MONITOR, "declare_subscriber", STATUS.key(me))
+        assert received(OPERATOR, "query", ORDER.key(me))
+        assert received(OPERATOR, "query", ORDER.pattern.format(robot="*"))
 
 
 @EVERY_MISSION
-def test_links_are_those_of_the_graph_and_of_the_visitors_who_dial(mission: Mission) -> None:
+def test_links_are_those_of_graph_monitor_and_operator(mission: Mission) -> None:
     where = hosts(mission)
     dialled = {
         process: set(configured(mission, process)["connect"]["endpoints"])

@@ -12,8 +12,8 @@ import pytest
 
 from formation.topics import POSITION
 from tests.field.assault import LASTS, attack, link, rises, without_effect
-from tests.field.namespaces import until
 from tests.field.team import VICTIM, Band, Team, driving
+from tests.support.namespaces import until
 
 pytestmark = [pytest.mark.namespaces, pytest.mark.processes]
 
@@ -30,7 +30,7 @@ def test_the_team_is_at_peace_without_an_attack(team: Team) -> None:
     assert team.refused() == {}
 
 
-def test_who_belongs_here_is_never_refused(team: Team) -> None:
+def test_members_are_never_refused(team: Team) -> None:
     """The monitor and the operator, from the desk, with all that they do."""
     before = team.refused()
     flags = ("-c", str(team.desk.file("monitor")), "--no-record", "--snapshots")
@@ -41,8 +41,8 @@ def test_who_belongs_here_is_never_refused(team: Team) -> None:
         time.sleep(LASTS)
         answer = team.desk_computer.run(*order)
         assert monitor.stop() == 0
-    said = json.loads(answer.stdout.splitlines()[-1])
-    assert {one["robot"] for one in said["acknowledged"]} == {"leader", "robot1", VICTIM}
+    result = json.loads(answer.stdout.splitlines()[-1])
+    assert {one["robot"] for one in result["acknowledged"]} == {"leader", "robot1", VICTIM}
     received = monitor.event("summary")["received"]
     assert all(received[f"{VICTIM}/{topic}"] > 0 for topic in ("odom", "cmd_vel", "position", "status"))
     assert team.refused() == before
@@ -107,12 +107,14 @@ def test_tokens_that_are_forged_are_not_taken(team: Team) -> None:
 def test_what_was_said_before_is_not_believed_again(team: Team) -> None:
     """With the robot's own key: the tape of a neighbour, played back from elsewhere."""
     key = POSITION.key("robot1")
-    said = attack(team, "listen", link=link(team, "monitor", "robot1"), key=key, number=40)
+    result = attack(team, "listen", link=link(team, "monitor", "robot1"), key=key, number=40)
     dropped = team.dropped().get(key, (0, ""))[0]
     with without_effect(team):
-        attack(team, "replay", link=link(team, "robot1"), key=key, samples=said)
-        until(lambda: team.dropped().get(key, (0, ""))[0] >= dropped + len(said), what="replays are counted")
-    assert "said before" in team.dropped()[key][1]
+        attack(team, "replay", link=link(team, "robot1"), key=key, samples=result)
+        until(
+            lambda: team.dropped().get(key, (0, ""))[0] >= dropped + len(result), what="replays are counted"
+        )
+    assert "repeated" in team.dropped()[key][1]
 
 
 def test_a_second_agent_for_the_same_robot_has_no_say(team: Team) -> None:
@@ -132,14 +134,17 @@ def test_a_second_agent_for_the_same_robot_has_no_say(team: Team) -> None:
             *team.formation("agent", "--robot", "robot1", "-c", str(team.desk.file("robot1")), *flags)
         )
         second.event("ready")
-        until(lambda: team.dropped().get(key, (0, ""))[0] >= dropped + 40, what="the second voice is counted")
-        assert team.status()["second voice robot1"] == "two agents speak for it"
+        until(
+            lambda: team.dropped().get(key, (0, ""))[0] >= dropped + 40,
+            what="the second publisher is counted",
+        )
+        assert team.status()["contested"] == "robot1"
         assert second.stop() == 0
         assert body.stop() == 0
-    assert "second voice" in team.dropped()[key][1]
+    assert "second publisher" in team.dropped()[key][1]
 
 
-def test_a_flood_of_refused_messages_disturbs_nobody_and_fills_no_memory(team: Team) -> None:
+def test_flood_of_refused_messages_is_harmless(team: Team) -> None:
     before = team.refused()
     victim = psutil.Process(team.running[VICTIM].pid)
     memory = victim.memory_info().rss
@@ -152,7 +157,7 @@ def test_a_flood_of_refused_messages_disturbs_nobody_and_fills_no_memory(team: T
     assert victim.memory_info().rss - memory < 8 * 2**20
 
 
-def test_who_holds_the_key_of_a_robot_that_is_gone_is_that_robot(team: Team) -> None:
+def test_stolen_key_of_absent_robot_impersonates_it(team: Team) -> None:
     """The limit of all this, and proof that the tests above would see an effect if there were one."""
     until(team.settled, what="settled before the attack")
     band = Band.of(team.commands()[-40:])

@@ -1,4 +1,4 @@
-"""Who asks robots for their voices is who may lead, by his certificate; nobody else is even heard."""
+"""Who asks robots for their votes is who may lead, by his certificate; nobody else is even heard."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from formation.topics import BALLOT, COURSE, ORDER, POSITION, STATUS
+from formation.topics import BALLOT, ORDER, POSITION, ROUTE, STATUS
 from tests.field.missions import in_the_field
 from tests.field.sessions import Sessions, prepared
-from tests.processes.child import free_endpoint
+from tests.support.child import free_endpoint
 
 pytestmark = pytest.mark.processes
 
@@ -27,19 +27,19 @@ def sessions(tmp_path: Path) -> Iterator[Sessions]:
 def test_a_standby_asks_followers_and_candidates_and_is_answered_by_positions(sessions: Sessions) -> None:
     robot3, leader, deputy = sessions.open("robot3", "leader", "deputy")
     sessions.listen("robot3", robot3, BALLOT.key("deputy"), BALLOT.key("leader"))
-    sessions.listen("leader", leader, BALLOT.key("deputy"), COURSE.key("deputy"))
-    sessions.listen("deputy", deputy, POSITION.key("robot3"), COURSE.key("leader"))
+    sessions.listen("leader", leader, BALLOT.key("deputy"), ROUTE.key("deputy"))
+    sessions.listen("deputy", deputy, POSITION.key("robot3"), ROUTE.key("leader"))
     for key, process in (
         (BALLOT.key("deputy"), "robot3"),
         (BALLOT.key("deputy"), "leader"),
-        (COURSE.key("deputy"), "leader"),
+        (ROUTE.key("deputy"), "leader"),
     ):
         sessions.reaches(deputy, key, process)
     sessions.reaches(robot3, POSITION.key("robot3"), "deputy")
-    sessions.reaches(leader, COURSE.key("leader"), "deputy")
+    sessions.reaches(leader, ROUTE.key("leader"), "deputy")
 
 
-def test_whoever_leads_says_where_the_leader_is_to_those_that_measure_it_and_may(sessions: Sessions) -> None:
+def test_acting_leader_position_reaches_only_possible_followers(sessions: Sessions) -> None:
     """robot2 measures it only when robot1 cannot be followed; robot3 never."""
     key = POSITION.key("leader")
     robot1, robot2, robot3, reserve = sessions.open("robot1", "robot2", "robot3", "reserve")
@@ -49,7 +49,7 @@ def test_whoever_leads_says_where_the_leader_is_to_those_that_measure_it_and_may
     sessions.reaches(reserve, key, "robot1")
     sessions.reaches(reserve, key, "robot2")
     sessions.reaches(reserve, BALLOT.key("reserve"), "robot3")
-    assert sessions.heard["robot3"][key] == 0
+    assert sessions.received["robot3"][key] == 0
 
 
 @pytest.mark.parametrize(
@@ -76,24 +76,24 @@ def test_nobodys_certificate_is_good_for_the_ballots_of_another(
         if own:
             sessions.reaches(session, own, "robot2")  # sent later and on the same link
     sessions.reaches(deputy, BALLOT.key("deputy"), "robot2")
-    assert set(sessions.heard["robot2"]) == {BALLOT.key("deputy"), *([own] if own else [])}
+    assert set(sessions.received["robot2"]) == {BALLOT.key("deputy"), *([own] if own else [])}
     assert b"forged" not in sessions.said["robot2"]
 
 
 @pytest.mark.parametrize("who", ["robot1", "operator"])
-def test_no_follower_and_no_operator_casts_ballots_or_sets_a_course(sessions: Sessions, who: str) -> None:
+def test_followers_and_operators_cast_no_ballots_and_set_no_route(sessions: Sessions, who: str) -> None:
     """Not even in its own name: there is nobody who would listen."""
     deputy, leader = sessions.open("deputy", "leader")
-    said = [BALLOT.key(who), COURSE.key(who), BALLOT.key("leader"), COURSE.key("leader")]
-    sessions.listen("deputy", deputy, *said, POSITION.key("robot1"))
+    result = [BALLOT.key(who), ROUTE.key(who), BALLOT.key("leader"), ROUTE.key("leader")]
+    sessions.listen("deputy", deputy, *result, POSITION.key("robot1"))
     with sessions.attacking(who, "deputy") as session:
         for _ in range(20):
-            for key in said:
+            for key in result:
                 session.put(key, b"forged")
         if who == "robot1":
             sessions.reaches(session, POSITION.key(who), "deputy")  # sent later and on the same link
-    sessions.reaches(leader, COURSE.key("leader"), "deputy")
-    assert set(sessions.heard["deputy"]) <= {COURSE.key("leader"), POSITION.key("robot1")}
+    sessions.reaches(leader, ROUTE.key("leader"), "deputy")
+    assert set(sessions.received["deputy"]) <= {ROUTE.key("leader"), POSITION.key("robot1")}
     assert b"forged" not in sessions.said["deputy"]
 
 

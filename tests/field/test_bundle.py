@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 from cryptography import x509
 
-from deploy.cli import main
-from deploy.field import bundle, certificates, folders, wheels
-from deploy.field.folders import BUNDLE, DESK, VERSION
-from deploy.field.wheels import Target
-from formation.mission_file import parse
+from formation.deploy.cli import main
+from formation.deploy.fleet import bundle, certificates, folders, wheels
+from formation.deploy.fleet.folders import BUNDLE, VERSION
+from formation.deploy.fleet.wheels import Target
+from formation.mission.file import DESK, configuration_of, load, parse
 from tests.field.deployed import TEXT, mission, secrets
 
 PI = Target("aarch64", "3.12")
@@ -31,8 +31,8 @@ def no_wheels(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def collect(target: Target, folder: Path, before: object = (), *, fetch: bool = True) -> None:
         del before
-        (folder / "formation-0.1.0-py3-none-any.whl").write_text(f"{target}{fetch}")
-        (folder / wheels.REQUIREMENTS).write_text("formation==0.1.0\n")
+        (folder / "zenoh_formation-0.1.0-py3-none-any.whl").write_text(f"{target}{fetch}")
+        (folder / wheels.REQUIREMENTS).write_text("zenoh-formation==0.1.0\n")
 
     monkeypatch.setattr(wheels, "collect", collect)
 
@@ -63,8 +63,8 @@ def make(keys: Path, tmp_path: Path) -> Make:
 
 
 def version(out: Path, robot: str) -> dict[str, Any]:
-    said: dict[str, Any] = json.loads((out / robot / VERSION).read_text())
-    return said
+    output: dict[str, Any] = json.loads((out / robot / VERSION).read_text())
+    return output
 
 
 def files(folder: Path) -> set[str]:
@@ -76,10 +76,10 @@ def test_a_robots_folder_holds_all_that_it_needs(make: Make, tmp_path: Path) -> 
     out = tmp_path / "out"
     common = {
         "mission.toml", "zenoh.json5", "install.sh", "VERSION.json", "wheels/requirements.txt",
-        "wheels/formation-0.1.0-py3-none-any.whl", "samples/firewall.nft",
+        "wheels/zenoh_formation-0.1.0-py3-none-any.whl", "samples/firewall.nft",
         *(f"certificates/{name}.pem" for name in ("ca", "certificate", "key")),
     }  # fmt: skip
-    agent = {f"units/formation-{role}.service" for role in ("agent", "guard")}
+    agent = {f"units/formation-{role}.service" for role in ("agent", "watchdog")}
     names = ("turtlebot3.service", "zenoh-bridge-ros2dds.service", "conf.json5")
     samples = {f"samples/{name}" for name in names}
     for robot in ("robot1", "robot2"):
@@ -88,7 +88,7 @@ def test_a_robots_folder_holds_all_that_it_needs(make: Make, tmp_path: Path) -> 
     assert (out / "robot1" / "mission.toml").read_text() == TEXT
 
 
-def test_from_the_desk_one_watches_orders_and_leads_and_it_is_no_robot(make: Make, tmp_path: Path) -> None:
+def test_desk_bundle_has_monitor_operator_and_leader(make: Make, tmp_path: Path) -> None:
     make()
     desk, who = tmp_path / "out" / DESK, ("monitor", "operator", "leader")
     pems = {f"{one}/{name}.pem" for one in who for name in ("ca", "certificate", "key")}
@@ -107,7 +107,7 @@ def test_the_sample_of_a_firewall_knows_the_robots_port(make: Make, tmp_path: Pa
     assert "7460" not in ports["robot1"]
 
 
-def test_each_robot_gets_its_own_key_and_nobody_elses(make: Make, keys: Path, tmp_path: Path) -> None:
+def test_each_robot_gets_only_its_own_key(make: Make, keys: Path, tmp_path: Path) -> None:
     make()
     every = {(keys / name / "key.pem").read_text(): name for name in (*ROBOTS, "monitor", "operator", "ca")}
     out = tmp_path / "out"
@@ -137,12 +137,12 @@ def test_nothing_secret_can_be_read_by_others(make: Make, tmp_path: Path) -> Non
 
 def test_a_version_says_what_it_is(make: Make, tmp_path: Path) -> None:
     made = make()
-    said = version(tmp_path / "out", "robot2")
-    assert said["release"] == made["releases"]["robot2"] == folders.release_id(tmp_path / "out" / "robot2")
-    assert (said["robot"], said["role"], said["mission"]) == ("robot2", "agent", "three-in-a-row")
-    assert (said["platform"], said["python"], said["formation"]) == ("aarch64", "3.12", "0.1.0")
-    assert said["made"] == NOW.isoformat(timespec="seconds")
-    assert datetime.fromisoformat(said["certificate_until"]) > NOW
+    output = version(tmp_path / "out", "robot2")
+    assert output["release"] == made["releases"]["robot2"] == folders.release_id(tmp_path / "out" / "robot2")
+    assert (output["robot"], output["role"], output["mission"]) == ("robot2", "agent", "three-in-a-row")
+    assert (output["platform"], output["python"], output["formation"]) == ("aarch64", "3.12", "0.1.0")
+    assert output["made"] == NOW.isoformat(timespec="seconds")
+    assert datetime.fromisoformat(output["certificate_until"]) > NOW
     assert version(tmp_path / "out", "leader")["role"] == "leader"
 
 
@@ -206,21 +206,20 @@ def test_the_command_says_what_comes_next(
 ) -> None:
     out = tmp_path / "out of doors"
     assert main(command(source, keys, out)) == 0
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     for robot in ROBOTS:
-        assert f"{robot:<16}{version(out, robot)['release']}" in said
-    next_ones = [shlex.split(line) for line in said.splitlines() if line.startswith("  formation")]
-    desk = out / "desk"
-    mission, leader, monitor, operator = (
-        str(desk / name) for name in ("mission.toml", "leader.json5", "monitor.json5", "operator.json5")
-    )
+        assert f"{robot:<16}{version(out, robot)['release']}" in output
+    next_ones = [shlex.split(line) for line in output.splitlines() if line.startswith("  formation")]
     assert [words[1:] for words in next_ones] == [
         ["deploy", "push", str(out)],
-        ["leader", mission, "-c", leader, "--hold"],
-        ["monitor", mission, "-c", monitor],
-        ["order", mission, "run", "-c", operator],
+        ["leader", str(out), "--hold"],
+        ["monitor", str(out)],
+        ["order", str(out), "run"],
+        ["stop", str(out)],
     ]
-    assert all(Path(path).is_file() for path in (mission, leader, monitor, operator))
+    assert load(out) == parse(TEXT)
+    for process in ("leader", "monitor", "operator"):
+        assert configuration_of(out, process) == out / DESK / f"{process}.json5"
     assert main(command(source, keys, out, "--json", "--platform", "x86_64", "--python", "3.11")) == 0
     result = json.loads(capsys.readouterr().out)
     assert (result["platform"], result["python"]) == ("x86_64", "3.11")
@@ -230,31 +229,30 @@ def test_the_command_says_what_comes_next(
 def test_without_wheels_robots_are_told_to_fetch_them(source: Path, keys: Path, tmp_path: Path) -> None:
     assert main(command(source, keys, tmp_path / "out", "--no-wheels")) == 0
     assert version(tmp_path / "out", "robot1")["wheels"] is False
-    assert (
-        "False" in (tmp_path / "out" / "robot1" / "wheels" / "formation-0.1.0-py3-none-any.whl").read_text()
-    )
+    wheel = tmp_path / "out" / "robot1" / "wheels" / "zenoh_formation-0.1.0-py3-none-any.whl"
+    assert "False" in wheel.read_text()
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "output"),
     [
         (('endpoint = "tls/10.77.0.2:7460"', ""), "robot1 without endpoint; in the field every robot"),
         (('endpoint = "tls/10.77.0.2:7460"', 'endpoint = "tcp/10.77.0.2:7460"'), "must begin with 'tls/'"),
         (('robot_endpoint = "tcp/127.0.0.1:7447"', ""), "robot_endpoint of robot1 is missing; it must be"),
-        (("tcp/127.0.0.1:7447", "tcp/10.77.0.2:7447"), "on the robot itself and for nobody else"),
+        (("tcp/127.0.0.1:7447", "tcp/10.77.0.2:7447"), "on the robot itself and for nothing else"),
         (("robot1", "desk"), "no robot or standby can be called 'desk'"),
         (("robot1", "operator"), "no robot of the field can be called 'operator'"),
     ],
     ids=["no endpoint", "no tls", "no bridge", "a bridge for all", "called desk", "called operator"],
 )
 def test_a_mission_that_is_not_one_for_the_field_is_refused(
-    keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: tuple[str, str], said: str
+    keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: tuple[str, str], output: str
 ) -> None:
     source = tmp_path / "changed.toml"
     source.write_text(TEXT.replace(*change))
     assert main(command(source, keys, tmp_path / "out")) == 2
     error = capsys.readouterr().err
-    assert said in error
+    assert output in error
     assert len(error.splitlines()) == 1
     assert not (tmp_path / "out").exists()
 
@@ -263,13 +261,13 @@ def test_a_robot_without_a_certificate_is_refused(
     source: Path, keys: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(command(source, tmp_path / "nowhere", tmp_path / "out")) == 2
-    said = capsys.readouterr().err
-    assert "no certificate for leader; `formation deploy certificates MISSION --out" in said
-    assert "nowhere` issues one" in said
+    output = capsys.readouterr().err
+    assert "no certificate for leader; `formation deploy certificates MISSION --out" in output
+    assert "nowhere` issues one" in output
     source.write_text(TEXT.replace("robot2", "robot4"))  # who has joined the mission since
     assert main(command(source, keys, tmp_path / "out")) == 2
-    assert "no certificate for robot4; `formation deploy" in (said := capsys.readouterr().err)
-    assert f"--out {keys} --renew` issues one" in said
+    assert "no certificate for robot4; `formation deploy" in (output := capsys.readouterr().err)
+    assert f"--out {keys} --renew` issues one" in output
     source.write_text(TEXT)
     (keys / "robot2" / "key.pem").write_text((keys / "robot1" / "key.pem").read_text())
     assert main(command(source, keys, tmp_path / "out")) == 2
@@ -291,8 +289,8 @@ def test_certificates_of_another_mission_are_refused(
     source = tmp_path / "elsewhere.toml"
     source.write_text(TEXT.replace("10.77.0.3", "10.88.0.3"))
     assert main(command(source, keys, tmp_path / "out")) == 2
-    said = capsys.readouterr().err
-    assert "is for robot2 at 10.77.0.3, and in mission three-in-a-row it listens at 10.88.0.3" in said
+    output = capsys.readouterr().err
+    assert "is for robot2 at 10.77.0.3, and in mission three-in-a-row it listens at 10.88.0.3" in output
 
 
 def test_certificates_of_two_authorities_are_refused(
@@ -351,6 +349,6 @@ def test_platforms_and_pythons_that_there_are_no_wheels_for_are_refused(
 ) -> None:
     for flags in (["--python", "3.10"], ["--platform", "armv7l"], ["--bringup", "ros2 launch"]):
         assert main(command(source, keys, tmp_path / "out", *flags)) == 2
-        said = capsys.readouterr().err
-        assert flags[1] in said
-        assert "3.11" in said or "aarch64" in said or "turtlebot3.service" in said
+        output = capsys.readouterr().err
+        assert flags[1] in output
+        assert "3.11" in output or "aarch64" in output or "turtlebot3.service" in output

@@ -14,14 +14,14 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from deploy import cli
-from deploy.field import authority, certificates
-from deploy.field.hosts import hosts
-from deploy.refusal import Refusal
-from formation.mission import Mission
-from formation.mission_file import load
+from formation.deploy import cli
+from formation.deploy.fleet import authority, certificates
+from formation.deploy.fleet.hosts import hosts
+from formation.deploy.refusal import Refusal
+from formation.mission.file import load
+from formation.mission.model import Mission
 from tests.field.missions import in_the_field, listening, on_a_wireless_network
-from tests.needs import path_of
+from tests.support.needs import path_of
 
 PAIR = in_the_field("turtlebot3_pair", on_a_wireless_network)
 NOW = datetime(2026, 6, 1, 12, tzinfo=UTC)
@@ -42,7 +42,7 @@ def secrets(tmp_path: Path) -> Path:
     return made(tmp_path / "secrets")
 
 
-def test_every_process_has_a_certificate_that_says_its_name_and_its_place(secrets: Path) -> None:
+def test_every_process_certificate_has_its_name_and_address(secrets: Path) -> None:
     root = certificates.read_authority(secrets)
     for name in EVERYBODY[1:]:
         pair = certificates.read(secrets, name, NOW)
@@ -76,7 +76,7 @@ def test_certificates_begin_in_the_past_and_none_outlives_the_authority(tmp_path
     assert certificates.read(tmp_path / "other", "robot1", NOW).expires == NOW + timedelta(days=3)
 
 
-def test_nobody_else_can_read_anything_and_git_takes_nothing(tmp_path: Path) -> None:
+def test_files_are_private_and_ignored_by_git(tmp_path: Path) -> None:
     git = path_of("git")
     subprocess.run([git, "init", "--quiet", str(tmp_path)], check=True)
     mask = os.umask(0)
@@ -91,7 +91,7 @@ def test_nobody_else_can_read_anything_and_git_takes_nothing(tmp_path: Path) -> 
     assert subprocess.run(status, check=True, capture_output=True).stdout == b""
 
 
-def test_a_folder_that_others_may_look_into_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
+def test_folder_readable_by_others_is_refused(tmp_path: Path) -> None:
     folder = tmp_path / "open"
     folder.mkdir(mode=0o755)
     folder.chmod(0o755)
@@ -145,7 +145,7 @@ def test_renewal_needs_an_authority_that_is_there_and_has_not_expired(secrets: P
         renewed(secrets, now=NOW + timedelta(days=366))
 
 
-def test_a_robot_that_left_the_mission_is_named_while_its_certificate_is_good(secrets: Path) -> None:
+def test_certificate_of_former_robot_is_named_while_valid(secrets: Path) -> None:
     six = in_the_field("six_robots", on_a_wireless_network)
     assert set(certificates.left_over(secrets, six)) == {"leader"}
     text = certificates.words(secrets, {}, certificates.left_over(secrets, six), NOW)
@@ -184,7 +184,7 @@ def test_certificates_that_would_not_work_are_refused_with_the_reason(secrets: P
         ({"robot1": "tls/[fe80::1%wlan0]:7460"}, "must be an address without zone"),
     ],
 )
-def test_a_mission_that_is_not_for_the_field_is_refused_in_one_sentence(
+def test_mission_unfit_for_field_is_refused(
     endpoints: dict[str, str | None], reason: str, tmp_path: Path
 ) -> None:
     with pytest.raises(Refusal, match=reason):
@@ -216,19 +216,20 @@ def test_the_command_tells_people_and_scripts_what_expires_when(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     mission, folder = mission_file(tmp_path), tmp_path / "secrets"
-    asked = ["deploy", "certificates", str(mission), "--out", str(folder), "--json", "--days", "7"]
-    assert cli.main(asked) == 0
-    *words, last = capsys.readouterr().out.splitlines()
-    said = json.loads(last)
-    assert list(said["certificates"]) == EVERYBODY
-    assert said["certificates"]["robot2"]["days"] == pytest.approx(7.0, abs=0.01)
-    assert said["certificates"]["robot2"]["addresses"] == ["192.168.1.12"]
+    requested = ["deploy", "certificates", str(mission), "--out", str(folder), "--json", "--days", "7"]
+    assert cli.main(requested) == 0
+    out, err = capsys.readouterr()
+    words, result = err.splitlines(), json.loads(out)
+    assert list(result["certificates"]) == EVERYBODY
+    assert result["certificates"]["robot2"]["days"] == pytest.approx(7.0, abs=0.01)
+    assert result["certificates"]["robot2"]["addresses"] == ["192.168.1.12"]
     assert any(line.startswith("robot2 ") and line.endswith("192.168.1.12") for line in words)
-    assert "PRIVATE" not in "".join(words) + last
+    assert "PRIVATE" not in err + out
 
-    assert cli.main(asked) == 2
+    assert cli.main(requested) == 2
     assert "--renew" in capsys.readouterr().err
-    assert cli.main([*asked, "--renew"]) == 0
+    assert cli.main([*requested, "--renew"]) == 0
+    capsys.readouterr()
     assert cli.main(["deploy", "certificates", "turtlebot3_pair", "--out", str(tmp_path / "other")]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1

@@ -13,7 +13,7 @@ import pytest
 from formation.topics import CMD_VEL, ODOM, POSITION, STATUS
 from formation.transport.wiring import partners
 from tests.field.deployed import Deployed
-from tests.field.namespaces import Computer, Field, Running, until
+from tests.support.namespaces import Computer, Field, Running, until
 
 pytestmark = pytest.mark.namespaces
 
@@ -63,15 +63,15 @@ def test_nothing_moves_before_an_operator_says_so(team: Deployed) -> None:
 
 def test_robots_converge_to_the_formation(team: Deployed) -> None:
     def formed() -> bool:
-        said = snapshot(team)
-        error, states = said["formation_error"], {said["robots"][name]["state"] for name in followers}
-        return error is not None and error < NEAR and said["mode"] == "run" and states == {"run"}
+        result = snapshot(team)
+        error, states = result["formation_error"], {result["robots"][name]["state"] for name in followers}
+        return error is not None and error < NEAR and result["mode"] == "run" and states == {"run"}
 
     followers = team.mission.followers
     until(formed, 60.0, f"all run with a formation error under {NEAR} m")
 
 
-def test_each_agents_links_are_its_neighbours_and_the_monitor_and_no_others(team: Deployed) -> None:
+def test_agent_links_are_neighbours_and_monitor_only(team: Deployed) -> None:
     address = {name: computer.address for name, computer in team.computers.items()}
     for name, process in agents(team).items():
         links = team.computers[name].links(process.pid)
@@ -90,10 +90,10 @@ def test_a_robot_is_reached_at_its_agents_port_and_nowhere_else(team: Deployed) 
 
 
 def test_the_monitor_hears_every_robot_at_its_rate(team: Deployed) -> None:
-    def heard(robot: dict[str, Any]) -> bool:
+    def received(robot: dict[str, Any]) -> bool:
         return bool(robot["rate"] == pytest.approx(20.0, rel=0.1) and robot["age"] < 0.5)
 
-    until(lambda: all(map(heard, snapshot(team)["robots"].values())), what="20 positions a second of each")
+    until(lambda: all(map(received, snapshot(team)["robots"].values())), what="20 positions a second of each")
     assert set(snapshot(team)["robots"]) == set(team.mission.names)
 
 
@@ -114,26 +114,26 @@ def test_the_monitor_cannot_give_orders(team: Deployed) -> None:
     assert snapshot(team)["mode"] == "stop"
 
 
-def test_nobody_was_refused_anything_that_the_mission_needs(team: Deployed) -> None:
+def test_no_message_of_the_mission_is_refused(team: Deployed) -> None:
     robots = team.mission.robots
     summaries = {}
     for key, running in team.running.items():
         assert running.stop() == 0, running.errors
         summaries[key] = running.event("summary")
     for name, process in agents(team).items():
-        said = process.event("summary")
+        result = process.event("summary")
         # the leader hears what those who measure it relay: how things stood, should it have died
-        asked = ["robot1"] if name == team.mission.leader else robots[name].neighbours
-        heard = {POSITION.key(other) for other in asked}
-        assert set(said["received"]) == heard, name
-        assert {POSITION.key(name), STATUS.key(name)} <= set(said["published"])
-        refused = {word for word in said["refused"] if "/order" not in word}  # those were the monitor's
+        requested = ["robot1"] if name == team.mission.leader else robots[name].neighbours
+        received = {POSITION.key(other) for other in requested}
+        assert set(result["received"]) == received, name
+        assert {POSITION.key(name), STATUS.key(name)} <= set(result["published"])
+        refused = {word for word in result["refused"] if "/order" not in word}  # those were the monitor's
         assert not refused, name
     for name in team.mission.followers:
-        said = summaries[name, "formation-agent"]["robot"]
-        assert set(said["received"]) == {ODOM.key(name)}
-        assert said["published"][CMD_VEL.key(name)] > 100
-        assert summaries[name, "formation-guard"]["received"] == {}
+        result = summaries[name, "formation-agent"]["robot"]
+        assert set(result["received"]) == {ODOM.key(name)}
+        assert result["published"][CMD_VEL.key(name)] > 100
+        assert summaries[name, "formation-watchdog"]["received"] == {}
     monitor = summaries["desk", "monitor"]
     assert monitor["refused"] == {}
     assert monitor["converged"]

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from deploy.cli import main
+from formation.deploy.cli import main
 from tests.field.bundles import ROBOTS, Field, result
 from tests.field.light import light, release
 from tests.field.sshd import Server
@@ -17,7 +17,7 @@ from tests.field.sshd import Server
 pytestmark = pytest.mark.ssh
 
 
-def test_rollback_goes_one_release_back_and_names_who_has_none(
+def test_rollback_names_robots_without_earlier_release(
     field: Field, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert field.deploy("push") == 0
@@ -25,9 +25,9 @@ def test_rollback_goes_one_release_back_and_names_who_has_none(
     assert field.deploy("push") == 0
     capsys.readouterr()
     assert field.deploy("rollback") == 1
-    said = capsys.readouterr().out
-    assert "robot1  r2 -> r1" in said
-    assert "robot2  FAILED  there is no release before r1" in said
+    output = capsys.readouterr().out
+    assert "robot1  r2 -> r1" in output
+    assert "robot2  FAILED  there is no release before r1" in output
     assert [field.current(name) for name in ROBOTS] == ["r1", "r1", "r1"]
     assert field.deploy("rollback", "--only", "robot1") == 1  # one back, and not further
     assert field.deploy("push", "--only", "robot1") == 0
@@ -51,12 +51,12 @@ def test_status_names_what_is_not_as_in_the_bundles(field: Field, capsys: pytest
     (field.prefix("robot2") / "current" / "mission.toml").write_text("edited there", encoding="utf-8")
     capsys.readouterr()
     assert field.deploy("status", "--host", "robot3=127.0.0.9") == 1
-    said = capsys.readouterr().out
-    assert "! release differs: r2 is in the bundle" in said
-    assert "pair (differs)" in said
-    assert "! mission differs from the bundle's" in said
-    assert "! unreachable: connection refused" in said
-    assert said.splitlines()[-1] == "0 of 3 as in the bundles; not robot1, robot2, robot3"
+    output = capsys.readouterr().out
+    assert "! release differs: r2 is in the bundle" in output
+    assert "pair (differs)" in output
+    assert "! mission differs from the bundle's" in output
+    assert "! unreachable: connection refused" in output
+    assert output.splitlines()[-1] == "0 of 3 as in the bundles; not robot1, robot2, robot3"
 
 
 def test_what_is_bundled_can_be_pushed_taken_back_and_pushed_again(
@@ -69,8 +69,8 @@ def test_what_is_bundled_can_be_pushed_taken_back_and_pushed_again(
 
     def deploy(command: str) -> dict[str, Any]:
         main(["deploy", command, *words])
-        said: dict[str, Any] = result(capsys)["robots"]["robot1"]
-        return said
+        output: dict[str, Any] = result(capsys)["robots"]["robot1"]
+        return output
 
     first = release(light(bundles / "robot1", folder / "robot1", {"zenoh.py": "# one\n"}))
     assert (deploy("push")["installed"], deploy("push")["installed"]) == (True, False)

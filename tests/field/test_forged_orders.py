@@ -12,15 +12,15 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from deploy.field import authority, certificates
-from formation import order
-from formation.order import Told
+from formation.deploy.fleet import authority, certificates
+from formation.protocol import order
+from formation.protocol.order import PositionAttachment
 from formation.topics import POSITION
+from formation.transport.security.signing import Signer
 from formation.transport.session import Identity
-from formation.transport.signing import Signer
 from tests.field.assault import attack, link
-from tests.field.namespaces import until
 from tests.field.team import VICTIM, Team, driving, mission
+from tests.support.namespaces import until
 
 pytestmark = [pytest.mark.namespaces, pytest.mark.processes]
 THIEF = "robot1"
@@ -33,7 +33,7 @@ class Held(NamedTuple):
     """A team that its leader holds, and what robot1 said before its key was stolen."""
 
     team: Team
-    ran: list[Told]
+    ran: list[PositionAttachment]
     """Newest last; while the leader said run."""
 
 
@@ -41,17 +41,17 @@ class Held(NamedTuple):
 def held(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Held]:
     with driving(tmp_path_factory.mktemp("team")) as team:
         tape = attack(team, "listen", link=link(team, "monitor", THIEF), key=KEY, number=NUMBER)
-        told = [order.decode(Told, bytes.fromhex(attachment)) for _, attachment in tape]
+        decoded = [order.decode(PositionAttachment, bytes.fromhex(attachment)) for _, attachment in tape]
         answer = team.desk_computer.run(
             *team.formation("order", "hold", "-c", str(team.desk.file("operator")), "--json")
         )
-        said = json.loads(answer.stdout.splitlines()[-1])
-        assert said["refused"] == [], said
-        assert {one["robot"] for one in said["acknowledged"]} >= {"leader", VICTIM}
+        result = json.loads(answer.stdout.splitlines()[-1])
+        assert result["refused"] == [], result
+        assert {one["robot"] for one in result["acknowledged"]} >= {"leader", VICTIM}
         until(lambda: team.status().get("state") == "hold", what="the victim holds")
         team.running[THIEF].signal(signal.SIGKILL)
         time.sleep(1.0)
-        yield Held(team, [one for one in told if one.order is not None])
+        yield Held(team, [one for one in decoded if one.order is not None])
 
 
 def signer(team: Team, name: str) -> Signer:
@@ -128,14 +128,16 @@ FORGERIES: dict[str, tuple[Callable[[Held], dict[str, Any]], tuple[str, ...]]] =
 
 def relayed(held: Held, fields: dict[str, Any]) -> None:
     """Have the thief say so, as robot1 does: where it is, and with rising counts and beats."""
-    voice = secrets.token_hex(8)
+    publisher_id = secrets.token_hex(8)
     attachments = []
     for count in range(NUMBER):
-        told = Told.model_validate({"voice": voice, "count": count + 1, "mission": mission().tag, **fields})
-        if told.order is not None:
-            risen = told.order.model_copy(update={"beat": told.order.beat + count})
-            told = told.model_copy(update={"order": risen})
-        attachments.append(order.encode(told).hex())
+        decoded = PositionAttachment.model_validate(
+            {"publisher_id": publisher_id, "count": count + 1, "mission": mission().tag, **fields}
+        )
+        if decoded.order is not None:
+            risen = decoded.order.model_copy(update={"beat": decoded.order.beat + count})
+            decoded = decoded.model_copy(update={"order": risen})
+        attachments.append(order.encode(decoded).hex())
     attack(held.team, "relay", link=link(held.team, THIEF), key=KEY, attachments=attachments)
 
 
@@ -145,21 +147,21 @@ def test_a_forgery_is_refused_and_named(held: Held, kind: str) -> None:
     start = time.monotonic()
     relayed(held, forgery(held))
     until(
-        lambda: any(team.status().get(f"forged order {THIEF}", "").startswith(why) for why in whys),
+        lambda: any(team.status().get(f"forged.{THIEF}", "").startswith(why) for why in whys),
         what=f"one of {whys}, not {team.status()}",
     )
     assert team.states(since=start) == {"hold"}
     assert all((one.speed, one.turn_rate) == (0.0, 0.0) for one in team.commands(since=start))
-    time.sleep(0.2)  # the next voice may speak for robot1
+    time.sleep(0.2)  # the next publisher may speak for robot1
 
 
 def test_orders_that_were_true_change_nothing(held: Held) -> None:
     """With right signatures; the leader has said hold since."""
-    team, start, voice = held.team, time.monotonic(), secrets.token_hex(8)
+    team, start, publisher_id = held.team, time.monotonic(), secrets.token_hex(8)
     attachments = []
     for count, one in enumerate(held.ran):
-        told = one.model_copy(update={"voice": voice, "count": count + 1})
-        attachments.append(order.encode(told).hex())
+        decoded = one.model_copy(update={"publisher_id": publisher_id, "count": count + 1})
+        attachments.append(order.encode(decoded).hex())
     attack(team, "relay", link=link(team, THIEF), key=KEY, attachments=attachments)
     time.sleep(1.0)
     assert team.states(since=start) == {"hold"}
@@ -181,10 +183,10 @@ def test_an_order_by_a_follower_does_not_verify(held: Held) -> None:
 def test_the_leader_raises_the_alarm(held: Held) -> None:
     """It is linked with robot1 as well."""
     fields = {"order": json.loads(changed(held)["signed"])}
-    told = Told.model_validate(
-        {"voice": secrets.token_hex(8), "count": 1, "mission": mission().tag, **fields}
+    decoded = PositionAttachment.model_validate(
+        {"publisher_id": secrets.token_hex(8), "count": 1, "mission": mission().tag, **fields}
     )
-    attachments = [order.encode(told).hex()]
+    attachments = [order.encode(decoded).hex()]
     attack(held.team, "relay", link=link(held.team, THIEF, "leader"), key=KEY, attachments=attachments)
     alarm = "ALARM: robot1 relays a forged order: order not signed by leader: it has no signature"
     until(lambda: alarm in held.team.running["leader"].errors, what=held.team.running["leader"].errors[-500:])

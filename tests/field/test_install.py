@@ -14,11 +14,11 @@ from pathlib import Path
 
 import pytest
 
-from deploy.field import bundle, folders, units, wheels
+from formation.deploy.fleet import bundle, folders, units, wheels
 from tests.field.deployed import HERE, install
 from tests.field.light import Made, light, release
-from tests.field.namespaces import until
-from tests.needs import path_of
+from tests.support.namespaces import until
+from tests.support.needs import path_of
 
 SCRIPT = Path(bundle.__file__).with_name("install.sh")
 ROOM = 145e6
@@ -75,7 +75,7 @@ def test_what_is_installed_names_its_own_place(whole: Path) -> None:
             assert all(Path(word).is_file() for word in command if word.startswith("/"))
 
 
-def test_keys_are_for_whom_they_are_and_the_rest_may_be_read(whole: Path) -> None:
+def test_keys_are_private_and_other_files_readable(whole: Path) -> None:
     here = whole / "current"
     modes = {path.name: stat.S_IMODE(path.stat().st_mode) for path in (here / "certificates").iterdir()}
     assert modes == {"ca.pem": 0o600, "certificate.pem": 0o600, "key.pem": 0o600}
@@ -154,7 +154,7 @@ def test_a_release_that_does_not_run_here_is_not_switched_to(made: Made, tmp_pat
 
 def test_a_wheel_that_is_not_what_was_bundled_is_not_installed(made: Made, tmp_path: Path) -> None:
     prefix, one = tmp_path / "prefix", made()
-    (wheel,) = (one / "wheels").glob("formation-*.whl")
+    (wheel,) = (one / "wheels").glob("zenoh_formation-*.whl")
     wheel.write_bytes(wheel.read_bytes() + b"\0")
     done = install(one, prefix, "--no-systemd")
     assert done.returncode == 1
@@ -184,7 +184,7 @@ def test_a_robot_with_internet_fetches_what_its_bundle_leaves_out(bundles: Path,
 
 
 @pytest.mark.parametrize(
-    ("facts", "said"),
+    ("facts", "result"),
     [
         ({"platform": "riscv64"}, f"this bundle is for riscv64, and this machine is {HERE.platform}"),
         ({"python": "3.99"}, f"this bundle is for Python 3.99, and here is Python {HERE.python}"),
@@ -192,17 +192,17 @@ def test_a_robot_with_internet_fetches_what_its_bundle_leaves_out(bundles: Path,
     ],
 )
 def test_a_bundle_for_another_machine_is_refused_in_a_sentence(
-    made: Made, tmp_path: Path, facts: dict[str, str], said: str
+    made: Made, tmp_path: Path, facts: dict[str, str], result: str
 ) -> None:
     done = install(made(**facts), tmp_path / "prefix", "--no-systemd")
     assert done.returncode == 2
-    assert said in done.stderr
+    assert result in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert not (tmp_path / "prefix").exists()
 
 
 @pytest.mark.parametrize(
-    ("flags", "said"),
+    ("flags", "result"),
     [
         (["--fast"], "--fast: unknown; legal are --prefix"),
         (["--prefix"], "--prefix needs a folder"),
@@ -211,11 +211,11 @@ def test_a_bundle_for_another_machine_is_refused_in_a_sentence(
     ],
 )
 def test_what_cannot_be_is_refused_in_a_sentence(
-    bundles: Path, tmp_path: Path, flags: list[str], said: str
+    bundles: Path, tmp_path: Path, flags: list[str], result: str
 ) -> None:
     done = install(bundles / "robot1", tmp_path / "prefix", "--no-systemd", *flags)
     assert done.returncode == 2
-    assert said in done.stderr
+    assert result in done.stderr
     assert len(done.stderr.splitlines()) == 1
 
 
@@ -231,10 +231,14 @@ def test_a_folder_that_is_half_a_bundle_is_refused(made: Made, tmp_path: Path, p
 
 
 def test_a_machine_that_becomes_another_robot_says_so(made: Made, tmp_path: Path) -> None:
-    for name, robot, said in (("one", "robot1", False), ("two", "robot1", False), ("three", "robot2", True)):
+    for name, robot, result in (
+        ("one", "robot1", False),
+        ("two", "robot1", False),
+        ("three", "robot2", True),
+    ):
         done = install(made(name, robot=robot), tmp_path / "prefix", "--no-systemd")
         assert done.returncode == 0, done.stderr
-        assert ("this machine was robot1, and is robot2 now" in done.stdout) is said
+        assert ("this machine was robot1, and is robot2 now" in done.stdout) is result
 
 
 def test_two_do_not_install_at_the_same_time(made: Made, tmp_path: Path) -> None:
@@ -244,7 +248,7 @@ def test_two_do_not_install_at_the_same_time(made: Made, tmp_path: Path) -> None
         fcntl.flock(file, fcntl.LOCK_EX)
         done = install(made(), prefix, "--no-systemd")
     assert done.returncode == 2
-    assert "somebody else is installing" in done.stderr
+    assert "another installation is running" in done.stderr
 
 
 @pytest.mark.shellcheck
@@ -254,6 +258,6 @@ def test_the_script_is_one_that_shellcheck_has_nothing_against() -> None:
 
 
 def test_what_a_bundle_says_of_itself_is_what_is_installed(bundles: Path, whole: Path) -> None:
-    said = json.loads((whole / "current" / "VERSION.json").read_text())
-    assert said == json.loads((bundles / "robot1" / "VERSION.json").read_text())
-    assert said["release"] == current(whole)
+    result = json.loads((whole / "current" / "VERSION.json").read_text())
+    assert result == json.loads((bundles / "robot1" / "VERSION.json").read_text())
+    assert result["release"] == current(whole)

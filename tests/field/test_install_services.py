@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.field.light import Made
-from tests.needs import path_of
+from tests.support.needs import path_of
 
 pytestmark = pytest.mark.namespaces
 
@@ -28,17 +28,17 @@ class Host:
         (folder / "python").mkdir()
         tools = folder / "tools"
         tools.mkdir()
-        self.asked = folder / "asked"
+        self.call_log = folder / "asked"
         self.active = folder / "active"
         systemctl = tools / "systemctl"
         systemctl.write_text(
-            f'#!/bin/sh\necho "$*" >>{self.asked}\ncase $* in *is-active*) test -e {self.active} ;; esac\n'
+            f'#!/bin/sh\necho "$*" >>{self.call_log}\ncase $* in *is-active*) test -e {self.active} ;; esac\n'
         )
         systemctl.chmod(0o755)
 
     def install(self, robot: Path, *flags: str) -> subprocess.CompletedProcess[str]:
         """Run a bundle's install.sh with a private view of the machine, as root."""
-        self.asked.write_text("")
+        self.call_log.write_text("")
         here = self.folder
         script = (
             f"mount --make-rprivate / && mount --bind {here}/etc /etc"
@@ -58,7 +58,7 @@ class Host:
     @property
     def calls(self) -> list[str]:
         """What systemd was asked to change."""
-        return [line for line in self.asked.read_text().splitlines() if "is-active" not in line]
+        return [line for line in self.call_log.read_text().splitlines() if "is-active" not in line]
 
 
 @pytest.fixture
@@ -66,12 +66,12 @@ def host(tmp_path: Path) -> Host:
     return Host(tmp_path / "host")
 
 
-def test_units_are_installed_enabled_and_started_with_a_user_of_their_own(made: Made, host: Host) -> None:
+def test_units_are_installed_and_started_with_own_user(made: Made, host: Host) -> None:
     host.active.touch()
     one = made()
     done = host.install(one)
     assert done.returncode == 0, done.stderr
-    names = "formation-agent.service formation-guard.service"
+    names = "formation-agent.service formation-watchdog.service"
     assert host.calls == ["daemon-reload", f"--quiet enable {names}", f"restart {names}"]
     for name in names.split():
         assert stat.S_IMODE((host.units / name).stat().st_mode) == 0o644
@@ -90,22 +90,22 @@ def test_units_are_installed_enabled_and_started_with_a_user_of_their_own(made: 
     assert host.calls == []
 
 
-def test_a_unit_that_somebody_changed_is_put_right(made: Made, host: Host) -> None:
+def test_changed_unit_is_restored(made: Made, host: Host) -> None:
     one = made()
     assert host.install(one).returncode == 0
-    unit = host.units / "formation-guard.service"
+    unit = host.units / "formation-watchdog.service"
     right = unit.read_text()
     unit.write_text("[Service]\n")
-    assert "formation-guard.service" in host.install(one, "--dry-run").stdout
+    assert "formation-watchdog.service" in host.install(one, "--dry-run").stdout
     assert unit.read_text() == "[Service]\n"
     assert host.install(one).returncode == 0
     assert unit.read_text() == right
 
 
-def test_without_a_bring_up_that_runs_only_the_guard_starts(made: Made, host: Host) -> None:
+def test_without_a_bring_up_that_runs_only_the_watchdog_starts(made: Made, host: Host) -> None:
     done = host.install(made())
     assert done.returncode == 0, done.stderr
-    assert host.calls[-1] == "restart formation-guard.service"
+    assert host.calls[-1] == "restart formation-watchdog.service"
     assert "formation-agent starts with turtlebot3.service, which does not run now" in done.stdout
 
 
@@ -117,7 +117,7 @@ def test_running_services_are_left_alone_on_demand(made: Made, host: Host) -> No
     assert "running services were left alone" in done.stdout
 
 
-def test_a_python_in_somebodys_home_is_refused_because_services_do_not_see_it(made: Made, host: Host) -> None:
+def test_python_in_a_home_directory_is_refused(made: Made, host: Host) -> None:
     private = host.folder / "home"
     (private / "me").mkdir(parents=True)
     one = made()
@@ -130,4 +130,4 @@ def test_a_python_in_somebodys_home_is_refused_because_services_do_not_see_it(ma
         [path_of("unshare"), "--mount", "sh", "-c", script], capture_output=True, text=True, check=False
     )
     assert done.returncode == 2
-    assert "lies in somebody's home, which services do not see" in done.stderr
+    assert "lies in a user's home, which services do not see" in done.stderr

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.field.namespaces import Computer, Field, until
-from tests.needs import path_of
+from tests.support.namespaces import Computer, Field, until
+from tests.support.needs import path_of
 
 pytestmark = pytest.mark.namespaces
 
@@ -92,10 +92,10 @@ def test_after_a_failure_nothing_is_left() -> None:
     assert computer.namespace not in namespaces()
 
 
-def test_what_a_killed_python_left_behind_is_cleared_away_by_the_next_field() -> None:
+def test_next_field_removes_leftovers_of_killed_python() -> None:
     program = """
 import os, sys
-from tests.field.namespaces import Field
+from tests.support.namespaces import Field
 field = Field()
 computer = field.__enter__().computer("robot1")
 child = computer.start(sys.executable, "-c", "import time; time.sleep(600)")

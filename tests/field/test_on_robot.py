@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from deploy.field import on_robot
+from formation.deploy.fleet import on_robot
 
-AGENT, GUARD = "formation-agent.service", "formation-guard.service"
+AGENT, WATCHDOG = "formation-agent.service", "formation-watchdog.service"
 
 
 class Robot:
@@ -24,9 +24,9 @@ class Robot:
         for release in ("r1", "r2"):
             home = self.prefix / "releases" / release
             (home / "units").mkdir(parents=True)
-            said = {"release": release, "bringup": "turtlebot3.service"}
-            (home / "VERSION.json").write_text(json.dumps(said), encoding="utf-8")
-            for unit in (AGENT, GUARD):
+            result = {"release": release, "bringup": "turtlebot3.service"}
+            (home / "VERSION.json").write_text(json.dumps(result), encoding="utf-8")
+            for unit in (AGENT, WATCHDOG):
                 (home / "units" / unit).write_text(f"of {release}", encoding="utf-8")
                 (self.units / unit).write_text(f"of {release}", encoding="utf-8")
         (self.prefix / "current").symlink_to("releases/r2")
@@ -55,7 +55,7 @@ def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Robot:
     return Robot(tmp_path, monkeypatch)
 
 
-def test_a_rollback_brings_back_the_units_of_that_time_and_starts_them(
+def test_rollback_restores_and_starts_previous_units(
     robot: Robot, capsys: pytest.CaptureFixture[str]
 ) -> None:
     robot.systemctl("exit 0")
@@ -63,21 +63,19 @@ def test_a_rollback_brings_back_the_units_of_that_time_and_starts_them(
     assert answer == {"left": "r2", "release": "r1", "restart": ""}
     assert {unit.read_text(encoding="utf-8") for unit in robot.units.iterdir()} == {"of r1"}
     assert robot.calls[-2] == "systemctl daemon-reload"
-    assert robot.calls[-1] == f"systemctl restart {AGENT} {GUARD}"
+    assert robot.calls[-1] == f"systemctl restart {AGENT} {WATCHDOG}"
     assert not (robot.prefix / "previous").is_symlink()
 
 
-def test_a_rollback_does_not_start_an_agent_whose_bring_up_is_down(
+def test_rollback_does_not_start_agent_without_bringup(
     robot: Robot, capsys: pytest.CaptureFixture[str]
 ) -> None:
     robot.systemctl('[ "$1" != is-active ]')  # restarting the agent would start what it is bound to
     robot.ask("rollback", capsys, restart=True)
-    assert robot.calls[-1] == f"systemctl restart {GUARD}"
+    assert robot.calls[-1] == f"systemctl restart {WATCHDOG}"
 
 
-def test_a_rollback_that_is_to_leave_what_runs_calls_nobody(
-    robot: Robot, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_rollback_without_restart_calls_no_service(robot: Robot, capsys: pytest.CaptureFixture[str]) -> None:
     robot.systemctl("exit 0")
     assert robot.ask("rollback", capsys, restart=False)["release"] == "r1"
     with pytest.raises(FileNotFoundError):
@@ -89,23 +87,23 @@ def test_units_that_do_not_start_are_told(robot: Robot, capsys: pytest.CaptureFi
     assert robot.ask("rollback", capsys, restart=True)["restart"] == "Job failed, see journalctl"
 
 
-def test_a_status_tells_what_systemd_and_the_journal_say_of_each_unit(
+def test_status_reports_systemd_and_journal_of_units(
     robot: Robot, capsys: pytest.CaptureFixture[str]
 ) -> None:
     robot.systemctl(
         'case "$*" in\n'
         f"*journalctl*|*-n\\ 1*) echo '12:00:00 robot1: hold: no leader' ;;\n"
         f"*{AGENT}*) printf 'LoadState=loaded\\nActiveState=active\\nSubState=running\\nNRestarts=3\\n' ;;\n"
-        f"*{GUARD}*) printf 'LoadState=not-found\\nActiveState=inactive\\n' ;;\n"
+        f"*{WATCHDOG}*) printf 'LoadState=not-found\\nActiveState=inactive\\n' ;;\n"
         "esac"
     )
     units = robot.ask("status", capsys)["units"]
     says = "12:00:00 robot1: hold: no leader"
     assert units[AGENT] == {"active": "active", "detail": "running", "restarts": 3, "says": says}
-    assert units[GUARD]["active"] == "not loaded"
+    assert units[WATCHDOG]["active"] == "not loaded"
 
 
-def test_a_link_to_a_release_that_is_gone_is_no_way_back(
+def test_incomplete_previous_release_prevents_rollback(
     robot: Robot, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (robot.prefix / "releases" / "r1" / "VERSION.json").unlink()  # what an interrupted installation leaves

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from tests.field.namespaces import Running, until
 from tests.field.team import VICTIM, Team, driving
+from tests.support.namespaces import Running, until
 
 pytestmark = [pytest.mark.namespaces, pytest.mark.processes]
 HERE = {"leader", "robot1", VICTIM}
@@ -59,9 +59,9 @@ class Page:
         command = (sys.executable, "-c", ORDER, self.address, token or self.token, body)
         return Answer(*json.loads(self._team.desk_computer.run(*command).stdout))
 
-    def hears_everybody(self) -> bool:
-        said = self._monitor.events("snapshot")
-        return bool(said) and all(said[-1]["robots"][name]["state"] == "run" for name in HERE)
+    def receives_all(self) -> bool:
+        result = self._monitor.events("snapshot")
+        return bool(result) and all(result[-1]["robots"][name]["state"] == "run" for name in HERE)
 
 
 @contextmanager
@@ -69,7 +69,7 @@ def monitored(team: Team, *flags: str) -> Iterator[Page]:
     watching = ("-c", str(team.desk.file("monitor")), "--no-record", "--snapshots", "--page", "127.0.0.1:0")
     monitor = team.desk_computer.start(*team.formation("monitor", *watching, "--control", *flags))
     page = Page(team, monitor)
-    until(page.hears_everybody, what="the monitor hears everybody")
+    until(page.receives_all, what="the monitor hears everybody")
     try:
         yield page
     finally:
@@ -91,7 +91,7 @@ def drives_on(team: Team, since: float) -> None:
     assert "stop" not in team.states(since)
 
 
-def test_with_the_operators_certificate_the_page_stops_the_team_and_lets_it_go(team: Team) -> None:
+def test_operator_certificate_lets_page_stop_and_release_team(team: Team) -> None:
     before = team.refused()
     with monitored(team, *as_operator(team)) as page:
         since = time.monotonic()
@@ -105,14 +105,14 @@ def test_with_the_operators_certificate_the_page_stops_the_team_and_lets_it_go(t
     assert team.refused() == before
 
 
-def test_with_another_token_nobody_stops(team: Team) -> None:
+def test_order_with_wrong_token_stops_no_robot(team: Team) -> None:
     with monitored(team, *as_operator(team)) as page:
         since = time.monotonic()
         assert page.order("stop", "x" * len(page.token)).status == 401
         drives_on(team, since)
 
 
-def test_with_its_own_certificate_a_monitor_stops_nobody_and_says_what_is_missing(team: Team) -> None:
+def test_monitor_certificate_stops_no_robot_and_explains_why(team: Team) -> None:
     with monitored(team) as page:
         since, stop = time.monotonic(), page.order("stop")
         assert (stop.status, stop.obeyed, set(stop.report["missing"])) == (200, set(), ALL)
@@ -120,9 +120,7 @@ def test_with_its_own_certificate_a_monitor_stops_nobody_and_says_what_is_missin
         drives_on(team, since)
 
 
-def test_with_the_certificate_of_a_robot_the_page_stops_nobody_and_names_what_to_look_at(
-    team: Team, tmp_path: Path
-) -> None:
+def test_robot_certificate_stops_no_robot_and_explains_why(team: Team, tmp_path: Path) -> None:
     text = team.desk.file("operator").read_text()
     thief = tmp_path / "thief.json5"
     thief.write_text(text.replace(f"{team.desk.folder}/operator/", f"{team.desk.folder}/robot1/"))

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import pytest
 
-from deploy.cli import main
-from deploy.field import fleet as fleets
-from deploy.field import on_robot
-from deploy.field.push import flags, manifest, push, send
-from deploy.field.push_view import View
-from deploy.field.remote import RemoteError, Robot, Ssh
+from formation.deploy.cli import main
+from formation.deploy.fleet import fleet as fleets
+from formation.deploy.fleet import on_robot
+from formation.deploy.fleet.push import flags, manifest, push, send
+from formation.deploy.fleet.push_view import View
+from formation.deploy.fleet.remote import RemoteError, Robot, Ssh
 from tests.field.bundles import BROKEN, INSTALL, ROBOTS, WHEEL, Field, result
 from tests.field.sshd import Server, sshd
 
@@ -46,12 +46,12 @@ def test_what_is_secret_stays_so_on_the_robot(field: Field) -> None:
     assert mode(field.prefix("robot1") / "incoming") == 0o700
 
 
-def test_a_key_is_readable_by_nobody_else_even_while_it_arrives(field: Field, tmp_path: Path) -> None:
+def test_key_stays_private_while_it_arrives(field: Field, tmp_path: Path) -> None:
     bundle = fleets.find(field.bundles)["robot1"]
     (bundle.folder / "robot.key").write_bytes(bytes(2_000_000))
     files = manifest(bundle.folder)
-    asked = {"prefix": str(tmp_path / "p"), "files": files, "install": []}
-    words = [sys.executable, on_robot.__file__, "receive", json.dumps(asked)]
+    requested = {"prefix": str(tmp_path / "p"), "files": files, "install": []}
+    words = [sys.executable, on_robot.__file__, "receive", json.dumps(requested)]
     modes: set[int] = set()
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL) as robot:
         assert robot.stdin is not None
@@ -72,8 +72,8 @@ def test_a_second_push_sends_nothing_and_touches_nothing(
     before = {path: path.lstat().st_ctime_ns for path in field.prefix("robot1").rglob("*")}
     capsys.readouterr()
     assert field.deploy("push") == 0
-    said = capsys.readouterr().out
-    assert said.count("up to date, not touched") == 3
+    output = capsys.readouterr().out
+    assert output.count("up to date, not touched") == 3
     after = {path: path.lstat().st_ctime_ns for path in field.prefix("robot1").rglob("*")}
     assert after.keys() == before.keys()
     assert {path for path in after if after[path] != before[path]} <= {field.prefix("robot1") / "incoming"}
@@ -108,13 +108,13 @@ def test_what_was_changed_on_the_robot_is_sent_again(
     assert manifest(field.prefix("robot1") / "incoming") == manifest(field.bundles / "robot1")
 
 
-def test_a_robot_that_is_down_is_named_and_the_others_get_theirs(
+def test_unreachable_robot_is_named_and_others_are_installed(
     field: Field, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert field.deploy("push", "--host", "robot2=127.0.0.9") == 1  # the server listens on 127.0.0.1 only
-    said = capsys.readouterr().out
-    assert "robot2  FAILED  unreachable: connection refused" in said
-    assert said.splitlines()[-1] == "2 of 3 robots; FAILED: robot2"
+    output = capsys.readouterr().out
+    assert "robot2  FAILED  unreachable: connection refused" in output
+    assert output.splitlines()[-1] == "2 of 3 robots; FAILED: robot2"
     assert [field.current(name) for name in ROBOTS] == ["r1", None, "r1"]
 
 
@@ -131,7 +131,7 @@ def test_a_key_that_is_refused_and_an_unknown_host_are_named(
         assert capsys.readouterr().out.count(f"FAILED  {why}") == 3
 
 
-def test_an_installation_that_fails_shows_its_last_lines_and_leaves_what_runs(
+def test_failed_installation_shows_output_and_keeps_running_release(
     field: Field, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert field.deploy("push") == 0
@@ -139,9 +139,9 @@ def test_an_installation_that_fails_shows_its_last_lines_and_leaves_what_runs(
     field.bundle("robot3", "r2")
     capsys.readouterr()
     assert field.deploy("push") == 1
-    said = capsys.readouterr().out
-    assert "robot2  FAILED  install failed (exit code 3)" in said
-    assert "| no wheel fits this Python" in said
+    output = capsys.readouterr().out
+    assert "robot2  FAILED  install failed (exit code 3)" in output
+    assert "| no wheel fits this Python" in output
     assert [field.current(name) for name in ROBOTS] == ["r1", "r1", "r2"]
     field.bundle("robot2", "r2")
     assert field.deploy("push") == 0
@@ -167,8 +167,8 @@ def test_a_full_disk_is_called_that(
         raise OSError(28, "No space left on device", "/opt/formation/incoming/numpy.whl")
 
     monkeypatch.setattr(on_robot, "_take", full)
-    asked = {"prefix": str(field.prefix("robot1")), "files": {}, "install": []}
-    assert on_robot.main("receive", json.dumps(asked)) == 1
+    requested = {"prefix": str(field.prefix("robot1")), "files": {}, "install": []}
+    assert on_robot.main("receive", json.dumps(requested)) == 1
     assert '"disk full (/opt/formation/incoming/numpy.whl)"' in capsys.readouterr().out
 
 
@@ -192,7 +192,7 @@ class Stopping(View):
 
 
 @pytest.mark.parametrize("when", ["sent", "line"])
-def test_an_interrupted_push_leaves_what_runs_and_the_next_one_completes_it(field: Field, when: str) -> None:
+def test_interrupted_push_keeps_release_and_can_be_repeated(field: Field, when: str) -> None:
     assert field.deploy("push", "--only", "robot1") == 0
     folder = field.bundle("robot1", "r2", install="sleep 600 & wait; " + INSTALL)
     if when == "line":
@@ -242,7 +242,7 @@ def test_senseless_flags_are_refused_before_anything_is_sent(
     assert why in capsys.readouterr().err
 
 
-def test_who_is_not_root_goes_by_way_of_sudo(tmp_path: Path) -> None:
+def test_other_users_go_through_sudo(tmp_path: Path) -> None:
     shim = tmp_path / "bin"
     shim.mkdir()
     # a machine on which this user is not root, and whose sudo wants a password

@@ -12,7 +12,7 @@ import zenoh
 
 from tests.field.missions import in_the_field
 from tests.field.sessions import attacking, prepared
-from tests.processes.child import PATIENCE, Child, free_endpoint, started
+from tests.support.child import PATIENCE, Child, free_endpoint, started
 
 pytestmark = pytest.mark.processes
 FLOOD, STEP = 20_000, 100
@@ -24,12 +24,12 @@ def last(child: Child) -> dict[str, Any]:
     while True:
         line = child._lines.get(timeout=PATIENCE)
         assert line is not None, child.errors
-        said: dict[str, Any] = json.loads(line)
-        if said["event"] == "end":
-            return said
+        result: dict[str, Any] = json.loads(line)
+        if result["event"] == "end":
+            return result
 
 
-def test_a_flood_is_counted_without_loss_and_disturbs_neither_words_nor_memory(tmp_path: Path) -> None:
+def test_refused_flood_is_counted_completely_without_side_effects(tmp_path: Path) -> None:
     port = free_endpoint().rpartition(":")[2]
     mission = in_the_field("six_robots", lambda i: f"tls/127.0.0.{i + 1}:{port}", team="reds")
     desk = prepared(mission, tmp_path / "secrets")
@@ -48,10 +48,10 @@ def test_a_flood_is_counted_without_loss_and_disturbs_neither_words_nor_memory(t
                     assert later["number"] == turn["number"] + 1  # nothing that it says is lost or torn
                     turn = later
         assert child.signal(signal.SIGTERM) < 5.0
-        said = last(child)
-    assert said["refused"] == {KIND: FLOOD}
-    assert said["heard"]["robot2/position"] == FLOOD
-    assert said["grown"] < 8 * 2**20
-    assert said["longest"] < 0.5
+        result = last(child)
+    assert result["refused"] == {KIND: FLOOD}
+    assert result["received"]["robot2/position"] == FLOOD
+    assert result["grown"] < 8 * 2**20
+    assert result["longest"] < 0.5
     assert "refused: put robot1/position by robot2, 10000 times" in child.errors
     assert child.errors.count("refused:") < 10

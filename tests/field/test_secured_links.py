@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from formation.monitor.metrics.keys import watched
 from formation.topics import ORDER, POSITION
 from formation.transport.bus_config import BusConfig
 from formation.transport.session import settings_of
-from monitor.figures.keys import watched
 from tests.field.missions import in_the_field
-from tests.field.namespaces import PATIENCE, until
 from tests.field.sessions import Sessions, prepared
-from tests.processes.child import free_endpoint
+from tests.support.child import free_endpoint
+from tests.support.namespaces import PATIENCE, until
 
 pytestmark = pytest.mark.processes
 
@@ -30,7 +30,7 @@ def sessions(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Session
 
 
 @pytest.mark.parametrize("order", [("robot2", "robot3"), ("robot3", "robot2")])
-def test_a_neighbour_is_heard_whoever_came_first(sessions: Sessions, order: tuple[str, str]) -> None:
+def test_neighbour_is_received_in_any_start_order(sessions: Sessions, order: tuple[str, str]) -> None:
     """Of the two robot3, listed later, dials; it measures robot2."""
     one, other = sessions.open(*order)
     robot2, robot3 = (one, other) if order[0] == "robot2" else (other, one)
@@ -38,7 +38,7 @@ def test_a_neighbour_is_heard_whoever_came_first(sessions: Sessions, order: tupl
     sessions.reaches(robot2, "robot2/position", "robot3")
 
 
-def test_a_neighbour_is_heard_by_who_listens_late(sessions: Sessions) -> None:
+def test_late_listener_receives_neighbour(sessions: Sessions) -> None:
     robot2, robot3, robot4 = sessions.open("robot2", "robot3", "robot4")
     sessions.listen("robot3", robot3, "robot2/position")
     sessions.reaches(robot2, "robot2/position", "robot3")
@@ -47,33 +47,33 @@ def test_a_neighbour_is_heard_by_who_listens_late(sessions: Sessions) -> None:
     sessions.listen("robot4", robot4, "robot3/position")
     until(lambda: publisher.matching_status.matching, what="robot3 knows who listens")  # type: ignore[attr-defined]
     publisher.put(b"something")
-    until(lambda: sessions.heard["robot4"]["robot3/position"] == 1, what="robot4 hears robot3")
+    until(lambda: sessions.received["robot4"]["robot3/position"] == 1, what="robot4 hears robot3")
 
 
 def test_the_monitor_hears_all_that_a_robot_tells_the_fleet(sessions: Sessions) -> None:
     robot3, monitor = sessions.open("robot3", "monitor")
     keys = [one.key for one in watched(sessions.desk.mission)]
     sessions.listen("monitor", monitor, *keys)
-    told = [
+    reported = [
         one.key
         for one in watched(sessions.desk.mission)
         if one.robot == "robot3" and one.topic.name != "ground_truth"
     ]
-    assert len(told) >= 5
-    for key in told:
+    assert len(reported) >= 5
+    for key in reported:
         sessions.reaches(robot3, key, "monitor")
-    assert set(sessions.heard["monitor"]) == set(told)
+    assert set(sessions.received["monitor"]) == set(reported)
 
 
-def test_the_operators_order_is_acknowledged_and_nobody_elses_is(sessions: Sessions) -> None:
-    asked: list[bytes] = []
+def test_only_operator_orders_are_acknowledged(sessions: Sessions) -> None:
+    requested: list[bytes] = []
     robots = dict(zip(("robot2", "robot3"), sessions.open("robot2", "robot3"), strict=True))
     for name, session in robots.items():
         key = ORDER.key(name)
 
         def answer(query: zenoh.Query, key: str = key) -> None:
             with query:
-                asked.append(query.payload.to_bytes() if query.payload else b"")
+                requested.append(query.payload.to_bytes() if query.payload else b"")
                 query.reply(key, b"obeyed")
 
         session.declare_queryable(key, zenoh.handlers.Callback(answer, indirect=False))
@@ -99,10 +99,10 @@ def test_the_operators_order_is_acknowledged_and_nobody_elses_is(sessions: Sessi
         assert acknowledged(stranger, "robot3/order", b"forged") == set()
     with sessions.attacking("robot4", "robot3") as robot4s_key:
         assert acknowledged(robot4s_key, "robot3/order", b"forged") == set()
-    assert b"forged" not in asked
+    assert b"forged" not in requested
 
 
-def test_a_key_of_another_robot_is_not_taken_from_who_keeps_to_no_rules(sessions: Sessions) -> None:
+def test_foreign_robot_key_is_rejected_by_receiver(sessions: Sessions) -> None:
     (robot3,) = sessions.open("robot3")
     sessions.listen("robot3", robot3, *map(POSITION.key, ("robot1", "robot2")))
     with sessions.attacking("robot2", "robot3") as robot2s_key:
@@ -110,10 +110,10 @@ def test_a_key_of_another_robot_is_not_taken_from_who_keeps_to_no_rules(sessions
             robot2s_key.put("robot1/position", b"forged")
             robot2s_key.put("*/position", b"forged")
         sessions.reaches(robot2s_key, "robot2/position", "robot3")  # sent later and on the same link
-    assert set(sessions.heard["robot3"]) == {"robot2/position"}
+    assert set(sessions.received["robot3"]) == {"robot2/position"}
 
 
-def test_a_robot_does_not_talk_to_who_only_has_its_neighbours_address(sessions: Sessions) -> None:
+def test_robot_sends_nothing_to_impostor_at_neighbours_address(sessions: Sessions) -> None:
     """robot3 dials robot2's place and finds somebody with a good certificate, but not of that place."""
     desk = sessions.desk
     (robot3,) = sessions.open("robot3")
@@ -127,4 +127,4 @@ def test_a_robot_does_not_talk_to_who_only_has_its_neighbours_address(sessions: 
         with pytest.raises(AssertionError, match="robot3 is linked"):
             until(lambda: list(robot3.info.peers_zid()), 2.5, "robot3 is linked")
         honest.put(b"something")
-    assert not sessions.heard["impostor"]
+    assert not sessions.received["impostor"]

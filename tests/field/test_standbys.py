@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 from cryptography import x509
 
-from deploy.field import authority, bundle, certificates, fleet, wheels
-from deploy.field.folders import DESK, VERSION
-from deploy.field.hosts import hosts
-from deploy.field.wheels import Target
-from deploy.refusal import Refusal
-from formation.mission_file import parse
+from formation.deploy.fleet import authority, bundle, certificates, fleet, wheels
+from formation.deploy.fleet.folders import VERSION
+from formation.deploy.fleet.hosts import hosts
+from formation.deploy.fleet.wheels import Target
+from formation.deploy.refusal import Refusal
+from formation.mission.file import DESK, parse
 from tests.field.deployed import TEXT
 
 PI = Target("aarch64", "3.12")
@@ -37,8 +37,8 @@ def bundles(secrets: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
 
     def collect(target: Target, folder: Path, before: object = (), *, fetch: bool = True) -> None:
         del before
-        (folder / "formation-0.1.0-py3-none-any.whl").write_text(f"{target}{fetch}")
-        (folder / wheels.REQUIREMENTS).write_text("formation==0.1.0\n")
+        (folder / "zenoh_formation-0.1.0-py3-none-any.whl").write_text(f"{target}{fetch}")
+        (folder / wheels.REQUIREMENTS).write_text("zenoh-formation==0.1.0\n")
 
     monkeypatch.setattr(wheels, "collect", collect)
     bundle.make(parse(WITH), WITH, tmp_path / "out", secrets, PI, now=NOW)
@@ -56,7 +56,7 @@ def settings(file: Path) -> dict[str, Any]:
     return found
 
 
-def asked(*words: str | Path) -> fleet.Fleet:
+def requested(*words: str | Path) -> fleet.Fleet:
     """Whom a push with these words is for."""
     options = argparse.ArgumentParser()
     fleet.add_flags(options)
@@ -71,12 +71,12 @@ def test_a_standby_has_a_certificate_for_where_it_listens(secrets: Path) -> None
     assert set(certificates.left_over(secrets, parse(TEXT))) == {"deputy"}
 
 
-def test_a_standby_has_a_bundle_like_the_leaders_with_a_unit_and_a_key_of_its_own(bundles: Path) -> None:
+def test_standby_bundle_has_own_unit_and_key(bundles: Path) -> None:
     units = {path.name for path in (bundles / "deputy" / "units").iterdir()}
     assert units == {"formation-standby.service"}
     assert {path.name for path in (bundles / "deputy" / "samples").iterdir()} == {"firewall.nft"}
-    said = json.loads((bundles / "deputy" / VERSION).read_text())
-    assert (said["robot"], said["role"], said["bringup"]) == ("deputy", "standby", "")
+    result = json.loads((bundles / "deputy" / VERSION).read_text())
+    assert (result["robot"], result["role"], result["bringup"]) == ("deputy", "standby", "")
     assert name_in(bundles / "deputy" / "certificates" / "certificate.pem") == "CN=deputy"
     own = (bundles / "deputy" / "certificates" / "key.pem").read_text()
     for name in ("leader", "robot1", "robot2"):
@@ -84,7 +84,7 @@ def test_a_standby_has_a_bundle_like_the_leaders_with_a_unit_and_a_key_of_its_ow
         assert not any(own in text for text in held)
 
 
-def test_a_standby_dials_everybody_and_is_dialled_by_the_visitors_only(bundles: Path) -> None:
+def test_standby_dials_all_and_is_dialled_by_visitors(bundles: Path) -> None:
     ends = [f"tls/10.77.0.{number}:7460" for number in (1, 2, 3, 4)]
     for name, dialled in {
         "leader": [], "robot1": ends[:1], "robot2": ends[:2], "deputy": ends[:3],
@@ -104,17 +104,15 @@ def test_a_standby_may_stand_by_on_the_desk(bundles: Path) -> None:
 
 def test_a_push_finds_the_standby_where_the_mission_says(bundles: Path) -> None:
     assert set(fleet.find(bundles)) == {"deputy", "leader", "robot1", "robot2"}
-    assert asked(bundles).robots["deputy"].address == "10.77.0.4"
+    assert requested(bundles).robots["deputy"].address == "10.77.0.4"
 
 
-def test_a_standby_on_this_machine_is_left_out_of_a_push_unless_it_is_named(
-    bundles: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_local_standby_is_pushed_only_when_named(bundles: Path, capsys: pytest.CaptureFixture[str]) -> None:
     here = (bundles / "deputy" / "mission.toml").read_text().replace("tls/10.77.0.4", "tls/127.0.0.1")
     (bundles / "deputy" / "mission.toml").write_text(here)
-    assert set(asked(bundles).robots) == {"leader", "robot1", "robot2"}
+    assert set(requested(bundles).robots) == {"leader", "robot1", "robot2"}
     assert "deputy: leads from this machine, left out" in capsys.readouterr().err
-    assert set(asked(bundles, "--only", "deputy").robots) == {"deputy"}
+    assert set(requested(bundles, "--only", "deputy").robots) == {"deputy"}
 
 
 def test_a_standby_without_an_endpoint_is_none_for_the_field() -> None:

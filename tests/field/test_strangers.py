@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from deploy.field import access, certificates
+from formation.deploy.fleet import access, certificates
 from tests.field.assault import LASTS, attack, link, rises, without_effect
-from tests.field.namespaces import until
 from tests.field.team import VICTIM, Team, driving, issued, mission
+from tests.support.namespaces import until
 
 pytestmark = [pytest.mark.namespaces, pytest.mark.processes]
 FIREWALL = Path(access.__file__).with_name("firewall.nft")
@@ -54,7 +54,7 @@ def test_a_certificate_is_good_in_its_time_only(
         rises(team, kind, before, by=5)
 
 
-def test_who_proves_nothing_is_not_listened_to(team: Team) -> None:
+def test_unauthenticated_peer_is_ignored(team: Team) -> None:
     before = team.refused()
     address, port = team.computers[VICTIM].address, 7460
     plain = link(team, "robot1")
@@ -72,7 +72,7 @@ def test_the_robots_own_side_is_not_there_for_others(team: Team) -> None:
     assert "ConnectionRefusedError" in done.stderr
 
 
-def test_the_operator_is_heard_beside_a_crowd_that_comes_again_and_again(team: Team) -> None:
+def test_operator_is_heard_despite_repeatedly_connecting_strangers(team: Team) -> None:
     """Zenoh rests 0.1 s after each link that it did not take, so strangers must not come too often."""
     team.computers[VICTIM].nft(FIREWALL.read_text(encoding="utf-8"))
     address = team.computers[VICTIM].address
@@ -90,7 +90,7 @@ def test_the_operator_is_heard_beside_a_crowd_that_comes_again_and_again(team: T
     assert VICTIM in {one["robot"] for one in report["acknowledged"]}, answer.stdout
 
 
-def test_a_crowd_that_never_finishes_its_hellos_disturbs_nobody(team: Team) -> None:
+def test_unfinished_handshakes_disturb_no_robot(team: Team) -> None:
     """When they go, Zenoh rests 0.1 s for each and lets nobody new in; then it does again."""
     address = team.computers[VICTIM].address
     with without_effect(team):
@@ -98,7 +98,7 @@ def test_a_crowd_that_never_finishes_its_hellos_disturbs_nobody(team: Team) -> N
     until(lambda: attack(team, "dial", link=link(team, "robot3"), times=1) == 1, 60.0, "new links")
 
 
-def test_a_certificate_that_runs_out_on_the_way_ends_the_link_and_the_robot_holds(tmp_path: Path) -> None:
+def test_certificate_expiring_during_link_holds_robot(tmp_path: Path) -> None:
     with driving(tmp_path, expires={"leader": 25.0}) as team:
         kind = "certificate: expired during the link"
         until(lambda: kind in team.refused(), 60.0, f"{kind!r} in the status")

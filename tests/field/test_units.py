@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from deploy.field import units
-from deploy.refusal import Refusal
-from formation.mission import Mission
-from formation.mission_file import parse
+from formation.deploy.fleet import units
+from formation.deploy.refusal import Refusal
+from formation.mission.file import parse
+from formation.mission.model import Mission
 from tests.field.deployed import TEXT, mission
-from tests.needs import path_of
+from tests.support.needs import path_of
 
 FIELD = mission()
 RATED = ("--offline=true", "--threshold=20", "--no-pager")
@@ -70,7 +70,7 @@ def test_systemd_objects_to_no_unit(of: Mission, name: str, tmp_path: Path) -> N
 
 
 @pytest.mark.systemd
-def test_systemd_objects_to_no_unit_of_a_robot_without_a_bring_up_or_bridge_of_its_own(
+def test_systemd_accepts_units_without_bringup_and_bridge(
     tmp_path: Path,
 ) -> None:
     assert verified(every_unit(FIELD, "robot1", bringup="none", bridge="none"), tmp_path) == ""
@@ -97,16 +97,16 @@ def test_what_a_unit_may_do_is_rated_well(tmp_path: Path) -> None:
             assert done.returncode == 0, done.stdout
 
 
-def test_the_agent_stands_and_falls_with_the_bring_up_and_the_bridge() -> None:
+def test_agent_is_bound_to_bringup_and_bridge() -> None:
     agent = units.units(FIELD, "robot1")["formation-agent.service"]
     assert value(agent, "BindsTo") == "turtlebot3.service zenoh-bridge-ros2dds.service"
     assert value(agent, "WantedBy") == "turtlebot3.service"
-    assert value(agent, "Requires") == "formation-guard.service"
+    assert value(agent, "Requires") == "formation-watchdog.service"
     agent = units.units(RMW, "robot1", bringup="base.service")["formation-agent.service"]
     assert value(agent, "BindsTo") == "base.service rmw-zenohd.service"
 
 
-def test_a_bridge_or_router_that_dies_takes_the_bring_up_with_it_and_brings_it_back() -> None:
+def test_bringup_restarts_with_its_bridge_or_router() -> None:
     for of, bridge in ((FIELD, "zenoh-bridge-ros2dds.service"), (RMW, "rmw-zenohd.service")):
         texts = units.samples(of, "robot2")
         assert set(texts) - {"conf.json5"} == {"turtlebot3.service", bridge}
@@ -115,10 +115,11 @@ def test_a_bridge_or_router_that_dies_takes_the_bring_up_with_it_and_brings_it_b
         assert value(texts[bridge], "Restart") == "always"
 
 
-def test_the_bridge_listens_where_the_agent_dials_and_the_bring_up_speaks_with_its_namespace() -> None:
+def test_bridge_endpoint_and_bringup_namespace_match_mission() -> None:
     bridge = units.samples(FIELD, "robot2")["conf.json5"]
     assert 'listen: { endpoints: ["tcp/127.0.0.1:7447"] }' in bridge
     assert "multicast: { enabled: false }" in bridge
+    assert 'publishers: [".*/odom", ".*/scan", ".*/relative/.*", ".*/pose"]' in bridge
     router = units.samples(RMW, "robot2")["rmw-zenohd.service"]
     assert 'listen/endpoints=["tcp/127.0.0.1:7447"]' in router
     bringup = units.samples(RMW, "robot2")["turtlebot3.service"]
@@ -128,7 +129,7 @@ def test_the_bridge_listens_where_the_agent_dials_and_the_bring_up_speaks_with_i
     assert "namespace" not in units.samples(bare, "robot2")["turtlebot3.service"]
 
 
-def test_no_unit_of_ours_delays_the_end_of_a_bring_up_whose_bridge_has_died() -> None:
+def test_no_unit_delays_end_of_bringup() -> None:
     for text in units.units(FIELD, "robot1").values():
         bound = {"turtlebot3.service", "zenoh-bridge-ros2dds.service"}
         assert not bound & set(" ".join(re.findall(r"(?m)^After=(.*)$", text)).split())
@@ -143,14 +144,14 @@ def test_the_leader_waits_for_an_operator_unless_it_is_told_otherwise() -> None:
         assert value(text, "EnvironmentFile") == "-/etc/default/formation"
 
 
-def test_the_guard_neither_waits_for_the_network_nor_goes_down_with_the_bring_up() -> None:
-    guard = units.units(FIELD, "robot1")["formation-guard.service"]
+def test_watchdog_needs_neither_network_nor_bringup() -> None:
+    watchdog = units.units(FIELD, "robot1")["formation-watchdog.service"]
     for key in ("BindsTo", "Requires", "PartOf", "After"):
-        assert not re.search(rf"(?m)^{key}=", guard)
-    assert value(guard, "Before") == "formation-agent.service"
+        assert not re.search(rf"(?m)^{key}=", watchdog)
+    assert value(watchdog, "Before") == "formation-agent.service"
 
 
-def test_every_unit_of_ours_says_that_it_lives_and_is_started_again() -> None:
+def test_every_unit_notifies_systemd_and_is_restarted() -> None:
     for of, name in EVERYBODY:
         for text in units.units(of, name).values():
             assert value(text, "Type") == "notify"
@@ -162,14 +163,14 @@ def test_every_unit_of_ours_says_that_it_lives_and_is_started_again() -> None:
 
 
 def test_however_an_agent_has_ended_its_robot_is_told_to_stand() -> None:
-    """On each robot, and by the very guard that knows it: with the mission that it drove by."""
+    """On each robot, and by the very watchdog that knows it: with the mission that it drove by."""
     for name in ("robot1", "robot2"):
         agent, *after = units.commands(units.units(FIELD, name)["formation-agent.service"])
         program, mission = agent[0], agent[2]
-        assert after == [[program, "guard", mission, "--robot", name, "--once"]]
+        assert after == [[program, "watchdog", mission, "--robot", name, "--once"]]
 
 
-def test_what_an_agent_keeps_lies_in_a_folder_that_is_its_own_and_that_systemd_makes() -> None:
+def test_agent_state_has_its_own_systemd_directory() -> None:
     """With `ProtectSystem=strict` it could write nowhere else; a stop must outlive an upgrade as well."""
     for name in ("robot1", "robot2"):
         agent = units.units(FIELD, name)["formation-agent.service"]
@@ -188,7 +189,7 @@ def test_units_start_what_the_command_line_knows() -> None:
                 assert arguments[0] == "@PREFIX@/current/mission.toml"
                 flags = [word for word in arguments if word.startswith("-")]
                 done = subprocess.run(
-                    [sys.executable, "-m", "deploy", command, "--help"],
+                    [sys.executable, "-m", "formation.deploy", command, "--help"],
                     capture_output=True,
                     text=True,
                     check=True,
@@ -196,12 +197,12 @@ def test_units_start_what_the_command_line_knows() -> None:
                 assert all(flag in done.stdout for flag in flags), flags
 
 
-def test_the_leader_has_neither_guard_nor_bring_up() -> None:
+def test_the_leader_has_neither_watchdog_nor_bring_up() -> None:
     assert set(units.units(FIELD, "leader")) == {"formation-leader.service"}
     assert units.samples(FIELD, "leader") == {}
 
 
-def test_a_standby_is_a_leader_that_waits_under_a_name_of_its_own() -> None:
+def test_standby_is_a_leader_with_own_name() -> None:
     texts = units.units(STANDBY, "deputy")
     assert set(texts) == {"formation-standby.service"}
     assert units.samples(STANDBY, "deputy") == {}
@@ -216,7 +217,7 @@ def test_a_standby_is_a_leader_that_waits_under_a_name_of_its_own() -> None:
         assert value(standby, key) == value(leader_text, key)
 
 
-def test_standbys_change_no_unit_of_anybody_else() -> None:
+def test_standbys_leave_other_units_unchanged() -> None:
     for name in FIELD.names:
         assert every_unit(STANDBY, name) == every_unit(FIELD, name)
 

@@ -18,7 +18,7 @@ def watched(team: Team, *flags: str) -> tuple[int, str, str]:
     return done.returncode, done.stdout, done.stderr
 
 
-def test_the_team_shows_itself_to_who_has_the_monitors_certificate_and_to_nobody_else(tmp_path: Path) -> None:
+def test_only_monitor_certificate_can_watch_the_team(tmp_path: Path) -> None:
     with driving(tmp_path) as team:
         code, out, errors = watched(team, "--json", "-c", str(team.desk.file("monitor")))
         states = {name: robot["state"] for name, robot in json.loads(out)["robots"].items()}
@@ -29,6 +29,6 @@ def test_the_team_shows_itself_to_who_has_the_monitors_certificate_and_to_nobody
 
         code, out, errors = watched(team)
         assert (code, out) == (1, "")
-        assert "nobody answers at tls/" in errors
+        assert "no process answers at tls/" in errors
         assert "-c FILE" in errors
         assert team.states(0.0) - {"waiting", "hold"} == {"run"}  # none of which has disturbed anybody

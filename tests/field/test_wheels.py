@@ -17,10 +17,10 @@ from packaging.requirements import Requirement
 from packaging.tags import compatible_tags, cpython_tags
 from packaging.utils import parse_wheel_filename
 
-from deploy import env
-from deploy.field import wheels
-from deploy.field.wheels import PLATFORMS, PYTHONS, Target
-from deploy.refusal import Refusal
+from formation.deploy import env
+from formation.deploy.fleet import wheels
+from formation.deploy.fleet.wheels import PLATFORMS, PYTHONS, Target
+from formation.deploy.refusal import Refusal
 from tests.field.deployed import HERE
 
 LOCK = (env.LOCK / "agent.txt").read_text(encoding="utf-8")
@@ -38,12 +38,12 @@ def resolved(target: Target, pip: Path, folder: Path) -> list[dict[str, Any]]:
     """
     requirements = folder / "requirements.txt"
     requirements.write_text("".join(f"{pin.line}\n" for pin in wheels.robot_pins(target)), encoding="utf-8")
-    asked = [sys.executable, f"{pip}/pip", "--disable-pip-version-check", "install", "--dry-run"]
-    asked += ["--ignore-installed", "--quiet", "--no-deps", "--require-hashes"]
+    requested = [sys.executable, f"{pip}/pip", "--disable-pip-version-check", "install", "--dry-run"]
+    requested += ["--ignore-installed", "--quiet", "--no-deps", "--require-hashes"]
     report = folder / "report.json"
     flags = [*target.flags, "--target", str(folder / "nowhere"), "--report", str(report)]
     done = subprocess.run(
-        [*asked, *flags, "--requirement", str(requirements)], capture_output=True, text=True, check=False
+        [*requested, *flags, "--requirement", str(requirements)], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
     found: list[dict[str, Any]] = json.loads(report.read_text(encoding="utf-8"))["install"]
@@ -62,9 +62,7 @@ def runs_on(target: Target, wheel: str) -> bool:
 
 
 @pytest.mark.parametrize("target", PI, ids=[target.python for target in PI])
-def test_every_dependency_of_a_robot_has_a_wheel_for_the_raspberry_pi(
-    target: Target, bundles: Path, tmp_path: Path
-) -> None:
+def test_every_robot_dependency_has_raspberry_pi_wheel(target: Target, bundles: Path, tmp_path: Path) -> None:
     found = resolved(target, next((bundles / "robot1" / "wheels").glob("pip-*.whl")), tmp_path)
     names = [one["download_info"]["url"].rpartition("/")[2].partition("#")[0] for one in found]
     assert len(names) == len(wheels.robot_pins(target))
@@ -86,16 +84,16 @@ def test_a_robots_install_takes_up_under_145_mb(platform: str, tmp_path: Path) -
     assert runs_on(target, max(collected, key=lambda path: path.stat().st_size).name)
 
 
-def test_what_is_collected_is_what_the_lock_pins_and_a_pip_and_the_project(bundles: Path) -> None:
+def test_collected_wheels_equal_lock_plus_pip_and_project(bundles: Path) -> None:
     folder = bundles / "robot1" / "wheels"
     hashes = {wheels.digest(path): path.name for path in folder.glob("*.whl")}
     pins = wheels.robot_pins(HERE)
     for pin in pins:
         assert pin.hashes & hashes.keys(), pin.name
-    (own,) = folder.glob("formation-*.whl")
+    (own,) = folder.glob("zenoh_formation-*.whl")
     assert len(hashes) == len(pins) + 1
     lines = (folder / wheels.REQUIREMENTS).read_text(encoding="utf-8").splitlines()
-    assert lines[0] == f"formation==0.1.0 --hash=sha256:{wheels.digest(own)}"
+    assert lines[0] == f"zenoh-formation==0.1.0 --hash=sha256:{wheels.digest(own)}"
     assert len(lines) == len(pins)  # pip installs, it is not installed
 
 
@@ -105,7 +103,7 @@ def test_every_robots_wheels_are_the_same_files(bundles: Path) -> None:
 
 
 @pytest.mark.parametrize("python", PYTHONS)
-def test_markers_are_decided_for_the_robots_python_and_not_for_this_one(python: str) -> None:
+def test_markers_are_evaluated_for_python_of_robot(python: str) -> None:
     pins = {pin.name: pin.version for pin in wheels.pins(LOCK, Target("aarch64", python))}
     environment = {"python_version": python, "python_full_version": f"{python}.0"}
     expected = {}
@@ -127,7 +125,7 @@ def test_a_marker_about_anything_but_python_is_refused() -> None:
 
 
 @pytest.mark.parametrize("platform", PLATFORMS)
-def test_wheels_for_older_systems_fit_and_those_for_newer_or_other_ones_do_not(platform: str) -> None:
+def test_wheels_for_older_systems_fit_newer_do_not(platform: str) -> None:
     target = Target(platform, "3.12")
     other = next(one for one in PLATFORMS if one != platform)
     assert runs_on(target, f"a-1-cp312-cp312-manylinux2014_{platform}.whl")
@@ -144,7 +142,7 @@ def test_wheels_of_an_earlier_bundle_are_taken_and_nothing_is_fetched(
     wheels.collect(HERE, tmp_path, before)
     names = {path.name for path in before}
     assert {path.name for path in tmp_path.glob("*.whl")} == names
-    taken = names - {next(tmp_path.glob("formation-*.whl")).name}
+    taken = names - {next(tmp_path.glob("zenoh_formation-*.whl")).name}
     assert all((tmp_path / name).samefile(bundles / "robot1" / "wheels" / name) for name in taken)
 
 
@@ -158,23 +156,23 @@ def test_without_an_index_it_says_for_what_there_are_no_wheels(
 
 def test_the_same_checkout_makes_the_same_wheel(bundles: Path, tmp_path: Path) -> None:
     again = wheels.project_wheel(tmp_path)
-    assert again.name == next((bundles / "robot1" / "wheels").glob("formation-*.whl")).name
+    assert again.name == next((bundles / "robot1" / "wheels").glob("zenoh_formation-*.whl")).name
     first = wheels.digest(again)
     again.unlink()
     assert wheels.digest(wheels.project_wheel(tmp_path)) == first
 
 
 def test_the_projects_wheel_is_whole(bundles: Path) -> None:
-    (own,) = (bundles / "robot1" / "wheels").glob("formation-*.whl")
+    (own,) = (bundles / "robot1" / "wheels").glob("zenoh_formation-*.whl")
     with zipfile.ZipFile(own) as archive:
         names = set(archive.namelist())
-    for path in ("deploy/field/install.sh", "deploy/field/systemd/formation-guard.service"):
-        assert path in names
-    assert "deploy/lock/agent.txt" in names, "a robot's install could not make bundles"
+    for path in ("install.sh", "systemd/formation-watchdog.service"):
+        assert f"formation/deploy/fleet/{path}" in names
+    assert "formation/deploy/lock/agent.txt" in names, "a robot's install could not make bundles"
 
 
 def test_an_installed_formation_is_packed_into_the_wheel_it_came_from(bundles: Path, tmp_path: Path) -> None:
-    (own,) = (bundles / "robot1" / "wheels").glob("formation-*.whl")
+    (own,) = (bundles / "robot1" / "wheels").glob("zenoh_formation-*.whl")
     (pip,) = (bundles / "robot1" / "wheels").glob("pip-*.whl")
     place, again = tmp_path / "place", tmp_path / "again"
     command = [
@@ -188,11 +186,11 @@ def test_an_installed_formation_is_packed_into_the_wheel_it_came_from(bundles: P
     command += ["--no-deps", "--no-index", "--root-user-action=ignore", "--target", str(place), str(own)]
     subprocess.run(command, env=env.clean(os.environ), check=True)
     again.mkdir()
-    (installed,) = importlib.metadata.distributions(name="formation", path=[str(place)])
+    (installed,) = importlib.metadata.distributions(name="zenoh-formation", path=[str(place)])
     packed = wheels.repack(installed, again)
     assert contents(packed) == contents(own)
     with zipfile.ZipFile(packed) as archive:
-        record = archive.read("formation-0.1.0.dist-info/RECORD").decode()
+        record = archive.read("zenoh_formation-0.1.0.dist-info/RECORD").decode()
     assert all(f"{name}," in record for name in contents(own))
 
 

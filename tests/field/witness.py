@@ -14,7 +14,7 @@ import zenoh
 from formation.ros2.messages import Diagnostics, Twist, decode
 from formation.topics import CMD_VEL, STATUS
 from formation.transport.bus_config import DEFAULTS
-from formation.transport.process import say
+from formation.transport.runtime.process import say
 
 
 def opened(endpoint: str) -> zenoh.Session:
@@ -33,16 +33,16 @@ def opened(endpoint: str) -> zenoh.Session:
 
 def main(endpoint: str, robot: str) -> None:
     """Look on until killed."""
-    heard: queue.SimpleQueue[tuple[float, str, bytes]] = queue.SimpleQueue()
+    received: queue.SimpleQueue[tuple[float, str, bytes]] = queue.SimpleQueue()
 
     def receive(sample: zenoh.Sample) -> None:
-        heard.put((time.monotonic(), str(sample.key_expr), sample.payload.to_bytes()))
+        received.put((time.monotonic(), str(sample.key_expr), sample.payload.to_bytes()))
 
     with opened(endpoint) as session:
         for topic in (CMD_VEL, STATUS):
             session.declare_subscriber(topic.key(robot), zenoh.handlers.Callback(receive, indirect=False))
         while True:
-            at, key, payload = heard.get()
+            at, key, payload = received.get()
             if key == CMD_VEL.key(robot):
                 twist = decode(Twist, payload)
                 say("command", at=at, speed=twist.speed, turn_rate=twist.turn_rate)

@@ -8,9 +8,9 @@ from contextlib import ExitStack
 import pytest
 
 from formation.ros2.naming import Naming
-from formation.tables import Ros
-from tests.processes.child import free_endpoint
-from tests.processes.robot_sides import mission_of
+from formation.ros2.ros_names import Ros
+from tests.processes.agent.robot_sides import mission_of
+from tests.support.child import free_endpoint
 
 SPELLINGS: tuple[Ros, ...] = ("ros2dds", "rmw_zenoh")
 
@@ -28,7 +28,7 @@ def ros(request: pytest.FixtureRequest) -> Ros:
 
 @pytest.fixture
 def naming(ros: Ros) -> Naming:
-    return Naming.of(mission_of(ros), ["robot2"])
+    return Naming.of(mission_of(ros).robots, ["robot2"])
 
 
 @pytest.fixture

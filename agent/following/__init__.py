@@ -1,0 +1,1 @@
+"""Neighbours, slots, orders and gains of one robot."""

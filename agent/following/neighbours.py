@@ -1,0 +1,380 @@
+"""What an agent knows of each neighbour (position, velocity, freshness), and which robots it follows.
+
+It follows the neighbours that can be followed; if there are none, fallbacks that can be; if there are none of
+those either, neighbours that are returning to their slots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from formation.agent.following.publisher import AcceptedPublisher, AcceptedPublisherState
+from formation.agent.following.slots import Slots
+from formation.agent.pose.estimator import Localisation
+from formation.agent.pose.stream import Stream, StreamState
+from formation.agent.safety.failsafe import Unanswered
+from formation.control import tracker as neighbour
+from formation.control.controller import Controller, Measured
+from formation.control.unicycle import control_point
+from formation.mission.graph import cyclic_core
+from formation.mission.model import Mission
+from formation.protocol.order import check_mission
+from formation.ros2.messages import Displacement, Pose
+from formation.stability.losses import leads
+from formation.wire import Now
+
+OTHER_MISSION_TIME = 1.0
+"""Time after a neighbour's newest position with another mission for which it counts as running that [s]."""
+SECOND_PUBLISHER_TIME = 5.0
+"""Time for which a second publisher id stays in the status [s]."""
+RECOVERY_TIME = 0.5
+"""Time for which a neighbour must be usable before it replaces the fallbacks [s]."""
+STANDSTILL_TIME = 1.0
+"""Time without motion after which a robot counts as standing [s]."""
+MAX_STANDSTILL_MOTION = 0.03
+"""Apparent motion of a robot that stands, at most [m]."""
+
+
+class Whereabouts(NamedTuple):
+    """Where another robot is, as far as is known."""
+
+    at: complex
+    """Position extrapolated with its velocity [m; world frame]."""
+    last: complex
+    """Newest measured position [m; world frame]."""
+    velocity: complex
+    """[m/s; world frame]"""
+    age: float
+    """Age of the oldest data used, of either robot [s]."""
+    unsure: float = 0.0
+    """For a silent robot: radius of the disc in which it stands [m]."""
+
+
+def answers(mission: Mission, name: str, robot: str) -> bool:
+    """Whether `name` receives the positions of `robot` over the network, and uses them."""
+    spec = mission.robots[name]
+    if robot in spec.measurable:
+        return spec.measurement == "network"
+    return robot in mission.avoided_by(name)
+
+
+@dataclass(slots=True, kw_only=True)
+class NeighbourState:
+    """What is known of one neighbour."""
+
+    stream: StreamState
+    publisher: AcceptedPublisherState
+    displacement: complex = 0j
+    """Newest measured z_ij^(i) [m; body frame]; only where a sensor measures it."""
+    unavailable: bool = False
+    """Whether it reports that it is unavailable."""
+    beyond: bool = False
+    """Whether it reports that it is outside the mission's bounds."""
+    other: tuple[str, float] = "", float("-inf")
+    """Tag of the other mission that it runs, and when that was received [s, monotonic]."""
+    answered: bool = False
+    """Whether it has answered since the stream started afresh."""
+    track: neighbour.Track | None = None
+    """Its control point."""
+    body: neighbour.Track | None = None
+    """Its centre; only if positions come over the network."""
+    unplaced: tuple[float | None] | None = None
+    """Time since the displacement before the newest [s], until the newest is placed in the world."""
+    anchor: complex = 0j
+    """Where it was when it last moved [m; world frame]."""
+    moved: float = float("-inf")
+    """When it last moved [s, monotonic]."""
+
+
+class Neighbour:
+    """One neighbour, known by its positions over the network or by displacements that a sensor measures."""
+
+    def __init__(self, mission: Mission, name: str, rate: float, *, answers: bool = False) -> None:
+        """`rate` [Hz] is how often data of it arrive.
+
+        `answers`: it receives this robot's positions, and names them in its own.
+        """
+        spec = mission.robots[name]
+        self.name = name
+        self.stream = Stream(rate)
+        self.publisher = AcceptedPublisher(name, spec.rate)
+        self.state = NeighbourState(stream=self.stream.state, publisher=self.publisher.state)
+        self.answers = answers
+        """Whether it names positions of this robot in its own."""
+        # The virtual leader has no body: its position is its control point.
+        self._tag = mission.tag
+        self._offset = 0.0 if name == mission.leader else spec.control_point_offset
+        self._top_speed = spec.top_speed
+        self._filter = mission.law.velocity_filter
+
+    def adopt(self, state: NeighbourState) -> None:
+        """Continue from this state."""
+        self.state, self.stream.state, self.publisher.state = state, state.stream, state.publisher
+
+    def take_position(self, pose: Pose, arrived: float, now: Now, *, answered: bool = False) -> None:
+        """Update from its published pose. Raises BadMessage.
+
+        `answered`: the message names a position that this robot sent shortly before.
+        """
+        state = self.state
+        before = self.stream.state.arrived
+        elapsed = self.stream.admit(pose.stamp, arrived, now)
+        # what follows an answer is at most `longest_delay` later than that, or is refused
+        goes_on = before is not None and arrived - before <= max(
+            neighbour.FORGETTING_SILENCE, self.stream.limit
+        )
+        state.answered = answered or (state.answered and goes_on)
+        stamp = self.stream.state.stamp
+        state.body = self._followed(state.body, stamp, pose.position, elapsed)
+        self._see(control_point(pose.position, pose.heading, self._offset), elapsed)
+
+    def take_displacement(self, measured: Displacement, arrived: float, now: Now) -> None:
+        """Update from a displacement measured by this robot. Raises BadMessage."""
+        state = self.state
+        elapsed = self.stream.admit(measured.stamp, arrived, now)
+        state.displacement = measured.displacement
+        if state.unplaced is not None and elapsed is not None:  # the one before was never placed
+            (before,) = state.unplaced
+            elapsed = None if before is None else before + elapsed
+        state.unplaced = (elapsed,)
+
+    def place(self, here: Localisation) -> None:
+        """Convert a new displacement to the world frame, from this robot's pose at that time.
+
+        This waits for the odometry of the same moment, which may arrive later: with the pose before, a robot
+        at full speed would be a whole period off.
+        """
+        if self.state.unplaced is not None:
+            (elapsed,), self.state.unplaced = self.state.unplaced, None
+            me, heading = here.seen_from(self.stream.state.stamp)
+            self._see(me + heading * self.state.displacement, elapsed)
+
+    def _see(self, point: complex, elapsed: float | None) -> None:
+        state = self.state
+        stamp = self.stream.state.stamp
+        if self.stream.state.arrived is not None and abs(point - state.anchor) > MAX_STANDSTILL_MOTION:
+            state.anchor, state.moved = point, self.stream.state.arrived
+        state.track = self._followed(state.track, stamp, point, elapsed)
+
+    def _followed(
+        self, track: neighbour.Track | None, stamp: float, point: complex, elapsed: float | None
+    ) -> neighbour.Track:
+        if elapsed is None or track is None:
+            return neighbour.first_seen(stamp, point)
+        before = track._replace(stamp=stamp - elapsed)
+        return neighbour.seen(before, stamp, point, self._filter, self._top_speed)
+
+    def check_mission(self, tag: str, arrived: float) -> None:
+        """Raise BadMessage, and record it, if it runs another mission than this robot."""
+        if tag != self._tag:
+            self.state.other = tag, arrived
+        check_mission(self.name, tag, self._tag)
+
+    def other_mission(self, now: Now) -> str | None:
+        """Tag of the other mission that it runs; None if it runs this one, or is silent."""
+        tag, received = self.state.other
+        return tag if now.mono - received <= OTHER_MISSION_TIME else None
+
+    def fresh(self, now: Now) -> bool:
+        """Whether its data are fresh."""
+        return self.stream.fresh(now)
+
+    def unanswered(self, now: Now) -> Unanswered | None:
+        """Lateness of its newest message by its stamp, unless that or an answer shows it to be recent.
+
+        None also if it is silent.
+        """
+        late, limit = self.stream.state.delay, self.stream.longest_delay
+        doubted = self.answers and not self.state.answered and abs(late) > limit
+        return Unanswered(late, limit) if doubted and self.stream.fresh(now) else None
+
+    def going(self, now: Now) -> bool:
+        """Whether it has moved recently."""
+        return now.mono - self.state.moved < STANDSTILL_TIME
+
+    @property
+    def velocity(self) -> complex:
+        """Estimated velocity of its control point [m/s; world frame]."""
+        return self.state.track.velocity if self.state.track else 0j
+
+    def point(self, now: Now, my_age: float, *, carry: bool) -> complex:
+        """Its control point when this robot's measurement, `my_age` [s] old, was made [m; world frame]."""
+        if self.state.track is None:
+            raise ValueError(f"{self.name} has not been seen yet")
+        return self._carried(self.state.track, now, my_age) if carry else self.state.track.point
+
+    def around(self, now: Now, my_age: float, *, body: bool) -> Whereabouts:
+        """Where its centre, or else its control point, was at that moment."""
+        track = self.state.body if body else self.state.track
+        if track is None:
+            raise ValueError(f"{self.name} has not been seen yet")
+        carried, age = self._carried(track, now, my_age), self.stream.age(now)
+        if self.fresh(now):
+            return Whereabouts(carried, track.point, track.velocity, max(age, my_age))
+        unsure = neighbour.uncertain(age, self._top_speed)
+        middle, radius = neighbour.somewhere(track.point, carried, unsure)
+        return Whereabouts(middle, middle, 0j, 0.0, radius)
+
+    def _carried(self, track: neighbour.Track, now: Now, my_age: float) -> complex:
+        older = self.stream.age(now) - my_age
+        # the oldest sample that counts had the longest believable delay, and then waited `limit` here
+        longest = self.stream.longest_delay + self.stream.limit
+        return neighbour.carried_to(track, track.stamp + older, longest)
+
+
+@dataclass(slots=True, kw_only=True)
+class NeighbourhoodState:
+    """The neighbours, and the choice between them."""
+
+    each: dict[str, NeighbourState]
+    guides: tuple[str, ...] = ()
+    """The robots that it follows now."""
+    on_fallbacks: bool = False
+    """Whether it follows its fallbacks."""
+    usable_since: float = float("inf")
+    """Since when a neighbour can be followed again [s, monotonic]."""
+
+
+class Neighbourhood:
+    """The robots that one robot may measure, and the law's input from those that it follows."""
+
+    def __init__(self, mission: Mission, robot: str, controller: Controller) -> None:
+        spec = mission.robots[robot]
+        # a neighbour publishes at its own rate; a sensor measures at the rate of the robot that carries it
+        local = spec.measurement == "local"
+        self.each = {
+            name: Neighbour(
+                mission,
+                name,
+                spec.rate if local else mission.robots[name].rate,
+                answers=not local and answers(mission, name, robot),
+            )
+            for name in spec.measurable
+        }
+        self.state = NeighbourhoodState(each={name: one.state for name, one in self.each.items()})
+        self._mission, self._robot = mission, robot
+        self._neighbours, self._fallbacks = spec.neighbours, spec.fallback_neighbours
+        self._circular = mission.names.index(robot) in cyclic_core(mission.graph)
+        self._carry = controller.delay_compensation and mission.law.delay_compensation
+        self._feed_forward = controller.feed_forward and mission.law.feed_forward
+        # without delay compensation a sensor's displacements are used unchanged
+        self._as_measured = not controller.delay_compensation and local
+
+    def adopt(self, state: NeighbourhoodState) -> None:
+        """Continue from this state, of the same neighbours."""
+        self.state = state
+        for name, one in self.each.items():
+            one.adopt(state.each[name])
+
+    @property
+    def guides(self) -> tuple[str, ...]:
+        """The robots that it follows now."""
+        return self.state.guides
+
+    def doubt_all(self) -> None:
+        """Distrust everything received so far: this process was frozen."""
+        for one in self.each.values():
+            one.stream.doubt()
+
+    def choose(self, now: Now) -> None:
+        """Choose which robots to follow."""
+        state = self.state
+        usable = self._usable(self._neighbours, now)
+        if self._circular and len(usable) < len(self._neighbours):
+            usable = self._leading(usable, usable)
+        if usable and not state.on_fallbacks:
+            state.guides = usable
+            return
+        others = self._leading(self._usable(self._fallbacks, now), usable)
+        state.usable_since = min(state.usable_since, now.mono) if usable else float("inf")
+        state.on_fallbacks = bool(others) and not now.mono - state.usable_since >= RECOVERY_TIME
+        if state.on_fallbacks:
+            state.guides = others
+        else:
+            state.guides = usable or self._leading(self._returning(now), usable)
+
+    def _usable(self, names: tuple[str, ...], now: Now) -> tuple[str, ...]:
+        known = [(name, self.each[name]) for name in names]
+        return tuple(
+            name
+            for name, one in known
+            if not one.state.unavailable and not one.state.beyond and one.fresh(now)
+        )
+
+    def _returning(self, now: Now) -> tuple[str, ...]:
+        """Neighbours that are unavailable, and returning to their slots."""
+        known = [(name, self.each[name]) for name in self._neighbours]
+        return tuple(
+            name
+            for name, one in known
+            if one.state.unavailable and not one.state.beyond and one.fresh(now) and one.going(now)
+        )
+
+    def _leading(self, names: tuple[str, ...], usable: tuple[str, ...]) -> tuple[str, ...]:
+        """The robots of `names` that follow the leader without this one, using only `usable` neighbours."""
+        lost = set(self._neighbours).difference(usable)
+        return tuple(name for name in names if leads(self._mission, name, self._robot, lost - {name}))
+
+    def not_followed(self, now: Now) -> tuple[str, ...]:
+        """The neighbours that are received and not followed."""
+        return tuple(
+            name for name, one in self.each.items() if name not in self.state.guides and one.fresh(now)
+        )
+
+    @property
+    def beyond(self) -> tuple[str, ...]:
+        """Neighbours that report to be outside the mission's bounds."""
+        return tuple(name for name, one in self.each.items() if one.state.beyond)
+
+    def leaderless(self, now: Now) -> bool:
+        """Whether the leader is a neighbour, and silent."""
+        leader = self._mission.leader
+        return leader in self._neighbours and not self.each[leader].fresh(now)
+
+    def silences(self, now: Now) -> dict[str, float]:
+        """Silence of each [s]; infinite before the first message."""
+        return {name: one.stream.silence(now) for name, one in self.each.items()}
+
+    def contested(self, now: Now) -> list[str]:
+        """The neighbours for which a second process has published recently."""
+        return [
+            one.name
+            for one in self.each.values()
+            if now.mono - one.publisher.state.contested < SECOND_PUBLISHER_TIME
+        ]
+
+    def place(self, here: Localisation) -> None:
+        """Convert what sensors have measured to the world frame; call this with every odometry message."""
+        for one in self.each.values():
+            one.place(here)
+
+    def measured(self, here: Localisation, slots: Slots, now: Now) -> Measured:
+        """Return the law's input: sums over the robots that it follows, at least one."""
+        me, heading, my_age = here.point, here.heading, here.stream.age(now)
+        mine, my_velocity = slots.state.at[self._robot], slots.state.velocity[self._robot]
+        relative, desired, velocity = 0j, 0j, 0j
+        for name in self.state.guides:
+            one = self.each[name]
+            if self._as_measured:
+                relative += one.state.displacement
+            else:
+                relative += heading.conjugate() * (one.point(now, my_age, carry=self._carry) - me)
+            desired += slots.state.at[name] - mine
+            # z*_ij moves as well: subtract its rate from the neighbour's velocity
+            velocity += one.velocity - (slots.state.velocity[name] - my_velocity)
+        mean_velocity = velocity / len(self.state.guides) if self._feed_forward else 0j
+        return Measured(relative, desired, len(self.state.guides), mean_velocity)
+
+
+def unanswered(each: Iterable[Neighbour], now: Now) -> dict[str, Unanswered]:
+    """Return the robots that may be late, with their lateness."""
+    found = {one.name: one.unanswered(now) for one in each}
+    return {name: late for name, late in found.items() if late is not None}
+
+
+def other_missions(each: Iterable[Neighbour], now: Now) -> dict[str, str]:
+    """Return the robots that run another mission, with its tag."""
+    found = {one.name: one.other_mission(now) for one in each}
+    return {name: tag for name, tag in found.items() if tag is not None}

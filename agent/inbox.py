@@ -1,0 +1,177 @@
+"""Pass each received message to the part that uses it; count those that are refused, and why."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+from formation.agent.collision_filter import Avoiding
+from formation.agent.following.answers import Answers
+from formation.agent.following.neighbours import Neighbour, Neighbourhood
+from formation.agent.following.orders import Orders
+from formation.agent.pose.estimator import Localisation
+from formation.agent.safety.scanner import Scanner
+from formation.control.unicycle import Command
+from formation.mission.model import Mission
+from formation.protocol import order
+from formation.protocol.election import Voter
+from formation.protocol.order import MAX_REASON_CHARS, Ballot, PositionAttachment
+from formation.ros2.messages import Displacement, LaserScan, Odometry, Pose, Text, decode
+from formation.slots.geofence import Geofence
+from formation.topics import BALLOT, ODOM, POSE, POSITION, RELATIVE, SCAN
+from formation.wire import BadMessage, Now, Sample
+
+Handler = Callable[[Sample, Now], float | None]
+
+
+@dataclass(slots=True)
+class InboxState:
+    """Messages that were not used."""
+
+    dropped: Counter[str] = field(default_factory=Counter)
+    """Their number, by key."""
+    last_dropped: dict[str, str] = field(default_factory=dict)
+    """Why the newest of them was not used, by key."""
+
+
+class Inbox:
+    """Passes one agent's messages on."""
+
+    def __init__(
+        self,
+        mission: Mission,
+        robot: str,
+        here: Localisation,
+        neighbours: Neighbourhood,
+        avoiding: Avoiding,
+        orders: Orders,
+        answers: Answers,
+        fence: Geofence,
+        moved: Callable[[float], None],
+    ) -> None:
+        """Update the parts from `here` to `answers`; call `moved` when an own position has arrived."""
+        self.state = InboxState()
+        self._spec, self._leader, self._fence = mission.robots[robot], mission.leader, fence
+        self._own = (ODOM if self._spec.localisation == "odometry" else POSE).key(robot)
+        self._handlers: dict[str, Handler] = {
+            self._own: partial(self._take_own, here, avoiding.scanner, moved)
+        }
+        for name, neighbour in neighbours.each.items():
+            self._handlers[POSITION.key(name)] = partial(self._take_position, neighbour, orders, answers)
+            if self._spec.measurement == "local":
+                self._handlers[RELATIVE.key(robot, name)] = partial(_take_displacement, neighbour)
+        for name, other in avoiding.others.items():
+            self._handlers[POSITION.key(name)] = partial(_take_avoided, other, answers)
+        if avoiding.scanner is not None:
+            self._handlers[SCAN.key(robot)] = partial(_take_scan, avoiding.scanner)
+        if mission.standbys:
+            for name in mission.candidates:
+                self._handlers[BALLOT.key(name)] = partial(_take_ballot, name, orders.voter)
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Every key that it subscribes to: own position, neighbours, and robots that it avoids."""
+        return tuple(self._handlers)
+
+    @property
+    def unused(self) -> dict[str, tuple[int, str]]:
+        """Number of messages not used, by key, and why the newest was not."""
+        return {where: (count, self.state.last_dropped[where]) for where, count in self.state.dropped.items()}
+
+    def process_inbox(self, inbox: Sequence[Sample], now: Now) -> tuple[bool, float | None]:
+        """Process `inbox`; whether an own position came, and the time since the one before [s]."""
+        interval, moved = None, False
+        for sample in inbox:
+            try:
+                handle = self._handlers.get(sample.key)
+                if handle is None:
+                    raise BadMessage("unknown key")
+                taken = handle(sample, now)
+            except BadMessage as bad:
+                self.drop(sample.key, bad)
+                continue
+            if sample.key == self._own:
+                moved = True
+                interval = taken if interval is None else interval + (taken or 0.0)
+        return moved, interval
+
+    def drop(self, key: str, bad: BadMessage) -> None:
+        """Count a message that is not used, and store why."""
+        where = key if key in self._handlers or key == "order" else "elsewhere"
+        self.state.dropped[where] += 1
+        self.state.last_dropped[where] = str(bad)[:MAX_REASON_CHARS]  # it may quote a stranger's text
+
+    def _take_own(
+        self,
+        here: Localisation,
+        scanner: Scanner | None,
+        moved: Callable[[float], None],
+        sample: Sample,
+        now: Now,
+    ) -> float | None:
+        if self._spec.localisation != "odometry":
+            taken = here.update_pose(decode(Pose, sample.payload), sample.arrived, now)
+            moved(sample.arrived)
+            return taken
+        odometry = decode(Odometry, sample.payload)
+        taken = here.update_pose(odometry, sample.arrived, now)
+        moved(sample.arrived)
+        if scanner is not None:
+            scanner.moved(sample.arrived, Command(odometry.speed, odometry.turn_rate))
+        return taken
+
+    def _take_position(
+        self, neighbour: Neighbour, orders: Orders, answers: Answers, sample: Sample, now: Now
+    ) -> None:
+        pose = decode(Pose, sample.payload)
+        attachment = order.decode(PositionAttachment, sample.attachment or b"")
+        neighbour.check_mission(attachment.mission, sample.arrived)
+        if self._spec.measurement == "network":
+            neighbour.stream.check_late(pose.stamp, sample.arrived)  # before any of it is used
+        leads = neighbour.name == self._leader
+        neighbour.publisher.admit(attachment, sample.arrived, orders.voter.state.voted_term if leads else 0)
+        wrong: BadMessage | None = None
+        if self._spec.measurement == "network":
+            try:
+                answered = answers.answered(neighbour.name, attachment.received, sample.arrived)
+                neighbour.take_position(pose, sample.arrived, now, answered=answered)
+            except BadMessage as bad:
+                wrong = bad
+        neighbour.state.unavailable = attachment.unavailable
+        neighbour.state.beyond = not self._fence.holds(pose.position)
+        try:
+            if sample.unverified:
+                orders.refuse(sample.unverified, neighbour.name, sample.arrived, forged=sample.forged)
+            elif attachment.order is not None:
+                signed = attachment.signed, attachment.signature
+                orders.receive(attachment.order, neighbour.name, sample.arrived, now, signed)
+        except BadMessage as bad:
+            self.drop(sample.key, bad)
+        if wrong is not None:
+            raise wrong
+
+
+def _take_avoided(other: Neighbour, answers: Answers, sample: Sample, now: Now) -> None:
+    """Use the position of a robot that is only avoided, and none of the orders that it relays."""
+    pose = decode(Pose, sample.payload)
+    attachment = order.decode(PositionAttachment, sample.attachment or b"")
+    other.check_mission(attachment.mission, sample.arrived)
+    other.stream.check_late(pose.stamp, sample.arrived)
+    other.publisher.admit(attachment, sample.arrived, 0)
+    answered = answers.answered(other.name, attachment.received, sample.arrived)
+    other.take_position(pose, sample.arrived, now, answered=answered)
+
+
+def _take_displacement(neighbour: Neighbour, sample: Sample, now: Now) -> None:
+    neighbour.take_displacement(decode(Displacement, sample.payload), sample.arrived, now)
+
+
+def _take_scan(scanner: Scanner, sample: Sample, now: Now) -> None:
+    scanner.process_scan(decode(LaserScan, sample.payload), sample.arrived, now)
+
+
+def _take_ballot(candidate: str, voter: Voter, sample: Sample, now: Now) -> None:
+    ballot = order.decode(Ballot, decode(Text, sample.payload).text.encode())
+    voter.receive(ballot, candidate, sample.arrived, now)

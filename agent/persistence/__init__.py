@@ -1,0 +1,1 @@
+"""What an agent saves, restores and traces."""

@@ -1,0 +1,396 @@
+"""What an agent restores after a restart, to continue smoothly, and stopped if it was stopped.
+
+    stops   an operator's stop or hold, and the requests that were answered. It lasts until it is released,
+            also across restarts. A file that cannot be read may have been a stop: the robot stands.
+    state   the robot's pose, its odometry's frame, its integral and gains, the voted term. Restored if it is
+            of this robot, mission, law and boot, a minute old at most, and if the first message of the new
+            process follows from it; otherwise the agent starts fresh.
+
+Nothing of neighbours is saved: their messages arrive within a period. `formation.agent.persistence.store` has
+the files.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from formation.agent.core import Agent
+from formation.agent.following.gains import TuningState
+from formation.agent.persistence.state import (
+    RESTORED,
+    BadStateError,
+    Codec,
+    Json,
+    Restored,
+    dump,
+    explained,
+    restore,
+)
+from formation.agent.persistence.store import Store
+from formation.agent.pose.estimator import Localisation, LocalisationState
+from formation.agent.pose.external_pose import ExternalPoseState
+from formation.agent.safety.latch import LatchState
+from formation.protocol.election import check_term
+from formation.protocol.once import Once
+from formation.protocol.order import MAX_GAIN, MIN_GAIN, Id, Mode, Name
+from formation.protocol.reasons import Code, Reason
+from formation.protocol.stops import Rest
+from formation.ros2.messages import Odometry, Pose, decode
+from formation.topics import ODOM, POSE
+from formation.wire import BadMessage, Now, Sample
+
+SAVE_PERIOD = 0.25
+"""Period of saving the state [s]."""
+MAX_STATE_AGE = 60.0
+"""Greatest age of a saved state [s]."""
+MAX_INTEGRAL_AGE = 5.0
+"""Greatest age of its integral: later the leader may move in another direction [s]."""
+RESTORE_TRIAL_TIME = 10.0
+"""Time after restoring within which a failure of the agent is blamed on the saved state [s]."""
+MAX_SAVE_WAIT = 0.05
+"""Longest time that an acknowledgement waits for its file [s]."""
+_BEFORE: Mapping[str | None, Code] = {"stop": Code.STOPPED_BEFORE_START, "hold": Code.HELD_BEFORE_START}
+
+
+class Stops(BaseModel):
+    """An operator's requests to a robot."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
+
+    robot: Name
+    mode: Mode | None
+    """What is to be released first; None for nothing."""
+    holding: bool = False
+    """Whether there is a hold below a stop."""
+    stop: Id = ""
+    """Id of the stop in force."""
+    hold: Id = ""
+    """Id of the hold in force, below a stop too."""
+    boot: str
+    """Boot id of the machine: times are of its monotonic clock."""
+    rested: float | Literal["never"]
+    """When a stop or a hold was last received [s, monotonic]."""
+    answers: dict[str, str]
+    """Answers to requests, by kind and id."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Saved:
+    """The saved state with which an agent continues smoothly."""
+
+    robot: str
+    mission: str
+    """Fingerprint."""
+    law: str
+    boot: str
+    mono: float
+    """When it was saved [s, monotonic]."""
+    voted_term: int
+    """Voted term."""
+    here: LocalisationState
+    integral: complex
+    tuning: TuningState
+    """The integral's unit depends on the gains."""
+
+
+SAVED = Codec(Saved)
+
+
+class Taken(NamedTuple):
+    """What an agent has restored of the one before it, or why it has not."""
+
+    restored: Restored | None
+    """None for nothing."""
+    news: str
+    """A message for the operator; empty if there is none."""
+
+
+class Restorer:
+    """What one agent restores of the one before it, and saves for the next."""
+
+    def __init__(self, agent: Agent, boot: str) -> None:
+        """`boot` is the id of the time since this machine was switched on; empty if unknown."""
+        self._agent, self._boot = agent, boot
+        self._mission = agent._mission  # noqa: SLF001 - as in a trace, this is the agent's other half
+        self._external = self._mission.robots[agent.robot].localisation == "external"
+        self._saved: Saved | None = None
+
+    def take_stops(self, data: bytes, now: Now, where: str) -> Taken:
+        """Restore a stop or a hold; `where` is the name of the file.
+
+        A file that cannot be read counts as a stop, and the reason says so.
+        """
+        try:
+            stops = _read(data)
+            if stops.robot != self._agent.robot:
+                raise BadStateError(f"it is of {stops.robot}")
+            why = Reason(_BEFORE[stops.mode]) if stops.mode in _BEFORE else None
+            rested = self._rested(stops, now)
+            drawn = f"saved-{now.mono:.6f}"  # for a file of a version without ids
+            stop = (stops.stop or drawn) if stops.mode == "stop" else ""
+            hold = (stops.hold or drawn) if stops.holding or stops.mode == "hold" else ""
+            return self._latch(why, rested, stops.answers, stop=stop, hold=hold)
+        except Exception as bad:  # noqa: BLE001 - whatever stands in the file, the robot is stopped
+            return self.doubt(f"{where} cannot be read: {_described(bad)}", now)
+
+    def doubt(self, what: str, now: Now) -> Taken:
+        """Stop the robot, because `what` may have been a stop."""
+        why = Reason.of(Code.STOP_UNKNOWN, detail=what)
+        return self._latch(why, float("-inf"), {}, stop=f"doubt-{now.mono:.6f}")
+
+    @property
+    def stops(self) -> dict[str, Json]:
+        """An operator's requests, to be saved with `json`."""
+        latch = self._agent.state.latch
+        rest, rested = latch.rest, latch.once.rested
+        stops = Stops.model_construct(
+            robot=self._agent.robot,
+            mode=rest.mode,
+            holding=bool(rest.stop and rest.hold),
+            stop=rest.stop,
+            hold=rest.hold,
+            boot=self._boot,
+            rested="never" if rested == float("-inf") else rested,
+            answers=latch.once.answers,
+        )
+        # a version without ids would read a file that has them for nothing as no stop
+        return stops.model_dump(exclude_defaults=True)
+
+    def take_saved(self, data: bytes, now: Now) -> Taken:
+        """Keep a saved state for the robot's first message; its voted term counts at once."""
+        try:
+            saved = SAVED.read(data)
+            unfit = self._unfit(saved, now)
+        except Exception as bad:  # noqa: BLE001 - whatever stands in the file, the agent starts fresh
+            return _anew(f"cannot be read: {_described(bad)}")
+        if unfit:
+            return _anew(unfit)
+        self._saved = saved
+        return self._taken(Restored(voted_term=saved.voted_term), "")
+
+    @property
+    def waits(self) -> bool:
+        """Whether a saved state waits for the robot's first message."""
+        return self._saved is not None
+
+    def meet(self, inbox: Sequence[Sample], now: Now) -> Taken | None:
+        """Restore the saved state, if the robot's first message follows from it."""
+        saved, key = self._saved, (POSE if self._external else ODOM).key(self._agent.robot)
+        sample = next((sample for sample in inbox if sample.key == key), None)
+        if sample is None or saved is None:
+            return None
+        try:
+            message = decode(Pose, sample.payload) if self._external else decode(Odometry, sample.payload)
+        except BadMessage:
+            return None  # the agent will report it
+        self._saved = None
+        if unfit := self._unfit(saved, now):
+            return _anew(unfit)
+        here = Localisation(self._mission, self._agent.robot, self._agent.controller)
+        try:
+            here.adopt(saved.here)
+            if strange := here.goes_on(message, sample.arrived, saved.mono):
+                return _anew(strange)
+            age = sample.arrived - saved.mono
+            integral = saved.integral if age <= MAX_INTEGRAL_AGE else None
+            restored = Restored(here=here.state, integral=integral, tuning=saved.tuning)
+            self._rehearse(restored, inbox, now)
+            return self._taken(restored, f"goes on from where it was {age:.1f} s ago")
+        except Exception as bad:  # noqa: BLE001 - whatever stands in the file, the agent starts fresh
+            return _anew(f"cannot be read: {_described(bad)}")
+
+    def saved(self, now: Now) -> Json | None:
+        """The state to be saved with `json`; None before the robot's first message."""
+        state = self._agent.state
+        here = state.here
+        if here.stream.arrived is None:
+            return None
+        if isinstance(here.source, ExternalPoseState):  # the commands do not tell how it has turned since
+            here = replace(here, source=replace(here.source, sent=deque()))
+        return SAVED.write(
+            Saved(
+                robot=self._agent.robot,
+                mission=self._mission.fingerprint,
+                law=self._agent.controller.name,
+                boot=self._boot,
+                mono=now.mono,
+                voted_term=state.orders.voter.voted_term,
+                here=here,
+                integral=state.integral,
+                tuning=state.tuning,
+            )
+        )
+
+    def _latch(
+        self, why: Reason | None, rested: float, answers: dict[str, str], *, stop: str = "", hold: str = ""
+    ) -> Taken:
+        latch = LatchState(rest=Rest(stop, hold), why=why, once=Once(rested, answers))
+        return self._taken(Restored(latch=latch), "" if why is None else str(why))
+
+    def _rehearse(self, restored: Restored, inbox: Sequence[Sample], now: Now) -> None:
+        """Restore it in another agent and step that: raises what this agent would have failed with."""
+        agent = self._agent
+        other = Agent(self._mission, agent.robot, agent.controller.name, readonly=True)
+        restore(other, dump(agent))
+        RESTORED.read(RESTORED.write(restored)).into(other)
+        other.act(now, inbox)
+        other.tell(now)
+
+    def _taken(self, restored: Restored, news: str) -> Taken:
+        restored.into(self._agent)
+        return Taken(restored, news)
+
+    def _rested(self, stops: Stops, now: Now) -> float:
+        """When a stop or a hold was last received [s, monotonic]; now if unknown."""
+        if stops.rested == "never":
+            return float("-inf")
+        known = stops.boot == self._boot and self._boot
+        return min(stops.rested, now.mono) if known else now.mono
+
+    def _unfit(self, saved: Saved, now: Now) -> str:
+        """Why this agent cannot use it, in words."""
+        agent = self._agent
+        for name, theirs, ours in (
+            ("robot", saved.robot, agent.robot),
+            ("mission", saved.mission, self._mission.fingerprint),
+            ("law", saved.law, agent.controller.name),
+        ):
+            if theirs != ours:
+                return f"it is of {name} {theirs}, this one of {ours}"
+        if odd := _odd(saved):
+            return odd
+        try:
+            check_term(saved.voted_term, now)
+        except BadMessage as bad:
+            return f"it has voted for an {bad}"
+        age = now.mono - saved.mono
+        if saved.boot != self._boot or not self._boot or age < 0.0:
+            return "the machine has been switched off meanwhile"
+        return (
+            f"it was saved {age:.0f} s ago, which is more than {MAX_STATE_AGE:.0f} s"
+            if age > MAX_STATE_AGE
+            else ""
+        )
+
+
+def _read(data: bytes) -> Stops:
+    """Raises BadStateError."""
+    try:
+        return Stops.model_validate_json(data)
+    except ValidationError as error:
+        raise BadStateError(explained(error)) from None
+
+
+def _described(error: Exception) -> str:
+    """Why something cannot be restored, in one line."""
+    kind = "" if isinstance(error, BadStateError) else f"{type(error).__name__}: "
+    return f"{kind}{' '.join(str(error).split())[:200]}"
+
+
+def _odd(saved: Saved) -> str:
+    """Which of its numbers is impossible; empty if there is none."""
+    written = SAVED.write(saved)
+    if '"NaN"' in json.dumps(written):
+        return "a number in it is not finite"
+    if 'Infinity"' in json.dumps(written["here"]["source"]):
+        return "its newest position or motion is infinite"
+    gains = saved.tuning
+    if not (MIN_GAIN <= gains.k_p <= MAX_GAIN and 0.0 <= gains.k_i <= MAX_GAIN):
+        return f"its gains must be k_p {MIN_GAIN:g} to {MAX_GAIN:g}, k_i 0 to {MAX_GAIN:g}"
+    return ""
+
+
+def _anew(why: str) -> Taken:
+    return Taken(None, f"starts without the saved state: {why}")
+
+
+class Persistence:
+    """Connects one agent with the folder of its saved state."""
+
+    def __init__(self, agent: Agent, store: Store, boot: str) -> None:
+        """`boot` is the id of the time since this machine was switched on; empty if unknown."""
+        self._restorer, self._store = Restorer(agent, boot), store
+        self._due = float("-inf")  # [s, monotonic]
+        self._requested = False  # since the newest step
+        self._error = ""  # why the newest state cannot be saved
+        self._met, self._failed = float("-inf"), False  # when the state was restored [s, monotonic]
+
+    @property
+    def failure(self) -> str:
+        """Why something cannot be saved now; empty if all can."""
+        return self._error or self._store.failure
+
+    def found(self, now: Now) -> Iterator[Taken]:
+        """Restore what was saved; call this before the agent's first request or step."""
+        where = str(self._store.stops)
+        try:
+            stops = self._store.read_stops()
+        except OSError as error:
+            yield self._restorer.doubt(f"{where} cannot be read: {error.strerror or error}", now)
+        else:
+            if stops is not None:
+                yield self._restorer.take_stops(stops, now, where)
+        try:
+            saved = self._store.read_state()
+        except OSError as error:
+            yield _anew(str(error))
+        else:
+            if saved is not None:
+                yield self._restorer.take_saved(saved, now)
+
+    def met(self, now: Now, inbox: Sequence[Sample]) -> Taken | None:
+        """Restore the state that waits for the robot's first message; call this before a step."""
+        taken = self._restorer.meet(inbox, now) if self._restorer.waits else None
+        if taken is not None and taken.restored is not None:
+            self._met = now.mono
+        return taken
+
+    def requested(self) -> None:
+        """Note an operator's request; it is saved in the next step, or when `saved` is called."""
+        self._requested = True
+
+    def saved(self) -> bool:
+        """Wait briefly until the request survives a kill; whether it does."""
+        if self._requested:
+            self._store.write_stops(self._restorer.stops)
+        return self._store.written(MAX_SAVE_WAIT)
+
+    def stepped(self, now: Now) -> None:
+        """Save after a step, when the robot has already received its command."""
+        if self._requested:
+            self._requested = False
+            self._store.write_stops(self._restorer.stops)
+        if now.mono >= self._due:
+            self.end(now)
+
+    def failed(self, now: Now) -> str:
+        """Rename the saved state of a failed agent; a sentence naming the file, empty if it was not renamed.
+
+        An agent that fails soon after restoring it would fail again at each start.
+        """
+        if now.mono - self._met > RESTORE_TRIAL_TIME:
+            return ""
+        self._failed = True
+        aside = self._store.set_state_aside()
+        where = f"is now {aside}" if aside else "could not be set aside"
+        return f"failed {now.mono - self._met:.1f} s after it took over saved state, which {where}"
+
+    def end(self, now: Now) -> None:
+        """Save at the end of the agent, or now and then. Never raises."""
+        if self._failed:
+            return
+        self._due = now.mono + SAVE_PERIOD
+        try:
+            saved = self._restorer.saved(now)
+        except Exception as error:  # noqa: BLE001 - whatever it is, the agent drives on
+            self._error = str(error) or type(error).__name__
+            return
+        self._error = ""
+        if saved is not None and not self._restorer.waits:
+            self._store.write_state(saved)

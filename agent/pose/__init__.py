@@ -1,0 +1,1 @@
+"""Where the robot is, and whether it moves as commanded."""

@@ -1,0 +1,301 @@
+"""The robot's position and heading, from odometry or external poses, without measuring the heading."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from formation.agent.pose.external_pose import ExternalPoseSource, ExternalPoseState
+from formation.agent.pose.odometry import OdometrySource, OdometryState
+from formation.agent.pose.pose_update import PoseUpdate
+from formation.agent.pose.stream import Stream, StreamState
+from formation.control.avoidance import HEADING_GAIN_RATIO, MAX_HEADING_ERROR, course_gain, heading_doubt
+from formation.control.controller import Controller
+from formation.control.observer import Travel, innovation
+from formation.control.plane import rotation, shorten, unit
+from formation.control.tracker import MAX_DELAY
+from formation.control.unicycle import Command, control_point
+from formation.mission.model import Mission
+from formation.protocol.lateness import Trust, trusted
+from formation.protocol.order import Order
+from formation.protocol.reasons import Code, Reason
+from formation.protocol.status import Localised
+from formation.ros2.messages import Odometry, Pose
+from formation.ros2.ros import MAX_POSITION
+from formation.wire import Now
+
+START_HEADING_TIME = 1.0
+"""Time under way after which a team no longer faces as its mission's start says [s]."""
+LEARNED_ESTIMATE_LENGTH = 0.5
+"""Length of the estimate from which it counts as learned, and may contradict a measured heading."""
+MAX_ESTIMATE_LENGTH = 1e100
+"""Limit of an observer's estimate: the printed one's grows without bound while a robot reverses."""
+
+
+@dataclass(slots=True, kw_only=True)
+class LocalisationState:
+    """What a localisation has learned."""
+
+    stream: StreamState
+    source: OdometryState | ExternalPoseState
+    jumped: Reason | None = None
+    """The newest jump, as long as it counts; else None."""
+    jumps: int = 0
+    """Number of jumps."""
+    follows: bool = False
+    """Whether the newest message closed an interval: otherwise the heading is not updated."""
+    trust: Trust = field(default_factory=Trust)
+    """Whether the newest message is young enough to act on."""
+    age_limit: float = MAX_DELAY
+    """Greatest age of a message on arrival [s]."""
+    late: int = 0
+    """Messages that came more than half a period late."""
+    position: complex = 0j
+    """Centre [m; world frame]."""
+    travel: Travel | None = None
+    """Newest interval; None if the robot's motion in it is unknown."""
+    measured: complex = 1.0 + 0.0j
+    """Heading as the source measures it, unit [world frame]."""
+    estimate: complex
+    """The observer's heading, of any length [world frame]."""
+    course: complex
+    """The same for the collision filter."""
+    travelled: float = 0.0
+    """Path length since the filter's heading was unknown [m]."""
+    joined: bool = False
+    """Whether the first order has been received."""
+    before: tuple[float, complex, complex] | None = None
+    """Stamp [s], control point [m; world frame] and heading before the newest message."""
+    calm: float = 0.0
+    """Time since the newest jump [s]."""
+    judged: float = float("-inf")
+    """Arrival of the newest message that was checked for age [s, monotonic]."""
+
+
+class Localisation:
+    """Position by odometry or external poses; heading by the observer of Eq. (3), or as measured.
+
+    The observer uses only the change of the odometry's heading.
+    """
+
+    def __init__(self, mission: Mission, robot: str, controller: Controller) -> None:
+        spec = mission.robots[robot]
+        self.stream = Stream(spec.rate)
+        self._source: OdometrySource | ExternalPoseSource = (
+            OdometrySource(mission, robot)
+            if spec.localisation == "odometry"
+            else ExternalPoseSource(mission, robot)
+        )
+        self._observer = controller.observer
+        self._filters = controller.collision_filter
+        self._measures_heading = spec.heading == "measured"
+        self._gain = mission.law.observer_gain
+        self._limits = spec.limits
+        self._period = 1.0 / spec.rate
+        # beside a measured heading the observer only checks, and starts without an estimate
+        guesses = self._observer.start is None
+        self._watches = self._measures_heading and guesses
+        estimate = 0j if self._watches else mission.first_heading(robot)
+        # odometry that counts from the mission's start pose gives the turn since then
+        counted = spec.localisation == "odometry" and spec.odometry_frame == "start"
+        self._guessed = counted and spec.first_heading_deg is None and not self._measures_heading
+        # after that time its robot may face in a direction that the mission does not know
+        self._guesses = spec.first_heading_deg is None and not self._measures_heading and guesses
+        # the filter's own: external poses are too noisy for a higher gain
+        self._sharp_gain = self._gain * (HEADING_GAIN_RATIO if spec.localisation == "odometry" else 1.0)
+        self._noise = mission.collisions.noise
+        self.state = LocalisationState(
+            stream=self.stream.state, source=self._source.state, estimate=estimate, course=estimate
+        )
+
+    def adopt(self, state: LocalisationState) -> None:
+        """Continue from this state, of a robot with the same source."""
+        self.state = state
+        self.stream.state = state.stream
+        if isinstance(self._source, OdometrySource) and isinstance(state.source, OdometryState):
+            self._source.state = state.source
+        if isinstance(self._source, ExternalPoseSource) and isinstance(state.source, ExternalPoseState):
+            self._source.state = state.source
+
+    @property
+    def source(self) -> str:
+        """Source of positions: ``odometry`` or ``pose``."""
+        return self._source.name
+
+    @property
+    def alignment(self) -> Localised:
+        """How the source is placed in the world."""
+        return self._source.alignment
+
+    @property
+    def realigned(self) -> int:
+        """Number of times that odometry was placed anew after a jump."""
+        return self._source.realigned
+
+    @property
+    def realigned_after(self) -> Reason | None:
+        """The newest jump after which odometry was placed anew."""
+        return self._source.realigned_after
+
+    @property
+    def doubt(self) -> Reason | None:
+        """Why the newest message is doubtful though it follows from the one before."""
+        state = self.state
+        if max(abs(state.position.real), abs(state.position.imag)) > MAX_POSITION:
+            return Reason.of(Code.POSITION_TOO_FAR, source=self.source, limit=MAX_POSITION)
+        learned = self._watches and abs(state.estimate) > LEARNED_ESTIMATE_LENGTH
+        # from 90 degrees on the law drives a robot away from its slot
+        if learned and (state.measured.conjugate() * state.estimate).real < 0.0:
+            return Reason.of(Code.HEADING_CONTRADICTED, source=self.source)
+        return self._source.doubt
+
+    @property
+    def age(self) -> float:
+        """Age of the newest message on arrival [s], by its stamp or compared with the quickest ones.
+
+        A stamp from the future gives no age. A stamp from the past may be of a wrong clock, but a late driver
+        sends the same stamp, so it counts.
+        """
+        stream = self.stream
+        refused = stream.state.arrived is None or stream.state.received > stream.state.arrived
+        return stream.state.late if refused else max(stream.state.late, stream.state.delay)
+
+    def judge_age(self) -> None:
+        """Decide whether the newest message is young enough; call this when all have been read."""
+        if self.stream.state.received > self.state.judged:
+            self.state.judged = self.stream.state.received
+            self.state.trust = trusted(self.state.trust, self.age, self.state.age_limit, self.state.judged)
+
+    @property
+    def heading(self) -> complex:
+        """Heading ζ̂ for the law, of unit length [world frame]."""
+        return self.state.measured if self._measures_heading else unit(self.state.estimate)
+
+    @property
+    def point(self) -> complex:
+        """Estimated control point [m; world frame]."""
+        return control_point(self.state.position, self.heading, self._limits.offset)
+
+    @property
+    def course(self) -> complex:
+        """Heading for the collision filter, of unit length [world frame]."""
+        return self.state.measured if self._measures_heading else unit(self.state.course)
+
+    @property
+    def course_doubt(self) -> float:
+        """Possible error of `course` [rad]."""
+        state = self.state
+        if self._measures_heading:
+            return MAX_HEADING_ERROR
+        by_distance, lacks = (
+            heading_doubt(state.travelled, self._sharp_gain, self._noise),
+            1.0 - abs(state.course),
+        )
+        # its path explains so much; with external poses, wheels may stand though they were commanded
+        if math.sin(min(by_distance - MAX_HEADING_ERROR, 0.5 * math.pi)) >= lacks:
+            return by_distance
+        return MAX_HEADING_ERROR + math.asin(lacks) if lacks < LEARNED_ESTIMATE_LENGTH else math.pi
+
+    def seen_from(self, stamp: float) -> tuple[complex, complex]:
+        """Control point [m; world frame] and heading at `stamp` [s], the time of a measurement on board."""
+        before = self.state.before
+        if before is not None and abs(stamp - before[0]) < abs(stamp - self.stream.state.stamp):
+            return before[1], before[2]
+        return self.point, self.heading
+
+    def doubt_all(self) -> None:
+        """Distrust everything received so far: this process was frozen."""
+        self.stream.doubt()
+        self.state.follows, self.state.travel = False, None
+
+    def carried(self) -> None:
+        """Reset the filter's heading: the robot was moved by hand."""
+        self.state.course, self.state.travelled = self.heading, 0.0
+
+    def joins(self, order: Order) -> None:
+        """Correct the guessed heading once order and robot are known: the mission's may be old.
+
+        A robot that joins a moving team guesses that it faces as its odometry in the world frame says; with
+        external poses, that it faces in the leader's direction.
+        """
+        if self.state.joined:
+            return
+        self.state.joined = True
+        if order.time < START_HEADING_TIME or not self._guesses or self._guessed:
+            return
+        if isinstance(self._source, OdometrySource):
+            self.state.estimate = self.state.measured
+        elif order.place is not None:
+            self.state.estimate = rotation(order.place.heading)
+
+    def goes_on(self, message: Odometry | Pose, arrived: float, since: float) -> str | None:
+        """Prepare state of another process, known until `since` [s, monotonic], for the next `message`.
+
+        Return why that is not possible, in words, or None.
+        """
+        over = arrived - (since if self.stream.state.arrived is None else self.stream.state.arrived)
+        if isinstance(self._source, OdometrySource) and isinstance(message, Odometry):
+            return self._source.unlike(message, over)
+        if isinstance(self._source, ExternalPoseSource) and isinstance(message, Pose):
+            self._source.stood(since)
+            return self._source.unlike(message, over)
+        return f"it was localised by {self._source.name}"
+
+    def commanded(self, moment: float, command: Command) -> None:
+        """Record that the robot was sent `command` at `moment` [s, monotonic]."""
+        if isinstance(self._source, ExternalPoseSource):
+            self._source.commanded(moment, command)
+
+    def update_pose(self, message: Odometry | Pose, arrived: float, now: Now) -> float | None:
+        """Process a message; return the interval it closes [s], None if it opens one. Raises BadMessage."""
+        state = self.state
+        before, stamped = self.stream.state.arrived, self.stream.state.stamp
+        elapsed = self.stream.admit(message.stamp, arrived, now)
+        state.before = None if before is None else (stamped, self.point, self.heading)
+        over = elapsed if elapsed is not None or before is None else arrived - before
+        seen = self._update_of(message, over, now)
+        state.position, state.measured, state.follows = seen.position, seen.heading, False
+        state.travel = None
+        if seen.travel is None:
+            if self._observer.start is not None:
+                state.estimate = self._observer.start(seen.position, self._gain)
+            elif self._guessed and before is None:
+                state.estimate = state.course = seen.heading
+            return None
+        if seen.jumped is not None:
+            state.jumped, state.calm = seen.jumped, 0.0
+            state.jumps += 1
+            state.estimate *= 0.0 if self._watches else seen.turned
+            state.course, state.travelled = self.heading, 0.0
+            return None
+        if elapsed is None or elapsed > self.stream.limit:
+            # so long a path gives no correction, but the robot turned meanwhile
+            if self._observer.start is None:  # else the estimate is not only a heading
+                state.estimate *= rotation(seen.travel.turn)
+            if self._filters:
+                state.course *= rotation(seen.travel.turn)
+            return None
+        state.late += elapsed > 1.5 * self._period
+        state.follows, state.travel = True, seen.travel
+        self._forget_jump(elapsed)
+        state.estimate = shorten(
+            self._observer.step(state.estimate, seen.travel, self._gain), MAX_ESTIMATE_LENGTH
+        )
+        if self._filters:
+            gain = course_gain(state.travelled, self._sharp_gain, self._noise)
+            state.course = innovation(state.course, seen.travel, gain)
+            state.travelled += abs(seen.travel.distance)
+        return elapsed
+
+    def _update_of(self, message: Odometry | Pose, over: float | None, now: Now) -> PoseUpdate:
+        if isinstance(self._source, OdometrySource) and isinstance(message, Odometry):
+            return self._source.make_update(message, over, self.stream.limit)
+        if isinstance(self._source, ExternalPoseSource) and isinstance(message, Pose):
+            return self._source.make_update(message, over, now.mono - self.stream.age(now))
+        raise TypeError(f"a robot localised by {self._source.name} takes no {type(message).__name__}")
+
+    def _forget_jump(self, elapsed: float) -> None:
+        """Forget a jump after the time that silence may last."""
+        self.state.calm += elapsed
+        if self.state.calm > self.stream.limit:
+            self.state.jumped = None

@@ -1,0 +1,287 @@
+"""Does the robot move as commanded? Its commands against its sensor, without a clock.
+
+Net displacement counts, not path length: a sensor that trembles around one place shows no motion. A leg is
+the commanded and the measured motion since the sensor last showed motion. It is compared for several delays
+between command and sensor, and no possible delay may explain the difference:
+
+    FROZEN    commanded more than NET_MIN, seen less than MIN_MOTION_SHARE of it; or commanded more than
+    STILL_MIN, and
+              every position so far within STILL
+    TURN      the same for the heading, where the sensor measures one
+    SPEEDS    odometry's own speeds and positions disagree, or its speeds have the wrong sign
+    CARRIED   seen more than MAX_MOTION_RATIO times what was commanded, plus a tolerance
+    TURNED    the same for the heading
+
+Noise up to 5 mm (standard deviation), delays up to `MAX_DELAY` plus the robot's lag and one period, and slip
+up to half of the distance do not add up to a disagreement. A disagreement lasts until the sensor shows a
+probe's motion (`formation.agent.pose.probe`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from formation.agent.pose.motion_model import DELAY_COUNT, Modelled, MotionModel, MotionModelState
+from formation.control.observer import Travel
+from formation.control.plane import rotation
+from formation.control.unicycle import Command
+from formation.mission.model import Mission
+from formation.protocol.status import MotionFault
+
+MAX_DELAY = 0.35
+"""Delay of a command to the wheels and a measurement back that is no fault, on a busy computer too [s]."""
+HALF_DELAY_INDEX = DELAY_COUNT // 2
+"""Index of half the longest delay: motion without a command is judged by what was commanded since then."""
+MIN_MOTION_SHARE = 0.4
+"""Share of the commanded motion below which the robot does not move as commanded."""
+MAX_MOTION_RATIO = 1.5
+"""Greatest ratio of seen to commanded motion that is no fault."""
+FORGETTING_TIME = 20.0
+"""Time constant with which a leg is forgotten [s], so that small model errors do not add up for ever."""
+SPEED_WINDOW_DISTANCE = 0.1
+"""Distance by either after which odometry's speeds are compared with its positions [m]."""
+MIN_SPEED_WINDOW_TIME = 0.4
+"""Shortest time between two such comparisons [s]."""
+MAX_REVERSED_DISTANCE = 0.05
+"""Reported distance against the commanded direction that is no fault [m]."""
+
+
+class Disagreement(NamedTuple):
+    """Expected and measured motion of a robot."""
+
+    kind: MotionFault
+    expected: float
+    """By its commands (SPEEDS: by the positions) [m; TURN and TURNED: rad]."""
+    seen: float
+    """By its sensor (SPEEDS: by the reported speeds) [the same unit]."""
+    over: float
+    """Time between [s]."""
+
+
+class Tolerance(NamedTuple):
+    """Tolerances of one leg; lengths [m], or angles [rad]."""
+
+    net_min: float
+    """Commanded net motion from which on the share counts."""
+    still_min: float
+    """Commanded net motion from which on a sensor that stays within `still` is frozen."""
+    still: float
+    moved: float
+    """Seen net motion that ends a leg."""
+    carried: float
+    """Motion without a command that is no fault."""
+
+
+POSITION = Tolerance(net_min=0.06, still_min=0.035, still=0.006, moved=0.02, carried=0.06)
+HEADING = Tolerance(net_min=0.3, still_min=0.2, still=0.05, moved=0.12, carried=0.4)
+
+
+@dataclass(slots=True, kw_only=True)
+class LegState:
+    """What a leg has summed up; lengths [m], or angles [rad]."""
+
+    seen: complex = 0j
+    """Net motion by the sensor."""
+    origins: list[complex] = field(default_factory=lambda: [0j] * DELAY_COUNT)
+    """Where the model was when the leg began, by delay."""
+    path_before: float = 0.0
+    """Path of the model, half the longest delay before."""
+    farthest: float = 0.0
+    """Largest size of `seen`."""
+    began: float = float("-inf")
+    """[s, monotonic]"""
+
+
+class Leg:
+    """Commanded and seen motion since the sensor last showed motion."""
+
+    def __init__(self, tolerance: Tolerance) -> None:
+        self.state = LegState()
+        self._tolerance = tolerance
+
+    def begin(self, moment: float, models: Sequence[complex], path_before: float) -> None:
+        """Start afresh."""
+        state = self.state
+        state.seen, state.farthest, state.began = 0j, 0.0, moment
+        state.origins, state.path_before = list(models), path_before
+
+    def add(self, seen: complex, remaining: float, models: Sequence[complex], path: float) -> None:
+        """Add an interval; everything before counts only as the share `remaining`."""
+        state = self.state
+        state.seen = remaining * state.seen + seen
+        state.origins = [
+            now + remaining * (was - now) for now, was in zip(models, state.origins, strict=True)
+        ]
+        state.path_before = path + remaining * (state.path_before - path)
+        state.farthest = max(state.farthest, abs(state.seen))
+
+    def least(self, models: Sequence[complex]) -> float:
+        """Commanded net motion, with the delay that makes it least."""
+        return min(abs(now - was) for now, was in zip(models, self.state.origins, strict=True))
+
+    def judge(
+        self,
+        moment: float,
+        models: Sequence[complex],
+        path: float,
+        slack: float,
+        kinds: tuple[MotionFault, MotionFault],
+    ) -> Disagreement | None:
+        """What disagrees; `slack` is the model's possible error between two delays.
+
+        `kinds` name too little and too much motion.
+        """
+        state = self.state
+        limits, seen, least = self._tolerance, abs(state.seen), self.least(models)
+        over = moment - state.began
+        still = least > limits.still_min + slack and state.farthest < limits.still
+        if still or (least > limits.net_min + slack and seen < MIN_MOTION_SHARE * least):
+            return Disagreement(kinds[0], least, seen, over)
+        most = path - state.path_before
+        if seen > MAX_MOTION_RATIO * most + limits.carried:
+            return Disagreement(kinds[1], most, seen, over)
+        return None
+
+    def shows_motion(self, models: Sequence[complex], path: float) -> bool:
+        """Whether enough motion is seen to end the leg: some, and no more than was commanded."""
+        seen = abs(self.state.seen)
+        enough = seen > self._tolerance.moved and seen > MIN_MOTION_SHARE * self.least(models)
+        return enough and seen <= MAX_MOTION_RATIO * (path - self.state.path_before) + self._tolerance.moved
+
+
+@dataclass(slots=True, kw_only=True)
+class SpeedWindow:
+    """Motion by odometry's speeds and by its positions, since the window began."""
+
+    began: float = 0.0
+    """[s, monotonic]"""
+    ahead_before: list[float] = field(default_factory=lambda: [0.0] * DELAY_COUNT)
+    """Signed path length of the model when it began, by delay [m]."""
+    facing: complex = 1.0 + 0.0j
+    """Turn by the sensor, as a unit complex number."""
+    by_speeds: complex = 0j
+    """Net motion by the reported speeds [m]."""
+    by_positions: complex = 0j
+    """Net motion by the positions [m]."""
+    reported: float = 0.0
+    """Signed path length [m]."""
+    least: float = math.inf
+    """Least signed path length of one interval [m]."""
+    most: float = -math.inf
+    """Greatest signed path length of one interval [m]."""
+
+
+@dataclass(slots=True, kw_only=True)
+class MotionCheckState:
+    """What a motion check has learned."""
+
+    model: MotionModelState
+    position: LegState
+    heading: LegState
+    doubt: Disagreement | None = None
+    """The disagreement that has not been disproved yet."""
+    confirmed: int = 0
+    """Number of legs that have shown motion since the last doubt was disproved."""
+    last: float | None = None
+    """End of the newest interval [s, monotonic]."""
+    window: SpeedWindow = field(default_factory=SpeedWindow)
+
+
+class MotionCheck:
+    """Compares one robot's commands with what its sensor shows."""
+
+    def __init__(self, mission: Mission, robot: str) -> None:
+        spec = mission.robots[robot]
+        period = 1.0 / spec.rate
+        self.model = MotionModel(MAX_DELAY + period + mission.collisions.lag, spec.longest_command)
+        self._has_speeds = spec.localisation == "odometry"
+        self._has_heading = self._has_speeds or spec.heading == "measured"
+        self._position, self._heading = Leg(POSITION), Leg(HEADING)
+        self.state = MotionCheckState(
+            model=self.model.state, position=self._position.state, heading=self._heading.state
+        )
+
+    def adopt(self, state: MotionCheckState) -> None:
+        """Continue from this state."""
+        self.state = state
+        self.model.state = state.model
+        self._position.state, self._heading.state = state.position, state.heading
+
+    def commanded(self, moment: float, command: Command) -> None:
+        """Record that the robot was sent `command` at `moment` [s, monotonic]."""
+        self.model.commanded(moment, command)
+
+    def trust(self) -> None:
+        """Clear the disagreement: it was disproved."""
+        self.state.doubt, self.state.last, self.state.confirmed = None, None, 0
+
+    def saw(self, moment: float, travel: Travel | None) -> None:
+        """Check a measurement that arrived at `moment` [s, monotonic], and its interval; None if unknown."""
+        self.model.go_to(moment)
+        if self.state.doubt is not None:
+            return
+        models = self.model.delayed()
+        last, self.state.last = self.state.last, moment
+        if travel is None or last is None:
+            self._begin(moment, models)
+            return
+        points, turns = [one.position for one in models], [complex(one.turn) for one in models]
+        remaining, newest = math.exp(-max(0.0, moment - last) / FORGETTING_TIME), models[0]
+        fastest, spacing = self.model.fastest, self.model.spacing
+        self._position.add(travel.displacement, remaining, points, newest.path)
+        self._heading.add(complex(travel.turn), remaining, turns, newest.turning)
+        slack, turn_slack = 0.5 * spacing * fastest.speed, 0.5 * spacing * fastest.turn_rate
+        self.state.doubt = self._position.judge(
+            moment, points, newest.path, slack, (MotionFault.FROZEN, MotionFault.CARRIED)
+        )
+        if self._has_heading and self.state.doubt is None:
+            self.state.doubt = self._heading.judge(
+                moment, turns, newest.turning, turn_slack, (MotionFault.TURN, MotionFault.TURNED)
+            )
+        if self._has_speeds and self.state.doubt is None:
+            self.state.doubt = self._contradiction(moment, travel, models)
+        if self._position.shows_motion(points, newest.path):
+            self._position.begin(moment, points, models[HALF_DELAY_INDEX].path)
+            self.state.confirmed += 1
+        if self._heading.shows_motion(turns, newest.turning):
+            self._heading.begin(moment, turns, models[HALF_DELAY_INDEX].turning)
+
+    def _begin(self, moment: float, models: Sequence[Modelled]) -> None:
+        """Begin all legs here."""
+        self._position.begin(moment, [one.position for one in models], models[HALF_DELAY_INDEX].path)
+        self._heading.begin(moment, [complex(one.turn) for one in models], models[HALF_DELAY_INDEX].turning)
+        self._begin_window(moment, models)
+
+    def _begin_window(self, moment: float, models: Sequence[Modelled]) -> None:
+        self.state.window = SpeedWindow(began=moment, ahead_before=[one.ahead for one in models])
+
+    def _contradiction(
+        self, moment: float, travel: Travel, models: Sequence[Modelled]
+    ) -> Disagreement | None:
+        """How odometry's speeds contradict its positions, or the commands."""
+        window = self.state.window
+        half = rotation(0.5 * travel.turn)
+        window.by_speeds += travel.distance * half * window.facing
+        window.facing *= half * half
+        window.by_positions += travel.displacement
+        window.reported += travel.distance
+        window.least, window.most = min(window.least, travel.distance), max(window.most, travel.distance)
+        by_speeds, by_positions = abs(window.by_speeds), abs(window.by_positions)
+        over, most = moment - window.began, max(by_speeds, by_positions)
+        if most < SPEED_WINDOW_DISTANCE or over < MIN_SPEED_WINDOW_TIME:
+            if over > FORGETTING_TIME:
+                self._begin_window(moment, models)
+            return None
+        ahead = [one.ahead - before for one, before in zip(models, window.ahead_before, strict=True)]
+        opposite = min(-math.copysign(1.0, window.reported) * one for one in ahead)
+        reported, changed = window.reported, window.most - window.least
+        self._begin_window(moment, models)
+        if opposite > MAX_REVERSED_DISTANCE and abs(reported) > MAX_REVERSED_DISTANCE:
+            return Disagreement(MotionFault.SPEEDS, -math.copysign(by_positions, reported), reported, over)
+        # a speed is of one moment, a position integrates an interval: half of one is no fault
+        if abs(by_speeds - by_positions) > (1.0 - MIN_MOTION_SHARE) * most + 0.5 * changed:
+            return Disagreement(MotionFault.SPEEDS, by_positions, by_speeds, over)
+        return None

@@ -1,0 +1,191 @@
+"""Odometry as a source of positions: placed in the world, and doubted when it is impossible.
+
+`odometry_frame = "world"`: it counts in the world frame, and after a jump it is believed again at its new
+position. `odometry_frame = "start"`: it counts from where the robot was switched on, which is the mission's
+start pose, and continues while an agent restarts. A jump then (`reset_odometry`, a restart of the robot's own
+software) is a new count, and is placed so that the robot's position does not change.
+"""
+
+from __future__ import annotations
+
+import cmath
+from dataclasses import dataclass
+
+from formation.agent.pose.pose_update import PoseUpdate
+from formation.control.controller import Limits
+from formation.control.observer import Travel
+from formation.control.plane import angle_between
+from formation.control.unicycle import Command, advance
+from formation.mission.model import Mission
+from formation.protocol.reasons import Code, Reason
+from formation.protocol.status import Localised
+from formation.ros2.messages import Odometry
+
+MAX_SPEED_RATIO = 1.5
+"""Greatest ratio of a robot's speed to its limit; more is an error."""
+JUMP_MARGIN = 0.1
+"""Distance from what the robot's limits explain that counts as a jump [m]."""
+TURN_MARGIN = 0.3
+"""The same for its heading [rad]."""
+SPEED_JUMP_DISTANCE, SPEED_JUMP_ANGLE = 0.01, 0.05
+"""Difference from what the reported speeds explain that counts as a jump, where the count may restart [m;
+rad]."""
+JUMP_SHARE = 0.1
+"""The same as a share of the fastest change: for motion between two messages."""
+ORIGIN_DISTANCE = 0.05
+"""Distance to its origin below which odometry, after a silence, has restarted [m]."""
+
+
+def believable(moving: Command, limits: Limits) -> bool:
+    """Whether a robot of these limits can move and turn so fast."""
+    return _can(moving.speed, limits.max_speed) and _can(moving.turn_rate, limits.max_turn_rate)
+
+
+def impossible(source: str, moved: float, turned: float, limits: Limits, over: float) -> Reason | None:
+    """The jump of `source` if `limits` do not allow so much [m; rad] in `over` [s]; else None."""
+    if moved > MAX_SPEED_RATIO * limits.max_speed * over + JUMP_MARGIN:
+        return Reason.of(Code.POSITION_JUMPED, source=source, distance=moved)
+    if abs(turned) > MAX_SPEED_RATIO * limits.max_turn_rate * over + TURN_MARGIN:
+        return Reason.of(Code.HEADING_JUMPED, source=source, angle=turned)
+    return None
+
+
+@dataclass(slots=True, kw_only=True)
+class OdometryState:
+    """Where odometry is placed, and its newest message."""
+
+    realigned: int = 0
+    """Number of times that it was placed anew."""
+    realigned_after: Reason | None = None
+    """The newest jump after which it was placed anew."""
+    rotation: complex = 1.0 + 0.0j
+    """Heading of the odometry's frame, unit [world frame]."""
+    origin: complex = 0j
+    """Origin of the odometry's frame [m; world frame]."""
+    last: Odometry | None = None
+    """The newest message; None before the first."""
+
+
+class OdometrySource:
+    """One robot's odometry in the world frame."""
+
+    name = "odometry"
+    doubt: Reason | None = None
+
+    def __init__(self, mission: Mission, robot: str) -> None:
+        spec = mission.robots[robot]
+        self.state = OdometryState()
+        self._counts_from_start = spec.odometry_frame == "start"
+        if self._counts_from_start:
+            self.state.rotation, self.state.origin = spec.start.heading, spec.start.position
+        self._limits = spec.limits
+
+    @property
+    def alignment(self) -> Localised:
+        """How it is placed in the world."""
+        return Localised.ODOMETRY_START if self._counts_from_start else Localised.ODOMETRY_WORLD
+
+    @property
+    def realigned(self) -> int:
+        """Number of times that it was placed anew."""
+        return self.state.realigned
+
+    @property
+    def realigned_after(self) -> Reason | None:
+        """The newest jump after which it was placed anew."""
+        return self.state.realigned_after
+
+    def make_update(self, odometry: Odometry, over: float | None, limit: float) -> PoseUpdate:
+        """The update, `over` [s] after the message before (None for the first).
+
+        More than `limit` [s] are a gap, in which the motion is unknown.
+        """
+        state = self.state
+        last, state.last = state.last, odometry
+        if last is None or over is None:
+            return PoseUpdate(*self._placed(odometry), None)
+        travel = Travel(
+            distance=0.5 * (last.speed + odometry.speed) * over,
+            # ∫ω dt exactly, however ω changed in between; the heading itself is not read
+            turn=float(angle_between(last.heading, odometry.heading)),
+            displacement=state.rotation * (odometry.position - last.position),
+        )
+        farthest = max(abs(travel.displacement), abs(travel.distance))
+        jumped = impossible(self.name, farthest, travel.turn, self._limits, over)
+        if not self._counts_from_start:
+            return PoseUpdate(*self._placed(odometry), travel, jumped)
+        jumped = jumped or (
+            _begun_anew(last, odometry, travel) if over > limit else self._unexplained(last, odometry, over)
+        )
+        if jumped is None:
+            return PoseUpdate(*self._placed(odometry), travel)
+        turned = self._realign(last, odometry, min(over, limit))
+        state.realigned_after = jumped
+        return PoseUpdate(*self._placed(odometry), travel, jumped, turned)
+
+    def unlike(self, odometry: Odometry, over: float) -> str | None:
+        """Why this cannot be the same robot's odometry `over` [s] after the newest message, in words."""
+        last = self.state.last
+        if last is None:
+            return "no odometry had been received"
+        if (odometry.frame, odometry.child_frame) != (last.frame, last.child_frame):
+            return f"odometry counts in {odometry.frame}, and counted in {last.frame}"
+        if self._counts_from_start:  # a new count is detected, and placed where the robot was
+            return None
+        moved, turn = (
+            abs(odometry.position - last.position),
+            float(angle_between(last.heading, odometry.heading)),
+        )
+        jumped = impossible(self.name, moved, turn, self._limits, over)
+        return None if jumped is None else f"{jumped} in {over:.1f} s"
+
+    def _placed(self, odometry: Odometry) -> tuple[complex, complex]:
+        return (
+            self.state.origin + self.state.rotation * odometry.position,
+            self.state.rotation * odometry.heading,
+        )
+
+    def _unexplained(self, last: Odometry, now: Odometry, over: float) -> Reason | None:
+        """What the speeds of both messages do not explain."""
+        turn = float(angle_between(last.heading, now.heading))
+        ahead = (now.position - last.position) / (last.heading * cmath.rect(1.0, 0.5 * turn))
+        slow, fast = sorted((last.speed * over, now.speed * over))
+        off = abs(complex(ahead.real - min(max(ahead.real, slow), fast), ahead.imag))
+        if off > SPEED_JUMP_DISTANCE + JUMP_SHARE * self._limits.max_speed * over:
+            return Reason.of(Code.POSITION_JUMPED, source=self.name, distance=off)
+        slow, fast = sorted((last.turn_rate * over, now.turn_rate * over))
+        off = turn - min(max(turn, slow), fast)
+        if abs(off) > SPEED_JUMP_ANGLE + JUMP_SHARE * self._limits.max_turn_rate * over:
+            return Reason.of(Code.HEADING_JUMPED, source=self.name, angle=off)
+        return None
+
+    def _realign(self, last: Odometry, now: Odometry, over: float) -> complex:
+        """Place `now` where `last` led to; return the turn meanwhile."""
+        state = self.state
+        position, heading = self._placed(last)
+        speed = last.speed if _can(last.speed, self._limits.max_speed) else 0.0
+        turn_rate = last.turn_rate if _can(last.turn_rate, self._limits.max_turn_rate) else 0.0
+        there, facing = advance(position, heading, speed, turn_rate, over)
+        rotation = facing / now.heading
+        state.rotation = rotation / abs(rotation)
+        state.origin = there - state.rotation * now.position
+        state.realigned += 1
+        return facing / heading
+
+
+def _can(rate: float, most: float) -> bool:
+    return abs(rate) <= MAX_SPEED_RATIO * most
+
+
+def _begun_anew(last: Odometry, now: Odometry, travel: Travel) -> Reason | None:
+    """Whether odometry has restarted at zero after a long silence."""
+    if abs(now.position) > ORIGIN_DISTANCE:
+        return None
+    source, moved = OdometrySource.name, abs(now.position - last.position)
+    if moved > ORIGIN_DISTANCE:
+        return Reason.of(Code.POSITION_JUMPED, source=source, distance=moved)
+    # a robot that turns where it was switched on is near its origin all the time, without a restart
+    facing = abs(cmath.phase(now.heading))
+    if not abs(travel.turn) > TURN_MARGIN >= facing:
+        return None
+    return Reason.of(Code.HEADING_JUMPED, source=source, angle=travel.turn)

@@ -1,0 +1,222 @@
+"""A small motion that shows whether a robot moves as commanded again; without a clock.
+
+Stand and measure, move a little, stand and measure again. The mean of many measurements before and after is
+far more precise than one measurement. A probe that is not seen is repeated later and shorter: waits double,
+lengths shrink, so that all probes together stay below `MAX_PROBE_DISTANCE`, however long the fault lasts.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from formation.agent.pose.motion_check import MIN_MOTION_SHARE, Disagreement
+from formation.agent.pose.motion_model import Modelled
+from formation.control.controller import Limits
+from formation.control.observer import Travel
+from formation.control.unicycle import Command
+from formation.protocol.status import MotionFault
+
+LENGTH, TURN = 0.015, 0.15
+"""Size of the first probe [m; rad]."""
+PROBE_LENGTH_RATIO = 0.75
+"""Length of each probe as a share of the one before."""
+MAX_PROBE_DISTANCE = LENGTH / (1.0 - PROBE_LENGTH_RATIO)
+"""Length of all probes together [m]."""
+PROBE_SPEED_SHARE = 0.05
+"""Speed of a probe as a share of the robot's top speed."""
+FIRST_WAIT = 1.0
+"""Before the first probe [s]; twice as long before each following one."""
+LONGEST_WAIT = 3600.0
+"""[s]"""
+AVERAGING_TIME = 0.5
+"""Time over which measurements are averaged [s]."""
+MAX_PROBE_TIME = 4.0
+"""Longest duration of a probe [s]: the collision filter may leave it no room."""
+SEEN_DEVIATIONS = 4.0
+"""Number of standard errors from which a probe counts as seen."""
+REVIVAL_MOTION = 0.02
+"""Motion of the sensor, while the robot stands, that shows it works: probes start afresh [m]."""
+
+
+TURNS = frozenset((MotionFault.TURN, MotionFault.TURNED))
+"""Faults that a turn in place shows."""
+
+
+class Phase(StrEnum):
+    """What the probe is doing."""
+
+    OFF = "off"
+    WAITS = "waits"
+    BEFORE = "before"
+    MOVES = "moves"
+    SETTLES = "settles"
+    AFTER = "after"
+
+
+@dataclass(slots=True)
+class Mean:
+    """Mean and scatter of positions [m] and headings [rad], both from where the probing began."""
+
+    count: int = 0
+    position: complex = 0j
+    heading: float = 0.0
+    squares: float = 0.0
+    """Sum of squared deviations of the positions [m²]."""
+    turn_squares: float = 0.0
+    """Sum of squared deviations of the headings [rad²]."""
+
+    def add(self, position: complex, heading: float) -> None:
+        """Add a measurement (Welford's update)."""
+        self.count += 1
+        off, turned = position - self.position, heading - self.heading
+        self.position += off / self.count
+        self.heading += turned / self.count
+        self.squares += (off.conjugate() * (position - self.position)).real
+        self.turn_squares += turned * (heading - self.heading)
+
+    def errors(self) -> tuple[float, float]:
+        """Standard error of both means, per axis [m; rad]; infinite for fewer than three measurements."""
+        if self.count < 3:
+            return math.inf, math.inf
+        freedom = self.count * (self.count - 1)
+        return math.sqrt(0.5 * self.squares / freedom), math.sqrt(self.turn_squares / freedom)
+
+
+@dataclass(slots=True, kw_only=True)
+class ProbeState:
+    """How far the probing is."""
+
+    phase: Phase = Phase.OFF
+    tries: int = 0
+    """Probes since the robot was last seen to move."""
+    since: float = 0.0
+    """When the phase began [s, monotonic]."""
+    at: complex = 0j
+    """Motion by the sensor since the probing began [m]."""
+    facing: float = 0.0
+    """Turn by the sensor since the probing began [rad]."""
+    reported: float = 0.0
+    """Signed path length by the reported speeds since the measuring before [m]."""
+    before: Mean = field(default_factory=Mean)
+    """Measurements before the probe."""
+    after: Mean = field(default_factory=Mean)
+    """Measurements after the probe."""
+    direction: float = 1.0
+    """Sign of the probe."""
+    began: tuple[float, float] = 0.0, 0.0
+    """Signed path length [m] and turn [rad] of the model when the probe began."""
+    expected: tuple[float, float] = 0.0, 0.0
+    """Signed path length [m] and turn [rad] of the probe."""
+
+
+class Probe:
+    """One robot's probes."""
+
+    def __init__(self, limits: Limits, steps: Command, longest_delay: float) -> None:
+        """`steps` is the resolution of commands; the robot follows them within `longest_delay` [s]."""
+        self.state = ProbeState()
+        self._speed = max(PROBE_SPEED_SHARE * limits.max_speed, steps.speed)
+        self._turn_rate = max(PROBE_SPEED_SHARE * limits.max_turn_rate, steps.turn_rate)
+        self._settling = longest_delay + 0.2
+
+    @property
+    def moves(self) -> bool:
+        """Whether the robot is to move now."""
+        return self.state.phase is Phase.MOVES
+
+    def rearm(self) -> None:
+        """Start with the first probe: the robot was seen to move, or an operator has checked it."""
+        if self.state.tries:
+            self.state.tries, self.state.phase = 0, Phase.OFF
+
+    def interrupt(self) -> None:
+        """Restart the wait: the robot may not move."""
+        self.state.phase = Phase.OFF
+
+    def saw(self, travel: Travel | None) -> None:
+        """Process a measurement; None if the robot's motion is unknown."""
+        state = self.state
+        if travel is None:
+            self.interrupt()
+            return
+        state.at += travel.displacement
+        state.facing += travel.turn
+        state.reported += travel.distance
+        if state.phase is Phase.BEFORE:
+            state.before.add(state.at, state.facing)
+        elif state.phase is Phase.AFTER:
+            state.after.add(state.at, state.facing)
+
+    def step(self, moment: float, doubt: Disagreement, model: Modelled, wanted: Command) -> Command:
+        """Continue at `moment` [s, monotonic]; return the command, in the law's direction."""
+        state = self.state
+        over = moment - state.since
+        turns = doubt.kind in TURNS
+        if state.phase is Phase.OFF:
+            self._enter(Phase.WAITS, moment)
+        elif (
+            state.phase is Phase.WAITS
+            and over >= min(LONGEST_WAIT, FIRST_WAIT * 2.0**state.tries) - AVERAGING_TIME
+        ):
+            self._look(moment)
+        elif state.phase is Phase.BEFORE and over >= AVERAGING_TIME:
+            wish = wanted.turn_rate if turns else wanted.speed
+            state.direction = -1.0 if wish < 0.0 else 1.0
+            state.began = model.ahead, model.turn
+            self._enter(Phase.MOVES, moment)
+        elif state.phase is Phase.MOVES:
+            done = (
+                abs(model.turn - state.began[1]) / TURN
+                if turns
+                else abs(model.ahead - state.began[0]) / LENGTH
+            )
+            if done >= PROBE_LENGTH_RATIO**state.tries or over >= MAX_PROBE_TIME:
+                state.expected = model.ahead - state.began[0], model.turn - state.began[1]
+                self._enter(Phase.SETTLES, moment)
+        elif state.phase is Phase.SETTLES and over >= self._settling:
+            self._enter(Phase.AFTER, moment)
+        if not self.moves:
+            return Command(0.0, 0.0)
+        if turns:
+            return Command(0.0, state.direction * self._turn_rate)
+        return Command(state.direction * self._speed, 0.0)
+
+    def verdict(self, moment: float, doubt: Disagreement, *, speeds: bool) -> bool | None:
+        """Whether the newest probe was seen; None if undecided. `speeds`: they are reported."""
+        if self.state.phase is not Phase.AFTER or moment - self.state.since < AVERAGING_TIME:
+            return None
+        self.state.tries += 1  # also counts one that was seen, until the robot is seen to move
+        self._enter(Phase.WAITS, moment)
+        return self._seen(doubt, speeds=speeds)
+
+    def _seen(self, doubt: Disagreement, *, speeds: bool) -> bool:
+        state = self.state
+        (error, turn_error), (error_after, turn_error_after) = state.before.errors(), state.after.errors()
+        if doubt.kind in TURNS:
+            expected, unsure = state.expected[1], SEEN_DEVIATIONS * math.hypot(turn_error, turn_error_after)
+            return _follows(state.after.heading - state.before.heading, expected, unsure)
+        expected, unsure = state.expected[0], SEEN_DEVIATIONS * math.hypot(error, error_after)
+        moved = abs(state.after.position - state.before.position)
+        if speeds and not _follows(state.reported, expected, 0.0):
+            return False
+        return _follows(math.copysign(moved, expected), expected, unsure)
+
+    def _look(self, moment: float) -> None:
+        """Measure where the robot is before a probe."""
+        state = self.state
+        last, state.before, state.after, state.reported = state.after, Mean(), Mean(), 0.0
+        if last.count and abs(state.at - last.position) > REVIVAL_MOTION:
+            state.tries = 0
+        self._enter(Phase.BEFORE, moment)
+
+    def _enter(self, phase: Phase, moment: float) -> None:
+        self.state.phase, self.state.since = phase, moment
+
+
+def _follows(seen: float, expected: float, unsure: float) -> bool:
+    """Whether `seen` has the direction of `expected`, about its size, and is significant."""
+    along = seen * math.copysign(1.0, expected)
+    least = max(MIN_MOTION_SHARE * abs(expected), unsure)
+    return expected != 0.0 and least <= along <= abs(expected) / MIN_MOTION_SHARE + unsure

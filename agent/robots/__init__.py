@@ -1,1 +1,0 @@
-"""Robots that exist only here: they speak as a real one does, so an agent cannot tell the difference."""

@@ -1,1 +1,0 @@
-"""Robots with mass and wheels that slip, in MuJoCo, instead of the kinematic ones; they speak alike."""

@@ -1,0 +1,102 @@
+"""An operator's request to this robot: a stop or a hold that lasts until it is released by its id.
+
+It outlives its process where `formation.agent.persistence.restore` saves it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from formation.protocol import order
+from formation.protocol.once import RESTS, Once
+from formation.protocol.order import Code, Mode, OperatorReply, OperatorRequest, shortened
+from formation.protocol.reasons import Reason
+from formation.protocol.stops import MOTION, Rest
+
+HALTED = "halted"
+"""Id of the stop that an ending agent leaves in its own state."""
+
+
+@dataclass(slots=True, kw_only=True)
+class LatchState:
+    """What is latched."""
+
+    rest: Rest = field(default_factory=Rest)
+    """What is in force."""
+    why: Reason | None = None
+    """Its reason, unless an operator asked this process for it."""
+    once: Once = field(default_factory=Once)
+    """The requests that are known."""
+
+
+class Latch:
+    """The stop and the hold of one robot."""
+
+    def __init__(self, robot: str) -> None:
+        self.state = LatchState()
+        self._robot = robot
+
+    @property
+    def mode(self) -> Mode | None:
+        """What is in force, a stop before a hold; None for neither."""
+        return self.state.rest.mode
+
+    def request(
+        self, request: OperatorRequest, received: float, ordered: Mode, unreached: Code = ""
+    ) -> bytes:
+        """Answer a request received at `received` [s, monotonic]; `ordered` is the leader's mode.
+
+        `unreached` says why no command reaches the robot: a stop or a hold is latched, and answered with
+        that instead of a yes, each time anew.
+        """
+        if request.do == "query":
+            return self.reply(ordered, ok=True, stop=self.state.rest.stop, hold=self.state.rest.hold)
+        answer = self.state.once.answer(
+            request,
+            received,
+            lambda: self._obey(request, received, ordered),
+            lambda reason: self.reply(ordered, ok=False, reason=reason),
+        )
+        if unreached and request.do in RESTS:
+            return self.reply(ordered, ok=False, code=unreached, reason=f"latched, but {WHY[unreached]}")
+        return answer
+
+    def _obey(self, request: OperatorRequest, received: float, ordered: Mode) -> bytes:
+        if request.do not in MOTION:
+            return self.reply(ordered, ok=False, reason=f"{request.do}: that is the leader's to say")
+        before = self.mode
+        result = self.state.rest.change(request, self.state.once.fact(request, received))
+        if self.mode != before or self.mode == request.do:
+            self.state.why = None
+        return self.reply(ordered, ok=result.ok, code=result.code, reason=result.reason)
+
+    def reply(
+        self,
+        ordered: Mode,
+        *,
+        ok: bool,
+        reason: str = "",
+        code: Code = "",
+        stop: str = "",
+        hold: str = "",
+    ) -> bytes:
+        """Encode the operator's answer."""
+        return order.encode(
+            OperatorReply(
+                robot=self._robot,
+                ok=ok,
+                mode=self.mode or ordered,
+                reason=shortened(reason),
+                code=code,
+                stop=stop,
+                hold=hold,
+            )
+        )
+
+
+WHY = {
+    "no-link": "the agent has no link to the robot",
+    "no-listener": "nothing listens on cmd_vel",
+    "readonly": "the agent is readonly: it does not command the robot",
+}
+"""Why no command reaches the robot, in words."""

@@ -1,0 +1,225 @@
+"""What an agent derives from its robot's range scan: obstacles, the allowed speed, and freshness.
+
+A scan is moved to its robot's present pose: by dead reckoning from the speeds that odometry reports, or,
+with external poses, from those at which its wheels follow the commands, over the fraction of a second that
+a scan is old. That needs no position and no heading, so neither a heading that is still being learned nor
+odometry that restarts moves an obstacle.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from formation.agent.pose.odometry import believable
+from formation.agent.pose.stream import Stream, StreamState
+from formation.control.tracker import FRESH_PERIODS
+from formation.control.unicycle import AT_REST, Command, along, driven
+from formation.control.zones import Body, Sight, Zone
+from formation.mission.model import Mission
+from formation.protocol.reasons import Code, Reason
+from formation.ros2.messages import LaserScan
+from formation.sensing import scan as scans
+from formation.sensing.scan import STOOD, Circle, Mate, Motion
+from formation.wire import Now
+
+MAX_OBSTACLE_DISTANCE = 2.0
+"""Distance beyond which obstacles are ignored [m]."""
+LONGEST_SWEEP = 1.0
+"""[s]"""
+MAX_SCAN_LEAD = 0.1
+"""Time by which a scan may arrive before its own stamp [s], as clocks are no more precise."""
+UNSEEN_MARGIN = 5e-3
+"""Part of its margin that a robot need not see [m], as ranges are no more precise."""
+RANGE_NOISE = 0.02
+"""Distance by which obstacles are kept beyond the least range [m], so that noise does not hide them."""
+
+
+class Moving(NamedTuple):
+    """The robot's motion from a moment on [s, monotonic]."""
+
+    since: float
+    command: Command
+
+
+@dataclass(slots=True, kw_only=True)
+class ScannerState:
+    """The newest scan, and the robot's motion since."""
+
+    stream: StreamState
+    zone: Zone = Zone.CLEAR
+    """The protective zone that limited the newest command."""
+    moves: deque[Moving] = field(default_factory=deque)
+    """The robot's recent motion, oldest first."""
+    circles: list[Circle] = field(default_factory=list)
+    """Obstacles in the newest scan [m; body frame at its end]."""
+    began: float = 0.0
+    """When the newest scan began [s, monotonic]."""
+    ended: float = 0.0
+    """When the newest scan ended [s, monotonic]."""
+    range_min: float = 0.0
+    """Of the newest scan [m]."""
+    wrong: Moving | None = None
+    """The newest impossible motion."""
+    commanded: Command | None = None
+    """The newest command, where the motion is computed from it because no sensor reports it."""
+
+
+class Scanner:
+    """One robot's range scanner. Call `moved` or `commanded`, and `process_scan`, before the rest."""
+
+    def __init__(self, mission: Mission, robot: str) -> None:
+        spec = mission.robots[robot]
+        self.required = spec.scanner == "required"
+        """Whether the robot must not move while it is silent."""
+        self.stream = Stream(spec.scan.rate)
+        self.state = ScannerState(stream=self.stream.state)
+        self._scan, self._radius, self._limits = spec.scan, spec.radius, spec.limits
+        # distance from the scanner to what is outside of body and margin [m]
+        self._sees_from = spec.radius + spec.scan.margin - abs(spec.scan.mount.at)
+        self._body = Body(spec.radius, spec.scan.margin, spec.scan.lag)
+        self._lasts = FRESH_PERIODS / spec.rate  # a command at most, then the watchdog stops the robot [s]
+        longest = self.stream.limit + self.stream.longest_delay  # age of a scan
+        self._keeps = longest + LONGEST_SWEEP  # speeds [s]
+        zone = spec.radius + spec.scan.margin + spec.max_speed * (longest + self._lasts + spec.scan.lag)
+        # what is further away than this cannot matter before the next scan
+        self._reach = max(MAX_OBSTACLE_DISTANCE, zone) + spec.max_speed * longest
+
+    def adopt(self, state: ScannerState) -> None:
+        """Continue from this state."""
+        self.state, self.stream.state = state, state.stream
+
+    @property
+    def margin(self) -> float:
+        """Width of the free space around the robot that keeps obstacles in sight [m]."""
+        seen_from = self.state.range_min + abs(self._scan.mount.at) - self._radius
+        return max(self._scan.margin, seen_from + RANGE_NOISE)
+
+    def moved(self, moment: float, moving: Command) -> None:
+        """Store the speeds that the robot reports at `moment` [s, monotonic].
+
+        Impossible speeds are ignored: they would move the present scan, even through a wall. The robot is
+        assumed to continue as before, and its motion since that scan is in doubt.
+        """
+        state = self.state
+        while len(state.moves) > 1 and state.moves[1].since < moment - self._keeps:
+            state.moves.popleft()
+        if believable(moving, self._limits):
+            state.moves.append(Moving(moment, moving))
+        else:
+            state.wrong = Moving(moment, moving)
+
+    def commanded(self, moment: float, command: Command) -> None:
+        """Store a command of `moment` [s, monotonic], where only commands tell how the robot moves.
+
+        Its wheels are assumed to follow with the mission's lag. Wheels that lag less have less way to go.
+        """
+        self._follow(moment)
+        if self.state.commanded is None:
+            self.moved(moment, AT_REST)
+        self.state.commanded = command
+
+    def process_scan(self, scan: LaserScan, arrived: float, now: Now) -> None:
+        """Process a scan. Raises BadMessage if its stamp does not follow from the last."""
+        state = self.state
+        self.stream.admit(scan.stamp, arrived, now)
+        self._follow(arrived)
+        stated = scan.time_increment * (len(scan.ranges) - 1)
+        signed = stated if self._scan.sweep is None else self._scan.sweep
+        sweep = min(abs(signed), LONGEST_SWEEP)
+        # taking a scan for newer than it is may cause a collision: if its stamp is not believed
+        # it has the greatest plausible age, and not, as a neighbour's position, none
+        began = arrived - min(max(0.0, self.stream.state.delay), self.stream.longest_delay)
+        # no scan arrives before it is made: some drivers stamp the last beam
+        state.began = min(began, arrived - sweep)
+        state.ended = state.began + sweep
+        state.range_min = scan.range_min
+        motion = self._motion(state.began, state.ended) if sweep else STOOD
+        hits = scans.points(scan, self._scan.mount, self._radius, motion, against=signed < 0.0)
+        found = scans.circles(hits, scan.angle_increment)
+        reach = self._reach + self.margin - self._scan.margin
+        state.circles = [circle for circle in found if abs(circle.at) - circle.radius < reach]
+
+    def fresh(self, now: Now) -> bool:
+        """Whether there is a scan that is believed."""
+        return self.stream.fresh(now)
+
+    def silence(self, now: Now) -> float:
+        """Time for which a required scan has been missing [s]; else 0."""
+        return self.stream.silence(now) if self.required else 0.0
+
+    @property
+    def doubt(self) -> Reason | None:
+        """Why the newest scan is not believed; else None."""
+        state = self.state
+        delay, most = self.stream.state.delay, self.stream.longest_delay
+        if self.stream.state.arrived is None:
+            return None
+        if delay > most:
+            return Reason.of(Code.SCAN_LATE, age=delay, limit=most)
+        if delay < -MAX_SCAN_LEAD:
+            return Reason.of(Code.SCAN_EARLY, age=-delay, limit=MAX_SCAN_LEAD)
+        if state.range_min > self._sees_from + UNSEEN_MARGIN:
+            return Reason.of(Code.SCAN_BLIND, value=state.range_min, limit=self._sees_from)
+        if state.wrong is not None and state.wrong.since >= state.began:
+            speed, turn_rate = state.wrong.command
+            return Reason.of(Code.SCAN_UNPLACED, speed=speed, turn_rate=turn_rate)
+        return None
+
+    def strangers(self, now: Now, mates: Sequence[Mate]) -> list[Circle]:
+        """What was measured besides `mates` [body frame, now]; nothing if the scan is old.
+
+        `mates` are robots of the team that are avoided at positions known from elsewhere; they are
+        expected where they were when the scan was made.
+        """
+        state = self.state
+        self._follow(now.mono)
+        if not self.fresh(now):
+            return []
+        age = now.mono - state.ended
+        then = [mate._replace(at=mate.at - age * mate.velocity) for mate in mates]
+        return scans.strangers(scans.carried(state.circles, self._went(state.ended, now.mono)), then)
+
+    def sight(self, strangers: Sequence[Circle], now: Now) -> Sight:
+        """What the protective zones must keep clear of.
+
+        A command is assumed to last until the watchdog would end it, so that the robot stops in time if
+        this agent dies; and for the age of the scan, so that obstacles that have approached meanwhile, as
+        fast as the robot itself, count as well.
+        """
+        self._follow(now.mono)
+        moving = self.state.moves[-1].command if self.state.moves else AT_REST
+        hold = max(0.0, now.mono - self.state.ended) + self._lasts
+        seen = [point for circle in strangers for point in circle.points]
+        return Sight(moving, seen, self._body._replace(margin=self.margin), hold)
+
+    def _follow(self, moment: float) -> None:
+        """Extend the computed motion to `moment` [s, monotonic]."""
+        if self.state.commanded is not None and self.state.moves and moment > self.state.moves[-1].since:
+            since, moving = self.state.moves.pop()
+            mean, now = driven(moving, self.state.commanded, self._scan.lag, moment - since)
+            self.state.moves.append(Moving(since, mean))
+            self.moved(moment, now)
+
+    def _motion(self, begin: float, end: float) -> Motion:
+        """Displacement and turn from one moment to another [s, monotonic]."""
+        each = self._during(begin, end)
+        return Motion(sum(t * c.speed for t, c in each), sum(t * c.turn_rate for t, c in each))
+
+    def _went(self, begin: float, end: float) -> tuple[complex, complex]:
+        pose = 0j, 1.0 + 0.0j
+        for time, command in self._during(begin, end):
+            pose = along(*pose, command.speed * time, command.turn_rate * time)
+        return pose
+
+    def _during(self, begin: float, end: float) -> list[tuple[float, Command]]:
+        """Speeds and their durations [s]; before the first known one, zero."""
+        spans = []
+        for move in reversed(self.state.moves):
+            time = end - max(move.since, begin)
+            if time > 0.0:
+                spans.append((time, move.command))
+            end = min(end, move.since)
+        return spans[::-1]

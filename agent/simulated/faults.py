@@ -1,0 +1,167 @@
+"""Faults of a simulated robot's sensors and wheels, so that a team can rehearse them.
+
+frozen    odometry and camera continue to report the place where the fault began, with new stamps
+tremble   the same, plus or minus `size` [m] (standard deviation per axis)
+speeds    odometry reports `size` times its true speeds; 0 is a robot that seems to stand
+blocked   the wheels do not turn, or spin without moving the robot (which a camera sees)
+carried   the robot is moved at `size` [m/s] along the world's x axis
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from formation.agent.simulated.moving import Moving
+from formation.agent.simulated.plant import Plant
+from formation.control.unicycle import Command
+from formation.mission.model import Mission
+
+SIZES: Mapping[str, float] = {
+    "frozen": 0.0,
+    "tremble": 1e-3,
+    "speeds": 0.0,
+    "blocked": 0.0,
+    "carried": 0.2,
+}
+"""Kinds of faults, and their default sizes."""
+STANDS = frozenset(("frozen", "tremble"))
+_TEXT = re.compile(
+    r"(?P<robot>[\w-]+):(?P<kind>[a-z]+)(=(?P<size>[-+.\de]+))?@(?P<since>[.\d]+)(\+(?P<lasts>[.\d]+))?"
+)
+FORM = "ROBOT:KIND[=SIZE]@START[+SECONDS]"
+
+
+class Fault(NamedTuple):
+    """One fault of one robot."""
+
+    robot: str
+    kind: str
+    size: float
+    since: float
+    """After the simulation began [s]."""
+    lasts: float = math.inf
+    """[s]"""
+
+
+def read(text: str) -> Fault:
+    """Parse a fault in the format `FORM`. Raises ValueError."""
+    found = _TEXT.fullmatch(text)
+    if found is None:
+        raise ValueError(f"{text!r}: must be {FORM}, such as robot2:frozen@20+10")
+    kind = found["kind"]
+    if kind not in SIZES:
+        raise ValueError(f"{text!r}: {kind}: must be one of {', '.join(SIZES)}")
+    try:
+        size = SIZES[kind] if found["size"] is None else float(found["size"])
+        since, lasts = float(found["since"]), float(found["lasts"] or "inf")
+    except ValueError:
+        raise ValueError(f"{text!r}: SIZE, START and SECONDS must be numbers") from None
+    if not math.isfinite(size):
+        raise ValueError(f"{text!r}: SIZE must be finite")
+    return Fault(found["robot"], kind, size, since, lasts)
+
+
+class Faulty:
+    """A plant with faults, used instead of the plant."""
+
+    def __init__(self, plant: Plant, faults: Iterable[Fault], seed: int) -> None:
+        self.plant = plant
+        """The true robot."""
+        self._faults, self._noise = tuple(faults), np.random.default_rng(seed)
+        self._began: float | None = None
+        self._time = 0.0  # since then [s]
+        self._command = plant.command
+        self._places: dict[str, tuple[complex, complex]] = {}  # that sensors continue to report
+
+    @property
+    def position(self) -> complex:
+        """True centre [m; world frame]."""
+        return self.plant.position
+
+    @property
+    def heading(self) -> complex:
+        """True heading, unit complex [world frame]."""
+        return self.plant.heading
+
+    @property
+    def command(self) -> Command:
+        """Its present command."""
+        return self.plant.command
+
+    @property
+    def moving(self) -> Command:
+        """Forward speed and turn rate as odometry reports them."""
+        speed, turn_rate = self.plant.moving
+        for fault in self._active():
+            share = 0.0 if fault.kind in STANDS else fault.size if fault.kind == "speeds" else 1.0
+            speed, turn_rate = share * speed, share * turn_rate
+        return Command(speed, turn_rate)
+
+    def obey(self, command: Command) -> None:
+        """Follow `command`, unless the wheels are blocked."""
+        self._command = command
+        self.plant.obey(Command(0.0, 0.0) if "blocked" in self._kinds() else command)
+
+    def go_to(self, time: float) -> None:
+        """Simulate the plant until `time` [s, any clock]."""
+        self._began = time if self._began is None else self._began
+        over, self._time = time - self._began - self._time, max(self._time, time - self._began)
+        self.obey(self._command)
+        self.plant.go_to(time)
+        for fault in self._active():
+            if fault.kind == "carried":
+                self.plant.position += fault.size * max(over, 0.0)
+        if not STANDS.intersection(self._kinds()):
+            self._places.clear()
+
+    def odometry(self) -> tuple[complex, complex]:
+        """Centre [m] and heading as this robot measures them [its own frame]."""
+        return self._sensed("odometry", self.plant.odometry())
+
+    def seen(self) -> tuple[complex, complex]:
+        """Centre [m] and heading as a camera above sees them [world frame]."""
+        return self._sensed("camera", self.plant.seen())
+
+    def reset_odometry(self) -> None:
+        """Restart odometry at the present pose."""
+        self.plant.reset_odometry()
+
+    def cast(self, at: complex, heading: complex, beams: int, farthest: float) -> None:
+        """Return None: the plant does not know its surroundings."""
+
+    def _sensed(self, sensor: str, true: tuple[complex, complex]) -> tuple[complex, complex]:
+        for fault in self._active():
+            if fault.kind in STANDS:
+                position, heading = self._places.setdefault(sensor, true)
+                x, y = self._noise.normal(size=2)
+                return position + fault.size * complex(x, y), heading
+        return true
+
+    def _active(self) -> list[Fault]:
+        return [one for one in self._faults if one.since <= self._time < one.since + one.lasts]
+
+    def _kinds(self) -> set[str]:
+        return {one.kind for one in self._active()}
+
+
+def with_faults(
+    plants: Callable[[Mission, Sequence[str], int], Mapping[str, Plant]], faults: Sequence[Fault]
+) -> Callable[[Mission, Sequence[str], int], Mapping[str, Moving]]:
+    """Return `plants` with faults, for a simulated world. Raises ValueError for one of an unknown robot."""
+
+    def made(mission: Mission, robots: Sequence[str], seed: int) -> Mapping[str, Moving]:
+        for fault in faults:
+            if fault.robot not in robots:
+                raise ValueError(f"--fault {fault.robot}: must be one of {', '.join(robots)}")
+        of = {name: [one for one in faults if one.robot == name] for name in robots}
+        return {
+            name: Faulty(plant, of[name], seed + number) if of[name] else plant
+            for number, (name, plant) in enumerate(plants(mission, robots, seed).items())
+        }
+
+    return made

@@ -1,0 +1,1 @@
+"""Robots with mass and wheels that slip, in MuJoCo, instead of the kinematic ones; same messages."""

@@ -1,0 +1,113 @@
+"""The body of a simulated robot: Eq. (1) behind wheels that lag, and odometry with small errors.
+
+While the wheels change speed, time is divided into short steps on which speed and turn rate are replaced
+by their exact means, and the pose moves along the resulting arc. Wheels without lag, or that have caught
+up, move the pose along a single arc, which is exact.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+
+import numpy as np
+
+from formation.control.unicycle import Command, advance, driven
+from formation.simulation.body import Body, obeyed
+
+MAX_STEP_TIME = 0.01
+"""Longest step while the wheels change speed [s]; the pose's error falls with its square."""
+MAX_TIME_CONSTANTS = 40.0
+"""Number of time constants after which the rest of the lag is below the resolution of a float."""
+
+
+class Plant:
+    """One robot's true motion and its odometry. It keeps its last command for ever."""
+
+    def __init__(
+        self,
+        body: Body,
+        position: complex,
+        heading: complex,
+        noise: np.random.Generator,
+        *,
+        counts_from_here: bool = False,
+    ) -> None:
+        """At rest, centre at `position` [m; world frame], with unit complex `heading` [world frame].
+
+        Its odometry is in the world frame, or starts at zero here.
+        """
+        self.position = position
+        """True centre [m; world frame]."""
+        self.heading = heading
+        """True heading, unit complex [world frame]."""
+        self.moving = Command(0.0, 0.0)
+        """True forward speed and turn rate."""
+        self.command = Command(0.0, 0.0)
+        """Command that the wheels follow."""
+        self.path = 0.0
+        """Length of the path so far [m]."""
+        self._body = body
+        self._noise = noise
+        self._time: float | None = None
+        # Odometry errs by a share of the path, in a direction of the world that is particular to this robot.
+        self._drift = body.drift * cmath.rect(1.0, noise.uniform(-math.pi, math.pi))
+        self._counts_from = (position, heading) if counts_from_here else (0j, 1.0 + 0.0j)
+
+    def go_to(self, time: float) -> None:
+        """Simulate until `time` [s, any clock], from the first such time on; time never runs backwards."""
+        if self._time is None:
+            self._time = time
+        if time > self._time:
+            self.advance(time - self._time)
+            self._time = time
+
+    def obey(self, command: Command) -> None:
+        """Follow `command` as the firmware rounds and limits it."""
+        self.command = obeyed(self._body, command)
+
+    def advance(self, elapsed: float) -> None:
+        """Simulate `elapsed` [s]."""
+        if elapsed <= 0.0:
+            return
+        changing = min(elapsed, MAX_TIME_CONSTANTS * self._body.lag) if self.moving != self.command else 0.0
+        steps = math.ceil(changing / MAX_STEP_TIME)
+        for _ in range(steps):
+            mean, end = driven(self.moving, self.command, self._body.lag, changing / steps)
+            self._go(mean, changing / steps)
+            self.moving = end
+        if elapsed > changing:
+            self.moving = self.command
+            self._go(self.command, elapsed - changing)
+
+    def odometry(self) -> tuple[complex, complex]:
+        """Centre [m] and heading as this robot measures them [its own frame]; each call is a new sample."""
+        (position, heading), (origin, axis) = self._noisy(self._believed), self._counts_from
+        return (position - origin) * axis.conjugate(), heading * axis.conjugate()
+
+    def seen(self) -> tuple[complex, complex]:
+        """Centre [m] and heading as a camera above sees them [world frame]; each call is a new sample."""
+        return self._noisy(self.position)
+
+    def cast(self, at: complex, heading: complex, beams: int, farthest: float) -> None:
+        """Return None: the plant does not know its surroundings."""
+
+    def reset_odometry(self) -> None:
+        """Restart odometry at the present pose, as a TurtleBot3's `reset_odometry` does."""
+        self._counts_from = self._believed, self.heading
+
+    @property
+    def _believed(self) -> complex:
+        return self.position + self._drift * self.path
+
+    def _noisy(self, position: complex) -> tuple[complex, complex]:
+        x, y, angle = self._noise.normal(size=3)
+        return (
+            position + self._body.position_noise * complex(x, y),
+            self.heading * cmath.rect(1.0, self._body.heading_noise * angle),
+        )
+
+    def _go(self, command: Command, elapsed: float) -> None:
+        position, heading = advance(self.position, self.heading, *command, elapsed)
+        self.position, self.heading = position, heading / abs(heading)
+        self.path += abs(command.speed) * elapsed

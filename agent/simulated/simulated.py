@@ -1,0 +1,241 @@
+"""Simulated robots on the wire: commands in, odometry, ground truth and local measurements out.
+
+A robot with external poses gets these as well, at the rate of its odometry.
+One with a range scanner sees posts, walls and the robots of its own process. They obstruct only robots
+with mass (`formation.agent.simulated.physics`).
+
+`World.step(now, inbox) -> outbox` hosts one robot or many, without a clock, a socket or a log. A robot
+moves by the time that has really passed, and a command takes effect when it arrived, so neither depends on
+when the world is stepped. As on a TurtleBot3 nothing times out: the last command lasts for ever.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+
+from formation.agent.simulated.moving import Moving
+from formation.agent.simulated.plant import Plant
+from formation.agent.simulated.ranging import Ranging
+from formation.control.tracker import Track, carried_to, first_seen, seen
+from formation.control.unicycle import Command, control_point
+from formation.mission.model import Mission
+from formation.ros2.messages import Displacement, Odometry, Pose, Twist, TwistStamped, decode, encode
+from formation.simulation.body import Body
+from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSE, POSITION, RELATIVE, SCAN, Topic
+from formation.transport.runtime.rate import Rate
+from formation.wire import BadMessage, Now, Outgoing, Sample
+
+VISIBILITY_TIME = 0.5
+"""Silence after which a leader is invisible to every sensor [s]."""
+VELOCITY_FILTER_TIME = 0.01
+"""Time constant of the leader's velocity between its positions [s]; they have no noise."""
+
+
+def kinematic(mission: Mission, robots: Sequence[str], seed: int) -> dict[str, Plant]:
+    """Return robots that move by Eq. (1). Their noise does not depend on which others are hosted."""
+    body = Body.of(mission.simulated_robot)
+    plants = {}
+    for name in robots:
+        spec, noise = mission.robots[name], np.random.default_rng([seed, mission.names.index(name)])
+        from_start = spec.odometry_frame == "start"
+        plants[name] = Plant(
+            body, spec.start.position, spec.start.heading, noise, counts_from_here=from_start
+        )
+    return plants
+
+
+class World:
+    """Every robot that one process hosts."""
+
+    def __init__(
+        self,
+        mission: Mission,
+        robots: Iterable[str] | None = None,
+        seed: int = 0,
+        plants: Callable[[Mission, Sequence[str], int], Mapping[str, Moving]] = kinematic,
+    ) -> None:
+        """`robots` are followers, by default all. Raises ValueError for what cannot be simulated here.
+
+        `plants` makes their bodies, from the mission, their names, and the seed of all noise.
+        """
+        names = mission.followers if robots is None else tuple(dict.fromkeys(robots))
+        _check(mission, names)
+        self.robots = names
+        self.dropped: Counter[str] = Counter()
+        """Messages that were not used, by key."""
+        self._leader = mission.leader
+        self._leader_track: Track | None = None
+        self._top_speed = max(1e-3, *(leg.speed for leg in mission.route))
+        moving = plants(mission, names, seed)
+        self._hosted = {
+            name: _Robot(mission, name, moving[name], seed, phase=number / len(names))
+            for number, name in enumerate(names)
+        }
+        self._by_key = {CMD_VEL.key(name): robot for name, robot in self._hosted.items()}
+        self._sees_leader = any(mission.leader in robot.sees for robot in self._hosted.values())
+
+    @property
+    def publications(self) -> tuple[tuple[Topic, str], ...]:
+        """Every topic and key that these robots publish."""
+        own = [(topic, topic.key(name)) for name in self.robots for topic in (ODOM, GROUND_TRUTH)]
+        sensors = [
+            (RELATIVE, RELATIVE.key(name, other))
+            for name, robot in self._hosted.items()
+            for other in robot.sees
+        ]
+        cameras = [(POSE, POSE.key(name)) for name, robot in self._hosted.items() if robot.watched]
+        scanners = [(SCAN, SCAN.key(name)) for name, robot in self._hosted.items() if robot.ranging]
+        return (*own, *cameras, *scanners, *sensors)
+
+    @property
+    def subscriptions(self) -> tuple[str, ...]:
+        """Every key that these robots subscribe to."""
+        return (*self._by_key, *([POSITION.key(self._leader)] if self._sees_leader else []))
+
+    @property
+    def due(self) -> float:
+        """When the next robot's message is due [s, monotonic]."""
+        return min(rate.due for robot in self._hosted.values() for rate in robot.rates)
+
+    def plant(self, robot: str) -> Moving:
+        """The body of a hosted robot, as of the last step."""
+        return self._hosted[robot].plant
+
+    def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
+        """Process commands; return odometry and all other messages of every robot that is due."""
+        for sample in inbox:
+            try:
+                self._take(sample, now)
+            except BadMessage:
+                self.dropped[sample.key] += 1
+        outbox: list[Outgoing] = []
+        for robot in self._hosted.values():
+            if robot.ranging and robot.ranging.rate.tick(now.mono):
+                outbox.append(self._scanned(robot, robot.ranging, now))
+            if robot.rate.tick(now.mono):
+                outbox += self._spoken(robot, now)
+        return outbox
+
+    def halt(self, now: Now, reason: str) -> list[Outgoing]:  # noqa: ARG002 - a core's signature
+        """Return nothing: a robot that is switched off sends no last messages."""
+        return []
+
+    def _take(self, sample: Sample, now: Now) -> None:
+        if self._sees_leader and sample.key == POSITION.key(self._leader):
+            self._leader_track = self._followed(decode(Pose, sample.payload), now)
+            return
+        robot = self._by_key.get(sample.key)
+        if robot is None:
+            raise BadMessage("unknown key")
+        command = robot.read(sample.payload)
+        robot.go_to(min(sample.arrived, now.mono))
+        robot.plant.obey(command)
+
+    def _followed(self, leader: Pose, now: Now) -> Track:
+        track = self._leader_track
+        if abs(now.wall - leader.stamp) > VISIBILITY_TIME:
+            raise BadMessage("not from now")
+        if track is None or now.wall - track.stamp > VISIBILITY_TIME:
+            return first_seen(leader.stamp, leader.position)
+        if leader.stamp <= track.stamp:
+            raise BadMessage("older than what came before")
+        return seen(track, leader.stamp, leader.position, VELOCITY_FILTER_TIME, self._top_speed)
+
+    def _spoken(self, robot: _Robot, now: Now) -> list[Outgoing]:
+        """Return a robot's messages of one period. Sensors come first, as odometry triggers the agent."""
+        robot.go_to(now.mono)
+        outbox = [
+            Outgoing(RELATIVE.key(robot.name, other), encode(Displacement(now.wall, seen_at)))
+            for other in robot.sees
+            if (seen_at := self._displacement(robot, other, now)) is not None
+        ]
+        plant = robot.plant
+        odometry = Odometry(now.wall, *plant.odometry(), *plant.moving, frame=robot.odometry_frame)
+        truth = Pose(now.wall, plant.position, plant.heading)
+        outbox.append(Outgoing(ODOM.key(robot.name), encode(odometry)))
+        if robot.watched:
+            outbox.append(Outgoing(POSE.key(robot.name), encode(Pose(now.wall, *plant.seen()))))
+        outbox.append(Outgoing(GROUND_TRUTH.key(robot.name), encode(truth)))
+        return outbox
+
+    def _scanned(self, robot: _Robot, ranging: Ranging, now: Now) -> Outgoing:
+        for one in self._hosted.values():
+            one.go_to(now.mono)
+        others = [one.disc for one in self._hosted.values() if one is not robot]
+        return Outgoing(SCAN.key(robot.name), encode(ranging.scan(now.wall, robot.plant, others)))
+
+    def _displacement(self, robot: _Robot, other: str, now: Now) -> complex | None:
+        """From `robot`'s control point to the other's [m; robot's frame]; None if it is out of sight."""
+        if other == self._leader:
+            track = self._leader_track
+            if track is None or abs(now.wall - track.stamp) > VISIBILITY_TIME:
+                return None
+            there = carried_to(track, now.wall, VISIBILITY_TIME)
+        else:
+            self._hosted[other].go_to(now.mono)
+            there = self._hosted[other].control_point
+        return (there - robot.control_point) * robot.plant.heading.conjugate()
+
+
+class _Robot:
+    """A plant with its clock, its rates and its sensors."""
+
+    def __init__(self, mission: Mission, name: str, plant: Moving, seed: int, phase: float) -> None:
+        spec = mission.robots[name]
+        self.name = name
+        self.plant = plant
+        self.odometry_frame = "odom" if spec.odometry_frame == "start" else "map"
+        self.watched = spec.localisation == "external"
+        """Whether an external camera measures its position."""
+        self.rate = Rate(spec.rate, phase)
+        self.ranging: Ranging | None = None
+        if spec.scanner != "none":
+            seen = np.random.default_rng([seed, mission.names.index(name), 1])
+            self.ranging = Ranging(mission, name, seen, phase)
+        self.sees = spec.measurable if spec.measurement == "local" else ()
+        self._radius = spec.radius
+        self._stamped = spec.cmd_vel == "twist_stamped"
+        self._offset = spec.control_point_offset
+
+    @property
+    def rates(self) -> tuple[Rate, ...]:
+        """Rates of all its messages."""
+        return (self.rate, self.ranging.rate) if self.ranging else (self.rate,)
+
+    @property
+    def disc(self) -> tuple[complex, float]:
+        """Its body, as scanners see it: centre and radius [m; world frame]."""
+        return self.plant.position, self._radius
+
+    @property
+    def control_point(self) -> complex:
+        """True control point [m; world frame]."""
+        return control_point(self.plant.position, self.plant.heading, self._offset)
+
+    def read(self, payload: bytes) -> Command:
+        """The command in `payload`, of the one type that this robot takes. Raises BadMessage."""
+        twist = decode(TwistStamped, payload) if self._stamped else decode(Twist, payload)
+        return Command(twist.speed, twist.turn_rate)
+
+    def go_to(self, time: float) -> None:
+        """Simulate the plant until `time` [s, monotonic]."""
+        self.plant.go_to(time)
+
+
+def _check(mission: Mission, names: Sequence[str]) -> None:
+    """Raise ValueError unless these robots can be simulated together."""
+    for name in names:
+        if name not in mission.followers:
+            followers = ", ".join(mission.followers)
+            raise ValueError(f"robot {name!r}: must be a follower of {mission.name}: {followers}")
+    for name in names:
+        spec = mission.robots[name]
+        unseen = [other for other in spec.measurable if other not in (*names, mission.leader)]
+        if spec.measurement == "local" and unseen:
+            raise ValueError(
+                f"robot {name!r} measures {unseen[0]!r} with a sensor: a simulated sensor sees the leader and"
+                f" robots of its own process, which hosts {', '.join(names)}"
+            )

@@ -1,0 +1,1 @@
+"""Deploy a mission to real robots: certificates, access control, bundles, and pushing them."""

@@ -1,0 +1,187 @@
+"""Access control in the field: permitted messages between processes, and each one's Zenoh configuration.
+
+`words` lists every message between two processes of a mission. The messages that a process accepts from
+another (ingress) and sends to it (egress) are the two halves of that list: listed messages are never refused,
+all others always. The receiver enforces it: the certificate of the link identifies the sender.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import PurePath
+from typing import Any, Literal, NamedTuple
+
+from formation.deploy.fleet.hosts import MONITOR, OPERATOR, PROTOCOL, Host, hosts
+from formation.deploy.refusal import Refusal
+from formation.mission.model import Mission
+from formation.mission.rules import VISITORS
+from formation.monitor.metrics.keys import watched
+from formation.topics import BALLOT, GROUND_TRUTH, ORDER, POSITION, ROUTE, STATUS
+from formation.transport.wiring import called, members, partners
+
+Message = Literal["put", "declare_subscriber", "query", "declare_queryable", "reply"]
+REQUESTED_ALL = ORDER.pattern.format(robot="*")
+"""Key on which an operator asks all processes at once."""
+NOBODY = "strangers: nothing"
+NOTHING = {
+    "permission": "deny",
+    "flows": ["ingress", "egress"],
+    "messages": [
+        "put", "delete", "declare_subscriber", "query", "declare_queryable", "reply",
+        "liveliness_token", "liveliness_query", "declare_liveliness_subscriber",
+    ],
+    "key_exprs": ["**"],
+}  # fmt: skip
+"""Zenoh's rule for processes of the mission with no permitted message between them."""
+
+
+class Word(NamedTuple):
+    """One message that one process may send to another."""
+
+    sender: str
+    receiver: str
+    message: Message
+    key: str
+    """The key, without the team's namespace."""
+
+
+def processes(mission: Mission) -> tuple[str, ...]:
+    """Return the processes with a configuration: robots (leader first), standbys, monitor, operator."""
+    return (*members(mission), *VISITORS)
+
+
+def words(mission: Mission) -> Iterator[Word]:
+    """Yield every permitted message, once."""
+    yield from dict.fromkeys((*_in_the_fleet(mission), *_to_visitors(mission)))
+
+
+def _in_the_fleet(mission: Mission) -> Iterator[Word]:
+    """Yield positions to the robots that measure them and to candidates; candidates' ballots and routes."""
+    for me in mission.followers:
+        for other in mission.received_by(me):
+            for speaker in _publishers(mission, other):
+                yield from _listens(me, speaker, POSITION.key(other))
+        for one in mission.candidates if mission.standbys else ():
+            yield from _listens(me, one, BALLOT.key(one))
+    for me in mission.candidates:
+        for other in partners(mission, me):
+            topics = (BALLOT, ROUTE) if other in mission.candidates else (POSITION,)
+            for topic in topics:
+                yield from _listens(me, other, topic.key(other))
+
+
+def _to_visitors(mission: Mission) -> Iterator[Word]:
+    """Yield all messages to the monitor; states and answers to the operator."""
+    for one in watched(mission):
+        if one.topic is not GROUND_TRUTH:  # of the simulation, not of the robot
+            for speaker in _publishers(mission, one.robot) if one.topic is POSITION else (one.robot,):
+                yield from _listens(MONITOR, speaker, one.key)
+    for me in members(mission):
+        for visitor in VISITORS:
+            yield from _listens(visitor, me, STATUS.key(me))
+        order = ORDER.key(me)
+        for key in (order, REQUESTED_ALL):
+            yield Word(OPERATOR, me, "query", key)
+        yield Word(me, OPERATOR, "declare_queryable", order)
+        yield Word(me, OPERATOR, "reply", order)
+
+
+def configuration(mission: Mission, process: str, folder: PurePath) -> dict[str, Any]:
+    """Return the Zenoh configuration of one process; `folder` has its certificates. Raises Refusal."""
+    if process not in processes(mission):
+        raise Refusal(f"{process!r}: must be one of {', '.join(processes(mission))}")
+    where = hosts(mission)
+    return {
+        "mode": "peer",
+        **({"namespace": mission.team} if mission.team else {}),
+        "listen": {"endpoints": _listened(where[process]) if process in where else []},
+        "connect": {"endpoints": [where[other].endpoint for other in _dialled(mission, process)]},
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "transport": {"link": {"protocols": [PROTOCOL], "tls": _tls(folder)}},
+        "access_control": access_control(mission, process),
+    }
+
+
+def access_control(mission: Mission, process: str) -> dict[str, Any]:
+    """Return Zenoh's rules for one process: `words`, and nothing else."""
+    rules: dict[str, dict[str, Any]] = {}
+    policies: dict[str, list[str]] = {}
+    prefix = f"{mission.team}/" if mission.team else ""
+    for word in words(mission):
+        if process not in {word.sender, word.receiver}:
+            continue
+        comes = word.receiver == process
+        peer = word.sender if comes else word.receiver
+        name = f"{'from' if comes else 'to'} {peer}: {word.message}"
+        rule = rules.setdefault(
+            name,
+            {
+                "id": name,
+                "permission": "allow",
+                "flows": ["ingress" if comes else "egress"],
+                "messages": [word.message],
+                "key_exprs": [],
+            },
+        )
+        rule["key_exprs"].append(prefix + word.key)
+        if name not in policies.setdefault(peer, []):
+            policies[peer].append(name)
+    strangers = [name for name in processes(mission) if name != process and name not in policies]
+    if strangers:
+        # They are allowed nothing anyway; but Zenoh names a listed process when it refuses it.
+        rules[NOBODY] = {"id": NOBODY, **NOTHING}
+        policies.update((name, [NOBODY]) for name in strangers)
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": list(rules.values()),
+        "subjects": [
+            {"id": peer, "cert_common_names": [peer], "link_protocols": [PROTOCOL]} for peer in policies
+        ],
+        "policies": [{"subjects": [peer], "rules": names} for peer, names in policies.items()],
+    }
+
+
+def text(mission: Mission, process: str, settings: Mapping[str, Any]) -> str:
+    """Return a configuration as the JSON5 file for `formation … -c`. Raises nothing."""
+    return (
+        f"// Zenoh configuration of {process} in the mission {mission.name}, made by `formation deploy`.\n"
+        "// It links only with the processes that the mission names, both proving their identity (mTLS),\n"
+        "// and each may send only what the rules below allow, under its own name. Do not edit it:\n"
+        "// a change of the mission changes all of these files.\n" + json.dumps(settings, indent=2) + "\n"
+    )
+
+
+def _listens(listener: str, speaker: str, key: str) -> Iterator[Word]:
+    yield Word(listener, speaker, "declare_subscriber", key)
+    yield Word(speaker, listener, "put", key)
+
+
+def _publishers(mission: Mission, robot: str) -> tuple[str, ...]:
+    """Return the publishers of a robot's position: its agent; for the leader, all candidates."""
+    return mission.candidates if robot == mission.leader else (robot,)
+
+
+def _dialled(mission: Mission, process: str) -> tuple[str, ...]:
+    """Return the processes that it dials: visitors dial all, of two others the later listed one dials."""
+    return members(mission) if process in VISITORS else called(mission, process)
+
+
+def _listened(host: Host) -> list[str]:
+    """Return the endpoints to listen on: an address itself; for a name, all interfaces."""
+    return [host.endpoint if host.ip is not None else Host("::", host.port).endpoint]
+
+
+def _tls(folder: PurePath) -> dict[str, Any]:
+    key, certificate, trusted = (str(folder / name) for name in ("key.pem", "certificate.pem", "ca.pem"))
+    return {
+        "root_ca_certificate": trusted,
+        "enable_mtls": True,
+        "listen_private_key": key,
+        "listen_certificate": certificate,
+        "connect_private_key": key,
+        "connect_certificate": certificate,
+        "verify_name_on_connect": True,
+        "close_link_on_expiration": True,
+    }

@@ -1,0 +1,224 @@
+"""Shared by push, rollback and status: the robots of a folder of bundles, and requests to all at once."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import re
+import socket
+import sys
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+from formation.deploy.arguments import add_json, whole
+from formation.deploy.fleet.on_robot import VERSION
+from formation.deploy.fleet.remote import RemoteError, Robot, Ssh
+from formation.deploy.refusal import Refusal
+from formation.mission.file import MissionError, load
+from formation.transport.wiring import named
+
+PREFIX = "/opt/formation"
+ADDRESS = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.:%-]*")
+PLACE = re.compile(r"/[A-Za-z0-9_./{}-]+")
+"""A prefix: absolute, and without special characters of a shell or systemd."""
+T = TypeVar("T")
+
+
+class Bundle(NamedTuple):
+    """One robot's folder, as `formation deploy bundle` made it."""
+
+    robot: str
+    folder: Path
+    version: Mapping[str, Any]
+    """Content of its VERSION.json."""
+    mission_sha256: str
+
+    @property
+    def release(self) -> str:
+        """Name of the release that it installs."""
+        return str(self.version["release"])
+
+
+class Fleet(NamedTuple):
+    """The requested robots, their bundles, and how to reach them."""
+
+    bundles: Mapping[str, Bundle]
+    robots: Mapping[str, Robot]
+    ssh: Ssh
+    jobs: int
+
+
+def add_no_restart(options: argparse.ArgumentParser) -> None:
+    """Add --no-restart, for the commands that change what runs."""
+    options.add_argument(
+        "--no-restart", action="store_true", help="what runs goes on until it is started anew by hand"
+    )
+
+
+def add_flags(options: argparse.ArgumentParser) -> None:
+    """Add DIR, and the flags that select robots and connections."""
+    options.add_argument("folder", metavar="DIR", type=Path, help="what `formation deploy bundle` made")
+    options.add_argument(
+        "--user", metavar="NAME", help="log in as (default: as ssh's own configuration says)"
+    )
+    options.add_argument(
+        "--host", metavar="ROBOT=ADDRESS", action="append", default=[],
+        help="where to log in, instead of the address of its endpoint in the mission; repeatable",
+    )  # fmt: skip
+    options.add_argument("--only", metavar="ROBOT", nargs="+", default=[], help="these robots, not all")
+    options.add_argument(
+        "--prefix", metavar="PATH", default=PREFIX,
+        help=f"where it is installed; {{robot}} stands for the robot's name (default {PREFIX})",
+    )  # fmt: skip
+    options.add_argument(
+        "--ssh-option", metavar="OPTION", action="append", default=[],
+        help="as ssh's -o, such as Port=2222; repeatable",
+    )  # fmt: skip
+    options.add_argument(
+        "--jobs", metavar="N", type=whole(1, 256), default=16, help="robots at once (default 16)"
+    )
+    add_json(options)
+
+
+def read(options: argparse.Namespace, *, sudo: bool = True) -> Fleet:
+    """Return the fleet that the flags request. Raises Refusal."""
+    bundles = find(options.folder)
+    addresses = dict(_address(text, bundles) for text in options.host)
+    unknown = [name for name in options.only if name not in bundles]
+    if unknown:
+        raise Refusal(f"--only {unknown[0]!r}: must be one of {', '.join(bundles)}")
+    if not PLACE.fullmatch(options.prefix) or options.prefix.replace("{robot}", "").count("{"):
+        raise Refusal(f"--prefix {options.prefix!r}: must be an absolute path of letters, digits, . _ - /")
+    named = {*options.only, *addresses}
+    chosen = {name: bundle for name, bundle in bundles.items() if not options.only or name in options.only}
+    here = [name for name, one in chosen.items() if name not in named and _leads_from_here(one)]
+    for name in here:
+        del chosen[name]
+        print(
+            f"{name}: leads from this machine, left out (--only {name} means it all the same)",
+            file=sys.stderr,
+        )
+    if not chosen:
+        raise Refusal(f"{options.folder}: no robots selected; use --only NAME")
+    robots = {
+        name: Robot(
+            name, addresses.get(name) or _from_mission(bundle), options.prefix.replace("{robot}", name)
+        )
+        for name, bundle in chosen.items()
+    }
+    places = [(robot.address, robot.prefix) for robot in robots.values()]
+    for name, place in zip(robots, places, strict=True):
+        if places.count(place) > 1:
+            raise Refusal(f"{name}: another robot is to be installed at {place[0]}:{place[1]} as well")
+    return Fleet(chosen, robots, Ssh(options.user, options.ssh_option, sudo=sudo), options.jobs)
+
+
+def find(folder: Path) -> dict[str, Bundle]:
+    """Return the installable bundles in a folder, by robot. Raises Refusal."""
+    if not folder.is_dir():
+        raise Refusal(f"{folder}: no such folder; `formation deploy bundle` makes one")
+    bundles = {}
+    for path in sorted(folder.iterdir(), key=_counted):
+        if (path / VERSION).is_file() and (path / "install.sh").is_file():
+            bundles[path.name] = _bundle(path)
+    if not bundles:
+        raise Refusal(f"{folder}: holds no bundles (folders with {VERSION} and install.sh); "
+                      "`formation deploy bundle` makes them")  # fmt: skip
+    return bundles
+
+
+def on_all(fleet: Fleet, query: Callable[[Robot], T]) -> dict[str, T | RemoteError]:
+    """Return the result of `query` for each robot, run in parallel; a failure does not stop the others."""
+
+    def one(robot: Robot) -> T | RemoteError:
+        try:
+            return query(robot)
+        except RemoteError as error:
+            return error
+
+    with ThreadPoolExecutor(max_workers=fleet.jobs, thread_name_prefix="robot") as pool:
+        try:
+            waiting = {name: pool.submit(one, robot) for name, robot in fleet.robots.items()}
+            return {name: future.result() for name, future in waiting.items()}
+        except KeyboardInterrupt:
+            fleet.ssh.stop()  # else the pool would wait for every robot
+            raise
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _bundle(path: Path) -> Bundle:
+    try:
+        version = json.loads((path / VERSION).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise Refusal(f"{path / VERSION}: cannot be read: {error}") from None
+    if not isinstance(version, dict) or not isinstance(version.get("release"), str):
+        raise Refusal(f"{path / VERSION}: does not name a release")
+    mission = path / "mission.toml"
+    if not mission.is_file():
+        raise Refusal(f"{path}: has no mission.toml; make the bundles again")
+    return Bundle(path.name, path, version, digest(mission))
+
+
+def _address(text: str, bundles: Mapping[str, Bundle]) -> tuple[str, str]:
+    robot, _, address = text.partition("=")
+    if robot not in bundles:
+        raise Refusal(f"--host {text!r}: must be ROBOT=ADDRESS with one of {', '.join(bundles)}")
+    if not ADDRESS.fullmatch(address.strip("[]")):
+        raise Refusal(f"--host {text!r}: {address!r} is no address; one would be 192.168.1.11")
+    return robot, address.strip("[]")
+
+
+def _from_mission(bundle: Bundle) -> str:
+    """Return the host of the endpoint at which its agent listens."""
+    try:
+        mission = load(bundle.folder / "mission.toml")
+    except MissionError as error:
+        raise Refusal(str(error)) from None
+    endpoint = named(mission).get(bundle.robot)
+    if endpoint is None:
+        raise Refusal(
+            f"{bundle.robot}: the mission names no endpoint for it; give its address with "
+            f"--host {bundle.robot}=ADDRESS"
+        )
+    return endpoint.partition("/")[2].rpartition(":")[0].strip("[]")
+
+
+def _leads_from_here(bundle: Bundle) -> bool:
+    """Return whether it is a candidate with an endpoint on this machine, most likely the desk."""
+    if bundle.version.get("role") not in {"leader", "standby"}:
+        return False
+    try:
+        place = socket.getaddrinfo(_from_mission(bundle), 0, type=socket.SOCK_STREAM)[0]
+        with socket.socket(place[0], socket.SOCK_STREAM) as probe:
+            probe.bind(place[4])  # a machine can bind only its own addresses
+    except OSError:
+        return False
+    return True
+
+
+def _counted(path: Path) -> tuple[str, int]:
+    """Sort robot10 behind robot9."""
+    match = re.fullmatch(r"(.*?)(\d+)", path.name)
+    return (match[1], int(match[2])) if match else (path.name, -1)
+
+
+__all__ = [
+    "Bundle",
+    "Fleet",
+    "RemoteError",
+    "Robot",
+    "add_flags",
+    "add_no_restart",
+    "digest",
+    "find",
+    "on_all",
+    "read",
+]

@@ -1,0 +1,142 @@
+"""`formation deploy status`: show robots' releases and missions, since when, and their units."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from typing import Any, NamedTuple
+
+from formation.deploy.arguments import parser, tell
+from formation.deploy.fleet import fleet as fleets
+from formation.deploy.fleet.fleet import Bundle, Fleet
+from formation.deploy.fleet.remote import RemoteError
+
+EXAMPLES = """\
+  formation deploy status field --user ubuntu
+  formation deploy status field --json
+
+Exit code 0: every robot runs what is in DIR; 1: some do not, as named.
+"""
+
+
+TITLES = ("release", "formation", "mission", "since")
+
+
+class InstalledState(NamedTuple):
+    """The state of one robot, and its differences from its bundle."""
+
+    reply: Mapping[str, Any]
+    differs: tuple[str, ...]
+    """Differences as sentences; empty if there are none."""
+    units: Mapping[str, Mapping[str, Any]]
+    """State of each unit by systemd; empty if they do not matter."""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Ask all robots; return the exit code."""
+    options = parser("deploy status", "Which robots run which version and mission, since when.", EXAMPLES)
+    fleets.add_flags(options)
+    options.add_argument(
+        "--no-systemd", action="store_true", help="they were installed without units; then sudo is not used"
+    )
+    chosen = options.parse_args(arguments)
+    fleet = fleets.read(chosen, sudo=not chosen.no_systemd)
+    answers = fleets.on_all(fleet, lambda robot: fleet.ssh.call(robot, "status", {}))
+    states = {
+        name: state(fleet.bundles[name], answer, units=not chosen.no_systemd)
+        for name, answer in answers.items()
+    }
+    tell(chosen, "\n".join(words(fleet, states)), lambda: report(fleet, states))
+    return 1 if any(one.differs for one in states.values()) else 0
+
+
+def state(bundle: Bundle, answer: Mapping[str, Any] | RemoteError, *, units: bool = True) -> InstalledState:
+    """Compare a robot's answer with its bundle."""
+    if isinstance(answer, RemoteError):
+        return InstalledState({}, (str(answer),), {})
+    if answer["release"] is None:
+        return InstalledState(answer, ("nothing is installed",), {})
+    return InstalledState(
+        answer, tuple(_differences(bundle, answer, units=units)), answer["units"] if units else {}
+    )
+
+
+def words(fleet: Fleet, states: Mapping[str, InstalledState]) -> list[str]:
+    """Return the states for people."""
+    rows = {name: _row(fleet.bundles[name], one) for name, one in states.items()}
+    widths = [max(len(row[column]) for row in (TITLES, *rows.values())) for column in range(len(TITLES))]
+    width = max(len("robot"), *map(len, states))
+
+    def line(name: str, cells: Sequence[str]) -> str:
+        padded = (f"{cell:<{size}}" for cell, size in zip(cells, widths, strict=True))
+        return f"  {name:<{width}}  {'  '.join(padded)}".rstrip()
+
+    lines = [line("robot", TITLES)]
+    for name, one in states.items():
+        lines.append(line(name, rows[name]))
+        lines += [f"  {'':<{width}}  {_unit(*unit)}" for unit in one.units.items()]
+        lines += [f"  {'':<{width}}  ! {text}" for text in one.differs]
+    other = [name for name, one in states.items() if one.differs]
+    well = len(states) - len(other)
+    return [
+        *lines,
+        f"{well} of {len(states)} as in the bundles" + (f"; not {', '.join(other)}" if other else ""),
+    ]
+
+
+def report(fleet: Fleet, states: Mapping[str, InstalledState]) -> dict[str, Any]:
+    """Return the states for a script."""
+    robots = {
+        name: {
+            "ok": not one.differs,
+            "address": fleet.robots[name].address,
+            "bundle": fleet.bundles[name].release,
+            "differs": list(one.differs),
+            **one.reply,
+        }
+        for name, one in states.items()
+    }
+    return {"ok": not any(one.differs for one in states.values()), "robots": robots}
+
+
+def since(then: float, now: float) -> str:
+    """Return a moment, and how long ago it was by the robot's own clock, in words; arguments in s."""
+    ago = max(now - then, 0.0)
+    scale, unit = next(
+        (pair for pair in ((86_400, "d"), (3_600, "h"), (60, "min")) if ago >= pair[0]), (1, "s")
+    )
+    return f"{datetime.fromtimestamp(then, UTC):%m-%d %H:%M} UTC ({ago / scale:.0f} {unit})"
+
+
+def _differences(bundle: Bundle, reply: Mapping[str, Any], *, units: bool) -> Iterator[str]:
+    if reply["release"] != bundle.release:
+        yield f"release differs: {bundle.release} is in the bundle; push it"
+    if reply["mission_sha256"] is None:
+        yield "its mission file is gone: push with --reinstall"
+    elif reply["mission_sha256"] != bundle.mission_sha256:
+        yield "mission differs from the bundle's: push it"
+    if units and not reply["units"]:
+        yield "it has no units: was it installed with --no-systemd?"
+    for unit, facts in reply["units"].items() if units else ():
+        if facts["active"] != "active":
+            yield f"{unit} is {facts['active']}: see journalctl -u {unit} there"
+
+
+def _row(bundle: Bundle, one: InstalledState) -> tuple[str, ...]:
+    reply, version = one.reply, one.reply.get("version", {})
+    if reply.get("release") is None:
+        return ("-",) * len(TITLES)
+    same = reply["mission_sha256"] == bundle.mission_sha256
+    mission = f"{version.get('mission', '-')}{'' if same else ' (differs)'}"
+    return (
+        str(reply["release"]),
+        str(version.get("formation", "-")),
+        mission,
+        since(reply["since"], reply["now"]),
+    )
+
+
+def _unit(name: str, facts: Mapping[str, Any]) -> str:
+    restarts = f", {facts['restarts']} restarts" if facts["restarts"] else ""
+    says = f"  {facts['says']}" if facts["says"] else ""
+    return f"{name}: {facts['active']}{restarts}{says}"

@@ -1,0 +1,234 @@
+#!/bin/sh
+# Installs this bundle on the robot that it was made for. `sh install.sh --help` says how; running it again is harmless.
+set -eu
+umask 022
+
+usage() {
+    cat <<'TEXT'
+usage: sh install.sh [--prefix DIR] [--no-systemd] [--no-restart] [--dry-run]
+
+Installs this bundle, without internet, into DIR/releases/<id> and then points DIR/current at it, in one step:
+what is interrupted before that has changed nothing that is in use. A second run finds nothing to do and says so.
+
+  --prefix DIR   where to install (default /opt/formation)
+  --no-systemd   no user, no units: only the files (needs no root)
+  --no-restart   install the units, but leave running ones as they are
+  --dry-run      say what would be done, and do nothing
+
+The three releases used last are kept; DIR/previous is the one before DIR/current.
+To uninstall: systemctl disable --now formation-agent formation-watchdog formation-leader formation-standby
+              rm /etc/systemd/system/formation-*.service; systemctl daemon-reload
+              rm -r DIR /var/lib/formation; userdel formation
+TEXT
+}
+
+say() { printf 'formation: %s\n' "$*"; }
+refuse() { printf 'formation: %s\n' "$*" >&2; exit 2; }
+failed() { printf 'formation: %s\n' "$*" >&2; exit 1; }
+
+prefix=/opt/formation systemd=yes restart=yes dry=no
+while [ $# -gt 0 ]; do
+    case $1 in
+        --prefix) [ $# -ge 2 ] || refuse "--prefix needs a folder"; prefix=$2; shift ;;
+        --prefix=*) prefix=${1#--prefix=} ;;
+        --no-systemd) systemd=no ;;
+        --no-restart) restart=no ;;
+        --dry-run) dry=yes ;;
+        -h | --help) usage; exit 0 ;;
+        *) refuse "$1: unknown; legal are --prefix DIR, --no-systemd, --no-restart and --dry-run" ;;
+    esac
+    shift
+done
+case $prefix in /*) ;; *) prefix=$(pwd)/$prefix ;; esac
+prefix=${prefix%/}
+case $prefix in
+    '' | *[!A-Za-z0-9_./+-]*) refuse "--prefix $prefix: must be a folder named with letters, digits and . _ + - only" ;;
+esac
+
+bundle=$(CDPATH='' cd -- "$(dirname -- "$0")" && pwd)
+for part in VERSION.json mission.toml zenoh.json5 units wheels/requirements.txt \
+    certificates/ca.pem certificates/certificate.pem certificates/key.pem; do
+    [ -e "$bundle/$part" ] || refuse "$bundle holds no $part: it is not a whole bundle"
+done
+fact() { sed -n "s/^ *\"$1\": \"\{0,1\}\([^\",]*\)\"\{0,1\},\{0,1\}\$/\1/p" "${2:-$bundle}/VERSION.json"; }
+release=$(fact release) robot=$(fact robot) role=$(fact role) mission=$(fact mission)
+platform=$(fact platform) wanted=$(fact python) wheels=$(fact wheels) bringup=$(fact bringup)
+for found in "$release" "$robot" "$platform" "$wanted"; do
+    [ -n "$found" ] || refuse "$bundle/VERSION.json cannot be read: make the bundle again"
+done
+home=$prefix/releases/$release
+
+# Does it fit this machine?
+machine=$(uname -m)
+[ "$machine" = "$platform" ] || refuse "this bundle is for $platform, and this machine is $machine: make one with --platform $machine"
+python=
+for candidate in "python$wanted" python3 python; do
+    if found=$(command -v "$candidate") &&
+        [ "$("$found" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)" = "$wanted" ]; then
+        python=$found
+        break
+    fi
+done
+here=$(python3 -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null || echo none)
+[ -n "$python" ] || refuse "this bundle is for Python $wanted, and here is Python $here: install python$wanted, or make a bundle with --python"
+unfit=$("$python" -c '
+import os, platform, struct, sys
+try:
+    import venv
+except ImportError:
+    sys.exit("its venv module is missing: install the package libpython3-stdlib or python3-venv")
+name, version = platform.libc_ver()
+if struct.calcsize("P") != 8:
+    sys.exit("it is a 32-bit one: install a 64-bit system")
+if name != "glibc" or tuple(map(int, version.split("."))) < (2, 28):
+    sys.exit("it runs on %s %s, and the wheels need glibc 2.28 or newer" % (name or "another C library", version))
+' 2>&1) || refuse "$python does not fit: $unfit"
+if [ "$systemd" = yes ]; then
+    case $("$python" -c 'import os, sys; print(os.path.realpath(sys.executable))') in
+        /home/* | /root/*) refuse "$python lies in a user's home, which services do not see: install the system's python$wanted" ;;
+    esac
+fi
+
+# What is there already?
+whole() { [ -f "$1/VERSION.json" ] && [ -x "$1/venv/bin/python" ]; }
+current=$(readlink "$prefix/current" 2>/dev/null || true)
+current=${current##*/}
+units=/etc/systemd/system
+unit_is_new() { ! [ -f "$units/$1" ] || ! sed "s|@PREFIX@|$prefix|g" "$bundle/units/$1" | cmp -s - "$units/$1"; }
+new_units=
+if [ "$systemd" = yes ]; then
+    for unit in "$bundle"/units/*.service; do
+        unit_is_new "${unit##*/}" && new_units="$new_units ${unit##*/}"
+    done
+fi
+if [ "$current" = "$release" ] && whole "$home" && [ -z "$new_units" ]; then
+    say "$robot runs release $release of $mission from $prefix already: nothing to do"
+    exit 0
+fi
+if [ "$dry" = yes ]; then
+    whole "$home" || say "would install release $release into $home, with $python"
+    [ "$current" = "$release" ] || say "would point $prefix/current at it (now ${current:-nothing})"
+    [ -z "$new_units" ] || say "would install the units$new_units into $units"
+    exit 0
+fi
+if [ "$systemd" = yes ]; then
+    [ "$(id -u)" = 0 ] || refuse "must be run as root (sudo sh install.sh), or with --no-systemd"
+    command -v systemctl >/dev/null || refuse "there is no systemd here: use --no-systemd and start the processes yourself"
+fi
+
+mkdir -p "$prefix/releases" || failed "$prefix cannot be made"
+if command -v flock >/dev/null; then
+    exec 9>"$prefix/.install.lock"
+    flock -n 9 || refuse "another installation is running into $prefix just now"
+fi
+trap 'failed "interrupted; $prefix/current is what it was"' INT TERM HUP
+
+owner=
+if [ "$systemd" = yes ]; then
+    owner=formation
+    if ! id "$owner" >/dev/null 2>&1; then
+        useradd --system --user-group --no-create-home --home-dir /nonexistent --shell /usr/sbin/nologin "$owner" ||
+            failed "the user $owner cannot be made"
+    fi
+fi
+
+if ! whole "$home"; then
+    free=$(df -Pk "$prefix" | awk 'NR == 2 { print $4 }')
+    [ "$free" -ge 200000 ] || refuse "$prefix has only $((free / 1000)) MB free, and a release needs 200"
+    begin=$(date +%s)
+    say "installing release $release for $robot into $home (up to some minutes)"
+    rm -rf "$home" # what an interrupted installation left
+    mkdir -p "$home/units"
+    "$python" -m venv --without-pip "$home/venv" || failed "no virtual environment can be made in $home"
+    set -- --find-links "$bundle/wheels" --requirement "$bundle/wheels/requirements.txt"
+    # Where packages are fetched from is for this machine's pip configuration to say; else that has no say.
+    [ "$wheels" = false ] || set -- --isolated --no-index "$@"
+    # The bundle's own pip, run from its wheel: the robot needs none. Nothing but what the list names, as it hashes.
+    (
+        unset PYTHONPATH PYTHONHOME
+        exec "$home/venv/bin/python" "$(echo "$bundle"/wheels/pip-*.whl)/pip" install \
+            --disable-pip-version-check --no-input --quiet --no-cache-dir --no-warn-script-location --root-user-action ignore \
+            --require-hashes --no-deps --only-binary :all: "$@"
+    ) || failed "the packages cannot be installed; $prefix/current is what it was"
+
+    cp "$bundle/mission.toml" "$home/mission.toml"
+    sed "s|@PREFIX@|$prefix|g" "$bundle/zenoh.json5" >"$home/zenoh.json5"
+    for unit in "$bundle"/units/*.service; do
+        sed "s|@PREFIX@|$prefix|g" "$unit" >"$home/units/${unit##*/}"
+    done
+    # Keys: readable by their owner only, from the first byte on.
+    (umask 077 && mkdir "$home/certificates" && cp "$bundle"/certificates/*.pem "$home/certificates/")
+    [ -z "$owner" ] || chown -R "$owner:$owner" "$home/certificates"
+    find "$home/units" "$home/mission.toml" "$home/zenoh.json5" -type f -exec chmod 644 {} +
+
+    "$home/venv/bin/python" -I -c '
+import sys, numpy, pydantic, zenoh
+from formation.mission.file import load
+mission = load(sys.argv[1])
+known = [*mission.robots, *mission.standbys]
+sys.exit(None if sys.argv[2] in known else "the mission has no robot %s" % sys.argv[2])
+' "$home/mission.toml" "$robot" || failed "what was installed does not run here; $prefix/current is what it was"
+
+    cp "$bundle/VERSION.json" "$home/.VERSION.json"
+    chmod 644 "$home/.VERSION.json"
+    sync -f "$home" 2>/dev/null || sync # a robot is switched off by its switch
+    mv "$home/.VERSION.json" "$home/VERSION.json" # last of all: a release without it is not whole
+    say "installed in $(($(date +%s) - begin)) s"
+fi
+
+point() { # a link that names its new target from one moment to the next
+    rm -f "$prefix/.$1.new"
+    ln -s "releases/$2" "$prefix/.$1.new"
+    mv -T "$prefix/.$1.new" "$prefix/$1"
+}
+if [ "$current" != "$release" ]; then
+    if [ -n "$current" ] && whole "$prefix/releases/$current"; then point previous "$current"; fi
+    touch "$home"
+    point current "$release"
+    trap - INT TERM HUP
+    say "$prefix/current is release $release${current:+ (was $current)}"
+    was=
+    if [ -n "$current" ] && whole "$prefix/releases/$current"; then was=$(fact robot "$prefix/releases/$current"); fi
+    [ "${was:-$robot}" = "$robot" ] || say "NOTE: this machine was $was, and is $robot now; is that the right folder?"
+fi
+
+if [ "$systemd" = yes ]; then
+    names=
+    for unit in "$bundle"/units/*.service; do
+        name=${unit##*/}
+        names="$names $name"
+        if unit_is_new "$name"; then
+            sed "s|@PREFIX@|$prefix|g" "$unit" >"$units/.$name.new"
+            chmod 644 "$units/.$name.new"
+            mv "$units/.$name.new" "$units/$name"
+        fi
+    done
+    systemctl daemon-reload
+    # shellcheck disable=SC2086 # they are words
+    systemctl --quiet enable $names || failed "the units cannot be enabled"
+    if [ "$restart" = no ]; then
+        say "running services were left alone; they change with: systemctl restart$names"
+    elif [ "$role" = agent ] && [ -n "$bringup" ] && ! systemctl --quiet is-active "$bringup"; then
+        systemctl restart formation-watchdog.service
+        say "formation-agent starts with $bringup, which does not run now (samples are in $bundle/samples)"
+    else
+        # shellcheck disable=SC2086 # they are words
+        systemctl restart $names || failed "installed, but not started; see: journalctl -u formation-$role"
+        say "started:$names"
+    fi
+fi
+
+# The three used last are kept, those that the links name among them.
+before=$(readlink "$prefix/previous" 2>/dev/null || true)
+before=${before##*/}
+kept=1
+[ -z "$before" ] || kept=2
+# shellcheck disable=SC2045 # their names are ours: hexadecimal
+for name in $(ls -1t "$prefix/releases"); do
+    case $name in "$release" | "$before") continue ;; esac
+    if [ "$kept" -lt 3 ] && whole "$prefix/releases/$name"; then
+        kept=$((kept + 1))
+    else
+        rm -rf "${prefix:?}/releases/$name"
+    fi
+done

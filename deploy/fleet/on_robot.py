@@ -1,0 +1,322 @@
+"""The program that a push runs on a robot: sent as text, so the robot needs only Python 3.
+
+``python3 -c TEXT COMMAND ARGUMENTS`` with the arguments as JSON. It answers with one line of JSON after
+`MARK` on stdout (a login shell may print other text there), and before it the lines of an installation. This
+file imports only the standard library, and nothing that only a new version has.
+
+The bundle arrives in PREFIX/incoming, a mirror that remains after the push: its files are not sent again.
+Releases are made from it by the bundle's own install.sh, which switches PREFIX/current last; until then the
+running release is untouched.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import hashlib
+import json
+import os
+import select
+import shutil
+import signal
+import stat
+import subprocess
+import sys
+import tarfile
+import time
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+MARK = "formation-answer: "
+INCOMING, CURRENT, PREVIOUS, VERSION = "incoming", "current", "previous", "VERSION.json"
+PUSHING, INSTALLING = ".lock", ".install.lock"  # files whose locks a push and an install.sh hold
+INSTALLED = ".installed"  # the file that names the completely installed release
+AGENT = "formation-agent.service"
+SYSTEMD = Path("/etc/systemd/system")
+Answer = dict[str, Any]
+
+
+class Refused(Exception):  # noqa: N818 - the request fails; the text gives the cause
+    """A request cannot be done on this robot; the text is one sentence."""
+
+
+def look(prefix: Path, _request: Answer) -> Answer:
+    """Return the mirror's content, the current and the complete releases, and the free space [bytes]."""
+    incoming = prefix / INCOMING
+    files = {}
+    if incoming.is_dir():
+        files = {_name(incoming, path): _facts(path) for path in _files(incoming)}
+    done = prefix / INSTALLED
+    return {
+        "files": files,
+        "release": _release(prefix / CURRENT),
+        "installed": done.read_text(encoding="utf-8") if done.is_file() else None,
+        "free": _free(prefix),
+    }
+
+
+def receive(prefix: Path, request: Answer) -> Answer:
+    """Bring the mirror up to date from a tar stream on stdin, then install from it.
+
+    Nothing is installed unless every file has the sender's digest.
+    """
+    incoming, wanted = prefix / INCOMING, request["files"]
+    incoming.mkdir(parents=True, exist_ok=True)
+    incoming.chmod(0o700)
+    with _only_one(prefix, PUSHING):
+        _take(incoming, wanted, sys.stdin.buffer)
+        _forget(incoming, wanted)
+        for name, facts in wanted.items():
+            path = incoming / name
+            if not path.is_file() or _facts(path)[0] != facts[0]:
+                raise Refused(f"{name} did not arrive as it was sent")
+            path.chmod(facts[1])
+        (prefix / INSTALLED).unlink(missing_ok=True)
+        code = _install(incoming, request["install"])
+        if code == 0:
+            (prefix / INSTALLED).write_text(_release(prefix / CURRENT) or "", encoding="utf-8")
+    return {"exit": code, "release": _release(prefix / CURRENT)}
+
+
+def rollback(prefix: Path, request: Answer) -> Answer:
+    """Link back to the release before the current one, and restart its units."""
+    with _only_one(prefix, PUSHING), _only_one(prefix, INSTALLING):
+        left, back = _release(prefix / CURRENT), _release(prefix / PREVIOUS)
+        if left is None:
+            raise Refused(f"nothing is installed under {prefix}")
+        if back is None or back == left or not (prefix / PREVIOUS / VERSION).is_file():
+            raise Refused(f"there is no release before {left}")
+        target = (prefix / PREVIOUS).readlink()
+        new = prefix / f".{CURRENT}.{os.getpid()}"
+        new.symlink_to(target, target_is_directory=True)
+        new.replace(prefix / CURRENT)
+        (prefix / PREVIOUS).unlink()
+        output = _restart(prefix) if request["restart"] else ""
+    return {"left": left, "release": back, "restart": output}
+
+
+def status(prefix: Path, _request: Answer) -> Answer:
+    """Return the current release, since when, its VERSION.json, and its units' states."""
+    current = prefix / CURRENT
+    if _release(current) is None:
+        return {"release": None}
+    mission = current / "mission.toml"
+    return {
+        "release": _release(current),
+        "previous": _release(prefix / PREVIOUS),
+        "since": current.lstat().st_mtime,
+        "now": time.time(),
+        "version": _json(current / VERSION),
+        "mission_sha256": _digest(mission) if mission.is_file() else None,
+        "units": {unit: _unit(unit) for unit in _units(prefix)},
+    }
+
+
+def _take(incoming: Path, wanted: Answer, stream: IO[bytes]) -> None:
+    """Write each file of the stream under another name first, so that no name ever holds a partial file."""
+    with tarfile.open(fileobj=stream, mode="r|") as archive:
+        for entry in archive:
+            if entry.name not in wanted or not entry.isfile():
+                raise Refused(f"{entry.name!r} was sent, but it is not in the list")
+            source = archive.extractfile(entry)
+            assert source is not None  # noqa: S101 - for the type checker: it is a file
+            path = incoming / entry.name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            part = path.with_name(f".{path.name}.part")
+            part.unlink(missing_ok=True)
+            # its mode from the first byte on: a key is never readable by others, not even while it arrives
+            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+            with os.fdopen(os.open(str(part), flags, wanted[entry.name][1] & 0o700), "wb") as file:
+                shutil.copyfileobj(source, file, 1 << 16)
+            if path.is_dir():
+                shutil.rmtree(path)
+            part.replace(path)
+
+
+def _forget(incoming: Path, wanted: Answer) -> None:
+    for path in _files(incoming):
+        if _name(incoming, path) not in wanted:
+            path.unlink()
+
+
+def _install(incoming: Path, arguments: Sequence[str]) -> int:
+    """Run the bundle's install.sh, passing on its output; end it if the reader is gone."""
+    child = subprocess.Popen(
+        ["/bin/sh", "./install.sh", *arguments],
+        cwd=str(incoming),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        start_new_session=True,
+    )
+    assert child.stdout is not None  # noqa: S101 - for the type checker: it was asked for above
+    if not _pass_on(child.stdout.fileno()):
+        with suppress(ProcessLookupError):
+            os.killpg(child.pid, signal.SIGTERM)
+    return child.wait()
+
+
+def _pass_on(source: int) -> bool:
+    """Copy `source` to stdout until it ends; return False as soon as stdout has no reader."""
+    waiting = select.poll()
+    waiting.register(source, select.POLLIN)
+    waiting.register(1, 0)  # only a broken pipe
+    while True:
+        for number, event in waiting.poll():
+            if number == 1 and event & (select.POLLERR | select.POLLHUP):
+                return False
+            if number == source:
+                block = os.read(source, 1 << 16)
+                if not block:
+                    return True
+                try:
+                    os.write(1, block)
+                except BrokenPipeError:
+                    return False
+
+
+def _units(prefix: Path) -> list[str]:
+    """Return the names of the units of the current release."""
+    folder = prefix / CURRENT / "units"
+    return sorted(path.name for path in folder.glob("*.service")) if folder.is_dir() else []
+
+
+def _unit(name: str) -> Answer:
+    wanted = "ActiveState,SubState,StatusText,NRestarts,LoadState"
+    output = _output_of(["systemctl", "show", "-p", wanted, name])
+    facts = dict(line.partition("=")[::2] for line in (output or "").splitlines())
+    last = _output_of(["journalctl", "-u", name, "-n", "1", "-o", "cat", "--no-pager", "-q"])
+    return {
+        "active": facts.get("ActiveState", "unknown") if facts.get("LoadState") == "loaded" else "not loaded",
+        "detail": facts.get("SubState", ""),
+        "restarts": int(facts["NRestarts"]) if facts.get("NRestarts", "").isdigit() else 0,
+        "says": facts.get("StatusText") or (last or "").strip()[:200],
+    }
+
+
+def _restart(prefix: Path) -> str:
+    """Link the current release's units into systemd and restart them; return the error, or empty."""
+    units = [unit for unit in _units(prefix) if (SYSTEMD / unit).exists()]
+    if not units:
+        return ""
+    for unit in units:
+        shutil.copyfile(str(prefix / CURRENT / "units" / unit), str(SYSTEMD / unit))
+    for words in (["systemctl", "daemon-reload"], ["systemctl", "restart", *_startable(prefix, units)]):
+        done = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False)
+        if done.returncode != 0:
+            return done.stdout.decode(errors="replace").strip()[-500:]
+    return ""
+
+
+def _startable(prefix: Path, units: Sequence[str]) -> list[str]:
+    """Return the units that may start now: an agent is bound to the bring-up, and would start it too."""
+    bringup = _json(prefix / CURRENT / VERSION).get("bringup")
+    if (
+        not isinstance(bringup, str)
+        or not bringup
+        or _output_of(["systemctl", "is-active", bringup]) is not None
+    ):
+        return list(units)
+    return [unit for unit in units if unit != AGENT]
+
+
+def _output_of(words: Sequence[str]) -> str | None:
+    """Return a program's output; None if it is missing or fails."""
+    try:
+        done = subprocess.run(
+            words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=10, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout.decode(errors="replace") if done.returncode == 0 else None
+
+
+@contextmanager
+def _only_one(prefix: Path, name: str) -> Iterator[None]:
+    try:
+        file = (prefix / name).open("w")
+    except FileNotFoundError:
+        raise Refused(f"nothing is installed under {prefix}") from None
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise Refused("another installation is running on this robot") from None
+        yield
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    for root, _, names in os.walk(str(folder)):
+        for name in names:
+            yield Path(root) / name
+
+
+def _name(folder: Path, path: Path) -> str:
+    return path.relative_to(folder).as_posix()
+
+
+def _facts(path: Path) -> list[Any]:
+    return [_digest(path), stat.S_IMODE(path.stat().st_mode)]
+
+
+def _digest(path: Path) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        for block in iter(lambda: file.read(1 << 20), b""):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def _release(link: Path) -> str | None:
+    """Return the name of the release that a link points to; None if there is no link."""
+    return link.readlink().name if link.is_symlink() and link.exists() else None
+
+
+def _free(prefix: Path) -> int:
+    while not prefix.exists():
+        prefix = prefix.parent
+    return shutil.disk_usage(str(prefix)).free
+
+
+def _json(path: Path) -> Answer:
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return data if isinstance(data, dict) else {}
+
+
+COMMANDS: dict[str, Callable[[Path, Answer], Answer]] = {
+    "look": look,
+    "receive": receive,
+    "rollback": rollback,
+    "status": status,
+}
+
+
+def main(command: str, arguments: str) -> int:
+    """Run the command and answer; return the exit code."""
+    os.umask(0o022)
+    request = json.loads(arguments)
+    prefix = Path(request["prefix"])
+    try:
+        answer = COMMANDS[command](prefix, request)
+    except Refused as refused:
+        answer = {"error": str(refused)}
+    except (tarfile.TarError, EOFError):
+        answer = {"error": "what was sent broke off; nothing has been installed"}
+    except OSError as error:
+        where = f" ({error.filename})" if error.filename else ""
+        full = error.errno in {errno.ENOSPC, errno.EDQUOT}
+        answer = {"error": f"{'disk full' if full else error.strerror or error}{where}"}
+    with suppress(BrokenPipeError):
+        print(f"\n{MARK}{json.dumps(answer)}", flush=True)
+    return 1 if "error" in answer else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

@@ -1,0 +1,207 @@
+"""The mission that `formation new` writes: the request, and its text."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from formation.mission.model import Collisions
+from formation.slots.measuring import measured
+from formation.slots.shapes import SHAPES, polygon
+
+COLLISIONS = Collisions()
+"""Default settings of the collision filter; new missions state them."""
+SETTLED_EDGE_ERROR = 0.0005
+"""Mean error per edge below which a formation of more than a hundred edges counts as settled [m]."""
+AVOID_ALL = 12
+"""Largest number of robots that all avoid all; of more, each avoids those in the slots around its own."""
+AVOIDED_SPACINGS = 2.1
+"""Largest distance of those slots [spacings]: starts are drawn up to half a spacing off slots."""
+GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
+"""Angle from one start's offset to the next [rad]: starts look random but are reproducible."""
+
+
+class Profile(NamedTuple):
+    """A kind of robots, with suitable values."""
+
+    spacing: float
+    """[m]"""
+    radius: float
+    """[m]"""
+    tables: str
+    """Text of [law] and [robot]."""
+    speed: float
+    """The leader's speed [m/s]."""
+    lag: float = 0.0
+    """Time constant with which it follows commands [s]."""
+    simulated: str = ""
+    """Text of [simulated_robot]; bodies are ideal without it."""
+
+
+PROFILES = {
+    "turtlebot3_burger": Profile(
+        spacing=0.5,
+        radius=0.105,
+        speed=0.05,
+        lag=0.1,
+        tables="""\
+[law]
+k_p = 2.0                    # [1/s]
+k_i = 0.2                    # [1/s²]
+
+[robot]                      # TurtleBot3 Burger; every robot, unless its own table says otherwise
+control_point_offset = 0.05  # L [m]
+max_speed = 0.2108           # [m/s], what its firmware keeps to
+max_turn_rate = 2.635        # [rad/s]
+radius = 0.105               # of a circle that holds the body [m]
+rate = 20                    # of its odometry [Hz]
+cmd_vel = "twist_stamped"    # Jazzy; "twist" for Humble
+odometry_frame = "start"     # its odometry begins with zero where it is switched on: on its start pose
+speed_step = 0.01            # its node cuts commands to hundredths,
+turn_rate_step = 0.01        # which error feedback makes up for
+""",
+        simulated="""
+[simulated_robot]
+profile = "turtlebot3_burger"
+""",
+    ),
+    "paper": Profile(
+        spacing=1.0,
+        radius=0.1,
+        speed=0.2,
+        tables="""\
+[law]                        # gains and limits of section 4 of the paper
+k_p = 2.0                    # [1/s]
+k_i = 1.0                    # [1/s²]
+
+[robot]                      # every robot, unless its own table says otherwise
+control_point_offset = 0.2   # L [m]
+max_speed = 1.5              # [m/s]
+max_turn_rate = 1.5          # [rad/s]
+radius = 0.1                 # of a circle that holds the body [m]
+rate = 20                    # of its odometry [Hz]
+""",
+    ),
+}
+"""Profiles by name, the default first."""
+
+
+class Draft(NamedTuple):
+    """The requested mission."""
+
+    shape: str
+    robots: int
+    spacing: float
+    """[m]"""
+    profile: str
+    corners: int | None = None
+    """Corners of a polygon; None for the default."""
+
+    @property
+    def slots(self) -> tuple[complex, ...]:
+        """Slots of all robots, as in the file [m; from the leader, x ahead]."""
+        if self.shape == "polygon":
+            slots = polygon(self.robots, self.spacing, self.corners)
+        else:
+            slots = SHAPES[self.shape](self.robots, self.spacing)
+        return tuple(complex(round(slot.real, 6), round(slot.imag, 6)) for slot in slots)
+
+    @property
+    def command(self) -> str:
+        """The command that makes this mission."""
+        corners = "" if self.corners is None else f" --corners {self.corners}"
+        return (
+            f"formation new {self.shape} --robots {self.robots}{corners} --spacing {self.spacing:g} "
+            f"--robot {self.profile}"
+        )
+
+
+def text(draft: Draft) -> str:
+    """Return the whole mission file."""
+    profile, slots = PROFILES[draft.profile], draft.slots
+    graph = measured((0j, *slots))
+    bound = max(0.05, SETTLED_EDGE_ERROR * sum(map(len, graph.neighbours)))
+    where = "round" if draft.shape in {"circle", "polygon"} else "behind"
+    spread = min(0.5 * draft.spacing, 1.0)
+    return f"""\
+# {draft.robots} robots in a {draft.shape}, {draft.spacing:g} m apart, {where} a leader without a body. From:
+#
+#   {draft.command}
+#
+# Any single robot may be lost, and the others go on: `formation check` says how.
+# `formation assign` chooses slots and neighbours anew.
+name = "{draft.shape}-{draft.robots}"
+leader = "leader"
+duration = 60                # of `formation run` [s]
+settled = {bound:<18g} # formation error under which it counts as settled, summed over edges [m]
+turning = true               # slots are relative to the leader's heading: x ahead, y to the left
+
+{profile.tables}{_all(draft)}
+[collisions]
+margin = {COLLISIONS.margin:<19g} # room that is kept between two bodies [m]
+lag = {profile.lag:<22g} # time constant with which robots follow commands [s]
+noise = {COLLISIONS.noise:<20g} # of robots' positions, standard deviation per axis [m]
+delay = {COLLISIONS.delay:<20g} # positions of others may be so late [s]
+
+# [bounds]                   # your room, world frame [m]: outside it a robot holds, and orders that lead out
+# x = [-5.0, 20.0]           # are refused. Without it the bounds are wide: `formation check` says which
+# y = [-5.0, 5.0]
+
+[shapes.{draft.shape}]{" " * max(1, 20 - len(draft.shape))}# control points relative to the leader's [m]
+{"".join(_slots(slots))}
+[robots.leader]              # a point that goes along the route
+start = {{ x = 0.0, y = 0.0 }}
+{"".join(_robots(draft, graph.neighbours, graph.fallbacks))}
+[[route]]                    # the leader's: one endless leg, straight on
+speed = {profile.speed:<20g} # [m/s]
+heading_deg = 0
+{profile.simulated}
+[simulation]
+spread = {spread:<19g} # `formation simulate --runs` draws starts within ± this of each slot [m]
+"""
+
+
+def _slots(slots: tuple[complex, ...]) -> Iterator[str]:
+    for place, slot in enumerate(slots, 1):
+        yield f"robot{place} = [{_metres(slot.real)}, {_metres(slot.imag)}]\n"
+
+
+def _robots(
+    draft: Draft, neighbours: tuple[tuple[int, ...], ...], fallbacks: tuple[tuple[int, ...], ...]
+) -> Iterator[str]:
+    """Yield the robots' tables. Each starts off its slot, by less than would make two bodies touch."""
+    radius = PROFILES[draft.profile].radius
+    aside = min(0.25 * (draft.spacing - 2.0 * radius), 0.5)
+    for place, slot in enumerate(draft.slots, 1):
+        start = slot + cmath.rect(aside, GOLDEN_ANGLE * place)
+        heading = round(60.0 * math.sin(GOLDEN_ANGLE * place * place))
+        yield f"\n[robots.robot{place}]\nneighbours = [{_names(neighbours[place])}]\n"
+        if fallbacks[place]:
+            yield f"fallback_neighbours = [{_names(fallbacks[place])}]\n"
+        if beside := _beside(draft, place, {*neighbours[place], *fallbacks[place]}):
+            yield f"avoid = [{_names(beside)}]\n"
+        x, y = _metres(round(start.real, 3)), _metres(round(start.imag, 3))
+        yield f"start = {{ x = {x}, y = {y}, heading_deg = {heading} }}\n"
+
+
+def _all(draft: Draft) -> str:
+    return 'avoid = "all"                # every robot that comes near\n' if draft.robots <= AVOID_ALL else ""
+
+
+def _beside(draft: Draft, place: int, measured: set[int]) -> tuple[int, ...]:
+    """Return the robots that may come near, besides those that it measures."""
+    if draft.robots <= AVOID_ALL:
+        return ()
+    here, reach = draft.slots[place - 1], AVOIDED_SPACINGS * draft.spacing
+    near = [other for other, slot in enumerate(draft.slots, 1) if abs(slot - here) <= reach]
+    return tuple(other for other in near if other != place and other not in measured)
+
+
+def _names(robots: tuple[int, ...]) -> str:
+    return ", ".join(f'"robot{i}"' if i else '"leader"' for i in robots)
+
+
+def _metres(value: float) -> str:
+    return repr(value + 0.0)  # no -0.0

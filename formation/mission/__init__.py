@@ -1,0 +1,1 @@
+"""The mission: its model, its rules, its file."""

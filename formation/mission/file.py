@@ -1,0 +1,217 @@
+"""From a mission file, or the name of a shipped one, to a Mission; or to one clear error."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, BeforeValidator, Field, ValidationError
+from pydantic_core import ErrorDetails
+
+from formation.mission.legs import Circle, Leg, Straight, Waypoints
+from formation.mission.model import (
+    Bounds,
+    Cohesion,
+    Collisions,
+    LawSpec,
+    Mission,
+    SimulatedRobot,
+    SimulationSpec,
+    Standby,
+)
+from formation.mission.robot import RobotDefaults, RobotSpec, Start
+from formation.mission.scanner import Post, ScanSpec, SimulatedScanner, Wall
+from formation.mission.tables import NAME, TITLE, Table, as_tuple
+from formation.mission.toml_text import MAX_MISSION_BYTES, TomlError, loads
+
+SPELLINGS = {
+    NAME: "a small letter, and then small letters, digits and _ only",
+    TITLE: "a letter or digit, and then letters, digits, - and _ only",
+}
+"""What a pattern asks for, in words."""
+
+
+class RouteFile(Table):
+    """A file that holds a route and nothing else."""
+
+    route: Annotated[tuple[Leg, ...], BeforeValidator(as_tuple), Field(min_length=1)]
+
+
+MAX_ROBOTS = 500
+"""Robots of a mission file, the leader among them: analysis and rules compare each with each."""
+T = TypeVar("T", Mission, RouteFile)
+
+
+MISSION_HELP = "a TOML file, a folder of bundles, or the name of a shipped mission"
+"""What a command line takes as MISSION."""
+MISSION_NAME, DESK = "mission.toml", "desk"
+"""In a folder of bundles: a mission's file, and the folder of what the desk needs."""
+
+
+class MissionError(ValueError):
+    """A mission that is not legal; the text names file, key, value and what is legal."""
+
+
+def shipped() -> dict[str, Path]:
+    """Missions that come with the package, by name."""
+    folder = Path(str(files("formation.deploy"))) / "missions"
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def file_of(mission: str | Path) -> Path:
+    """The file of a mission: a TOML file, that of a folder of bundles, or a shipped one by name or title.
+
+    Raises OSError for a folder that cannot be read, ValueError for what is no path.
+    """
+    path = Path(mission)
+    for inside in (path / MISSION_NAME, path / DESK / MISSION_NAME):
+        if inside.is_file():
+            return inside
+    names = shipped()
+    if str(mission) in names:
+        return names[str(mission)]
+    return path if path.exists() else names.get(str(mission).replace("-", "_"), path)
+
+
+def configuration_of(mission: str | Path, process: str) -> Path | None:
+    """Zenoh's configuration of a desk's process, where `mission` is a folder of bundles with one."""
+    for folder in (Path(mission), Path(mission) / DESK):
+        if (file := folder / f"{process}.json5").is_file():
+            return file
+    return None
+
+
+def load(mission: str | Path) -> Mission:
+    """The mission in a TOML file, or the shipped one of that name. Raises MissionError."""
+    return parse(*read(mission))
+
+
+def read(mission: str | Path) -> tuple[str, str]:
+    """Text of a mission file and the name to call it by. Raises MissionError."""
+    try:
+        path = file_of(mission)
+        if path.exists() and not (
+            path.is_file() or path.is_dir()
+        ):  # a pipe is waited for, a device has no end
+            raise MissionError(f"{mission}: must be a file, is a pipe or a device")
+        with path.open("rb") as file:
+            data = file.read(MAX_MISSION_BYTES + 1)
+        if len(data) > MAX_MISSION_BYTES:
+            raise MissionError(f"{mission}: is longer than {MAX_MISSION_BYTES} bytes, the most that is read")
+        return data.decode(), str(mission)
+    except FileNotFoundError:
+        names = ", ".join(shipped())
+        raise MissionError(
+            f"{mission}: no such file, and no shipped mission of that name ({names})"
+        ) from None
+    except OSError as error:
+        raise MissionError(f"{mission}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise MissionError(f"{mission}: cannot be read as UTF-8 text: {error}") from None
+    except ValueError as error:  # no path at all, such as one with a zero byte
+        raise MissionError(f"{str(mission)!r}: cannot be read: {error}") from None
+
+
+def parse(text: str, name: str = "mission") -> Mission:
+    """The mission in TOML `text`; `name` is the file to blame. Raises MissionError."""
+    data = _toml(text, name)
+    if isinstance(robots := data.get("robots"), dict) and len(robots) > MAX_ROBOTS:
+        raise MissionError(f"{name}: robots = {len(robots)} items: should have at most {MAX_ROBOTS} items")
+    return _validated(Mission, data, name)
+
+
+def parse_route(text: str, name: str = "route") -> tuple[Leg, ...]:
+    """The ``[[route]]`` in TOML `text`, which may be a mission's; `name` is to blame. Raises MissionError."""
+    data = _toml(text, name)
+    if not data.keys().isdisjoint({"robots", "shapes"}):
+        return parse(text, name).route
+    return _validated(RouteFile, data, name).route
+
+
+def _toml(text: str, name: str) -> dict[str, Any]:
+    try:
+        return loads(text)
+    except TomlError as error:
+        raise MissionError(f"{name}: {error}") from None
+
+
+def _validated(cls: type[T], data: dict[str, Any], name: str) -> T:
+    try:
+        return cls.model_validate(data)
+    except ValidationError as error:
+        raise MissionError(f"{name}: {_sentence(error, cls)}") from None
+
+
+def _sentence(error: ValidationError, whole: type[BaseModel]) -> str:
+    details = error.errors(include_url=False)
+    # an unknown key explains the missing one beside it, so it comes first
+    first = min(details, key=lambda detail: detail["type"] != "extra_forbidden")
+    # a wrong default is wrong again in every robot that inherits it: that is one mistake
+    distinct = {(detail["loc"][-1:], _value(detail["input"])) for detail in details}
+    others = f" (and {len(distinct) - 1} more)" if len(distinct) > 1 else ""
+    return f"{_explain(first, whole)}{others}"
+
+
+def _explain(detail: ErrorDetails, whole: type[BaseModel]) -> str:
+    context: Mapping[str, Any] = detail.get("ctx", {})
+    # the tag of a leg's kind, and the mark of a bad key, are pydantic's and not the file's
+    place = [part for part in detail["loc"] if part not in {"straight", "circle", "waypoints", "[key]"}]
+    key, value = ".".join(_printable(str(part)) for part in place), _value(detail["input"])
+    match detail["type"]:
+        case "mission":
+            return f"{context['key']} = {_value(context['value'])}: {context['legal']}"
+        case "extra_forbidden":
+            legal = f"unknown key {key}; legal here: {_keys_beside(detail['loc'], whole)}"
+        case "missing" if isinstance(place[-1], int):
+            legal = f"{key.rpartition('.')[0]} = {value}: should be [x, y], two numbers in metres"
+        case "missing":
+            legal = f"{key} is missing; legal here: {_keys_beside(detail['loc'], whole)}"
+        case "string_pattern_mismatch":
+            legal = f"{key} = {value}: should be {SPELLINGS[context['pattern']]}"
+        case _:
+            wanted = detail["msg"].removeprefix("Input should be ").removeprefix("Input ")
+            wanted = wanted.replace("a valid tuple", "a list").replace("a valid dictionary", "a table")
+            wanted = wanted.partition(" or instance of ")[0]  # of a class, which no file has
+            legal = f"{key} = {value}: should be {wanted}"
+    return legal
+
+
+def _value(value: Any) -> str:
+    try:
+        text = "nothing" if value is None else repr(list(value) if isinstance(value, tuple) else value)
+    except ValueError:  # Python does not write a number of over 4300 digits
+        text = "a number of over 4300 digits"
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def _printable(key: str) -> str:
+    """A key in one line, and of a length that can be read."""
+    text = key if key.isprintable() else repr(key)[1:-1]
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def _keys_beside(loc: tuple[int | str, ...], whole: type[BaseModel]) -> str:
+    """The keys that the table which holds the last part of `loc` may have, in a file that is a `whole`."""
+    tables: dict[str, type[BaseModel]] = {
+        "law": LawSpec,
+        "robot": RobotDefaults,
+        "simulated_robot": SimulatedRobot,
+        "simulated_scanner": SimulatedScanner,
+        "simulation": SimulationSpec,
+        "posts": Post,
+        "walls": Wall,
+        "scan": ScanSpec,
+        "robots": RobotSpec,
+        "standbys": Standby,
+        "collisions": Collisions,
+        "cohesion": Cohesion,
+        "bounds": Bounds,
+        "start": Start,
+        "straight": Straight,
+        "circle": Circle,
+        "waypoints": Waypoints,
+    }
+    named = [tables[str(part)] for part in loc[:-1] if part in tables]
+    return ", ".join((named[-1] if named else whole).model_fields)

@@ -1,0 +1,127 @@
+"""[robot] and [robots.NAME] of a mission file: one robot, and what all have in common."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field
+from pydantic_core import PydanticCustomError
+
+from formation.control.controller import Limits
+from formation.control.tracker import FRESH_PERIODS
+from formation.mission.endpoint import Endpoint
+from formation.mission.scanner import ScanSpec
+from formation.mission.tables import Metres, Name, Namespace, NotNegative, Positive, Speed, Table, as_tuple
+from formation.ros2.ros_names import Ros
+
+
+class Start(Table):
+    """Start pose of a robot's centre."""
+
+    x: Metres
+    """x of the robot's centre [m; world frame]."""
+    y: Metres
+    """y of the robot's centre [m; world frame]."""
+    heading_deg: float = 0.0
+    """Heading, counter-clockwise from x [°; world frame]."""
+
+    @property
+    def position(self) -> complex:
+        """Centre [m; world frame]."""
+        return complex(self.x, self.y)
+
+    @property
+    def heading(self) -> complex:
+        """Unit complex heading [world frame]."""
+        return cmath.rect(1.0, math.radians(self.heading_deg))
+
+
+def _avoided(value: Any) -> Any:
+    """A list as TOML has it, as a tuple; what is neither that nor "all" is refused in one sentence."""
+    value = as_tuple(value)
+    if value == "all" or (isinstance(value, tuple) and all(isinstance(one, str) for one in value)):
+        return value
+    raise PydanticCustomError("avoided", 'Input should be "all" or a list of robots')
+
+
+class RobotDefaults(Table):
+    """[robot]: values of all robots; a key in [robots.NAME] replaces the one here."""
+
+    control_point_offset: Positive = 0.1
+    """Distance L of the control point ahead of the robot's centre [m]."""
+    max_speed: Speed = 1.0
+    """Speed limit u_max [m/s]."""
+    max_turn_rate: Speed = 1.5
+    """Turn rate limit ω_max [rad/s]."""
+    radius: Positive = 0.1
+    """Radius of a circle around the centre that contains the body [m]."""
+    rate: Annotated[float, Field(ge=1.0, le=200.0)] = 20.0
+    """Rate of the robot's own position (odometry or external pose), and so of its commands [Hz]."""
+    cmd_vel: Literal["twist", "twist_stamped"] = "twist"
+    """Message type of the robot's commands: geometry_msgs/Twist or geometry_msgs/TwistStamped."""
+    measurement: Literal["network", "local"] = "network"
+    """How neighbours are measured: `network` by the positions that they publish, `local` by displacements
+    from a sensor on the robot."""
+    robot_endpoint: Endpoint | None = None
+    """Zenoh endpoint of the robot's ROS 2 bridge or router; by default that of the simulated robot."""
+    ros: Ros = "ros2dds"
+    """How ROS 2 reaches Zenoh: through zenoh-bridge-ros2dds, or natively by rmw_zenoh."""
+    domain: Annotated[int, Field(ge=0, le=232)] = 0
+    """ROS domain id, used with rmw_zenoh; a bridge has its own configuration."""
+    namespace: Namespace | None = None
+    """ROS namespace of the robot's topics; by default the robot's name, `""` for none."""
+    localisation: Literal["odometry", "external"] = "odometry"
+    """Source of the robot's position: its odometry, or an external pose (camera, motion capture)."""
+    heading: Literal["observer", "measured"] = "observer"
+    """`observer` estimates the heading from positions; `measured` takes it from the position's source."""
+    odometry_frame: Literal["world", "start"] = "world"
+    """Frame of the odometry: the world frame, or relative to the pose in `start`."""
+    ramp: Annotated[float, Field(ge=0.0, le=10.0)] = 0.25
+    """Shortest time from rest to a limit, and back; 0 for none. Zero velocity is sent at once [s]."""
+    avoid: Annotated[Literal["all"] | tuple[str, ...], BeforeValidator(_avoided)] = ()
+    """Followers to avoid in addition to neighbours; the robot receives their positions."""
+    speed_step: NotNegative = 0.0
+    """The robot truncates speeds to multiples of this; error feedback compensates; 0 for none [m/s]."""
+    turn_rate_step: NotNegative = 0.0
+    """The same for turn rates [rad/s]."""
+    scanner: Literal["none", "optional", "required"] = "none"
+    """Whether the robot has a range scanner; with `required` it holds while no valid scan comes."""
+    scan: ScanSpec = ScanSpec()
+    """The range scanner."""
+
+
+class RobotSpec(RobotDefaults):
+    """[robots.NAME]: one robot."""
+
+    neighbours: Annotated[tuple[Name, ...], BeforeValidator(as_tuple)] = ()
+    """Robots that this robot measures and follows; empty for the leader."""
+    start: Start
+    """Start pose."""
+    fallback_neighbours: Annotated[tuple[Name, ...], BeforeValidator(as_tuple)] = ()
+    """Robots to follow while none of the neighbours can be followed."""
+    first_heading_deg: float | None = None
+    """First estimate of the heading observer; by default the leader's first heading [°; world frame]."""
+    endpoint: Endpoint | None = None
+    """Zenoh endpoint on which this robot's agent, or the leader, listens; by default on this machine."""
+
+    @property
+    def measurable(self) -> tuple[str, ...]:
+        """Robots that it may measure: its neighbours, then its fallback neighbours."""
+        return (*self.neighbours, *self.fallback_neighbours)
+
+    @property
+    def longest_command(self) -> float:
+        """After so long a silence the watchdog stops the robot [s]: no command lasts longer."""
+        return FRESH_PERIODS / self.rate
+
+    @property
+    def limits(self) -> Limits:
+        """The limits as `formation.control` takes them."""
+        return Limits(self.control_point_offset, self.max_speed, self.max_turn_rate)
+
+    @property
+    def top_speed(self) -> float:
+        """Fastest the control point can move [m/s]."""
+        return math.hypot(self.max_speed, self.control_point_offset * self.max_turn_rate)

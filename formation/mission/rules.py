@@ -1,0 +1,303 @@
+"""What makes a mission legal beyond its types; each rule yields what breaks it, most basic rule first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from pydantic_core import PydanticCustomError
+
+from formation.mission.spacing import too_close
+from formation.ros2.ros_names import RosNames, clash, is_namespace
+
+if TYPE_CHECKING:
+    from formation.mission.model import Mission
+
+
+VISITORS = ("monitor", "operator")
+"""What the processes are called that belong to no robot."""
+
+MIN_POSITIONS = 4
+"""So many positions a follower tells in a takeover at least, or a leader's lease ends between two of them."""
+
+
+class Violation(NamedTuple):
+    """One thing that is not legal: where, what stands there, and what may stand there."""
+
+    key: str
+    value: Any
+    legal: str
+
+
+def enforce(mission: Mission) -> None:
+    """Raise for the first violation, as an error that pydantic passes to the caller."""
+    for rule in RULES:
+        for broken in rule(mission):
+            raise PydanticCustomError("mission", "{legal}", broken._asdict())
+
+
+def leader_is_a_robot(mission: Mission) -> Iterator[Violation]:
+    """The leader is one of the robots and has no neighbours."""
+    if mission.leader not in mission.robots:
+        yield Violation("leader", mission.leader, f"must be one of the robots: {_list(mission.robots)}")
+        return
+    leader = mission.robots[mission.leader]
+    for key, others in (
+        ("neighbours", leader.neighbours),
+        ("fallback_neighbours", leader.fallback_neighbours),
+    ):
+        if others:
+            yield Violation(
+                f"robots.{mission.leader}.{key}",
+                list(others),
+                "must be empty: the leader follows its route, not a neighbour",
+            )
+
+
+def neighbours_exist(mission: Mission) -> Iterator[Violation]:
+    """Each neighbour and fallback neighbour is another robot of the mission, listed once."""
+    for name, robot in mission.robots.items():
+        for key, others in (
+            ("neighbours", robot.neighbours),
+            ("fallback_neighbours", robot.fallback_neighbours),
+        ):
+            for position, other in enumerate(others):
+                problem = None
+                if other == name:
+                    problem = f"a robot cannot be its own neighbour; choose from {_others(mission, name)}"
+                elif other not in mission.robots:
+                    problem = f"unknown robot; choose from {_others(mission, name)}"
+                elif other in others[:position]:
+                    problem = "listed twice; each neighbour counts once"
+                elif others is not robot.neighbours and other in robot.neighbours:
+                    problem = "is a neighbour already; fallback_neighbours are for when all of those are lost"
+                if problem is not None:
+                    yield Violation(f"robots.{name}.{key}", other, problem)
+
+
+def avoided_have_bodies(mission: Mission) -> Iterator[Violation]:
+    """Every robot in `avoid` is a follower: the leader has no body."""
+    for name in mission.followers:
+        avoid = mission.robots[name].avoid
+        # what stands under [robot] is of every robot, and each may stand in the others' list
+        by_default = avoid == mission.robot.avoid
+        key = "robot.avoid" if by_default else f"robots.{name}.avoid"
+        others = [one for one in mission.followers if by_default or one != name]
+        legal = f'choose from {", ".join(others)}, or avoid = "all"' if others else 'must be avoid = "all"'
+        for other in () if avoid == "all" else avoid:
+            if other not in mission.robots:
+                yield Violation(key, other, f"unknown robot; {legal}")
+            elif other == mission.leader:
+                yield Violation(key, other, f"has no body, for it leads; {legal}")
+
+
+def tree_from_the_leader(mission: Mission) -> Iterator[Violation]:
+    """Every follower has a path of neighbours to the leader (Assumption 1 of the paper)."""
+    lost = [mission.names[i] for i in mission.graph.unreachable]
+    if lost:
+        yield Violation(
+            f"robots.{lost[0]}.neighbours",
+            list(mission.robots[lost[0]].neighbours),
+            f"no path of neighbours leads from {_list(lost)} to the leader {mission.leader!r}; all need one",
+        )
+
+
+def shapes_are_complete(mission: Mission) -> Iterator[Violation]:
+    """Every shape has one slot for each follower, and no others; `shape` names one of the shapes."""
+    followers = set(mission.followers)
+    for shape, slots in mission.shapes.items():
+        for name in slots:
+            if name not in followers:
+                yield Violation(
+                    f"shapes.{shape}.{name}",
+                    list(slots[name]),
+                    f"must be a follower: {_list(mission.followers)}",
+                )
+        missing = [name for name in mission.followers if name not in slots]
+        if missing:
+            yield Violation(
+                f"shapes.{shape}", _list(slots), f"has no slot for {_list(missing)}; every follower needs one"
+            )
+    if mission.shape is not None and mission.shape not in mission.shapes:
+        yield Violation("shape", mission.shape, f"must be one of the shapes: {_list(mission.shapes)}")
+
+
+def leader_slower_than_followers(mission: Mission) -> Iterator[Violation]:
+    """The speed of every leg is below the `max_speed` of every follower."""
+    slowest = min(mission.followers, key=lambda name: mission.robots[name].max_speed)
+    limit = mission.robots[slowest].max_speed
+    for number, leg in enumerate(mission.route):
+        if leg.speed >= limit:
+            yield Violation(
+                f"route.{number}.speed", leg.speed, f"must be below {slowest}'s max_speed of {limit:g} m/s"
+            )
+
+
+def only_the_last_leg_is_endless(mission: Mission) -> Iterator[Violation]:
+    """Every leg except the last has an end: a straight or circle leg needs a `duration`."""
+    for number, leg in enumerate(mission.route[:-1]):
+        if getattr(leg, "duration", 0.0) is None:
+            yield Violation(
+                f"route.{number}.duration", None, "only the last leg may go without a duration [s]"
+            )
+
+
+def starts_do_not_touch(mission: Mission) -> Iterator[Violation]:
+    """Any two followers start further apart than the sum of their radii."""
+    bodies = [mission.robots[name] for name in mission.followers]
+    radii = [body.radius for body in bodies]
+    for i, j, distance in too_close([body.start.position for body in bodies], radii):
+        first, second = mission.followers[i], mission.followers[j]
+        yield Violation(
+            f"robots.{second}.start",
+            f"{{x = {bodies[j].start.x:g}, y = {bodies[j].start.y:g}}}",
+            f"must be over {radii[i] + radii[j]:g} m (both radii) from {first}'s start; "
+            f"it is {distance:.3g} m away",
+        )
+
+
+def standbys_have_names_of_their_own(mission: Mission) -> Iterator[Violation]:
+    """A standby has a name of its own: not a robot's, not `monitor` and not `operator`."""
+    for name in mission.standbys:
+        if name in mission.robots:
+            yield Violation(
+                f"standbys.{name}", name, "is a robot's name; a standby is no robot and has its own"
+            )
+        if name in VISITORS:
+            yield Violation(f"standbys.{name}", name, f"must be another name: the {name} goes by this one")
+
+
+def followers_answer_within_a_takeover(mission: Mission) -> Iterator[Violation]:
+    """With standbys, every follower publishes four positions or more within `takeover`, for its votes."""
+    slowest = min(mission.followers, key=lambda name: mission.robots[name].rate)
+    least = MIN_POSITIONS / mission.robots[slowest].rate
+    if mission.standbys and mission.takeover < least:
+        yield Violation(
+            "takeover",
+            mission.takeover,
+            f"must be at least {least:.3g} s, in which {slowest} publishes its position"
+            f" {MIN_POSITIONS} times",
+        )
+
+
+def agents_listen_apart(mission: Mission) -> Iterator[Violation]:
+    """No two processes have the same `endpoint`."""
+    taken: dict[str, str] = {}
+    tables = {f"robots.{name}": (name, robot.endpoint) for name, robot in mission.robots.items()}
+    tables |= {f"standbys.{name}": (name, standby.endpoint) for name, standby in mission.standbys.items()}
+    for table, (name, endpoint) in tables.items():
+        if endpoint is None:
+            continue
+        if endpoint in taken:
+            own = "a robot's own" if table.startswith("robots.") else "the standby's own"
+            yield Violation(f"{table}.endpoint", endpoint, f"must be {own}; {taken[endpoint]} has the same")
+        taken[endpoint] = name
+
+
+def namespaces_are_ros_names(mission: Mission) -> Iterator[Violation]:
+    """A `namespace` is empty, or a ROS namespace without its leading slash."""
+    for name, robot in mission.robots.items():
+        if robot.namespace is not None and not is_namespace(robot.namespace):
+            yield Violation(
+                f"robots.{name}.namespace",
+                robot.namespace,
+                "must be a ROS namespace without its leading slash, such as 'robot1' or 'lab/robot1': "
+                "letters, digits and _, no part beginning with a digit; or '' for none",
+            )
+
+
+def ros_names_are_a_robots_own(mission: Mission) -> Iterator[Violation]:
+    """Two robots with the same `robot_endpoint` have no topic in common."""
+    together: dict[object, dict[str, RosNames]] = {}
+    for name in mission.followers:
+        robot = mission.robots[name]
+        if robot.robot_endpoint is None:
+            continue
+        # the domain of a bridge does not show in its keys
+        domain = robot.domain if robot.ros == "rmw_zenoh" else None
+        # each computer has a loopback of its own
+        local = robot.robot_endpoint.partition("/")[2].startswith(("127.", "localhost:", "[::1]:"))
+        computer = robot.endpoint.rpartition(":")[0] if local and robot.endpoint is not None else ""
+        place = (computer, robot.robot_endpoint, robot.ros, domain)
+        together.setdefault(place, {})[name] = RosNames.of(name, robot)
+    for robots in together.values():
+        shared = clash(robots)
+        if shared is not None:
+            first, second, topic = shared
+            yield Violation(
+                f"robots.{second}.namespace",
+                robots[second].namespace,
+                f"must keep its topics apart from {first}'s, which has the same robot_endpoint: both have "
+                f"/{topic}",
+            )
+
+
+def steps_leave_room(mission: Mission) -> Iterator[Violation]:
+    """`speed_step` is below `max_speed`, and `turn_rate_step` below `max_turn_rate`."""
+    for name in mission.followers:
+        robot = mission.robots[name]
+        for step, limit in (("speed_step", "max_speed"), ("turn_rate_step", "max_turn_rate")):
+            if getattr(robot, step) >= getattr(robot, limit):
+                yield Violation(
+                    f"robots.{name}.{step}",
+                    getattr(robot, step),
+                    f"must be less than its {limit} of {getattr(robot, limit):g}, or all commands are zero",
+                )
+
+
+def a_scanner_sees_something(mission: Mission) -> Iterator[Violation]:
+    """`range_min` of the simulated scanner is below its `range_max`."""
+    scanner = mission.simulated_scanner
+    if scanner.range_min >= scanner.range_max:
+        legal = f"must be less than its range_max of {scanner.range_max:g} m"
+        yield Violation("simulated_scanner.range_min", scanner.range_min, legal)
+
+
+def bounds_hold_the_start(mission: Mission) -> Iterator[Violation]:
+    """Bounds are least before greatest; all starts and the slots of the first shape lie inside."""
+    if mission.bounds is None:
+        return
+    leader = mission.robots[mission.leader].start.position
+    turned = mission.leader_heading if mission.turning else 1.0
+    for axis, (least, most) in (("x", mission.bounds.x), ("y", mission.bounds.y)):
+        if least >= most:
+            yield Violation(f"bounds.{axis}", [least, most], "must be [least, most] in metres")
+        for name, robot in mission.robots.items():
+            value = getattr(robot.start, axis)
+            if not least <= value <= most:
+                legal = f"must be within the bounds, {least:g} to {most:g} m"
+                yield Violation(f"robots.{name}.start.{axis}", value, legal)
+        for name in mission.followers:
+            slot = leader + turned * mission.slot(name)
+            value = slot.real if axis == "x" else slot.imag
+            if not least <= value <= most:
+                legal = f"must hold the first shape at the start; {name}'s slot is at {axis} = {value:.4g} m"
+                yield Violation(f"bounds.{axis}", [least, most], legal)
+
+
+RULES = (
+    leader_is_a_robot,
+    neighbours_exist,
+    avoided_have_bodies,
+    shapes_are_complete,
+    tree_from_the_leader,
+    leader_slower_than_followers,
+    only_the_last_leg_is_endless,
+    starts_do_not_touch,
+    standbys_have_names_of_their_own,
+    followers_answer_within_a_takeover,
+    agents_listen_apart,
+    namespaces_are_ros_names,
+    ros_names_are_a_robots_own,
+    steps_leave_room,
+    a_scanner_sees_something,
+    bounds_hold_the_start,
+)
+
+
+def _list(names: Any) -> str:
+    return ", ".join(names) or "none"
+
+
+def _others(mission: Mission, name: str) -> str:
+    return _list(other for other in mission.robots if other != name)

@@ -1,0 +1,1 @@
+"""Messages between processes, as typed values: so far their status."""

@@ -1,0 +1,262 @@
+"""Reasons of a process's state: a code with values, and the one table that turns them into sentences.
+
+A reason is made with each decision, is transmitted as code and values, and becomes a sentence only where
+people read it (`Reason.__str__`). No program compares or parses sentences, so they may be reworded freely.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from enum import StrEnum
+from string import Formatter
+from types import MappingProxyType
+from typing import Any, NamedTuple, Self
+
+MAX_NUMBER = 1e12
+"""Largest number, either way, that a status carries."""
+MAX_TEXT_CHARS = 400
+"""Longest text that a status carries [characters]."""
+MAX_ENTRIES = 1000
+"""Longest list or mapping that a status carries."""
+
+Value = float | str | tuple[str, ...] | Mapping[str, float]
+"""A number (SI units, radians), a text, names of robots, or a number for each of several robots."""
+
+
+class Code(StrEnum):
+    """Every reason that a process can give."""
+
+    # any process
+    STARTED = "started"
+    ENDED = "ended"
+    DETAIL = "detail"
+    # an agent, about its orders
+    STOPPED_BY_OPERATOR = "stopped_by_operator"
+    HELD_BY_OPERATOR = "held_by_operator"
+    STOPPED_BEFORE_START = "stopped_before_start"
+    HELD_BEFORE_START = "held_before_start"
+    STOP_UNKNOWN = "stop_unknown"
+    NO_ORDER = "no_order"
+    ORDER_UNSIGNED = "order_unsigned"
+    LEADER_LOST = "leader_lost"
+    STOPPED_BY_LEADER = "stopped_by_leader"
+    HELD_BY_LEADER = "held_by_leader"
+    # about its robot and itself
+    COMMAND_NOT_FINITE = "command_not_finite"
+    NO_LINK = "no_link"
+    NO_LISTENER = "no_listener"
+    SECOND_AGENT = "second_agent"
+    PROCESS_FROZEN = "process_frozen"
+    OUTSIDE_BOUNDS = "outside_bounds"
+    RUNNING = "running"
+    # about its position source
+    NO_POSITION = "no_position"
+    POSITION_SILENT = "position_silent"
+    POSITION_LATE = "position_late"
+    POSITION_WAS_LATE = "position_was_late"
+    POSITION_JUMPED = "position_jumped"
+    HEADING_JUMPED = "heading_jumped"
+    POSITION_TOO_FAR = "position_too_far"
+    HEADING_CONTRADICTED = "heading_contradicted"
+    POSITION_GAP = "position_gap"
+    # about its range scanner
+    NO_SCAN = "no_scan"
+    SCAN_SILENT = "scan_silent"
+    SCAN_LATE = "scan_late"
+    SCAN_EARLY = "scan_early"
+    SCAN_BLIND = "scan_blind"
+    SCAN_UNPLACED = "scan_unplaced"
+    # about a robot that does not move as commanded
+    MOTION_FROZEN = "motion_frozen"
+    MOTION_TURN = "motion_turn"
+    MOTION_SPEEDS = "motion_speeds"
+    MOTION_CARRIED = "motion_carried"
+    MOTION_TURNED = "motion_turned"
+    # about others
+    OTHER_MISSION = "other_mission"
+    UNKNOWN_MISSION = "unknown_mission"
+    UNANSWERED = "unanswered"
+    NO_NEIGHBOUR = "no_neighbour"
+    # a leader, or a standby
+    ROUTE_UNKNOWN = "route_unknown"
+    STOPPED_AT_BOUNDS = "stopped_at_bounds"
+    WAITS = "waits"
+    ROUTE_ENDED = "route_ended"
+    OTHER_LEADS = "other_leads"
+    NO_LEADER = "no_leader"
+    TERM_AHEAD = "term_ahead"
+    TERM_EARLIER = "term_earlier"
+
+
+_MIXED = "this process {ours}: give all the same one (formation deploy push)"
+_BLOCKED = "at least {least:.2f} {unit} expected; check {sensor}, wheels and motors"
+SENTENCES: Mapping[Code, str] = MappingProxyType(
+    {
+        Code.STARTED: "just started",
+        Code.ENDED: "its process ends: {cause}",
+        Code.DETAIL: "{detail}",
+        Code.STOPPED_BY_OPERATOR: "stopped by the operator",
+        Code.HELD_BY_OPERATOR: "held by the operator",
+        Code.STOPPED_BEFORE_START: "stopped by the operator, before this agent began",
+        Code.HELD_BEFORE_START: "held by the operator, before this agent began",
+        Code.STOP_UNKNOWN: "{detail}; it may have saved a stop: release the robot if it may drive",
+        Code.NO_ORDER: "no order from the leader yet",
+        Code.ORDER_UNSIGNED: "{detail}",
+        Code.LEADER_LOST: "the leader's beat stopped {age:.1f} s ago; limit {limit:g} s",
+        Code.STOPPED_BY_LEADER: "stopped by the leader",
+        Code.HELD_BY_LEADER: "held by the leader",
+        Code.COMMAND_NOT_FINITE: "the law gave no finite command",
+        Code.NO_LINK: "no link to the robot: is its bridge or router running?",
+        Code.NO_LISTENER: "the robot does not listen to cmd_vel:"
+        " restart its bring-up and the bridge together",
+        Code.SECOND_AGENT: "another agent commands this robot: end one of the two",
+        Code.PROCESS_FROZEN: "this process was frozen for {duration:.1f} s: waiting for new messages",
+        Code.OUTSIDE_BOUNDS: "outside the bounds: {axis} = {value:.2f} m, limit {limit:.2f} m;"
+        " bring it back inside, or widen the mission's [bounds]",
+        Code.RUNNING: "in formation control",
+        Code.NO_POSITION: "no {source} yet",
+        Code.POSITION_SILENT: "{source} silent for {age:.2f} s; limit {limit:.2f} s",
+        Code.POSITION_LATE: "{source} was {age:.2f} s old when it came; limit {limit:.2f} s:"
+        " check what publishes it, and its clock (chrony)",
+        Code.POSITION_WAS_LATE: "{source} was {age:.2f} s old when it came; limit {limit:.2f} s;"
+        " goes on when it stays below",
+        Code.POSITION_JUMPED: "{source} jumped by {distance:.2f} m",
+        Code.HEADING_JUMPED: "{source} jumped by {angle:+.2f} rad",
+        Code.POSITION_TOO_FAR: "{source} is beyond ±{limit:g} m",
+        Code.HEADING_CONTRADICTED: "{source} has a heading against the direction in which the robot moves",
+        Code.POSITION_GAP: "no two {source} messages within {limit:.2f} s",
+        Code.NO_SCAN: "no range scan yet",
+        Code.SCAN_SILENT: "range scan silent for {age:.2f} s; limit {limit:.2f} s",
+        Code.SCAN_LATE: "range scan stamped {age:.2f} s before it came, must be {limit:g} s at most",
+        Code.SCAN_EARLY: "range scan stamped {age:.2f} s after it came, must be {limit:g} s at most",
+        Code.SCAN_BLIND: "range scan has range_min {value:g} m: this robot needs at most {limit:.3g} m",
+        Code.SCAN_UNPLACED: "range scan cannot be placed by odometry that said {speed:.3g} m/s,"
+        " {turn_rate:.3g} rad/s",
+        Code.MOTION_FROZEN: "{source} frozen or robot blocked: commanded {expected:.2f} m in"
+        " {duration:.1f} s, moved {seen:.2f} m; " + _BLOCKED,
+        Code.MOTION_TURN: "{source} heading frozen or robot blocked: commanded {expected:.2f} rad in"
+        " {duration:.1f} s, turned {seen:.2f} rad; " + _BLOCKED,
+        Code.MOTION_SPEEDS: "{source} contradicts itself: positions moved {expected:+.2f} m in"
+        " {duration:.1f} s, its speeds say {seen:+.2f} m; check the speeds that the robot reports",
+        Code.MOTION_CARRIED: "{source} moved without command: commanded {expected:.2f} m in {duration:.1f} s,"
+        " moved {seen:.2f} m; was the robot carried or pushed, or is another one seen?",
+        Code.MOTION_TURNED: "{source} turned without command: commanded {expected:.2f} rad in"
+        " {duration:.1f} s, turned {seen:.2f} rad; was the robot turned by hand, or is another one seen?",
+        Code.OTHER_MISSION: "{robot} runs mission {theirs}, " + _MIXED,
+        Code.UNKNOWN_MISSION: "{robot} runs an unknown mission, " + _MIXED,
+        Code.UNANSWERED: "positions are late or stamped by a wrong clock, and do not answer:"
+        " {late:each| by |+.1f| s}; limit {limit:g} s; check the network and the clocks (chrony)",
+        Code.NO_NEIGHBOUR: "no neighbour can be followed; silent: {silent:each| |.2f| s};"
+        " never received: {never_received:names}; unavailable: {unavailable:names};"
+        " outside the bounds: {outside:names}",
+        Code.ROUTE_UNKNOWN: "does not know the route that the leader was on: order a speed or a route",
+        Code.STOPPED_AT_BOUNDS: "stopped at the bounds: {what} next at {axis} = {value:.4g} m,"
+        " limit {limit:.4g} m; order a speed or route that leads back",
+        Code.WAITS: "waits for {robots:names}",
+        Code.ROUTE_ENDED: "at the end of the route",
+        Code.OTHER_LEADS: "{robot} leads",
+        Code.NO_LEADER: "no leader",
+        Code.TERM_AHEAD: "term {term:.0f} refused by {robots:names}: it is over a day ahead:"
+        " set the clocks (chronyc tracking)",
+        Code.TERM_EARLIER: "term {term:.0f} refused by {robots:names}: it is an earlier one",
+    }
+)
+"""Sentences for people. ``:names`` is a list of robots, ``:each|before|format|after`` a number for each of
+several robots, another format a number, none a text. A clause (up to ``; ``) about an empty list is
+omitted."""
+
+
+class _Sentences(Formatter):
+    def format_field(self, value: Any, format_spec: str) -> str:
+        if format_spec == "names":
+            return ", ".join(value)
+        if format_spec.startswith("each|"):
+            _, before, number, after = format_spec.split("|")
+            return ", ".join(f"{name}{before}{one:{number}}{after}" for name, one in value.items())
+        return format(value, format_spec)
+
+
+_FORMATTER = _Sentences()
+
+
+class Reason(NamedTuple):
+    """A code, and the values that belong to it."""
+
+    code: Code
+    values: Mapping[str, Value] = MappingProxyType({})
+
+    @classmethod
+    def of(cls, code: Code, **values: Value | Sequence[str]) -> Self:
+        """Return the reason with all values of its sentence. Numbers are made finite."""
+        return cls(code, {name: _made(value) for name, value in values.items()})
+
+    @classmethod
+    def read(cls, code: str, values: Mapping[str, Any]) -> Self:
+        """Read untrusted data. Raises ValueError for an unknown code, and for values that do not fit.
+
+        Values that the code does not have are omitted.
+        """
+        if code not in list(Code):
+            raise ValueError("is no known reason")
+        known = Code(code)
+        return cls(known, {name: _checked(name, values.get(name), kind) for name, kind in fields(known)})
+
+    def __str__(self) -> str:
+        """Its sentence."""
+        clauses = SENTENCES[self.code].split("; ")
+        parts = (_FORMATTER.vformat(clause, (), self.values) for clause in clauses if self._applies(clause))
+        return "; ".join(parts)
+
+    def _applies(self, clause: str) -> bool:
+        return all(self.values.get(name) not in ((), {}) for name, _ in _fields(clause))
+
+
+def fields(code: Code) -> Iterator[tuple[str, str]]:
+    """Name and kind of each value of a reason: ``text``, ``number``, ``names`` or ``each``."""
+    return _fields(SENTENCES[code])
+
+
+def _fields(sentence: str) -> Iterator[tuple[str, str]]:
+    for _, name, spec, _ in Formatter().parse(sentence):
+        if name is not None:
+            kind = (spec or "").partition("|")[0]
+            yield name, kind if kind in {"names", "each"} else "number" if kind else "text"
+
+
+def bounded(value: float) -> float:
+    """The nearest number that a status may carry, the largest for NaN: a status can always be published."""
+    return MAX_NUMBER if math.isnan(value) else min(max(float(value), -MAX_NUMBER), MAX_NUMBER)
+
+
+def _made(value: Value | Sequence[str]) -> Value:
+    if isinstance(value, str):
+        return value[:MAX_TEXT_CHARS]
+    if isinstance(value, Mapping):
+        return {name: bounded(one) for name, one in value.items()}
+    return bounded(value) if isinstance(value, (int, float)) else tuple(value)
+
+
+def _checked(name: str, value: Any, kind: str) -> Value:
+    """A value of this kind; a list that is empty may be missing. Raises ValueError."""
+    if kind == "number":
+        return _number(name, value)
+    if kind == "text" and isinstance(value, str) and len(value) <= MAX_TEXT_CHARS:
+        return value
+    if kind == "names":
+        names = value.split(",") if isinstance(value, str) else [] if value is None else value
+        if isinstance(names, list | tuple) and all(isinstance(one, str) for one in names[: MAX_ENTRIES + 1]):
+            return tuple(names[:MAX_ENTRIES])
+    if kind == "each" and isinstance(value, Mapping | None) and len(value or {}) <= MAX_ENTRIES:
+        return {str(robot): _number(name, one) for robot, one in (value or {}).items()}
+    raise ValueError(f"{name}: must be of kind {kind}" if value is not None else f"{name}: is missing")
+
+
+def _number(name: str, value: Any) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name}: is no number") from None
+    if not abs(number) <= MAX_NUMBER:
+        raise ValueError(f"{name}: must be within ±{MAX_NUMBER:g}")
+    return number

@@ -1,0 +1,1 @@
+"""Range scans: simulated measurement, and obstacles found in them."""

@@ -1,0 +1,186 @@
+"""The robots that a follower avoids in a simulation, its obstacles, and contacts of bodies.
+
+Like `formation.simulation.closed_loop`, one number at a time, for `formation.simulation.compiled`. M is
+the number of (follower, avoided robot) pairs.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from formation.control.arrays import ComplexArray
+from formation.control.avoidance import heading_doubt
+from formation.control.plane import unit
+from formation.control.tracker import FRESH_PERIODS, Track, learned, longest_delay, unknown
+from formation.control.unicycle import control_point
+from formation.mission.model import Mission
+from formation.simulation.links import TRACK, Link, arrived, carried
+
+AVOIDED = np.dtype(
+    [
+        ("head", "i8"), ("radius", "f8"), ("offset", "f8"), ("first", "b1"),
+        ("late", "f8"), ("limit", "f8"), ("longest_delay", "f8"), ("top_speed", "f8"),
+    ],
+    align=True,
+)  # fmt: skip
+"""An avoided robot: index among followers, its body, whether it has right of way, `Link`."""
+OBSTACLE = np.dtype(
+    [
+        ("at", "c16"),
+        ("radius", "f8"),
+        ("velocity", "c16"),
+        ("first", "b1"),
+        ("stands", "b1"),
+        ("doubt", "f8"),
+        ("age", "f8"),
+        ("unsure", "f8"),
+    ],
+    align=True,
+)
+"""`formation.control.avoidance.Obstacle`."""
+
+
+class Avoided(NamedTuple):
+    """Which robots avoid which; arrays of records."""
+
+    avoids: bool
+    """Whether any robot avoids another."""
+    watches: bool
+    """Whether contacts are detected: not if the mission has collisions off."""
+    margin: float
+    """[m]"""
+    blind: float
+    """The same while a robot does not know its heading [m]."""
+    delay: float
+    """Delay that the mission expects [s]."""
+    whom: Any
+    """Records of `AVOIDED`, robot by robot; shape (M,)."""
+    tracks: Any
+    """`links.TRACK` of each one's centre; shape (M,), or (R, M) of all runs."""
+    published: Any
+    """Recently published centres, in a ring [m; world frame]; shape (K, F), or (R, K, F)."""
+    around: Any
+    """Buffer for the obstacles of one robot, records of `OBSTACLE`."""
+    order: Any
+    """Followers from west to east, as of the last check; shape (F,), or (R, F)."""
+
+
+def avoided_of(all_runs: Avoided, run: int) -> Avoided:
+    """Return the part of one run."""
+    avoids, watches, margin, blind, delay, whom, tracks, published, around, order = all_runs
+    return Avoided(
+        avoids, watches, margin, blind, delay, whom, tracks[run], published[run], around, order[run]
+    )
+
+
+def avoided_in(
+    mission: Mission,
+    measurement: str | None,
+    late: float,
+    shape: tuple[int, ...],
+    starts: ComplexArray,
+    *,
+    avoids: bool,
+) -> Avoided:
+    """Return which robots avoid which in a mission; none if not `avoids`.
+
+    `measurement` is how all measure, by default as the mission says; `late` the age of received data [s];
+    `shape` (R, K, N) that of a ring of what all publish, `starts` (R, F) the initial positions [m; world
+    frame].
+    """
+    pairs = (
+        [(name, other) for name in mission.followers for other in mission.avoided_by(name)] if avoids else []
+    )
+    whom = np.zeros(len(pairs), AVOIDED)
+    for m, (name, other) in enumerate(pairs):
+        spec, local = mission.robots[other], (measurement or mission.robots[name].measurement) == "local"
+        whom[m] = (
+            *(mission.followers.index(other), spec.radius, spec.control_point_offset),
+            mission.has_right_of_way(other, name),
+            *(0.0 if local else late, FRESH_PERIODS / spec.rate, longest_delay(spec.rate), spec.top_speed),
+        )
+    runs, moments, robots = shape
+    tracks = np.zeros((runs, len(whom)), TRACK)
+    tracks["stamp"] = -np.inf
+    published = np.zeros((runs, moments, robots - 1 if pairs else 0), dtype=np.complex128)
+    around, rules = np.zeros(robots, OBSTACLE), mission.collisions
+    order, watches = np.argsort(starts.real, axis=1), rules.mode != "off"
+    return Avoided(
+        len(pairs) > 0,
+        *(watches, rules.room, rules.blind, rules.delay),
+        *(whom, tracks, published, around, order),
+    )
+
+
+def look(
+    run: Any, i: int, robots: Any, avoided: Avoided, oldest: int, now: float, world: Any, draw: Any
+) -> int:
+    """Fill `avoided.around` with the obstacles of robot i; return their number."""
+    me, robot = run[i], robots[i]
+    doubt = 0.0 if robot.local else heading_doubt(me.travelled, world.course_gain, world.noise)
+    count = 0
+    for m in range(robot.avoided, robot.avoided_end):
+        whom, track, known = avoided.whom[m], avoided.tracks[m], avoided.around[count]
+        link = Link(whom.late, whom.limit, whom.longest_delay)
+        elapsed = now - whom.late - track.stamp
+        if robot.local or not (world.loss > 0.0 and draw.random() < world.loss and now > 0.0):
+            sample = avoided.published[oldest, whom.head]
+            if robot.local:
+                there = run[whom.head]
+                sample = control_point(there.position, there.heading, whom.offset)
+            share = learned(elapsed, world.time_constant) if world.time_constant > 0.0 else 0.0
+            newest = arrived(
+                Track(track.stamp, track.point, track.velocity),
+                now - whom.late,
+                sample,
+                share,
+                whom.top_speed,
+            )
+            track.stamp, track.point, track.velocity = newest.stamp, newest.point, newest.velocity
+        newest = Track(track.stamp, track.point, track.velocity)
+        if robot.local:
+            known.at = me.heading.conjugate() * (newest.point - me.position)
+            known.radius = whom.radius + whom.offset
+            known.velocity = me.heading.conjugate() * newest.velocity
+        else:
+            age, there = now - track.stamp, carried(newest, now, link)
+            since = unknown(
+                age, avoided.delay, whom.top_speed, newest.point - me.odometry, there - me.odometry
+            )
+            known.at = unit(me.course).conjugate() * (there - me.odometry)
+            known.radius = whom.radius + since.nearer
+            known.velocity = unit(me.course).conjugate() * newest.velocity
+            known.age, known.unsure = since.age, since.aside
+        known.first = whom.first
+        known.doubt = doubt
+        count += 1
+    return count
+
+
+def clearance(run: Any, robots: Any, order: Any, least: float) -> float:
+    """Least distance between two bodies of one run [m], negative if they touch; `least` if that is less.
+
+    `order` is sorted again. Only pairs that are near enough from west to east are checked.
+    """
+    widest = 0.0
+    for k in range(len(order)):
+        i = order[k]
+        widest = max(widest, robots[i].radius)
+        m = k
+        while m > 0 and run[order[m - 1]].position.real > run[i].position.real:
+            order[m] = order[m - 1]
+            m -= 1
+        order[m] = i
+    for k in range(len(order)):
+        here, radius = run[order[k]].position, robots[order[k]].radius
+        m = k - 1
+        while m >= 0 and here.real - run[order[m]].position.real < least + radius + widest:
+            away, radii = here - run[order[m]].position, radius + robots[order[m]].radius
+            squared, near = away.real * away.real + away.imag * away.imag, least + radii
+            if near > 0.0 and squared < near * near:  # compute roots only for the few near pairs
+                least = math.sqrt(squared) - radii
+            m -= 1
+    return least

@@ -1,0 +1,285 @@
+"""The closed loop of many robots, one number at a time; `formation.simulation.compiled` compiles it.
+
+Shapes: R runs, N robots (leader first), F = N-1 followers, E edges of the graph. Every run is a separate
+world. In one step each follower publishes its position, then each receives its neighbours' and applies the
+law, then all move and estimate their headings from their motion. Robots and links are records of arrays,
+which have attributes and are changed in place.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from formation.control.avoidance import AvoidanceParameters, course_gain
+from formation.control.controller import Gains, Limits, Measured
+from formation.control.deadlock import Avoidance
+from formation.control.laws.field import field as law  # or whichever law this is compiled with
+from formation.control.observer import Travel, innovation
+from formation.control.observer import innovation as observe  # or the observer that this is compiled with
+from formation.control.pipeline import (
+    ControlParams,
+    ControlState,
+    Inputs,
+    at_rest,
+    control_step,
+    unprotected,
+)
+from formation.control.plane import unit
+from formation.control.quantiser import Grid, Quantiser
+from formation.control.ramp import Ramp, RampLimits
+from formation.control.tracker import Track, learned
+from formation.control.unicycle import AT_REST, Command, along, control_point, driven
+from formation.simulation.avoiding import Avoided, avoided_of, clearance, look
+from formation.simulation.body import Body, obeyed
+from formation.simulation.links import Link, arrived, carried, is_fresh
+
+
+class World(NamedTuple):
+    """Constants of all runs."""
+
+    step: float
+    """[s]"""
+    gains: Gains
+    body: Body
+    integral: bool
+    """Whether the law has one."""
+    observer_gain: float
+    """[1/m]"""
+    course_gain: float
+    """Initial gain of the filter's own observer; 0 if no robot avoids others [1/m]."""
+    noise: float
+    """Noise of positions that the mission expects [m]."""
+    normalised: bool
+    """Whether ζ̂/|ζ̂| is used, or ζ̂ itself."""
+    feed_forward: bool
+    carries: bool
+    """Whether samples are extrapolated to the present."""
+    time_constant: float
+    """Time constant of the neighbours' velocities [s]; 0 if they are not needed."""
+    loss: float
+    """Share of samples that never arrive."""
+    settled: float
+    """Formation error under which a run counts as settled [m]."""
+    stride: int
+    """Steps between stored moments of the error."""
+
+
+class NeighbourSums(NamedTuple):
+    """Data that a follower has received of its neighbours so far in one step."""
+
+    relative: complex
+    """Σ of displacements to the fresh ones [m; world frame, or body frame of a robot with a sensor]."""
+    desired: complex
+    """Σ of their desired displacements [m; world frame]."""
+    velocity: complex
+    """Σ of their velocities [m/s; world frame]."""
+    known: float
+    """Number of neighbours in the sums."""
+    elapsed: float
+    """Time between the last two samples of the newest neighbour [s]; equal for all, unless some were lost."""
+    share: float
+    """`learned` of `elapsed`."""
+
+
+NOBODY = NeighbourSums(0j, 0j, 0j, 0.0, 0.0, 0.0)
+
+
+def true_point(me: Any, robot: Any) -> complex:
+    """A follower's control point [m; world frame]."""
+    return control_point(me.position, me.heading, robot.offset)
+
+
+def speak(me: Any, robot: Any, world: World) -> complex:
+    """The control point that a follower publishes [m; world frame]."""
+    me.facing = unit(me.estimate) if world.normalised else me.estimate
+    return control_point(me.odometry, me.facing, robot.offset)
+
+
+def receive(
+    received: NeighbourSums, me: Any, robot: Any, edge: Any, track: Any, sample: complex, there: complex,
+    lost: bool,
+    now: float, world: World,
+) -> NeighbourSums:  # fmt: skip
+    """Add one neighbour to the sums; it is `there`, and a `sample` of it arrives, or is `lost`.
+
+    A sensor measures it there, and its measurement is never lost.
+    """
+    point, seen = control_point(me.odometry, me.facing, robot.offset), 0j
+    if robot.local:
+        seen = me.heading.conjugate() * (there - true_point(me, robot))
+        sample, lost = point + me.facing * seen, False
+    share, elapsed = received.share, now - edge.late - track.stamp
+    if not lost:
+        if world.time_constant > 0.0 and elapsed != received.elapsed:
+            share = learned(elapsed, world.time_constant)
+        last = Track(track.stamp, track.point, track.velocity)
+        newest = arrived(last, now - edge.late, sample, share, edge.top_speed)
+        track.stamp, track.point, track.velocity = newest.stamp, newest.point, newest.velocity
+    newest = Track(track.stamp, track.point, track.velocity)
+    link = Link(edge.late, edge.limit, edge.longest_delay)
+    if world.loss > 0.0 and not is_fresh(newest, now, link):
+        return received
+    if not robot.local:
+        seen = (carried(newest, now, link) if world.carries else newest.point) - point
+    return NeighbourSums(
+        received.relative + seen,
+        received.desired + edge.desired,
+        received.velocity + newest.velocity,
+        received.known + 1.0,
+        elapsed,
+        share,
+    )
+
+
+def params_of(robot: Any, avoided: Avoided, world: World) -> ControlParams:
+    """The control pipeline's parameters for one robot, without protective zones: there are no scanners."""
+    return ControlParams(
+        law,
+        world.integral,
+        Limits(robot.offset, robot.max_speed, robot.max_turn_rate),
+        AvoidanceParameters(robot.radius, avoided.margin, robot.hold, avoided.blind),
+        avoided.avoids,
+        RampLimits(robot.ramp_time, robot.ramp_longest, robot.ramp_gap, robot.ramp_gentle),
+        unprotected,
+        Quantiser(
+            Grid(robot.speed_step, robot.max_speed, robot.speed_most),
+            Grid(robot.turn_rate_step, robot.max_turn_rate, robot.turn_rate_most),
+        ),
+    )
+
+
+def state_of(me: Any) -> ControlState:
+    """State of the control pipeline of one robot."""
+    return ControlState(
+        me.integral,
+        Avoidance(me.kept, me.detour, me.deadlocks, me.went, me.again, me.side, me.slow),
+        Ramp(Command(me.ramped_speed, me.ramped_turn_rate), me.commanded, me.gentle_until),
+        Command(me.owed_speed, me.owed_turn_rate),
+    )
+
+
+def decide(
+    me: Any, robot: Any, received: NeighbourSums, avoided: Avoided, count: int, now: float, world: World
+) -> None:
+    """Run the control step, with `count` obstacles; without a neighbour to follow the robot rests."""
+    state, command = state_of(me), AT_REST
+    if received.known > 0.0:
+        relative = received.relative if robot.local else me.facing.conjugate() * received.relative
+        velocity = received.velocity * (1.0 / received.known) if world.feed_forward else 0j
+        measured = Measured(relative, received.desired, received.known, velocity)
+        inputs = Inputs(now, world.step, me.facing, measured, world.gains, None)
+        state, outcome = control_step(state, inputs, avoided.around[:count], params_of(robot, avoided, world))
+        command = outcome.command
+    else:
+        state = at_rest(state, now)
+    me.integral = state.integral
+    if count > 0:  # otherwise the filter has no memory
+        me.kept, me.detour, me.deadlocks, me.went, me.again, me.side, me.slow = state.avoidance
+    me.ramped_speed, me.ramped_turn_rate = state.ramp.before
+    me.commanded, me.gentle_until = state.ramp.moment, state.ramp.gentle_until
+    me.owed_speed, me.owed_turn_rate = state.remainder
+    me.wanted_speed, me.wanted_turn_rate = command
+
+
+def drive(me: Any, noise: complex, world: World) -> None:
+    """Move the body as commanded; `noise` is the error of the next odometry [m; world frame]."""
+    obeyed_command = obeyed(world.body, Command(me.wanted_speed, me.wanted_turn_rate))
+    wheels = Command(me.wheel_speed, me.wheel_turn_rate)
+    moving, wheels = driven(wheels, obeyed_command, world.body.lag, world.step)
+    me.wheel_speed, me.wheel_turn_rate = wheels
+    me.speed, me.turn_rate = moving
+    distance, turn = moving.speed * world.step, moving.turn_rate * world.step
+    position, heading = along(me.position, me.heading, distance, turn)
+    if world.body.drift > 0.0:
+        position += me.drift * abs(distance) * me.heading
+    me.position, me.heading = position, heading
+    travel = Travel(distance, turn, position + noise - me.odometry)
+    me.odometry = position + noise
+    if world.course_gain > 0.0:
+        me.course = innovation(me.course, travel, course_gain(me.travelled, world.course_gain, world.noise))
+        me.travelled += abs(distance)
+    me.estimate = observe(me.estimate, travel, world.observer_gain)
+
+
+def formation_error(run: Any, robots: Any, edges: Any, leader: complex) -> float:
+    """Σ over edges of |z_ij - z*_ij| of one run [m], infinite if it has overflowed."""
+    total = 0.0
+    for i in range(len(robots)):
+        point = true_point(run[i], robots[i])
+        for e in range(robots[i].first, robots[i].last):
+            j = edges[e].head - 1
+            there = leader if j < 0 else true_point(run[j], robots[j])
+            total += abs(there - point - edges[e].desired)
+    return min(np.inf, total)
+
+
+def run_on(
+    begin: int, leader: Any, world: World, robots: Any, edges: Any, run: Any, tracks: Any,
+    published: Any,
+    draw: Any, kept: Any, avoided: Avoided,
+) -> tuple[int, float, float]:  # fmt: skip
+    """Continue one run from step `begin`.
+
+    `leader` is its position [m; world frame] at this and each next step. `run` and `tracks` are the run's
+    followers and their data, shapes (F,) and (E,); `published` the recently published positions, in a ring of
+    shape (K, N); `kept` receives the error every `World.stride` steps. Random numbers are drawn from
+    `draw`.
+
+    Returns the last step after which its error was not under the bound, or -1, the error at the end, and
+    the least distance between two bodies [m], infinite if contacts are not detected.
+    """
+    nearest = clearance(run, robots, avoided.order, np.inf) if avoided.watches else np.inf
+    last_out, ring = -1, len(published)
+    error = formation_error(run, robots, edges, leader[0])
+    for step in range(begin, begin + len(leader) - 1):
+        now, here = step * world.step, leader[step - begin]
+        newest, oldest = step % ring, max(step + 1 - ring, 0) % ring  # initially all have always been there
+        published[newest, 0] = here
+        for i in range(len(robots)):
+            published[newest, i + 1] = speak(run[i], robots[i], world)
+            if avoided.avoids:
+                avoided.published[newest, i] = run[i].odometry
+        received = NOBODY
+        for i in range(len(robots)):
+            me, robot, received = (
+                run[i],
+                robots[i],
+                NeighbourSums(0j, 0j, 0j, 0.0, received.elapsed, received.share),
+            )
+            for e in range(robot.first, robot.last):
+                edge, j = edges[e], edges[e].head - 1
+                there = here if j < 0 else true_point(run[j], robots[j])
+                lost = world.loss > 0.0 and draw.random() < world.loss and step > 0
+                received = receive(
+                    received, me, robot, edge, tracks[e], published[oldest, j + 1], there, lost, now, world
+                )
+            count = look(run, i, robots, avoided, oldest, now, world, draw) if avoided.avoids else 0
+            decide(me, robot, received, avoided, count, now, world)
+        for i in range(len(robots)):
+            noise = 0j
+            if world.body.position_noise > 0.0:
+                noise = world.body.position_noise * complex(draw.normal(0.0, 1.0), draw.normal(0.0, 1.0))
+            drive(run[i], noise, world)
+        nearest = clearance(run, robots, avoided.order, nearest) if avoided.watches else nearest
+        error = formation_error(run, robots, edges, leader[step - begin + 1])
+        last_out = step + 1 if error >= world.settled else last_out
+        if (step + 1) % world.stride == 0:
+            kept[(step + 1) // world.stride] = error
+    return last_out, error, nearest
+
+
+def all_run_on(
+    begin: int, leader: Any, world: World, robots: Any, edges: Any, followers: Any, tracks: Any,
+    published: Any,
+    draw: Any, errors: Any, last_out: Any, error: Any, nearest: Any, avoided: Avoided,
+) -> None:  # fmt: skip
+    """Run `run_on` for every run in turn: the data of one stay in the processor's cache."""
+    for r in range(len(followers)):
+        out, error[r], room = run_on(
+            begin, leader, world, robots, edges, followers[r], tracks[r], published[r], draw, errors[:, r],
+            avoided_of(avoided, r),
+        )  # fmt: skip
+        last_out[r] = max(last_out[r], out)
+        nearest[r] = min(nearest[r], room)

@@ -1,0 +1,82 @@
+"""The edges of a formation's graph as arrays: sums over neighbours, formation errors, the Laplacian.
+
+For computations with many robots at once. Sums over neighbours are sparse; only eigenvalues and Eq. (6) of
+the paper need a matrix.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formation.control.arrays import ComplexArray, FloatArray
+from formation.mission.graph import Graph
+
+Indices = NDArray[np.intp]
+
+
+class Edges:
+    """The edges of a graph, by follower."""
+
+    def __init__(self, graph: Graph) -> None:
+        self.size = graph.size
+        """Number of robots n, the leader among them."""
+        self.tails: Indices = np.repeat(np.arange(graph.size), [len(js) for js in graph.neighbours])
+        """Robot i of each edge (i, j), ascending; shape (edges,)."""
+        self.heads: Indices = np.array([j for js in graph.neighbours for j in js], dtype=np.intp)
+        """Robot j of each edge (i, j), in the order of `tails`; shape (edges,)."""
+        self.degrees: FloatArray = np.array([len(js) for js in graph.neighbours[1:]], dtype=np.float64)
+        """Number of neighbours of each follower; shape (n-1,)."""
+
+    @cached_property
+    def _first_edges(self) -> Indices:
+        return np.concatenate(([0], np.cumsum(self.degrees[:-1]))).astype(np.intp)
+
+    def sum_per_follower(self, per_edge: NDArray[Any]) -> NDArray[Any]:
+        """Σ_j over each follower's edges: shape (..., edges) -> (..., n-1). Each needs a neighbour."""
+        sums: NDArray[Any] = np.add.reduceat(per_edge, self._first_edges, axis=-1)
+        return sums
+
+    def along_edges(self, per_robot: NDArray[Any]) -> NDArray[Any]:
+        """Value at j less value at i, for each edge: shape (..., n) -> (..., edges)."""
+        differences: NDArray[Any] = per_robot[..., self.heads] - per_robot[..., self.tails]
+        return differences
+
+    def laplacian(self) -> FloatArray:
+        """The Laplacian, rows summing to zero; shape (n, n)."""
+        matrix = np.zeros((self.size, self.size))
+        np.subtract.at(matrix, (self.tails, self.heads), 1.0)
+        np.fill_diagonal(matrix, -matrix.sum(axis=1))
+        return matrix
+
+    def follower_laplacian(self) -> FloatArray:
+        """L_ff, the followers' block of the Laplacian; shape (n-1, n-1)."""
+        return self.laplacian()[1:, 1:]
+
+    def desired_positions(self, leader: complex, slots: Sequence[complex] | ComplexArray) -> ComplexArray:
+        """Followers' control points in formation [m; world frame], shape (n-1,): Eq. (6).
+
+        `leader` is the leader's control point, `slots` the shape, the leader's own slot first; shape (n,).
+        Raises numpy.linalg.LinAlgError where a follower has no path to the leader.
+        """
+        laplacian = self.laplacian()
+        to_leader, among = laplacian[1:, :1], laplacian[1:, 1:]
+        wanted = laplacian[1:, :] @ np.asarray(slots, dtype=np.complex128)
+        held = wanted - to_leader[:, 0] * leader
+        return np.linalg.solve(among.astype(np.complex128), held).astype(np.complex128)
+
+
+def edge_errors(edges: Edges, points: ComplexArray, slots: ComplexArray) -> FloatArray:
+    """|z_ij - z*_ij| of each edge [m]; `points`, `slots` of shape (..., n) -> (..., edges)."""
+    errors: FloatArray = np.abs(edges.along_edges(points) - edges.along_edges(slots))
+    return errors
+
+
+def formation_error(edges: Edges, points: ComplexArray, slots: ComplexArray) -> FloatArray:
+    """Σ over edges of |z_ij - z*_ij| [m]: shape (..., n) -> (...). The paper's Fig. 2(d)."""
+    total: FloatArray = edge_errors(edges, points, slots).sum(axis=-1)
+    return total

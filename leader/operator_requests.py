@@ -1,0 +1,130 @@
+"""Answer an operator's requests: each candidate those that change motion, only the leader the others."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+from formation.leader.plan import Plan
+from formation.protocol import order
+from formation.protocol.election import CandidacyState
+from formation.protocol.once import Once
+from formation.protocol.order import Code, Mode, OperatorReply, OperatorRequest
+from formation.protocol.status import AnsweredRequest
+from formation.protocol.stops import Result
+
+STATUS_REPEATS = 3
+"""Number of statuses after the first that repeat an operator's request."""
+MAX_NOTES = 64
+"""Number of notes kept for the log."""
+
+
+class Seat(NamedTuple):
+    """The state of the candidate that receives the request."""
+
+    candidacy: CandidacyState
+    leader: str
+    """The leading candidate, as far as known; empty if there is none."""
+    mode: Mode
+    """The team's mode, as far as known."""
+
+    @property
+    def leads(self) -> bool:
+        """Whether the candidate asked is the leader."""
+        return self.candidacy == "leader"
+
+
+class OperatorRequests:
+    """Operator requests of one candidate."""
+
+    def __init__(self, name: str, plan: Plan, seat: Callable[[], Seat], *, alone: bool) -> None:
+        """`alone`: it is the only candidate and will lead."""
+        self.unpublished = False
+        """Whether the last request is in no status yet."""
+        self.notes: deque[str] = deque(maxlen=MAX_NOTES)
+        """What has changed, for the log."""
+        self._name, self._plan, self._seat, self._alone = name, plan, seat, alone
+        self._once = Once()
+        self._requests: list[tuple[AnsweredRequest, int]] = []  # recent ones, with their number of statuses
+
+    def goes_on(self, mono: float) -> None:
+        """Note that it took over another leader's mode at `mono` [s].
+
+        A request to run from before an inherited stop no longer counts.
+        """
+        if self._plan.team_mode.rest.mode:
+            self._once.rest(mono)
+
+    def answer(self, request: OperatorRequest, received: float) -> bytes:
+        """Return the reply to a request, which takes effect with the next step; `received` [s, monotonic]."""
+        rest = self._plan.team_mode.rest
+        if request.do == "query":
+            return self.reply(ok=True, stop=rest.stop, hold=rest.hold)
+        why = self._not_mine(request)
+        if why:
+            return self.reply(ok=False, reason=why)
+        if request.do == "run" and not self._seat().leads and self._seat().candidacy != "listening":
+            # by the next repetition it may lead, and then handles it as a new request
+            return self._answered(self._plan.team_mode.change(request, "", leads=False))
+        answer = self._once.answer(
+            request,
+            received,
+            lambda: self._obey(request, received),
+            lambda reason: self._note(request, Result(ok=False, reason=reason)),
+        )
+        # a repeated request is answered with whether it leads by now
+        known = order.decode(OperatorReply, answer)
+        return order.encode(known.model_copy(update={"leads": self._seat().leads}))
+
+    def requests(self) -> tuple[AnsweredRequest, ...]:
+        """Return the requests for the next status; each stays for `STATUS_REPEATS` more."""
+        self.unpublished, requests = False, self._requests
+        self._requests = [(one, times + 1) for one, times in requests if times < STATUS_REPEATS]
+        return tuple(one for one, _ in requests)
+
+    def reply(self, *, ok: bool, reason: str = "", code: Code = "", stop: str = "", hold: str = "") -> bytes:
+        """Return the reply, encoded."""
+        seat = self._seat()
+        return order.encode(
+            OperatorReply(
+                robot=self._name,
+                ok=ok,
+                mode=seat.mode,
+                reason=order.shortened(reason),
+                leads=seat.leads,
+                code=code,
+                stop=stop,
+                hold=hold,
+            )
+        )
+
+    def _answered(self, result: Result) -> bytes:
+        return self.reply(ok=result.ok, reason=result.reason, code=result.code)
+
+    def _not_mine(self, request: OperatorRequest) -> str:
+        """Return why the request must go to another candidate: a standby takes only what changes motion."""
+        seat = self._seat()
+        if seat.leads or request.do in {"stop", "hold", "release"}:
+            return ""
+        if seat.candidacy == "listening":
+            mine = self._alone and request.do == "run"
+            return "" if mine else "has just started: ask again in a second"
+        if request.do == "run":
+            return ""
+        return f"stands by; {seat.leader} leads" if seat.leader else "stands by; no candidate leads yet"
+
+    def _obey(self, request: OperatorRequest, received: float) -> bytes:
+        mode = self._seat().mode
+        result = self._plan.obey(request, self._once.fact(request, received))
+        if result.ok:
+            now = self._seat().mode
+            change = f"{mode} to {now}" if mode != now else result.reason or now
+            self.notes.append(f"the operator asked for {request.do}: {change}")
+        return self._note(request, result)
+
+    def _note(self, request: OperatorRequest, result: Result) -> bytes:
+        """Return the reply. The request and its result go into a status at once."""
+        self._requests.append((AnsweredRequest(request, result.ok, result.reason), 0))
+        self.unpublished = True
+        return self._answered(result)

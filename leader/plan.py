@@ -1,0 +1,256 @@
+"""What the leader does: drives its route, moves the shape, waits, and obeys its operator.
+
+The next leader goes on from the newest relayed order (`Plan.restore`), so an order holds all of this but
+the route, which is published separately (`formation.leader.route`).
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+
+from formation.leader.cohesion import Cohesion
+from formation.leader.mode import TeamMode
+from formation.leader.route import NamedRoute
+from formation.leader.shape_transition import ShapeTransition, Wish
+from formation.mission.model import Mission
+from formation.protocol.order import Mode, OperatorRequest, Order, Slots, Tuned
+from formation.protocol.reasons import Code, Reason
+from formation.protocol.stops import MOTION, Result
+from formation.slots.geofence import LENGTH_TOLERANCE, Breach, Geofence
+from formation.slots.shape import PlacedShape
+from formation.stability import intent, spectrum, tuning
+
+MAX_ROUTE_DISTANCE = 0.05
+"""Largest distance between a route and the leader's last place for which it is taken as its route [m]."""
+BOUNDS_STOP_TIME = 1.0
+"""How long before its team would leave the bounds the leader stops, as robots roll on a little [s]."""
+MAX_ROUTES = 16
+"""Number of published routes that are kept."""
+MAX_ROUTE_TIME = 1e9
+"""Longest route time in an order [s]."""
+
+
+class Plan:
+    """The mode, the route, the shape and the cohesion of a leader."""
+
+    def __init__(self, mission: Mission, *, hold: bool = False) -> None:
+        """With `hold`, wait at the start until told to run."""
+        self.team_mode = TeamMode(hold=hold)
+        self.route = NamedRoute.of(mission)
+        self.route_time = 0.0
+        """Time on its route, which gives its place on it [s]."""
+        self.shape_transition = ShapeTransition.first(mission)
+        self.cohesion = Cohesion(mission)
+        self.tuned: Tuned | None = None
+        """Gains that replace the mission's."""
+        self.fenced: Breach | None = None
+        """What would leave the bounds if the leader went on; None if nothing."""
+        self._mission, self._fence = mission, Geofence(mission)
+        self._routes = {"": self.route}
+
+    @property
+    def wanted(self) -> PlacedShape:
+        """The wanted shape, with its rotation as in an order."""
+        wish = self.shape_transition.wish
+        return PlacedShape(((wish.shape, 1.0),), wish.rotation, wish.scale)
+
+    def where(self, ahead: float = 0.0) -> complex:
+        """Return the leader's position [m; world frame] `ahead` [s] after the newest step if it runs on."""
+        return self.route.position(self.route_time + self.pace * ahead)
+
+    @property
+    def pace(self) -> float:
+        """Share of its speed that the leader uses."""
+        return self.cohesion.pace if self.fenced is None else 0.0
+
+    def go_on(self, mono: float, dt: float, mode: Mode) -> None:
+        """Advance by the `dt` [s] before `mono` in the mode that was in force.
+
+        Slots move only while the team runs: robots that stand could not follow, and would have to catch up
+        all at once.
+        """
+        if mode != "run":
+            self.shape_transition.rest()
+            return
+        before, placed_shape = self.route_time, self.shape_transition.placed_shape
+        pace = self.cohesion.step(mono, dt, self.where(), self.route.velocity(before), placed_shape)
+        self.fenced = self._fenced(dt)
+        self.route_time += pace * dt if self.fenced is None else 0.0
+        self.shape_transition.advance(
+            dt,
+            pace,
+            self.route.fastest(before, self.route_time),
+            self.route.heading(self.route_time),
+            self.route.turn_rate(self.route_time) if self.fenced is None else 0.0,
+        )
+
+    @property
+    def in_force(self) -> tuple[object, ...]:
+        """All that operators have ordered; a change is published at once."""
+        return self.team_mode.mode, self.shape_transition.wish, self.route.id, self.tuned
+
+    def _fenced(self, dt: float) -> Breach | None:
+        """Return what would leave the bounds in `dt` [s] and `BOUNDS_STOP_TIME` more."""
+        time = self.route_time + dt + BOUNDS_STOP_TIME
+        here, there = self.where(), self.route.position(time)
+        placed_shape, wish = self.shape_transition.placed_shape, self.shape_transition.wish
+        if here == there or self._fence.clear_of(there, max(placed_shape.scale, wish.scale)):
+            return None
+        placed_shapes = self.shape_transition.ahead(self.route.heading(time))
+        now = self._fence.breach(placed_shapes, here, self._fence.clearance)
+        then = self._fence.breach(placed_shapes, there, self._fence.clearance)
+        return None if then.excess <= max(now.excess, 0.0) + LENGTH_TOLERANCE else then
+
+    def learn(self, route: NamedRoute) -> bool:
+        """Keep another candidate's route; return whether it is the one that was missing."""
+        self._routes.pop(route.id, None)
+        self._routes[route.id] = route
+        while len(self._routes) > MAX_ROUTES:
+            del self._routes[next(name for name in self._routes if name)]
+        if self.route.known or route.id != self.route.id or not route.id:
+            return False
+        self.route, self.team_mode.lost = route, None
+        return True
+
+    def restore(self, order: Order) -> None:
+        """Go on from another leader's last order."""
+        self.team_mode.restore(order)
+        self.route_time, self.team_mode.lost, self.fenced = order.time, None, None
+        route = self._routes.get(order.route)
+        there = None if order.place is None else complex(order.place.x, order.place.y)
+        if route is not None and (
+            there is None or abs(route.position(order.time) - there) <= MAX_ROUTE_DISTANCE
+        ):
+            self.route = route
+        elif order.place is not None:
+            self.route = NamedRoute.standing(order.route, order.place)
+            self.team_mode.lost = Reason(Code.ROUTE_UNKNOWN)
+        borne = order.tuned is None or tuning.refusal(self._mission, order.tuned) is None
+        self.tuned = order.tuned if borne else None
+        wish = Wish(order.shape, order.rotation, order.scale)
+        self.shape_transition = ShapeTransition(self._mission, PlacedShape.of(order), wish, self._speed)
+
+    def order(self, term: int, beat: int, mode: Mode) -> Order:
+        """Return the order to publish."""
+        wish = self.shape_transition.wish
+        return Order(
+            term=term,
+            beat=beat,
+            mode=mode,
+            shape=wish.shape,
+            rotation=wish.rotation,
+            scale=wish.scale,
+            slots=None
+            if self.shape_transition.arrived and not self._mission.turning
+            else slots_of(self.shape_transition.placed_shape),
+            base_mode=self.team_mode.base_mode,
+            holding=bool(self.team_mode.rest.hold),
+            route=self.route.id,
+            time=round(min(self.route_time, MAX_ROUTE_TIME), 3),
+            place=self.route.place(self.route_time),
+            tuned=self.tuned,
+        )
+
+    def obey(self, request: OperatorRequest, fact: str) -> Result:
+        """Obey an operator's request; `fact` is the id of a stop or a hold that results."""
+        if request.do in MOTION:
+            return self.team_mode.change(request, fact)
+        if request.do in {"speed", "route"}:
+            return Result(*self._set_out(request))
+        if request.do == "tune":
+            return Result(*self._tune(request))
+        return Result(*self._change_shape(request))
+
+    def _set_out(self, request: OperatorRequest) -> tuple[bool, str]:
+        """Start another route from the current place."""
+        why = intent.refusal(self._mission, request, self.wanted)
+        if why is not None:
+            return False, why
+        start, heading = self.where(), self.route.heading(self.route_time)
+        route = self.route
+        if request.legs is not None:
+            route = NamedRoute.ordered(request.legs, start, heading)
+        elif request.speed is not None and request.degrees is not None:
+            route = NamedRoute.endless(request.speed, request.degrees, start, heading)
+        placed_shapes = (self.wanted, self._turned_back(self.shape_transition.placed_shape))
+        why, notice = intent.leaves(self._fence, route.geometry, placed_shapes, heading)
+        if why is not None:
+            return False, why
+        self.route = route
+        self.learn(self.route)
+        self.route_time, self.team_mode.lost, self.fenced = 0.0, None, None
+        lasts = "without an end" if math.isinf(self.route.total) else f"of {self.route.total:.3g} s"
+        answer = f"on a route {lasts} from where it is"
+        return True, f"{answer}; {notice}" if notice else answer
+
+    def _turned_back(self, placed_shape: PlacedShape) -> PlacedShape:
+        """Return the shape with its rotation as in an order: with ``turning`` from the leader's heading."""
+        if not self._mission.turning:
+            return placed_shape
+        heading = self.route.heading(self.route_time)
+        return placed_shape._replace(rotation=placed_shape.rotation - cmath.phase(heading))
+
+    @property
+    def gains(self) -> Tuned:
+        """The law's gains that all robots are to use."""
+        law = self._mission.law
+        return self.tuned or Tuned.model_construct(k_p=law.k_p, k_i=law.k_i)
+
+    def _tune(self, request: OperatorRequest) -> tuple[bool, str]:
+        wanted = intent.tuned(request, self.gains)
+        why = intent.refusal(self._mission, request, gains=wanted)
+        if why is not None:
+            return False, why
+        law = self._mission.law
+        self.tuned = None if (wanted.k_p, wanted.k_i) == (law.k_p, law.k_i) else wanted
+        k_i = wanted.k_i if law.controller.integral else 0.0
+        margin = spectrum.delay_margin(spectrum.laplacian(self._mission.graph), wanted.k_p, k_i)
+        return True, f"{wanted.words}; bears a delay of {margin * 1e3:.0f} ms"
+
+    def _change_shape(self, request: OperatorRequest) -> tuple[bool, str]:
+        before = self.shape_transition.wish
+        placed_shape = intent.wish(request, self.wanted)
+        shape = before.shape if request.shape is None else request.shape
+        if placed_shape is None or shape not in self._mission.shapes:
+            return False, intent.refusal(self._mission, request, self.wanted) or "no such shape"
+        wish = Wish(shape, placed_shape.rotation, placed_shape.scale)
+        path = self.shape_transition.plan_path(wish, self._speed)
+        if not self.shape_transition.sayable(path):
+            return False, f"still changing for {self.shape_transition.remaining:.1f} s: ask again then"
+        placed_shapes = self.shape_transition.placed_shapes(path)
+        why = intent.refusal(
+            self._mission, request, self.wanted, placed_shapes, self.route.legs, place=self.where()
+        ) or self._leaves_later(placed_shape)
+        if why is not None:
+            return False, why
+        changes = wish != before or not self.shape_transition.arrived
+        self.shape_transition.go(wish, path)
+        what = f"in shape {wish.shape}"
+        if request.do == "rotate":
+            what = f"turned by {math.degrees(wish.rotation):.4g}°"
+        elif request.do == "scale":
+            what = f"at scale {wish.scale:.4g}"
+        if not changes:
+            return True, what
+        running = "" if self.team_mode.mode == "run" else " of running"
+        return True, f"{what} in {self.shape_transition.remaining:.1f} s{running}"
+
+    def _leaves_later(self, placed_shape: PlacedShape) -> str | None:
+        """Return why a shape leaves the bounds on the rest of a finite route; None if it does not."""
+        if math.isinf(self.route.total):
+            return None
+        route, heading, since = self.route.geometry, self.route.heading(self.route_time), self.route_time
+        before, _ = intent.leaves(self._fence, route, (self.wanted,), heading, since)
+        why, _ = intent.leaves(self._fence, route, (placed_shape,), heading, since)
+        return None if before else why
+
+    @property
+    def _speed(self) -> float:
+        return self.route.fastest(self.route_time, self.route_time)
+
+
+def slots_of(placed_shape: PlacedShape) -> Slots:
+    """Return a shape as in an order, rounded to 1e-7."""
+    mix = {shape: min(round(share, 7), 1.0) for shape, share in placed_shape.mix if round(share, 7) > 0.0}
+    return Slots(mix=mix, rotation=round(placed_shape.rotation, 7), scale=round(placed_shape.scale, 7))

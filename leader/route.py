@@ -1,0 +1,160 @@
+"""The route that the leader is on: the mission's, or one that an operator ordered from where it was.
+
+Every order names its route by `id`, and gives the leader's time on it and its place. Routes other than the
+mission's are published for the other candidates (`formation.topics.ROUTE`). A new leader that does not know
+the route in force stands where the leader was (`NamedRoute.standing`).
+"""
+
+from __future__ import annotations
+
+import cmath
+import hashlib
+import math
+from collections.abc import Sequence
+from typing import Annotated, Self
+
+from pydantic import BaseModel, ConfigDict, StringConstraints, ValidationError
+
+from formation.mission.legs import Leg, Straight
+from formation.mission.model import Mission
+from formation.mission.route import Route
+from formation.protocol.order import Legs, Number, Place
+from formation.ros2.messages import Text, decode, encode
+from formation.wire import BadMessage
+
+MAX_COORDINATE = 1e6
+"""Largest coordinate of a `Place` [m]."""
+LOOKAHEAD_TIME = 1.0
+"""How far ahead the leader's highest speed is computed [s]."""
+LOOKAHEAD_STEPS = 10
+"""Number of steps in which the leader's highest speed is sampled."""
+
+
+class _RouteMessage(BaseModel):
+    """A route as JSON."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
+    id: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{12}$")]
+    x: Number
+    y: Number
+    heading: Number
+    legs: Legs
+
+    @property
+    def name(self) -> str:
+        """The route's id: equal for equal routes."""
+        body = self.model_dump_json(exclude_none=True, exclude={"id"})
+        return hashlib.sha256(body.encode()).hexdigest()[:12]
+
+
+class NamedRoute:
+    """A route with a name."""
+
+    def __init__(
+        self, name: str, route: Route, message: _RouteMessage | None = None, legs: Sequence[Leg] = ()
+    ) -> None:
+        self.id = name
+        """Empty for the mission's own route."""
+        self.legs = tuple(legs)
+        """Empty while standing."""
+        self._route, self._message = route, message
+
+    @classmethod
+    def of(cls, mission: Mission) -> Self:
+        """Return the mission's own route."""
+        return cls("", Route.of(mission), None, mission.route)
+
+    @classmethod
+    def ordered(cls, legs: Sequence[Leg], start: complex, heading: complex) -> Self:
+        """Return the route along `legs` from `start` [m; world frame] with direction `heading` (unit)."""
+        place = place_of(start, heading)
+        message = _RouteMessage(id="0" * 12, x=place.x, y=place.y, heading=place.heading, legs=tuple(legs))
+        return cls._of(message.model_copy(update={"id": message.name}))
+
+    @classmethod
+    def endless(cls, speed: float, degrees: float, start: complex, heading: complex) -> Self:
+        """Return an endless straight route at `speed` [m/s] in the direction `degrees` [world frame]."""
+        return cls.ordered((Straight(speed=speed, heading_deg=degrees),), start, heading)
+
+    @classmethod
+    def standing(cls, name: str, place: Place) -> Self:
+        """Return a stand at `place`, in place of the unknown route `name`."""
+        return cls(name, Route((), complex(place.x, place.y), cmath.rect(1.0, place.heading)))
+
+    @classmethod
+    def read(cls, payload: bytes) -> Self:
+        """Return another candidate's route. Raises BadMessage."""
+        try:
+            message = _RouteMessage.model_validate_json(decode(Text, payload).text)
+        except ValidationError as error:
+            first = error.errors(include_url=False, include_input=False, include_context=False)[0]
+            raise BadMessage(f"route: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+        if message.id != message.name:
+            raise BadMessage(f"route: id {message.id} does not match its content")
+        return cls._of(message)
+
+    @property
+    def known(self) -> bool:
+        """Whether its legs are known; False for a stand in place of an unknown route."""
+        return bool(self.legs)
+
+    @property
+    def geometry(self) -> Route:
+        """The route's geometry."""
+        return self._route
+
+    @property
+    def payload(self) -> bytes | None:
+        """The message for the other candidates; None for the mission's route and an unknown one."""
+        return (
+            None if self._message is None else encode(Text(self._message.model_dump_json(exclude_none=True)))
+        )
+
+    @property
+    def total(self) -> float:
+        """Duration of the route [s]; infinite if its last leg never ends."""
+        return self._route.total
+
+    def position(self, time: float) -> complex:
+        """Return the leader's position [m; world frame] after `time` on the route [s]."""
+        where = self._route.position(time)
+        return complex(_within(where.real), _within(where.imag))
+
+    def heading(self, time: float) -> complex:
+        """Return its direction of travel, unit complex [world frame]."""
+        return self._route.heading(time)
+
+    def turn_rate(self, time: float) -> float:
+        """Return how fast the heading turns [rad/s]."""
+        return self._route.turn_rate(time)
+
+    def velocity(self, time: float) -> complex:
+        """Return the leader's velocity [m/s; world frame]."""
+        return self._route.velocity(time)
+
+    def fastest(self, since: float, until: float) -> float:
+        """Return the leader's highest speed from `since` until `LOOKAHEAD_TIME` after `until` [m/s]."""
+        step = (until + LOOKAHEAD_TIME - since) / LOOKAHEAD_STEPS
+        return max(abs(self._route.velocity(since + number * step)) for number in range(LOOKAHEAD_STEPS + 1))
+
+    def place(self, time: float) -> Place:
+        """Return the leader's place, as in an order."""
+        return place_of(self.position(time), self.heading(time))
+
+    @classmethod
+    def _of(cls, message: _RouteMessage) -> Self:
+        start, heading = complex(message.x, message.y), cmath.rect(1.0, message.heading)
+        return cls(message.id, Route(message.legs, start, heading), message, message.legs)
+
+
+def place_of(position: complex, heading: complex) -> Place:
+    """Return the place rounded to 0.1 mm and 0.1 mrad."""
+    return Place(
+        x=round(_within(position.real), 4),
+        y=round(_within(position.imag), 4),
+        heading=round(cmath.phase(heading), 4),
+    )
+
+
+def _within(value: float) -> float:
+    return min(max(value, -MAX_COORDINATE), MAX_COORDINATE) if math.isfinite(value) else 0.0

@@ -1,0 +1,1 @@
+"""The same metrics for other tools."""

@@ -1,0 +1,250 @@
+"""The formation error and other metrics from the fleet's messages: bytes in, metrics out, without a clock.
+
+Robots are sampled at different times, so all are interpolated to one moment before they are compared: the
+newest that every fresh robot has reached. Values that depend on a silent robot are unknown; the known
+edges are summed separately, with their number.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from itertools import chain
+
+from formation.mission.model import Mission
+from formation.monitor.metrics.candidates import Candidates
+from formation.monitor.metrics.feed import freshness_limit
+from formation.monitor.metrics.keys import Watched, watched
+from formation.monitor.metrics.known import KnownError, KnownSettling
+from formation.monitor.metrics.orders import Lead, Orders, Wish
+from formation.monitor.metrics.received import ReceivedOfRobot, Tracked
+from formation.monitor.metrics.rejections import Rejections
+from formation.monitor.metrics.requests import Requests
+from formation.monitor.metrics.settling import Settling
+from formation.monitor.metrics.snapshot import Edge, Snapshot
+from formation.monitor.metrics.trajectory import Placed
+from formation.protocol import order
+from formation.protocol.order import Order, PositionAttachment
+from formation.protocol.status import LeaderStatus
+from formation.topics import POSITION
+from formation.wire import BadMessage, Now, Sample
+
+Errors = Mapping[Edge, float | None]
+MAX_CLOCK_JUMP = 1.0
+"""A larger jump of our system clock means that it was set [s]; a smaller one is ignored."""
+
+
+class Metrics:
+    """Metrics of one mission's fleet."""
+
+    def __init__(self, mission: Mission) -> None:
+        self.rejections = Rejections()
+        self._mission = mission
+        self._edges = tuple(
+            Edge(name, other) for name in mission.names for other in mission.robots[name].neighbours
+        )
+        self._requests = Requests()
+        slowest = max(freshness_limit(robot.rate) for robot in mission.robots.values())
+        keys: dict[str, list[Watched]] = {}
+        for one in watched(mission):
+            keys.setdefault(one.robot, []).append(one)
+        self._robots = {
+            name: ReceivedOfRobot(mission, name, keys[name], slowest, self._requests)
+            for name in mission.names
+        }
+        self._leader = self._robots[mission.leader]
+        self._candidates = Candidates(mission, keys, self._leader.statuses, self._requests)
+        self._routes = {
+            key: (feed, handle)
+            for key, feed, handle in chain(
+                *(robot.routes() for robot in self._robots.values()), self._candidates.routes()
+            )
+        }
+        self._orders = Orders(mission, self._leader.place.trajectory.size)
+        self._positions = {POSITION.key(name): self._robots[name] for name in mission.names}
+        self._ahead = math.inf  # our system clock before the monotonic one [s]
+        self._settling = Settling(mission.settled, slowest)
+        self._known = KnownSettling(mission.settled, slowest)
+
+    def process_sample(self, sample: Sample, wall: float) -> None:
+        """Take in one message that arrived at `wall` [s, our system clock]; count a bad one."""
+        feed, handle = self._routes.get(sample.key, (None, None))
+        if feed is None:
+            self.rejections.count("elsewhere", "unknown key")
+            return
+        ahead = wall - sample.arrived
+        if abs(ahead - self._ahead) > MAX_CLOCK_JUMP:
+            self._clock_was_set()
+        self._ahead = ahead
+        feed.received(sample.arrived)
+        try:
+            if sample.key in self._positions:
+                self._place(self._positions[sample.key], sample, wall)
+            elif handle is not None:
+                handle(sample, wall)
+        except BadMessage as bad:
+            self.rejections.count(sample.key, str(bad))
+            feed.rejected = sample.arrived
+            return
+        feed.accepted = sample.arrived
+
+    def observe(self, now: Now) -> float | None:
+        """Return the formation error of all robots at one moment [m]; None if unknown.
+
+        Call it steadily: settling is judged only by what it sees.
+        """
+        moment, errors = self._compare(now, lambda robot: robot.place)
+        error, formed = _sum(errors.values()), moment >= self._orders.formed_since
+        at = moment + now.mono - now.wall  # settling runs on the monotonic clock
+        if error is not None and at > (-math.inf if self._settling.last is None else self._settling.last):
+            self._settling.observe(at, error, formed=formed)
+        self._known.observe(at, self._sum_known(errors, now), formed=formed)
+        return error
+
+    def observe_known(self, now: Now) -> None:
+        """Judge only the known edges, for use while `observe` cannot judge all of them."""
+        moment, errors = self._compare(now, lambda robot: robot.place)
+        formed = moment >= self._orders.formed_since
+        self._known.observe(moment + now.mono - now.wall, self._sum_known(errors, now), formed=formed)
+
+    def snapshot(self, now: Now) -> Snapshot:
+        """Return everything known now, without changing anything."""
+        errors = self._compare(now, lambda robot: robot.place)[1]
+        start, until = self._settling.start, self._received_until()
+        lead = self._orders.lead
+        leads = lead.name if lead and self._leader.place.fresh(now.mono) else None
+        says = self._candidates.state(leads, now) if leads else None
+        own: dict[str, list[float | None]] = {}
+        for edge, value in errors.items():
+            own.setdefault(edge.robot, []).append(value)
+        return Snapshot(
+            elapsed=0.0 if start is None else now.mono - start,
+            formation_error=_sum(errors.values()),
+            known=self._sum_known(errors, now),
+            known_verdict=self._known.verdict(until, start),
+            formation_error_true=_sum(self._compare(now, lambda robot: robot.truth)[1].values()),
+            settled_at=self._settling.settled_at(until),
+            converged=self._settling.converged(until),
+            final_error=self._settling.final(until),
+            mode=self.order.mode if self.order else None,
+            shape=self.order.shape if self.order else self._mission.first_shape,
+            robots={
+                name: robot.metrics(
+                    now, KnownError.of(own.get(name, ())), says if robot is self._leader else None
+                )
+                for name, robot in self._robots.items()
+            },
+            edges=errors,
+            missed=sum(robot.missed() for robot in self._robots.values()),
+            rejected=self.rejections.by_reason,
+            contested=frozenset(name for robot in self._robots.values() for name in robot.contests(now)),
+            forgers=frozenset(name for robot in self._robots.values() for name in robot.forgers(now)),
+            wish=Wish.of(self.order) if self.order else None,
+            wished_at=self._settling.wished_at,
+            placed_shape=self._orders.placed_shape,
+            formed=self._orders.formed,
+            tuned=self.order.tuned if self.order else None,
+            lead=lead,
+            leads=leads,
+            waits=self._waits(leads, now),
+            requests=tuple(self._requests.newest),
+            candidates=self._candidates.metrics(now, leads),
+        )
+
+    def placed(self, now: Now, *, truly: bool = False) -> tuple[float, Mapping[str, Placed]]:
+        """Return the moment of comparison [s, our system clock], and the known places of robots at it.
+
+        From the robots' own positions, or `truly`: from ground truth. Changes nothing.
+        """
+        return self._placed(now, lambda robot: robot.truth if truly else robot.place)
+
+    def slots(self, moment: float) -> Mapping[str, complex]:
+        """Return all slots at `moment` [s, our system clock], relative to the leader [m; world frame]."""
+        return self._orders.slots(moment)
+
+    @property
+    def order(self) -> Order | None:
+        """The leader's newest order."""
+        return self._orders.newest
+
+    @property
+    def lead(self) -> Lead | None:
+        """The last leader."""
+        return self._orders.lead
+
+    def _place(self, robot: ReceivedOfRobot, sample: Sample, wall: float) -> None:
+        """Take in a position and its attachment. Raises BadMessage."""
+        if robot is not self._leader:
+            robot.place_it(sample, wall)
+            if sample.attachment is not None:
+                robot.attachments.process_attachment(sample.attachment)
+            return
+        newest_order = (
+            order.decode(PositionAttachment, sample.attachment).order
+            if sample.attachment is not None
+            else None
+        )
+        if newest_order is not None and self._orders.admit(newest_order, sample.arrived, wall):
+            robot.clock_was_set()  # another process publishes, perhaps on another machine
+        robot.place_it(sample, wall)
+        moment = robot.place.trajectory.latest
+        if newest_order is not None and self._orders.process_order(
+            newest_order, moment, sample.arrived, wall
+        ):
+            self._settling.restart(moment - self._ahead)
+            self._known.restart(moment - self._ahead)
+
+    def _clock_was_set(self) -> None:
+        self._orders.forget()
+        self._candidates.clock_was_set()
+        for robot in self._robots.values():
+            robot.clock_was_set()
+
+    def _waits(self, leads: str | None, now: Now) -> str:
+        """Return the robots that the leader waits for, by its status."""
+        if leads is None:
+            return ""
+        own = leads == self._mission.leader
+        newest = self._leader.statuses.newest(now) if own else self._candidates.newest(leads, now)
+        return ", ".join(newest.waits_for) if isinstance(newest, LeaderStatus) else ""
+
+    def _compare(self, now: Now, which: Callable[[ReceivedOfRobot], Tracked]) -> tuple[float, Errors]:
+        """Return the moment of comparison [s, our system clock], and each edge's |z_ij - z*_ij| [m]."""
+        moment, placed = self._placed(now, which)
+        slots = self._orders.slots(moment)
+
+        def error(edge: Edge) -> float | None:
+            here, there = placed.get(edge.robot), placed.get(edge.neighbour)
+            if here is None or there is None:
+                return None
+            return abs(there.point - here.point - (slots[edge.neighbour] - slots[edge.robot]))
+
+        return moment, {edge: error(edge) for edge in self._edges}
+
+    def _sum_known(self, errors: Errors, now: Now) -> KnownError:
+        """Return the known error by the robots' own positions, and the silent robots."""
+        placed = self._placed(now, lambda robot: robot.place)[1]
+        silent = {
+            name: None if (age := robot.place.feed.silence(now.mono)) == math.inf else age
+            for name, robot in self._robots.items()
+            if name not in placed
+        }
+        return KnownError.of(errors.values(), silent)
+
+    def _placed(
+        self, now: Now, which: Callable[[ReceivedOfRobot], Tracked]
+    ) -> tuple[float, dict[str, Placed]]:
+        tracked = {name: which(robot) for name, robot in self._robots.items()}
+        fresh = [name for name, one in tracked.items() if one.fresh(now.mono)]
+        moment = min((tracked[name].trajectory.latest for name in fresh), default=-math.inf)
+        places = {name: tracked[name].trajectory.at(moment) for name in fresh}
+        return moment, {name: place for name, place in places.items() if place is not None}
+
+    def _received_until(self) -> float:
+        """When a position last arrived from any robot [s, monotonic]."""
+        return max(robot.place.feed.accepted for robot in self._robots.values())
+
+
+def _sum(values: Iterable[float | None]) -> float | None:
+    known = list(values)
+    return math.fsum(v for v in known if v is not None) if None not in known else None

@@ -1,0 +1,164 @@
+"""The leader's orders: the newest one, the shape at each moment, and the leader since when. No clock.
+
+An order is attached to the leader's position, so it counts from the moment of that position on. Between two
+orders the shape is interpolated linearly.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from itertools import pairwise
+from typing import NamedTuple
+
+from formation.mission.model import Mission
+from formation.monitor.metrics.terms import leader_of
+from formation.protocol.election import check_term
+from formation.protocol.order import Order, newer
+from formation.slots.shape import PlacedShape
+from formation.wire import BadMessage, Now
+
+WISH_TOLERANCE = 1e-6
+"""Tolerance of a share, a scale or a rotation [rad] that counts as the wanted one."""
+MAX_HEADING_LAG = 0.1
+"""Largest lag of a shape that turns with its leader and counts as arrived [rad]."""
+MAX_CACHED_SLOTS = 8
+"""Number of shapes with cached slots."""
+
+
+class Wish(NamedTuple):
+    """The shape, rotation, scale and route that are wanted. With a new wish it has to settle again."""
+
+    shape: str
+    rotation: float
+    """[rad]"""
+    scale: float
+    route: str
+
+    @classmethod
+    def of(cls, order: Order) -> Wish:
+        """Return the wish of `order`."""
+        return cls(order.shape, order.rotation, order.scale, order.route)
+
+
+class Lead(NamedTuple):
+    """The leader, since when, and the leader before it."""
+
+    name: str
+    term: int
+    since: float
+    """[s, our system clock]"""
+    before: str = ""
+    """The leader before; empty for the first one."""
+    silent: float = 0.0
+    """Time without a leader before that [s]."""
+
+
+class Orders:
+    """Orders received with the leader's positions."""
+
+    def __init__(self, mission: Mission, size: int) -> None:
+        """`size` is the number of shapes kept, equal to that of the leader's positions."""
+        self.newest: Order | None = None
+        self.lead: Lead | None = None
+        self.formed_since = -math.inf
+        """Since when the shape is the wanted one [s, our system clock]; infinite before."""
+        self._mission = mission
+        self._first = PlacedShape.first(mission)
+        self._placed_shapes: deque[tuple[float, PlacedShape]] = deque(maxlen=size)
+        self._drawn: dict[PlacedShape, dict[str, complex]] = {}  # the newest shapes
+        self._received = -math.inf  # when the leader's position last arrived [s, monotonic]
+
+    @property
+    def placed_shape(self) -> PlacedShape:
+        """The shape of the newest order."""
+        return PlacedShape.of(self.newest) if self.newest else self._first
+
+    @property
+    def formed(self) -> bool:
+        """Whether the shape has reached the newest wish."""
+        return self.formed_since < math.inf
+
+    def admit(self, order: Order, arrived: float, wall: float) -> bool:
+        """Return whether it begins a new term; times as in `process_order`. Raises BadMessage if refused."""
+        shapes = self._mission.shapes
+        if order.shape not in shapes or (order.slots and not order.slots.mix.keys() <= shapes.keys()):
+            raise BadMessage("unknown shape")
+        check_term(order.term, Now(arrived, wall))
+        if self.newest is None or order.term == self.newest.term:
+            return False
+        if order.term < self.newest.term:
+            raise BadMessage("of an earlier term: another leads by now")
+        return True
+
+    def process_order(self, order: Order, moment: float, arrived: float, wall: float) -> bool:
+        """Take an admitted order of `moment` [s, our system clock]; return whether its wish is new.
+
+        It arrived at `arrived` [s, monotonic], that is `wall` [s, our system clock].
+        """
+        before = self.newest
+        if self.lead is None or order.term != self.lead.term:
+            who = leader_of(self._mission, order.term)
+            former = self.lead.name if self.lead else ""
+            self.lead = Lead(who, order.term, wall, former, arrived - self._received if self.lead else 0.0)
+        self._received = arrived
+        if not newer(order, before):
+            return False
+        self.newest = order
+        self._placed_shapes.append((moment, PlacedShape.of(order)))
+        another = before is not None and Wish.of(before) != Wish.of(order)
+        there = _there(order, self._mission)
+        if another or (before is None and not there):
+            self.formed_since = math.inf
+        if there and not self.formed:
+            self.formed_since = moment
+        return another
+
+    def forget(self) -> None:
+        """Forget all moments after our system clock was set."""
+        self._placed_shapes.clear()
+        self.formed_since = -math.inf if self.formed else math.inf
+
+    def slots(self, moment: float) -> dict[str, complex]:
+        """Return all slots at `moment` [s, our system clock], relative to the leader [m; world frame]."""
+        before, after = self._around(moment)
+        here = self._draw(before[1])
+        if before[1] == after[1]:
+            return here
+        share, there = (moment - before[0]) / (after[0] - before[0]), self._draw(after[1])
+        return {name: slot + share * (there[name] - slot) for name, slot in here.items()}
+
+    def _around(self, moment: float) -> tuple[tuple[float, PlacedShape], tuple[float, PlacedShape]]:
+        """Return the shapes before and after; the same twice if one side has none."""
+        if not self._placed_shapes:
+            only = moment, self.placed_shape
+            return only, only
+        if moment >= self._placed_shapes[-1][0]:
+            return self._placed_shapes[-1], self._placed_shapes[-1]
+        for after, before in pairwise(reversed(self._placed_shapes)):
+            if before[0] <= moment:
+                return before, after
+        return self._placed_shapes[0], self._placed_shapes[0]
+
+    def _draw(self, placed_shape: PlacedShape) -> dict[str, complex]:
+        """Return the shape's slots by name."""
+        if placed_shape not in self._drawn:
+            if len(self._drawn) >= MAX_CACHED_SLOTS:
+                self._drawn.pop(next(iter(self._drawn)))
+            self._drawn[placed_shape] = dict(
+                zip(self._mission.names, placed_shape.slots(self._mission), strict=True)
+            )
+        return self._drawn[placed_shape]
+
+
+def _there(order: Order, mission: Mission) -> bool:
+    """Return whether the shape is the wanted one."""
+    if order.slots is None:
+        return True
+    if order.slots.mix.get(order.shape, 0.0) < 1.0 - WISH_TOLERANCE:
+        return False
+    if abs(order.slots.scale - order.scale) > WISH_TOLERANCE:
+        return False
+    ahead = order.place.heading if mission.turning and order.place else 0.0
+    behind = math.remainder(order.slots.rotation - order.rotation - ahead, math.tau)
+    return abs(behind) <= (MAX_HEADING_LAG if mission.turning else WISH_TOLERANCE)

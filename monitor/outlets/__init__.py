@@ -1,1 +1,0 @@
-"""The same figures for the tools of others."""

@@ -1,0 +1,167 @@
+"""The monitor on its buses: record first, understand later.
+
+All arrived messages are taken together, fifty times a second. That is enough for people and for 10 Hz
+metrics, and at thousands of messages a second far cheaper than waking for each.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+from formation.monitor.core import Monitor
+from formation.monitor.metrics.events import Event
+from formation.monitor.metrics.words import as_json, line
+from formation.monitor.recording.recorder import Recorder
+from formation.monitor.web.showing import Showing
+from formation.transport.bus import Bus
+from formation.transport.linger import Linger
+from formation.transport.robot_bus import RobotBus
+from formation.transport.runtime.process import Stop, clocks, say
+from formation.transport.runtime.rate import Rate
+from formation.transport.runtime.robot_buses import RobotBuses
+from formation.wire import Now, Sample
+
+NAME = "monitor"
+MAX_WAITING_MESSAGES = 65_536
+"""Number of messages that may wait: ten seconds of 6000 a second, while the disk is busy."""
+STEP_PERIOD = 0.02
+"""[s]"""
+QUIET_TIME = 0.2
+"""Silence after which, at the end, no more messages are expected [s]."""
+STOP_TIMEOUT_SECONDS = 1.0
+"""Longest time to go on after a request to stop while the fleet still sends [s]."""
+_log = logging.getLogger(__name__)
+
+
+class Exporter(Protocol):
+    """Another receiver of every message."""
+
+    def forward_sample(self, sample: Sample, wall: float) -> None:
+        """Take a message, as received, that arrived at `wall` [s, our system clock]. Must not block."""
+
+
+class Watch:
+    """Move messages from the buses, which share one mailbox, into the recording and the metrics."""
+
+    def __init__(
+        self,
+        monitor: Monitor,
+        bus: Bus,
+        recorder: Recorder | None,
+        stage: RobotBuses,
+        ros: RobotBus | None = None,
+        page: Showing | None = None,
+        exporter: Exporter | None = None,
+    ) -> None:
+        """`stage` is the bus to simulated robots, `ros` that for metrics in ROS 2, `exporter` an exporter."""
+        self._monitor, self._bus, self._recorder = monitor, bus, recorder
+        self._stage, self._ros, self._page, self._exporter = stage, ros, page, exporter
+        self._linger = Linger()
+        self._reported = 0  # number of the newest event sent with a snapshot
+
+    def declare(self) -> None:
+        """Declare all publications and subscriptions. Raises BusError."""
+        for topic, key in self._monitor.publications:
+            self._bus.advertise(topic, key)
+            if self._ros is not None:
+                self._ros.advertise(topic, key)
+        for topic, key in self._monitor.truths:
+            self._stage.subscribe(topic, key)
+        for key in self._monitor.subscriptions:
+            self._bus.subscribe(key)
+
+    def run(self, stop: Stop, *, snapshots: bool) -> None:
+        """Watch until told to stop, and then until earlier messages have arrived.
+
+        With `snapshots`, print for programs five times a second, else for people every two seconds.
+        """
+        tell = Rate(5.0 if snapshots else 0.5)
+        while not stop:
+            now = clocks()
+            self._pump(now)
+            if self._page is not None:
+                self._page.step(now, self._recorder)
+            self._linger.tend(now.mono)
+            if tell.tick(now.mono):
+                self._tell(now, snapshots=snapshots)
+            time.sleep(STEP_PERIOD)
+        _log.info("stopping: %s", stop.reason)
+        self._drain()
+
+    def summary(self) -> dict[str, Any]:
+        """Return the summary for stdout. Call it after closing the recording."""
+        snapshot = self._monitor.metrics.snapshot(clocks())
+        rejected = self._monitor.metrics.rejections.by_key
+        return {
+            "process": NAME,
+            "published": dict(self._bus.published),
+            "received": dict(self._bus.received),
+            "robot": {
+                "published": dict(self._ros.published) if self._ros else {},
+                "received": dict(self._stage.received),
+            },
+            "dropped": {**rejected, "overflowed": self._bus.overflowed},
+            "refused": dict(self._bus.refused),
+            "rejected": dict(snapshot.rejected),
+            "missed": snapshot.missed,
+            "recorded": dict(self._recorder.recorded) if self._recorder else {},
+            "recording": str(self._recorder.path) if self._recorder else None,
+            "recording_failure": self._recorder.failure if self._recorder else None,
+            "recording_lost": self._recorder.lost if self._recorder else 0,
+            "recording_parts": [str(path) for path in self._recorder.paths] if self._recorder else [],
+            "formation_error": snapshot.final_error,
+            "known": snapshot.known_verdict.as_json(),
+            "settling_time": snapshot.settling_time,
+            "settled_at": snapshot.settled_at,
+            "converged": snapshot.converged,
+        }
+
+    def _pump(self, now: Now) -> int:
+        inbox = self._bus.drain()
+        self._record(inbox, now)
+        for out in self._monitor.step(now, inbox):
+            self._bus.publish(out.key, out.payload, out.attachment)
+            if self._ros is not None:
+                self._ros.publish(out.key, out.payload)
+            self._record([Sample(out.key, out.payload, out.attachment, now.mono)], now)
+        if self._recorder is not None:
+            self._recorder.flush(now.mono)
+            for notice in self._recorder.notices():
+                self._monitor.note(Event(now.wall, notice.level, "", "recording", notice.text))
+        return len(inbox)
+
+    def _record(self, samples: Sequence[Sample], now: Now) -> None:
+        ahead = now.wall - now.mono
+        if self._recorder is not None:
+            for sample in samples:
+                self._recorder.write(sample, sample.arrived + ahead)
+        if self._exporter is not None:
+            for sample in samples:
+                self._exporter.forward_sample(sample, sample.arrived + ahead)
+
+    def _drain(self) -> None:
+        end = received = time.monotonic()
+        end += STOP_TIMEOUT_SECONDS
+        while (now := clocks()).mono < min(end, received + QUIET_TIME):
+            if self._pump(now):
+                received = now.mono
+            time.sleep(STEP_PERIOD)
+
+    def _tell(self, now: Now, *, snapshots: bool) -> None:
+        snapshot = self._monitor.metrics.snapshot(now)
+        failure = self._recorder.failure if self._recorder else None
+        if snapshots:
+            news = [one for one in self._monitor.events if one.number > self._reported]
+            self._reported = news[-1].number if news else self._reported
+            say(
+                "snapshot",
+                **as_json(snapshot),
+                events=[one.event._asdict() for one in news],
+                overflowed=self._bus.overflowed,
+                recording_failure=failure,
+            )
+        else:
+            _log.info("%s%s", line(snapshot), f"  NOT RECORDING: {failure}" if failure else "")

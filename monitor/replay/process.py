@@ -1,0 +1,217 @@
+"""Play a recording to the page and onto the bus, in turns of a few hundredths of a second.
+
+Any thread may steer; a request is done at the beginning of the next turn. The metrics have precedence: if a
+recording is played faster than this machine can, all messages are in the metrics, but late ones are not
+published.
+"""
+
+from __future__ import annotations
+
+import time
+from concurrent.futures import Future
+from contextlib import suppress
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
+from typing import Any
+
+from formation.mission.model import Mission
+from formation.monitor.metrics.snapshot import Snapshot
+from formation.monitor.replay.echo import Echo
+from formation.monitor.replay.picture import Picture
+from formation.monitor.replay.player import MAX_SPEED, MIN_SPEED, Player
+from formation.monitor.web import frames
+from formation.monitor.web.source import Source
+from formation.transport.runtime.rate import Rate
+from formation.wire import Now
+
+MAX_TURN_TIME = 0.05
+"""Longest time for taking messages in one turn [s]."""
+BATCH_MESSAGES = 100
+"""Messages between two looks at the clock."""
+MIN_PAUSE, MAX_PAUSE = 0.001, 0.02
+"""Pause between two turns [s]."""
+MAX_LATENESS = 0.2
+"""At more than normal speed, a message that is later than this is not published [s, real]."""
+FRAME_RATE = 10.0
+"""Rate of frames [Hz]."""
+STEERING_TIMEOUT_SECONDS = 2.0
+"""How long a steering request waits for its turn [s]."""
+Order = tuple[str, float | None, "Future[dict[str, Any]]"]
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """State of a replay. Times of the recording are on its recorder's system clock [s]."""
+
+    position: float
+    start: float
+    end: float
+    speed: float
+    paused: bool
+    seeking: bool
+    finished: bool
+    counted_from: float
+    """Since when settling and counts are known: later than the start after a seek into a long recording."""
+    drift: float
+    """Additional playing time because it could not keep up [s, real]."""
+    played: int
+    """Messages played so far, repetitions included."""
+    published: int
+    """Messages published on the bus."""
+    skipped: int
+    """Messages that were too late for the bus."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it for a frame, or as the answer to steering."""
+        return {
+            "t": round(self.position, 3),
+            "start": round(self.start, 3),
+            "end": round(self.end, 3),
+            "speed": self.speed,
+            "paused": self.paused,
+            "seeking": self.seeking,
+            "finished": self.finished,
+            "counted_from": round(self.counted_from, 3),
+            "drift": round(self.drift, 3),
+            "skipped": self.skipped,
+        }
+
+
+class Replay:
+    """Play one recording. `steer` may be called from any thread, all else from one."""
+
+    def __init__(
+        self,
+        mission: Mission,
+        player: Player,
+        source: Source | None = None,
+        echo: Echo | None = None,
+        again_from: float | None = None,
+    ) -> None:
+        """`source` is the page's, `echo` publishes on the bus.
+
+        At its end it goes on from `again_from` [s, the recorder's system clock], if given.
+        """
+        self._mission, self._player = mission, player
+        self._source, self._echo, self._again_from = source, echo, again_from
+        self._picture = Picture(mission)
+        self._orders: SimpleQueue[Order] = SimpleQueue()
+        self._frames = Rate(FRAME_RATE)
+        self._played = self._skipped = 0
+        self._shown = self._picture.end
+
+    @property
+    def standing(self) -> Standing:
+        """The state of the replay."""
+        one = self._player
+        return Standing(
+            one.goal, one.start, one.end, one.speed, one.paused, one.seeking, one.finished, one.built_from,
+            one.lost + one.behind, self._played, self._echo.published if self._echo else 0, self._skipped,
+        )  # fmt: skip
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The metrics at the position."""
+        return self._picture.snapshot(self._player.position)
+
+    def steer(self, do: str, to: float | None) -> dict[str, Any]:
+        """Pause, play, seek to a time [s, recorder's system clock] or set the speed; return the new state.
+
+        Raises ValueError for an invalid request.
+        """
+        if do in {"seek", "speed"} and to is None:
+            raise ValueError(f"{do}: where to? `to` must be a number")
+        if do == "speed" and not MIN_SPEED <= (to or 0.0) <= MAX_SPEED:
+            raise ValueError(f"speed {to:g}: must be from {MIN_SPEED:g} to {MAX_SPEED:g}")
+        done: Future[dict[str, Any]] = Future()
+        self._orders.put((do, to, done))
+        with suppress(TimeoutError):
+            return done.result(STEERING_TIMEOUT_SECONDS)
+        return self.standing.as_json()
+
+    def step(self, do: str, to: float | None = None) -> None:
+        """Steer at once, in the thread that has the turns."""
+        mono, player = time.monotonic(), self._player
+        if do == "pause":
+            player.pause()
+        elif do == "play":
+            player.play(mono)
+        elif do == "seek":
+            player.seek(player.start if to is None else to)
+        elif do == "speed":
+            player.set_speed(mono, 1.0 if to is None else to)
+        else:
+            raise ValueError(f"do {do!r}: must be one of pause, play, seek, speed")
+
+    def turn(self) -> float:
+        """Do requests, take due messages, show them; return how long the next turn can wait [s].
+
+        Returns after little more than `MAX_TURN_TIME`.
+        """
+        self._obey()
+        was_seeking = self._player.seeking
+        self._feed()
+        if self._source is not None:
+            if self._player.seeking:
+                self._bridge(self._source)
+            else:
+                self._show(self._source, anew=was_seeking)
+        if self._again_from is not None and self._player.finished and not self._player.paused:
+            self._player.seek(self._again_from)
+        return min(max(self._player.idle(time.monotonic()), MIN_PAUSE), MAX_PAUSE)
+
+    def _obey(self) -> None:
+        with suppress(Empty):
+            while True:
+                do, to, done = self._orders.get_nowait()
+                try:
+                    self.step(do, to)
+                    done.set_result(self.standing.as_json())
+                except ValueError as error:
+                    done.set_exception(error)
+
+    def _feed(self) -> None:
+        end = time.monotonic() + MAX_TURN_TIME
+        while (mono := time.monotonic()) < end:
+            lost = self._player.lost
+            batch = self._player.next_batch(mono, BATCH_MESSAGES)
+            behind = self._player.behind > MAX_LATENESS or self._player.lost > lost
+            late = behind and self._player.speed > 1.0
+            if batch.anew:
+                self._picture = Picture(self._mission)
+            for message, aloud in batch.due:
+                self._picture.process_message(message)
+                self._played += aloud
+                if aloud and self._echo is not None:
+                    if late:
+                        self._skipped += 1
+                    else:
+                        self._echo.publish(message.sample)
+            if len(batch.due) < BATCH_MESSAGES:
+                return
+
+    def _bridge(self, source: Source) -> None:
+        """While seeking, show the last frame and the goal to pages opened meanwhile."""
+        last = source.look
+        if last is not None and source.wanted and self._frames.tick(time.monotonic()):
+            source.show({**last.frame, "replay": self.standing.as_json()}, last.snapshot)
+
+    def _show(self, source: Source, *, anew: bool) -> None:
+        picture = self._picture
+        if anew:
+            source.restart(picture.history, (frames.event(*one) for one in picture.events))
+        else:
+            events, errors = picture.news(self._shown)
+            for error in errors:
+                source.observe(*error)
+            for event in events:
+                source.note(frames.event(*event))
+        self._shown = picture.end
+        if source.wanted and self._frames.tick(time.monotonic()):
+            at = self._player.position
+            snapshot = picture.snapshot(at)
+            frame = frames.frame(
+                self._mission, picture.metrics, Now(at, at),
+                snapshot=snapshot, replay=self.standing.as_json(),
+            )  # fmt: skip
+            source.show(frame, snapshot)

@@ -1,0 +1,233 @@
+"""The routes of the page's server, and their answers."""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import json
+import logging
+from collections.abc import Callable, Collection, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, get_args
+
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
+
+from formation.monitor.exporters.prometheus import exposition
+from formation.monitor.metrics.words import as_json
+from formation.monitor.web.connection import OPERATOR
+from formation.monitor.web.guard import Message
+from formation.monitor.web.interfaces import Control, Replay
+from formation.monitor.web.source import Look, Source
+from formation.monitor.web.stream import Streams
+from formation.protocol.order import TAKES, Do
+
+STEERING = ("pause", "play", "seek", "speed")
+MAX_BODY_BYTES = 4096
+"""Longest body of a request [bytes]."""
+MAX_TEXT_CHARS = 64
+MAX_MAGNITUDE = 1e12
+"""Largest magnitude of a number in a body."""
+READ_TIMEOUT_SECONDS = 5.0
+"""Longest time for receiving a body [s]."""
+MAX_ORDERS, MAX_EXTRA_STOPS = 16, 16
+"""Most orders under way, and most stops in addition: stops never wait for other orders."""
+SITE = Path(str(files("formation.monitor.web").joinpath("site")))
+NO_STORE = {"cache-control": "no-store"}
+_log = logging.getLogger(__name__)
+
+
+def application(
+    source: Source, streams: Streams, control: Control | None, replay: Replay | None
+) -> Starlette:
+    """Return the application, without the gate in front of it."""
+    answers = Answers(streams)
+    routes: list[Route | Mount] = [
+        Route("/stream", streams, methods=["GET"]),
+        Route("/healthz", answers.health),
+        Route("/metrics", answers.metrics),
+        Route("/api/snapshot", answers.snapshot),
+    ]
+    if control is not None:
+        orders = Orders(source, control)
+        routes.append(Route("/api/order", orders.order, methods=["POST"]))
+        routes.append(Route("/api/order", orders.may, methods=["GET"]))
+    if replay is not None:
+        routes.append(Route("/api/replay", Steering(replay).steer, methods=["POST"]))
+    routes.append(Route("/api/{rest:path}", answers.nothing, methods=["GET", "POST"]))
+    routes.append(Mount("/", Site(directory=SITE, html=True, check_dir=False)))
+    return Starlette(routes=routes, exception_handlers={HTTPException: _say_why})
+
+
+class Answers:
+    """Metrics of one moment, made on request."""
+
+    def __init__(self, streams: Streams) -> None:
+        self._streams = streams
+
+    async def health(self, _request: Request) -> Response:
+        """Answer that the server is alive."""
+        return PlainTextResponse("ok\n", headers=NO_STORE)
+
+    async def nothing(self, request: Request) -> Response:
+        """Answer a request for a function that this server was started without."""
+        raise HTTPException(404, f"there is no {request.url.path} here")
+
+    async def metrics(self, request: Request) -> Response:
+        """Answer with the metrics for Prometheus."""
+        look = await self._look()
+        body, content_type = exposition(
+            look.snapshot, look.frame["recording"], request.headers.get("accept", "")
+        )
+        return Response(body, headers={**NO_STORE, "content-type": content_type})
+
+    async def snapshot(self, _request: Request) -> Response:
+        """Answer with the snapshot for programs."""
+        look = await self._look()
+        return JSONResponse(as_json(look.snapshot), headers=NO_STORE)
+
+    async def _look(self) -> Look:
+        look = await self._streams.fresh()
+        if look is None:
+            raise HTTPException(503, "there are no metrics at the moment")
+        return look
+
+
+class Orders:
+    """The operator's orders, accepted with the token."""
+
+    def __init__(self, source: Source, control: Control) -> None:
+        self._source, self._control = source, control
+        self._threads = ThreadPoolExecutor(MAX_ORDERS + MAX_EXTRA_STOPS, "order")
+        self._under_way = 0
+
+    async def may(self, request: Request) -> Response:
+        """Answer whether the sender may give orders, so that a missing token shows before the first stop."""
+        self._know(request)
+        return Response(status_code=204, headers=NO_STORE)
+
+    async def order(self, request: Request) -> Response:
+        """Give an order and answer with the robots' answers."""
+        self._know(request)
+        body = await _body(request)
+        do = _one_of(body, "do", get_args(Do))
+        what = {name: body.get(name) for name in TAKES.get(do, ())}
+        if do == "shape":
+            what["shape"] = _one_of(body, "shape", self._source.shapes)
+        if self._under_way >= MAX_ORDERS + MAX_EXTRA_STOPS * (do == "stop"):
+            raise HTTPException(429, "too many orders at once", {"retry-after": "1"})
+        order = partial(
+            self._control.order, do, click=_text(body, "click"), seen=_number(body, "seen"), **what
+        )
+        return JSONResponse(await self._give(order), headers=NO_STORE)
+
+    def _know(self, request: Request) -> None:
+        """Refuse a request without the token."""
+        given, right = request.headers.get("authorization", ""), f"Bearer {self._control.token}"
+        if not hmac.compare_digest(given.encode(), right.encode()):
+            raise HTTPException(401, "this needs the token of the page", {"www-authenticate": "Bearer"})
+        request.scope[OPERATOR] = True
+
+    async def _give(self, order: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        self._under_way += 1
+        try:
+            return await asyncio.get_running_loop().run_in_executor(self._threads, order)
+        except ValueError as error:
+            raise HTTPException(409, str(error)) from None
+        except Exception as error:  # noqa: BLE001 - the page has to show any failure
+            _log.exception("an order of the page was not given")
+            raise HTTPException(500, f"the order was not given: {error}") from None
+        finally:
+            self._under_way -= 1
+
+
+class Steering:
+    """Pause, play, seek and speed of a replay. It moves no robot, so it needs no token."""
+
+    def __init__(self, replay: Replay) -> None:
+        self._replay = replay
+
+    async def steer(self, request: Request) -> Response:
+        """Steer and answer with the state of the replay."""
+        body = await _body(request)
+        do, to = _one_of(body, "do", STEERING), _number(body, "to")
+        if to is None and do in {"seek", "speed"}:
+            raise HTTPException(400, f"to: {do} needs a number: a time [s], or how many times as fast")
+        try:
+            state = await asyncio.to_thread(self._replay.steer, do, to)
+        except ValueError as error:
+            raise HTTPException(400, str(error)) from None
+        return JSONResponse(state, headers=NO_STORE)
+
+
+class Site(StaticFiles):
+    """The page's own files; a browser checks each time whether they have changed."""
+
+    async def get_response(self, path: str, scope: Message) -> Response:
+        """Answer with one file."""
+        response = await super().get_response(path, scope)
+        response.headers["cache-control"] = "no-cache"
+        return response
+
+
+async def _body(request: Request) -> dict[str, Any]:
+    """Return a request's JSON object."""
+    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if kind != "application/json":  # a form of a foreign page cannot send this
+        raise HTTPException(415, "the body must be application/json")
+    data = bytearray()
+    try:
+        async with asyncio.timeout(READ_TIMEOUT_SECONDS):
+            async for piece in request.stream():
+                data += piece
+                if len(data) > MAX_BODY_BYTES:
+                    raise HTTPException(413, f"the body must be at most {MAX_BODY_BYTES} bytes")
+    except TimeoutError:
+        raise HTTPException(408, "the body did not come") from None
+    except ClientDisconnect:
+        raise HTTPException(400, "the body was cut off") from None
+    try:
+        body = json.loads(data)
+    except (ValueError, RecursionError):
+        body = None
+    if not isinstance(body, dict):
+        raise HTTPException(400, "the body must be a JSON object")
+    return body
+
+
+def _one_of(body: Mapping[str, Any], key: str, legal: Collection[str]) -> str:
+    value = body.get(key)
+    if not isinstance(value, str) or value not in legal:
+        raise HTTPException(400, f"{key}: must be one of {', '.join(legal)}")
+    return value
+
+
+def _number(body: Mapping[str, Any], key: str) -> float | None:
+    value = body.get(key)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= MAX_MAGNITUDE:
+        raise HTTPException(400, f"{key}: must be a number")
+    return float(value)
+
+
+def _text(body: Mapping[str, Any], key: str) -> str:
+    value = body.get(key, "")
+    if not isinstance(value, str) or len(value) > MAX_TEXT_CHARS:
+        raise HTTPException(400, f"{key}: must be text of at most {MAX_TEXT_CHARS} letters")
+    return value
+
+
+async def _say_why(_request: Request, error: Exception) -> Response:
+    if not isinstance(error, HTTPException):  # as starlette would have it typed
+        raise error
+    return JSONResponse(
+        {"error": error.detail}, error.status_code, headers={**NO_STORE, **(error.headers or {})}
+    )

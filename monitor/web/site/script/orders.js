@@ -1,0 +1,163 @@
+/** Orders to the fleet, and the robots that acknowledged them. Shown only where the page was started with --control. */
+
+import { byId, make, setAttribute, setHidden, setText } from "./dom.js";
+import { forget, keep, token } from "./token.js";
+
+const TWICE = 1000; // Escape twice within so long stops [ms]
+const ARMED = 4000; // what sets robots moving wants a second press within so long [ms]
+const PATIENCE = 5000; // an answer of the page's own server takes no longer [ms]
+
+export class Orders {
+  constructor(model) {
+    this.model = model;
+    this.escaped = -Infinity;
+    this.armed = null;
+    this.turn = 0;
+    this.shape = byId("order-shape");
+    for (const button of document.querySelectorAll("button[data-do]")) {
+      button.addEventListener("click", (event) => this.press(button, event.detail > 1));
+    }
+    byId("token-form").addEventListener("submit", (event) => this.enter(event));
+    document.addEventListener("keydown", (event) => this.key(event));
+  }
+
+  get allowed() {
+    return this.model.hello?.control === true;
+  }
+
+  greet() {
+    setHidden(byId("orders"), !this.allowed);
+    if (!this.allowed) return;
+    const shapes = Object.keys(this.model.hello.shapes);
+    const chosen = this.shape.value;
+    this.shape.replaceChildren(...shapes.map((name) => make("option", { value: name }, name)));
+    if (shapes.includes(chosen)) this.shape.value = chosen;
+    setHidden(this.shape.parentElement, shapes.length < 2);
+    this.showToken();
+    this.check();
+  }
+
+  showToken(wrong = false) {
+    setHidden(byId("token-form"), token() !== "");
+    setHidden(byId("order-buttons"), token() === "");
+    setHidden(byId("token-wrong"), !wrong);
+  }
+
+  enter(event) {
+    event.preventDefault();
+    keep(byId("token").value);
+    byId("token").value = "";
+    this.showToken();
+    if (token()) document.querySelector('button[data-do="stop"]').focus();
+    this.check();
+  }
+
+  /** Is the token right? A monitor that was started anew has another, and a stop is no moment to find out. */
+  async check() {
+    const sent = token();
+    if (!sent) return;
+    const headers = { Authorization: `Bearer ${sent}` };
+    const answer = await fetch("api/order", { headers, signal: AbortSignal.timeout(PATIENCE) }).catch(() => null);
+    if (answer?.status !== 401 || token() !== sent) return;
+    forget();
+    this.showToken(true);
+  }
+
+  /** Escape, twice: stop without a mouse. */
+  key(event) {
+    if (event.key !== "Escape" || event.repeat || !this.allowed) return;
+    const now = performance.now();
+    if (now - this.escaped < TWICE) this.give("stop");
+    this.escaped = now - this.escaped < TWICE ? -Infinity : now;
+  }
+
+  /** Stop and hold act at once; what sets robots moving asks back, and a double click is no answer to that. */
+  press(button, hasty = false) {
+    const what = button.dataset.do;
+    if (hasty && this.armed === button) return;
+    if (what === "stop" || what === "hold" || this.armed === button) {
+      this.disarm();
+      this.give(what);
+      return;
+    }
+    this.disarm();
+    this.armed = button;
+    button.classList.add("armed");
+    setText(button.querySelector(".again"), "press again");
+    this.timer = setTimeout(() => this.disarm(), ARMED);
+  }
+
+  disarm() {
+    clearTimeout(this.timer);
+    if (!this.armed) return;
+    this.armed.classList.remove("armed");
+    setText(this.armed.querySelector(".again"), "");
+    this.armed = null;
+  }
+
+  async give(what) {
+    const seen = this.model.frame?.t ?? 0; // stop and hold are allowed before the first frame
+    const body = { do: what, click: click(), seen };
+    if (what === "shape") body.shape = this.shape.value;
+    const turn = (this.turn += 1);
+    this.tell("asking", `${what}: asking …`);
+    try {
+      const answer = await fetch("api/order", {
+        method: "POST",
+        headers: { "Content-Type": "application/json", Authorization: `Bearer ${token()}` },
+        body: JSON.stringify(body),
+        signal: AbortSignal.timeout(PATIENCE),
+      });
+      const reply = await answer.json().catch(() => ({}));
+      // what came of an older order hides nothing that is newer; what came of a stop is always shown
+      if (turn === this.turn || what === "stop") this.receive(what, answer, reply);
+    } catch (error) {
+      const text = error.name === "TimeoutError" ? "NO ANSWER from the monitor" : "NOT SENT, the monitor cannot be reached";
+      this.tell("bad", `${what}: ${text}. Use the emergency stop on the robots.`);
+    }
+  }
+
+  receive(what, answer, reply) {
+    if (answer.status === 401) {
+      forget();
+      this.showToken(true);
+      this.tell("bad", `${what}: REFUSED, the token is not right`);
+      return;
+    }
+    if (!answer.ok) this.tell("bad", `${what}: REFUSED, ${reply.error ?? reply.detail ?? `answer ${answer.status}`}`);
+    else this.acknowledge(what, reply);
+  }
+
+  /** Robots without an answer first, then those that refused, with the reason, then those that obeyed, with milliseconds. */
+  acknowledge(what, { acknowledged, refused, missing, why, advice = [], unreached = [] }) {
+    const sound = !refused.length && !missing.length;
+    const sum = `${what}: ${acknowledged.length} of ${acknowledged.length + refused.length + missing.length} obey`;
+    const slowest = Math.max(0, ...acknowledged.map((one) => one.ms));
+    this.tell(sound ? "good" : "bad", sound ? `${sum}, the slowest after ${slowest.toFixed(0)} ms` : sum);
+    const items = [
+      ...(why ? [make("li", { "data-tone": "warn" }, why)] : []),
+      ...advice.map((text) => make("li", { "data-tone": sound ? "good" : "warn" }, text)),
+      ...missing.map((name) => make("li", { "data-tone": "bad" }, `✕ ${name} NO ANSWER`)),
+      ...refused.map((one) => make("li", { "data-tone": "bad" }, `✕ ${one.robot} ${verdict(what, one, unreached)}: ${one.reason}`)),
+      ...acknowledged.map((one) => make("li", { "data-tone": "good" }, `✓ ${one.robot} ${one.mode} ${one.ms.toFixed(0)} ms`)),
+    ];
+    byId("acknowledgements").replaceChildren(...items);
+  }
+
+  tell(tone, text) {
+    byId("acknowledgements").replaceChildren();
+    setAttribute(byId("order-result"), "data-tone", tone);
+    setText(byId("order-result"), text);
+  }
+}
+
+/** A stop or a hold that does not reach the robot is latched, and the robot is neither stopped nor held by it. */
+function verdict(what, one, unreached) {
+  if (!unreached.includes(one.robot)) return "REFUSED";
+  return what === "stop" ? "NOT STOPPED" : "NOT HELD";
+}
+
+/** A name of this press of a button, so that one that is sent twice counts once. */
+function click() {
+  return [...crypto.getRandomValues(new Uint8Array(12))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+}

@@ -1,0 +1,21 @@
+/** What is remembered: by the browser, or, where that is forbidden, for as long as the page is open. */
+
+const here = new Map();
+
+/** `where` is "localStorage" (this browser) or "sessionStorage" (this tab). */
+export function restore(where, key) {
+  try {
+    return window[where].getItem(key);
+  } catch {
+    return here.get(key) ?? null;
+  }
+}
+
+export function store(where, key, value) {
+  try {
+    if (value === null) window[where].removeItem(key);
+    else window[where].setItem(key, value);
+  } catch {
+    here.set(key, value);
+  }
+}

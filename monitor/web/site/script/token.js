@@ -1,0 +1,25 @@
+/** The token that allows orders. It is in the address after #, which browsers do not send. */
+
+import { restore, store } from "./store.js";
+
+const KEY = "formation-token";
+
+/** Take the token out of the address bar, so that it is neither seen nor bookmarked; it stays with this tab. */
+export function takeFromAddress() {
+  const found = new URLSearchParams(location.hash.slice(1)).get("token");
+  if (found === null) return;
+  keep(found);
+  history.replaceState(null, "", location.pathname + location.search);
+}
+
+export function token() {
+  return restore("sessionStorage", KEY) ?? "";
+}
+
+export function keep(word) {
+  store("sessionStorage", KEY, word.trim());
+}
+
+export function forget() {
+  store("sessionStorage", KEY, null);
+}

@@ -1,0 +1,253 @@
+"""What the edge costs: one agent beside Zenoh without an agent, at several rates, in the same rounds.
+
+python -m tests.campaigns.bench.bench_agent [--quick] [--rates HZ,…] [--rounds N] [--seconds S] [--json]
+[--draw FOLDER]
+
+Three processes take turns, each a third of a period after the other:
+
+- agent: `python -m formation.agent`, unmodified, with two neighbours and a monitor
+- copy:  a bare Zenoh script with the agent's sessions, links, keys, rates and messages that computes nothing
+- echo:  the same script with one key to hear and one to answer on
+
+All three get the same odometry from this process and answer with a command. A latency is the time from `put`
+of the odometry to the command in this process's receive callback; the next odometry waits until the last one
+is answered, so every answer has its question. Each round starts all three anew at each rate. As fast as it
+goes (rate 0) they take turns by the half second, and the next odometry follows upon the command; all else is
+as at 50 Hz. A round before, at 50 Hz, replaces the agent by one with stopwatches at its interfaces.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from formation.topics import CMD_VEL, ODOM
+from formation.transport.bus import Bus, BusConfig
+from tests.campaigns.bench import edge
+from tests.campaigns.bench.figures import curve_flags, over_rounds, progress, show, tail
+from tests.campaigns.bench.report_agent import FASTEST, draw, section
+from tests.campaigns.bench.robot import Robots, Subject
+from tests.campaigns.bench.scene import ROBOTS, Scene
+
+RATES = (20.0, 50.0, 200.0, 0.0)
+"""Of odometry [Hz]; 0 is as fast as it goes."""
+WARM_UP = 2.0
+"""[s]"""
+PARTS = (
+    "odometry to the agent",
+    "wake-up of its main thread",
+    "decode odometry",
+    "observer",
+    "failsafe table",
+    "law",
+    "collision filter",
+    "encode command and sign of life",
+    "encode position and order",
+    "rest of the step",
+    "command to the robot",
+)
+"""Where the time between odometry and command goes, in order."""
+
+
+@contextmanager
+def surrounded(scene: Scene) -> Iterator[Bus]:
+    """The neighbours and the monitor, alive; the bus of the robots, who are their own router."""
+    others = subprocess.Popen(scene.surroundings(), stdout=subprocess.PIPE, stdin=subprocess.DEVNULL)
+    try:
+        assert others.stdout is not None
+        if not others.stdout.readline():
+            raise RuntimeError("the neighbours did not come up")
+        with Bus(BusConfig(listen=(scene.robot,), mode="router")) as bus:
+            for robot in ROBOTS.values():
+                bus.advertise(ODOM, ODOM.key(robot))
+                bus.subscribe(CMD_VEL.key(robot))
+            yield bus
+    finally:
+        others.kill()
+        others.communicate()
+
+
+Figures = dict[str, dict[str, dict[str, float]]]
+"""By subject and kind."""
+
+
+def one_round(bus: Bus, scene: Scene, subjects: Sequence[Subject], seconds: float) -> Figures:
+    """Start all subjects, measure them at the scene's rate for so long and end them."""
+    with started(bus, scene, subjects) as robots:
+        before, start = [subject.cpu_time for subject in subjects], time.monotonic()
+        robots.drive_for(seconds)
+        after, elapsed = [subject.cpu_time for subject in subjects], time.monotonic() - start
+        figures = {}
+        for subject, busy in zip(subjects, np.subtract(after, before).tolist(), strict=True):
+            figures[subject.name] = {
+                **latencies(subject),
+                "cost": {"cpu_percent": 100.0 * busy / elapsed, **subject.cost()},
+                "start_s": {
+                    "first command": subject.first - subject.started,
+                    "first motion": subject.moving - subject.started,
+                },
+            }
+        return figures
+
+
+def one_race(bus: Bus, scene: Scene, subjects: Sequence[Subject], seconds: float) -> Figures:
+    """Start all subjects, have each answer as fast as it goes for a third of so long and end them."""
+    with started(bus, scene, subjects) as robots:
+        rates = robots.race(seconds)
+        return {
+            subject.name: {**latencies(subject), "speed": {"answers_per_s": rates[subject.name]}}
+            for subject in subjects
+        }
+
+
+@contextmanager
+def started(bus: Bus, scene: Scene, subjects: Sequence[Subject]) -> Iterator[Robots]:
+    """All subjects, started one after the other and warm; they are ended at the end."""
+    bus.drain()  # last words of the round before
+    robots = Robots(bus, subjects, scene.origin, scene.rate)
+    try:
+        for subject in subjects:
+            subject.start()
+            robots.drive(subject.has_moved)
+        robots.drive_for(WARM_UP)
+        for subject in subjects:
+            subject.forget()
+        yield robots
+    finally:
+        for subject in subjects:
+            subject.end()
+
+
+def latencies(subject: Subject) -> dict[str, dict[str, float]]:
+    """What became of the odometry that counts."""
+    return {
+        "latency_ms": tail([(one.answered - one.sent) * 1e3 for one in subject.exchanges]),
+        "answers": {"counted": float(len(subject.exchanges)), "lost": float(subject.lost)},
+    }
+
+
+def with_ratios(figures: Figures) -> dict[str, Any]:
+    """A round's figures with what the agent takes relative to the others in the same round."""
+
+    def ratio(other: str, kind: str, name: str) -> float:
+        return figures["agent"][kind][name] / figures[other][kind][name]
+
+    def ratios(other: str, kind: str) -> dict[str, float]:
+        return {name: ratio(other, kind, name) for name in figures["agent"].get(kind, ())}
+
+    return {
+        **figures,
+        "ratio": {
+            "latency to echo": ratios("echo", "latency_ms"),
+            "latency to copy": ratios("copy", "latency_ms"),
+            "cost to copy": ratios("copy", "cost"),
+        },
+    }
+
+
+def where_it_goes(profile: dict[str, Any], agent: Subject) -> dict[str, Any]:
+    """The parts of each exchange of the profiled agent [µs]."""
+    parts: dict[str, list[float]] = {part: [] for part in PARTS}
+    steps = {step["arrived"]: step for step in profile["steps"] if "sent" in step}
+    arrivals = np.array(sorted(steps))
+    for sent, answered in agent.exchanges:
+        index = int(np.searchsorted(arrivals, sent))
+        if index == len(arrivals) or arrivals[index] > answered:
+            continue
+        step = steps[arrivals[index]]
+        inside = {
+            "decode odometry": step.get("decode", 0.0),
+            "observer": step.get("observer", 0.0),
+            "failsafe table": step.get("failsafe", 0.0),
+            "law": step.get("law", 0.0),
+            "collision filter": step.get("collision filter", 0.0),
+            "encode command and sign of life": step.get("encode Twist", 0.0) + step.get("encode Number", 0.0),
+            "encode position and order": step.get("encode Pose", 0.0) + step.get("encode Order", 0.0),
+        }
+        whole = {
+            "odometry to the agent": step["arrived"] - sent,
+            "wake-up of its main thread": step["begin"] - step["arrived"],
+            **inside,
+            "rest of the step": step["end"] - step["begin"] - sum(inside.values()),
+            "command to the robot": answered - step["end"],
+        }
+        for part, took in whole.items():
+            parts[part].append(took * 1e6)
+    return {part: {"mean": float(np.mean(took)), **tail(took)} for part, took in parts.items()}
+
+
+def profiled(folder: Path, seconds: float) -> dict[str, Any]:
+    """A round with stopwatches inside the agent."""
+    scene, file = Scene(folder, edge.RATE), folder / "profile.json"
+    agent = Subject("agent", ROBOTS["agent"], scene.profiled_agent(file))
+    echo = Subject("echo", ROBOTS["echo"], scene.echo())
+    with surrounded(scene) as bus:
+        one_round(bus, scene, [agent, echo], seconds)
+    profile = json.loads(file.read_text())
+    return {
+        "profile_us": where_it_goes(profile, agent),
+        "longest_collection_us": max(profile["pauses"], default=0.0) * 1e6,
+    }
+
+
+def measure(rates: Sequence[float], rounds: int, seconds: float) -> dict[str, Any]:
+    """All figures of the edge at each rate; medians over rounds with their lowest and highest."""
+    found: dict[str, list[dict[str, Any]]] = {f"{rate:g}" if rate else FASTEST: [] for rate in rates}
+    with tempfile.TemporaryDirectory() as folder:
+        progress("where the time goes …")
+        profile = profiled(Path(folder), seconds)
+        for number in range(rounds):
+            for rate, rounds_at in zip(rates, found.values(), strict=True):
+                progress(
+                    f"round {number + 1} of {rounds}: {f'{rate:g} Hz' if rate else 'as fast as it goes'} …"
+                )
+                scene = Scene(Path(folder), rate or edge.RATE)
+                subjects = [Subject(who, ROBOTS[who], getattr(scene, who)()) for who in ROBOTS]
+                # nobody is always the first to start
+                subjects = subjects[number % 3 :] + subjects[: number % 3]
+                with surrounded(scene) as bus:
+                    gc.freeze()  # what stands by now needs no more collecting in the middle of a measurement
+                    figures = (one_round if rate else one_race)(bus, scene, subjects, seconds)
+                rounds_at.append(with_ratios(figures))
+    rates_found = {name: over_rounds(rounds_at) for name, rounds_at in found.items()}
+    return {"rounds": rounds, "seconds": seconds, "rates": rates_found, **profile}
+
+
+def main() -> None:
+    """Print the figures."""
+    parser = curve_flags(__doc__, rounds=3)
+    parser.add_argument(
+        "--rates", type=_rates, default=RATES, metavar="HZ,HZ,…", help="0: as fast as it goes"
+    )
+    parser.add_argument("--seconds", type=float, default=15.0, help="of each round at each rate")
+    given = parser.parse_args()
+    found = measure(given.rates, *((1, 2.0) if given.quick else (given.rounds, given.seconds)))
+    if given.draw:
+        draw(found, given.draw)
+    show(found, section, as_json=given.json)
+
+
+def _rates(text: str) -> tuple[float, ...]:
+    try:
+        rates = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        rates = (-1.0,)
+    if not all(rate == 0.0 or 1.0 <= rate <= 200.0 for rate in rates):
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: must be numbers from 1 to 200 [Hz], or 0, such as 20,50,0"
+        )
+    return rates
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,61 @@
+"""The leader is killed again and again; a standby takes its place, and never do two lead at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from formation.mission.file import load
+from tests.campaigns.reliability import faults, judge
+from tests.campaigns.reliability.fleet import Fleet
+from tests.campaigns.reliability.led import recorded_leads
+from tests.campaigns.reliability.part import Found, Options, campaign
+from tests.campaigns.reliability.plots import TAKEOVERS
+from tests.campaigns.reliability.rows import Row, rows
+from tests.campaigns.reliability.table import failures, table
+from tests.campaigns.reliability.verdicts import Found as Verdict
+from tests.campaigns.reliability.verdicts import Times, replaced
+
+TITLE = "Failover"
+ABOUT = """\
+Whoever leads is killed (kill -9) at a random moment, and started again after 2 s as a standby: the next time
+another one dies. *In time* is from the kill to the first word of the one who leads then; *error back after*
+counts from the kill, too. That at most one led at any moment is checked twice: by what the witness heard, and
+in the monitor's recording."""
+
+
+def run(options: Options) -> Found:
+    """Kill it."""
+    found, tries = campaign(options, faults.maker, (_row(),))
+    found["curves"] = [one.curve for one in tries]
+    return found
+
+
+def names() -> Sequence[str]:
+    """Its only row."""
+    return ["failover"]
+
+
+def seconds(options: Options) -> float:
+    """What it takes."""
+    return 8.0 * options.tries / options.fields
+
+
+def section(found: Found) -> str:
+    """For people."""
+    every = found["rows"].values()
+    picture = f"![Formation error around {sum(row['tries'] for row in every)} takeovers]({TAKEOVERS})"
+    return f"{table(every)}\n{picture}\n\n{failures(every)}"
+
+
+def _row() -> Row:
+    kill = next(row for row in rows(load(faults.MISSION)) if row.name == "kill-leader")
+    return kill._replace(name="failover", title="the leader killed", verdict=_alone)
+
+
+def _alone(fleet: Fleet, victim: str, times: Times) -> Verdict:
+    """Somebody takes its place, and nobody leads beside anybody in the recording."""
+    found = replaced(fleet, victim, times)
+    rivals = judge.rivals(recorded_leads(fleet.recording, fleet.mission))
+    return found._replace(
+        wrong=[*found.wrong, *(f"in the recording {a} and {b} led at once" for a, b in rivals)]
+    )

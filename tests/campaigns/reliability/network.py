@@ -1,0 +1,245 @@
+"""Lost and late packets: how well, and how soon, the same fleet stands in formation."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from tempfile import TemporaryDirectory
+from threading import Lock, Thread
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tests.campaigns.bench.figures import markdown
+from tests.campaigns.reliability import judge
+from tests.campaigns.reliability.campaign import tell
+from tests.campaigns.reliability.fleet import Fleet
+from tests.campaigns.reliability.judge import middle
+from tests.campaigns.reliability.part import Found, Options
+from tests.campaigns.reliability.placed import STRAIGHT
+from tests.campaigns.reliability.plots import CONDITIONS
+from tests.campaigns.reliability.table import span
+
+TITLE = "Network"
+MISSION = "patrol"
+ROBOT = {
+    "control_point_offset": 0.1,
+    "max_speed": 0.8,
+    "max_turn_rate": 2.0,
+    "radius": 0.1,
+    "rate": 10.0,
+    "ramp": 0.5,
+}
+CHANGES = {
+    **STRAIGHT,  # all drive the same, however long it takes to converge
+    "turning": False,
+    "takeover": 6.0,
+    "robot": ROBOT,
+}
+"""For bad air: three periods are 0.3 s then, and a leader's lease outlives some rounds that are lost."""
+AS_SHIPPED = {**STRAIGHT, "turning": False}
+"""As the mission ships: TCP alone, 20 Hz, a lease of 1 s."""
+LONGEST = 90.0
+"""For the formation to stand, from the moment that everybody is seen [s]."""
+HELD = 10.0
+"""How long the error is looked at from then on [s]."""
+ABOUT = """\
+A new fleet for each try, from the mission's own starts; as soon as all have found each other, every packet
+that arrives at any computer is lost with the probability given (nft, `numgen random`), and all take so much
+longer on their way (an access point in Python, because this kernel has no `netem`; loss comes on top, and
+hits what has waited). Robots talk to their own agents on their own computers, which no radio loses. The
+fleet is set up for bad air, also in the loss-free run: beside each TCP link one by UDP for what may be lost
+(`-e udp/…?rel=0`, `--cfg transport/unicast/max_links:2`), a lease of 10 s, a rate of 10 Hz and `takeover =
+6`. *As shipped* is TCP alone, 20 Hz, a lease and a `takeover` of 1 s: there what is lost comes seconds later
+and holds up what follows, links are given up, and the lead changes hands. *Converges* is from the
+first moment at which everybody is seen until the error stays under 2 cm; *settled* is the error in the 10 s
+after that, or in the last 10 of 90 s, median and worst over all tries."""
+
+
+class Cell(NamedTuple):
+    """One condition."""
+
+    name: str
+    loss: float
+    """Probability."""
+    delay: float
+    """One way [s]."""
+    must: bool
+    """Whether the formation has to converge."""
+    shipped: bool = False
+    """Whether the fleet is set up as its mission ships, and not for bad air."""
+
+
+CELLS = (
+    Cell("none", 0.0, 0.0, must=True),
+    Cell("loss1", 0.01, 0.0, must=True),
+    Cell("loss10", 0.10, 0.0, must=True),
+    Cell("loss30", 0.30, 0.0, must=True),
+    Cell("loss50", 0.50, 0.0, must=False),
+    Cell("delay20", 0.0, 0.02, must=True),
+    Cell("delay100", 0.0, 0.10, must=True),
+    Cell("delay300", 0.0, 0.30, must=True),
+    Cell("both", 0.30, 0.10, must=True),
+    Cell("tcp-none", 0.0, 0.0, must=True, shipped=True),
+    Cell("tcp-loss1", 0.01, 0.0, must=True, shipped=True),
+    Cell("tcp-loss10", 0.10, 0.0, must=False, shipped=True),
+    Cell("tcp-loss30", 0.30, 0.0, must=False, shipped=True),
+    Cell("tcp-delay100", 0.0, 0.10, must=False, shipped=True),
+)
+
+
+def names() -> Sequence[str]:
+    """Its cells."""
+    return [cell.name for cell in CELLS]
+
+
+def repeats(options: Options) -> int:
+    """How often each is tried: a fleet of its own each time, so not as often as a fault."""
+    return max(1, options.tries // 7)
+
+
+def seconds(options: Options) -> float:
+    """What it takes."""
+    return 55.0 * len(CELLS) * repeats(options) / options.fields
+
+
+def run(options: Options) -> Found:
+    """Try every cell."""
+    todo: SimpleQueue[Cell] = SimpleQueue()
+    chosen = [cell for cell in CELLS if options.chosen(cell.name)]
+    for _ in range(repeats(options)):
+        for cell in chosen:
+            todo.put(cell)
+    results: dict[str, list[dict[str, Any]]] = {cell.name: [] for cell in chosen}
+    lock, failures = Lock(), list[BaseException]()
+
+    def work() -> None:
+        while not failures:
+            try:
+                cell = todo.get_nowait()
+                one = _tried(cell)
+            except Empty:
+                return
+            except BaseException as failure:  # noqa: BLE001 - it is raised where the threads are waited for
+                failures.append(failure)
+                return
+            with lock:
+                results[cell.name].append(one)
+            tell(f"{cell.name}: {one}")
+
+    threads = [Thread(target=work, daemon=True) for _ in range(options.fields)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    if failures:
+        raise failures[0]
+    cells = {cell.name: _summary(cell, results[cell.name]) for cell in chosen}
+    return {"cells": cells, "well": all(cell["well"] == cell["tries"] for cell in cells.values())}
+
+
+def section(found: Found) -> str:
+    """For people."""
+    cells = found["cells"]
+    free = {shipped: cells.get(name, {}).get("settled") for shipped, name in _LOSS_FREE.items()}
+    header = (
+        "set up",
+        "lost",
+        "delay",
+        "converges",
+        "in",
+        "settled error",
+        "of the loss-free",
+        "largest command",
+        "jump",
+    )
+    rows = [
+        (
+            "as shipped" if cell["shipped"] else "for bad air",
+            f"{100 * cell['loss']:g} %",
+            f"{1000 * cell['delay']:g} ms",
+            f"{cell['converged']} of {cell['tries']}",
+            span(cell["converges"], "s", 1) or "never",
+            span(cell["settled"], "mm", 1, 1000.0),
+            _ratio(cell["settled"], free[cell["shipped"]]),
+            f"{100 * cell['peak']:.0f} %",
+            f"{100 * cell['jump']:.0f} %",
+        )
+        for cell in cells.values()
+    ]
+    wrong = sorted({word for cell in cells.values() for word in cell["wrong"]})
+    picture = f"\n![Settled error and time to converge, by loss and delay]({CONDITIONS})\n"
+    return markdown(header, rows) + picture + "".join(f"\n- {word}" for word in wrong) + "\n"
+
+
+_LOSS_FREE = {False: "none", True: "tcp-none"}
+
+
+def _ratio(settled: dict[str, float], free: dict[str, float] | None) -> str:
+    return f"{settled['median'] / free['median']:.1f}×" if free else ""
+
+
+def _tried(cell: Cell) -> dict[str, Any]:
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(TemporaryDirectory(prefix="reliability-")))
+        changes = AS_SHIPPED if cell.shipped else CHANGES
+        fleet = stack.enter_context(Fleet(MISSION, folder, changes, lossy=not cell.shipped))
+        fleet.begin()
+        worsen(fleet, cell)
+        return _watched(fleet, cell)
+
+
+def worsen(fleet: Fleet, cell: Cell) -> None:
+    """Make the air as bad as a cell says."""
+    if cell.delay:
+        fleet.delay(cell.delay)
+    if cell.loss:
+        fleet.lose(cell.loss)
+
+
+def _watched(fleet: Fleet, cell: Cell) -> dict[str, Any]:
+    begin = time.monotonic()
+    fleet.settles(LONGEST, since=begin)
+    times = judge.grid(begin, fleet.seen.now)
+    settled = judge.settled_at(times, fleet.seen.errors(times))
+    if settled is not None:
+        time.sleep(max(0.0, settled + HELD - time.monotonic()))
+    fleet.seen.read_on()
+    end = fleet.seen.now
+    start = end - HELD if settled is None else settled
+    errors = fleet.seen.errors(judge.grid(start, min(end, start + HELD)))
+    motion = judge.motion(fleet.seen, begin)
+    wrong = [*judge.faults(motion), *(f"{name} ended" for name in fleet.lost())]
+    if settled is None and cell.must:
+        wrong.append("did not converge")
+    return {
+        "converges": None if settled is None else settled - begin,
+        "settled": float(np.median(errors)),
+        "worst": float(errors.max()),
+        "peak": motion.peak,
+        "jump": motion.jump,
+        "wrong": wrong,
+    }
+
+
+def _summary(cell: Cell, tries: list[dict[str, Any]]) -> dict[str, Any]:
+    converged = [one["converges"] for one in tries if one["converges"] is not None]
+    return {
+        "loss": cell.loss,
+        "delay": cell.delay,
+        "shipped": cell.shipped,
+        "tries": len(tries),
+        "well": sum(not one["wrong"] for one in tries),
+        "converged": len(converged),
+        "converges": middle(converged),
+        "settled": {
+            "median": float(np.median([one["settled"] for one in tries])),
+            "worst": max(one["worst"] for one in tries),
+        },
+        "peak": max(one["peak"] for one in tries),
+        "jump": max(one["jump"] for one in tries),
+        "wrong": [f"{cell.name}: {word}" for one in tries for word in one["wrong"]],
+    }

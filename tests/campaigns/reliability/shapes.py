@@ -1,0 +1,88 @@
+"""Other shapes while driving, ordered at any moment, also while one is still on its way."""
+
+from __future__ import annotations
+
+import random
+import time
+from collections.abc import Sequence
+
+from tests.campaigns.reliability import judge
+from tests.campaigns.reliability.fleet import Fleet
+from tests.campaigns.reliability.part import Found, Options, campaign
+from tests.campaigns.reliability.rows import Row
+from tests.campaigns.reliability.seen import window
+from tests.campaigns.reliability.table import failures, table
+from tests.campaigns.reliability.verdicts import Found as Verdict
+from tests.campaigns.reliability.verdicts import Times
+from tests.support.namespaces import until
+
+TITLE = "Shapes"
+MISSION = "patrol"
+SEQUENCE = ("hexagon", "line", "wedge")
+LONGEST = 8.0
+"""The next shape is ordered at a random moment of so long after the one before [s]."""
+ABOUT = """\
+Hexagon, then line, then wedge while driving; each is ordered by `formation order`, at a random moment within
+8 s of the one before, arrived or not. *Nearest* is the least distance between two robots' control points
+meanwhile; *formed* is from the last order until the leader's shape is the wedge; *error back after* counts
+from that order, in the shape as it moves."""
+
+
+def run(options: Options) -> Found:
+    """Change them."""
+    found, _ = campaign(options, lambda folder: Fleet(MISSION, folder), (ROW,))
+    return found
+
+
+def names() -> Sequence[str]:
+    """Its only row."""
+    return ["shapes"]
+
+
+def seconds(options: Options) -> float:
+    """What it takes."""
+    return 35.0 * options.tries / options.fields
+
+
+def section(found: Found) -> str:
+    """For people."""
+    every = found["rows"].values()
+    return f"{table(every)}\n{failures(every)}"
+
+
+def _change(fleet: Fleet, _victim: str) -> None:
+    _order(fleet, SEQUENCE[0])
+    until(lambda: _formed(fleet) == SEQUENCE[0], what=f"the shape is {SEQUENCE[0]}")
+    for shape in SEQUENCE[1:]:
+        time.sleep(random.uniform(0.0, LONGEST))
+        _order(fleet, shape)
+
+
+def _nothing(_fleet: Fleet, _victim: str) -> None:
+    return
+
+
+def _order(fleet: Fleet, shape: str) -> None:
+    code, report = fleet.order("shape", shape)
+    assert code == 0, report
+
+
+def _formed(fleet: Fleet) -> str:
+    fleet.seen.read_on()
+    return fleet.seen.leads[-1].formed
+
+
+def _verdict(fleet: Fleet, _victim: str, times: Times) -> Verdict:
+    last = SEQUENCE[-1]
+    try:
+        until(lambda: _formed(fleet) == last)
+    except AssertionError:
+        return Verdict({}, [f"the shape did not become {last}"])
+    formed = next(one.at for one in window(fleet.seen.leads, times.end - 1.0) if one.formed == last)
+    settled = fleet.settles(30.0, since=formed)
+    apart = fleet.seen.distances(judge.grid(times.begin, fleet.seen.now))
+    wrong = [] if settled else [f"the formation did not settle as {last}"]
+    return Verdict({"formed": max(0.0, formed - times.end), "nearest": float(apart.min())}, wrong)
+
+
+ROW = Row("shapes", "hexagon → line → wedge", lambda _: "", _change, _nothing, _verdict, 0.0)

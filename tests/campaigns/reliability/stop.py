@@ -1,0 +1,162 @@
+"""An operator's stop to twenty robots: who acknowledges, how fast, and who stands."""
+
+from __future__ import annotations
+
+import random
+import signal
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from tests.campaigns.reliability import judge
+from tests.campaigns.reliability.campaign import tell
+from tests.campaigns.reliability.crowds import crowd
+from tests.campaigns.reliability.fleet import Fleet
+from tests.campaigns.reliability.part import Found, Options
+from tests.campaigns.reliability.seen import window
+from tests.campaigns.reliability.table import failures, summary, table
+from tests.campaigns.reliability.trial import Try
+from tests.support.namespaces import until
+
+TITLE = "Stop"
+ROBOTS = 20
+ACKNOWLEDGED = 0.2
+"""By everybody within that [s]."""
+STANDING = 0.3
+"""More than an agent's period and its way to the wheels, on a machine that runs sixty processes [s]."""
+MOMENT = 2.0
+"""A stop comes at any moment of so long [s]."""
+ABOUT = f"""\
+`formation order MISSION stop` from the desk to {ROBOTS} robots that drive, and a leader. *Acknowledged*:
+until the last answer of those that can be reached (at most 200 ms). *Stands*: from the command's first
+question until the last of them was told zero at its wheels, and nothing else from then on until the
+release. An unreachable robot is unplugged (veth down) before the order: it has to be named, and nobody
+else."""
+
+Case = Callable[[Fleet], tuple[list[str], Callable[[], object]]]
+"""Makes it hard; who cannot answer, and how to make it easy again."""
+
+
+def _easy(_fleet: Fleet) -> tuple[list[str], Callable[[], object]]:
+    return [], lambda: None
+
+
+def _unreachable(fleet: Fleet) -> tuple[list[str], Callable[[], object]]:
+    name = random.choice(fleet.followers)
+    fleet.computer(f"agent {name}").unplug()
+    return [name], fleet.computer(f"agent {name}").plug
+
+
+def _leaderless(fleet: Fleet) -> tuple[list[str], Callable[[], object]]:
+    fleet.signal("leader", signal.SIGKILL)
+    return ["leader"], lambda: fleet.start("leader").event("ready")
+
+
+CASES: dict[str, tuple[str, Case]] = {
+    "all": ("everybody is there", _easy),
+    "unreachable": ("one robot is unreachable", _unreachable),
+    "leaderless": ("the leader has just been killed", _leaderless),
+}
+
+
+def names() -> Sequence[str]:
+    """Its rows."""
+    return list(CASES)
+
+
+def seconds(options: Options) -> float:
+    """What it takes; on one fleet, for it is a large one."""
+    return 40.0 + 20.0 * options.tries
+
+
+def run(options: Options) -> Found:
+    """Stop and release."""
+    tries: list[Try] = []
+    chosen = [name for name in CASES if options.chosen(name)]
+    with TemporaryDirectory(prefix="reliability-") as folder, _fleet(Path(folder)) as fleet:
+        fleet.begin()
+        for number in range(options.tries):
+            for name in chosen:
+                tries.append(_stopped(fleet, name))
+                words = "; ".join(tries[-1].wrong) or "as it should be"
+                tell(f"{number + 1}/{options.tries} {name}: {tries[-1].figures} {words}")
+                if tries[-1].wrong and options.keep is not None:
+                    fleet.save(options.keep / f"stop-{name}-{number}")
+    found = {name: summary(CASES[name][0], [one for one in tries if one.row == name]) for name in chosen}
+    return {"rows": found, "well": all(not one.wrong for one in tries)}
+
+
+def _fleet(folder: Path) -> Fleet:
+    """Without what has no part in a stop: sixty-five processes are too many for a small machine."""
+    return Fleet(crowd(ROBOTS), folder, without=("watchdog", "monitor"))
+
+
+def section(found: Found) -> str:
+    """For people."""
+    every = found["rows"].values()
+    return f"{table(every)}\n{failures(every)}"
+
+
+def _stopped(fleet: Fleet, name: str) -> Try:
+    one = Try(name)
+    until(lambda: _drive(fleet), 60.0, "everybody drives")
+    time.sleep(random.uniform(0.0, MOMENT))
+    begin = time.monotonic()
+    fleet.seen.forget(begin - 5.0)
+    away, mend = CASES[name][1](fleet)
+    code, report = fleet.order("stop")
+    time.sleep(1.0)
+    end = time.monotonic()
+    fleet.seen.read_on()
+    _judge(one, fleet, code, report, away, begin, end)
+    mend()
+    _release(fleet)
+    one.peak, one.jump, one.zeros = judge.motion(fleet.seen, begin)
+    one.wrong += judge.faults(judge.Motion(one.peak, one.jump, one.zeros))
+    return one
+
+
+def _judge(
+    one: Try, fleet: Fleet, code: int, report: dict[str, Any], away: list[str], begin: float, end: float
+) -> None:
+    if "missing" not in report:
+        one.wrong.append(f"no report: {report}")
+        return
+    if set(report["missing"]) != set(away):
+        one.wrong.append(f"missing {report['missing']} where {away} cannot be reached")
+    if code != (1 if away else 0):
+        one.wrong.append(f"exit code {code}")
+    slowest = max((answer["ms"] for answer in report["acknowledged"]), default=0.0) / 1e3
+    one.figures["acknowledged"] = slowest
+    if slowest > ACKNOWLEDGED:
+        one.wrong.append("somebody acknowledged after more than 200 ms")
+    requested = max(begin, report["at"] - (time.time() - time.monotonic()))
+    after = {name: judge.stood(fleet.seen.commands[name], requested, end) for name in fleet.followers}
+    never = [name for name, stands in after.items() if stands is None]
+    if never:
+        one.wrong.append(f"{len(never)} did not stand")
+    stands = max((value for value in after.values() if value is not None), default=0.0)
+    one.figures["stands"] = stands
+    if stands > ACKNOWLEDGED + STANDING:
+        one.wrong.append("somebody stood late")
+
+
+def _release(fleet: Fleet) -> None:
+    for _ in range(10):
+        code, report = fleet.order("release")
+        if code == 0:
+            break
+    assert code == 0, f"release: {report}"
+    code, report = fleet.order("run")
+    assert code == 0, f"run: {report}"
+    until(lambda: _drive(fleet), 60.0, "everybody drives again")
+
+
+def _drive(fleet: Fleet) -> bool:
+    """Whether everybody has been told to go for a while."""
+    fleet.seen.read_on()
+    now = time.monotonic()
+    rows = [window(fleet.seen.commands[name], now - 1.0) for name in fleet.followers]
+    return all(len(row) > 3 and not any(command.zero for command in row) for row in rows)

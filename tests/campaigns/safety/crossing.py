@@ -1,0 +1,210 @@
+"""Robots whose ways to their slots cross: do bodies touch, does everybody come into formation, how late?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from formation.mission.model import Mission
+from formation.simulation.ensemble import Options as Simulated
+from formation.simulation.simulate import simulate
+from formation.simulation.starts import MIN_START_CLEARANCE
+from tests.campaigns.bench.figures import filled, markdown, span
+from tests.campaigns.safety import step_time
+from tests.campaigns.safety.part import Found, Options, bar, reported, reporting
+from tests.unit.formation import scenarios
+
+TITLE = "Crossing starts"
+ABOUT = """\
+Random starts in `formation simulate`'s own loop, 20 Hz, 60 s: control points within ± 3 m of their slots,
+any heading, bodies of 10 cm at least 5 cm apart. Robots reach 1.5 m/s and 1.5 rad/s and do not know their
+headings at first; L = 0.2 m, the gains of `six_robots` (k_p = 2, k_i = 1), `avoid = "all"`, a margin of 2 cm.
+*6* is `six_robots`, five robots that drive and a leader that is a point; 12 and 25 drive in a block of
+columns 1 m apart, each measuring two of the row before. The same starts are driven with the collision filter
+and without. A run *comes into formation* when the error summed over all edges stays under the mission's bound
+until the end, for ten seconds at least."""
+ROBOTS = (6, 12, 25)
+RUNS, STEP, HORIZON = 1000, 0.05, 60.0
+"""Starts of each kind; [s], [s]."""
+SPREAD, STREWN = 3.0, 0.2
+"""Of starts at random, and of starts in somebody else's slot, to either side [m]."""
+CONVERGED, SLOWER, MICROSECONDS = 0.995, 1.5, 100.0
+"""The bars."""
+HEADER = (
+    "robots", "starts", "runs that touch, without and with", "nearest bodies, with",
+    "come into formation, without and with", "median settling time, without and with", "ratio",
+    "deadlocks",
+)  # fmt: skip
+
+
+def run(options: Options) -> Found:
+    """Both kinds of starts for every size, and what a step of the filter costs."""
+    runs = 20 if options.quick else RUNS
+    found = [{"robots": robots, **random(robots, runs)} for robots in ROBOTS]
+    permuted = [{"robots": robots, **exchanged(robots, runs)} for robots in ROBOTS]
+    step = step_time.measured(1 if options.quick else 10)
+    return {"random": found, "permuted": permuted, "step": step, "bars": bars(found, step)}
+
+
+def bars(random: Sequence[Found], step: Found) -> list[dict[str, Any]]:
+    """What holds, by the issue's words."""
+    touched = [one["with"]["touched"] for one in random]
+    into = [one["with"]["converged_fraction"] for one in random]
+    slower = [one["ratio"] for one in random]
+    whole = step[step_time.WHOLE]
+    sizes = ", ".join(str(one["robots"]) for one in random)
+    return [
+        bar(
+            f"no two bodies touch, {sizes} robots, {random[0]['with']['runs']} random starts each",
+            f"{sum(touched)} runs touch",
+            not any(touched),
+        ),
+        bar(
+            "at least 99.5 % come into formation",
+            ", ".join(f"{100 * share:.1f} %" for share in into),
+            min(into) >= CONVERGED,
+        ),
+        bar(
+            "median settling time at most 1.5× of without",
+            ", ".join(f"{ratio:.2f}×" for ratio in slower),
+            max(slower) <= SLOWER,
+        ),
+        bar(
+            "a step of the filter under 100 µs with four neighbours",
+            span(whole, 0, " µs"),
+            whole["median"] < MICROSECONDS,
+        ),
+    ]
+
+
+def section(found: Found) -> str:
+    """Tables for people."""
+    costs = [[name, span(one, 0, " µs")] for name, one in found["step"].items()]
+    return "\n".join(
+        [
+            markdown(HEADER, [_row(one) for one in found["random"]]),
+            filled(
+                "*Deadlocks* are how often a robot that was kept for half a second went to the right for a",
+                "while, all runs together. Harder, and without a bar: everybody starts in a slot dealt out",
+                f"at random, within ± {STREWN:g} m, where all have to pass each other in little room.",
+            ),
+            markdown(HEADER, [_row(one) for one in found["permuted"]]),
+            filled(
+                "CPU time of one step in plain Python, as agents run it, medians of rounds, in brackets the",
+                "lowest and the highest: `avoid` among four that come nearer from all sides; and positions,",
+                "filter and brake of an agent of five that exchange their slots, at the moment at which one",
+                "that has to act has all others nearest.",
+            ),
+            markdown(("", "CPU time"), costs),
+        ]
+    )
+
+
+def _row(one: Found) -> list[str]:
+    off, on = one["without"], one["with"]
+    return [
+        str(one["robots"]),
+        str(on["runs"]),
+        f"{100 * off['touched'] / off['runs']:.1f} %, {100 * on['touched'] / on['runs']:.1f} %",
+        f"{100 * on['nearest']:.1f} cm",
+        f"{100 * off['converged_fraction']:.1f} %, {100 * on['converged_fraction']:.1f} %",
+        f"{off['settling']:.2f} s, {on['settling']:.2f} s",
+        f"{one['ratio']:.2f}×",
+        str(on["deadlocks"]),
+    ]
+
+
+def random(robots: int, runs: int) -> Found:
+    """Starts as `formation simulate` draws them, without the filter and with it."""
+    found = {}
+    for name, avoid in (("without", False), ("with", True)):
+        result = simulate(
+            team(robots),
+            runs=runs,
+            starts="random",
+            step=STEP,
+            horizon=HORIZON,
+            options=Simulated(avoid=avoid),
+            progress=reporting(f"crossing: {robots}, {name} the filter"),
+        )
+        found[name] = _figures(result.settling_time, result.converged, result.nearest, result.deadlocks)
+    return {**found, "ratio": found["with"]["settling"] / found["without"]["settling"]}
+
+
+def exchanged(robots: int, runs: int) -> Found:
+    """Starts in slots dealt out at random, without the filter and with it."""
+    mission, draw = team(robots), np.random.default_rng(robots)
+    dealt = [elsewhere(mission, draw) for _ in range(runs)]
+    found = {}
+    for name, avoid in (("without", False), ("with", True)):
+        results = [
+            simulate(one, step=STEP, horizon=HORIZON, options=Simulated(avoid=avoid))
+            for one in reported(f"crossing: {robots} in others' slots, {name} the filter", dealt)
+        ]
+        found[name] = _figures(
+            *(
+                np.array([getattr(one, figure)[0] for one in results])
+                for figure in ("settling_time", "converged", "nearest", "deadlocks")
+            )
+        )
+    return {**found, "ratio": found["with"]["settling"] / found["without"]["settling"]}
+
+
+def team(robots: int) -> Mission:
+    """`six_robots`, or a block of so many, all avoiding all."""
+    return scenarios.clearing(scenarios.six() if robots == 6 else block(robots))
+
+
+def block(robots: int) -> Mission:
+    """Rows of three or five behind the leader; the first measures it, all others two of the row before."""
+    wide = 3 if robots <= 12 else 5
+    slots: list[complex] = [0j]
+    neighbours: list[tuple[int, ...]] = [()]
+    for number in range(robots):
+        row, column = divmod(number, wide)
+        slots.append(complex(-(row + 1), column - (wide - 1) / 2))
+        before = 1 + (row - 1) * wide + column
+        beside = before + 1 if column < wide - 1 else before - 1
+        neighbours.append((0,) if row == 0 else (before, beside))
+    return scenarios.build(
+        np.array(slots),
+        neighbours,
+        law={"k_i": 1.0},
+        robot={"control_point_offset": 0.2, "max_speed": 1.5, "max_turn_rate": 1.5},
+        simulation={"spread": SPREAD},
+    )
+
+
+def elsewhere(mission: Mission, draw: np.random.Generator) -> Mission:
+    """The same with followers that start in slots dealt out at random, no two bodies too near."""
+    slots, count = np.array(mission.slots()[1:]), len(mission.followers)
+    offset = np.array([mission.robots[name].control_point_offset for name in mission.followers])
+    radius = np.array([mission.robots[name].radius for name in mission.followers])
+    least = radius[:, None] + radius + MIN_START_CLEARANCE
+    while True:
+        heading = draw.uniform(-np.pi, np.pi, count)
+        away = draw.uniform(-STREWN, STREWN, (2, count))
+        position = draw.permutation(slots) + away[0] + 1j * away[1] - offset * np.exp(1j * heading)
+        apart = np.abs(position[:, None] - position) + 1e9 * np.eye(count)
+        if (apart >= least).all():
+            break
+    robots = dict(mission.robots)
+    for name, at, course in zip(mission.followers, position.tolist(), heading.tolist(), strict=True):
+        start = robots[name].start.model_copy(
+            update={"x": at.real, "y": at.imag, "heading_deg": float(np.degrees(course))}
+        )
+        robots[name] = robots[name].model_copy(update={"start": start})
+    return mission.model_copy(update={"robots": robots})
+
+
+def _figures(settling: Any, converged: Any, nearest: Any, deadlocks: Any) -> Found:
+    return {
+        "runs": len(converged),
+        "touched": int((nearest < 0.0).sum()),
+        "nearest": float(nearest.min()),
+        "converged_fraction": float(converged.mean()),
+        "settling": float(np.median(settling[converged])),
+        "deadlocks": int(deadlocks.sum()),
+    }

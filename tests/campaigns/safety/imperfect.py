@@ -1,0 +1,100 @@
+"""The collision filter with imperfect sensing: does it leave robots behind, do bodies touch?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+
+import numpy as np
+
+from formation.mission.file import load
+from formation.simulation.body import Body
+from formation.simulation.ensemble import Options as Simulated
+from formation.simulation.simulate import simulate
+from tests.campaigns.bench.figures import markdown
+from tests.campaigns.safety.part import Found, Options, bar, reported
+
+TITLE = "Imperfect sensing"
+NOISES, DELAYS = (0.0, 0.001, 0.002, 0.005), (0.0, 0.05, 0.1, 0.2)
+"""Standard deviation of positions per axis [m]; age of others' positions [s]."""
+RUNS, HORIZON, LEFT_BEHIND = 400, 120.0, 1.0
+"""Starts of each; [s]; a final error above this is a robot left behind [m]."""
+ABOUT = f"""\
+The shipped `six_robots` in `formation simulate`'s own loop, {RUNS} random starts of {HORIZON:g} s for each
+pair of noise (of every position, standard deviation per axis) and delay (of all that robots hear of each
+other), with the collision filter. The mission states the noise where it is more than the default. A run
+*leaves robots behind* when its error, summed over edges, is above
+{LEFT_BEHIND:g} m at the end."""
+
+
+def run(options: Options) -> Found:
+    """Every pair of noise and delay."""
+    runs = 20 if options.quick else RUNS
+    pairs = list(product(NOISES, DELAYS))
+    cells = [cell(noise, delay, runs) for noise, delay in reported("imperfect", pairs)]
+    return {"cells": cells, "bars": bars(cells)}
+
+
+def cell(noise: float, delay: float, runs: int, horizon: float = HORIZON, seed: int = 0) -> Found:
+    """What became of `runs` random starts with this `noise` [m] and `delay` [s]."""
+    mission = load("six_robots")
+    stated = max(noise, mission.collisions.noise)
+    rules = mission.collisions.model_copy(update={"noise": stated})
+    mission = mission.model_copy(update={"collisions": rules})
+    body = Body.of(mission.simulated_robot)._replace(position_noise=noise)
+    result = simulate(
+        mission,
+        runs=runs,
+        seed=seed,
+        starts="random",
+        horizon=horizon,
+        options=Simulated(delay=delay, body=body),
+    )
+    return {
+        "noise": noise,
+        "delay": delay,
+        "runs": runs,
+        "left": int((~(result.final_error <= LEFT_BEHIND)).sum()),
+        "touched": int((result.nearest < 0.0).sum()),
+        "nearest": float(result.nearest.min()),
+        "error": float(np.median(result.final_error)),
+        "deadlocks": int(result.deadlocks.sum()),
+    }
+
+
+def bars(cells: Sequence[Found]) -> list[Found]:
+    """None left behind and no touch, in any cell."""
+    runs = cells[0]["runs"]
+    return [
+        bar(
+            f"no robot left behind, {len(cells)} pairs of noise and delay, {runs} starts each",
+            f"{sum(one['left'] for one in cells)} runs leave robots behind",
+            not any(one["left"] for one in cells),
+        ),
+        bar(
+            "no two bodies touch in any of them",
+            f"{sum(one['touched'] for one in cells)} runs touch",
+            not any(one["touched"] for one in cells),
+        ),
+    ]
+
+
+def section(found: Found) -> str:
+    """A table for people."""
+    header = (
+        *("noise", "delay", "runs that leave robots behind", "runs that touch"),
+        *("nearest bodies", "median error at the end", "deadlocks"),
+    )
+    return markdown(header, [_row(one) for one in found["cells"]])
+
+
+def _row(one: Found) -> list[str]:
+    return [
+        f"{1e3 * one['noise']:g} mm",
+        f"{1e3 * one['delay']:g} ms",
+        f"{one['left']} of {one['runs']}",
+        f"{one['touched']} of {one['runs']}",
+        f"{100 * one['nearest']:.1f} cm",
+        f"{100 * one['error']:.1f} cm",
+        str(one["deadlocks"]),
+    ]

@@ -1,0 +1,58 @@
+"""Every mission that `formation new` writes, from 3 to 50 robots, checked and simulated."""
+
+from __future__ import annotations
+
+from itertools import product
+
+from formation.deploy.mission_files.draft import PROFILES
+from formation.simulation.simulate import simulate
+from formation.slots.shapes import SHAPES
+from tests.campaigns.bench.figures import markdown
+from tests.campaigns.safety.part import Found, Options, bar, reported
+from tests.support.every_mission import faults, made
+
+TITLE = "Missions that are made"
+RUNS, SIZES = 10, range(3, 51)
+"""Random starts of each; robots."""
+ABOUT = f"""\
+`formation new` for every shape, 3 to 50 robots, both kinds of robots. Of each mission: does `check` find a
+problem or a warning, would anybody hold after the loss of any one follower, is the bound under which it
+counts as converged above 5 cm, does it converge from its own starts and from {RUNS} random ones. *Touch* are
+random starts in which two bodies do, which is no bar: of more than twelve robots each avoids those in the
+slots around its own, and starts that are strewn widely bring others together."""
+
+
+def run(options: Options) -> Found:
+    """Try all."""
+    sizes, runs = ((3, 7, 16), 5) if options.quick else (SIZES, RUNS)
+    every = list(product(PROFILES, SHAPES, sizes))
+    rows = {
+        f"{shape}, {profile}": {"tried": 0, "well": 0, "starts": 0, "touched": 0}
+        for profile, shape in product(PROFILES, SHAPES)
+    }
+    wrong: list[str] = []
+    for profile, shape, robots in reported("missions", every):
+        mission, row = made(shape, robots, profile), rows[f"{shape}, {profile}"]
+        by_chance = simulate(mission, runs=runs)
+        found = list(faults(mission, by_chance))
+        row["tried"] += 1
+        row["well"] += not found
+        row["starts"] += runs
+        row["touched"] += int((by_chance.nearest < 0.0).sum())
+        wrong += [f"{mission.name}, {profile}: {fault}" for fault in found]
+    well = sum(row["well"] for row in rows.values())
+    words = "what `formation new` makes passes `check` and converges, every shape, 3 to 50 robots"
+    held = bar(words, f"{well} of {len(every)} missions", well == len(every))
+    return {"rows": rows, "wrong": wrong, "bars": [held]}
+
+
+def section(found: Found) -> str:
+    """A table for people, and what was found wrong."""
+    rows = [
+        [name, f"{row['well']} of {row['tried']}", f"{row['touched']} of {row['starts']}"]
+        for name, row in found["rows"].items()
+    ]
+    wrong = "".join(f"- {words}\n" for words in found["wrong"])
+    return markdown(("shape, robots", "sizes with nothing wrong", "random starts that touch"), rows) + (
+        f"\nWhat was wrong:\n\n{wrong}" if wrong else ""
+    )

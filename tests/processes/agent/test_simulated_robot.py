@@ -1,0 +1,175 @@
+"""Simulated robots as real processes, which are their own ROS 2 routers."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from formation.mission.file import read
+from formation.ros2.messages import Displacement, Odometry, Twist, decode, encode
+from formation.topics import CMD_VEL, GROUND_TRUTH
+from formation.wire import Sample
+from tests.processes.agent.leader_and_robot import beside, leader, received, robot2
+from tests.support.bus_tools import until
+from tests.support.child import free_endpoint, started
+from tests.support.zenoh_admin import inspect
+
+pytestmark = pytest.mark.processes
+
+
+def test_simulated_robot_moves_and_stops_as_commanded() -> None:
+    end = free_endpoint()
+    with robot2(end) as child, beside(end, "robot2/odom", "robot2/ground_truth") as (bus, box):
+        bus.advertise(CMD_VEL, "robot2/cmd_vel")
+        at_rest = newest_odometry(received(box, odometry))
+        assert at_rest is not None
+        assert at_rest.position == -1.5 + 2.0j
+        bus.publish("robot2/cmd_vel", encode(Twist(0.5, 0.0)))
+        moving = received(box, lambda samples: is_at(samples, 0.5) and len(samples) >= 40)
+        bus.publish("robot2/cmd_vel", encode(Twist(0.0, 0.0)))
+        stopped = newest_odometry(received(box, lambda samples: is_at(samples, 0.0)))
+        child.signal(signal.SIGTERM)
+        summary = child.event("summary")
+    fast = [one for one in map(odometry_of, moving) if one is not None and one.speed == 0.5]
+    seconds, way = fast[-1].stamp - fast[0].stamp, fast[-1].position - fast[0].position
+    assert way == pytest.approx(0.5j * seconds, abs=1e-4)
+    assert stopped is not None
+    assert stopped.position.imag > fast[-1].position.imag
+    assert summary["robot"]["received"] == {"robot2/cmd_vel": 2}
+    result = summary["robot"]["published"]
+    assert result["robot2/odom"] == result["robot2/ground_truth"]
+    assert (summary["published"], summary["received"]) == ({}, {})
+
+
+def test_invalid_commands_move_nothing_and_are_reported() -> None:
+    end = free_endpoint()
+    with robot2(end) as child, beside(end, "robot2/odom") as (bus, box):
+        bus.advertise(CMD_VEL, "robot2/cmd_vel")
+        received(box, odometry)
+        bus.publish("robot2/cmd_vel", b"\x00\x01\x00\x00 and too short")
+        bus.publish("robot2/cmd_vel", encode(Twist(0.5, 0.0)).replace(b"\xe0\x3f", b"\xf8\x7f"))
+        bus.publish("robot2/cmd_vel", encode(Twist(0.0, 0.5)))  # after the others, so it tells when to look
+        turning = received(box, lambda samples: any(turn_rate(sample) == 0.5 for sample in samples))
+        child.signal(signal.SIGTERM)
+        summary = child.event("summary")
+    assert odometry_of(turning[-1]) is not None
+    assert {one.speed for one in map(odometry_of, turning) if one} == {0.0}
+    assert summary["dropped"] == {"robot2/cmd_vel": 2, "overflowed": 0}
+
+
+def test_a_sensor_sees_the_virtual_leader_of_another_process(tmp_path: Path) -> None:
+    text, _ = read("six_robots")
+    mission = tmp_path / "local.toml"
+    mission.write_text(text.replace("rate = 20 ", 'rate = 20\nmeasurement = "local" '), encoding="utf-8")
+    end, lead = free_endpoint(), free_endpoint()
+    with (
+        leader(lead, "--hold"),
+        started(
+            "formation.agent.simulated", str(mission), "--robot", "robot2", "-l", end, "-e", lead
+        ) as robot,
+        beside(end, "robot2/relative/robot1", "robot2/odom") as (_, box),
+    ):
+        robot.event("ready")
+        samples = received(box, lambda samples: sum(map(is_odometry, samples)) >= 12)
+    sights = [sample for sample in samples if not is_odometry(sample)]
+    seen = decode(Displacement, sights[-1].payload).displacement
+    assert seen * 1j + (-1.5 + 2.2j) == pytest.approx(0.0, abs=1e-6)
+    # odometry sets the agent off, so it must not overtake what the sensor saw at the same moment
+    moments = [stamp(sample) for sample in samples if stamp(sample) >= stamp(sights[0])]
+    assert moments == sorted(moments)
+    assert all(is_odometry(later) for earlier, later in pairwise(samples) if stamp(earlier) == stamp(later))
+    assert len(sights) >= 5
+
+
+def test_nothing_is_published_before_the_monitor_listens() -> None:
+    end = free_endpoint()
+    with robot2(end, "--await-monitor", "60") as child:
+        with beside(end, "robot2/odom") as (bus, box):
+            bus.advertise(CMD_VEL, "robot2/cmd_vel")
+            until(lambda: bool(bus.routed("robot2/cmd_vel")))  # so the link is up
+            assert not box.wait(1.0), "it spoke before a monitor listened to its ground truth"
+            bus.subscribe(GROUND_TRUTH, "robot2/ground_truth")
+            first = received(box, lambda samples: len(samples) >= 8)
+        child.signal(signal.SIGTERM)
+        summary = child.event("summary")
+    assert {sample.key for sample in first} == {"robot2/odom", "robot2/ground_truth"}
+    assert summary["robot"]["published"]["robot2/odom"] >= 4
+
+
+def test_unknown_robot_is_refused_by_name() -> None:
+    with started("formation.agent.simulated", "six_robots", "--robot", "robot9") as child:
+        assert child.wait() == 2
+        why = "robot 'robot9': must be a follower of six-robots: robot2, robot3, robot4, robot5, robot6"
+        assert child.errors == f"robot9: {why}\n"
+
+
+def test_robots_listen_on_one_endpoint_each_or_shared() -> None:
+    ends = free_endpoint(), free_endpoint()
+    two = ("--robot", "robot2", "--robot", "robot3")
+    for given in (ends, ends[:1]):
+        listen = [word for end in given for word in ("-l", end)]
+        with started("formation.agent.simulated", "six_robots", *two, *listen) as child:
+            child.event("ready")
+            seen = [inspect(end).subscriptions for end in given]
+        assert seen == (
+            [{"robot2/cmd_vel"}, {"robot3/cmd_vel"}]
+            if len(given) == 2
+            else [{"robot2/cmd_vel", "robot3/cmd_vel"}]
+        )
+    words = [word for end in (*ends, free_endpoint()) for word in ("-l", end)]
+    with started("formation.agent.simulated", "six_robots", *two, *words) as child:
+        assert child.wait() == 2
+        why = "-l is given 3 times: must be once for all robots or once for each of robot2, robot3"
+        assert child.errors == f"robot2 robot3: {why}\n"
+
+
+def test_robots_that_ros_cannot_tell_apart_cannot_share_an_endpoint(tmp_path: Path) -> None:
+    text, _ = read("six_robots")
+    mission = tmp_path / "nameless.toml"
+    mission.write_text(text.replace("rate = 20 ", 'rate = 20\nnamespace = "" '), encoding="utf-8")
+    two = ("--robot", "robot2", "--robot", "robot3")
+    one, other = free_endpoint(), free_endpoint()
+    with started("formation.agent.simulated", str(mission), *two, "-l", one, "-l", other) as child:
+        child.event("ready")
+        assert inspect(one).subscriptions == inspect(other).subscriptions == {"cmd_vel"}
+    with started("formation.agent.simulated", str(mission), *two, "-l", one) as child:
+        assert child.wait() == 2
+        assert child.errors.count("\n") == 1
+        assert one in child.errors
+        assert "needs another namespace" in child.errors
+
+
+def is_odometry(sample: Sample) -> bool:
+    return sample.key == "robot2/odom"
+
+
+def odometry(samples: Sequence[Sample]) -> bool:
+    return any(map(is_odometry, samples))
+
+
+def odometry_of(sample: Sample) -> Odometry | None:
+    return decode(Odometry, sample.payload) if is_odometry(sample) else None
+
+
+def stamp(sample: Sample) -> float:
+    result = odometry_of(sample) or decode(Displacement, sample.payload)
+    return result.stamp
+
+
+def turn_rate(sample: Sample) -> float:
+    return decode(Odometry, sample.payload).turn_rate
+
+
+def newest_odometry(samples: Sequence[Sample]) -> Odometry | None:
+    """The last odometry among samples of all kinds."""
+    return next(filter(None, map(odometry_of, reversed(samples))), None)
+
+
+def is_at(samples: Sequence[Sample], speed: float) -> bool:
+    """Whether the newest odometry says so."""
+    newest = newest_odometry(samples)
+    return newest is not None and newest.speed == speed

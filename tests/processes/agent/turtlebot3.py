@@ -1,0 +1,276 @@
+"""A TurtleBot3 Burger, played on a Zenoh router of its own: what ROS 2 on the robot would put on the wire.
+
+Nothing here uses the code under test but the physics of `formation.agent.simulated.plant`: keys, hashes,
+attachments and tokens are spelled out once more, messages are pycdr2's, and the session is bare. After the
+published sources:
+
+- 20 Hz odometry that counts from where the robot was switched on, or `reset_odometry` called;
+- commands cut to hundredths by a cast to whole numbers, clamped by the firmware, and obeyed until the next;
+- a bridge takes any bytes for the type it expects, and one payload that is empty or has no CDR header ends
+  its route for good; rmw_zenoh drops a sample without attachment, and its node dies of one it cannot read.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import threading
+import time
+from collections import Counter
+from dataclasses import dataclass
+from typing import NamedTuple, Self
+
+import numpy as np
+import zenoh
+
+from formation.agent.simulated.plant import Plant
+from formation.control.unicycle import Command
+from formation.simulation.body import PROFILES
+from tests.processes.agent import turtlebot3_messages as messages
+
+PERIOD = 0.05
+"""Of odometry [s]."""
+CLAMPS = (0.2108, 2.635)
+"""[m/s], [rad/s]"""
+BODY = PROFILES["turtlebot3_burger"]._replace(
+    speed_step=0.0, turn_rate_step=0.0, max_speed=math.inf, max_turn_rate=math.inf,  # done here, byte by byte
+    drift=0.0,  # which no controller can see, so that the true poses can be judged
+)  # fmt: skip
+HASHES = {
+    "nav_msgs/msg/Odometry": "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
+    "geometry_msgs/msg/Twist": "9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a",
+    "geometry_msgs/msg/TwistStamped": "5f0fcd4f81d5d06ad9b4c4c63e3ea51b82d6ae4d0558f1d475229b1121db6f64",
+    "geometry_msgs/msg/PoseStamped": "10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8",
+}
+
+
+@dataclass(frozen=True)
+class Wire:
+    """How a robot's ROS 2 reaches Zenoh, and what its cmd_vel takes."""
+
+    ros: str = "ros2dds"
+    cmd_vel: str = "twist"
+    domain: int = 0
+    namespace: str = "robot1"
+
+    @property
+    def command_type(self) -> str:
+        """ROS type of its cmd_vel."""
+        return {"twist": "geometry_msgs/msg/Twist", "twist_stamped": "geometry_msgs/msg/TwistStamped"}[
+            self.cmd_vel
+        ]
+
+    def name(self, topic: str) -> str:
+        """ROS name of a topic, without its leading slash."""
+        return f"{self.namespace}/{topic}" if self.namespace else topic
+
+    def key(self, topic: str, ros_type: str) -> str:
+        """Zenoh key of a topic."""
+        if self.ros == "ros2dds":
+            return self.name(topic)
+        return f"{self.domain}/{self.name(topic)}/{dds(ros_type)}/RIHS01_{HASHES[ros_type]}"
+
+    def tokens(self, zid: str) -> list[str]:
+        """What shows others that the robot publishes odometry and takes commands."""
+        has = [("MP", "odom", "nav_msgs/msg/Odometry"), ("MS", "cmd_vel", self.command_type)]
+        if self.ros == "ros2dds":
+            return [
+                f"@/{zid}/@ros2_lv/{kind}/{self.name(topic).replace('/', '§')}/"
+                f"{ros_type.replace('/', '§')}/:1:0:0,10"
+                for kind, topic, ros_type in has
+            ]
+        node = f"%/%{self.namespace.replace('/', '%')}/turtlebot3_node"
+        return [f"@ros2_lv/{self.domain}/{zid}/0/0/NN/{node}"] + [
+            f"@ros2_lv/{self.domain}/{zid}/0/{number}/{kind}/{node}/%{self.name(topic).replace('/', '%')}/"
+            f"{dds(ros_type)}/RIHS01_{HASHES[ros_type]}/::,10:,:,:,,"
+            for number, (kind, topic, ros_type) in enumerate(has, 1)
+        ]
+
+
+class Moment(NamedTuple):
+    """Where the robot truly was."""
+
+    wall: float
+    position: complex
+    heading: complex
+
+
+class Taken(NamedTuple):
+    """A command that reached the wheels, as it was told and as the firmware took it."""
+
+    mono: float
+    commanded: Command
+    obeyed: Command
+
+
+class TurtleBot3:
+    """A robot that is switched on at the start of the `with` block, at rest."""
+
+    def __init__(
+        self, wire: Wire, endpoint: str, position: complex, heading: complex, *, prefixed: bool = False
+    ) -> None:
+        """At `position` [m; world frame] with unit `heading`; its router listens on `endpoint`.
+
+        `prefixed`: its bring-up was told the namespace, which then stands before both frames, too.
+        """
+        self.wire = wire
+        self.endpoint = endpoint
+        self.path: list[Moment] = []
+        """True poses, one for each odometry."""
+        self.taken: list[Taken] = []
+        self.troubles: Counter[str] = Counter()
+        """What no agent may ever send."""
+        self.lost = 0
+        """Samples missing by their attachments' sequence numbers."""
+        self._type = messages.Twist if wire.cmd_vel == "twist" else messages.TwistStamped
+        prefix = f"{wire.namespace}/" if prefixed else ""
+        self._frames = (f"{prefix}odom", f"{prefix}base_footprint")
+        self._plant = Plant(BODY, position, heading, np.random.default_rng(1))
+        self._origin = (position, heading)
+        self._alive = True  # a wedged route or a dead node is not
+        self._sequences: dict[bytes, int] = {}
+        self._lock = threading.Lock()
+        self._over = threading.Event()
+        self._timer = threading.Thread(target=self._run, name="turtlebot3")
+
+    def __enter__(self) -> Self:
+        config = zenoh.Config.from_json5(
+            f'{{mode: "router", listen: {{endpoints: ["{self.endpoint}"]}},'
+            " scouting: {multicast: {enabled: false}, gossip: {enabled: false}}}"
+        )
+        self.session = zenoh.open(config)
+        zid = str(self.session.info.zid())
+        self._gid = zid.encode().ljust(16, b"0")[:16]
+        self._odometry = self.session.declare_publisher(self.wire.key("odom", "nav_msgs/msg/Odometry"))
+        self._commands = self.listen()
+        self._tokens = [self.session.liveliness().declare_token(key) for key in self.wire.tokens(zid)]
+        self._time = time.monotonic()
+        self._timer.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._timer.join()
+        self.session.close()  # type: ignore[no-untyped-call]
+
+    @property
+    def now(self) -> Moment:
+        """Where it truly is."""
+        with self._lock:
+            self._advance()
+            return Moment(time.time(), self._plant.position, self._plant.heading)
+
+    @property
+    def moving(self) -> Command:
+        """True speed and turn rate."""
+        with self._lock:
+            self._advance()
+            return self._plant.moving
+
+    def reset_odometry(self) -> None:
+        """The service of that name: odometry counts from here."""
+        with self._lock:
+            self._advance()
+            self._origin = (self._plant.position, self._plant.heading)
+
+    def lose_route(self) -> None:
+        """What a bridge does to cmd_vel after a node of that name crashed and came back."""
+        self._commands.undeclare()  # type: ignore[no-untyped-call]
+
+    def listen(self) -> zenoh.Subscriber[None]:
+        """Take commands."""
+        key = self.wire.key("cmd_vel", self.wire.command_type)
+        return self.session.declare_subscriber(key, zenoh.handlers.Callback(self._take, indirect=False))
+
+    def graph(self) -> list[str]:
+        """Every token of rmw_zenoh that this robot's ROS 2 sees, its own included."""
+        replies = self.session.liveliness().get(f"@ros2_lv/{self.wire.domain}/**", timeout=5.0)
+        return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+
+    def _run(self) -> None:
+        due = self._time
+        sequence = 0
+        before = self.now
+        while not self._over.wait(due - time.monotonic()):
+            due += PERIOD
+            sequence += 1
+            before = self._speak(sequence, before)
+
+    def _speak(self, sequence: int, before: Moment) -> Moment:
+        """Publish one odometry, with the speed since the one `before`."""
+        with self._lock:
+            self._advance()
+            wall = time.time()
+            here = Moment(wall, self._plant.position, self._plant.heading)
+            position, heading = self._plant.odometry()
+            origin, zero = self._origin
+        elapsed, turned = wall - before.wall, here.heading * before.heading.conjugate()
+        way = (here.position - before.position) * (before.heading * turned**0.5).conjugate()
+        moving = messages.twist(way.real / elapsed, math.atan2(turned.imag, turned.real) / elapsed)
+        seen = (position - origin) * zero.conjugate(), heading * zero.conjugate()
+        payload = messages.odometry(wall, *seen, moving, self._frames)
+        attachment = struct.pack("<qqB16s", sequence, int(wall * 1e9), 16, self._gid)
+        self._odometry.put(payload, attachment=None if self.wire.ros == "ros2dds" else attachment)
+        self.path.append(here)
+        return here
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        with self._lock:
+            self._advance()
+            commanded = self._told(sample) if self._alive else None
+            if commanded is None:
+                return
+            obeyed = Command(*(
+                max(-clamp, min(clamp, hundredths(value) / 100.0))
+                for value, clamp in zip(commanded, CLAMPS, strict=True)
+            ))  # fmt: skip
+            self._plant.obey(obeyed)
+            self.taken.append(Taken(self._time, commanded, obeyed))
+
+    def _told(self, sample: zenoh.Sample) -> Command | None:
+        """The command in `sample`, as the ROS 2 of this robot reads it; None if it never gets to the node."""
+        payload = bytes(sample.payload)
+        if self.wire.ros == "rmw_zenoh" and not self._attached(sample):
+            return None
+        if len(payload) <= 4 or payload[0] or payload[1] > 1:
+            self.troubles["no CDR header"] += 1
+            self._alive = self.wire.ros == "rmw_zenoh"
+            return None
+        try:
+            message = self._type.deserialize(payload)
+            if message.serialize() != payload:
+                self.troubles["bytes of another type"] += 1  # and yet obeyed
+        except (struct.error, UnicodeDecodeError):
+            self.troubles["too short for its type"] += 1
+            return None
+        twist = message.twist if isinstance(message, messages.TwistStamped) else message
+        return Command(twist.linear.x, twist.angular.z)
+
+    def _attached(self, sample: zenoh.Sample) -> bool:
+        if sample.attachment is None:
+            self.troubles["no attachment"] += 1
+            return False
+        attachment = bytes(sample.attachment)
+        if len(attachment) != 33 or attachment[16] != 16:
+            self.troubles["an attachment that ends the node"] += 1
+            self._alive = False
+            return False
+        sequence, gid = struct.unpack_from("<q", attachment)[0], attachment[17:]
+        self.lost += abs(sequence - self._sequences.get(gid, sequence - 1)) - 1
+        self._sequences[gid] = sequence
+        return True
+
+    def _advance(self) -> None:
+        now = time.monotonic()
+        self._plant.advance(now - self._time)
+        self._time = now
+
+
+def hundredths(value: float) -> int:
+    """``static_cast<int32_t>(value * 100)``: cut off, and what an ARM makes of what does not fit."""
+    return 0 if math.isnan(value) else int(max(-(2.0**31), min(2.0**31 - 1, value * 100)))
+
+
+def dds(ros_type: str) -> str:
+    """The DDS name of a ROS message type."""
+    return "{}::{}::dds_::{}_".format(*ros_type.split("/"))

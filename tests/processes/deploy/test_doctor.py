@@ -1,0 +1,258 @@
+"""The doctor among real processes: agents and watchdogs, and TurtleBot3s that are played byte for byte."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from formation.deploy.fleet import access, certificates
+from formation.mission.file import load, read
+from formation.transport.bus import Bus, BusConfig
+from tests.processes.agent.turtlebot3 import TurtleBot3, Wire
+from tests.support.child import PATIENCE, Child, free_endpoint, started
+
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(180)]
+
+NAMES, FOLLOWERS = ("leader", "robot1", "robot2"), ("robot1", "robot2")
+
+
+class Report(NamedTuple):
+    """What the doctor said."""
+
+    code: int
+    findings: dict[str, list[str]]
+    """Names of all that is wrong, by robot."""
+    text: str
+
+    @property
+    def sentence(self) -> str:
+        """All of it on one line."""
+        return " ".join(self.text.split())
+
+
+class Team:
+    """A mission whose processes are started one by one."""
+
+    def __init__(self, folder: Path, wire: Wire, takes: str, stack: ExitStack) -> None:
+        """Robots speak as `wire`, but what they `take` on cmd_vel is their own affair."""
+        text, _ = read("turtlebot3_pair")
+        text = text.replace('avoid = "all"', "avoid = []")  # each has to do with the leader only
+        self.agents = {name: free_endpoint() for name in NAMES}
+        self.routers = {name: free_endpoint() for name in FOLLOWERS}
+        for name in NAMES:
+            keys = f'endpoint = "{self.agents[name]}"\n'
+            if name in self.routers:
+                keys += f'robot_endpoint = "{self.routers[name]}"\nros = "{wire.ros}"\n'
+            text = text.replace(f"[robots.{name}]\n", f"[robots.{name}]\n{keys}")
+        self.path = folder / "pair.toml"
+        self.path.write_text(text, encoding="utf-8")
+        self.mission = load(self.path)
+        self._stack = stack
+        self.robots: dict[str, TurtleBot3] = {}
+        for name in FOLLOWERS:
+            start = self.mission.robots[name].start
+            played = Wire(wire.ros, takes, wire.domain, name)
+            robot = TurtleBot3(played, self.routers[name], start.position, start.heading)
+            self.robots[name] = stack.enter_context(robot)
+
+    def start(self, module: str, *arguments: str) -> Child:
+        child = self._stack.enter_context(started(module, str(self.path), *arguments))
+        child.event("ready")
+        return child
+
+    def doctor(self, *arguments: str, seconds: float = 2.0) -> Report:
+        words = [
+            "-m",
+            "formation.deploy",
+            "doctor",
+            str(self.path),
+            "--seconds",
+            str(seconds),
+            "--json",
+            *arguments,
+        ]
+        done = subprocess.run(
+            [sys.executable, *words], capture_output=True, text=True, timeout=PATIENCE, check=False
+        )
+        assert done.returncode in {0, 1}, done.stderr
+        robots: dict[str, Any] = json.loads(done.stdout)["robots"]
+        findings = {
+            name: [finding["name"] for one in checks.values() for finding in one["findings"]]
+            for name, checks in robots.items()
+        }
+        return Report(done.returncode, findings, done.stderr.rstrip())
+
+
+@contextmanager
+def team(folder: Path, wire: Wire | None = None, takes: str = "twist_stamped") -> Iterator[Team]:
+    with ExitStack() as stack:
+        yield Team(folder, wire or Wire(), takes, stack)
+
+
+def await_status(team: Team, robot: str, word: str) -> None:
+    """Until the robot's agent says `word` in its status."""
+    deadline = time.monotonic() + PATIENCE
+    with Bus(BusConfig(connect=(team.agents[robot],))) as bus:
+        bus.subscribe(f"{robot}/status")
+        while not any(word.encode() in sample.payload for sample in bus.drain()):
+            assert bus.wait(deadline - time.monotonic()), f"{robot} never says {word}"
+
+
+def driving(team: Team) -> None:
+    """Leader, both agents, both watchdogs; until both drive."""
+    team.start("formation.leader")
+    for name in FOLLOWERS:
+        team.start("formation.agent.watchdog", "--robot", name)
+        team.start("formation.agent", "--robot", name)
+    for name in FOLLOWERS:
+        await_status(team, name, "run")
+
+
+@pytest.mark.parametrize("ros", ["ros2dds", "rmw_zenoh"])
+def test_healthy_team_is_healthy_on_robot_and_desk(tmp_path: Path, ros: str) -> None:
+    with team(tmp_path, Wire(ros)) as fleet:
+        driving(fleet)
+        there = fleet.doctor("--robot", "robot1")
+        assert (there.code, there.findings) == (0, {"robot1": []}), there.text
+        assert there.text.endswith("healthy: nothing is wrong")
+        desk = fleet.doctor()
+        assert (desk.code, desk.findings) == (0, {name: [] for name in NAMES}), desk.text
+
+
+def test_the_doctor_moves_nothing_and_a_killed_agent_is_named(tmp_path: Path) -> None:
+    with team(tmp_path) as fleet:
+        fleet.start("formation.leader")
+        agent = fleet.start("formation.agent", "--robot", "robot1")
+        await_status(fleet, "robot1", "run")
+        agent.process.kill()
+        agent.wait()
+        time.sleep(0.2)  # what was on its way has come
+        before = len(fleet.robots["robot1"].taken)
+        there = fleet.doctor("--robot", "robot1")
+        assert len(fleet.robots["robot1"].taken) == before
+        assert (there.code, there.findings) == (1, {"robot1": ["agent-silent", "watchdog-down"]}), there.text
+        desk = fleet.doctor()
+        assert desk.findings["robot1"] == ["unreachable"], desk.text
+        assert f"its agent at {fleet.agents['robot1']} refuses the connection" in desk.sentence
+
+
+def test_desk_examines_standby_and_names_current_leader(tmp_path: Path) -> None:
+    with team(tmp_path) as fleet:
+        with fleet.path.open("a", encoding="utf-8") as file:
+            file.write(f'\n[standbys.deputy]\nendpoint = "{free_endpoint()}"\n')
+        silent = fleet.doctor()
+        assert silent.findings["deputy"] == ["unreachable"], silent.text
+        assert silent.findings["desk"] == ["no-leader"], silent.text
+        fleet.start("formation.leader", "--standby", "deputy")
+        for name in FOLLOWERS:
+            fleet.start("formation.agent.watchdog", "--robot", name)
+            fleet.start("formation.agent", "--robot", name)
+        for name in FOLLOWERS:
+            await_status(fleet, name, "run")
+        result = fleet.doctor()
+        assert result.findings["deputy"] == result.findings["desk"] == [], result.text
+        assert result.findings["leader"] == ["unreachable"], result.text
+        assert "deputy said that it leads" in result.sentence
+
+
+def test_dependant_names_missing_neighbour(tmp_path: Path) -> None:
+    with team(tmp_path) as fleet:
+        fleet.start("formation.agent.watchdog", "--robot", "robot1")
+        fleet.start("formation.agent", "--robot", "robot1")
+        there = fleet.doctor("--robot", "robot1")
+        assert (there.code, there.findings) == (1, {"robot1": ["unreachable"]}), there.text
+        assert f"the leader at {fleet.agents['leader']} refuses the connection" in there.sentence
+
+
+def test_two_agents_for_one_robot_are_named(tmp_path: Path) -> None:
+    with team(tmp_path) as fleet:
+        driving(fleet)
+        fleet.start(
+            "formation.agent", "--robot", "robot1", "-l", free_endpoint(), "-e", fleet.agents["leader"]
+        )
+        there = fleet.doctor("--robot", "robot1")
+        assert there.code == 1
+        assert "agents-two" in there.findings["robot1"], there.text
+
+
+@pytest.mark.parametrize("ros", ["ros2dds", "rmw_zenoh"])
+def test_wrong_cmd_vel_type_is_named_with_remedy(tmp_path: Path, ros: str) -> None:
+    with team(tmp_path, Wire(ros), takes="twist") as fleet:
+        fleet.start("formation.leader")
+        fleet.start("formation.agent.watchdog", "--robot", "robot1")
+        there = fleet.doctor("--robot", "robot1")
+        assert there.code == 1
+        assert there.findings["robot1"] == ["agent-silent", "cmd-vel-type"], there.text
+        assert "takes Twist on cmd_vel, but is sent TwistStamped" in there.sentence
+        assert 'say cmd_vel = "twist" for robot1 in the mission' in there.sentence
+
+
+def test_lost_route_is_named_on_robot_and_desk(tmp_path: Path) -> None:
+    with team(tmp_path) as fleet:
+        driving(fleet)
+        fleet.robots["robot1"].lose_route()
+        await_status(fleet, "robot1", "no listener on cmd_vel")
+        there = fleet.doctor("--robot", "robot1")
+        assert (there.code, there.findings) == (1, {"robot1": ["route-lost"]}), there.text
+        desk = fleet.doctor()
+        assert (desk.findings["robot1"], desk.findings["robot2"]) == (["route-lost"], []), desk.text
+
+
+def test_missing_router_is_the_only_finding(tmp_path: Path) -> None:
+    with team(tmp_path) as fleet:
+        fleet.start("formation.leader")
+        there = fleet.doctor("--robot", "robot1", "--robot-connect", free_endpoint())
+        assert (there.code, there.findings) == (1, {"robot1": ["router-missing"]}), there.text
+
+
+def test_team_with_certificates_stays_healthy_when_examined(
+    tmp_path: Path,
+) -> None:
+    with team(tmp_path) as fleet:
+        text = fleet.path.read_text(encoding="utf-8")
+        for end in fleet.agents.values():
+            text = text.replace(end, end.replace("tcp", "tls"))
+        fleet.path.write_text(text, encoding="utf-8")
+        mission = load(fleet.path)
+        secrets = tmp_path / "secrets"
+        certificates.create(mission, secrets, days=30.0, authority_days=365.0, now=datetime.now(UTC))
+        files = {}
+        for name in access.processes(mission):
+            files[name] = tmp_path / f"{name}.json5"
+            settings = access.configuration(mission, name, secrets / name)
+            files[name].write_text(access.text(mission, name, settings), encoding="utf-8")
+        fleet.start("formation.leader", "-c", str(files["leader"]))
+        for name in FOLLOWERS:
+            fleet.start("formation.agent.watchdog", "--robot", name)
+            fleet.start("formation.agent", "--robot", name, "-c", str(files[name]))
+        operator = ("-c", str(files["operator"]), "--certificates", str(secrets))
+        for _ in range(2):
+            there = fleet.doctor("--robot", "robot1", "-c", str(files["robot1"]))
+            assert (there.code, there.findings) == (0, {"robot1": []}), there.text
+            desk = fleet.doctor(*operator)
+            assert (desk.code, desk.findings) == (0, {name: [] for name in ("desk", *NAMES)}), desk.text
+        assert "robot1 is valid for 30 days" in there.sentence
+        strange = fleet.doctor("--robot", "robot1", "-c", str(files["robot2"]))
+        assert strange.findings == {"robot1": ["certificate-name"]}
+
+
+def test_an_agent_that_was_started_with_another_mission_is_named(tmp_path: Path) -> None:
+    with team(tmp_path) as fleet:
+        driving(fleet)
+        text = fleet.path.read_text(encoding="utf-8")
+        fleet.path.write_text(
+            text.replace("k_p = 2.0", "k_p = 1.5") + "\n# after they were started\n", "utf-8"
+        )
+        desk = fleet.doctor()
+        assert desk.findings == {name: ["mission-other"] for name in NAMES}, desk.text
+        fleet.path.write_text(text + "\n# a remark is no other mission\n", encoding="utf-8")
+        assert fleet.doctor().findings == {name: [] for name in NAMES}

@@ -1,0 +1,227 @@
+"""Certificates as the doctor reads them, and what comes of dialling: real files and real handshakes."""
+
+from __future__ import annotations
+
+import socket
+import ssl
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from formation.deploy.cli import main
+from formation.deploy.doctor import at_desk, files
+from formation.deploy.doctor.facts import Facts, examine
+from formation.deploy.doctor.leading import LEADING
+from formation.deploy.doctor.probe import Papers, context, reach
+from formation.deploy.fleet import authority
+from formation.deploy.fleet.authority import Pair
+from formation.deploy.refusal import Refusal
+from formation.mission.model import Mission
+from tests.support.child import PATIENCE, free_endpoint
+from tests.unit.deploy.examined import TB3
+from tests.unit.deploy.test_doctor import OWN, PATROL, STANDBY
+
+NOW = datetime.now(UTC)
+HERE = "127.0.0.1"
+
+
+@pytest.fixture(scope="module")
+def root() -> Pair:
+    return authority.new_authority("formation pair", 365.0, NOW - timedelta(days=100))
+
+
+def papers(folder: Path, root: Pair, name: str = "robot1", *, days: float = 30.0, ago: float = 0.0) -> Papers:
+    """Papers of a process that were issued `ago` days ago for `days`."""
+    pair = authority.issue(root, name, HERE, days, NOW - timedelta(days=ago))
+    home = folder / name
+    home.mkdir()
+    (home / "ca.pem").write_bytes(root.certificate_pem)
+    (home / "certificate.pem").write_bytes(pair.certificate_pem)
+    (home / "key.pem").touch(mode=0o600)
+    (home / "key.pem").write_bytes(pair.key_pem)
+    return Papers(home / "ca.pem", home / "certificate.pem", home / "key.pem")
+
+
+def test_a_certificate_is_read_without_a_library_for_it(tmp_path: Path, root: Pair) -> None:
+    read = files.read("robot1", papers(tmp_path, root))
+    assert read is not None
+    assert (read.name, read.wanted, read.problem, read.mode) == ("robot1", "robot1", "", 0o600)
+    assert read.ends == pytest.approx((NOW + timedelta(days=30)).timestamp(), abs=1.0)
+    assert read.begins == pytest.approx((NOW - authority.EARLY).timestamp(), abs=1.0)
+
+
+@pytest.mark.parametrize("ago", [60.0, -10.0])
+def test_one_that_is_not_valid_now_is_read_all_the_same(tmp_path: Path, root: Pair, ago: float) -> None:
+    read = files.read("robot1", papers(tmp_path, root, ago=ago))
+    assert read is not None
+    assert (read.name, read.problem) == ("robot1", "")
+    assert (read.begins <= NOW.timestamp() < read.ends) is False
+
+
+def test_one_for_dialling_only_is_as_good(tmp_path: Path, root: Pair) -> None:
+    mine = papers(tmp_path, root, "operator")
+    pair = authority.issue(root, "operator", None, 30.0, NOW)
+    mine.certificate.write_bytes(pair.certificate_pem)
+    mine.key.write_bytes(pair.key_pem)
+    read = files.read("operator", mine)
+    assert read is not None
+    assert (read.name, read.problem) == ("operator", "")
+
+
+def test_what_makes_a_certificate_useless_is_named(tmp_path: Path, root: Pair) -> None:
+    mine = papers(tmp_path, root)
+    other = papers(tmp_path, root, "robot2")
+    (tmp_path / "rogue").mkdir()
+    rogue = papers(tmp_path / "rogue", authority.new_authority("formation pair", 365.0, NOW))
+
+    def problem(one: Papers) -> str:
+        read = files.read("robot1", one)
+        assert read is not None
+        return read.problem
+
+    assert problem(mine._replace(key=other.key)) == "the key does not belong to it"
+    assert problem(rogue._replace(trusted=mine.trusted)).startswith("its authority does not vouch for it")
+    assert problem(mine._replace(key=mine.key.with_name("gone"))).endswith("gone is missing")
+    mine.certificate.write_text("no certificate", encoding="utf-8")
+    assert problem(mine).endswith("is damaged")
+    mine.key.write_text("no key", encoding="utf-8")
+    assert problem(other._replace(key=mine.key)).endswith("is damaged")
+
+
+def test_orders_under_another_certificate_are_explained(
+    tmp_path: Path, root: Pair, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, reported in (("monitor", True), ("operator", False)):
+        mine = papers(tmp_path, root, name)
+        config = tmp_path / f"{name}.json5"
+        config.write_text(
+            f"{{transport: {{link: {{tls: {{root_ca_certificate: '{mine.trusted}', "
+            f"connect_certificate: '{mine.certificate}', connect_private_key: '{mine.key}'}}}}}}}}",
+            encoding="utf-8",
+        )
+        flags = ["-c", str(config), "--timeout", "0.2", "-e", f"tls/{HERE}:9"]
+        assert main(["order", "turtlebot3_pair", "stop", *flags]) == 1
+        assert ("has the certificate of 'monitor'" in capsys.readouterr().out) is reported
+
+
+def test_what_a_zenoh_configuration_and_a_folder_say_of_papers(tmp_path: Path, root: Pair) -> None:
+    mine = papers(tmp_path, root)
+    config = tmp_path / "zenoh.json5"
+    config.write_text(
+        f"// as it is made\n{{transport: {{link: {{tls: {{root_ca_certificate: '{mine.trusted}', "
+        f"connect_certificate: '{mine.certificate}', connect_private_key: '{mine.key}'}}}}}}}}",
+        encoding="utf-8",
+    )
+    assert files.papers_of(config) == mine
+    config.write_text("{mode: 'peer'}", encoding="utf-8")
+    assert files.papers_of(config) is None
+    assert dict(files.papers_in(tmp_path, ["robot1", "robot2"])) == {"robot1": mine}
+    with pytest.raises(Refusal, match="holds none"):
+        list(files.papers_in(tmp_path / "robot1", ["robot1"]))
+    with pytest.raises(Refusal, match=r"nowhere\.json5"):
+        files.papers_of(tmp_path / "nowhere.json5")
+
+
+@pytest.fixture
+def turned_away_late(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However late the other side turns us away, it is received: what is tested is what it says."""
+    monkeypatch.setattr("formation.deploy.doctor.probe.LATE_REFUSAL_TIME", PATIENCE)
+
+
+@contextmanager
+def served(answer: ssl.SSLContext | bytes | None) -> Iterator[str]:
+    """A server that greets one who dials: with TLS, with bytes, or not at all; its address and port."""
+    with socket.create_server((HERE, 0)) as server:
+
+        def greet() -> None:
+            link, _ = server.accept()
+            with link:
+                if isinstance(answer, bytes):
+                    link.sendall(answer)
+                elif answer is not None:
+                    try:
+                        with answer.wrap_socket(link, server_side=True) as secure:
+                            secure.settimeout(20.0)
+                            secure.recv(1)  # until the other side has gone
+                    except OSError:
+                        return
+                else:
+                    link.settimeout(20.0)
+                    while link.recv(4096):
+                        pass
+
+        greeting = threading.Thread(target=greet, daemon=True)
+        greeting.start()
+        yield f"{HERE}:{server.getsockname()[1]}"
+        greeting.join(20.0)
+
+
+def test_mutually_trusted_agent_is_reached_by_name(tmp_path: Path, root: Pair) -> None:
+    mine, theirs = papers(tmp_path, root), papers(tmp_path, root, "robot2")
+    with served(context(theirs, server=True)) as where:
+        reached = reach(f"tls/{where}", mine)
+    assert (reached.outcome, reached.name) == ("ok", "robot2")
+
+
+@pytest.mark.usefixtures("turned_away_late")
+def test_each_way_not_to_be_reached_is_told_apart(tmp_path: Path, root: Pair) -> None:
+    (tmp_path / "rogue").mkdir()
+    mine, theirs = papers(tmp_path, root), papers(tmp_path, root, "robot2")
+    rogue = papers(tmp_path / "rogue", authority.new_authority("formation pair", 365.0, NOW), "robot2")
+    with served(context(rogue, server=True)) as where:
+        assert reach(f"tls/{where}", mine).outcome == "untrusted"
+    with served(context(theirs, server=True)) as where:
+        turned_away = reach(f"tls/{where}", rogue._replace(trusted=theirs.trusted))
+    assert (turned_away.outcome, turned_away.detail) == ("turned away", "unknown ca")
+    with served(b"HTTP/1.1 400 Bad Request\r\n\r\n") as where:
+        assert reach(f"tls/{where}", mine).outcome == "no TLS"
+    assert reach(free_endpoint(), None).outcome == "refused"
+    assert reach("tls/robot9.invalid:7460", mine).outcome == "unknown name"
+
+
+@pytest.mark.usefixtures("turned_away_late")
+def test_expired_certificates_are_rejected_on_both_sides(tmp_path: Path, root: Pair) -> None:
+    (tmp_path / "old").mkdir()
+    good, late = papers(tmp_path, root), papers(tmp_path / "old", root, ago=40.0)
+    with served(context(good, server=True)) as where:
+        reached = reach(f"tls/{where}", late)
+    assert (reached.outcome, reached.detail) == ("turned away", "certificate expired")
+    with served(context(late, server=True)) as where:
+        reached = reach(f"tls/{where}", good)
+    assert (reached.outcome, reached.detail) == ("untrusted", "certificate has expired")
+
+
+def test_silent_peer_does_not_delay_the_doctor(
+    tmp_path: Path, root: Pair, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("formation.deploy.doctor.probe.CONNECT_TIMEOUT_SECONDS", 0.2)
+    with served(None) as where:
+        assert reach(f"tls/{where}", papers(tmp_path, root)).outcome == "no answer"
+
+
+def test_a_key_that_this_user_may_not_read_is_not_judged(
+    tmp_path: Path, root: Pair, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def forbidden(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("formation.deploy.doctor.files.context", forbidden)  # for root may read everything
+    assert files.read("robot1", papers(tmp_path, root)) is None
+
+
+def test_desk_reports_when_no_candidate_leads() -> None:
+    def at(others: list[Facts], mission: Mission = PATROL) -> Facts:
+        return replace(at_desk.desk(mission, None, others), chrony=None)
+
+    leads = replace(STANDBY, robot="leader", newest_status=replace(OWN, leads=True))
+    (checked,) = examine((LEADING,), at([STANDBY, leads]))
+    assert (checked.findings, checked.seen) == ((), "leader said that it leads")
+    (checked,) = examine((LEADING,), at([STANDBY, replace(leads, newest_status=None)]))
+    assert [one.name for one in checked.findings] == ["no-leader"]
+    assert "none of leader, deputy, reserve says" in checked.findings[0].sentence
+    assert examine((LEADING,), at([], TB3)) == []

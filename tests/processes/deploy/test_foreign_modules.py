@@ -1,0 +1,41 @@
+"""Modules of other projects, beside the user or on PYTHONPATH, do not replace the fleet's own."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from tests.support.child import started as child_started
+from tests.support.launched import result_of, started
+
+pytestmark = pytest.mark.processes
+WRONG = "raise ImportError('a module of another project was imported')\n"
+
+
+@pytest.fixture
+def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with another project's agent.py, leader.py, deploy.py and monitor/, also on PYTHONPATH."""
+    for name in ("agent", "leader", "deploy"):
+        (tmp_path / f"{name}.py").write_text(WRONG)
+    (tmp_path / "monitor").mkdir()
+    (tmp_path / "monitor" / "__init__.py").write_text(WRONG)
+    before = os.environ.get("PYTHONPATH")
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{before}" if before else str(tmp_path))
+    return tmp_path
+
+
+@pytest.mark.smoke
+def test_a_fleet_runs_beside_foreign_modules(workspace: Path) -> None:
+    with started("turtlebot3_pair", "--duration", "4", "--no-page", folder=workspace) as process:
+        result = result_of(process)
+    assert result["robots"] == 3
+    assert result["lost"] == 0
+
+
+def test_each_process_starts_beside_foreign_modules(workspace: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(workspace)
+    for module in ("agent", "agent.simulated", "agent.watchdog", "leader", "monitor"):
+        with child_started(f"formation.{module}", "--help") as child:
+            assert child.process.wait(30.0) == 0

@@ -1,0 +1,42 @@
+"""Orders to a team with standbys: who leads answers for all who may, also while another takes the place."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.processes.fleet.twenty import LEADER, Team, twenty
+from tests.support.child import free_endpoint
+
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
+ROBOTS = {"robot1", "robot2", "robot3"}
+
+
+@pytest.fixture
+def team(tmp_path: Path) -> Iterator[Team]:
+    with twenty(tmp_path, len(ROBOTS), f'[standbys.spare]\nendpoint = "{free_endpoint()}"\n') as team:
+        yield team
+
+
+def test_standby_takes_orders_after_leader_death(team: Team) -> None:
+    given = team.order("run")  # by then somebody leads
+    assert (given.code, given.report["leader"]) == (0, LEADER), given.words
+    given = team.order("stop")
+    assert (given.code, given.report["leader"]) == (0, LEADER), given.words
+    assert {one["robot"] for one in given.report["acknowledged"]} == {LEADER, *ROBOTS}
+    assert given.report["standby"] in ([], ["spare"])  # it has a tenth of a second
+
+    team.children[LEADER].signal(signal.SIGKILL)
+    given = team.order("stop")  # asked again until one leads, which is a moment later
+    assert (given.code, given.report["leader"], given.report["missing"]) == (0, "spare", []), given.words
+    assert {one["robot"] for one in given.report["acknowledged"]} == {"spare", *ROBOTS}
+    assert "leader      no answer; spare leads" in given.words
+
+    refused = team.order("run")
+    assert {one["robot"] for one in refused.report["refused"]} == {"spare", *ROBOTS}  # all are stopped
+    for words in ("release", "hold", "rotate 30", "run"):
+        given = team.order(*words.split())
+        assert (given.code, given.report["leader"]) == (0, "spare"), given.words

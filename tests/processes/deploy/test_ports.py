@@ -1,0 +1,149 @@
+"""Ports for a run: the agents' as in the mission if they are free, held until their process listens."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+from collections.abc import Mapping
+
+import pytest
+
+from formation.deploy.local.ports import Ports
+from formation.mission.file import load
+from formation.mission.model import Mission
+from formation.transport import wiring
+
+
+@pytest.fixture
+def mission(monkeypatch: pytest.MonkeyPatch) -> Mission:
+    """A pair on ports that no other test uses."""
+    monkeypatch.setattr(wiring, "ROBOT_PORT", 17560)
+    pair = load("turtlebot3_pair")
+    ends = {name: f"tcp/127.0.0.1:{17460 + number}" for number, name in enumerate(pair.names)}
+    return at(pair, "endpoint", ends)
+
+
+def at(mission: Mission, key: str, ends: Mapping[str, str]) -> Mission:
+    """`mission` with other endpoints, by robot."""
+    moved = {name: mission.robots[name].model_copy(update={key: end}) for name, end in ends.items()}
+    return mission.model_copy(update={"robots": {**mission.robots, **moved}})
+
+
+def is_ours(endpoint: str) -> bool:
+    """Whether it is plain TCP of this machine."""
+    return endpoint.startswith("tcp/127.0.0.1:")
+
+
+def port(endpoint: str) -> int:
+    return int(endpoint.rpartition(":")[2])
+
+
+def listen(number: int) -> socket.socket:
+    """Listen as zenoh does."""
+    listener = socket.socket()
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    listener.bind(("127.0.0.1", number))
+    listener.listen()
+    return listener
+
+
+def test_the_missions_own_ports_are_taken_when_they_are_free(mission: Mission) -> None:
+    with Ports(mission) as ports:
+        assert ports.as_in_mission
+        assert ports.endpoints == wiring.endpoints(mission)
+
+
+def test_intended_process_can_listen_on_reserved_port(mission: Mission) -> None:
+    with Ports(mission) as ports, listen(port(ports.endpoints.agents["robot1"])):
+        pass
+
+
+def test_other_process_is_refused_a_reserved_port(mission: Mission) -> None:
+    with Ports(mission) as ports, socket.socket() as stranger, pytest.raises(OSError, match="in use"):
+        stranger.bind(("127.0.0.1", port(ports.endpoints.robots["robot1"])))
+
+
+def test_if_one_agents_port_is_taken_all_agents_have_others(mission: Mission) -> None:
+    wanted = wiring.endpoints(mission)
+    with listen(port(wanted.agents["robot2"])), Ports(mission) as ports:
+        assert not ports.as_in_mission
+        ends = [*ports.endpoints.agents.values(), *ports.endpoints.robots.values()]
+        assert not set(ends) & set(wanted.agents.values())
+        assert len(set(ends)) == len(ends) == 5
+        with listen(port(ends[0])):
+            pass
+
+
+def test_taken_robot_port_does_not_move_agent_ports(mission: Mission) -> None:
+    wanted = wiring.endpoints(mission)
+    with listen(port(wanted.robots["robot2"])), Ports(mission) as ports:
+        assert ports.as_in_mission
+        assert ports.endpoints.agents == wanted.agents
+        assert not set(ports.endpoints.robots.values()) & set(wanted.robots.values())
+        assert all(map(is_ours, ports.endpoints.robots.values()))
+
+
+def test_two_runs_at_the_same_moment_do_not_share_a_port(mission: Mission) -> None:
+    with Ports(mission) as first, Ports(mission) as second:
+        assert first.as_in_mission
+        assert not second.as_in_mission
+        ends = {*first.endpoints.agents.values(), *second.endpoints.agents.values()}
+        assert len(ends) == 6
+
+
+def test_ports_of_a_run_that_has_ended_are_free_again(mission: Mission) -> None:
+    with Ports(mission), Ports(mission):
+        pass
+    with Ports(mission) as ports:
+        assert ports.as_in_mission
+
+
+def test_lingering_connections_do_not_make_port_taken(mission: Mission) -> None:
+    number = port(wiring.endpoints(mission).agents["robot1"])
+    with listen(number) as listener, socket.create_connection(("127.0.0.1", number)) as dialler:
+        accepted, _ = listener.accept()
+        accepted.close()  # the side that closes first keeps the port in TIME_WAIT
+        dialler.recv(1)
+    with Ports(mission) as ports:
+        assert ports.as_in_mission
+
+
+@pytest.mark.parametrize("end", ["tcp/192.168.1.11:7447", "tls/robot1.local:7447", "tls/127.0.0.1:17460"])
+def test_agents_that_the_mission_puts_elsewhere_or_under_certificates_run_here(
+    mission: Mission, end: str
+) -> None:
+    with Ports(at(mission, "endpoint", {"robot1": end})) as ports:
+        assert not ports.as_in_mission
+        assert all(map(is_ours, ports.endpoints.agents.values()))
+
+
+@pytest.mark.parametrize("robots", [("robot1",), ("robot1", "robot2")])
+def test_no_simulated_robot_takes_the_place_of_a_ros_2_router(
+    mission: Mission, robots: tuple[str, ...]
+) -> None:
+    router = "tcp/127.0.0.1:17447"
+    with Ports(at(mission, "robot_endpoint", dict.fromkeys(robots, router))) as ports:
+        assert ports.as_in_mission
+        ends = ports.endpoints.robots.values()
+        assert router not in ends
+        assert len(set(ends)) == 2
+        assert all(map(is_ours, ends))
+
+
+def test_a_launcher_that_is_killed_holds_nothing() -> None:
+    code = """
+import time
+from formation.deploy.local.ports import Ports
+from formation.mission.file import load
+ports = Ports(load("turtlebot3_pair"))
+print(ports.endpoints.agents["robot1"], ports.as_in_mission, flush=True)
+time.sleep(600)
+"""
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        held = port(process.stdout.readline().split()[0])
+        process.kill()
+        process.wait(10.0)
+    with listen(held):
+        pass

@@ -1,0 +1,53 @@
+"""Who waits at a terminal for longer than a moment is told for what."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from formation.deploy.terminal.keys import Keys
+from formation.deploy.terminal.waiting import waiting
+from tests.support.child import PATIENCE
+
+
+class Screen(io.StringIO):
+    """In place of stderr: a terminal or none."""
+
+    def __init__(self, *, terminal: bool = True) -> None:
+        super().__init__()
+        self._terminal = terminal
+
+    def isatty(self) -> bool:
+        return self._terminal
+
+
+def test_terminal_shows_the_reason_for_waiting(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    screen, deadline = Screen(), time.monotonic() + PATIENCE
+    monkeypatch.setattr(sys, "stderr", screen)
+    with waiting("listening", after=0.1):
+        while not screen.getvalue().endswith("\n") and time.monotonic() < deadline:
+            time.sleep(0.01)
+    assert (capsys.readouterr().out, screen.getvalue()) == ("", "formation: listening …\n")
+
+
+@pytest.mark.parametrize(("terminal", "after"), [(True, PATIENCE), (False, 0.0)])
+def test_without_wait_or_terminal_nothing_is_shown(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *, terminal: bool, after: float
+) -> None:
+    screen = Screen(terminal=terminal)
+    monkeypatch.setattr(sys, "stderr", screen)
+    with waiting("listening", after):
+        time.sleep(0.1)
+    assert (capsys.readouterr().out, screen.getvalue()) == ("", "")
+
+
+def test_what_is_no_terminal_has_no_keys() -> None:
+    with Path(os.devnull).open() as nothing, Keys(nothing) as keys:
+        assert keys.wait(0.0) == []

@@ -1,0 +1,112 @@
+"""Twenty robots and a leader as processes on this machine, and an operator at his command line."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from formation.mission.file import load
+from formation.mission.model import Mission
+from tests.support.child import PATIENCE, Child, free_endpoint, started
+
+LEADER = "leader"
+STARTING = 120.0
+"""How long the start of several processes may take on a machine with much to do [s]."""
+AT_ONCE = 4
+"""Processes that are started together."""
+HEAD = """\
+name = "twenty"
+leader = "leader"
+
+[robot]
+rate = 10
+max_speed = 0.5
+max_turn_rate = 1.5
+
+[[route]]
+speed = 0.1
+heading_deg = 0
+"""
+
+
+class Given(NamedTuple):
+    """What came of an order."""
+
+    code: int
+    report: dict[str, Any]
+    """What `--json` says."""
+    words: str
+    started: float
+    """From the start of the command's process until its first question [ms]."""
+    slowest: float
+    """From its first question until the last answer [ms]; 0 if nobody answered."""
+
+
+class Team:
+    """The processes, and orders to them."""
+
+    def __init__(self, file: Path, mission: Mission, children: dict[str, Child]) -> None:
+        self.file, self.mission, self.children = file, mission, children
+
+    def order(self, *words: str, seconds: float = PATIENCE) -> Given:
+        """`formation order` as it is typed; it waits so long for answers [s]."""
+        command = [sys.executable, "-m", "formation.deploy", "order", str(self.file), *words, "--json"]
+        began = time.time()
+        done = subprocess.run(
+            [*command, "--timeout", f"{seconds:g}"], capture_output=True, text=True, check=False
+        )
+        assert done.stdout, done.stderr
+        report = json.loads(done.stdout)
+        slowest = max((one["ms"] for one in report["acknowledged"]), default=0.0)
+        return Given(done.returncode, report, done.stderr, (report["at"] - began) * 1e3, slowest)
+
+
+def mission_text(robots: int = 20, more: str = "") -> str:
+    """A mission of so many robots in rows of five, each behind the one before and the one beside it."""
+    names = [f"robot{number}" for number in range(1, robots + 1)]
+    ends = iter(free_endpoint, None)
+    tables, slots = [f'[robots.{LEADER}]\nendpoint = "{next(ends)}"\nstart = {{ x = 0, y = 0 }}'], []
+    for number, name in enumerate(names):
+        row, column = divmod(number, 5)
+        x, y = -1.0 - row, column - 2.0
+        before = names[number - 5] if row else LEADER
+        neighbours = [before, names[number - 1]] if column else [before]
+        slots.append(f"{name} = [{x}, {y}]")
+        tables.append(
+            f"[robots.{name}]\nneighbours = {json.dumps(neighbours)}\nstart = {{ x = {x - 0.1}, y = {y} }}\n"
+            f'endpoint = "{next(ends)}"\nrobot_endpoint = "{next(ends)}"'
+        )
+    return "\n\n".join([HEAD, "[shapes.rows]\n" + "\n".join(slots), *tables, more]) + "\n"
+
+
+@contextmanager
+def twenty(folder: Path, robots: int = 20, more: str = "") -> Iterator[Team]:
+    """All of them, ready; `more` goes into the mission's file."""
+    file = folder / "twenty.toml"
+    file.write_text(mission_text(robots, more))
+    mission = load(file)
+    under = ("--parent", str(os.getpid()), "--log-level", "warning")
+    commands: dict[str, tuple[str, ...]] = {"robots": ("formation.agent.simulated", str(file))}
+    commands |= {LEADER: ("formation.leader", str(file))}
+    commands |= {name: ("formation.leader", str(file), "--standby", name) for name in mission.standbys}
+    commands |= {name: ("formation.agent", str(file), "--robot", name) for name in mission.followers}
+    with ExitStack() as stack:
+        children: dict[str, Child] = {}
+        for names in batched(list(commands)):  # all at once would take each as long as all together
+            for name in names:
+                children[name] = stack.enter_context(started(*commands[name], *under))
+            for name in names:
+                children[name].event("ready", STARTING)
+        yield Team(file, mission, children)
+
+
+def batched(names: Sequence[str]) -> Iterator[Sequence[str]]:
+    """The names, a few at a time."""
+    return (names[start : start + AT_ONCE] for start in range(0, len(names), AT_ONCE))

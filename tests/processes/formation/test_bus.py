@@ -1,0 +1,260 @@
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from formation.topics import CMD_VEL, ODOM, ORDER, POSITION
+from formation.transport import mailbox
+from formation.transport.bus import Bus, BusConfig, BusError
+from tests.support.bus_tools import (
+    COMMAND,
+    ODOMETRY,
+    PLACE,
+    REQUESTED,
+    acquaint,
+    answers,
+    collect,
+    pair_on,
+    serving,
+    until,
+)
+from tests.support.child import PATIENCE, free_endpoint
+
+pytestmark = pytest.mark.processes
+
+
+@pytest.fixture
+def endpoint() -> str:
+    return free_endpoint()
+
+
+@pytest.fixture
+def pair(endpoint: str) -> Iterator[tuple[Bus, Bus]]:
+    with pair_on(endpoint) as (here, there):
+        yield here, there
+
+
+@pytest.mark.smoke
+def test_a_sample_arrives_with_its_key_payload_attachment_and_time(pair: tuple[Bus, Bus]) -> None:
+    here, there = pair
+    before = time.monotonic()
+    there.publish(ODOMETRY, b"payload", b"attachment")
+    there.publish(ODOMETRY, b"")
+    first, second = collect(here, 2)
+    assert first[:3] == (ODOMETRY, b"payload", b"attachment")
+    assert second[:3] == (ODOMETRY, b"", None)
+    assert before <= first.arrived <= second.arrived <= time.monotonic()
+    assert there.published == here.received == {ODOMETRY: 2}
+
+
+def test_samples_arrive_in_the_order_they_were_sent(pair: tuple[Bus, Bus]) -> None:
+    here, there = pair
+    sent = [number.to_bytes(4, "little") for number in range(500)]
+    for payload in sent:
+        there.publish(ODOMETRY, payload)
+    assert [sample.payload for sample in collect(here, 500)] == sent
+
+
+def test_wildcard_subscription_gives_the_sample_key(pair: tuple[Bus, Bus]) -> None:
+    here, there = pair
+    here.subscribe(POSITION.pattern.format(robot="*"))
+    there.advertise(POSITION, PLACE)
+    until(lambda: there.watched(PLACE))
+    there.publish(PLACE, b"there")
+    assert collect(here, 1)[0].key == PLACE
+
+
+def test_the_oldest_sample_makes_room_and_is_counted(endpoint: str) -> None:
+    with Bus(BusConfig(listen=(endpoint,)), capacity=4) as here, Bus(BusConfig(connect=(endpoint,))) as there:
+        here.subscribe(ODOMETRY)
+        there.advertise(ODOM, ODOMETRY)
+        until(lambda: there.watched(ODOMETRY))
+        for number in range(10):
+            there.publish(ODOMETRY, bytes([number]))
+        until(lambda: here.received[ODOMETRY] == 10)
+        assert [sample.payload for sample in here.drain()] == [bytes([n]) for n in (6, 7, 8, 9)]
+        assert here.overflowed == 6
+
+
+def test_a_main_loop_that_never_drains_stalls_nothing_on_its_link(pair: tuple[Bus, Bus]) -> None:
+    here, there = pair
+    there.answer(REQUESTED, lambda request, _: b"answered " + request)
+    slowest = 0.0
+    for number in range(3000):
+        start = time.perf_counter()
+        there.publish(ODOMETRY, number.to_bytes(724, "little"))
+        slowest = max(slowest, time.perf_counter() - start)
+    until(lambda: here.received[ODOMETRY] > 1024)
+    with serving(there):
+        assert [reply.payload for reply in answers(here, REQUESTED, b"now", 1)] == [b"answered now"]
+    assert len(here.drain()) == 1024
+    assert slowest < 0.5
+
+
+def test_wait_returns_immediately_with_data_else_times_out(pair: tuple[Bus, Bus]) -> None:
+    here, there = pair
+    start = time.monotonic()
+    assert not here.wait(0.05)
+    assert 0.05 <= time.monotonic() - start < 5.0
+    assert not here.wait(0.0)
+    assert not here.wait(-1.0)
+    there.publish(ODOMETRY, b"x")
+    until(lambda: here.received[ODOMETRY] == 1)
+    start = time.monotonic()
+    assert here.wait(PATIENCE)
+    assert here.wait(PATIENCE)  # it waits still
+    assert len(here.drain()) == 1
+    assert time.monotonic() - start < 5.0
+    assert not here.wait(0.0)
+
+
+def test_a_signal_handler_ends_the_wait(pair: tuple[Bus, Bus]) -> None:
+    here, _ = pair
+    before = signal.signal(signal.SIGALRM, lambda *_: here.wake())
+    try:
+        start = time.monotonic()
+        signal.setitimer(signal.ITIMER_REAL, 0.05)
+        assert here.wait(PATIENCE)
+        assert time.monotonic() - start < 5.0
+        assert not here.wait(0.0)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def test_a_storm_of_signals_jams_nothing(pair: tuple[Bus, Bus]) -> None:
+    here, there = pair
+    rings = 0
+
+    def ring(*_: object) -> None:
+        nonlocal rings
+        rings += 1
+        here.wake()
+
+    before = signal.signal(signal.SIGALRM, ring)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.0002, 0.0002)
+        got = 0
+        for _ in range(500):
+            there.publish(ODOMETRY, b"x")
+            here.wait(0.001)
+            got += len(here.drain())
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    until(lambda: here.received[ODOMETRY] == 500)
+    assert got + len(here.drain()) == 500
+    assert rings > 100
+
+
+@pytest.mark.smoke
+def test_each_process_answers_on_its_main_thread(endpoint: str) -> None:
+    other = free_endpoint()
+    threads = []
+
+    def answer(request: bytes, _: float) -> bytes:
+        threads.append(threading.current_thread())
+        return request.upper()
+
+    with (
+        Bus(BusConfig(listen=(endpoint,))) as one,
+        Bus(BusConfig(listen=(other,))) as two,
+        Bus(BusConfig(connect=(endpoint, other))) as operator,
+    ):
+        one.answer(ORDER.key("robot1"), answer)
+        two.answer(ORDER.key("robot2"), answer)
+        with serving(one), serving(two):
+            replies = answers(operator, ORDER.pattern.format(robot="*"), b"stop", 2)
+            assert [reply.payload for reply in answers(operator, ORDER.key("robot2"), b"run", 1)] == [b"RUN"]
+    assert sorted(reply.key for reply in replies) == [ORDER.key("robot1"), ORDER.key("robot2")]
+    assert {reply.payload for reply in replies} == {b"STOP"}
+    assert all(0.0 < reply.ms < PATIENCE * 1e3 for reply in replies)
+    assert len(set(threads)) == 2
+    assert {thread.name for thread in threads} == {"another process"}
+
+
+def test_a_query_wakes_the_loop_that_answers_it(pair: tuple[Bus, Bus]) -> None:
+    here, there = pair
+    here.answer(REQUESTED, lambda request, _: request)
+    acquaint(here, there)
+    asking = threading.Thread(target=there.ask, args=(REQUESTED, b"?", PATIENCE))
+    asking.start()
+    assert here.wait(PATIENCE)
+    assert here.serve() == 1
+    asking.join()
+    assert here.serve() == 0
+
+
+def test_a_flood_of_queries_is_turned_away(pair: tuple[Bus, Bus], monkeypatch: pytest.MonkeyPatch) -> None:
+    here, there = pair
+    monkeypatch.setattr(mailbox, "MAX_QUERIES", 1)
+    here.answer(REQUESTED, lambda request, _: request)
+    acquaint(here, there)
+    replies = []
+    asking = threading.Thread(target=lambda: replies.extend(there.ask(REQUESTED, b"first", PATIENCE)))
+    asking.start()
+    assert here.wait(PATIENCE)
+    start = time.monotonic()
+    assert there.ask(REQUESTED, b"second", PATIENCE) == []
+    assert time.monotonic() - start < PATIENCE / 2
+    assert here.serve() == 1
+    asking.join()
+    assert [reply.payload for reply in replies] == [b"first"]
+
+
+def test_query_without_queryables_returns_at_once(pair: tuple[Bus, Bus]) -> None:
+    start = time.monotonic()
+    assert pair[1].ask(ORDER.key("nobody"), b"stop", PATIENCE) == []
+    assert time.monotonic() - start < PATIENCE / 2
+
+
+def test_late_answers_count_as_missing(pair: tuple[Bus, Bus]) -> None:
+    here, there = pair
+    here.answer(REQUESTED, lambda request, _: request)
+    acquaint(here, there)
+    start = time.monotonic()
+    assert there.ask(REQUESTED, b"stop", 0.2) == []
+    assert 0.15 < time.monotonic() - start < 5.0
+
+
+def test_watched_follows_the_listeners(endpoint: str) -> None:
+    with Bus(BusConfig(listen=(endpoint,))) as bus:
+        bus.advertise(ODOM, ODOMETRY)
+        assert not bus.watched(ODOMETRY)
+        with Bus(BusConfig(connect=(endpoint,))) as other:
+            other.subscribe(ODOMETRY)
+            until(lambda: bus.watched(ODOMETRY))
+        until(lambda: not bus.watched(ODOMETRY))
+
+
+def test_a_closed_bus_says_so(endpoint: str) -> None:
+    with Bus(BusConfig(listen=(endpoint,))) as bus:
+        bus.advertise(ODOM, ODOMETRY)
+    bus.close()
+    for use in (
+        lambda: bus.publish(ODOMETRY, b""),
+        lambda: bus.watched(ODOMETRY),
+        lambda: bus.subscribe(ODOMETRY),
+        lambda: bus.advertise(CMD_VEL, COMMAND),
+        lambda: bus.answer(REQUESTED, lambda request, _: request),
+        lambda: bus.ask(REQUESTED, b"", 0.1),
+    ):
+        with pytest.raises(BusError, match="the bus is closed"):
+            use()
+
+
+def test_a_key_is_advertised_once_and_before_it_is_used() -> None:
+    with Bus(BusConfig()) as bus:
+        with pytest.raises(BusError, match=f"'{ODOMETRY}' is not advertised: none"):
+            bus.publish(ODOMETRY, b"")
+        bus.advertise(ODOM, ODOMETRY)
+        with pytest.raises(BusError, match="advertised already"):
+            bus.advertise(ODOM, ODOMETRY)
+        with pytest.raises(BusError, match="'order' is a queryable"):
+            bus.advertise(ORDER, REQUESTED)
+        with pytest.raises(BusError, match="robot1//odom"):
+            bus.subscribe("robot1//odom")

@@ -1,0 +1,83 @@
+"""The leader as a real process over real Zenoh."""
+
+from __future__ import annotations
+
+import math
+import signal
+
+import pytest
+
+from formation.protocol import order
+from formation.protocol.order import OperatorReply, Order, PositionAttachment
+from formation.ros2.messages import Diagnostics, Pose, decode
+from formation.wire import Sample
+from tests.processes.agent.leader_and_robot import leader, listening, received
+from tests.support.child import PATIENCE, free_endpoint
+
+pytestmark = pytest.mark.processes
+
+
+def ordered(sample: Sample) -> Order:
+    reported = order.decode(PositionAttachment, sample.attachment or b"").order
+    assert reported is not None
+    return reported
+
+
+@pytest.mark.smoke
+def test_leader_follows_route_in_real_time() -> None:
+    end = free_endpoint()
+    with leader(end) as child, listening(end, "robot1/position") as bus:
+        samples = received(bus, lambda samples: len(samples) >= 30)
+        child.signal(signal.SIGTERM)
+    poses = [decode(Pose, sample.payload) for sample in samples]
+    orders = [ordered(sample) for sample in samples]
+    way = poses[-1].position - poses[0].position
+    assert abs(way) / (poses[-1].stamp - poses[0].stamp) == pytest.approx(0.2, abs=1e-3)
+    assert math.degrees(math.atan2(way.imag, way.real)) == pytest.approx(30.0, abs=1e-3)
+    beats = [one.beat for one in orders]
+    assert beats == sorted(set(beats))  # one may be lost on the way: positions are sent without repair
+    assert {(one.mode, one.shape) for one in orders} == {("run", "hexagon")}
+
+
+@pytest.mark.smoke
+def test_an_operator_stops_and_releases_a_leader_which_acknowledges() -> None:
+    end = free_endpoint()
+    with leader(end), listening(end, "robot1/position") as bus:
+        received(bus, len)
+        modes = []
+        requests = (
+            b'{"do":"stop","id":"s"}',
+            b'{"do":"run"}',
+            b'{"do":"release","ends":["other"]}',
+            b'{"do":"release","id":"r","ends":["s"]}',
+            b"nonsense",
+            b'{"do":"run","ends":["r"]}',
+        )
+        for request in requests:
+            (reply,) = bus.ask("robot1/order", request, timeout=PATIENCE)
+            answer = order.decode(OperatorReply, reply.payload)
+            bus.drain()
+            after = received(bus, lambda samples: len(samples) >= 2)
+            modes.append((answer.ok, answer.mode, ordered(after[-1]).mode))
+    assert modes == [
+        (True, "stop", "stop"),
+        (False, "stop", "stop"),
+        (False, "stop", "stop"),
+        (True, "hold", "hold"),
+        (False, "hold", "hold"),
+        (True, "run", "run"),
+    ]
+
+
+@pytest.mark.smoke
+def test_ended_leader_sends_hold_last() -> None:
+    end = free_endpoint()
+    with leader(end) as child, listening(end, "robot1/position", "robot1/status") as bus:
+        received(bus, lambda samples: any(sample.key == "robot1/position" for sample in samples))
+        child.signal(signal.SIGINT)
+        summary = child.event("summary")
+        samples = received(bus, lambda samples: any(b"SIGINT" in sample.payload for sample in samples))
+    last = [sample for sample in samples if sample.key == "robot1/position"][-1]
+    assert ordered(last).mode == "hold"
+    assert decode(Diagnostics, samples[-1].payload).statuses[0].values["reason.cause"] == "SIGINT"
+    assert ordered(last).beat == summary["published"]["robot1/position"]

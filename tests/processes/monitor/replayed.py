@@ -1,0 +1,143 @@
+"""A recording of a real run, what its live page showed, and `formation replay` as a real process."""
+
+from __future__ import annotations
+
+import json
+import math
+import signal
+import ssl
+import subprocess
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+import httpx
+import pytest
+
+from tests.support.child import PATIENCE
+from tests.support.launched import command
+
+PLAIN = ssl.create_default_context()
+"""Nothing here is under TLS, but httpx would read all certificates of the machine for each client."""
+
+
+class Received(NamedTuple):
+    """One server-sent event."""
+
+    kind: str
+    data: Any
+
+
+class Run(NamedTuple):
+    """What is left of a run."""
+
+    path: Path
+    hello: dict[str, Any]
+    frames: list[dict[str, Any]]
+    """Of its live page."""
+    result: dict[str, Any]
+
+
+def drive(folder: Path, frames_after: int) -> Run:
+    """Six robots until they have settled and so many frames more, which somebody at the page sees."""
+    arguments = ("run", "six_robots", "--duration", "90", "--record", "run.mcap", "--json")
+    with command(*arguments, "--page", "127.0.0.1:0", folder=folder) as process:
+        assert process.stderr is not None
+        address = after("Page: ", process.stderr)
+        frames: list[dict[str, Any]] = []
+        left = math.inf
+        hello: dict[str, Any] = {}
+        with suppress(httpx.RemoteProtocolError):  # a stream that ends with its server
+            for received in looking(address):
+                if received.kind == "hello":
+                    hello = received.data
+                elif received.kind == "frame":
+                    frames.append(received.data)
+                    left -= 1
+                    if left == 0:
+                        process.send_signal(signal.SIGINT)
+                elif received.kind == "event" and received.data["kind"] == "settled":
+                    left = frames_after
+        out, _ = process.communicate(timeout=90.0)
+    assert frames, out
+    return Run(folder / "run.mcap", hello, frames, json.loads(out.splitlines()[-1]))
+
+
+def after(beginning: str, lines: IO[str]) -> str:
+    """What stands behind `beginning` in the next line that begins so."""
+    for line in lines:
+        if line.startswith(beginning):
+            return line.removeprefix(beginning).strip()
+    raise AssertionError(f"it ended without saying {beginning!r}")
+
+
+def looking(address: str) -> Iterator[Received]:
+    """What a page that is open hears."""
+    with httpx.stream("GET", f"{address}stream", timeout=PATIENCE, verify=PLAIN) as response:
+        kind = ""
+        for line in response.iter_lines():
+            if line.startswith("event: "):
+                kind = line.removeprefix("event: ")
+            elif line.startswith("data: "):
+                yield Received(kind, json.loads(line.removeprefix("data: ")))
+
+
+class Replayed:
+    """`formation replay`, which is steered by HTTP."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        assert process.stderr is not None
+        self.process = process
+        self.address = after("page: ", process.stderr)
+        self.said: list[str] = []
+        self._reader = threading.Thread(target=self._read, args=(process.stderr,), daemon=True)
+        self._reader.start()
+
+    def steer(self, do: str, to: float | None = None) -> httpx.Response:
+        """Ask for it."""
+        body = {"do": do} if to is None else {"do": do, "to": to}
+        return httpx.post(f"{self.address}api/replay", json=body, timeout=PATIENCE, verify=PLAIN)
+
+    def steered(self, do: str, to: float | None = None) -> dict[str, Any]:
+        """How it stands after that."""
+        answer = self.steer(do, to)
+        assert answer.status_code == 200, answer.text
+        standing: dict[str, Any] = answer.json()
+        return standing
+
+    def picture(self, at: float) -> tuple[dict[str, Any], dict[str, Any]]:
+        """The greeting and the frame of `at` [s], where a replay that is paused is sent."""
+        assert self.steered("seek", at)["t"] == pytest.approx(at, abs=0.002)
+        hello: dict[str, Any] = {}
+        for received in looking(self.address):
+            if received.kind == "hello":
+                hello = received.data
+            elif received.kind == "frame" and received.data["t"] == pytest.approx(at, abs=0.002):
+                return hello, received.data
+        raise AssertionError("the stream ended without a frame")
+
+    def result(self) -> dict[str, Any]:
+        """What it says at its end."""
+        self.process.wait(PATIENCE)
+        self._reader.join(PATIENCE)
+        assert self.process.stdout is not None
+        found: dict[str, Any] = json.loads(self.process.stdout.read().splitlines()[-1])
+        return found
+
+    def interrupt(self) -> dict[str, Any]:
+        """The same after a Ctrl-C."""
+        self.process.send_signal(signal.SIGINT)
+        return self.result()
+
+    def _read(self, stream: IO[str]) -> None:
+        self.said.extend(stream)
+
+
+@contextmanager
+def replaying(path: Path, *flags: str) -> Iterator[Replayed]:
+    """A replay of `path` on ports of its own."""
+    arguments = ("replay", str(path), "--json", "--page", "127.0.0.1:0", *flags)
+    with command(*arguments, folder=path.parent) as process:
+        yield Replayed(process)

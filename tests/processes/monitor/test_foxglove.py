@@ -1,0 +1,117 @@
+"""`formation monitor --foxglove` as a real process, with a client that looks."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from mcap.records import Schema
+from mcap_ros2.decoder import DecoderFactory
+from websockets.exceptions import ConnectionClosed
+
+from formation.monitor.metrics.keys import OWN
+from formation.topics import DIAGNOSTICS
+from formation.transport.bus import Bus, BusConfig
+from formation.transport.runtime.command_line import needs
+from tests.processes.agent.actor import KEYS, Actor, recorded, router
+from tests.support.child import PATIENCE, free_endpoint, started
+from tests.support.foxglove_viewer import Message, Viewer, viewing
+
+pytestmark = pytest.mark.processes
+ALL = {f"/{one.key}" for one in (*KEYS, *OWN)}
+OWNS = {f"/{one.key}" for one in OWN}
+SAID = {topic for topic in ALL if not topic.endswith("/scan")}
+
+
+def until_hung_up(viewer: Viewer) -> Iterator[Message]:
+    try:
+        while True:
+            yield viewer.receive()
+    except ConnectionClosed:
+        return
+
+
+def test_foxglove_client_gets_recorded_messages_exactly(tmp_path: Path) -> None:
+    path, end, stage_end = tmp_path / "run.mcap", free_endpoint(), free_endpoint()
+    flags = ("-e", end, "--stage", stage_end, "--record", str(path), "--no-page", "--foxglove", "127.0.0.1:0")
+    with (
+        Bus(BusConfig(listen=(end,))) as bus,
+        router(stage_end) as stage,
+        started("formation.monitor", "six_robots", *flags) as child,
+    ):
+        ready = child.event("ready")
+        actor = Actor(bus, stage)
+        actor.wait_for_the_monitor()
+        with viewing(ready["foxglove"], max_queue=None) as viewer:
+            viewer.advertised(len(ALL))
+            viewer.subscribe(*ALL)
+            while viewer.receive().topic != f"/{DIAGNOSTICS.key()}":  # so it has heard of the subscriptions
+                pass
+            actor.play(2.0)
+            assert child.signal(signal.SIGTERM) < PATIENCE
+            reported = list(until_hung_up(viewer))
+            assert child.wait() == 0
+            assert "foxglove: ws://127.0.0.1:" in child.errors
+    in_file = recorded(path)
+    for topic in SAID:
+        payloads = [one.payload for one in reported if one.topic == topic]
+        assert payloads
+        kept = in_file[topic.removeprefix("/")]
+        assert payloads == (kept[-len(payloads) :] if topic in OWNS else kept), topic
+    for one in reported:
+        channel = viewer.channels[one.topic]
+        schema = Schema(1, channel["schema"].encode(), "ros2msg", channel["schemaName"])
+        decoder = DecoderFactory().decoder_for("cdr", schema)
+        assert decoder is not None
+        decoder(one.payload)
+
+
+def test_a_port_that_is_taken_is_bad_input() -> None:
+    with socket.socket() as holder:
+        holder.bind(("127.0.0.1", 0))
+        holder.listen()
+        where = f"127.0.0.1:{holder.getsockname()[1]}"
+        flags = ("--no-record", "--no-page", "--no-stage", "--foxglove", where)
+        with started("formation.monitor", "six_robots", "-l", free_endpoint(), *flags) as child:
+            assert child.wait() == 2
+            assert child.errors == f"monitor: --foxglove {where}: address already in use\n"
+
+
+def command(*arguments: str, without: str = "") -> subprocess.CompletedProcess[str]:
+    """`formation` on a machine that lacks the package `without`."""
+    program = f"""
+import sys
+sys.modules[{without!r}] = None
+from formation.deploy.cli import main
+sys.exit(main())
+"""
+    return subprocess.run(
+        [sys.executable, "-c", program, *arguments], capture_output=True, text=True, check=False, timeout=60
+    )
+
+
+def test_without_the_sdk_one_line_says_what_to_install() -> None:
+    end = free_endpoint()
+    done = command(
+        "monitor", "six_robots", "--foxglove", "-l", end, "--no-record", "--no-page", without="foxglove"
+    )
+    assert done.returncode == 2
+    assert done.stderr == f"monitor: --foxglove {needs('foxglove')}\n"
+
+
+def test_layout_is_written_without_sdk_or_overwriting(tmp_path: Path) -> None:
+    path = tmp_path / "layout.json"
+    done = command("monitor", "two_chains", "--foxglove-layout", str(path), without="foxglove")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert path.read_text(encoding="utf-8").startswith('{\n  "configById"')
+    again = command("monitor", "six_robots", "--foxglove-layout", str(path))
+    assert again.returncode == 2
+    assert again.stderr == f"monitor: --foxglove-layout {path}: exists already\n"
+    nowhere = command("monitor", "six_robots", "--foxglove-layout", str(tmp_path / "no" / "layout.json"))
+    assert nowhere.returncode == 2
+    assert "cannot be written: No such file or directory" in nowhere.stderr

@@ -1,0 +1,84 @@
+"""A real monitor whose disk fills up: it goes on watching, says so to everybody, and resumes by itself."""
+
+from __future__ import annotations
+
+import json
+import signal
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from formation.monitor.recording.reader import is_whole, read
+from formation.ros2.messages import LogEntry, decode
+from formation.topics import EVENTS, ODOM
+from tests.processes.agent.actor import Actor, watching
+from tests.support.child import PATIENCE, Child
+from tests.support.disks import in_memory
+
+pytestmark = [pytest.mark.processes, pytest.mark.mounts]
+
+
+def test_a_monitor_outlives_a_full_disk_and_resumes() -> None:
+    with in_memory(300_000_000) as folder:
+        with watching("--record", str(folder / "run.mcap"), "--snapshots", "--no-page") as (child, actor):
+            actor.bus.subscribe(EVENTS.key())
+            talk = threading.Event()
+            talker = threading.Thread(target=talk_until, args=(actor, talk))
+            talker.start()
+            try:
+                fill(folder, leaving=20_000_000)
+                result = snapshot_until(child, lambda one: one["recording_failure"] is not None)
+                assert result["recording_failure"] == "less than 32 MB are left on the disk"
+                # while somebody is late the error is not known
+                result = snapshot_until(child, lambda one: one["formation_error"] is not None)
+                assert result["formation_error"] < 0.01
+                assert result["recording_failure"] == "less than 32 MB are left on the disk"
+                assert is_whole(folder / "run.mcap")
+                (folder / "filler").unlink()
+                snapshot_until(child, lambda one: one["recording_failure"] is None)
+            finally:
+                talk.set()
+                talker.join()
+            child.signal(signal.SIGTERM)
+            summary = snapshot_until(child, lambda one: one["event"] == "summary")
+            assert child.wait() == 0
+            happened = [decode(LogEntry, one.payload) for one in actor.bus.drain()]
+        assert [Path(one).name for one in summary["recording_parts"]] == ["run.mcap", "run-2.mcap"]
+        assert summary["recording_failure"] is None
+        recording = read(folder / "run.mcap")
+        assert not recording.is_cut()
+        assert recording.extent().counts == summary["recorded"]
+        assert summary["recording_lost"] > 0
+        assert summary["recorded"][ODOM.key("robot2")] < summary["received"][ODOM.key("robot2")]
+    ours = [(one.level, one.text) for one in happened if one.kind == "recording"]
+    assert [level for level, _ in ours][-2:] == [40, 20]
+    assert "nothing is recorded any more: less than 32 MB are left" in ours[-2][1]
+    assert ours[-1][1] == f"recording goes on in {folder / 'run-2.mcap'}"
+
+
+def talk_until(actor: Actor, enough: threading.Event) -> None:
+    while not enough.is_set():
+        actor.play(0.5)
+
+
+def fill(folder: Path, leaving: int) -> None:
+    """Leave so much of the disk [bytes]."""
+    with (folder / "filler").open("wb") as file:
+        for _ in range((300_000_000 - leaving) // 1_000_000):
+            file.write(bytes(1_000_000))
+
+
+def snapshot_until(child: Child, wanted: Any) -> dict[str, Any]:
+    """The first thing it says that is `wanted`."""
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        line = child._lines.get(timeout=PATIENCE)
+        assert line is not None, child.errors
+        result: dict[str, Any] = json.loads(line)
+        if result["event"] == "summary" or wanted(result):
+            assert wanted(result), "it ended before"
+            return result
+    raise AssertionError("it never said so")

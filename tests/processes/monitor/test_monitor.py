@@ -1,0 +1,269 @@
+"""The monitor as a real process, watching a fleet that this test plays over real Zenoh."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any, NamedTuple
+
+import pytest
+from mcap.exceptions import EndOfFile
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
+
+from formation.monitor.metrics.keys import OWN
+from formation.ros2.messages import Diagnostics, Number, decode
+from formation.ros2.naming import Naming
+from formation.ros2.ros_names import Ros
+from formation.topics import DIAGNOSTICS, ERROR, GROUND_TRUTH, ODOM, STATUS
+from formation.transport.bus import Bus, BusConfig
+from formation.wire import Sample
+from tests.processes.agent.actor import KEYS, Actor, events, recorded, router, watching
+from tests.support.bus_tools import until
+from tests.support.child import PATIENCE, free_endpoint, started
+
+pytestmark = pytest.mark.processes
+
+
+class Run(NamedTuple):
+    """Three seconds of a fleet in formation, and what became of them."""
+
+    actor: Actor
+    arrived: list[Sample]
+    """What the fleet could hear of the monitor."""
+    snapshots: list[dict[str, Any]]
+    summary: dict[str, Any]
+    path: Path
+    in_file: dict[str, list[bytes]]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    path = tmp_path_factory.mktemp("run") / "new" / "run.mcap"
+    with watching("--record", str(path), "--snapshots") as (child, actor):
+        for one in OWN:
+            actor.bus.subscribe(one.key)
+        actor.play(3.0)
+        child.signal(signal.SIGTERM)  # at once: what is on its way must still get in
+        snapshots, summary = events(child)
+        assert child.wait() == 0
+        return Run(actor, actor.bus.drain(), snapshots, summary, path, recorded(path))
+
+
+@pytest.mark.smoke
+def test_every_published_message_is_recorded_exactly(run: Run) -> None:
+    published = run.actor.published
+    assert sum(published.values()) == 60 * (6 + 3 * 5) + 6 * 6
+    assert run.summary["received"] == run.actor.bus.published
+    assert run.summary["robot"] == {"published": {}, "received": run.actor.stage.published}
+    assert run.summary["recorded"] == published + Counter(run.summary["published"])
+    assert run.summary["recorded"] == {key: len(payloads) for key, payloads in run.in_file.items()}
+    for key in published:
+        assert run.in_file[key] == [sample.payload for sample in run.actor.said if sample.key == key]
+    assert run.summary["dropped"] == {"overflowed": 0}
+    assert run.summary["recording"] == str(run.path)
+
+
+def test_its_own_figures_are_published_and_recorded(run: Run) -> None:
+    errors = [decode(Number, payload).value for payload in run.in_file[ERROR.key()]]
+    assert 15 <= len(errors) <= 35
+    assert max(errors) < 1e-6
+    assert run.summary["published"] == {one.key: len(run.in_file[one.key]) for one in OWN}
+    for one in OWN:
+        arrived = Counter(sample.payload for sample in run.arrived if sample.key == one.key)
+        assert arrived
+        assert not arrived - Counter(run.in_file[one.key])
+    reported = run.in_file[DIAGNOSTICS.key()]
+    result = decode(Diagnostics, reported[2]).statuses
+    assert [one.hardware_id for one in result] == ["", *run.actor.fleet.mission.names]
+    assert result[2].values["error.robot1"] == "0.0000"
+    rates = [float(decode(Diagnostics, one).statuses[2].values["rate.odom"]) for one in reported[1:]]
+    assert median(rates) == pytest.approx(20.0, rel=0.1)  # for in one of them somebody may be late
+
+
+def test_snapshots_tell_programs_what_a_live_table_shows(run: Run) -> None:
+    live = [one for one in run.snapshots if one["formation_error"] is not None]
+    assert len(live) >= 10
+    last = live[-1]
+    assert last["formation_error"] < 1e-6
+    assert last["formation_error_true"] is not None
+    assert (last["mode"], last["shape"]) == ("run", "hexagon")
+    assert len(last["edges"]) == 9
+    assert list(last["robots"]) == list(run.actor.fleet.mission.names)
+    robot = last["robots"]["robot3"]
+    assert (robot["state"], robot["reason"]) == ("run", "in formation control")
+    assert (robot["speed"], robot["turn_rate"]) == (0.2, 0.1)
+    assert (robot["speed_share"], robot["turn_share"]) == pytest.approx((0.2 / 1.5, 0.1 / 1.5), abs=1e-4)
+    assert robot["heading_error"] == pytest.approx(-0.05, abs=1e-4)
+    assert robot["error"] < 1e-6
+    assert 0.0 <= robot["age"] < 0.25
+
+
+def test_the_summary_holds_the_verdict_though_the_fleet_has_gone(run: Run) -> None:
+    assert run.summary["converged"] is True
+    assert run.summary["settling_time"] < 0.5
+    assert run.summary["formation_error"] < 1e-6
+
+
+def test_people_get_a_line_every_two_seconds_instead(tmp_path: Path) -> None:
+    begun = time.monotonic()
+    with watching("--record", str(tmp_path / "run.mcap")) as (child, actor):
+        while not known(child.log.splitlines()):
+            assert time.monotonic() < begun + PATIENCE
+            actor.play(0.5)
+        child.signal(signal.SIGTERM)
+        lasted = time.monotonic() - begun
+        child.event("summary")
+        lines = [line for line in child.errors.splitlines() if "error" in line]
+    assert 2 <= len(lines) <= 1 + lasted / 2.0
+    assert "error 0.0 mm" in known(lines)[-1]
+    assert "6 run" in known(lines)[-1]
+
+
+def known(lines: Sequence[str]) -> list[str]:
+    """Those that tell an error: while somebody is late it is not known."""
+    return [line for line in lines if "error " in line and "error unknown" not in line]
+
+
+def test_killed_monitor_loses_about_a_second_of_recording(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with watching("--record", str(path)) as (child, actor):
+        actor.play(3.5)
+        child.signal(signal.SIGKILL)
+        killed = time.time()
+    messages: list[Message] = []
+    with path.open("rb") as stream, pytest.raises(EndOfFile):
+        messages.extend(record for record in StreamReader(stream).records if isinstance(record, Message))
+    assert killed - max(message.log_time for message in messages) * 1e-9 < 1.5
+    payloads = Counter(message.data for message in messages)
+    whole = [sample for sample in actor.said if sample.arrived + actor.fleet.epoch < killed - 1.5]
+    assert len(whole) > 500
+    assert not Counter(sample.payload for sample in whole) - payloads
+
+
+def test_malformed_messages_are_counted_recorded_and_survived(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    rubbish = [b"", b"\0", b"\xff" * 100, b"\0\1\0\0" + b"\xff" * 72]
+    with watching("--record", str(path), "--snapshots") as (child, actor):
+        actor.play(0.5)
+        for payload in rubbish:
+            for one in KEYS:
+                actor.side(one.key).publish(one.key, payload, b"\xff" * 10)
+        actor.play(1.0)
+        child.signal(signal.SIGTERM)
+        snapshots, summary = events(child)
+    read_as_bytes = sum(one.topic.name == "scan" for one in KEYS)
+    assert sum(summary["dropped"].values()) == len(rubbish) * (len(KEYS) - read_as_bytes)
+    assert summary["recorded"][ODOM.key("robot2")] == 30 + len(rubbish)
+    assert sum(snapshots[-1]["rejected"].values()) == sum(summary["rejected"].values())
+    assert summary["formation_error"] < 1e-6
+
+
+def test_it_publishes_nothing_that_a_robot_listens_to(tmp_path: Path) -> None:
+    with watching("--no-record", "--snapshots") as (child, actor):
+        actor.bus.subscribe("robot2/**")
+        actor.bus.subscribe("robot1/**")
+        actor.stage.subscribe("**")
+        actor.play(1.0)
+        child.signal(signal.SIGTERM)
+        # what the test itself said, and nobody else
+        arrived = {key: n for key, n in actor.bus.published.items() if key[:6] in {"robot1", "robot2"}}
+        assert actor.bus.received == arrived
+        assert actor.stage.received == actor.stage.published
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("flags", [("--no-stage",), ()])
+def test_without_simulated_robots_truth_is_unknown(flags: tuple[str, ...]) -> None:
+    end = free_endpoint()
+    with (
+        Bus(BusConfig(listen=(end,))) as bus,
+        started(
+            "formation.monitor", "six_robots", "-e", end, "--no-record", "--no-page", "--snapshots", *flags
+        ) as child,
+    ):
+        child.event("ready")
+        actor = Actor(bus, bus)
+        until(lambda: all(bus.watched(STATUS.key(name)) for name in actor.fleet.mission.names))
+        assert not bus.watched(GROUND_TRUTH.key("robot2"))  # an agent has no truth to tell
+        actor.play(2.0)
+        child.signal(signal.SIGTERM)
+        snapshots, summary = events(child)
+        assert child.errors.splitlines() == [child.errors.strip()]
+        assert "stopping" in child.errors
+    assert (snapshots[-1]["formation_error_true"], snapshots[-1]["missed"]) == (None, 0)
+    assert summary["formation_error"] < 1e-6
+    assert summary["rejected"] == summary["robot"]["received"] == {}
+
+
+@pytest.mark.parametrize("names", ["ros2dds", "rmw_zenoh"])
+def test_figures_are_ros_2_topics_where_they_are_wanted(names: Ros, tmp_path: Path) -> None:
+    end, path = free_endpoint(), tmp_path / "run.mcap"
+    naming = Naming.of_formation(names, 7)
+    wires = {one.key: naming.wire(one.key) for one in OWN}
+    ros_flags = ("--ros", end, "--ros-names", names, "--ros-domain", "7")
+    arrived: dict[str, list[bytes]] = {wire: [] for wire in wires.values()}
+    with watching("--record", str(path), "--snapshots", *ros_flags) as (child, actor), router(end) as ros:
+        ros.subscribe("**")
+        actor.play(3.0)  # the router comes later than the monitor, which goes on without
+        child.signal(signal.SIGTERM)
+        _, summary = events(child)
+        assert child.wait() == 0
+        reported = {wires[one.key]: recorded(path)[one.key] for one in OWN}
+
+        def all_told() -> bool:
+            for sample in ros.drain():
+                arrived[sample.key].append(sample.payload)
+                assert len(sample.attachment or b"") == (0 if names == "ros2dds" else 33)
+            return all(payloads[-1:] == reported[wire][-1:] for wire, payloads in arrived.items())
+
+        until(all_told)
+    # Zenoh sends nothing before it has heard who listens: the first may not come, and every later one does.
+    for wire, payloads in arrived.items():
+        assert payloads == reported[wire][-len(payloads) :]
+    for one in OWN:
+        wire = wires[one.key]
+        assert len(arrived[wire]) <= summary["robot"]["published"][one.key] <= len(reported[wire])
+    errors = [decode(Number, payload).value for payload in arrived[wires[ERROR.key()]]]
+    assert len(errors) >= 10
+    assert max(errors) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (("--stage", "nonsense"), "--stage 'nonsense': must be PROTOCOL/HOST:PORT"),
+        (("--stage", "robot9=tcp/desk:7"), "'robot9' must be a follower of six-robots: robot2"),
+        (("--ros", "tcp/desk"), "--ros 'tcp/desk': must be PROTOCOL/HOST:PORT"),
+        (("--ros-names", "rmw_zenoh"), "--ros ENDPOINT"),
+    ],
+)
+def test_links_that_cannot_be_are_bad_input_and_leave_no_recording(
+    flags: tuple[str, ...], words: str, tmp_path: Path
+) -> None:
+    with started("formation.monitor", "six_robots", "--record", str(tmp_path / "run.mcap"), *flags) as child:
+        assert child.wait() == 2
+        assert words in child.errors
+        assert child.errors.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_existing_recording_or_invalid_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "dear.mcap").write_text("dear")
+    for record in (tmp_path / "dear.mcap", tmp_path / "dear.mcap" / "run.mcap"):
+        with started("formation.monitor", "six_robots", "--record", str(record)) as child:
+            assert child.wait() == 2
+            assert child.errors.startswith(f"monitor: --record {record}: ")
+            assert child.errors.count("\n") == 1
+    assert (tmp_path / "dear.mcap").read_text() == "dear"
+
+
+def test_missing_mission_is_refused_and_leaves_no_recording(tmp_path: Path) -> None:
+    with started("formation.monitor", "seven_robots", "--record", str(tmp_path / "run.mcap")) as child:
+        assert child.wait() == 2
+        assert "seven_robots" in child.errors
+    assert not list(tmp_path.iterdir())

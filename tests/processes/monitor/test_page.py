@@ -1,0 +1,242 @@
+"""The live page of a real monitor that watches a fleet over real Zenoh."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from prometheus_client import Metric
+from prometheus_client.parser import text_string_to_metric_families
+
+from formation.monitor.web.address import Bind, listening
+from formation.topics import POSITION
+from formation.transport.bus import Bus, BusConfig
+from tests.processes.agent.actor import Actor, router
+from tests.support.bus_tools import until
+from tests.support.child import PATIENCE, Child, free_endpoint, started
+from tests.support.looking import PLAIN, looking
+
+pytestmark = pytest.mark.processes
+
+
+@contextmanager
+def shown(*flags: str) -> Iterator[tuple[Child, Actor, str]]:
+    """A monitor with a page, the fleet that it watches, and where the page is."""
+    end, stage_end = free_endpoint(), free_endpoint()
+    links = ("-e", end, "--stage", stage_end)
+    with (
+        Bus(BusConfig(listen=(end,))) as bus,
+        router(stage_end) as stage,
+        started("formation.monitor", "six_robots", *links, "--page", "127.0.0.1:0", *flags) as child,
+    ):
+        page = child.event("ready")["page"]
+        actor = Actor(bus, stage)
+        actor.wait_for_the_monitor()
+        yield child, actor, page
+
+
+@contextmanager
+def playing(actor: Actor) -> Iterator[None]:
+    """The fleet drives meanwhile."""
+    over = threading.Event()
+
+    def play() -> None:
+        while not over.is_set():
+            actor.play(0.2)
+
+    thread = threading.Thread(target=play)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+def requested(page: str, path: str) -> httpx.Response:
+    return httpx.get(page + path, timeout=PATIENCE, verify=PLAIN)
+
+
+def figures_with_an_error(page: str) -> dict[str, Metric]:
+    """For Prometheus; while somebody is late the error is not known."""
+    families: dict[str, Metric] = {}
+
+    def known() -> bool:
+        text = requested(page, "metrics").text
+        families.update({one.name: one for one in text_string_to_metric_families(text)})
+        return bool(families["formation_error_meters"].samples)
+
+    until(known)
+    return families
+
+
+def rows(hello: dict[str, Any], frame: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    names = [robot["name"] for robot in hello["robots"]]
+    return {
+        name: dict(zip(hello["fields"], row, strict=True))
+        for name, row in zip(names, frame["r"], strict=True)
+    }
+
+
+def test_frames_follow_the_fleet_and_figures_are_there_for_prometheus(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with shown("--record", str(path)) as (child, actor, page), playing(actor):
+        with looking(page) as events:
+            hello = next(events)
+            assert (hello.kind, hello.data["live"], hello.data["control"]) == ("hello", True, False)
+            assert hello.data["recording"] == str(path)
+            frames = (event.data for event in events if event.kind == "frame")
+            known = (frame for frame in frames if frame["error"] is not None)  # nobody spoke late
+            first = next(known)
+            later = next(frame for frame in known if frame["t"] > first["t"] + 1.0)
+        assert later["error"] < 0.001
+        for name, row in rows(hello.data, later).items():
+            assert row["state"] == "run"
+            moved = complex(row["x"], row["y"]) - complex(*first["r"][hello_index(hello.data, name)][:2])
+            assert abs(moved) == pytest.approx(0.2 * (later["t"] - first["t"]), abs=0.12)  # at 0.2 m/s
+        assert later["recording"]["path"] == str(path)
+        families = figures_with_an_error(page)
+        assert families["formation_error_meters"].samples[0].value < 0.001
+        assert len(families["formation_robot_state"].samples) == 6
+        assert requested(page, "api/snapshot").json()["robots"]["robot2"]["state"] == "run"
+        assert requested(page, "healthz").text == "ok\n"
+        assert child.signal(signal.SIGTERM) < PATIENCE
+    assert child.wait() == 0
+
+
+def hello_index(hello: dict[str, Any], name: str) -> int:
+    return [robot["name"] for robot in hello["robots"]].index(name)
+
+
+def test_page_reports_silent_robot_within_two_seconds() -> None:
+    with shown("--no-record") as (child, actor, page), looking(page) as events:
+        assert next(events).data["recording"] is None
+        actor.play(1.0)  # and then nobody says anything any more
+        lost = next(event.data for event in events if event.kind == "event" and event.data["kind"] == "lost")
+        position = POSITION.key(lost["robot"])
+        last = max(sample.arrived for sample in actor.said if sample.key == position)
+        assert 1.0 < lost["at"] - actor.fleet.epoch - last < 2.0
+        frame = next(event.data for event in events if event.kind == "frame")
+        assert {row[0] for row in frame["r"]} == {None}  # nobody is drawn as if he were still there
+        child.signal(signal.SIGTERM)
+    assert child.wait() == 0
+
+
+def test_it_ends_as_quickly_with_pages_open_as_without() -> None:
+    with shown("--no-record") as (child, _, page), looking(page) as one, looking(page) as other:
+        assert {next(one).kind, next(other).kind} == {"hello"}
+        assert child.signal(signal.SIGTERM) < 10.0
+        assert child.wait() == 0
+        summary = list(iter(child._lines.get, None))[-1]
+        assert summary is not None
+        assert '"event": "summary"' in summary
+        assert "Traceback" not in child.errors
+
+
+def test_control_page_needs_token_that_is_never_logged() -> None:
+    with shown("--no-record", "--control") as (child, _, invitation):
+        page, _, token = invitation.partition("#token=")
+        assert len(token) >= 32
+        refused = httpx.post(page + "api/order", json={"do": "stop"}, timeout=PATIENCE, verify=PLAIN)
+        assert refused.status_code == 401
+        with looking(page) as events:
+            assert next(events).data["control"] is True
+        child.signal(signal.SIGTERM)
+        assert child.wait() == 0
+        assert f"page: {page}; to give orders, the one in the ready line\n" in child.errors
+        assert token not in child.errors
+
+
+def test_requested_taken_port_is_refused_else_another_used(
+    tmp_path: Path,
+) -> None:
+    links = ("-l", free_endpoint(), "--no-stage")
+    with listening(Bind(port=0)) as taken:
+        where = f"127.0.0.1:{taken.getsockname()[1]}"
+        record = ("--record", str(tmp_path / "run.mcap"))
+        with started("formation.monitor", "six_robots", *links, *record, "--page", where) as child:
+            assert child.wait() == 2
+            assert child.errors == f"monitor: --page {where}: Address already in use\n"
+    assert not list(tmp_path.iterdir())
+    pages = set()
+    with (
+        started("formation.monitor", "six_robots", "-l", free_endpoint(), "--no-stage", "--no-record") as one,
+        started(
+            "formation.monitor", "six_robots", "-l", free_endpoint(), "--no-stage", "--no-record"
+        ) as other,
+    ):
+        for child in (one, other):
+            page = child.event("ready")["page"]
+            assert requested(page, "healthz").status_code == 200
+            pages.add(page)
+            child.process.poll()
+        for child in (one, other):
+            child.signal(signal.SIGTERM)
+            assert child.wait() == 0
+    assert len(pages) == 2
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (("--page", "desk"), "must be HOST:PORT"),
+        (("--page", "192.0.2.1:8460"), "--page 192.0.2.1:8460: Cannot assign requested address"),
+        (("--no-page", "--control"), "--control: gives orders by the page, which --no-page leaves out"),
+        (("--control-config", "o.json5"), "--control-config FILE: says how --control gives orders"),
+    ],
+)
+def test_a_page_that_cannot_be_is_bad_input(flags: tuple[str, ...], words: str) -> None:
+    links = ("-l", free_endpoint(), "--no-stage", "--no-record")
+    with started("formation.monitor", "six_robots", *links, *flags) as child:
+        assert child.wait() == 2
+        assert words in child.errors
+
+
+def test_two_runs_print_different_page_addresses_first(tmp_path: Path) -> None:
+    with running(tmp_path / "one") as one, running(tmp_path / "two", "--control") as two:
+        pages = [address_of(one), address_of(two)]
+        assert pages[0] != pages[1]
+        assert "#token=" in pages[1]
+        assert "#" not in pages[0]
+        for page in pages:
+            with looking(page.partition("#")[0]) as events:
+                assert next(events).data["mission"] == "turtlebot3-pair"
+                frames = (event.data for event in events if event.kind == "frame")
+                assert next(frame for frame in frames if frame["error"] is not None)["mode"] == "run"
+        for process in (one, two):
+            os.kill(process.pid, signal.SIGINT)
+        for process in (one, two):
+            process.communicate(timeout=90.0)
+
+
+@contextmanager
+def running(folder: Path, *flags: str) -> Iterator[subprocess.Popen[str]]:
+    """`formation run turtlebot3_pair` in `folder`."""
+    folder.mkdir()
+    command = [sys.executable, "-m", "formation.deploy", "run", "turtlebot3_pair", "--json", *flags]
+    with subprocess.Popen(
+        command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def address_of(process: subprocess.Popen[str]) -> str:
+    """Where a run says its page is, in its second line."""
+    assert process.stderr is not None
+    hint, page = process.stderr.readline(), process.stderr.readline()
+    assert hint.startswith("Ctrl-C ends it.")
+    word, _, address = page.strip().partition(" ")
+    assert word == "Page:"
+    return address

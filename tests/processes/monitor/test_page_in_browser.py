@@ -1,0 +1,126 @@
+"""A person at the page of a real run: six robots, their real processes, a real browser."""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+from playwright.sync_api import Browser, Page
+
+from formation.mission.file import load
+from tests.support.child import PATIENCE
+from tests.support.launched import started, wait_until_running
+from tests.support.served import until, watched
+
+pytestmark = [pytest.mark.processes, pytest.mark.browser, pytest.mark.timeout(240)]
+SIX = load("six_robots")
+PAGE = ("--page", "127.0.0.1:0", "--record", "run.mcap")
+LOST_WITHIN = 2.0
+"""[s]"""
+POST = """(token) => fetch('api/order', {
+  method: 'POST',
+  headers: {'Content-Type': 'application/json', ...(token && {Authorization: `Bearer ${token}`})},
+  body: JSON.stringify({do: 'stop'}),
+}).then((answer) => answer.status)"""
+STATES = "formation.model.robots.map((robot) => robot.word)"
+RUNNING = f"{STATES}.every((word) => word === 'run') && {STATES}"
+"""What they do once all run: who heard nothing while the machine stood still holds for a moment."""
+PLACES = "formation.model.robots.map((robot) => [robot.place.x, robot.place.y])"
+
+
+def page_of(process: subprocess.Popen[str]) -> str:
+    """Where the page of a run is, as it says itself."""
+    assert process.stderr is not None
+    return next(line for line in process.stderr if line.startswith("Page: ")).split()[1]
+
+
+def agent_of(robot: str, children: list[psutil.Process]) -> psutil.Process:
+    return next(child for child in children if {"formation.agent", robot} <= set(child.cmdline()))
+
+
+def test_browser_shows_run_lost_robot_and_stop(browser: Browser, tmp_path: Path) -> None:
+    with started("six_robots", "--control", "--duration", "120", *PAGE, folder=tmp_path) as process:
+        invitation = page_of(process)
+        children = wait_until_running(process, 0.5)
+        with watched(browser, invitation, viewport={"width": 1280, "height": 800}) as page:
+            assert "token" not in page.url
+            _robots_move_and_the_error_falls(page)
+            _nobody_stops_without_the_token(browser, invitation.partition("#")[0])
+            assert until(page, RUNNING) == ["run"] * len(SIX.names)  # a stop would not pass by itself
+            _who_is_killed_is_lost(page, agent_of("robot5", children))
+            _the_others_stop(page)
+
+
+def _robots_move_and_the_error_falls(page: Page) -> None:
+    known = "formation.model.frame?.error > 0 && formation.model.robots.every((one) => one.place)"
+    places, error = until(page, f"{known} && [{PLACES}, formation.model.frame.error]")
+    low = f"formation.model.frame.error < {min(0.5 * error, SIX.settled)}"
+    until(page, f"formation.model.frame.error !== null && {low}")
+    assert all(before != after for before, after in zip(places, page.evaluate(PLACES), strict=True))
+    assert page.locator("#robot-rows tr").count() == len(SIX.names)
+    page.locator("#settled", has_text="at ").wait_for()
+    assert page.locator("#event-list li", has_text="settled").count() >= 1
+    assert page.inner_text("#recording").startswith("●")
+    assert "live" in page.inner_text("#connection")
+
+
+def _nobody_stops_without_the_token(browser: Browser, address: str) -> None:
+    with watched(browser, address, tolerated="status of 401") as stranger:
+        assert not stranger.is_visible('[data-do="stop"]')
+        assert [stranger.evaluate(POST, token) for token in ("", "guessed")] == [401, 401]
+
+
+def _who_is_killed_is_lost(page: Page, agent: psutil.Process) -> None:
+    row = page.locator('[data-robot="robot5"] td.state')
+    page.evaluate("""() => {
+      const cell = document.querySelector('[data-robot="robot5"] td.state');
+      new MutationObserver((_, observer) => {
+        if (!cell.textContent.includes('lost')) return;
+        globalThis.lostAt = Date.now() / 1000;
+        observer.disconnect();
+      }).observe(cell, {subtree: true, childList: true, characterData: true});
+    }""")
+    killed = time.time()
+    agent.kill()
+    row.filter(has_text="lost").wait_for()
+    assert page.evaluate("lostAt") - killed < LOST_WITHIN
+    page.locator("#event-list li", has_text="lost").first.wait_for()
+
+
+def _the_others_stop(page: Page) -> None:
+    page.click('[data-do="stop"]')
+    result = page.locator("#acknowledgements li")
+    result.nth(len(SIX.names)).wait_for()
+    advice, missing, *obeyed = result.all_inner_texts()
+    assert advice == "robot5 may still drive: use the robot's own switch"
+    assert missing == "✕ robot5 NO ANSWER"
+    assert all(text.startswith("✓ ") and text.endswith(" ms") for text in obeyed)
+    assert {text.split()[1] for text in (missing, *obeyed)} == set(SIX.names)
+    until(page, f"{STATES}.filter((word) => word === 'stop').length === {len(SIX.names) - 1}")
+    page.locator("#event-list li", has_text="operator").first.wait_for()
+    deadline = time.monotonic() + PATIENCE
+    while not _stand(page):
+        assert time.monotonic() < deadline, "they do not stand"
+
+
+def _stand(page: Page) -> bool:
+    """Whether no follower moves for a second."""
+    before = page.evaluate(PLACES)
+    until(page, f"formation.model.frame.t > {page.evaluate('formation.model.frame.t') + 1.0}")
+    after = page.evaluate(PLACES)
+    followers = range(1, len(SIX.names))
+    return all(abs(after[n][k] - before[n][k]) < 0.005 for n in followers for k in (0, 1))
+
+
+def test_without_control_the_page_of_a_run_only_shows(browser: Browser, tmp_path: Path) -> None:
+    with (
+        started("turtlebot3_pair", "--duration", "60", *PAGE, folder=tmp_path) as process,
+        watched(browser, page_of(process), tolerated="status of 404") as page,
+    ):
+        until(page, f"formation.model.frame?.error > 0 && {RUNNING}")
+        assert not page.is_visible("#orders")
+        assert page.evaluate(POST, "anything") in {404, 405}
+        assert until(page, RUNNING) == ["run"] * 3

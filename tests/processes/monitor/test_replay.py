@@ -1,0 +1,172 @@
+"""`formation replay` for real: a run is recorded, and played to a page and to somebody who listens."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from formation.monitor.metrics.keys import OWN
+from formation.monitor.recording.reader import Recorded, read
+from formation.transport.bus import Bus, BusConfig
+from formation.wire import Sample
+from tests.processes.monitor.replayed import Replayed, Run, drive, replaying
+from tests.support.bus_tools import until
+from tests.support.child import free_endpoint
+from tests.support.launched import command
+
+pytestmark = pytest.mark.processes
+Said = list[tuple[bytes, bytes | None]]
+ROUNDED = 0.0006
+"""So far from when a frame was made is the time that stands in it [s]."""
+SOON = 0.001
+"""So long after what came last such a time is at most [s]."""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return drive(tmp_path_factory.mktemp("run"), 20)
+
+
+@pytest.fixture(scope="module")
+def messages(run: Run) -> list[Recorded]:
+    return list(read(run.path).messages())
+
+
+def by_key(samples: list[Sample]) -> dict[str, Said]:
+    found: dict[str, Said] = defaultdict(list)
+    for sample in samples:
+        found[sample.key].append((sample.payload, sample.attachment))
+    return dict(found)
+
+
+def receive_something(bus: Bus, replay: Replayed) -> None:
+    """Play the beginning until it is received, so that nothing is missed; then stand there again."""
+    replay.steered("play")
+    until(lambda: bool(bus.received))
+    replay.steered("pause")
+    replay.steered("seek", 0.0)
+    quiet = time.monotonic()
+    while bus.wait(0.5):  # whatever is still on its way
+        bus.drain()
+        assert time.monotonic() < quiet + 10.0
+
+
+def test_replay_publishes_every_message_exactly_with_attachment(run: Run, messages: list[Recorded]) -> None:
+    end = free_endpoint()
+    with (
+        replaying(run.path, "--paused", "-l", end) as replay,
+        Bus(BusConfig(connect=(end,)), capacity=100_000) as bus,
+    ):
+        bus.subscribe("**")
+        receive_something(bus, replay)
+        start = time.monotonic()
+        replay.steered("play")
+        result = replay.result()
+        took = time.monotonic() - start
+        received = bus.drain()
+    assert {sample.key.partition("/")[0] for sample in received} == {"replay"}
+    played = by_key([one.sample for one in messages])
+    came = by_key([one._replace(key=one.key.removeprefix("replay/")) for one in received])
+    assert {key: len(output) for key, output in came.items()} == {
+        key: len(output) for key, output in played.items()
+    }
+    assert came == played
+    assert any(attachment for _, attachment in played["robot1/position"])
+    assert took > messages[-1].wall - messages[0].wall - 0.1
+    assert (result["finished"], result["skipped"]) == (True, 0)
+    assert replay.process.returncode == 0
+
+
+def moments(run: Run, messages: list[Recorded]) -> list[tuple[float, dict[str, Any]]]:
+    """Live frames with a known error, each with a time before which exactly the messages came that are in it.
+
+    A recording has what a frame was made of before what the monitor itself said then.
+    """
+    own, found = {one.key for one in OWN}, []
+    output = [(number, one.wall) for number, one in enumerate(messages, 1) if one.sample.key in own]
+    for frame in run.frames:
+        until = max((number for number, wall in output if abs(wall - frame["t"]) < ROUNDED), default=0)
+        last = max((one.wall for one in messages[:until]), default=0.0)
+        following = min((one.wall for one in messages[until:]), default=0.0)
+        if frame["error"] is not None and last < following:
+            found.append((min(following, last + SOON), frame))
+    return found
+
+
+def test_replay_page_equals_live_page_of_that_time(run: Run, messages: list[Recorded]) -> None:
+    comparable = moments(run, messages)
+    assert len(comparable) >= 20
+    assert max(live["error"] for _, live in comparable) > 1.0  # it moves
+    chosen = comparable[:: max(1, len(comparable) // 20)]
+    with replaying(run.path, "--paused", "-l", free_endpoint()) as replay:
+        for at, live in [*chosen, *reversed(chosen)]:  # forwards and backwards
+            hello, frame = replay.picture(at)
+            assert frame["replay"]["paused"]
+            assert frame["replay"]["t"] == frame["t"]
+            for name in ("mode", "shape", "converged", "missed", "rejected"):
+                assert frame[name] == live[name], name
+            for name in ("error", "true", "elapsed", "settled_at", "e"):
+                assert frame[name] == pytest.approx(live[name], abs=0.0021), name
+            for shown, was in zip(frame["r"], live["r"], strict=True):
+                for field, a, b in zip(hello["fields"], shown, was, strict=True):
+                    expected = b if b is None or isinstance(b, str) else pytest.approx(b, abs=0.0021)
+                    if field not in {"rate", "health", "health_why", "reason"}:
+                        assert a == expected, (field, live["t"])
+        assert (hello["live"], hello["control"], hello["mission"]) == (False, False, run.hello["mission"])
+        assert hello["recording"] == str(run.path)
+        assert replay.interrupt()["interrupted"]
+    assert replay.process.returncode == 130
+
+
+def test_seek_shows_history_only_up_to_its_time(run: Run) -> None:
+    first, last = run.frames[0]["t"], run.frames[-10]["t"]  # before the recording ends
+    with replaying(run.path, "--paused", "--no-zenoh") as replay:
+        late, _ = replay.picture(last)
+        assert len({event["kind"] for event in late["events"]} & {"joined", "runs", "settled"}) == 3
+        assert len(late["history"]) > (last - first)
+        early, _ = replay.picture(first + 2.0)
+    assert [event for event in late["events"] if event["at"] < first + 2.0] == early["events"]
+    assert all(at <= first + 2.0 for at, _ in early["history"])
+    assert early["history"] == late["history"][: len(early["history"])]
+
+
+def test_what_cannot_be_is_answered_with_what_can(run: Run) -> None:
+    with replaying(run.path, "--paused", "--no-zenoh") as replay:
+        answer = replay.steer("speed", 1000.0)
+        assert answer.status_code == 400
+        assert "from 0.1 to 100" in answer.json()["error"]
+        assert replay.steer("seek").status_code == 400
+        assert replay.steered("speed", 0.5)["speed"] == 0.5
+        standing = replay.steered("seek", 1e12)
+        assert standing["t"] == standing["end"]
+
+
+def test_truncated_recording_is_played_to_its_end(run: Run, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    whole = run.path.read_bytes()
+    cut.write_bytes(whole[: len(whole) // 2])
+    with command(
+        "replay", cut.name, "--no-page", "--no-zenoh", "--speed", "100", "--json", folder=tmp_path
+    ) as one:
+        out, err = one.communicate(timeout=60.0)
+    result = json.loads(out.splitlines()[-1])
+    assert one.returncode == 0
+    assert "cut.mcap is cut" in err
+    assert (result["finished"], result["prefix"]) == (True, None)
+    assert 0 < result["played"] < len(list(read(run.path).messages()))
+
+
+def test_the_verdict_of_a_recording_is_that_of_the_run(run: Run, tmp_path: Path) -> None:
+    flags = ("--no-page", "--no-zenoh", "--speed", "100", "--json")
+    with command("replay", str(run.path), *flags, folder=tmp_path) as one:
+        out, _ = one.communicate(timeout=60.0)
+    result = json.loads(out.splitlines()[-1])
+    assert result["converged"] == run.result["converged"]
+    assert result["formation_error"] == pytest.approx(run.result["formation_error"], abs=1e-9)
+    assert result["settling_time"] == pytest.approx(run.result["settling_time"], abs=1e-5)
+    assert result["played"] == run.result["recorded"]

@@ -1,0 +1,138 @@
+"""A person at the page of a real `formation replay`: a recording of a minute, and a real browser."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page
+
+from formation.monitor.metrics.events import Event, to_message
+from formation.ros2.messages import Number, encode
+from formation.topics import ERROR, EVENTS
+from formation.wire import Sample
+from tests.processes.monitor.replayed import Replayed, replaying
+from tests.support.monitored import EPOCH, Fleet
+from tests.support.served import until, watched
+from tests.unit.monitor.recording.test_recorder import recorder
+
+pytestmark = [pytest.mark.processes, pytest.mark.browser]
+BEGIN, LENGTH = 10.0, 60
+"""[s]"""
+HIT = 0.3
+"""How far off a position may be that is sought on a slider of tenths [s]."""
+REPLAY = "formation.model.frame.replay"
+AT = f"{REPLAY}.t - {REPLAY}.start"
+CLOCKS = f"[performance.now() / 1000, {AT}]"
+"""The browser's own, and where the replay is [s]."""
+MEANWHILE = 10
+"""Frames that come while nothing may move."""
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six robots that drive on, an event every second."""
+    path = tmp_path_factory.mktemp("recorded") / "a_minute.mcap"
+    samples = Fleet().positions(BEGIN, BEGIN + LENGTH)
+    for second in range(LENGTH):
+        event = Event(EPOCH + BEGIN + second, 20, "", "told", f"second {second}")
+        samples.append(Sample(EVENTS.key(), encode(to_message(event)), None, BEGIN + second))
+    for tenth in range(10 * LENGTH):
+        samples.append(Sample(ERROR.key(), encode(Number(1.0 / (1 + tenth))), None, BEGIN + tenth / 10))
+    with recorder(path) as into:
+        for sample in sorted(samples, key=lambda one: one.arrived):
+            into.write(sample, sample.arrived + EPOCH)
+    return path
+
+
+@pytest.fixture
+def replay(recording: Path) -> Iterator[Replayed]:
+    with replaying(recording, "--no-zenoh", "--loop") as one:
+        yield one
+
+
+@contextmanager
+def playing(browser: Browser, replay: Replayed, **options: Any) -> Iterator[Page]:
+    """Its page, as soon as something is to be seen."""
+    with watched(browser, replay.address, **options) as page:
+        until(page, f"formation.model.frame && {AT} > 0")
+        yield page
+
+
+def stands(page: Page) -> bool:
+    """Whether it is at the same position a good many frames later."""
+    frames, before = page.evaluate(f"[formation.model.frames, {AT}]")
+    until(page, f"formation.model.frames >= {frames + MEANWHILE}")
+    return bool(page.evaluate(AT) == before)
+
+
+def is_told(page: Page, second: int) -> None:
+    """The newest event is the one of this second of the recording."""
+    page.locator("#event-list > li").first.filter(has_text=f"second {second}").wait_for()
+
+
+def test_a_recording_is_paused_wound_and_hurried_with_the_mouse(browser: Browser, replay: Replayed) -> None:
+    with playing(browser, replay) as page:
+        assert page.inner_text("#recording") == "▶ a_minute.mcap"
+        page.click("#replay-play")
+        page.locator("#connection", has_text="paused").wait_for()
+        assert stands(page)
+        assert page.inner_text("#replay-play") == "▶ Play"
+        assert not page.is_visible("#stale")  # though what is seen does not change
+
+        page.locator("#replay-at").fill("20.5")
+        until(page, f"Math.abs({AT} - 20.5) < {HIT}")
+        page.locator("#replay-time", has_text="0:20 of").wait_for()
+        is_told(page, 20)
+        assert stands(page)
+        page.locator("#replay-at").fill("3.5")
+        until(page, f"Math.abs({AT} - 3.5) < {HIT}")
+        is_told(page, 3)
+        assert page.locator("#event-list > li").count() == 4  # those of later are not told yet
+
+        page.select_option("#replay-speed", "10")
+        until(page, f"{REPLAY}.speed === 10")
+        assert stands(page)
+        page.click("#replay-play")
+        until(page, f"{AT} > 4")
+        then, before = page.evaluate(CLOCKS)
+        until(page, f"{AT} > {before + 6}")
+        now, after = page.evaluate(CLOCKS)
+        assert after - before > 1.5 * (now - then)
+        assert page.inner_text("#replay-play") == "Ⅱ Pause"
+
+
+def test_it_is_steered_with_the_keyboard_alone(browser: Browser, replay: Replayed) -> None:
+    with playing(browser, replay) as page:
+        page.focus("#replay-play")
+        page.keyboard.press("Space")
+        page.locator("#connection", has_text="paused").wait_for()
+        assert stands(page)
+        page.keyboard.press("Tab")
+        page.keyboard.press("2")  # as it begins
+        until(page, f"{REPLAY}.speed === 2")
+        page.keyboard.press("Tab")
+        assert page.evaluate("document.activeElement.id") == "replay-at"
+        page.keyboard.press("End")
+        until(page, f"{REPLAY}.end - {REPLAY}.t < {HIT}")
+        page.keyboard.press("Home")
+        until(page, f"{AT} < {HIT}")
+        page.keyboard.press("PageUp")
+        until(page, f"{AT} > 1")
+        assert stands(page)
+        page.focus("#replay-play")
+        page.keyboard.press("Enter")
+        here = page.evaluate(AT)
+        until(page, f"{AT} > {here} + 1")
+
+
+def test_a_replay_that_dies_is_not_taken_for_one_that_stands(browser: Browser, replay: Replayed) -> None:
+    with playing(browser, replay, tolerated="net::ERR") as page:
+        page.click("#replay-play")
+        page.locator("#connection", has_text="paused").wait_for()
+        replay.process.kill()
+        page.wait_for_selector("#stale", state="visible")
+        assert page.inner_text("#stale").startswith("✕ THE REPLAY HAS STOPPED.")

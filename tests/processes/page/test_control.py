@@ -1,0 +1,321 @@
+"""The operator behind the page, and a team that hears him: agents' own latches and leader, in memory."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from formation.agent.safety.latch import Latch
+from formation.mission.file import load
+from formation.monitor.metrics.events import INFO, WARNING, Event
+from formation.monitor.web import control, precedence
+from formation.monitor.web.control import Operator
+from formation.monitor.web.precedence import Overruled
+from formation.protocol.order import Mode, OperatorRequest, decode
+from formation.topics import ORDER
+from formation.transport import asking
+from formation.transport.bus_config import BusError
+from formation.transport.question import Question, Reply
+from tests.unit.leader.leading import leading
+
+SIX = load("six_robots")
+
+
+class Team:
+    """Hears what is put, robot by robot, in the order in which it is put."""
+
+    def __init__(self) -> None:
+        self.leader = leading(SIX)
+        self.latches = {name: Latch(name) for name in SIX.followers}
+        self.away: set[str] = set()
+        self.received: list[str] = []
+        self.closed = False
+        self.changed = threading.Condition()
+
+    def question(self, key: str, payload: bytes, _: float) -> Question:
+        question = Question()
+        with self.changed:
+            self.received.append(payload.decode())
+            robots = SIX.names if key.startswith("*") else (key.partition("/")[0],)
+            for name in robots:
+                if name not in self.away:
+                    question.replies.append(Reply(ORDER.key(name), self._ask(name, payload), 1.5))
+            question.end()
+            self.changed.notify_all()
+        return question
+
+    def close(self) -> None:
+        self.closed = True
+
+    def leaders(self) -> Mode:
+        return self.leader.mode
+
+    def modes(self) -> dict[str, Mode | None]:
+        return {name: latch.mode for name, latch in self.latches.items()}
+
+    def wait_for(self, what: Callable[[], bool]) -> None:
+        with self.changed:
+            assert self.changed.wait_for(what, 20.0)
+
+    def _ask(self, name: str, payload: bytes) -> bytes:
+        if name == SIX.leader:
+            return self.leader.request(payload, 0.0)
+        return self.latches[name].request(decode(OperatorRequest, payload), 0.0, self.leader.mode)
+
+
+@pytest.fixture
+def team() -> Team:
+    return Team()
+
+
+@pytest.fixture
+def events() -> list[Event]:
+    return []
+
+
+@pytest.fixture
+def operator(team: Team, events: list[Event], monkeypatch: pytest.MonkeyPatch) -> Operator:
+    monkeypatch.setattr(precedence, "UNSEEN_STOP_TIME", 0.0)  # these tests look before they click
+    monkeypatch.setattr(precedence, "DOUBLE_CLICK_TIME", 0.0)
+    return Operator(SIX, team, events.append)
+
+
+@pytest.fixture
+def pages() -> Iterator[ThreadPoolExecutor]:
+    with ThreadPoolExecutor(8) as pages:
+        yield pages
+
+
+def begun(
+    pages: ThreadPoolExecutor, operator: Operator, team: Team, do: str, **how: Any
+) -> Future[dict[str, Any]]:
+    """An order that is being asked, on a page of its own."""
+    before = len(team.received)
+    given = pages.submit(operator.order, do, **how)
+    team.wait_for(lambda: len(team.received) > before)
+    return given
+
+
+def test_stop_reaches_all_robots_and_each_acknowledges(
+    operator: Operator, team: Team, events: list[Event]
+) -> None:
+    report = operator.order("stop")
+    assert [one["robot"] for one in report["acknowledged"]] == list(SIX.names)
+    assert {one["mode"] for one in report["acknowledged"]} == {"stop"}
+    assert (report["do"], report["missing"], team.leader.mode) == ("stop", [], "stop")
+    assert set(team.modes().values()) == {"stop"}
+    (event,) = events
+    assert (event.level, event.robot, event.kind) == (INFO, "", "operator")
+    assert event.text.startswith("stop: 6 of 6 obey, slowest ")
+
+
+def test_orders_reach_the_team_as_from_the_command_line(operator: Operator, team: Team) -> None:
+    assert [one["robot"] for one in operator.order("hold")["acknowledged"]] == list(SIX.names)
+    assert (team.leaders(), set(team.modes().values())) == ("hold", {"hold"})
+    operator.order("run")
+    assert (team.leaders(), set(team.modes().values())) == ("run", {None})
+    report = operator.order("shape", shape="wedge")
+    assert (report["shape"], team.leader.shape) == ("wedge", "wedge")
+    operator.order("stop")
+    report = operator.order("release")
+    assert report["advice"] == ["all robots hold until you order run"]
+    assert (team.leaders(), set(team.modes().values())) == ("hold", {"hold"})
+    operator.order("run")
+    assert (team.leaders(), set(team.modes().values())) == ("run", {None})
+
+
+def test_unreachable_robots_are_named(
+    team: Team, events: list[Event], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(control, "ANSWER_TIMEOUT_SECONDS", 0.1)
+    team.away = {"robot3", "robot6"}
+    report = Operator(SIX, team, events.append, why="because").order("stop")
+    assert (report["missing"], report["why"]) == (["robot3", "robot6"], "because")
+    assert events[0].level == WARNING
+    assert "4 of 6 obey" in events[0].text
+    assert "no answer from robot3, robot6" in events[0].text
+
+
+def test_a_refusal_is_an_event_with_its_reason(operator: Operator, team: Team, events: list[Event]) -> None:
+    team.leader.request(b'{"do":"stop"}', 0.0)
+    assert [one["robot"] for one in operator.order("run")["refused"]] == [SIX.leader]
+    assert f"{SIX.leader} refuses: stopped: release it first" in events[0].text
+
+
+def test_stop_is_sent_while_hold_awaits_its_answer(
+    operator: Operator, team: Team, pages: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(control, "ANSWER_TIMEOUT_SECONDS", 20.0)
+    team.away = {SIX.leader}
+    hold = begun(pages, operator, team, "hold")
+    team.away = set()
+    before = time.monotonic()
+    operator.order("stop")
+    assert time.monotonic() - before < control.ANSWER_TIMEOUT_SECONDS / 2
+    hold.result(20.0)
+    assert set(team.modes().values()) == {"stop"}
+
+
+def test_returning_robot_never_hears_release_before_stop(
+    operator: Operator, team: Team, pages: ThreadPoolExecutor
+) -> None:
+    operator.order("stop")
+    team.away = {"robot6"}
+    release = begun(pages, operator, team, "release")
+    stop = begun(pages, operator, team, "stop")
+    team.away = set()
+    assert stop.result(20.0)["missing"] == []
+    assert "robot6" in release.result(20.0)["missing"]
+    assert set(team.modes().values()) == {"stop"}
+    first = team.received.index(team.received[-1])
+    assert set(team.received[first:]) == {team.received[-1]}  # once it was put, nothing else
+
+
+def test_release_is_refused_while_stop_is_being_sent(
+    operator: Operator, team: Team, pages: ThreadPoolExecutor
+) -> None:
+    team.away = {"robot6"}
+    stop = begun(pages, operator, team, "stop")
+    with pytest.raises(Overruled):
+        operator.order("release")
+    team.away = set()
+    assert stop.result(20.0)["missing"] == []
+    assert set(team.modes().values()) == {"stop"}
+
+
+def test_a_double_click_on_release_leaves_the_team_held(
+    team: Team, events: list[Event], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(precedence, "UNSEEN_STOP_TIME", 0.0)
+    operator = Operator(SIX, team, events.append)
+    operator.order("hold")
+    operator.order("stop")
+    first, second = operator.order("release"), operator.order("release")
+    assert first is second
+    assert team.leader.mode == "hold"
+    assert [event.text.partition(":")[0] for event in events] == ["hold", "stop", "release"]
+
+
+def test_release_keeps_hold_of_leader_that_missed_stop(
+    operator: Operator, team: Team, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(control, "ANSWER_TIMEOUT_SECONDS", 0.1)
+    operator.order("hold")
+    team.away = {SIX.leader}
+    operator.order("stop")
+    team.away = set()
+    operator.order("release")
+    assert (team.leaders(), set(team.modes().values())) == ("hold", {"hold"})
+
+
+def test_two_pages_that_click_at_once_wait_for_the_same_answers(
+    team: Team, pages: ThreadPoolExecutor, events: list[Event], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(precedence, "DOUBLE_CLICK_TIME", 60.0)
+    operator = Operator(SIX, team, events.append)
+    team.away = {SIX.leader}
+    first = begun(pages, operator, team, "run")
+    second = pages.submit(operator.order, "run")
+    team.away = set()
+    assert first.result(20.0) is second.result(20.0)
+    assert len(events) == 1
+
+
+@pytest.mark.parametrize(
+    ("do", "shape", "result"),
+    [
+        ("fly", None, "must be one of hold, run, stop, release, shape"),
+        ("shape", "circle", "must be one of hexagon, wedge"),
+        ("shape", None, "must be one of hexagon, wedge"),
+        ("stop", "wedge", "takes no shape"),
+    ],
+)
+def test_what_cannot_be_ordered_is_not_asked(
+    operator: Operator, team: Team, do: str, shape: str | None, result: str
+) -> None:
+    with pytest.raises(ValueError, match=result):
+        operator.order(do, shape=shape)
+    assert team.received == []
+
+
+def test_every_start_has_another_token(team: Team, events: list[Event]) -> None:
+    tokens = {Operator(SIX, team, events.append).token for _ in range(20)}
+    assert len(tokens) == 20
+    assert min(map(len, tokens)) >= 43  # 256 bits
+
+
+def test_bus_failure_reaches_all_waiting_callers(
+    operator: Operator, team: Team, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object) -> Any:
+        raise RuntimeError("the bus is closed")
+
+    monkeypatch.setattr(team, "question", fails)
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match="closed"):
+            operator.order("hold")
+
+
+def test_outdated_page_may_only_stop_and_hold(operator: Operator, team: Team) -> None:
+    seen = time.time() - 10.0
+    for do in ("run", "release"):
+        with pytest.raises(Overruled, match="shows what was 10 s ago"):
+            operator.order(do, seen=seen)
+    assert team.received == []
+    assert operator.order("run", seen=time.time() + 5.0)["missing"] == []  # a clock that was set back
+    assert operator.order("stop", seen=seen)["missing"] == []
+
+
+def test_a_configuration_that_is_not_there_is_named_by_its_flag(tmp_path: Path, events: list[Event]) -> None:
+    missing = tmp_path / "operator.json5"
+    with pytest.raises(BusError, match=r"^--control-config .*operator\.json5"):
+        control.on_the_bus(SIX, events.append, own_file=missing)
+    with pytest.raises(BusError, match=r"^--config .*operator\.json5"):
+        control.on_the_bus(SIX, events.append, file=missing)
+
+
+def test_closed_control_sends_no_requests(operator: Operator, team: Team, pages: ThreadPoolExecutor) -> None:
+    team.away = {"robot6"}
+    stop = begun(pages, operator, team, "stop")
+    operator.close()
+    assert stop.result(20.0)["missing"] == ["robot6"]
+    assert team.closed
+
+
+def test_second_click_reports_the_failure_too(
+    team: Team, events: list[Event], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object) -> Question:
+        raise OSError("the line is broken")
+
+    monkeypatch.setattr(team, "question", fails)
+    operator = Operator(SIX, team, events.append)
+    for _ in range(2):
+        with pytest.raises(OSError, match="the line is broken"):
+            operator.order("hold", click="c")
+
+
+def test_overtaken_order_is_not_sent(
+    operator: Operator, team: Team, pages: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at_the_door, put = threading.Event(), operator._put
+
+    def held_up(*question: Any) -> Any:
+        at_the_door.set()
+        return put(*question)
+
+    monkeypatch.setattr(operator, "_put", held_up)
+    with operator._lock:
+        given, _ = operator._precedence.give(asking.request_for(SIX, "run"), 0.0)
+        run = pages.submit(operator._give, given)  # looks whether it is over, and then waits for the lock
+        assert at_the_door.wait(20.0)
+        operator._precedence.give(asking.request_for(SIX, "stop"), 1.0)
+    run.result(20.0)
+    assert given.over
+    assert not team.received

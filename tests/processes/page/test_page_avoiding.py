@@ -1,0 +1,44 @@
+"""What stands about is on the map where it is known, and a robot that avoids it is shown in the table."""
+
+from __future__ import annotations
+
+import pytest
+from playwright.sync_api import Browser
+
+from formation.monitor.metrics.snapshot import AVOIDING
+from tests.processes.page.scene import Scene
+from tests.support.served import served, until, watched
+
+pytestmark = pytest.mark.browser
+PIXEL = """(([x, y]) => {
+  const {camera, canvas, pen} = formation.view, dots = canvas.width / canvas.clientWidth;
+  return [...pen.getImageData(dots * camera.sx(x), dots * camera.sy(y), 1, 1).data].join();
+})"""
+
+
+def test_posts_and_walls_are_drawn_where_they_stand(browser: Browser) -> None:
+    found = {}
+    for things in (True, False):
+        scene = Scene(6)
+        if things:
+            scene.posts, scene.walls = [[-1.0, 0.3, 0.15]], [[-1.5, -0.4, -0.5, -0.4]]
+        with served(scene) as one, watched(browser, one.address, tolerated="Canvas2D") as page:
+            one.feed(3)
+            until(page, "formation.view.camera.placed && formation.model.frames >= 1")
+            page.wait_for_timeout(200)
+            found[things] = [page.evaluate(f"{PIXEL}({place})") for place in ([-1.0, 0.33], [-1.1, -0.4])]
+    assert found[True][0] == found[True][1]
+    assert not set(found[True]) & set(found[False])
+
+
+def test_row_shows_avoiding_blocked_and_unavailable_robots(browser: Browser) -> None:
+    with served(Scene(6)) as one, watched(browser, one.address) as page:
+        one.play()
+        one.scene.avoiding = {"robot3": AVOIDING["avoids"], "robot4": AVOIDING["blocked"]}
+        one.scene.unavailable.add("robot4")
+        until(page, "document.querySelector('[data-robot=robot3] .reason').textContent !== ''")
+        assert page.inner_text('[data-robot="robot3"] .reason') == "avoids a collision"
+        assert page.inner_text('[data-robot="robot4"] .reason') == "unavailable"
+        one.scene.unavailable.clear()
+        until(page, "document.querySelector('[data-robot=robot4] .reason').textContent.startsWith('stopped')")
+        assert page.inner_text('[data-robot="robot4"] .reason') == "stopped by its protective zone"

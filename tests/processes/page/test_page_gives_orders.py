@@ -1,0 +1,227 @@
+"""The page's buttons: who sees them, what they send, and what is said of the answers."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page
+
+from tests.processes.page.scene import EPOCH, Scene
+from tests.support.child import PATIENCE
+from tests.support.served import Served, served, until, watched
+
+pytestmark = pytest.mark.browser
+TOKEN = "a-token-for-tests"  # noqa: S105 - nobody is kept out by it
+POST = "fetch('api/order', {method: 'POST', body: '{}'}).then((answer) => answer.status)"
+ESCAPE = "document.dispatchEvent(new KeyboardEvent('keydown', {key: 'Escape'}))"
+REFUSED = "status of 401"
+"""What a browser writes to its console about that."""
+
+
+class Fleet:
+    """Remembers what it was told; the fourth robot does not answer, the fifth refuses."""
+
+    token = TOKEN
+
+    def __init__(self) -> None:
+        self.requested: list[tuple[str, str | None]] = []
+        self.seen: list[float | None] = []
+        self.clicks: set[str] = set()
+        self.slow: dict[str, threading.Event] = {}
+        """What an order waits for before it is answered."""
+
+    def order(self, do: str, *, click: str = "", seen: float | None = None, **what: Any) -> dict[str, Any]:
+        """What `formation order --json` says."""
+        self.requested.append((do, what.get("shape")))
+        self.seen.append(seen)
+        self.clicks.add(click)
+        if do in self.slow:
+            self.slow[do].wait(PATIENCE)
+        answers = [
+            {"robot": f"robot{number}", "mode": do, "reason": "", "ms": 1.0} for number in (1, 2, 3, 6)
+        ]
+        refused = [{"robot": "robot5", "mode": do, "reason": "not now", "ms": 1.0}]
+        return {"do": do, "acknowledged": answers, "refused": refused, "missing": ["robot4"]}
+
+
+class Player:
+    """A replay that remembers what it was told."""
+
+    def __init__(self) -> None:
+        self.requested: list[tuple[str, float | None]] = []
+
+    def steer(self, do: str, to: float | None) -> dict[str, Any]:
+        """It obeys."""
+        self.requested.append((do, to))
+        return {}
+
+
+@pytest.fixture
+def fleet() -> Fleet:
+    return Fleet()
+
+
+@pytest.fixture
+def controlled(fleet: Fleet) -> Iterator[Served]:
+    with served(Scene(6, control=True), fleet) as one:
+        one.play()
+        yield one
+
+
+@contextmanager
+def invited(browser: Browser, one: Served) -> Iterator[Page]:
+    with watched(browser, f"{one.address}#token={TOKEN}") as page:
+        page.wait_for_selector('[data-do="stop"]', state="visible")
+        yield page
+
+
+def test_without_control_there_are_no_buttons_and_no_shortcut(browser: Browser) -> None:
+    with served(Scene(6)) as plain, watched(browser, plain.address, tolerated="status of 40") as page:
+        plain.feed()
+        until(page, "formation.model.frames > 0")
+        assert not page.is_visible("#orders")
+        posts = []
+        page.on("request", lambda request: posts.append(request.url))
+        for _ in range(2):
+            page.keyboard.press("Escape")
+        assert page.evaluate(POST) in {404, 405}
+        assert posts == [f"{plain.address}api/order"]
+
+
+def test_token_leaves_address_and_stays_with_tab(browser: Browser, controlled: Served) -> None:
+    with invited(browser, controlled) as page:
+        assert page.url == controlled.address
+        page.reload()
+        page.wait_for_selector('[data-do="stop"]', state="visible")
+
+
+def test_stop_takes_one_tap_and_lists_disobedient_first(
+    browser: Browser, controlled: Served, fleet: Fleet
+) -> None:
+    with invited(browser, controlled) as page:
+        until(page, "formation.model.frames > 0")
+        page.click('[data-do="stop"]')
+        result = page.locator("#acknowledgements li")
+        result.nth(5).wait_for()
+        assert fleet.requested == [("stop", None)]
+        assert result.all_inner_texts()[:3] == [
+            "✕ robot4 NO ANSWER", "✕ robot5 REFUSED: not now", "✓ robot1 stop 1 ms",
+        ]  # fmt: skip
+        assert page.inner_text("#order-result") == "stop: 4 of 6 obey"
+        assert page.get_attribute("#order-result", "data-tone") == "bad"
+        assert fleet.seen[0] == pytest.approx(EPOCH + controlled.scene.time, abs=30.0)
+
+
+def test_escape_twice_stops_and_once_does_not(browser: Browser, controlled: Served, fleet: Fleet) -> None:
+    with invited(browser, controlled) as page:
+        page.keyboard.press("Escape")
+        page.wait_for_timeout(1100)
+        page.keyboard.press("Escape")
+        assert fleet.requested == []
+        page.evaluate(f"{ESCAPE}, {ESCAPE}")  # at once, however busy this machine is
+        page.locator("#acknowledgements li").first.wait_for()
+        assert fleet.requested == [("stop", None)]
+
+
+def test_late_answer_does_not_hide_result_of_stop(browser: Browser, controlled: Served, fleet: Fleet) -> None:
+    fleet.slow["hold"] = threading.Event()
+    with invited(browser, controlled) as page:
+        with page.expect_response(lambda one: "hold" in (one.request.post_data or "")):
+            page.click('[data-do="hold"]')
+            page.click('[data-do="stop"]')
+            page.locator("#order-result", has_text="stop: 4 of 6").wait_for()
+            fleet.slow["hold"].set()
+        page.wait_for_timeout(100)
+        assert page.inner_text("#order-result") == "stop: 4 of 6 obey"
+
+
+def test_what_sets_robots_moving_is_asked_back(browser: Browser, controlled: Served, fleet: Fleet) -> None:
+    with invited(browser, controlled) as page:
+        for do in ("run", "release", "shape"):
+            before = len(fleet.requested)
+            if do == "shape":
+                page.select_option("#order-shape", "wedge")
+            button = page.locator(f'[data-do="{do}"]')
+            button.click()
+            assert "press again" in button.inner_text()
+            assert len(fleet.requested) == before
+            button.click()
+            page.locator("#order-result", has_text=f"{do}: 4 of 6").wait_for()
+        assert fleet.requested == [("run", None), ("release", None), ("shape", "wedge")]
+        assert len(fleet.clicks) == 3  # each press has a name of its own
+        page.click('[data-do="hold"]')
+        page.locator("#order-result", has_text="hold: 4 of 6").wait_for()
+
+
+def test_pending_confirmation_ends_with_other_button_or_timeout(
+    browser: Browser, controlled: Served, fleet: Fleet
+) -> None:
+    with invited(browser, controlled) as page:
+        page.click('[data-do="run"]')
+        page.click('[data-do="release"]')
+        assert "press again" not in page.locator('[data-do="run"]').inner_text()
+        asking = "document.querySelector('[data-do=\"release\"] .again').textContent"
+        until(page, f"{asking} === ''")
+        for do in ("run", "release"):
+            page.click(f'[data-do="{do}"]')
+        assert fleet.requested == []
+
+
+def test_a_wrong_token_is_refused_and_asked_for_again(
+    browser: Browser, controlled: Served, fleet: Fleet
+) -> None:
+    with watched(browser, controlled.address, tolerated=REFUSED) as page:
+        assert page.is_visible("#token-form")
+        assert not page.is_visible('[data-do="stop"]')
+        page.fill("#token", "guessed")
+        page.keyboard.press("Enter")
+        page.wait_for_selector("#token-wrong", state="visible")  # before an order has shown it
+        assert not page.is_visible('[data-do="stop"]')
+        page.fill("#token", TOKEN)
+        page.keyboard.press("Enter")
+        page.click('[data-do="stop"]')
+        page.locator("#acknowledgements li").first.wait_for()
+        assert fleet.requested == [("stop", None)]
+
+
+def test_wrong_token_is_noticed_at_order_and_reload(
+    browser: Browser, controlled: Served, fleet: Fleet
+) -> None:
+    with watched(browser, f"{controlled.address}#token={TOKEN}", tolerated=REFUSED) as page:
+        page.wait_for_selector('[data-do="stop"]', state="visible")
+        fleet.token = "of-another-start"  # noqa: S105 - as above
+        page.click('[data-do="stop"]')
+        page.wait_for_selector("#token-wrong", state="visible")
+        assert "REFUSED" in page.inner_text("#order-result")
+        assert fleet.requested == []
+    with watched(browser, f"{controlled.address}#token={TOKEN}", tolerated=REFUSED) as page:
+        page.wait_for_selector("#token-wrong", state="visible")
+        assert not page.is_visible('[data-do="stop"]')
+
+
+def test_order_without_answer_is_shown_as_alarm(browser: Browser, controlled: Served) -> None:
+    with watched(browser, f"{controlled.address}#token={TOKEN}", tolerated="net::ERR") as page:
+        controlled.close()
+        page.click('[data-do="stop"]')
+        page.locator("#order-result", has_text="NOT SENT").wait_for()
+        assert "emergency stop" in page.inner_text("#order-result")
+
+
+def test_a_replay_is_paused_hurried_and_wound(browser: Browser) -> None:
+    player = Player()
+    with served(Scene(6, live=False), replay=player) as one, watched(browser, one.address) as page:
+        one.feed(20)
+        page.locator("#replay-time", has_text="0:02 of 0:30").wait_for()
+        page.locator("#connection", has_text="replay").wait_for()
+        page.click("#replay-play")
+        page.select_option("#replay-speed", "5")
+        page.locator("#replay-at").fill("12.5")
+        deadline = time.monotonic() + 10.0
+        while len(player.requested) < 3 and time.monotonic() < deadline:
+            page.wait_for_timeout(20)
+        assert sorted(player.requested) == [("pause", None), ("seek", EPOCH + 12.5), ("speed", 5.0)]

@@ -1,0 +1,95 @@
+"""The live page in a real browser: who leads, who could, and what the shape is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser
+
+from tests.processes.page.scene import Scene
+from tests.support.served import Served, served, until, watched
+
+pytestmark = pytest.mark.browser
+STANDBYS = ("spare1", "spare2")
+CHIPS = "[...document.querySelectorAll('#candidates li')].map((one) => [one.textContent, one.dataset.tone])"
+
+
+@pytest.fixture
+def six() -> Iterator[Served]:
+    """Six robots that drive, with two standbys."""
+    with served(Scene(6, standbys=STANDBYS)) as one:
+        one.play()
+        yield one
+
+
+def test_every_candidate_has_a_chip_with_its_state(browser: Browser, six: Served) -> None:
+    with watched(browser, six.address) as page:
+        until(page, f"{CHIPS}[0]?.[0].includes('leads')")
+        assert page.evaluate(CHIPS) == [
+            ["★ robot1 leads", "good"], ["◇ spare1 standby", "plain"], ["◇ spare2 standby", "plain"],
+        ]  # fmt: skip
+        six.scene.candidates["robot1"] = ["silent", "no status for 2.6 s", 2.6]
+        six.scene.leads = "spare1"
+        until(page, f"{CHIPS}[1][0].includes('leads')")
+        assert page.evaluate(CHIPS)[:2] == [["✕ robot1 lost", "bad"], ["★ spare1 leads", "good"]]
+        assert "2.6 s" in (page.get_attribute("[data-candidate=robot1]", "title") or "")
+        assert page.inner_text('[data-robot="robot1"] span.state').endswith("run")
+        until(page, "document.getElementById('map').getAttribute('aria-label').includes('spare1 leads')")
+
+
+def test_without_standbys_there_are_no_chips(browser: Browser) -> None:
+    with served(Scene(6)) as one, watched(browser, one.address) as page:
+        one.feed(3)
+        until(page, "formation.model.frames > 0")
+        assert not page.is_visible("#candidates")
+
+
+def test_turned_and_scaled_shape_is_shown_as_moving(browser: Browser, six: Served) -> None:
+    with watched(browser, six.address) as page:
+        until(page, "formation.model.frames > 2")
+        assert page.inner_text("#placed-shape") == ""
+        six.scene.rotation, six.scene.scale, six.scene.wedge = math.radians(-30.0), 1.25, 0.5
+        until(page, "document.getElementById('placed-shape').textContent !== ''")
+        assert page.inner_text("#placed-shape") == "−30° ×1.25"
+        assert page.inner_text("#settled") == "shape on its way"
+        before = page.evaluate("formation.model.robots[3].slot")
+        six.scene.wedge = 1.0
+        until(page, "document.getElementById('settled').textContent !== 'shape on its way'")
+        after = page.evaluate("formation.model.robots[3].slot")
+        assert math.hypot(after["x"] - before["x"], after["y"] - before["y"]) > 0.2
+
+
+def test_table_shows_unavailable_fallback_and_awaited_robots(browser: Browser, six: Served) -> None:
+    with watched(browser, six.address) as page:
+        six.scene.unavailable.add("robot4")
+        six.scene.fallback["robot5"] = "robot2"
+        six.scene.waits = "robot4"
+        until(page, "document.querySelector('[data-robot=robot4] .reason').textContent !== ''")
+        reasons = {name: page.inner_text(f'[data-robot="{name}"] .reason') for name in six.scene.names}
+        assert reasons == {
+            "robot1": "waits for robot4", "robot2": "", "robot3": "", "robot4": "unavailable",
+            "robot5": "follows robot2 instead", "robot6": "",
+        }  # fmt: skip
+        assert page.get_attribute('[data-robot="robot4"]', "data-tone") == "warn"
+
+
+@pytest.mark.parametrize("size", [(1280, 760), (390, 844)])
+def test_with_chips_and_rotation_nothing_is_wider_than_the_screen(
+    browser: Browser, size: tuple[int, int]
+) -> None:
+    scene = Scene(6, standbys=tuple(f"spare{number}" for number in range(1, 9)))
+    scene.rotation, scene.scale, scene.wedge, scene.waits = math.radians(-170.0), 1.234, 0.5, "robot4, robot5"
+    view = {"width": size[0], "height": size[1]}
+    with served(scene) as one, watched(browser, one.address, viewport=view) as page:
+        one.play()
+        until(page, "formation.model.frames > 2")
+        if size[0] < 1000:
+            page.click('[data-shows="robots"]')
+        until(page, f"{CHIPS}.length === 9")
+        assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
+        boxes = page.evaluate(
+            "[...document.querySelectorAll('#candidates li')].map((one) => one.getBoundingClientRect().right)"
+        )
+        assert max(boxes) <= size[0]

@@ -1,0 +1,105 @@
+"""The top view is moved by mouse, finger and keyboard, and follows the formation unless told not to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser, Page
+
+from tests.processes.page.scene import Scene
+from tests.support.served import Served, served, until, watched
+
+pytestmark = pytest.mark.browser
+ROW = '[data-robot="{}"]'
+
+
+@pytest.fixture(scope="module")
+def still() -> Iterator[Served]:
+    """Six robots in a moment that stays."""
+    with served(Scene(6)) as one:
+        one.feed(3)
+        yield one
+
+
+def test_tap_selects_robot_and_drag_ends_following(browser: Browser, still: Served) -> None:
+    with watched(browser, still.address) as page:
+        until(page, "formation.view.camera.placed")
+        x, y = page.evaluate(
+            "((c, r) => [c.sx(r.place.x), c.sy(r.place.y)])(formation.view.camera, formation.model.robots[1])"
+        )
+        page.locator("#map").click(position={"x": x, "y": y})
+        chosen = page.locator(ROW.format("robot2")).locator(".robot-name")
+        assert chosen.get_attribute("aria-pressed") == "true"
+        assert page.get_attribute("#follow", "aria-pressed") == "true"
+        box = page.locator("#map").bounding_box()
+        assert box is not None
+        page.mouse.move(box["x"] + 100, box["y"] + 200)
+        page.mouse.down()
+        page.mouse.move(box["x"] + 180, box["y"] + 220, steps=4)
+        page.mouse.up()
+        assert page.get_attribute("#follow", "aria-pressed") == "false"
+        page.click("#follow")
+        assert page.get_attribute("#follow", "aria-pressed") == "true"
+
+
+def test_the_map_is_moved_by_keys_and_follows_again(browser: Browser, still: Served) -> None:
+    where = "[formation.view.camera.x, formation.view.camera.y, formation.view.camera.scale]"
+    with watched(browser, still.address) as page:
+        until(page, "formation.view.camera.placed")
+        page.focus("#map")
+        start = page.evaluate(where)
+        page.keyboard.press("ArrowLeft")
+        page.keyboard.press("+")
+        moved = page.evaluate(where)
+        assert moved[0] < start[0]
+        assert moved[2] > start[2]
+        assert page.get_attribute("#follow", "aria-pressed") == "false"
+        page.keyboard.press("0")
+        assert page.get_attribute("#follow", "aria-pressed") == "true"
+        until(page, f"Math.abs(formation.view.camera.scale - {start[2]}) < 1e-6")
+
+
+def test_two_fingers_spread_the_map_and_one_moves_it(browser: Browser, still: Served) -> None:
+    scale, where = "formation.view.camera.scale", "formation.view.camera.x"
+    with watched(browser, still.address, viewport={"width": 390, "height": 844}, has_touch=True) as page:
+        until(page, "formation.view.camera.placed")
+        box = page.locator("#map").bounding_box()
+        assert box is not None
+        hand = page.context.new_cdp_session(page)
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+        def touch(kind: str, *fingers: float) -> None:
+            points = [{"x": x + finger, "y": y, "id": number} for number, finger in enumerate(fingers)]
+            hand.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+        before = page.evaluate(scale)
+        touch("touchStart", -40.0, 40.0)
+        touch("touchMove", -60.0, 60.0)
+        touch("touchMove", -80.0, 80.0)
+        touch("touchEnd")
+        assert page.evaluate(scale) > 1.3 * before
+        left = page.evaluate(where)
+        touch("touchStart", 0.0)
+        touch("touchMove", 50.0)
+        touch("touchEnd")
+        assert page.evaluate(where) < left
+        assert page.get_attribute("#follow", "aria-pressed") == "false"
+
+
+def test_reduced_motion_disables_animation(browser: Browser) -> None:
+    with served(Scene(6)) as one, watched(browser, one.address, reduced_motion="reduce") as page:
+        one.feed(2)
+        until(page, "formation.view.camera.placed")
+        one.feed()
+        until(page, "formation.model.frames >= 2")
+        _centred(page)
+
+
+def _centred(page: Page) -> None:
+    """The camera is where the formation is, without having travelled."""
+    until(
+        page,
+        "((c, r) => Math.abs(c.x - (Math.min(...r) + Math.max(...r)) / 2) < 1e-6)(formation.view.camera,"
+        " formation.model.robots.flatMap((one) => [one.place.x, one.slot.x]))",
+    )

@@ -1,0 +1,119 @@
+"""What people and browsers do to a page by mistake: no robot that stands is set going by it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from playwright.sync_api import Browser, Page
+
+from formation.monitor.web import precedence
+from formation.monitor.web.control import Operator
+from tests.processes.page.scene import Scene
+from tests.processes.page.test_control import SIX, Team
+from tests.support.served import Served, served, until, watched
+
+pytestmark = pytest.mark.browser
+REFUSED = "status of 40"
+"""What a browser writes to its console about an order that is not taken."""
+
+
+class Now(Scene):
+    """A scene of this very moment, as a monitor's is."""
+
+    @property
+    def now(self) -> float:
+        """System clock [s]."""
+        return time.time()
+
+    def step(self) -> dict[str, object]:
+        """The next frame."""
+        return {**super().step(), "t": self.now}
+
+
+@pytest.fixture
+def team() -> Team:
+    """It stands, by a stop and by a hold below that."""
+    team = Team()
+    team.leader.request(b'{"do":"hold"}', 0.0)
+    for name in SIX.names:
+        team._ask(name, b'{"do":"stop"}')
+    return team
+
+
+@pytest.fixture
+def operator(team: Team) -> Operator:
+    return Operator(SIX, team, lambda _: None)
+
+
+@pytest.fixture
+def desk(operator: Operator) -> Iterator[Served]:
+    with served(Now(6, control=True), operator) as one:
+        yield one
+
+
+@contextmanager
+def opened(browser: Browser, desk: Served, token: str) -> Iterator[Page]:
+    with watched(browser, f"{desk.address}#token={token}", tolerated=REFUSED) as page:
+        page.wait_for_selector('[data-do="stop"]', state="visible")
+        yield page
+
+
+def result(page: Page, words: str) -> None:
+    until(page, f"document.querySelector('#order-result').textContent.includes({words!r})")
+
+
+def test_double_click_does_not_confirm(
+    browser: Browser, desk: Served, team: Team, operator: Operator
+) -> None:
+    desk.play()
+    with opened(browser, desk, operator.token) as page:
+        release = page.locator('[data-do="release"]')
+        release.dblclick()
+        assert "press again" in (release.text_content() or "")
+        assert team.received == []
+        release.click()
+        result(page, "release: 6 of 6 obey")
+    assert team.leaders() == "hold"  # the stop is released, and nothing else
+
+
+def test_hanging_page_stops_and_releases_no_robot(
+    browser: Browser, desk: Served, team: Team, operator: Operator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(precedence, "MAX_SHOWN_AGE", 0.5)
+    desk.feed(3)
+    with opened(browser, desk, operator.token) as page:
+        desk.feed()
+        page.wait_for_timeout(1000.0)
+        for _ in range(2):
+            page.locator('[data-do="release"]').click()
+        result(page, "REFUSED")
+        assert team.received == []
+        page.locator('[data-do="stop"]').click()
+        result(page, "stop: 6 of 6 obey")
+
+
+def test_page_without_frames_releases_no_robot(
+    browser: Browser, desk: Served, team: Team, operator: Operator
+) -> None:
+    with opened(browser, desk, operator.token) as page:
+        for _ in range(2):
+            page.locator('[data-do="run"]').click()
+        result(page, "shows what was long ago")
+    assert team.received == []
+
+
+def test_tab_of_restarted_monitor_gives_no_orders(browser: Browser, team: Team, operator: Operator) -> None:
+    with served(Now(6, control=True), operator) as first:
+        first.play()
+        with opened(browser, first, operator.token) as page:
+            port = int(first.address.rstrip("/").rpartition(":")[2])
+            first.close()
+            with served(Now(6, control=True), Operator(SIX, team, lambda _: None), port=port) as second:
+                second.play()
+                page.locator('[data-do="stop"]').click()
+                result(page, "the token is not right")
+                assert page.locator('[data-do="stop"]').is_hidden()
+    assert team.received == []

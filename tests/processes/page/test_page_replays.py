@@ -1,0 +1,85 @@
+"""A replay on the page: what is played is named, what is unexpected is said, and silence shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser
+
+from tests.processes.page.scene import EPOCH, Scene
+from tests.support.served import Served, served, until, watched
+
+pytestmark = pytest.mark.browser
+LONG = "/home/somebody/recordings/" + "a_name_that_is_rather_long_" * 4 + ".mcap"
+
+
+@pytest.fixture
+def played() -> Iterator[Served]:
+    """A recording that is played by hand."""
+    with served(Scene(6, live=False)) as one:
+        one.source.tell(recording="/home/somebody/recordings/run.mcap")
+        one.feed()
+        yield one
+
+
+def test_the_recording_that_is_played_is_named(browser: Browser, played: Served) -> None:
+    with watched(browser, played.address) as page:
+        page.locator("#recording", has_text="run.mcap").wait_for()
+        until(page, "formation.model.frames > 0")
+        assert page.inner_text("#recording") == "▶ run.mcap"
+        assert page.get_attribute("#recording", "title") == "played: /home/somebody/recordings/run.mcap"
+        assert not page.inner_text("#recording-size")
+
+
+@pytest.mark.parametrize("width", [360, 390, 1000, 1280])
+def test_a_long_name_and_all_remarks_have_room(browser: Browser, played: Served, width: int) -> None:
+    played.source.tell(recording=LONG)
+    played.scene.replay |= {"counted_from": EPOCH + 3599.0, "drift": 1234.5, "skipped": 1_234_567}
+    with watched(browser, played.address, viewport={"width": width, "height": 740}) as page:
+        played.feed()
+        page.locator("#replay-remarks", has_text="1234567").wait_for()
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        for part in ("#recording", "#replay", "#replay-remarks", "#connection"):
+            box = page.locator(part).bounding_box()
+            assert box is not None
+            assert box["x"] + box["width"] <= width, part
+
+
+def test_it_says_that_it_seeks_and_from_where_on_figures_count(browser: Browser, played: Served) -> None:
+    with watched(browser, played.address) as page:
+        until(page, "formation.model.frames > 0")
+        assert page.get_attribute("#replay", "aria-busy") == "false"
+        assert not page.is_visible("#replay-remarks")
+        played.scene.replay |= {"seeking": True, "paused": True}
+        played.feed()
+        page.locator("#connection", has_text="seeking").wait_for()
+        assert page.get_attribute("#replay", "aria-busy") == "true"
+        played.scene.replay |= {"seeking": False, "counted_from": EPOCH + 65.0, "drift": 2.34, "skipped": 17}
+        played.feed()
+        page.locator("#connection", has_text="paused").wait_for()
+        assert page.inner_text("#replay-remarks") == (
+            "▲ settling, elapsed time and counts since 1:05 only · 2.3 s late"
+            " · 17 messages came too late to be published"
+        )
+        played.scene.replay |= {"finished": True}
+        played.feed()
+        page.locator("#connection", has_text="at its end").wait_for()
+        assert "Play" in page.inner_text("#replay-play")
+
+
+def test_a_replay_that_plays_and_shows_nothing_new_has_stopped(browser: Browser, played: Served) -> None:
+    with watched(browser, played.address) as page:
+        page.wait_for_selector("#stale", state="visible")
+        assert page.inner_text("#stale").startswith("✕ THE REPLAY HAS STOPPED.")
+        played.feed()
+        page.wait_for_selector("#stale", state="hidden")
+
+
+def test_one_that_is_paused_does_not_get_old(browser: Browser, played: Served) -> None:
+    played.scene.replay["paused"] = True
+    played.feed()
+    with watched(browser, played.address) as page:
+        until(page, "formation.stream.age > 2.0")
+        until(page, "document.getElementById('connection').textContent.includes('paused')")
+        assert not page.is_visible("#stale")

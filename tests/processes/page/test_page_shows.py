@@ -1,0 +1,225 @@
+"""The live page in a real browser: what it shows, and that it does not show old data as if live."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser, Page
+
+from tests.processes.page.scene import Scene, event
+from tests.support.served import NO_SNAPSHOT, Served, served, until, watched
+
+pytestmark = pytest.mark.browser
+SIX = 6
+WHEN_STALE = """() => {
+  new MutationObserver(() => {
+    globalThis.staleAt ??= formation.stream.age;
+  }).observe(document.getElementById('stale'), {attributes: true});
+  let last = performance.now();
+  globalThis.heldUp = 0;
+  setInterval(() => {
+    const now = performance.now();
+    globalThis.heldUp = Math.max(globalThis.heldUp, (now - last) / 1000 - 0.1);
+    last = now;
+  }, 100);
+}"""
+"""Notes how old the newest frame was when the page said so, and how long a busy machine held it up [s]."""
+NO_MEMORY = """for (const store of ['localStorage', 'sessionStorage']) {
+  Object.defineProperty(window, store, {get() { throw new DOMException('forbidden', 'SecurityError'); }});
+}"""
+ROW = '[data-robot="{}"]'
+
+
+@pytest.fixture
+def six() -> Iterator[Served]:
+    """Six robots that drive."""
+    with served(Scene(SIX)) as one:
+        one.play()
+        yield one
+
+
+def test_robots_move_and_the_error_falls(browser: Browser, six: Served) -> None:
+    with watched(browser, six.address) as page:
+        until(page, "formation.model.frames > 3")
+        before = page.evaluate("formation.model.robots.map((robot) => [robot.place.x, robot.place.y])")
+        picture = page.evaluate("document.getElementById('map').toDataURL()")
+        error = page.evaluate("formation.model.frame.error")
+        until(page, f"formation.model.frame.error < {0.5 * error}")
+        after = page.evaluate("formation.model.robots.map((robot) => [robot.place.x, robot.place.y])")
+        assert all(one != other for one, other in zip(before, after, strict=True))
+        assert page.evaluate("document.getElementById('map').toDataURL()") != picture
+        assert page.inner_text("#error").endswith(" m")
+        assert page.inner_text("#mission") == "6-robots"
+        assert page.locator("#robot-rows tr").count() == SIX
+        assert "live" in page.inner_text("#connection")
+
+
+def test_settled_verdict_is_not_good_after_silence(browser: Browser) -> None:
+    with served(Scene(SIX)) as one, watched(browser, one.address) as page:
+        verdict = {"settled_at": 3.6, "converged": True}  # outlives what it was about
+        one.source.show({**one.scene.step(), **verdict, "error": 0.001}, NO_SNAPSHOT)
+        page.locator('#error[data-tone="good"]').wait_for()
+        assert page.inner_text("#settled") == "at 3.6 s"
+        one.source.show({**one.scene.step(), **verdict, "error": None}, NO_SNAPSHOT)
+        page.locator('#error[data-tone="bad"]', has_text="unknown").wait_for()
+        assert page.inner_text("#settled") == "was, at 3.6 s"
+
+
+def test_a_lost_robot_is_named_in_words_with_its_age(browser: Browser, six: Served) -> None:
+    with watched(browser, six.address) as page:
+        until(page, "formation.model.frames > 3")
+        six.scene.silent["robot5"] = six.scene.time
+        row = page.locator(ROW.format("robot5"))
+        row.locator("td.state", has_text="lost").wait_for()
+        assert " s" in row.locator("td.age").inner_text()
+        share = row.locator(".health-share")
+        assert "health 0 %: no position for" in (share.get_attribute("aria-label") or "")
+        assert (share.inner_text(), row.locator(".battery").count()) == ("0 %", 0)
+        assert page.evaluate("formation.model.robots[4].place !== null")  # drawn where it was last
+        page.locator('#map[aria-label*="lost: robot5"]').wait_for()
+        edges = six.scene.edges
+        known = sum(six.scene.names.index("robot5") not in edge for edge in edges)
+        page.locator("#true-error", has_text=f"{known} of {len(edges)} edges").wait_for()
+        assert page.inner_text("#error") != "unknown"
+        del six.scene.silent["robot5"]
+        row.locator("td.state", has_text="run").wait_for()
+
+
+def test_a_saturated_command_is_marked_by_a_word(browser: Browser) -> None:
+    with served(Scene(SIX)) as still, watched(browser, still.address) as page:
+        still.feed()
+        until(page, "formation.model.frame")
+        saturated = page.evaluate(
+            "formation.model.robots.filter((one) => one.command('turn_rate').saturated).map(({name}) => name)"
+        )
+        assert saturated
+        for name in saturated:
+            mark = page.locator(ROW.format(name)).locator("td.turn_rate .bar-mark")
+            mark.filter(has_text="max").wait_for()
+
+
+def test_stale_page_is_marked_quickly_and_recovers(browser: Browser, six: Served) -> None:
+    with watched(browser, six.address) as page:
+        until(page, "formation.model.frames > 3")
+        assert not page.is_visible("#stale")
+        page.evaluate(WHEN_STALE)
+        six.hush()
+        page.wait_for_selector("#stale", state="visible")
+        assert 1.5 <= page.evaluate("staleAt") < 2.0 + page.evaluate("heldUp")
+        result = float(page.inner_text("#stale-age").removesuffix(" s"))
+        assert result == pytest.approx(page.evaluate("formation.stream.age"), abs=1.0)
+        assert "grayscale" in page.evaluate("getComputedStyle(document.querySelector('main')).filter")
+        assert "no data" in page.inner_text("#connection")
+        six.feed()
+        page.wait_for_selector("#stale", state="hidden")
+        assert "live" in page.inner_text("#connection")
+
+
+def test_it_reconnects_by_itself_when_the_server_is_back(browser: Browser) -> None:
+    with served(Scene(SIX)) as first:
+        port = int(first.address.rsplit(":", 1)[1].strip("/"))
+        first.play()
+        with watched(browser, first.address, tolerated="net::ERR") as page:
+            until(page, "formation.model.frames > 3")
+            first.close()
+            page.wait_for_selector("#stale", state="visible")
+            assert "reconnecting" in page.inner_text("#connection")
+            with served(Scene(SIX), port=port) as second:
+                second.play()
+                page.wait_for_selector("#stale", state="hidden")
+                until(page, "formation.model.frame.elapsed < 20")
+                assert "live" in page.inner_text("#connection")
+                assert page.locator("#robot-rows tr").count() == SIX
+
+
+def test_an_open_line_that_says_nothing_is_dialled_again(browser: Browser, six: Served) -> None:
+    with watched(browser, six.address) as page:
+        until(page, "formation.model.frames > 3")
+        six.hush()  # the line is still there
+        six.scene.time += 10.0
+        dialled = page.evaluate("formation.stream.dialled")
+        until(page, f"formation.stream.dialled > {dialled}")
+        until(page, "formation.stream.open")
+        assert page.evaluate("formation.stream.age") > 5.0  # for what it is greeted with is old
+        assert page.is_visible("#stale")
+        six.feed()
+        page.wait_for_selector("#stale", state="hidden")
+
+
+def test_page_opened_while_monitor_hangs_waits_for_data(browser: Browser, six: Served) -> None:
+    six.hush()
+    six.feed()
+    six.scene.time += 10.0
+    with watched(browser, six.address) as page:
+        until(page, "formation.stream.open")
+        assert page.evaluate("formation.model.frame") is None
+        page.locator("#connection", has_text="waiting for data").wait_for()
+        six.feed()
+        until(page, "formation.model.frame")
+        page.locator("#connection", has_text="live").wait_for()
+
+
+def test_events_come_newest_first_and_can_be_filtered(browser: Browser, six: Served) -> None:
+    six.note(event(0, 0.0, "joined", "robot2", "joined"))
+    with watched(browser, six.address) as page:
+        six.note(event(1, 1.0, "lost", "robot5", "no position for 1.0 s", 40))
+        six.note(event(2, 2.0, "held", "robot3", "no neighbour is fresh", 30))
+        items = page.locator("#event-list li")
+        items.nth(2).wait_for()
+        assert [text.splitlines()[-1] for text in items.all_inner_texts()] == [
+            "robot3: no neighbour is fresh", "robot5: no position for 1.0 s", "robot2: joined",
+        ]  # fmt: skip
+        assert page.get_attribute("#event-list", "aria-live") == "polite"
+        page.check("#event-grave")
+        assert items.count() == 2
+        page.fill("#event-filter", "robot5")
+        assert items.count() == 1
+        assert items.locator('[role="img"]').get_attribute("aria-label") == "error"
+
+
+def test_what_robots_say_is_text_and_nothing_else(browser: Browser, six: Served) -> None:
+    nasty = "<img src=x onerror=\"document.title='taken'\">"
+    six.scene.state["robot2"] = ("hold", nasty)
+    six.note(event(1, 1.0, "held", nasty, nasty, 30))
+    with watched(browser, six.address) as page:
+        page.locator("#event-list li").first.wait_for()
+        page.locator(ROW.format("robot2")).locator(".reason", has_text="<img").wait_for()
+        assert page.locator("img").count() == 0
+        assert page.title() != "taken"
+
+
+def test_a_hundred_robots_are_sorted_worst_first_and_found_by_name(browser: Browser) -> None:
+    with served(Scene(100)) as crowd, watched(browser, crowd.address) as page:
+        crowd.scene.silent["robot42"] = 0.0
+        crowd.play()
+        first = page.locator("#robot-rows tr").first
+        first.filter(has_text="robot42").wait_for()
+        assert "1 lost" in page.inner_text("#robot-count")
+        _headers_stick(page)
+        page.click('th[data-sort="name"] button')
+        first.filter(has_text="robot1").wait_for()
+        assert page.get_attribute('th[data-sort="name"]', "aria-sort") == "ascending"
+        page.fill("#robot-filter", "robot77")
+        until(
+            page, "[...document.querySelectorAll('#robot-rows tr')].filter((row) => !row.hidden).length === 1"
+        )
+        page.evaluate("setInterval(() => { globalThis.shown = formation.model.frames; }, 1000)")
+        until(page, "formation.model.frames - globalThis.shown > 5")  # within a second
+
+
+def _headers_stick(page: Page) -> None:
+    """The table scrolls under its head."""
+    where = "document.querySelector('#robot-table th').getBoundingClientRect().top"
+    before = page.evaluate(where)
+    page.evaluate("document.querySelector('#robots .scroll').scrollTop = 500")
+    assert page.evaluate("document.querySelector('#robots .scroll').scrollTop") == 500
+    assert page.evaluate(where) == before
+
+
+def test_a_browser_that_may_remember_nothing_shows_it_all(browser: Browser, six: Served) -> None:
+    with watched(browser, six.address, before=NO_MEMORY) as page:
+        until(page, "formation.model.frames > 3")
+        page.click("#log-scale")
+        page.click("#theme")
+        assert page.locator("#robot-rows tr").count() == SIX

@@ -1,0 +1,165 @@
+"""The page's server over real HTTP on loopback."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+
+import pytest
+
+from formation.monitor.web.address import Bind
+from formation.monitor.web.opening import opened, words
+from formation.monitor.web.server import PageServer
+from tests.processes.page.asking import requested
+from tests.support.looking import ANY, SEEN, looking, serving, source, until
+
+FRAME = {"t": 1.0, "recording": None}
+HAPPENED = {"n": 1, "at": 1.0, "level": 20, "robot": "", "kind": "order", "text": "run"}
+
+
+def test_page_gets_greeting_then_frames_and_events() -> None:
+    with serving() as server, looking(server) as events:
+        hello = next(events)
+        assert (hello.kind, hello.data["mission"]) == ("hello", "six-robots")
+        until(lambda: server.source.wanted)
+        server.source.show(FRAME, SEEN)
+        assert next(events) == ("1", "frame", FRAME)
+        server.source.note(HAPPENED)
+        assert next(events) == ("event-1", "event", HAPPENED)
+        server.source.show(FRAME, SEEN)
+        assert next(events) == ("2", "frame", FRAME)  # and the first one has not come again meanwhile
+
+
+def test_late_page_gets_newest_frame_without_repeated_events() -> None:
+    with serving() as server:
+        server.source.note(HAPPENED)
+        server.source.show(FRAME, SEEN)
+        with looking(server) as events:
+            assert next(events).data["events"] == [HAPPENED]
+            assert next(events).kind == "frame"
+            server.source.note({**HAPPENED, "n": 2})
+            assert next(events).data["n"] == 2
+
+
+def test_after_a_jump_all_clients_start_anew() -> None:
+    with serving() as server, looking(server) as one, looking(server) as other:
+        assert {next(one).kind, next(other).kind} == {"hello"}
+        server.source.restart([(1.0, 0.5)])
+        for events in (one, other):
+            hello = next(events)
+            assert (hello.kind, hello.data["history"]) == ("hello", [[1.0, 0.5]])
+
+
+def test_departed_clients_are_not_counted() -> None:
+    with serving() as server:
+        with looking(server) as events:
+            next(events)
+            assert server.source.wanted
+        until(lambda: not server.source.wanted)
+
+
+def test_figures_are_of_the_moment_when_they_are_asked_for() -> None:
+    with serving() as server:
+        server.source.show(FRAME, SEEN)  # an old one, which nobody is to get
+
+        def monitor() -> None:
+            until(lambda: server.source.wanted)
+            server.source.show(FRAME, SEEN)
+
+        for path in ("metrics", "api/snapshot"):
+            watching = threading.Thread(target=monitor)
+            watching.start()
+            answer = requested(server, path)
+            watching.join()
+            assert answer.status_code == 200
+            assert answer.headers["cache-control"] == "no-store"
+            assert not server.source.wanted
+        assert answer.json()["mode"] == "run"
+
+
+def test_stopped_monitor_gives_no_figures(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("formation.monitor.web.stream.MAX_FRAME_WAIT", 0.05)
+    with serving() as server:
+        server.source.show(FRAME, SEEN)
+        assert requested(server, "metrics").status_code == 503
+        assert requested(server, "api/snapshot").json() == {"error": "there are no metrics at the moment"}
+        assert requested(server, "healthz").text == "ok\n"
+
+
+def test_page_is_served_with_revalidation() -> None:
+    with serving() as server:
+        answer = requested(server, "")
+        assert answer.status_code == 200
+        assert answer.headers["content-type"].startswith("text/html")
+        assert answer.headers["cache-control"] == "no-cache"
+        assert answer.headers["content-security-policy"].startswith("default-src 'self';")
+        etag = answer.headers["etag"]
+        assert requested(server, "", **{"if-none-match": etag}).status_code == 304
+        for path in ("nothing.js", "../server.py", "%2e%2e/server.py", "..%2fserver.py"):
+            assert requested(server, path).status_code == 404
+
+
+def test_two_pages_side_by_side_have_ports_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    with serving() as first:
+        port = int(first.address.rstrip("/").rpartition(":")[2])
+        monkeypatch.setattr("formation.monitor.web.opening.PORT", port)
+        monkeypatch.setattr("formation.monitor.web.opening.Bind", lambda port=port: Bind(port=port))
+        assert words(None, first) == first.address
+        with opened(None, source()) as second:
+            assert requested(second, "healthz").status_code == 200
+            assert words(None, second) == f"{second.address} (port {port} is taken)"
+        assert second.address != first.address
+        with pytest.raises(OSError, match="in use"):
+            opened(Bind(port=port), source())
+        assert requested(first, "healthz").status_code == 200
+
+
+def test_it_serves_where_an_ipv6_address_says() -> None:
+    with PageServer(Bind("::1", 0), source()) as server:
+        assert server.address.startswith("http://[::1]:")
+        assert requested(server, "healthz").status_code == 200
+
+
+def test_unstarted_or_twice_stopped_server_is_harmless() -> None:
+    server = PageServer(ANY, source())
+    server.stop()
+    with serving() as other:
+        pass
+    other.stop()
+    other.source.show(FRAME, SEEN)  # the monitor does not know, and need not
+
+
+def test_server_failure_is_logged_and_monitor_continues(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(_: object) -> None:
+        raise RuntimeError("no metrics at the moment")
+
+    monkeypatch.setattr("formation.monitor.web.routes.as_json", fails)
+    with serving() as server:
+        watching = threading.Event()
+
+        def monitor() -> None:
+            while not watching.is_set():
+                server.source.show(FRAME, SEEN)
+                time.sleep(0.01)
+
+        thread = threading.Thread(target=monitor)
+        thread.start()
+        assert requested(server, "api/snapshot").status_code == 500
+        assert requested(server, "healthz").status_code == 200
+        watching.set()
+        thread.join()
+    assert "no metrics at the moment" in caplog.text
+
+
+def test_connecting_and_leaving_logs_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.DEBUG, logger="uvicorn"), serving() as server:
+        requested(server, "healthz")
+        requested(server, "nothing")
+        with looking(server) as events:
+            next(events)
+    assert [record for record in caplog.records if record.name.startswith("uvicorn")] == []

@@ -1,0 +1,339 @@
+"""A whole fleet in one process: production cores on a fake clock over a lossy network in memory.
+
+Nothing here knows the law. Each core is stepped as its loop would step it: at once when something arrives for
+it, and by its timer when nothing does.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+import random
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from formation.agent.core import Agent
+from formation.agent.simulated.faults import Faulty
+from formation.agent.simulated.moving import Moving
+from formation.agent.simulated.plant import Plant
+from formation.agent.simulated.simulated import World, kinematic
+from formation.leader.core import Leader
+from formation.mission.model import Mission
+from formation.protocol.order import OperatorReply, OperatorRequest, encode
+from formation.protocol.order import decode as decode_order
+from formation.protocol.status import AgentStatus
+from formation.protocol.status_codec import decode as decode_status
+from formation.ros2.messages import Diagnostics, Twist, TwistStamped, decode
+from formation.simulation.edges import Edges, formation_error
+from formation.topics import BALLOT, CMD_VEL, ODOM, POSE, POSITION, ROUTE, SCAN, STATUS
+from formation.transport.runtime.process import Core
+from formation.wire import Now, Outgoing, Sample
+from tests.support.named import named
+
+EPOCH = 1.7e9
+BETWEEN = (f"/{POSITION.name}", f"/{BALLOT.name}", f"/{ROUTE.name}")
+"""How keys end that go from robot to robot, over links that lose, delay and repeat."""
+
+OVERHEAD = 80
+"""Of a message on a link of limited bandwidth: keys and headers [B]."""
+
+
+class Link(NamedTuple):
+    """What happens to messages on the way from one process to another."""
+
+    loss: float
+    """Share that is lost."""
+    delay: tuple[float, float]
+    """Least and most [s]; whoever waits longer is overtaken."""
+    twice: float = 0.0
+    """Share that comes twice."""
+    growth: float = 0.0
+    """The delay grows by this [s/s] …"""
+    since: float = 0.0
+    """… from then on [s]."""
+    bandwidth: float = math.inf
+    """What exceeds this waits in a queue without end [B/s]."""
+
+
+class LeaderTerm(NamedTuple):
+    """Who begins to lead, when, and in which term."""
+
+    since: float
+    name: str
+    term: int
+
+
+@dataclass
+class Node:
+    """One process: its core, and how wrong its system clock is [s]."""
+
+    core: Core
+    clock_error: float = 0.0
+    alive: bool = True
+    wake: int = 0
+    """Which of its wake-ups counts: the newest."""
+    asleep: list[Sample] | None = None
+    """What waits for it while it is frozen."""
+
+
+@dataclass
+class Fleet:
+    """Candidates, agents and simulated robots of a mission; among the ``nodes`` its leader is "leader"."""
+
+    mission: Mission
+    law: str | None = None
+    seed: int = 0
+    loss: float = 0.0
+    delay: tuple[float, float] = (0.0005, 0.002)
+    now: float = 0.0
+    commands: dict[str, list[tuple[float, float, float]]] = field(default_factory=lambda: defaultdict(list))
+    meddle: Callable[[Sample], Iterable[Sample]] = lambda sample: (sample,)
+    links: dict[tuple[str, str], Link] = field(default_factory=dict)
+    """Those that are not as all others: from whom to whom."""
+    sensors: dict[str, Link] = field(default_factory=dict)
+    """How a robot's own positions come to its agent, where they do not come at once."""
+    plants: Callable[[Mission, Sequence[str], int], Mapping[str, Moving]] = kinematic
+    """What makes what moves for the robots."""
+    cuts: set[tuple[str, str]] = field(default_factory=set)
+    """Who is not received by whom."""
+    leader_terms: list[LeaderTerm] = field(default_factory=list)
+    most_at_once: int = 0
+    """So many were in lease at the same moment."""
+
+    def __post_init__(self) -> None:
+        self.random = random.Random(self.seed)
+        self.world = World(self.mission, seed=self.seed, plants=self.plants)
+        self.publisher_ids = (f"publisher{number}" for number in itertools.count())
+        self.leader = Leader(self.mission, publisher_id=next(self.publisher_ids))
+        self.agents = {name: self.new_agent(name) for name in self.mission.followers}
+        self.candidates = {
+            "leader": self.leader, **{name: self.new_leader(name) for name in self.mission.standbys}
+        }  # fmt: skip
+        cores: dict[str, Core] = {"world": self.world, **self.candidates, **self.agents}
+        self.nodes = {name: Node(core) for name, core in cores.items()}
+        self._number = itertools.count()
+        self._events: list[tuple[float, int, str, Sample | None]] = []
+        self._published: dict[str, Diagnostics] = {}
+        self._sent_until: dict[tuple[str, str], float] = defaultdict(float)
+        for name in self.nodes:
+            self._wake(name, self.random.uniform(0.0, 0.05))
+
+    def new_agent(self, name: str) -> Agent:
+        """As its process would make it when it starts."""
+        return Agent(self.mission, name, self.law, publisher_id=next(self.publisher_ids))
+
+    def new_leader(self, name: str) -> Leader:
+        """As the process of a candidate would make it when it starts."""
+        return Leader(
+            self.mission,
+            self.mission.leader if name == "leader" else name,
+            publisher_id=next(self.publisher_ids),
+        )
+
+    def run(self, seconds: float) -> None:
+        end = self.now + seconds
+        while self._events and self._events[0][0] <= end:
+            self.now, number, name, sample = heapq.heappop(self._events)
+            node = self.nodes[name]
+            if not node.alive or (sample is None and number != node.wake):
+                continue
+            if node.asleep is not None:
+                node.asleep += [] if sample is None else [sample]
+                continue
+            self._step(name, node, [] if sample is None else [sample])
+        self.now = end
+
+    def _step(self, name: str, node: Node, inbox: list[Sample]) -> None:
+        moment = Now(self.now, EPOCH + self.now + node.clock_error)
+        self._send(name, node.core.step(moment, inbox))
+        if name in self.candidates:
+            self._note_leader_terms()
+        self._wake(name, node.core.due)
+
+    def kill(self, name: str) -> None:
+        self.nodes[name].alive = False
+
+    def revive(self, name: str) -> None:
+        self.nodes[name].alive = True
+        self._wake(name, self.now)
+
+    def restart(self, name: str) -> None:
+        """As systemd would: a new process, which knows nothing and publishes under a new id."""
+        node = self.nodes[name]
+        if name in self.candidates:
+            node.core = self.candidates[name] = self.new_leader(name)
+            self.leader = self.candidates["leader"]
+        else:
+            node.core = self.agents[name] = self.new_agent(name)
+        node.asleep = None
+        self.revive(name)
+
+    def freeze(self, name: str) -> None:
+        """As SIGSTOP does."""
+        self.nodes[name].asleep = []
+
+    def thaw(self, name: str) -> None:
+        """As SIGCONT does: what waits is read now, and counts as arrived now."""
+        node = self.nodes[name]
+        waiting, node.asleep = node.asleep or [], None
+        if node.alive:
+            self._step(name, node, [sample._replace(arrived=self.now) for sample in waiting])
+
+    def cut(self, some: Iterable[str], others: Iterable[str]) -> None:
+        """Neither hears the other, until `heal`."""
+        pairs = set(itertools.product(some, others))
+        self.cuts |= pairs | {(other, one) for one, other in pairs}
+
+    def heal(self) -> None:
+        """All links are as they were at first; what is queued comes at once."""
+        for place, (when, number, name, sample) in enumerate(sorted(self._events, key=lambda one: one[:2])):
+            if sample is not None:
+                soon = min(when, self.now + 1e-6 * place)
+                self._events[place] = soon, number, name, sample._replace(arrived=soon)
+            else:
+                self._events[place] = when, number, name, None
+        heapq.heapify(self._events)
+        self.cuts.clear()
+        self.links.clear()
+        self.sensors.clear()
+        self._sent_until.clear()
+
+    @property
+    def leaders(self) -> list[str]:
+        """Whose lease has not ended, by the clock and not by their newest step."""
+        return [
+            name
+            for name, one in self.candidates.items()
+            if self.nodes[name].alive
+            and one._candidacy.leading
+            and (not self.mission.standbys or self.now < one._candidacy._lease)
+        ]
+
+    @property
+    def in_charge(self) -> Leader:
+        """Who leads, or led last; the leader's own process before anybody has."""
+        return self.candidates[self.leader_terms[-1].name] if self.leader_terms else self.leader
+
+    def ask(self, name: str, do: str, **what: Any) -> OperatorReply:
+        """Have an operator ask a robot, a standby, or by the leader's name the leader's own process.
+
+        What a release or a run ends is asked for first, unless `what` has ``ends``.
+        """
+        core = {**self.agents, **self.candidates, self.mission.leader: self.leader}[name]
+        request = OperatorRequest.model_validate({"do": do, **what})
+        if "ends" not in what:
+            request = named(request, lambda data: core.request(data, self.now))
+        return decode_order(OperatorReply, core.request(encode(request), self.now))
+
+    def set_going(self, name: str) -> OperatorReply:
+        """Release one robot and let it run."""
+        self.ask(name, "release")
+        return self.ask(name, "run")
+
+    def order_shape(self, shape: str) -> OperatorReply:
+        """Have whoever leads ask for another shape."""
+        request = OperatorRequest(do="shape", shape=shape)
+        return decode_order(OperatorReply, self.in_charge.request(encode(request), self.now))
+
+    def error(self) -> float:
+        """Formation error of the robots as they really are, now, in the shape that is wanted [m]."""
+        slots = np.array(self.in_charge.wanted.slots(self.mission))
+        return float(formation_error(Edges(self.mission.graph), np.array(self.points()), slots))
+
+    def plant(self, name: str) -> Plant:
+        """What moves for a kinematic robot."""
+        plant = self.world.plant(name)
+        plant = plant.plant if isinstance(plant, Faulty) else plant
+        assert isinstance(plant, Plant)
+        return plant
+
+    def points(self) -> list[complex]:
+        """The leader, and the robots' control points as they really are, now [m; world frame]."""
+        points = [self._leader_position()]
+        for name in self.mission.followers:
+            robot = self.world._hosted[name]
+            robot.go_to(self.now)
+            points.append(robot.control_point)
+        return points
+
+    def _leader_position(self) -> complex:
+        return self.in_charge.where(self.now)
+
+    def _note_leader_terms(self) -> None:
+        leaders = self.leaders
+        self.most_at_once = max(self.most_at_once, len(leaders))
+        for name in leaders:
+            leader_term = LeaderTerm(self.now, name, self.candidates[name].term)
+            if not self.leader_terms or self.leader_terms[-1][1:] != leader_term[1:]:
+                self.leader_terms.append(leader_term)
+
+    def last_command(self, name: str) -> tuple[float, float]:
+        return self.commands[name][-1][1:]
+
+    def message(self, name: str) -> str:
+        """What the newest status says in a sentence."""
+        return self._published[name].statuses[0].message
+
+    def status(self, name: str) -> AgentStatus:
+        """The newest status."""
+        return decode_status(AgentStatus, self._published[name].statuses[0])
+
+    def _wake(self, name: str, moment: float) -> None:
+        """Have a node step by itself, a little after it asked for it, as a real loop would."""
+        self.nodes[name].wake = next(self._number)
+        moment = max(moment, self.now) + 1e-4
+        heapq.heappush(self._events, (moment, self.nodes[name].wake, name, None))
+
+    def _deliver(self, name: str, sample: Sample) -> None:
+        heapq.heappush(self._events, (sample.arrived, next(self._number), name, sample))
+
+    def _send(self, sender: str, outbox: Iterable[Outgoing]) -> None:
+        for out in outbox:
+            self._note(sender, out)
+            for name, node in self.nodes.items():
+                if out.key not in node.core.subscriptions:
+                    continue
+                for wait in self._waits(sender, name, out):
+                    for sample in self.meddle(Sample(out.key, out.payload, out.attachment, self.now + wait)):
+                        self._deliver(name, sample)
+
+    def _waits(self, sender: str, receiver: str, out: Outgoing) -> Iterable[float]:
+        """How long a message is on its way [s], each time that it comes."""
+        if not out.key.endswith(BETWEEN):
+            own = out.key in {ODOM.key(receiver), POSE.key(receiver)} and self.sensors.get(receiver)
+            return [self._way(sender, receiver, own, out)] if own else [0.0005]
+        if (sender, receiver) in self.cuts:
+            return []
+        link = self.links.get((sender, receiver), Link(self.loss, self.delay))
+        if self.random.random() < link.loss:
+            return []
+        times = 1 + (link.twice > 0.0 and self.random.random() < link.twice)
+        return [self._way(sender, receiver, link, out) for _ in range(times)]
+
+    def _way(self, sender: str, receiver: str, link: Link, out: Outgoing) -> float:
+        way = self.random.uniform(*link.delay) + link.growth * (self.now - link.since)
+        if link.bandwidth == math.inf:
+            return way
+        size = OVERHEAD + len(out.payload) + len(out.attachment or b"")
+        begins = max(self.now, self._sent_until[sender, receiver])
+        self._sent_until[sender, receiver] = begins + size / link.bandwidth
+        return way + self._sent_until[sender, receiver] - self.now
+
+    def _note(self, sender: str, out: Outgoing) -> None:
+        if sender in self.agents and out.key == CMD_VEL.key(sender):
+            kind = self.mission.robots[sender].cmd_vel
+            twist = decode(Twist, out.payload) if kind == "twist" else decode(TwistStamped, out.payload)
+            self.commands[sender].append((self.now, twist.speed, twist.turn_rate))
+        elif sender in self.agents and out.key == STATUS.key(sender):
+            self._published[sender] = decode(Diagnostics, out.payload)
+
+
+def keys_of_neighbours(mission: Mission, name: str) -> set[str]:
+    ballots = {BALLOT.key(one) for one in mission.candidates} if mission.standbys else set()
+    scans = {SCAN.key(name)} if mission.robots[name].scanner != "none" else set()
+    return {ODOM.key(name)} | {POSITION.key(other) for other in mission.received_by(name)} | ballots | scans

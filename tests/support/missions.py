@@ -1,0 +1,65 @@
+"""Missions that differ from a shipped one in what they say of their robots."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+
+from hypothesis import strategies as st
+
+from formation.mission.file import parse, read
+from formation.mission.model import Mission
+
+
+def with_robots(name: str, **keys: str | float) -> Mission:
+    """The shipped mission `name` with these keys in its [robot] table, whatever stood there."""
+    lines: list[str] = []
+    for line in read(name)[0].split("\n"):
+        if line.split("=")[0].strip() not in keys:
+            lines.append(line)
+        if line.startswith("[robot]"):
+            lines += [f'{key} = "{v}"' if isinstance(v, str) else f"{key} = {v}" for key, v in keys.items()]
+    return parse("\n".join(lines))
+
+
+def team(
+    neighbours: Mapping[str, Iterable[str]],
+    fallbacks: Mapping[str, Iterable[str]] | None = None,
+    **keys: str | float,
+) -> Mission:
+    """Robots that start in a row behind `leader`, each in its slot, and measure whom they are said to."""
+    slots = {name: complex(-0.8 - 0.8 * number, 0.4 * (number % 2)) for number, name in enumerate(neighbours)}
+    robot = {"control_point_offset": 0.1, "max_speed": 0.8, "max_turn_rate": 2.0, "rate": 20, **keys}
+    lines = [
+        'name = "team"', 'leader = "leader"', "[law]", "k_i = 0.3", "[robot]",
+        *(f"{key} = {json.dumps(value)}" for key, value in robot.items()),
+        "[shapes.row]", *(f"{name} = [{at.real}, {at.imag}]" for name, at in slots.items()),
+        "[shapes.wide]", *(f"{name} = [{at.real}, {2.0 * at.imag}]" for name, at in slots.items()),
+        "[[route]]", "speed = 0.2", "heading_deg = 0", "[robots.leader]", "start = { x = 0, y = 0 }",
+    ]  # fmt: skip
+    for name, at in slots.items():
+        lines += [
+            f"[robots.{name}]",
+            f"neighbours = {json.dumps(list(neighbours[name]))}",
+            f"fallback_neighbours = {json.dumps(list((fallbacks or {}).get(name, ())))}",
+            f"start = {{ x = {at.real - 0.1}, y = {at.imag} }}",
+        ]
+    return parse("\n".join(lines))
+
+
+@st.composite
+def teams(draw: st.DrawFn, *, cycles: bool = True, most: int = 6) -> Mission:
+    """Random graphs that lead everybody to the leader, with random fallbacks."""
+    names = [f"r{number}" for number in range(draw(st.integers(1, most)))]
+    neighbours: dict[str, Sequence[str]] = {}
+    fallbacks: dict[str, Sequence[str]] = {}
+    for number, name in enumerate(names):
+        before = ["leader", *names[:number]]
+        some = draw(st.lists(st.sampled_from(before), min_size=1, max_size=2, unique=True))
+        others = [one for one in ("leader", *names) if one != name]
+        if cycles and len(some) < len(others) and draw(st.integers(0, 3)) == 0:
+            some = [*some, draw(st.sampled_from([one for one in others if one not in some]))]
+        neighbours[name] = some
+        left = [one for one in others if one not in some]
+        fallbacks[name] = draw(st.lists(st.sampled_from(left), max_size=2, unique=True)) if left else ()
+    return team(neighbours, fallbacks)

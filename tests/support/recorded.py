@@ -1,0 +1,128 @@
+"""A fleet on a fake clock whose agents run in their loops, and what a monitor would have recorded of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+from formation.agent.core import Agent
+from formation.agent.persistence.restore import Persistence
+from formation.agent.process import Sides
+from formation.agent.verify.verdict import Verdict
+from formation.protocol.order import OperatorReply, OperatorRequest, decode, encode
+from formation.topics import POSITION, Topic
+from formation.transport.runtime.process import clocks
+from formation.wire import Now, Outgoing, Sample
+from tests.support.fleet import EPOCH, Fleet
+from tests.support.named import named
+
+Recording = list[tuple[Sample, float]]
+"""Each message, and when it was recorded [s, recorder's system clock]."""
+
+
+class Wire:
+    """One side of an agent."""
+
+    def __init__(self) -> None:
+        self.connected, self.listens = True, True
+        self.refused: dict[str, int] = {}
+        self.said: list[Outgoing] = []
+
+    def advertise(self, _topic: Topic, _key: str) -> None:
+        pass
+
+    def subscribe(self, *_where: Any, **_how: Any) -> None:
+        pass
+
+    def routed(self, _key: str) -> bool | None:
+        return self.listens if self.connected else None
+
+    def publish(self, key: str, payload: bytes, attachment: bytes | None = None) -> None:
+        self.said.append(Outgoing(key, payload, attachment))
+
+
+class Looped:
+    """An agent in its loop, as a core: to its robot goes what the loop sends there, the rest to the fleet."""
+
+    def __init__(
+        self,
+        agent: Agent,
+        record: Recording,
+        *,
+        readonly: bool = False,
+        persistence: Persistence | None = None,
+        clock: Callable[[], Now] = clocks,
+    ) -> None:
+        self.agent, self.record = agent, record
+        self.fleet, self.robot = Wire(), Wire()
+        process: Any = SimpleNamespace(bus=self.fleet, robot=self.robot)
+        self.sides = Sides(agent, process, readonly=readonly, persistence=persistence, clock=clock)
+        self.sides.declare()
+        self.publications, self.subscriptions = agent.publications, agent.subscriptions
+        self.dropped = agent.dropped
+
+    @property
+    def due(self) -> float:
+        return self.agent.due
+
+    def step(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
+        self.sides.send(self.sides.step(now, inbox))
+        return self._spoken(now)
+
+    def halt(self, now: Now, reason: str) -> Iterable[Outgoing]:
+        self.sides.send(self.sides.halt(now, reason))
+        return self._spoken(now)
+
+    def _spoken(self, now: Now) -> list[Outgoing]:
+        self.record += [(Sample(*out, now.mono), EPOCH + now.mono) for out in self.fleet.said]
+        position = POSITION.key(self.agent.robot)
+        result = [out for out in self.robot.said if out.key != position]
+        result += [out for out in self.fleet.said if out.key == position]  # with the order
+        self.robot.said, self.fleet.said = [], []
+        return result
+
+
+@dataclass
+class RecordedFleet(Fleet):
+    """A fleet, and its recording."""
+
+    record: Recording = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, agent in self.agents.items():
+            self.nodes[name].core = Looped(agent, self.record)
+
+    def loop(self, name: str) -> Looped:
+        core = self.nodes[name].core
+        assert isinstance(core, Looped)
+        return core
+
+    def restart(self, name: str) -> None:
+        """Kill an agent and start another."""
+        self.agents[name] = self.new_agent(name)
+        self.nodes[name].core = Looped(self.agents[name], self.record)
+        self.revive(name)
+
+    def halt(self, name: str) -> None:
+        """Have an agent end well."""
+        self._send(name, self.loop(name).halt(Now(self.now, EPOCH + self.now), "told to"))
+        self.kill(name)
+
+    def ask_once(self, name: str, do: str, number: str = "") -> OperatorReply:
+        """Put a request to an agent's loop."""
+        sides, request = self.loop(name).sides, OperatorRequest.model_validate({"do": do, "id": number})
+        request = named(request, lambda data: sides.request(data, self.now))
+        return decode(OperatorReply, sides.request(encode(request), self.now))
+
+    def _note(self, sender: str, out: Outgoing) -> None:
+        super()._note(sender, out)
+        if sender == "leader":
+            self.record.append((Sample(*out, self.now), EPOCH + self.now))
+
+
+def all_alike(verdicts: dict[str, Verdict]) -> bool:
+    """Whether every command of everybody was computed again to the last bit."""
+    return all(one.exact == one.compared == one.commands > 0 for one in verdicts.values())

@@ -1,0 +1,68 @@
+"""Recordings made as the monitor makes them, of a fleet that does whatever a test wants."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from formation.mission.file import parse, read
+from formation.monitor.core import Monitor
+from formation.monitor.metrics.keys import OWN, watched
+from formation.monitor.metrics.snapshot import Snapshot
+from formation.monitor.recording.reader import read as read_back
+from formation.monitor.recording.recorder import Recorder
+from formation.monitor.report.gather import Run, gather
+from formation.wire import Sample
+from tests.support.monitored import EPOCH, Fleet, command, now, odometry, status
+
+PERIOD = 0.02
+"""Of the monitor's loop [s]."""
+START = 10.0
+"""When a fleet's time begins [s]."""
+
+
+def coming_in(robot: str, time: float) -> complex:
+    """How far off its slot a robot is that comes into formation within seconds [m]."""
+    return 0j if robot == "robot1" else 1.5 * 2.0 ** -(time - START) * (1.0 + 1.0j)
+
+
+def talk(fleet: Fleet, seconds: float, *, truth: bool = True) -> list[Sample]:
+    """All that a fleet says in so many seconds, in order of arrival; each arrives 2 ms after its stamp."""
+    end, result = START + seconds, list[Sample]()
+    for name in fleet.mission.names:
+        result += [status(name, START + 0.5 * i, "run", "") for i in range(round(2.0 * seconds))]
+        for time in fleet.times(name, START, end):
+            result.append(fleet.position(name, time))
+            if name != fleet.mission.leader:
+                result += [command(name, time, 0.2, 0.1), odometry(name, time)._replace(arrived=time + 0.001)]
+            if truth and name != fleet.mission.leader:
+                result.append(fleet.truth(name, time, turned=0.1))
+    late = [sample._replace(arrived=sample.arrived + 0.002) for sample in result]
+    return sorted(late, key=lambda sample: sample.arrived)
+
+
+def record(path: Path, result: Iterable[Sample], text: str = "", law: str = "field") -> Snapshot:
+    """Record what is said, and the monitor's metrics, as its loop does; what it knows at the end."""
+    text = text or read("six_robots")[0]
+    mission = parse(text, "a test")
+    monitor, inbox, time = Monitor(mission), list[Sample](), START
+    with Recorder(path, mission.name, text, law, (*watched(mission), *OWN)) as recorder:
+
+        def step() -> None:
+            for sample in inbox:
+                recorder.write(sample, sample.arrived + EPOCH)
+            for out in monitor.step(now(time), inbox):
+                recorder.write(Sample(out.key, out.payload, out.attachment, time), time + EPOCH)
+            inbox.clear()
+
+        for sample in result:
+            while sample.arrived > time:
+                step()
+                time += PERIOD
+            inbox.append(sample)
+        step()
+    return monitor.metrics.snapshot(now(time))
+
+
+def gathered(path: Path) -> Run:
+    return gather(read_back(path))

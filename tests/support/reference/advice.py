@@ -1,0 +1,73 @@
+"""What to do about each reason: the only text of docs/reference/states.md that no other module has."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from formation.protocol.reasons import Code
+
+SENSORS = "Check wheels, motors and the source of the position; the robot probes and goes on by itself."
+HAND = "Put the robot down and leave it alone; check that the source tracks this robot. It goes on by itself."
+WAIT = "Nothing; this is normal at the start. If it stays,"
+MISSIONS = (
+    "Give all processes the same mission (`formation deploy push`); restart those that run the old one."
+)
+CLOCKS = "Synchronise the clocks (chrony); `formation doctor` names the process."
+ADVICE: Mapping[Code, str] = MappingProxyType(
+    {
+        Code.STARTED: "Nothing.",
+        Code.ENDED: "Nothing if it was ended on purpose; else read its log and start it again.",
+        Code.DETAIL: "Read the text. Only recordings of earlier versions contain this reason.",
+        Code.STOPPED_BY_OPERATOR: "`formation order MISSION release`, then `run`.",
+        Code.HELD_BY_OPERATOR: "`formation order MISSION run`.",
+        Code.STOPPED_BEFORE_START: "The stop was saved and is still in force: `release`, then `run`.",
+        Code.HELD_BEFORE_START: "The hold was saved and is still in force: `run`.",
+        Code.STOP_UNKNOWN: "The file of saved stops cannot be read. `release` the robot if it may drive.",
+        Code.NO_ORDER: f"{WAIT} check that the leader runs and that a path of neighbours leads to it.",
+        Code.ORDER_UNSIGNED: "Check the leader's certificate, and that no other process gives orders.",
+        Code.LEADER_LOST: "Check the leader's process and the network. It goes on when orders come again.",
+        Code.STOPPED_BY_LEADER: "`formation order MISSION release`, then `run`.",
+        Code.HELD_BY_LEADER: "`formation order MISSION run`; if the leader refuses, read its reason.",
+        Code.COMMAND_NOT_FINITE: "Report it as a defect, with the recording.",
+        Code.NO_LINK: "Start the robot's bridge or router; check `robot_endpoint`.",
+        Code.NO_LISTENER: "Restart the robot's bring-up together with its bridge or router.",
+        Code.SECOND_AGENT: "End one of the two agents.",
+        Code.PROCESS_FROZEN: "Nothing; it goes on by itself. If it recurs, check the machine's load.",
+        Code.OUTSIDE_BOUNDS: "Bring the robot back inside, or widen `[bounds]`.",
+        Code.RUNNING: "Nothing.",
+        Code.NO_POSITION: f"{WAIT} check what publishes odometry or the external pose.",
+        Code.POSITION_SILENT: "Check what publishes odometry or external pose, and the link to the robot.",
+        Code.POSITION_LATE: "Check what publishes the position, the machine's load, and the clocks (chrony).",
+        Code.POSITION_WAS_LATE: "Nothing; it goes on by itself when positions stay in time.",
+        Code.POSITION_JUMPED: "Nothing for a single jump. If it recurs, check odometry or tracking.",
+        Code.HEADING_JUMPED: "Nothing for a single jump. If it recurs, check odometry or tracking.",
+        Code.POSITION_TOO_FAR: "Check what publishes the position: its unit must be metres.",
+        Code.HEADING_CONTRADICTED: "Check how the marker or sensor is mounted on the robot.",
+        Code.POSITION_GAP: "Nothing for a single gap. If it recurs, check the rate of the position.",
+        Code.NO_SCAN: f"{WAIT} check the scanner's driver.",
+        Code.SCAN_SILENT: "Check the scanner and its driver.",
+        Code.SCAN_LATE: f"{CLOCKS} Check the load of the scanner's driver.",
+        Code.SCAN_EARLY: CLOCKS,
+        Code.SCAN_BLIND: "Use a scanner that sees closer, or correct its driver: `range_min` is too large.",
+        Code.SCAN_UNPLACED: "Check the speeds that the odometry reports.",
+        Code.MOTION_FROZEN: SENSORS,
+        Code.MOTION_TURN: SENSORS,
+        Code.MOTION_SPEEDS: "Check the speeds that the odometry reports.",
+        Code.MOTION_CARRIED: HAND,
+        Code.MOTION_TURNED: HAND,
+        Code.OTHER_MISSION: MISSIONS,
+        Code.UNKNOWN_MISSION: MISSIONS,
+        Code.UNANSWERED: "Check the network between the robots, and the clocks (chrony).",
+        Code.NO_NEIGHBOUR: "Check the neighbours that it names; give the robot `fallback_neighbours`.",
+        Code.ROUTE_UNKNOWN: "Order a speed or a route.",
+        Code.STOPPED_AT_BOUNDS: "Order a speed or a route that leads back inside.",
+        Code.WAITS: "Check the robots that it names; `patience` in `[cohesion]` limits the wait.",
+        Code.ROUTE_ENDED: "Nothing, or order a speed or a route.",
+        Code.OTHER_LEADS: "Nothing.",
+        Code.NO_LEADER: "Wait for one takeover. If it stays, check that over half of the followers run.",
+        Code.TERM_AHEAD: "Set the clock of the leader's machine (`chronyc tracking`).",
+        Code.TERM_EARLIER: "Nothing; a later leader is in force, or has been. If it stays, check the clocks.",
+    }
+)
+"""What to do, for people."""

@@ -1,0 +1,93 @@
+"""Simulated range scanners on the wire, in a world with posts and walls."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import pytest
+
+from formation.agent.simulated.simulated import World
+from formation.mission.file import load, parse, read
+from formation.mission.model import Mission
+from formation.ros2.messages import LaserScan, Twist, decode, encode
+from formation.wire import Now, Sample
+
+EPOCH = 1.7e9
+EXACT = "[simulated_scanner]\nnoise = 0.0\nrelative_noise = 0.0\n"
+
+
+def mission(text: str, scan: str = "rate = 5") -> Mission:
+    """Six robots with scanners, and what else `text` says."""
+    whole, name = read("six_robots")
+    whole = whole.replace("[robot]", f'[robot]\nscanner = "optional"\nscan = {{ {scan} }}')
+    return parse(f"{whole}\n{text}", name)
+
+
+def scans(world: World, robot: str, until: float = 0.4, reported: Sample | None = None) -> list[LaserScan]:
+    found = []
+    for tick in range(round(until / 0.01) + 1):
+        now = Now(0.01 * tick, EPOCH + 0.01 * tick)
+        outbox = world.step(now, [reported] if reported and not tick else [])
+        found += [decode(LaserScan, out.payload) for out in outbox if out.key == f"{robot}/scan"]
+    return found
+
+
+def beam(scan: LaserScan, toward: complex) -> float:
+    """What a scan says of a direction [scanner's frame]."""
+    angle = math.atan2(toward.imag, toward.real)
+    return scan.ranges[round(angle / scan.angle_increment) % len(scan.ranges)]
+
+
+def test_each_robot_with_a_scanner_says_its_scans_at_its_rate() -> None:
+    world = World(mission(""))
+    keys = [out.key for i in range(1000) for out in world.step(Now(0.002 * i, EPOCH + 0.002 * i), [])]
+    assert set(keys) == {key for _, key in world.publications}
+    assert {keys.count(f"{name}/scan") for name in world.robots} == {10}
+
+
+def test_without_scanners_nothing_is_scanned() -> None:
+    world = World(load("six_robots"))
+    assert not [key for _, key in world.publications if key.endswith("scan")]
+
+
+def test_it_sees_posts_walls_and_other_robots_where_they_are() -> None:
+    there = EXACT + "[[simulation.posts]]\nx = -1.5\ny = 3.0\nradius = 0.1\n"
+    there += "[[simulation.walls]]\nbegin = [-4.0, 2.5]\nend = [-1.6, 2.5]"
+    world = World(mission(there))
+    scan = scans(world, "robot2")[0]  # at -1.5 + 2j, facing +y
+    assert beam(scan, 1 + 0j) == pytest.approx(0.9, abs=1e-6)
+    assert beam(scan, 1 + 1j) == pytest.approx(0.5 * math.sqrt(2.0), rel=1e-6)
+    other = (-3.0 + 1.5j - (-1.5 + 2j)) / 1j
+    assert beam(scan, other) == pytest.approx(abs(other) - 0.1, abs=0.01)
+    assert beam(scan, -1j) == 0.0  # nothing there
+
+
+def test_the_scanner_sees_from_where_it_is_mounted() -> None:
+    post = EXACT + "[[simulation.posts]]\nx = -1.5\ny = 3.0\nradius = 0.1\n"
+    scan = scans(World(mission(post, "x = -0.1, yaw_deg = 90")), "robot2")[0]
+    assert beam(scan, -1j) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_robot_that_moves_sees_things_come_nearer() -> None:
+    post = EXACT + "[[simulation.posts]]\nx = -1.5\ny = 4.0\nradius = 0.1\n"
+    ahead = Sample("robot2/cmd_vel", encode(Twist(0.5, 0.0)), None, 0.0)
+    seen = scans(World(mission(post)), "robot2", 1.0, ahead)
+    steps = [beam(one, 1 + 0j) - beam(two, 1 + 0j) for one, two in pairwise(seen)]
+    assert steps == pytest.approx([0.1] * len(steps), abs=1e-6)
+
+
+def test_noise_and_losses_are_a_robots_own_and_the_seeds() -> None:
+    noisy = mission("[simulated_scanner]\nlost = 0.1\n")
+    first, again, other = (scans(World(noisy, seed=seed), "robot2")[0] for seed in (1, 1, 2))
+    assert first == again
+    assert first != other
+
+
+def test_a_scanner_changes_nothing_of_a_robots_odometry() -> None:
+    def odometry(what: Mission) -> list[bytes]:
+        world = World(what)
+        result = [out for i in range(50) for out in world.step(Now(0.05 * i, EPOCH + 0.05 * i), [])]
+        return [out.payload for out in result if out.key.endswith("odom")]
+
+    assert odometry(mission("")) == odometry(load("six_robots"))

@@ -1,0 +1,233 @@
+from __future__ import annotations
+
+import cmath
+import random
+from collections.abc import Iterable
+from typing import Any
+
+import pytest
+
+from formation.agent.simulated.simulated import World
+from formation.control.unicycle import control_point
+from formation.mission.file import load, parse, read
+from formation.mission.model import Mission
+from formation.ros2.messages import Displacement, Odometry, Pose, Twist, TwistStamped, decode, encode
+from formation.wire import Now, Outgoing, Sample
+
+EPOCH = 1.7e9
+
+
+def at(mono: float) -> Now:
+    return Now(mono, EPOCH + mono)
+
+
+def twist(robot: str, arrived: float, speed: float, turn_rate: float = 0.0) -> Sample:
+    return Sample(f"{robot}/cmd_vel", encode(Twist(speed, turn_rate)), None, arrived)
+
+
+def leader_at(stamp: float, where: complex) -> Sample:
+    return Sample("robot1/position", encode(Pose(EPOCH + stamp, where, 1 + 0j)), None, stamp)
+
+
+def last(outbox: Iterable[Outgoing], key: str, kind: Any) -> Any:
+    return decode(kind, [out.payload for out in outbox if out.key == key][-1])
+
+
+def run(world: World, until: float, step: float = 0.05, inbox: Iterable[Sample] = ()) -> list[Outgoing]:
+    """All that the world says from 0 to `until`; commands come with the first step after they arrive."""
+    waiting, outbox = sorted(inbox, key=lambda sample: sample.arrived), []
+    for i in range(round(until / step) + 1):
+        due = [sample for sample in waiting if sample.arrived <= i * step]
+        waiting = waiting[len(due) :]
+        outbox += world.step(at(i * step), due)
+    return outbox
+
+
+@pytest.fixture
+def local() -> Mission:
+    text, name = read("six_robots")
+    return parse(text.replace("rate = 20 ", 'rate = 20\nmeasurement = "local" '), name)
+
+
+def test_robots_publish_odometry_and_ground_truth_at_rate() -> None:
+    world = World(load("six_robots"))
+    keys = [out.key for out in run(world, 9.999, step=0.001)]
+    assert set(keys) == {key for _, key in world.publications}
+    assert {keys.count(key) for key in set(keys)} == {200}
+    assert len(keys) == 200 * 2 * 5
+
+
+def test_robots_do_not_speak_all_at_once() -> None:
+    world = World(load("six_robots"))
+    result = [{out.key.split("/")[0] for out in world.step(at(i * 0.01), [])} for i in range(10)]
+    assert [len(robots) for robots in result] == [1] * 10
+
+
+def test_robots_start_where_the_mission_says_and_at_rest() -> None:
+    mission = load("six_robots")
+    outbox = run(World(mission), 1.0)
+    for name in mission.followers:
+        odometry = last(outbox, f"{name}/odom", Odometry)
+        start = mission.robots[name].start
+        assert (odometry.position, odometry.speed, odometry.turn_rate) == (start.position, 0.0, 0.0)
+        assert odometry.heading == pytest.approx(start.heading)
+
+
+def test_command_takes_effect_on_arrival_for_any_step() -> None:
+    mission, ends = load("six_robots"), []
+    commands = [twist("robot2", 0.513, 0.4), twist("robot2", 1.377, 0.2, 1.0), twist("robot2", 2.001, 0.0)]
+    for step in (0.001, 0.05, 0.4):
+        world = World(mission)
+        run(world, 4.0, step, commands)
+        ends.append((world.plant("robot2").position, world.plant("robot2").heading))
+    for position, heading in ends[1:]:
+        assert position == pytest.approx(ends[0][0], abs=1e-9)
+        assert heading == pytest.approx(ends[0][1], abs=1e-9)
+    start = mission.robots["robot2"].start
+    assert abs(ends[0][0] - start.position) == pytest.approx(
+        abs(0.4 * 0.864 * 1j + 0.2 * (cmath.exp(0.624j) - 1)), abs=1e-6
+    )
+
+
+def test_last_command_stays_in_force_without_messages() -> None:
+    world = World(load("six_robots"), ["robot2"])
+    run(world, 0.0, inbox=[twist("robot2", 0.0, 0.1)])
+    world.step(at(3600.0), [])
+    assert abs(world.plant("robot2").position - (-1.5 + 2.0j)) == pytest.approx(360.0)
+
+
+def test_odometry_and_truth_carry_the_time_of_the_motion_they_tell() -> None:
+    world = World(load("six_robots"), ["robot2"])
+    run(world, 1.0, inbox=[twist("robot2", 0.0, 0.1)])
+    outbox = world.step(at(1.237), [])
+    odometry, truth = last(outbox, "robot2/odom", Odometry), last(outbox, "robot2/ground_truth", Pose)
+    assert odometry.stamp == truth.stamp == pytest.approx(EPOCH + 1.237, abs=1e-6)
+    assert truth.position == pytest.approx(-1.5 + 2.0j + 0.1237j)
+    assert odometry.speed == 0.1
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"",
+        b"\x00\x01\x00\x00",
+        encode(Twist(1.0, 1.0))[:-9],
+        encode(TwistStamped(EPOCH, 1.0, 1.0)),
+        encode(Twist(1.0, 1.0)).replace(b"\xf0\x3f", b"\xf8\x7f"),  # NaN for 1.0
+        encode(Twist(1.0, 1.0)).replace(b"\xf0\x3f", b"\xf0\x7f"),  # infinity for 1.0
+    ],
+)
+def test_what_is_no_command_is_not_obeyed_but_counted(payload: bytes) -> None:
+    world = World(load("six_robots"))
+    run(world, 1.0, inbox=[twist("robot2", 0.5, 0.1), Sample("robot2/cmd_vel", payload, None, 0.6)])
+    assert world.plant("robot2").command == (0.1, 0.0)
+    assert world.dropped == {"robot2/cmd_vel": 1}
+
+
+def test_a_robot_that_takes_stamped_twists_obeys_no_others() -> None:
+    world = World(load("turtlebot3_pair"))
+    stamped = Sample("robot2/cmd_vel", encode(TwistStamped(EPOCH, 0.1, 0.0)), None, 0.0)
+    run(world, 0.1, inbox=[twist("robot1", 0.0, 0.1), stamped])
+    assert world.plant("robot1").command == (0.0, 0.0)
+    assert world.plant("robot2").command == (0.1, 0.0)
+    assert world.dropped == {"robot1/cmd_vel": 1}
+
+
+def test_mutilated_commands_never_move_a_robot_faster_than_it_can() -> None:
+    world, chance = World(load("turtlebot3_pair"), ["robot1"]), random.Random(1)
+    whole = encode(TwistStamped(EPOCH, 0.1, 0.5))
+    for i in range(2_000):
+        broken = bytearray(whole)
+        for _ in range(chance.randint(1, 4)):
+            broken[chance.randrange(len(broken))] = chance.randrange(256)
+        payload = bytes(broken[: chance.randint(0, len(broken))]) if chance.random() < 0.3 else bytes(broken)
+        world.step(at(i * 0.01), [Sample("robot1/cmd_vel", payload, None, i * 0.01)])
+        plant = world.plant("robot1")
+        assert abs(plant.command.speed) <= 0.2108
+        assert abs(plant.command.turn_rate) <= 2.635
+    assert cmath.isfinite(world.plant("robot1").position)
+    assert 0 < world.dropped["robot1/cmd_vel"] < 2_000
+
+
+def test_noise_is_independent_of_other_hosted_robots() -> None:
+    mission = load("turtlebot3_pair")
+    both, alone = run(World(mission, seed=5), 2.0), run(World(mission, ["robot2"], seed=5), 2.0)
+    apart = run(World(mission, ["robot2"], seed=6), 2.0)
+
+    def path(outbox: list[Outgoing]) -> list[complex]:
+        return [decode(Odometry, out.payload).position for out in outbox if out.key == "robot2/odom"]
+
+    assert path(both)[:30] == path(alone)[:30]
+    assert path(alone) != path(apart)
+
+
+def test_local_sensor_measures_displacement_in_its_own_frame(local: Mission) -> None:
+    world = World(local)
+    commands = [twist("robot2", 0.0, 0.3, 0.5), twist("robot3", 0.0, 0.2, -0.7)]
+    run(world, 3.0, 0.01, commands)
+    outbox = [out for i in range(6) for out in world.step(at(3.01 + i * 0.01), [])]
+    result = last(outbox, "robot3/relative/robot2", Displacement)
+    truth = last(outbox, "robot3/ground_truth", Pose)
+    assert result.stamp == truth.stamp
+    other = World(local)
+    run(other, result.stamp - EPOCH, 0.01, commands)
+    other.step(at(result.stamp - EPOCH), [])
+    points = {}
+    for name in ("robot2", "robot3"):
+        other._hosted[name].go_to(result.stamp - EPOCH)
+        points[name] = control_point(other.plant(name).position, other.plant(name).heading, 0.2)
+    expected = (points["robot2"] - points["robot3"]) * truth.heading.conjugate()
+    assert result.displacement == pytest.approx(expected, abs=1e-6)
+
+
+def test_sensor_message_precedes_odometry(local: Mission) -> None:
+    world = World(local, ["robot2", "robot3"])
+    keys = [out.key for out in run(world, 0.0, inbox=[leader_at(0.0, 0j)])]
+    keys += [out.key for out in world.step(at(0.025), [])]
+    assert keys == [
+        "robot2/relative/robot1", "robot2/odom", "robot2/ground_truth",
+        "robot3/relative/robot1", "robot3/relative/robot2", "robot3/odom", "robot3/ground_truth",
+    ]  # fmt: skip
+
+
+def test_sensor_extrapolates_position_of_virtual_leader(local: Mission) -> None:
+    world = World(local, ["robot2"])
+    positions = [leader_at(i * 0.05, 0.2 * i * 0.05 + 0j) for i in range(40)]  # the last at 1.95 s
+    run(world, 1.99, 0.01, positions)
+    outbox = world.step(at(2.0), [])
+    result = last(outbox, "robot2/relative/robot1", Displacement)
+    truth = last(outbox, "robot2/ground_truth", Pose)
+    mine = control_point(truth.position, truth.heading, 0.2)
+    assert result.displacement * truth.heading == pytest.approx(0.4 - mine, abs=1e-6)
+
+
+def test_a_leader_that_falls_silent_is_out_of_sight(local: Mission) -> None:
+    world = World(local, ["robot2"])
+    assert not [out for out in run(world, 1.0) if "relative" in out.key]
+    world.step(at(1.0), [leader_at(1.0, 0j)])
+    assert [out for out in world.step(at(1.1), []) if "relative" in out.key]
+    assert not [out for out in world.step(at(1.6), []) if "relative" in out.key]
+
+
+def test_a_leaders_position_from_another_time_is_not_believed(local: Mission) -> None:
+    world = World(local, ["robot2"])
+    world.step(at(1.0), [leader_at(1.0, 0j)])
+    world.step(at(1.1), [leader_at(9e5, 5 + 0j), leader_at(1.0, 5 + 0j), leader_at(0.2, 5 + 0j)])
+    assert world.dropped == {"robot1/position": 3}
+    assert abs(last(world.step(at(1.2), []), "robot2/relative/robot1", Displacement).displacement) < 3.0
+
+
+def test_a_world_that_needs_no_leader_does_not_listen_to_one(local: Mission) -> None:
+    assert "robot1/position" not in World(load("six_robots")).subscriptions
+    assert "robot1/position" in World(local).subscriptions
+
+
+def test_a_sensor_cannot_see_a_robot_of_another_process(local: Mission) -> None:
+    with pytest.raises(ValueError, match="'robot3' measures 'robot2' with a sensor"):
+        World(local, ["robot3", "robot4"])
+
+
+def test_only_followers_can_be_simulated() -> None:
+    for name in ("robot1", "robot9"):
+        with pytest.raises(ValueError, match=f"'{name}': must be a follower of six-robots: robot2, robot3"):
+            World(load("six_robots"), [name])

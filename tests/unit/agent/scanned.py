@@ -1,0 +1,121 @@
+"""A robot with a range scanner among posts and walls, driven by what its agent makes of the scans."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Collection, Sequence
+
+from formation.agent.safety.scanner import Scanner
+from formation.control.pipeline import protected
+from formation.control.unicycle import Command, advance, driven
+from formation.mission.file import parse, read
+from formation.mission.model import Mission
+from formation.ros2.messages import LaserScan, decode, encode
+from formation.sensing.raycast import Scanner as Device
+from formation.sensing.raycast import cast, measured
+from formation.wire import Now
+
+EPOCH, STEP = 1.7e9, 0.01
+LAG, RADIUS, MARGIN = 0.1, 0.1, 0.05
+Wall = tuple[complex, complex]
+Disc = tuple[complex, float]
+
+
+def mission(scanner: str = "required", scan: str = "", lag: float = LAG) -> Mission:
+    text, name = read("six_robots")
+    robot = f'[robot]\nscanner = "{scanner}"\nscan = {{ margin = {MARGIN}, lag = {lag}{scan} }}'
+    return parse(text.replace("[robot]", robot), name)
+
+
+def at(mono: float) -> Now:
+    return Now(mono, EPOCH + mono)
+
+
+def scan(
+    stamp: float, ranges: Sequence[float], time_increment: float = 0.0, device: Device | None = None
+) -> LaserScan:
+    step, sees = math.tau / len(ranges), device or Device()
+    return LaserScan(EPOCH + stamp, 0.0, step, sees.range_min, sees.range_max, tuple(ranges), time_increment)
+
+
+def post(distance: float) -> list[float]:
+    """A scan with one thing straight ahead."""
+    return [distance, *[math.inf] * 359]
+
+
+class Robot:
+    """A disc with a scanner and an agent's view of it, among posts and walls.
+
+    It does as told as long as there is a scan, doubted or not, as a robot whose scanner is optional.
+    """
+
+    def __init__(
+        self,
+        discs: Sequence[Disc] = (),
+        walls: Sequence[Wall] = (),
+        way: float = 0.0,
+        rate: float = 5.0,
+        missing: Collection[int] = (),
+        too_near: float = 0.0,
+        behind: float = 0.0,
+        odometry: bool = True,
+        lag: float = LAG,
+        **device: float,
+    ) -> None:
+        """Scans come at `rate` [Hz], but for those whose numbers are `missing`, `way` [s] late.
+
+        Of what is nearer than it can measure the scanner says `too_near`. It sits `behind` the centre [m].
+        Without `odometry` nobody says how it moves. Its wheels `lag`, and the mission says so.
+        """
+        self.scanner = Scanner(mission(scan=f", rate = {rate}, x = {-behind}", lag=lag), "robot2")
+        self.position, self.heading, self.moving, self.time = 0j, 1.0 + 0j, Command(0.0, 0.0), 0.0
+        self.discs, self.walls, self.way = discs, walls, way
+        self.device = Device(**device)  # type: ignore[arg-type]
+        self.rng = random.Random(3)
+        self.nearest = math.inf
+        self._every, self._missing, self._too_near = round(1.0 / rate / STEP), missing, too_near
+        self._behind, self._underway = behind, list[LaserScan]()
+        self._odometry, self._lag = odometry, lag
+
+    def drive(self, wanted: Command, seconds: float) -> None:
+        """Do as told, as far as the scans allow."""
+        command = Command(0.0, 0.0)
+        for _ in range(round(seconds / STEP)):
+            tick = round(self.time / STEP)
+            if tick % self._every == 0 and tick // self._every not in self._missing:
+                self._underway.append(self.look())
+            while self._underway and self.time >= self._underway[0].stamp - EPOCH + self.way - 1e-9:
+                self.scanner.process_scan(self._underway.pop(0), self.time, at(self.time))
+            if tick % 5 == 0:
+                if self._odometry:
+                    self.scanner.moved(self.time, self.moving)
+                now = at(self.time)
+                sight = self.scanner.sight(self.scanner.strangers(now, []), now)
+                command = protected(wanted, sight)[0] if self.scanner.fresh(now) else command
+                if not self._odometry:
+                    self.scanner.commanded(self.time, command)
+            mean, self.moving = driven(self.moving, command, self._lag, STEP)
+            self.position, self.heading = advance(self.position, self.heading, *mean, STEP)
+            self.time += STEP
+            self.nearest = min(self.nearest, *self.gaps())
+
+    def gaps(self) -> list[float]:
+        """How far body and things are apart."""
+        gaps = [abs(centre - self.position) - radius - RADIUS for centre, radius in self.discs]
+        for begin, end in self.walls:
+            along = (self.position - begin) / (end - begin)
+            foot = begin + min(max(along.real, 0.0), 1.0) * (end - begin)
+            gaps.append(abs(foot - self.position) - RADIUS)
+        return gaps
+
+    def look(self) -> LaserScan:
+        sits = self.position - self._behind * self.heading
+        true = cast(sits, self.heading, self.discs, self.walls, 360)
+        normal = [self.rng.gauss(0.0, 1.0) for _ in true]
+        uniform = [self.rng.random() for _ in true]
+        says = [
+            self._too_near if there < self.device.range_min else result
+            for there, result in zip(true, measured(true, self.device, normal, uniform), strict=True)
+        ]
+        return decode(LaserScan, encode(scan(self.time, says, device=self.device)))

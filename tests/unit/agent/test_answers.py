@@ -1,0 +1,128 @@
+"""Late messages are told from wrong clocks by what other robots have heard."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from formation.agent.following.answers import MAX_ANSWER_DELAYS, Answers
+from formation.agent.following.neighbours import Neighbour, answers
+from formation.control.tracker import MAX_DELAY
+from formation.mission.file import load
+from formation.protocol.order import ReceivedPosition
+from formation.protocol.reasons import Code
+from formation.protocol.status import AgentState
+from formation.ros2.messages import Pose
+from formation.wire import Now
+from tests.campaigns.safety.crossing import elsewhere
+from tests.support.fleet import Fleet
+from tests.support.missions import with_robots
+from tests.unit.agent.test_avoiding import room
+from tests.unit.agent.test_clocks import set_clock
+
+SIX = load("six_robots")
+BOUND = MAX_ANSWER_DELAYS * MAX_DELAY
+"""A message that answers is younger than this [s]."""
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("late", [0.8, 1.2, 2.0, 3.0])
+def test_robots_with_late_neighbours_hold_without_touching(late: float, seed: int) -> None:
+    mission = elsewhere(SIX, np.random.default_rng(seed))
+    fleet = Fleet(mission, seed=seed, delay=(late, late + 0.001))
+    assert room(fleet, 12.0) > 0.0
+    for agent in fleet.agents.values():
+        assert agent.decision.state is AgentState.HOLD
+        assert agent.decision.reason.code is Code.UNANSWERED
+
+
+def test_a_neighbour_with_a_wrong_clock_is_followed_once_it_answers() -> None:
+    fleet = Fleet(SIX)
+    set_clock(fleet, "robot3", -3600.0)
+    fleet.run(1.5)
+    assert all(agent.decision.state is AgentState.RUN for agent in fleet.agents.values())
+
+
+def test_robots_hold_beside_one_with_a_wrong_clock_that_hears_nothing() -> None:
+    fleet = Fleet(SIX)
+    set_clock(fleet, "robot3", -3600.0)
+    fleet.cuts |= {(name, "robot3") for name in SIX.followers}
+    fleet.run(5.0)
+    for name in set(SIX.followers) - {"robot3"}:
+        decision = fleet.agents[name].decision
+        assert decision.state is AgentState.HOLD
+        assert "robot3 by +3600.0 s" in str(decision.reason)
+
+
+def received(answerer: str, rate: float = 20.0) -> tuple[Answers, Neighbour]:
+    other = Neighbour(SIX, answerer, rate, answers=True)
+    return Answers(SIX, "robot2", [other]), other
+
+
+@pytest.mark.parametrize(
+    ("age", "robot", "stamp", "young"),
+    [
+        (0.1, "robot2", 100.0, True),
+        (BOUND - 0.01, "robot2", 100.0, True),
+        (BOUND + 0.01, "robot2", 100.0, False),
+        (0.1, "robot4", 100.0, False),
+        (0.1, "robot2", 99.9, False),
+    ],
+)
+def test_only_a_recent_position_of_this_robot_answers(
+    age: float, robot: str, stamp: float, young: bool
+) -> None:
+    mine, _ = received("robot3")
+    mine.say(100.0, 5.0)
+    assert mine.answered("robot3", ReceivedPosition(robot=robot, stamp=stamp), 5.0 + age) is young
+
+
+def test_a_robot_that_is_not_asked_answers_nothing() -> None:
+    mine, _ = received("robot3")
+    mine.say(100.0, 5.0)
+    assert not mine.answered("robot6", ReceivedPosition(robot="robot2", stamp=100.0), 5.1)
+
+
+def test_each_robot_that_was_heard_is_named_in_turn() -> None:
+    each = [Neighbour(SIX, name, 20.0, answers=True) for name in ("robot3", "robot4", "robot5")]
+    mine = Answers(SIX, "robot2", each)
+    assert mine.say(1.0, 1.0) is None
+    for one in each[:2]:
+        one.take_position(Pose(100.0, 0j, 1 + 0j), 1.0, Now(1.0, 100.0))
+    named = {mine.say(float(k), float(k)) for k in range(2, 6)}
+    assert named == {
+        ReceivedPosition(robot="robot3", stamp=100.0),
+        ReceivedPosition(robot="robot4", stamp=100.0),
+    }
+
+
+def test_an_answer_counts_until_messages_pause() -> None:
+    _, other = received("robot3")
+    other.take_position(Pose(10.0, 0j, 1 + 0j), 1.0, Now(1.0, 100.0), answered=True)
+    other.take_position(Pose(10.05, 0j, 1 + 0j), 1.05, Now(1.05, 100.05))
+    assert other.unanswered(Now(1.05, 100.05)) is None
+    other.take_position(Pose(20.0, 0j, 1 + 0j), 11.0, Now(11.0, 110.0))
+    assert other.unanswered(Now(11.0, 110.0)) == pytest.approx((90.0, MAX_DELAY))
+    other.take_position(Pose(20.05, 0j, 1 + 0j), 11.05, Now(11.05, 110.05), answered=True)
+    assert other.unanswered(Now(11.05, 110.05)) is None
+
+
+@pytest.mark.parametrize("ahead", [-0.4, -0.001, 0.0, 0.001, 0.4])
+def test_clocks_that_differ_by_little_need_no_answer(ahead: float) -> None:
+    _, other = received("robot3")
+    other.take_position(Pose(100.0 + ahead, 0j, 1 + 0j), 1.0, Now(1.0, 100.0))
+    assert other.unanswered(Now(1.0, 100.0)) is None
+
+
+def test_what_is_kept_of_own_messages_is_bounded() -> None:
+    mine, _ = received("robot3")
+    for k in range(10_000):
+        mine.say(float(k), 0.05 * k)
+    assert len(mine.state.sent) <= 20.0 * BOUND + 2
+
+
+def test_sensing_robot_answers_no_measured_robot() -> None:
+    local = with_robots("six_robots", measurement="local")
+    followed = [(name, other) for name in local.followers for other in local.robots[name].neighbours]
+    assert followed
+    assert not any(answers(local, name, other) for name, other in followed)

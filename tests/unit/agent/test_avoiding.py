@@ -1,0 +1,154 @@
+"""Robots avoid each other: production cores, a fake clock, a network in memory."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pytest
+
+from formation.agent.core import Agent
+from formation.control.unicycle import AT_REST
+from formation.mission.file import load
+from formation.mission.legs import Straight
+from formation.mission.model import Mission
+from formation.protocol.status import CollisionMode
+from formation.topics import POSITION
+from tests.support.fleet import Fleet
+from tests.support.missions import team
+from tests.unit.formation import scenarios
+
+SIX = load("six_robots")
+CROSSING = scenarios.exchanged(SIX)
+"""In which everybody has to pass somebody, and avoids all."""
+FILE = scenarios.build(np.array([0, -1, -2, -3 + 0j]), ((), (0,), (1,), (2,)), robot={"ramp": 0.25})
+"""One behind the other."""
+PATROL = load("patrol").model_copy(update={"cohesion": None})
+
+
+def changed(mission: Mission, **robots: Any) -> Mission:
+    """The same with other robots."""
+    changed = {name: one.model_copy(update=robots) for name, one in mission.robots.items()}
+    return mission.model_copy(update={"robots": changed})
+
+
+LONERS = changed(SIX, avoid=())
+"""Robots that avoid only those that they measure."""
+
+
+def room(fleet: Fleet, seconds: float) -> float:
+    """How near two bodies come to each other [m]."""
+    least = float("inf")
+    for _ in range(round(seconds / 0.05)):
+        fleet.run(0.05)
+        fleet.points()  # has all be where they are by now
+        robots = fleet.world._hosted
+        for one, other in combinations(fleet.mission.followers, 2):
+            radii = fleet.mission.robots[one].radius + fleet.mission.robots[other].radius
+            away = abs(robots[one].plant.position - robots[other].plant.position)
+            least = min(least, away - radii)
+    return least
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "fleet",
+    [
+        lambda: Fleet(CROSSING),
+        lambda: Fleet(CROSSING, loss=0.2, seed=1),
+        lambda: Fleet(CROSSING, delay=(0.05, 0.15), seed=2),
+    ],
+    ids=["good air", "lossy air", "late air"],
+)
+def test_robots_starting_in_exchanged_slots_form_without_contact(fleet: Any) -> None:
+    team = fleet()
+    assert room(team, 30.0) > 0.0
+    assert team.error() < SIX.settled
+
+
+def test_to_slow_down_for_a_body_waits_for_no_ramp() -> None:
+    assert room(Fleet(changed(CROSSING, ramp=1.0)), 10.0) > 0.0
+
+
+def test_without_the_filter_they_would_touch() -> None:
+    assert room(Fleet(scenarios.exchanged(SIX, mode="off")), 10.0) < 0.0
+
+
+def test_warn_mode_reports_avoiding_without_changing_commands() -> None:
+    warns, off = (Fleet(scenarios.exchanged(FILE, avoid=(), mode=mode)) for mode in ("warn", "off"))
+    avoiding = set()
+    for _ in range(20):
+        warns.run(0.25)
+        off.run(0.25)
+        statuses = [warns.status(name) for name in FILE.followers]
+        assert {one.collisions for one in statuses} == {CollisionMode.WARN, None}
+        avoiding |= {one.avoiding for one in statuses}
+    assert warns.commands == off.commands
+    assert avoiding == {False, True}
+    assert off.status("robot3").collisions is None
+
+
+def test_avoiding_robot_subscribes_only_to_positions_in_addition() -> None:
+    alone, avoiding = (set(Agent(one, "robot2").subscriptions) for one in (LONERS, CROSSING))
+    others = {POSITION.key(name) for name in SIX.followers if name != "robot2"}
+    assert avoiding - alone == others
+    assert set(Agent(CROSSING, "robot2", "paper").subscriptions) == alone
+
+
+def test_status_lists_avoided_and_unheard_robots() -> None:
+    fleet = Fleet(scenarios.exchanged(FILE))
+    fleet.kill("robot4")
+    fleet.run(8.0)
+    result = fleet.status("robot3")
+    assert result.avoids == ("robot2", "robot4")
+    assert result.avoids_never_received == ("robot4",)
+    assert result.avoided > 0
+    assert result.deadlocks >= 0
+    assert result.collisions is CollisionMode.ON
+
+
+def test_robot_that_measures_only_the_leader_avoids_none() -> None:
+    fleet = Fleet(LONERS)
+    fleet.run(2.0)
+    assert fleet.status("robot2").collisions is None
+
+
+@pytest.mark.slow
+def test_a_robot_that_died_in_front_is_driven_round() -> None:
+    fleet = Fleet(PATROL)
+    fleet.run(9.0)
+    fleet.kill("robot1")
+    fleet.world._hosted["robot1"].plant.obey(AT_REST)
+    assert room(fleet, 13.0) > 0.0
+    leader, *points = fleet.points()
+    slot = fleet.leader.placed_shape.slots(fleet.mission)[2]
+    assert abs(points[1] - leader - slot) < 0.02
+
+
+@pytest.mark.parametrize("measurement", ["network", "local"])
+@pytest.mark.parametrize(
+    ("speed", "top", "rate", "coasts"),
+    [(0.2, 0.8, 20.0, 0.0), (0.6, 0.8, 20.0, 0.0), (0.6, 0.8, 20.0, 0.15), (0.28, 0.3, 5.0, 0.0)],
+)
+def test_dead_robot_ahead_is_never_hit(
+    speed: float, top: float, rate: float, coasts: float, measurement: str
+) -> None:
+    mission = team(
+        {"robot1": ("leader",), "robot2": ("leader",)},
+        avoid="all",
+        max_speed=top,
+        rate=rate,
+        measurement=measurement,
+    )
+    row = {"robot1": (-0.8, 0.0), "robot2": (-1.5, 0.0)}
+    fleet = Fleet(
+        mission.model_copy(
+            update={"shapes": {"row": row}, "route": (Straight(speed=speed, heading_deg=0.0),)}
+        )
+    )
+    fleet.run(8.0)
+    fleet.kill("robot1")
+    fleet.run(coasts)
+    fleet.plant("robot1").obey(AT_REST)
+    assert room(fleet, 8.0) > 0.0

@@ -1,0 +1,181 @@
+"""Whatever comes over the wire, an agent neither falls over nor moves because of it."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from formation.agent.core import Agent
+from formation.control.unicycle import advance
+from formation.mission.file import load
+from formation.protocol import order
+from formation.protocol.order import OperatorReply, Order, PositionAttachment
+from formation.protocol.status import AgentState
+from formation.ros2.messages import Diagnostics, Odometry, Pose, Twist, decode, encode
+from formation.topics import CMD_VEL, ODOM, POSITION, STATUS
+from formation.wire import Now, Outgoing, Sample
+from tests.support.mutations import mutated
+from tests.unit.formation.scenarios import build
+
+SIX = load("six_robots")
+EPOCH = 1.7e9
+PERIOD = 0.05
+ME, NEIGHBOURS = "robot3", ("robot1", "robot2")
+
+
+def moment(step: int) -> Now:
+    return Now(step * PERIOD, EPOCH + step * PERIOD)
+
+
+def inbox(step: int, me: Odometry | None = None) -> list[Sample]:
+    """What a healthy team would send in one period."""
+    mono, wall = moment(step)
+    result = Order(term=1, beat=step, mode="run", shape="hexagon")
+    relayed = order.encode(PositionAttachment(publisher_id="v", count=step, order=result, mission=SIX.tag))
+    way = 0.2 * mono
+    samples = [
+        Sample(POSITION.key(name), encode(Pose(wall, way + index * 1j, 1 + 0j)), relayed, mono)
+        for index, name in enumerate(NEIGHBOURS)
+    ]
+    me = me or Odometry(wall, way - 2, 1 + 0j, 0.2, 0.0)
+    return [*samples, Sample(ODOM.key(ME), encode(me), None, mono)]
+
+
+def commands(outbox: list[Outgoing]) -> list[Twist]:
+    return [decode(Twist, out.payload) for out in outbox if out.key == CMD_VEL.key(ME)]
+
+
+def hostile(step: int, count: int, dice: random.Random) -> Iterator[Sample]:
+    """Mutations of the real messages, on every key the agent listens to and some that it does not."""
+    honest = inbox(step)
+    payloads = [sample.payload for sample in honest]
+    attachments = [sample.attachment for sample in honest if sample.attachment]
+    for _ in range(count):
+        like = dice.choice(honest)
+        key = dice.choice([like.key, like.key, dice.choice(honest).key, "robot9/position", "", "a/b/c"])
+        attachment = like.attachment if dice.random() < 0.5 else mutated(dice, attachments)
+        yield Sample(key, mutated(dice, payloads), attachment, like.arrived)
+
+
+def is_harmless(sample: Sample) -> bool:
+    """Whether the mutation made something that is not a legal message for its key (most, but not all, do)."""
+    try:
+        if sample.key == ODOM.key(ME):
+            decode(Odometry, sample.payload)
+        else:
+            decode(Pose, sample.payload)
+    except ValueError:
+        return True
+    return sample.key not in {ODOM.key(ME), *(POSITION.key(name) for name in NEIGHBOURS)}
+
+
+def test_twenty_thousand_mutated_messages_crash_nothing_and_change_no_command() -> None:
+    dice = random.Random(20)
+    spared, attacked = Agent(SIX, ME), Agent(SIX, ME)
+    sent, position, heading = 0, -2.0 + 0.0j, 1.0 + 0.0j
+    for step in range(500):
+        me = Odometry(moment(step)[1], position, heading, *spared.command)
+        clean = inbox(step, me)
+        dirty = [bad for bad in hostile(step, 60, dice) if is_harmless(bad)]
+        sent += len(dirty)
+        expected = commands(spared.step(moment(step), clean))
+        among_the_honest = [*dirty[:20], *clean[:2], *dirty[20:], clean[2]]
+        assert commands(attacked.step(moment(step), among_the_honest)) == expected
+        position, heading = advance(position, heading, *spared.command, 0.05)
+    assert sent >= 20_000
+    assert spared.decision.state is AgentState.RUN
+    assert sum(attacked.dropped.values()) >= sent
+
+
+def test_mutated_messages_neither_crash_nor_exceed_limits() -> None:
+    dice = random.Random(21)
+    agent, limits = Agent(SIX, ME), SIX.robots[ME]
+    for step in range(500):
+        out = agent.step(moment(step), [*hostile(step, 40, dice), *inbox(step)])
+        for command in commands(out):
+            assert abs(command.speed) <= limits.max_speed
+            assert abs(command.turn_rate) <= limits.max_turn_rate
+
+
+def test_every_dropped_message_is_counted_and_named_in_the_status() -> None:
+    agent = Agent(SIX, ME)
+    agent.step(moment(0), [Sample(POSITION.key("robot1"), b"\0\1\0\0cut", None, 0.0)])
+    agent.step(moment(1), [Sample("robot9/position", b"", None, 0.05)])
+    out = agent.step(moment(20), inbox(20))
+    (status,) = [o for o in out if o.key == STATUS.key(ME)]
+    assert agent.dropped == {POSITION.key("robot1"): 1, "elsewhere": 1}
+    assert b"dropped.robot1/position" in status.payload
+    assert b"geometry_msgs/msg/PoseStamped" in status.payload
+
+
+def test_status_stays_short_with_a_hundred_neighbours() -> None:
+    followers = 100
+    slots = np.linspace(0, -followers - 1, followers + 2, dtype=np.complex128)
+    mission = build(slots, [(), *[(0,)] * followers, range(followers + 1)])
+    name = mission.followers[-1]
+    agent = Agent(mission, name)
+    position = encode(Pose(EPOCH, 0j, 1 + 0j))
+    stranger = order.encode(PositionAttachment(publisher_id="v", count=1, mission=mission.tag))
+    stranger = stranger.replace(b"}", b', "' + b"x" * 900 + b'": 1}')
+    for other in mission.robots[name].neighbours:
+        agent.step(Now(0.0, EPOCH), [Sample(POSITION.key(other), position, stranger, 0.0)])
+    (status,) = [out for out in agent.step(Now(1.0, EPOCH + 1.0), []) if out.key == STATUS.key(name)]
+    values = decode(Diagnostics, status.payload).statuses[0].values
+    assert sum(key.startswith("dropped.") for key in values) == len(mission.robots[name].neighbours)
+
+
+@pytest.mark.parametrize(
+    "attachment",
+    [
+        b"",
+        b"{}",
+        b"\xff\xfe",
+        b"[" * 900,
+        b'{"publisher_id": "v", "count": -1}',
+        b'{"publisher_id": "v v", "count": 9}',
+        b'{"publisher_id": "v", "count": 9, "more": 1}',
+        b'{"publisher_id":"v", "count":9, "order":{"term":1, "beat":99, "mode":"fly", "shape":"hexagon"}}',
+        b'{"publisher_id":"v", "count":9, "order":{"term":1, "beat":-1, "mode":"run", "shape":"hexagon"}}',
+        b'{"publisher_id":"v", "count":9, "order":{"term":1, "beat":1e400, "mode":"run", "shape":"hexagon"}}',
+    ],
+)
+def test_position_without_publisher_id_is_dropped(attachment: bytes) -> None:
+    agent = Agent(SIX, ME)
+    for step in range(4):
+        agent.step(moment(step), inbox(step))
+    samples = [sample._replace(attachment=sample.attachment and attachment) for sample in inbox(4)]
+    agent.step(moment(4), samples)
+    assert agent.dropped == {POSITION.key(name): 1 for name in NEIGHBOURS}
+    assert agent._neighbours.each["robot1"].stream.state.arrived == moment(3).mono
+
+
+def test_unknown_shape_is_dropped_but_position_is_used() -> None:
+    agent = Agent(SIX, ME)
+    for step in range(4):
+        agent.step(moment(step), inbox(step))
+    unknown = Order(term=1, beat=4, mode="run", shape="banana")
+    banana = order.encode(PositionAttachment(publisher_id="v", count=4, order=unknown, mission=SIX.tag))
+    agent.step(moment(4), [sample._replace(attachment=sample.attachment and banana) for sample in inbox(4)])
+    assert agent.dropped == {POSITION.key(name): 1 for name in NEIGHBOURS}
+    assert agent.decision.state is AgentState.RUN
+    assert agent._neighbours.each["robot1"].stream.state.arrived == moment(4).mono
+
+
+@pytest.mark.parametrize("request_bytes", [b"", b"stop", b"{}", b'{"do": "explode"}', b"\xff" * 4000])
+def test_invalid_request_is_answered_with_reason(request_bytes: bytes) -> None:
+    agent = Agent(SIX, ME)
+    reply = order.decode(OperatorReply, agent.request(request_bytes, 0.5))
+    assert not reply.ok
+    assert reply.reason
+    assert commands(agent.step(moment(1), [])) == [Twist(0.0, 0.0)]
+    assert agent.decision.state is AgentState.WAITING
+
+
+def test_an_agent_needs_a_follower_and_a_law_that_exist() -> None:
+    with pytest.raises(ValueError, match="robot 'robot1': must be a follower"):
+        Agent(SIX, "robot1")
+    with pytest.raises(ValueError, match="law 'magic': must be one of field, paper"):
+        Agent(SIX, ME, "magic")

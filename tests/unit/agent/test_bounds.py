@@ -1,0 +1,212 @@
+"""Robots stay inside the mission's bounds, whatever they are told: production cores on a fake clock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+import pytest
+
+from formation.mission.file import load
+from formation.mission.legs import Straight
+from formation.mission.model import Bounds, Mission
+from formation.protocol import order
+from formation.protocol.order import OperatorRequest, Place, PositionAttachment
+from formation.protocol.status import AgentState
+from formation.ros2.messages import Pose, decode, encode
+from formation.topics import POSITION
+from formation.wire import Sample
+from tests.support.fleet import Fleet
+from tests.support.missions import with_robots
+from tests.unit.leader.leading import ask
+
+SIX = load("six_robots")
+AT_REST = (0.0, 0.0)
+
+
+def within(mission: Mission, x: tuple[float, float], y: tuple[float, float]) -> Mission:
+    return mission.model_copy(update={"bounds": Bounds(x=x, y=y)})
+
+
+def led(speed: float, degrees: float = 0.0, mission: Mission = SIX) -> Mission:
+    return mission.model_copy(update={"route": (Straight(speed=speed, heading_deg=degrees),)})
+
+
+def farthest(fleet: Fleet) -> float:
+    """How far the robots are outside; negative inside [m]."""
+    area = next(iter(fleet.agents.values()))._fence.area
+    return max(area.breach(fleet.plant(name).position, "").excess for name in fleet.mission.followers)
+
+
+def forged(
+    change: Callable[[PositionAttachment], PositionAttachment], since: float, fleet: list[Fleet]
+) -> Callable[[Sample], list[Sample]]:
+    """Change what the leader attaches to its positions from `since` on."""
+
+    def meddle(sample: Sample) -> list[Sample]:
+        if sample.key != POSITION.key("robot1") or sample.attachment is None or fleet[0].now < since:
+            return [sample]
+        return [
+            sample._replace(
+                attachment=order.encode(change(order.decode(PositionAttachment, sample.attachment)))
+            )
+        ]
+
+    return meddle
+
+
+def scaled(decoded: PositionAttachment) -> PositionAttachment:
+    assert decoded.order is not None
+    return decoded.model_copy(
+        update={"order": decoded.order.model_copy(update={"scale": 1000.0, "slots": None})}
+    )
+
+
+def moved(decoded: PositionAttachment) -> PositionAttachment:
+    assert decoded.order is not None
+    place = Place(x=0.0, y=-29.0, heading=0.0)
+    return decoded.model_copy(update={"order": decoded.order.model_copy(update={"place": place})})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("change", [scaled, moved])
+def test_forged_order_outside_the_bounds_is_refused(
+    change: Callable[[PositionAttachment], PositionAttachment],
+) -> None:
+    fleets: list[Fleet] = []
+    fleet = Fleet(SIX, seed=1, meddle=forged(change, 10.0, fleets))
+    fleets.append(fleet)
+    fleet.run(10.0)
+    before = fleet.points()
+    fleet.run(10.0)
+    assert max(abs(now - then) for now, then in zip(fleet.points()[1:], before[1:], strict=True)) < 0.5
+    assert all(agent.decision.state is AgentState.HOLD for agent in fleet.agents.values())
+    assert "order outside the bounds" in fleet.status("robot2").dropped_last[POSITION.key("robot1")]
+
+
+@pytest.mark.slow
+def test_false_leader_position_leads_no_robot_out() -> None:
+    """Its orders are inside the bounds, its position goes out at 0.5 m/s."""
+    mission = within(SIX, (-5.0, 12.0), (-4.0, 6.0))
+    fleets: list[Fleet] = []
+
+    def meddle(sample: Sample) -> Iterable[Sample]:
+        if sample.key == POSITION.key("robot1") and fleets[0].now > 10.0:
+            pose = decode(Pose, sample.payload)
+            away = pose.position + 0.5 * (fleets[0].now - 10.0)
+            return [sample._replace(payload=encode(replace(pose, position=away)))]
+        return [sample]
+
+    fleet = Fleet(mission, seed=1, meddle=meddle)
+    fleets.append(fleet)
+    fleet.run(40.0)
+    assert farthest(fleet) < 0.0
+    assert all(agent.decision.state is AgentState.HOLD for agent in fleet.agents.values())
+    assert "outside the bounds: robot1" in fleet.message("robot2")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degrees", [0.0, 135.0])
+def test_leader_stops_its_team_inside_the_bounds(degrees: float) -> None:
+    fleet = Fleet(within(led(0.6, degrees), (-6.0, 6.0), (-6.0, 6.0)), seed=2)
+    fleet.run(20.0)
+    assert farthest(fleet) < 0.0
+    assert fleet.error() < SIX.settled
+    assert fleet.leader.plan.fenced
+    assert all(agent.decision.state is AgentState.RUN for agent in fleet.agents.values())
+    stopped = fleet.leader.where(fleet.now)
+    fleet.run(2.0)
+    assert fleet.leader.where(fleet.now) == stopped
+
+
+@pytest.mark.slow
+def test_team_at_the_bounds_can_be_led_back() -> None:
+    fleet = Fleet(within(led(0.6), (-6.0, 6.0), (-6.0, 6.0)), seed=2)
+    fleet.run(14.0)
+    assert fleet.leader.plan.fenced
+    assert not ask(fleet.leader, b'{"do": "speed", "speed": 1.0, "degrees": 0}', fleet.now).ok
+    assert ask(fleet.leader, b'{"do": "speed", "speed": 0.5, "degrees": 180}', fleet.now).ok
+    fleet.run(5.0)
+    assert fleet.leader.where(fleet.now).real < 4.0
+    assert not fleet.leader.plan.fenced
+
+
+@pytest.mark.slow
+def test_robot_outside_holds_and_goes_on_when_brought_back() -> None:
+    mission = within(with_robots("six_robots", localisation="external"), (-5.0, 10.0), (-5.0, 5.0))
+    fleet = Fleet(led(0.0, mission=mission), seed=1)
+    fleet.run(8.0)
+    robot, home = fleet.plant("robot3"), fleet.plant("robot3").position
+    robot.position = 0.0 + 7.5j
+    fleet.run(5.0)
+    assert fleet.status("robot3").state == "hold"
+    assert "outside the bounds: y = 7.50 m, limit 5.00 m" in fleet.message("robot3")
+    assert fleet.last_command("robot3") == AT_REST
+    assert fleet.status("robot2").state == "run"
+    robot.position = home.real + 4.95j  # inside, but not well inside
+    fleet.run(5.0)
+    assert "y = 4.95 m, limit 4.90 m" in fleet.message("robot3")
+    robot.position = home.real + 4.7j
+    fleet.run(20.0)
+    assert fleet.status("robot3").state == "run"
+    assert fleet.error() < SIX.settled
+
+
+@pytest.mark.slow
+def test_noise_at_the_edge_does_not_make_a_robot_flap() -> None:
+    mission = within(with_robots("six_robots", localisation="external"), (-5.0, 10.0), (-5.0, 5.0))
+    mission = mission.model_copy(
+        update={"simulated_robot": mission.simulated_robot.model_copy(update={"position_noise": 0.005})}
+    )
+    fleet = Fleet(led(0.0, mission=mission), seed=1)
+    fleet.run(10.0)
+    fleet.plant("robot3").position = -1.5 + 5.0j
+    fleet.run(1.0)
+    states = []
+    for _ in range(60):
+        fleet.run(0.05)
+        states.append(fleet.agents["robot3"].decision.state)
+    assert set(states) == {AgentState.HOLD}
+
+
+def test_request_outside_the_bounds_is_refused_with_numbers() -> None:
+    fleet = Fleet(within(SIX, (-5.0, 25.0), (-4.0, 14.0)), seed=1)
+    fleet.run(1.0)
+
+    def put(**what: object) -> tuple[bool, str]:
+        reply = ask(fleet.leader, order.encode(OperatorRequest.model_validate(what)), fleet.now)
+        return reply.ok, reply.reason
+
+    ok, reason = put(do="scale", factor=3.0)
+    assert not ok
+    assert reason.startswith("out of bounds: robot4's slot at x = -5.8")
+    assert reason.endswith("limit -4.6 m")
+    ok, reason = put(do="route", legs=({"waypoints": ((5.0, 0.0), (5.0, 20.0)), "speed": 0.5},))
+    assert not ok
+    assert reason.startswith("out of bounds after ")
+    assert "robot2's slot at y = 20.87 m, limit 13.6 m" in reason
+    ok, reason = put(do="speed", speed=0.5, degrees=90.0)
+    assert ok
+    assert reason.startswith("on a route without an end from where it is; stops at the bounds in 25.")
+    assert reason.endswith("where robot2's slot reaches y = 13.6 m")
+
+
+def test_shape_that_a_finite_route_would_carry_out_is_refused() -> None:
+    route = (Straight(speed=0.5, heading_deg=0.0, duration=20.0),)
+    mission = within(SIX.model_copy(update={"route": route}), (-6.0, 12.0), (-6.0, 6.0))
+    fleet = Fleet(mission, seed=1)
+    fleet.run(1.0)
+    reply = ask(fleet.leader, b'{"do": "rotate", "degrees": 180}', fleet.now)
+    assert not reply.ok
+    assert "robot4's slot at x = 12 m, limit 11.6 m" in reply.reason
+
+
+@pytest.mark.slow
+def test_turning_team_is_stopped_before_its_slots_swing_out() -> None:
+    patrol = within(load("patrol"), (-4.0, 6.0), (-4.0, 6.0))
+    fleet = Fleet(patrol, seed=1)
+    fleet.run(45.0)
+    assert farthest(fleet) < 0.0
+    assert fleet.leader.plan.fenced
+    assert math.isfinite(fleet.error())

@@ -1,0 +1,288 @@
+"""Closed-loop scenarios: production cores of a whole fleet, a fake clock, a lossy network in memory."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from statistics import median
+
+import pytest
+
+from formation.agent.pose.odometry import OdometrySource
+from formation.control.ramp import MAX_CHANGE_SHARE
+from formation.mission.file import load, parse, read, shipped
+from formation.mission.model import Mission
+from formation.protocol.order import LEADER_TIMEOUT_SECONDS
+from formation.protocol.reasons import Code, Reason
+from formation.simulation.simulate import simulate
+from formation.topics import ODOM, POSITION
+from formation.wire import Now, Sample
+from tests.support.fleet import EPOCH, Fleet, keys_of_neighbours
+from tests.unit.agent.sudden import most_sudden
+from tests.unit.agent.test_avoiding import room
+from tests.unit.formation import scenarios
+
+SIX = load("six_robots")
+AT_REST = (0.0, 0.0)
+
+
+def with_change(old: str, new: str, mission: str = "six_robots") -> Mission:
+    text = read(mission)[0]
+    assert old in text
+    return parse(text.replace(old, new))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", shipped())
+def test_the_shipped_missions_come_into_formation(name: str) -> None:
+    fleet = Fleet(load(name))
+    fleet.run(fleet.mission.duration)
+    bounds = {"six_robots": 0.01, "turtlebot3_pair": 0.03, "two_chains": 0.12, "patrol": 0.01, "posts": 0.01}
+    assert fleet.error() < bounds[name]
+
+
+def test_six_robots_are_in_formation_within_eight_seconds() -> None:
+    fleet = Fleet(SIX)
+    fleet.run(8.0)
+    assert fleet.error() < SIX.settled
+
+
+@pytest.mark.slow
+def test_the_printed_law_gets_there_too_but_takes_its_time() -> None:
+    fleet = Fleet(SIX, law="paper")
+    fleet.run(8.0)
+    assert fleet.error() > SIX.settled
+    fleet.run(82.0)
+    assert fleet.error() < SIX.settled
+
+
+@pytest.mark.slow
+def test_proportional_law_ramps_avoids_and_gets_there() -> None:
+    fleet = Fleet(scenarios.exchanged(SIX), law="proportional", seed=2)
+    assert room(fleet, 20.0) > 0.0
+    assert fleet.error() < SIX.settled
+    assert most_sudden(fleet) <= MAX_CHANGE_SHARE + 1e-9
+    assert any(agent._avoiding.state.avoided for agent in fleet.agents.values())
+    assert all(agent.state.integral == 0j for agent in fleet.agents.values())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["field", "proportional"])
+def test_simulation_settles_when_agents_do(law: str) -> None:
+    mission = SIX.model_copy(update={"collisions": SIX.collisions.model_copy(update={"noise": 0.0})})
+    fleet, settled = Fleet(mission, law=law, delay=(0.0, 0.0)), 0.0
+    while fleet.now < 8.0:
+        fleet.run(0.02)
+        settled = fleet.now if fleet.error() > mission.settled else settled
+    began = min(time for one in fleet.commands.values() for time, speed, _ in one if speed != 0.0)
+    simulated = float(simulate(mission, law=law, horizon=20.0, step=0.05).settling_time[0])
+    print(law, settled - began, simulated)
+    assert simulated == pytest.approx(settled - began, abs=0.15)
+
+
+def test_no_command_ever_exceeds_a_limit() -> None:
+    fleet = Fleet(SIX, loss=0.3)
+    fleet.run(10.0)
+    for name in SIX.followers:
+        robot = SIX.robots[name]
+        assert all(
+            abs(u) <= robot.max_speed and abs(w) <= robot.max_turn_rate for _, u, w in fleet.commands[name]
+        )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("loss", "typical", "worst"), [(0.1, 0.001, 0.01), (0.3, 0.02, 0.10)])
+def test_lost_positions_do_not_keep_the_robots_from_formation(
+    loss: float, typical: float, worst: float
+) -> None:
+    fleet = Fleet(SIX, loss=loss, seed=4)
+    fleet.run(15.0)
+    errors = []
+    for _ in range(40):
+        fleet.run(0.25)
+        errors.append(fleet.error())
+    assert median(errors) < typical
+    assert max(errors) < worst
+
+
+def test_robots_that_measure_displacements_themselves_come_into_formation_as_well() -> None:
+    mission = with_change("rate = 20 ", 'rate = 20\nmeasurement = "local" #')
+    fleet = Fleet(mission)
+    fleet.run(15.0)
+    assert fleet.error() < 0.001
+
+
+def test_sensor_message_after_odometry_does_not_worsen_error() -> None:
+    mission = with_change("rate = 20 ", 'rate = 20\nmeasurement = "local" #')
+    fleet = Fleet(mission)
+    fleet.meddle = lambda sample: (
+        (sample._replace(arrived=sample.arrived + 0.02),) if "/relative/" in sample.key else (sample,)
+    )
+    fleet.run(15.0)
+    assert fleet.error() < 0.01
+
+
+def test_dead_leader_stops_all_robots_in_time() -> None:
+    fleet = Fleet(SIX)
+    fleet.run(8.0)
+    fleet.kill("leader")
+    fleet.run(LEADER_TIMEOUT_SECONDS + 4 * 0.05)
+    assert {fleet.last_command(name) for name in SIX.followers} == {AT_REST}
+
+
+def test_robot_measuring_only_dead_leader_stops_after_timeout() -> None:
+    fleet = Fleet(SIX)
+    fleet.run(8.0)
+    fleet.kill("leader")
+    fleet.run(5 * 0.05)
+    assert fleet.last_command("robot2") == AT_REST
+    assert "no neighbour can be followed; silent: robot1" in str(fleet.status("robot2").reason)
+
+
+def test_silent_leader_is_detected_while_neighbours_are_alive() -> None:
+    fleet = Fleet(SIX)
+    fleet.run(8.0)
+    fleet.kill("leader")
+    fleet.run(LEADER_TIMEOUT_SECONDS + 4 * 0.05)
+    # robot6 hears robot4 and robot5 all the time: only the beat tells it
+    assert fleet.status("robot6").reason.code is Code.LEADER_LOST
+
+
+@pytest.mark.slow
+def test_the_fleet_goes_on_when_the_leader_comes_back() -> None:
+    fleet = Fleet(SIX)
+    fleet.run(8.0)
+    fleet.kill("leader")
+    fleet.run(3.0)
+    fleet.revive("leader")
+    fleet.run(15.0)
+    assert fleet.error() < SIX.settled
+
+
+def test_a_dead_neighbour_is_left_out_and_the_rest_is_followed() -> None:
+    fleet = Fleet(SIX)
+    fleet.run(8.0)
+    fleet.kill("robot2")
+    fleet.run(5.0)
+    assert fleet.status("robot3").state == "run"
+    assert fleet.last_command("robot3") != AT_REST
+
+
+def test_a_robot_without_any_fresh_neighbour_stands_still_within_three_periods() -> None:
+    fleet = Fleet(SIX)
+    fleet.run(8.0)
+    fleet.kill("robot2")
+    fleet.kill("robot3")
+    fleet.run(3 * 0.05 + 2 * 0.05)
+    assert fleet.last_command("robot4") == AT_REST
+    assert fleet.status("robot4").reason.code is Code.NO_NEIGHBOUR
+    assert not fleet.status("robot4").reason.values["unavailable"]
+
+
+def test_silent_odometry_stops_the_robot_within_three_periods() -> None:
+    fleet = Fleet(SIX)
+    fleet.run(8.0)
+    fleet.meddle = lambda sample: () if sample.key == ODOM.key("robot3") else (sample,)
+    fleet.run(3 * 0.05 + 0.06)
+    assert fleet.last_command("robot3") == AT_REST
+    assert fleet.status("robot3").reason.code is Code.POSITION_SILENT
+
+
+def test_a_robot_at_rest_is_told_so_again_and_again() -> None:
+    fleet = Fleet(SIX)
+    fleet.run(8.0)
+    fleet.meddle = lambda sample: () if sample.key == ODOM.key("robot3") else (sample,)
+    fleet.run(0.5)
+    before = len(fleet.commands["robot3"])
+    fleet.run(1.0)
+    assert 18 <= len(fleet.commands["robot3"]) - before <= 22
+
+
+def test_hold_stops_all_and_run_moves_all_again() -> None:
+    fleet = Fleet(SIX)
+    fleet.run(8.0)
+    assert fleet.ask("robot1", "hold").ok
+    fleet.run(0.5)
+    assert {fleet.status(name).reason.code for name in SIX.followers} == {Code.HELD_BY_LEADER}
+    assert {fleet.last_command(name) for name in SIX.followers} == {AT_REST}
+    assert fleet.ask("robot1", "run").ok
+    fleet.run(10.0)
+    assert fleet.error() < SIX.settled
+
+
+@pytest.mark.slow
+def test_an_operators_stop_at_one_robot_is_latched_until_released() -> None:
+    fleet = Fleet(SIX)
+    fleet.run(8.0)
+    assert fleet.ask("robot4", "stop").mode == "stop"
+    fleet.run(0.1)
+    assert fleet.last_command("robot4") == AT_REST
+    refused = fleet.ask("robot4", "run")
+    assert not refused.ok
+    assert "release" in refused.reason
+    fleet.run(1.0)
+    assert fleet.status("robot4").state == "stop"
+    assert fleet.ask("robot4", "release").mode == "hold"
+    fleet.run(2.0)
+    assert fleet.last_command("robot4") == AT_REST
+    assert fleet.ask("robot4", "run").ok
+    fleet.run(10.0)
+    assert fleet.error() < SIX.settled
+
+
+@pytest.mark.slow
+def test_leader_stop_reaches_all_robots_hop_by_hop() -> None:
+    fleet = Fleet(load("two_chains"))
+    fleet.run(5.0)
+    fleet.ask("leader", "stop")
+    fleet.run(6 * 0.06 + 0.1)
+    assert {fleet.status(name).state for name in fleet.mission.followers} == {"stop"}
+    assert {fleet.last_command(name) for name in fleet.mission.followers} == {AT_REST}
+
+
+def test_odometry_jump_stops_robot_without_lurch() -> None:
+    fleet = Fleet(SIX)
+    fleet.run(8.0)
+    source = fleet.agents["robot3"]._here._source
+    assert isinstance(source, OdometrySource)
+    assert source.state.last is not None
+    source.state.last = replace(source.state.last, position=source.state.last.position + 5.0)
+    fleet.run(0.1)
+    assert fleet.last_command("robot3") == AT_REST
+    assert "jumped" in str(fleet.status("robot3").reason)
+    fleet.run(10.0)
+    assert fleet.error() < SIX.settled
+
+
+def test_replayed_positions_change_no_command() -> None:
+    def replaying(sample: Sample) -> tuple[Sample, ...]:
+        if sample.key != POSITION.key("robot1"):
+            return (sample,)
+        kept.append(sample)
+        old = kept[-20] if len(kept) > 20 else None
+        return (sample,) if old is None else (sample, old._replace(arrived=sample.arrived))
+
+    honest, replayed = Fleet(SIX), Fleet(SIX)
+    kept: list[Sample] = []
+    replayed.meddle = replaying
+    honest.run(10.0)
+    replayed.run(10.0)
+    assert replayed.error() == pytest.approx(honest.error(), abs=0.01)
+    assert replayed.agents["robot2"].dropped[POSITION.key("robot1")] > 100
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_agent_subscribes_only_to_needed_keys(
+    name: str,
+) -> None:
+    mission = load(name)
+    for robot, agent in Fleet(mission).agents.items():
+        assert set(agent.subscriptions) == keys_of_neighbours(mission, robot)
+
+
+def test_an_agent_ends_with_zero_velocity_and_says_why() -> None:
+    fleet = Fleet(SIX)
+    fleet.run(4.0)
+    out = fleet.agents["robot2"].halt(Now(fleet.now, EPOCH + fleet.now), "SIGTERM")
+    fleet._send("robot2", out)
+    assert fleet.last_command("robot2") == AT_REST
+    assert fleet.status("robot2").reason == Reason.of(Code.ENDED, cause="SIGTERM")

@@ -1,0 +1,71 @@
+"""A robot that cuts commands to hundredths drives, on average, exactly as the law wants it to."""
+
+from __future__ import annotations
+
+from statistics import fmean
+from typing import Any
+
+import pytest
+
+from formation.control.unicycle import Command
+from formation.mission.model import Mission
+from tests.support.fleet import Fleet
+from tests.support.missions import with_robots
+from tests.unit.agent.wished import Wishes
+
+
+def pair(*, feedback: bool, leader_speed: float = 0.05) -> Mission:
+    step = 0.01 if feedback else 0.0
+    mission = with_robots("turtlebot3_pair", speed_step=step, turn_rate_step=step)
+    (leg,) = mission.route
+    return mission.model_copy(update={"route": (leg.model_copy(update={"speed": leader_speed}),)})
+
+
+class Wanted:
+    """Overhears what the law wants of one robot, before anything is made of it."""
+
+    def __init__(self, fleet: Fleet, name: str) -> None:
+        self.commands: list[Command] = []
+        agent = fleet.agents[name]
+        law = agent._params.law
+
+        def from_others(*arguments: Any) -> tuple[Command, Any]:
+            command, integral = law(*arguments)
+            self.commands.append(Command(float(command.speed), float(command.turn_rate)))
+            return command, integral
+
+        agent._params = agent._params._replace(law=from_others)
+
+
+def means(mission: Mission) -> tuple[float, float]:
+    """Mean forward speed over 10 s in formation: wanted by the law, and as the robot takes it [m/s]."""
+    fleet = Fleet(mission)
+    fleet.run(20.0)
+    wanted, before = Wanted(fleet, "robot1"), len(fleet.commands["robot1"])
+    fleet.run(10.0)
+    reported = [int(speed * 100) / 100 for _, speed, _ in fleet.commands["robot1"][before:]]
+    assert len(reported) == len(wanted.commands) == pytest.approx(200, abs=2)
+    return fmean(command.speed for command in wanted.commands), fmean(reported)
+
+
+@pytest.mark.parametrize("leader_speed", [0.045, 0.05, 0.0511, 0.0549, 0.0599])
+def test_error_feedback_keeps_mean_speed_of_law(leader_speed: float) -> None:
+    wanted, reported = means(pair(feedback=True, leader_speed=leader_speed))
+    assert wanted == pytest.approx(leader_speed, rel=0.02)
+    assert reported == pytest.approx(wanted, rel=0.005)
+
+
+@pytest.mark.parametrize("leader_speed", [0.045, 0.05, 0.0549, 0.0599])
+def test_without_error_feedback_robot_is_too_slow(leader_speed: float) -> None:
+    wanted, reported = means(pair(feedback=False, leader_speed=leader_speed))
+    assert reported < 0.95 * wanted
+
+
+@pytest.mark.parametrize(("feedback", "mean"), [(True, 0.0549), (False, 0.05)])
+def test_constant_speed_is_quantised_with_or_without_feedback(feedback: bool, mean: float) -> None:
+    wishes = Wishes(pair(feedback=feedback), "robot1")
+    reported = []
+    for number in range(200):
+        command = wishes.put(0.05 * number, Command(0.0549, 0.0))
+        reported.append(int(command.speed * 100) / 100)
+    assert fmean(reported) == pytest.approx(mean, rel=0.005)

@@ -1,0 +1,203 @@
+"""A leader that can be replaced: who leads after it, from where, and what the robots notice of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from formation.mission.file import load
+from formation.mission.model import Mission
+from formation.mission.robot import Start
+from formation.wire import Sample
+from tests.support.fleet import Fleet, Link
+
+
+def in_place(mission: Mission) -> Mission:
+    """The mission with its robots where they are to be."""
+    spec = {
+        name: robot.model_copy(update={"start": Start(x=slot.real - robot.control_point_offset, y=slot.imag)})
+        for name, robot in mission.robots.items()
+        for slot in [mission.slot(name)]
+        if name != mission.leader
+    }
+    return mission.model_copy(update={"robots": {**mission.robots, **spec}})
+
+
+PATROL = in_place(load("patrol"))
+SPEED = 0.2
+"""Of the leader on its route [m/s]."""
+PERIOD = 0.05
+
+
+def driving(mission: Mission = PATROL, seed: int = 1, seconds: float = 4.0) -> Fleet:
+    """The leader's own process has led a while, and the team is in formation."""
+    fleet = Fleet(mission, seed=seed)
+    fleet.run(seconds)
+    assert [leader_term.name for leader_term in fleet.leader_terms] == ["leader"]
+    assert fleet.error() < 0.1
+    return fleet
+
+
+@pytest.fixture
+def fleet() -> Iterator[Fleet]:
+    fleet = driving()
+    yield fleet
+    assert fleet.most_at_once == 1
+    for name, commands in fleet.commands.items():
+        spec = fleet.mission.robots[name]
+        for _, speed, turn_rate in commands:
+            assert abs(speed) <= spec.max_speed
+            assert abs(turn_rate) <= spec.max_turn_rate
+
+
+def silence(fleet: Fleet, died: float) -> float:
+    return fleet.leader_terms[-1].since - died
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_standby_continues_from_position_of_dead_leader(seed: int) -> None:
+    fleet = driving(seed=seed)
+    last, time, died = fleet.leader.where(fleet.now), fleet.leader.route_time, fleet.now
+    fleet.kill("leader")
+    fleet.run(PATROL.takeover + 2 * PERIOD)
+    assert [leader_term.name for leader_term in fleet.leader_terms] == ["leader", "deputy"]
+    assert silence(fleet, died) <= PATROL.takeover
+    deputy, since = fleet.candidates["deputy"], fleet.now - fleet.leader_terms[-1].since
+    moved = (
+        abs(deputy.where(fleet.now - since) - last) if since < PERIOD else abs(deputy.where(fleet.now) - last)
+    )
+    assert moved <= 0.02 + SPEED * (fleet.now - died)
+    assert abs(deputy.route_time - time) <= fleet.now - died + 2 * PERIOD
+    fleet.run(5.0)
+    assert fleet.error() < 0.1
+    assert {fleet.status(name).state for name in fleet.agents} == {"run"}
+    assert fleet.most_at_once == 1
+
+
+def test_the_robots_hardly_notice_it(fleet: Fleet) -> None:
+    fleet.kill("leader")
+    fleet.run(4.0)
+    for name in fleet.agents:
+        steps = [
+            (abs(b[1] - a[1]), abs(b[2] - a[2]))
+            for a, b in zip(fleet.commands[name], fleet.commands[name][1:], strict=False)
+            if b[0] > fleet.now - 4.0
+        ]
+        spec = fleet.mission.robots[name]
+        assert max(speed for speed, _ in steps) <= 0.5 * spec.max_speed
+        assert max(turn for _, turn in steps) <= 0.5 * spec.max_turn_rate
+
+
+def test_orders_stay_in_force_under_next_leader(fleet: Fleet) -> None:
+    fleet.order_shape("line")
+    fleet.run(0.5)
+    fleet.ask("leader", "hold")
+    fleet.run(0.5)
+    fleet.kill("leader")
+    fleet.run(2.0)
+    deputy = fleet.candidates["deputy"]
+    assert (deputy.leads, deputy.shape, deputy.mode) == (True, "line", "hold")
+    assert fleet.ask("deputy", "run").mode == "run"
+    fleet.run(8.0)
+    assert fleet.error() < 0.1
+
+
+def test_a_stop_of_a_leader_that_dies_stays(fleet: Fleet) -> None:
+    fleet.ask("leader", "stop")
+    fleet.run(0.3)
+    fleet.kill("leader")
+    fleet.run(3.0)
+    assert fleet.candidates["deputy"].leads
+    assert {fleet.status(name).state for name in fleet.agents} == {"stop"}
+
+
+def test_a_leader_that_comes_back_yields(fleet: Fleet) -> None:
+    fleet.kill("leader")
+    fleet.run(2.0)
+    fleet.restart("leader")
+    fleet.run(3.0)
+    assert [leader_term.name for leader_term in fleet.leader_terms] == ["leader", "deputy"]
+    assert fleet.leaders == ["deputy"]
+    assert not fleet.leader.leads
+    fleet.kill("deputy")
+    fleet.run(1.5)
+    assert fleet.leaders == ["leader"]
+
+
+def test_thawed_leader_publishes_no_order(fleet: Fleet) -> None:
+    fleet.freeze("leader")
+    fleet.run(3.0)
+    assert fleet.leaders == ["deputy"]
+    result = fleet.leader._beat
+    fleet.thaw("leader")
+    fleet.run(2.0)
+    assert fleet.leader._beat == result
+    assert fleet.leaders == ["deputy"]
+    assert {fleet.status(name).state for name in fleet.agents} == {"run"}
+
+
+def test_a_leader_with_a_minority_stands_down_before_another_leads(fleet: Fleet) -> None:
+    few = {"leader", "robot1"}
+    fleet.cut(few, fleet.nodes.keys() - few - {"world"})
+    fleet.run(0.6)
+    assert fleet.leaders == []
+    fleet.run(0.6)
+    assert fleet.leaders == ["deputy"]
+    fleet.run(3.0)
+    assert fleet.status("robot1").state == "hold"
+    fleet.heal()
+    fleet.run(5.0)
+    assert [leader_term.name for leader_term in fleet.leader_terms] == ["leader", "deputy"]
+    assert fleet.status("robot1").state == "run"
+    assert fleet.error() < 0.1
+
+
+def test_if_the_first_standby_is_dead_as_well_the_second_leads(fleet: Fleet) -> None:
+    fleet.kill("deputy")
+    fleet.kill("leader")
+    fleet.run(1.2)
+    assert fleet.leaders == ["reserve"]
+
+
+@pytest.mark.parametrize("clock", [-3600.0, 3600.0])
+def test_restarted_leader_with_wrong_clock_leads(fleet: Fleet, clock: float) -> None:
+    fleet.kill("deputy")
+    fleet.kill("reserve")
+    fleet.nodes["leader"].clock_error = clock
+    fleet.restart("leader")
+    fleet.run(4.0)
+    assert fleet.leaders == ["leader"]
+    assert {fleet.status(name).state for name in fleet.agents} == {"run"}
+
+
+def test_restarting_each_agent_in_turn_keeps_leader(fleet: Fleet) -> None:
+    for name in fleet.agents:
+        fleet.restart(name)
+        fleet.run(2.0)
+    assert [leader_term.name for leader_term in fleet.leader_terms] == ["leader"]
+
+
+def test_bad_links_neither_split_team_nor_change_leader(fleet: Fleet) -> None:
+    names = fleet.nodes.keys() - {"world"}
+    fleet.links = {
+        (one, other): Link(loss=0.3, delay=(0.0, 0.1), twice=0.2) for one in names for other in names
+    }
+    fleet.run(10.0)
+    assert [leader_term.name for leader_term in fleet.leader_terms] == ["leader"]
+
+
+def test_without_standbys_no_election_message_is_sent() -> None:
+    fleet = Fleet(load("six_robots"))
+    result = set()
+
+    def listen(sample: Sample) -> tuple[Sample, ...]:
+        result.add(sample.key)
+        assert b"voted_term" not in (sample.attachment or b"")
+        assert b"last_ballot" not in (sample.attachment or b"")
+        return (sample,)
+
+    fleet.meddle = listen
+    fleet.run(1.0)
+    assert not any(key.endswith(("ballot", "route")) for key in result)
+    assert any(f"{name}/position" in result for name in fleet.mission.followers)

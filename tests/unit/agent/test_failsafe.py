@@ -1,0 +1,164 @@
+"""The decision table: which doubt stops the robot, and which comes first."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from formation.agent.pose.motion_check import Disagreement
+from formation.agent.safety.failsafe import TABLE, Facts, Unanswered, decide
+from formation.protocol.order import LEADER_TIMEOUT_SECONDS, Order
+from formation.protocol.reasons import Code, Reason
+from formation.protocol.status import AgentState, MotionFault
+
+RUN = Order(term=1, beat=5, mode="run", shape="hexagon")
+NEVER = float("inf")
+FINE = Facts(
+    latched=None,
+    silence=0.01,
+    limit=0.15,
+    jumped=None,
+    order=RUN,
+    beat_silence=0.05,
+    neighbours={"robot1": 0.02},
+    followed=1,
+)
+
+
+def reason(code: Code, **values: float) -> Reason:
+    return Reason.of(code, source="odometry", **values)
+
+
+DOUBTS: list[tuple[dict[str, Any], AgentState, str]] = [
+    ({"latched": "stop"}, AgentState.STOP, "stopped by the operator"),
+    ({"latched": "hold"}, AgentState.HOLD, "held by the operator"),
+    ({"finite": False}, AgentState.HOLD, "no finite command"),
+    ({"silence": NEVER}, AgentState.WAITING, "no odometry yet"),
+    ({"silence": 0.16}, AgentState.HOLD, "odometry silent for 0.16 s"),
+    ({"connected": False}, AgentState.HOLD, "no link to the robot"),
+    ({"routed": False}, AgentState.HOLD, "does not listen to cmd_vel"),
+    ({"silence": 0.16, "source": "pose"}, AgentState.HOLD, "pose silent for 0.16 s"),
+    (
+        {"too_old": True, "age": 0.4, "age_limit": 0.2},
+        AgentState.HOLD,
+        "was 0.40 s old when it came; limit 0.20 s",
+    ),
+    ({"jumped": reason(Code.POSITION_JUMPED, distance=0.8)}, AgentState.HOLD, "odometry jumped by 0.80 m"),
+    ({"doubt": reason(Code.POSITION_TOO_FAR, limit=1e6)}, AgentState.HOLD, "odometry is beyond"),
+    ({"follows": False}, AgentState.HOLD, "no two odometry messages within 0.15 s"),
+    (
+        {"outside": Reason.of(Code.OUTSIDE_BOUNDS, axis="x", value=31.2, limit=25.0)},
+        AgentState.HOLD,
+        "outside the bounds: x = 31.20 m, limit 25.00 m",
+    ),
+    ({"frozen": 3.2}, AgentState.WAITING, "this process was frozen for 3.2 s"),
+    (
+        {"motion": Disagreement(MotionFault.FROZEN, 0.52, 0.0, 0.8)},
+        AgentState.HOLD,
+        "commanded 0.52 m in 0.8 s",
+    ),
+    ({"motion": Disagreement(MotionFault.TURN, 0.5, 0.0, 0.8)}, AgentState.HOLD, "turned 0.00 rad"),
+    ({"motion": Disagreement(MotionFault.SPEEDS, 0.1, -0.1, 0.8)}, AgentState.HOLD, "its speeds say -0.10 m"),
+    ({"motion": Disagreement(MotionFault.CARRIED, 0.0, 0.1, 0.8)}, AgentState.HOLD, "moved without command"),
+    ({"motion": Disagreement(MotionFault.TURNED, 0.0, 0.5, 0.8)}, AgentState.HOLD, "turned without command"),
+    ({"scan_silence": NEVER}, AgentState.WAITING, "no range scan yet"),
+    ({"scan_silence": 0.7, "scan_limit": 0.6}, AgentState.HOLD, "range scan silent for 0.70 s"),
+    (
+        {"scan_doubt": Reason.of(Code.SCAN_BLIND, value=0.5, limit=0.15)},
+        AgentState.HOLD,
+        "range scan has range_min 0.5 m",
+    ),
+    ({"rival": True}, AgentState.HOLD, "another agent commands this robot"),
+    (
+        {"mission": "0123abcd", "other_missions": {"robot1": "89ef4567"}},
+        AgentState.HOLD,
+        "robot1 runs mission 89ef4567, this process 0123abcd: give all the same one (formation deploy push)",
+    ),
+    (
+        {"unanswered": {"robot3": Unanswered(3.0, 0.5), "robot4": Unanswered(-7.2, 1.5)}},
+        AgentState.HOLD,
+        "do not answer: robot3 by +3.0 s, robot4 by -7.2 s; limit 0.5 s; check the network",
+    ),
+    ({"order": None}, AgentState.WAITING, "no order from the leader yet"),
+    ({"beat_silence": LEADER_TIMEOUT_SECONDS + 0.2}, AgentState.HOLD, "beat stopped 1.2 s ago"),
+    ({"order": RUN.model_copy(update={"mode": "stop"})}, AgentState.STOP, "stopped by the leader"),
+    ({"order": RUN.model_copy(update={"mode": "hold"})}, AgentState.HOLD, "held by the leader"),
+    (
+        {"beat_silence": 1.1, "unsigned": "order not signed by leader: it has no signature"},
+        AgentState.HOLD,
+        "order not signed by leader: it has no signature",
+    ),
+    (
+        {"followed": 0, "neighbours": {"robot1": 0.4}},
+        AgentState.HOLD,
+        "no neighbour can be followed; silent: robot1 0.40 s",
+    ),
+    (
+        {"followed": 0, "neighbours": {"robot1": 0.4}, "leaderless": True},
+        AgentState.HOLD,
+        "silent: robot1 0.40 s",
+    ),
+    (
+        {"followed": 0, "neighbours": {"robot1": 0.4, "robot2": 0.02}, "not_followed": ("robot2",)},
+        AgentState.HOLD,
+        "no neighbour can be followed; silent: robot1 0.40 s; unavailable: robot2",
+    ),
+    (
+        {"followed": 0, "neighbours": {"robot1": 0.02}, "not_followed": ("robot1",), "beyond": ("robot1",)},
+        AgentState.HOLD,
+        "no neighbour can be followed; outside the bounds: robot1",
+    ),
+]
+TOGETHER: list[dict[str, Any]] = [
+    {"order": None},
+    {"order": RUN.model_copy(update={"mode": "stop"})},
+    {"order": RUN.model_copy(update={"mode": "hold"})},
+    {"followed": 0, "leaderless": True},
+]
+"""What is not one robot's own affair."""
+
+
+def test_a_robot_runs_when_there_is_no_doubt() -> None:
+    assert decide(FINE).state is AgentState.RUN
+
+
+@pytest.mark.parametrize(("doubt", "state", "reason"), DOUBTS)
+def test_every_single_doubt_keeps_the_robot_from_running_and_is_named(
+    doubt: dict[str, Any], state: AgentState, reason: str
+) -> None:
+    decision = decide(FINE._replace(**doubt))
+    assert decision.state is state
+    assert reason in str(decision.reason)
+
+
+def test_every_row_of_the_table_is_reached_by_some_doubt() -> None:
+    reached = {
+        next(i for i, row in enumerate(TABLE) if row.applies(FINE._replace(**d))) for d, _, _ in DOUBTS
+    }
+    assert reached | {len(TABLE) - 1} == set(range(len(TABLE)))
+
+
+@pytest.mark.parametrize("doubt", [doubt for doubt, _, _ in DOUBTS])
+def test_reason_is_own_unless_shared_by_all_robots(
+    doubt: dict[str, Any],
+) -> None:
+    everybody = any(
+        doubt == one or {**doubt, "neighbours": {}} == {**one, "neighbours": {}} for one in TOGETHER
+    )
+    assert decide(FINE._replace(**doubt)).own is not everybody
+
+
+def test_running_robot_has_no_own_reason() -> None:
+    assert not decide(FINE).own
+
+
+def test_only_the_last_row_lets_a_robot_run() -> None:
+    assert [row.state for row in TABLE].index(AgentState.RUN) == len(TABLE) - 1
+
+
+@pytest.mark.parametrize(("doubt", "_state", "_reason"), DOUBTS)
+def test_an_operators_stop_outranks_everything(
+    doubt: dict[str, Any], _state: AgentState, _reason: str
+) -> None:
+    assert decide(FINE._replace(**{**doubt, "latched": "stop"})).reason == Reason(Code.STOPPED_BY_OPERATOR)

@@ -1,0 +1,302 @@
+"""An insider: a follower's process with a valid certificate of its own, which relays what no leader gave."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+
+import pytest
+
+from formation.protocol import order
+from formation.protocol.order import Order, PositionAttachment, Slots, Tuned
+from formation.protocol.status import AgentState
+from formation.wire import Now
+from tests.support.fleet import EPOCH, Fleet
+from tests.support.missions import team
+from tests.support.signed import SignedFleet, issued, signed, signer
+
+TEAM = team({"r0": ["leader"], "r1": ["leader"], "r2": ["r0", "r1"], "r3": ["r0"], "r4": ["r2", "r3"]})
+INSIDER, RECEIVES_IT, OTHERS = "r0", ("r2", "r3"), ("r1", "r2", "r3", "r4")
+RUN = {"mode": "run", "base_mode": "run", "holding": False}
+OWN_KEY = signer(INSIDER)
+Forgery = Callable[[SignedFleet, PositionAttachment], PositionAttachment]
+
+
+def held(fleet: Fleet, seconds: float = 3.0) -> None:
+    """The team drives in formation, and is then held by its leader."""
+    fleet.run(seconds)
+    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
+    assert fleet.ask("leader", "hold").ok
+    fleet.run(0.6)
+    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.HOLD}
+
+
+def tamper(fleet: SignedFleet, forgery: Forgery) -> None:
+    """Have the insider relay forged orders from now on."""
+
+    def tampered(sender: str, attachment: PositionAttachment) -> PositionAttachment:
+        return (
+            forgery(fleet, attachment) if sender == INSIDER and attachment.order is not None else attachment
+        )
+
+    fleet.tamper = tampered
+
+
+def forged(attached: PositionAttachment, **changes: object) -> PositionAttachment:
+    """The same with another order; its signature stays as it was."""
+    assert attached.order is not None
+    what = attached.order.model_copy(update=changes)
+    return attached.model_copy(
+        update={"order": what, "signed": order.encode(what).decode() if attached.signed else ""}
+    )
+
+
+def run_ahead(attached: PositionAttachment, **changes: object) -> PositionAttachment:
+    return forged(attached, beat=1_000_000 + attached.count, **RUN, **changes)
+
+
+def ahead(_: SignedFleet, attachment: PositionAttachment) -> PositionAttachment:
+    return run_ahead(attachment)
+
+
+def later_term(fleet: SignedFleet, attachment: PositionAttachment) -> PositionAttachment:
+    return run_ahead(attachment, term=int((EPOCH + fleet.now) * 1e9) // 64 * 64)
+
+
+def unsigned(_: SignedFleet, attachment: PositionAttachment) -> PositionAttachment:
+    return run_ahead(attachment).model_copy(update={"signed": "", "signature": ""})
+
+
+def unsigned_later_term(fleet: SignedFleet, attachment: PositionAttachment) -> PositionAttachment:
+    return later_term(fleet, attachment).model_copy(update={"signed": "", "signature": ""})
+
+
+def signed_by_itself(_: SignedFleet, attachment: PositionAttachment) -> PositionAttachment:
+    own = run_ahead(attachment).order
+    assert own is not None
+    certificate = OWN_KEY.certificate if attachment.count % 2 else ""
+    fields = {} if certificate else signed(TEAM, own, OWN_KEY)
+    return attachment.model_copy(
+        update={"order": None, "signed": "", "signature": "", "certificate": certificate, **fields}
+    )
+
+
+def another_scale(_: SignedFleet, attachment: PositionAttachment) -> PositionAttachment:
+    slots = Slots(mix={"row": 1.0}, scale=1000.0)
+    return run_ahead(attachment, scale=1000.0, slots=slots)
+
+
+def other_gains(_: SignedFleet, attachment: PositionAttachment) -> PositionAttachment:
+    return run_ahead(attachment, tuned=Tuned(k_p=5.0, k_i=1.0))
+
+
+def another_route(_: SignedFleet, attachment: PositionAttachment) -> PositionAttachment:
+    return run_ahead(attachment, route="elsewhere", time=1e6)
+
+
+FORGERIES: tuple[Forgery, ...] = (
+    ahead, later_term, unsigned, unsigned_later_term, signed_by_itself, another_scale, other_gains,
+    another_route,
+)  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("forgery", FORGERIES)
+def test_forged_order_moves_no_robot_and_names_the_forger(forgery: Forgery) -> None:
+    fleet = SignedFleet(TEAM, seed=1)
+    held(fleet)
+    start = fleet.now
+    tamper(fleet, forgery)
+    fleet.run(2.0)
+    for name in OTHERS:
+        assert all(command[1:] == (0.0, 0.0) for command in fleet.commands[name] if command[0] > start), name
+        assert fleet.agents[name].decision.state is AgentState.HOLD
+    for name in RECEIVES_IT:
+        assert fleet.status(name).forged[INSIDER].startswith("order not signed by")
+        assert f"{INSIDER} relayed forged orders" in fleet.message(name)
+    for name in ("r1", "r4"):
+        assert "forged" not in fleet.message(name)
+    assert INSIDER in fleet.leader._forgeries.lately(fleet.now)
+
+
+@pytest.mark.parametrize("forgery", [unsigned, other_gains])
+def test_without_certificates_the_same_forgery_moves_robots(forgery: Forgery) -> None:
+    """The limit of a mission without certificates, and proof that the test above would see an effect."""
+    fleet = SignedFleet(TEAM, seed=1, unsigned=frozenset({"leader"}))
+    fleet.verifiers.clear()
+    held(fleet)
+    tamper(fleet, forgery)
+    fleet.run(2.0)
+    assert AgentState.RUN in {fleet.agents[name].decision.state for name in OTHERS}
+
+
+def test_leader_that_is_heard_outdoes_relays_ahead_of_it() -> None:
+    """Without certificates: whoever hears the leader itself goes by what the leader itself says."""
+    both = team({"r0": ["leader"], "r1": ["leader", "r0"]})
+    fleet = SignedFleet(both, seed=1, unsigned=frozenset({"leader"}))
+    fleet.verifiers.clear()
+    held(fleet)
+    tamper(fleet, unsigned_later_term)
+    fleet.run(3.0)
+    assert fleet.agents["r1"].decision.state is AgentState.HOLD
+    assert "ahead of the leader" in fleet.agents["r1"]._inbox.state.last_dropped["r0/position"]
+
+
+def test_leader_raises_alarm_at_relays_ahead_of_its_beat() -> None:
+    fleet = SignedFleet(TEAM, seed=1, unsigned=frozenset({"leader"}))
+    fleet.verifiers.clear()
+    held(fleet)
+    tamper(fleet, unsigned)
+    fleet.run(1.0)
+    (note,) = [note for note in fleet.leader.notes if "ALARM" in note]
+    assert note.startswith("ALARM: r0 relays a forged order: it is ahead of the leader: beat 1000")
+    assert fleet.leader.mode == "hold"
+
+
+def test_replayed_orders_change_nothing() -> None:
+    """An order to run, with a right signature, relayed again after the leader has said hold."""
+    fleet = SignedFleet(TEAM, seed=1)
+    tape: list[PositionAttachment] = []
+
+    def keep(sender: str, attachment: PositionAttachment) -> PositionAttachment:
+        if sender == INSIDER and attachment.signed:
+            tape.append(attachment)
+        return attachment
+
+    fleet.tamper = keep
+    held(fleet)
+    start, replayed = (
+        fleet.now,
+        iter([attachment for attachment in tape if attachment.order and attachment.order.mode == "run"]),
+    )
+
+    def replay(sender: str, attachment: PositionAttachment) -> PositionAttachment:
+        if sender != INSIDER:
+            return attachment
+        if (old := next(replayed, None)) is None:
+            return attachment
+        return attachment.model_copy(
+            update={"certificate": "", "signed": old.signed, "signature": old.signature, "order": old.order}
+        )
+
+    fleet.tamper = replay
+    fleet.run(2.0)
+    assert next(replayed, None) is not None
+    for name in OTHERS:
+        assert all(command[1:] == (0.0, 0.0) for command in fleet.commands[name] if command[0] > start), name
+
+
+def test_unsigned_leader_leaves_robots_with_certificates_at_rest() -> None:
+    """A mission half of whose processes have certificates."""
+    fleet = SignedFleet(TEAM, seed=1, unsigned=frozenset({"leader"}))
+    fleet.run(2.0)
+    for name in ("r0", "r1"):
+        assert fleet.agents[name].decision.state is AgentState.HOLD
+        assert str(fleet.agents[name].decision.reason) == "order not signed by leader: it has no signature"
+        assert fleet.last_command(name) == (0.0, 0.0)
+
+
+@pytest.mark.slow
+def test_signed_fleet_forms_and_goes_on_through_a_renewal() -> None:
+    """The leader comes back with a new key; robots get its certificate with the positions."""
+    fleet = SignedFleet(TEAM, seed=3)
+    fleet.run(4.0)
+    keys = {fleet.signers["leader"].certificate}
+    fleet.kill("leader")
+    fleet.run(1.5)
+    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.HOLD}
+    fleet.restart("leader")
+    keys.add(fleet.signers["leader"].certificate)
+    assert len(keys) == 2
+    fleet.run(2.0)
+    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
+    fleet.run(8.0)
+    assert fleet.error() < 0.05
+    assert not fleet.leader._forgeries.lately(fleet.now)
+    assert not any(
+        agent._orders.forgers(Now(fleet.now, EPOCH + fleet.now)) for agent in fleet.agents.values()
+    )
+
+
+def test_robot_that_joins_late_gets_the_certificate() -> None:
+    fleet = SignedFleet(TEAM, seed=4)
+    fleet.run(3.0)
+    fleet.kill("r4")
+    fleet.run(1.0)
+    fleet.restart("r4")
+    fleet.run(2.5)
+    assert fleet.agents["r4"].decision.state is AgentState.RUN
+
+
+def test_each_order_is_verified_once() -> None:
+    """r4 has two neighbours that relay every beat to it."""
+    fleet = SignedFleet(TEAM, seed=1)
+    calls: list[str] = []
+    fleet.run(3.0)
+    certificates = fleet.verifiers["r4"]._certificates
+    for key, (certified, text) in list(certificates.items()):
+        verifies = certified.verifies
+
+        def counted(
+            signature: str, message: bytes, verifies: Callable[[str, bytes], bool] = verifies
+        ) -> bool:
+            calls.append(signature)
+            return verifies(signature, message)
+
+        certificates[key] = certified._replace(verifies=counted), text
+    fleet.run(5.0)
+    assert len(calls) == len(set(calls))
+    assert 80 <= len(calls) <= 105
+
+
+def test_positions_stay_small() -> None:
+    """Whatever is signed goes into one datagram: 1150 bytes on a link that may drop."""
+    what = Order(
+        term=2**63 - 1, beat=10_000_000, mode="hold", shape="line", rotation=1.2345678901234567,
+        scale=1.2345678901234567, base_mode="hold", holding=True, route="0123456789abcdef",
+        time=12345.678901234,
+        slots=Slots(
+            mix={"line": 0.12345678901234567, "wedge": 0.8765432109876543}, rotation=-1.2345678901234567,
+            scale=1.2345678901234567,
+        ),
+    )  # fmt: skip
+    attachment = PositionAttachment(
+        publisher_id="0123456789abcdef", count=10_000_000, order=what, unavailable=True,
+        voted_term=2**63 - 1, last_ballot=2**40,
+        **signed(TEAM, what, signer("leader")),
+    )  # fmt: skip
+    assert len(order.encode(attachment)) < 800
+    certificate = issued("a-leader-with-a-name-of-some-length")
+    carried = PositionAttachment(
+        publisher_id="0123456789abcdef", count=10_000_000, term=2**63 - 1, unavailable=True,
+        voted_term=2**63 - 1, last_ballot=2**40,
+        certificate=signer("a-leader-with-a-name-of-some-length", certificate).certificate,
+    )  # fmt: skip
+    assert len(order.encode(carried)) < 900
+
+
+@pytest.mark.slow
+def test_twenty_robots_stand_through_every_forgery_in_turn() -> None:
+    """At 20 Hz; the insider is received by three of them, and forges in another way with each message."""
+    names = [f"r{number}" for number in range(20)]
+    neighbours = {name: names[max(0, number - 3) : number] or ["leader"] for number, name in enumerate(names)}
+    many = team({**neighbours, "r1": ["leader", "r0"]}, max_speed=1.5)
+    fleet = SignedFleet(many, seed=1)
+    held(fleet)
+    start, kinds = fleet.now, itertools.cycle(FORGERIES)
+
+    def every_kind(sender: str, attachment: PositionAttachment) -> PositionAttachment:
+        return (
+            next(kinds)(fleet, attachment)
+            if sender == INSIDER and attachment.order is not None
+            else attachment
+        )
+
+    fleet.tamper = every_kind
+    fleet.run(3.0)
+    for name in names[1:]:
+        assert all(command[1:] == (0.0, 0.0) for command in fleet.commands[name] if command[0] > start), name
+    for name in names[1:4]:
+        assert f"{INSIDER} relayed forged orders" in fleet.message(name)
+    for name in names[4:]:
+        assert "forged" not in fleet.message(name)

@@ -1,0 +1,284 @@
+"""A robot is lost: the others go on with whom they have left, and take it back when it follows again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from formation.agent.following import availability
+from formation.agent.following.availability import FAULT_FREE_TIME
+from formation.control.unicycle import AT_REST, Command
+from formation.mission.file import load
+from formation.mission.model import Collisions, Mission
+from formation.protocol.reasons import Code
+from formation.protocol.status import AgentState, MotionFault
+from formation.stability.losses import losing
+from formation.topics import ODOM, POSITION
+from formation.wire import Sample
+from tests.support.fleet import Fleet
+from tests.support.missions import team, teams
+from tests.unit.agent.sudden import most_sudden
+
+PATROL = load("patrol").model_copy(update={"cohesion": None, "collisions": Collisions(mode="off")})
+"""Whose leader drives as evenly as it would without them; nobody goes round a robot that stands."""
+SIX = load("six_robots")
+PERIOD = 1.0 / PATROL.robot.rate
+BEHIND = {"robot1": "robot2", "robot5": "robot4"}
+"""Who measures nobody else, and the leader for a fallback."""
+
+
+def under_way(mission: Mission = PATROL, seconds: float = 9.0) -> Fleet:
+    fleet = Fleet(mission)
+    fleet.run(seconds)
+    return fleet
+
+
+def off(fleet: Fleet) -> dict[str, float]:
+    """How far each robot really is from its slot behind the leader [m]."""
+    leader, *points = fleet.points()
+    slots = fleet.leader.placed_shape.slots(fleet.mission)[1:]
+    followers = fleet.mission.followers
+    return {n: abs(point - leader - slot) for n, point, slot in zip(followers, points, slots, strict=True)}
+
+
+def restart(fleet: Fleet, name: str) -> None:
+    fleet.agents[name] = fleet.nodes[name].core = fleet.new_agent(name)
+    fleet.revive(name)
+
+
+def dead(fleet: Fleet, name: str) -> Callable[[], None]:
+    """Its agent is; the watchdog has it stand."""
+    fleet.kill(name)
+    fleet.world._hosted[name].plant.obey(AT_REST)
+    return lambda: restart(fleet, name)
+
+
+def stopped(fleet: Fleet, name: str) -> Callable[[], None]:
+    assert fleet.ask(name, "stop").ok
+    return lambda: None if fleet.set_going(name).ok else pytest.fail("not released")
+
+
+def held(fleet: Fleet, name: str) -> Callable[[], None]:
+    assert fleet.ask(name, "hold").ok
+    return lambda: None if fleet.ask(name, "run").ok else pytest.fail("still held")
+
+
+def without_odometry(fleet: Fleet, name: str) -> Callable[[], None]:
+    fleet.meddle = lambda sample: () if sample.key == ODOM.key(name) else (sample,)
+
+    def mended() -> None:
+        fleet.meddle = lambda sample: (sample,)
+
+    return mended
+
+
+def blocked(fleet: Fleet, name: str) -> Callable[[], None]:
+    """Its wheels do not turn, whatever it is told."""
+    robot = fleet.world._hosted[name]
+    obey = robot.plant.obey
+
+    def stay(command: Command) -> None:
+        obey(Command(0.0 * command.speed, 0.0 * command.turn_rate))
+
+    robot.plant.obey = stay  # type: ignore[method-assign]
+    obey(AT_REST)
+
+    def freed() -> None:
+        robot.plant.obey = obey  # type: ignore[method-assign]
+
+    return freed
+
+
+LOSSES = [dead, stopped, held, without_odometry, blocked]
+
+
+@pytest.mark.parametrize("lose", LOSSES)
+@pytest.mark.parametrize("name", BEHIND)
+def test_others_stay_in_formation_when_one_cannot_follow(
+    lose: Callable[[Fleet, str], Callable[[], None]], name: str
+) -> None:
+    fleet = under_way()
+    others = [other for other in PATROL.followers if other != name]
+    since = fleet.now
+    restore = lose(fleet, name)
+    worst = 0.0
+    for _ in range(40):
+        fleet.run(0.1)
+        worst = max(worst, *(off(fleet)[other] for other in others))
+    assert {fleet.agents[other].decision.state for other in others} == {AgentState.RUN}
+    assert fleet.agents[BEHIND[name]]._neighbours.guides == ("leader",)
+    assert fleet.status(BEHIND[name]).follows == ("leader",)
+    # a blocked robot is believed until it is plain that it does not move
+    assert worst < (0.35 if lose is blocked else 0.02)
+    assert max(off(fleet)[other] for other in others) < 0.02
+    assert most_sudden(fleet, since) < (0.25 if lose is blocked else 0.1)
+    since = fleet.now
+    restore()
+    worst = 0.0
+    for _ in range(60):
+        fleet.run(0.1)
+        worst = max(worst, *(off(fleet)[other] for other in others))
+    assert worst < 0.02
+    assert max(off(fleet).values()) < 0.02
+    assert fleet.agents[BEHIND[name]]._neighbours.guides == (name,)
+    assert most_sudden(fleet, since) < 0.25
+
+
+def test_robot_with_second_neighbour_continues_without_unavailable_one() -> None:
+    fleet = under_way(SIX)
+    fleet.ask("robot3", "hold")
+    fleet.run(3.0)
+    assert fleet.agents["robot4"]._neighbours.guides == ("robot2",)
+    assert fleet.agents["robot5"]._neighbours.guides == ("robot4",)
+    found = off(fleet)
+    assert found.pop("robot3") > 0.5
+    assert max(found.values()) < 0.02
+
+
+def test_a_blocked_robot_holds_says_so_and_probes() -> None:
+    fleet = under_way()
+    blocked(fleet, "robot1")
+    since = fleet.now
+    fleet.run(6.0)
+    status = fleet.status("robot1")
+    assert status.state == "hold"
+    assert status.reason.code is Code.MOTION_FROZEN
+    assert status.motion is MotionFault.FROZEN
+    assert status.unavailable
+    probes = [speed for moment, speed, _ in fleet.commands["robot1"] if moment > since + 1.0]
+    assert 0.0 < max(map(abs, probes)) <= 0.05 * PATROL.robot.max_speed + 1e-9
+
+
+@pytest.mark.slow
+def test_robot_without_neighbour_holds_and_names_unavailable_one() -> None:
+    fleet = under_way(load("two_chains"))
+    fleet.ask("left3", "hold")
+    fleet.run(3.0)
+    assert fleet.last_command("left4") == AT_REST
+    assert fleet.status("left4").state == "hold"
+    assert str(fleet.status("left4").reason) == "no neighbour can be followed; unavailable: left3"
+    assert {fleet.status(f"left{k}").state for k in (4, 5, 6)} == {"hold"}
+    assert {fleet.status(f"left{k}").state for k in (1, 2)} == {"run"}
+
+
+@pytest.mark.slow
+def test_those_behind_a_robot_that_comes_back_follow_it_home() -> None:
+    fleet = under_way(load("two_chains"))
+    fleet.ask("left3", "hold")
+    fleet.run(3.0)
+    fleet.ask("left3", "run")
+    fleet.run(1.0)
+    assert {fleet.agents[f"left{k}"].decision.state for k in range(1, 7)} == {AgentState.RUN}
+    fleet.run(14.0)
+    assert max(off(fleet).values()) < 0.1
+    assert not any(agent.state.availability.published for agent in fleet.agents.values())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("do", ["hold", "stop"])
+def test_no_robot_is_unavailable_while_the_team_stands(do: str) -> None:
+    fleet = under_way()
+    for name in PATROL.followers:
+        fleet.ask(name, do)
+    fleet.ask("leader", do)
+    fleet.run(1.0)
+    assert not any(agent.state.availability.published for agent in fleet.agents.values())
+
+
+def test_no_robot_is_unavailable_before_it_has_set_out() -> None:
+    fleet, result = Fleet(SIX), []
+    for _ in range(60):
+        fleet.run(0.1)
+        result += [agent.state.availability.published for agent in fleet.agents.values()]
+    assert not any(result)
+
+
+@pytest.mark.slow
+def test_robot_off_slot_counts_as_available_after_patience(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    fleet = under_way()
+    fleet.ask("robot1", "hold")
+    fleet.run(1.0)
+    monkeypatch.setattr(availability, "FOLLOWING_EDGE_ERROR", -1.0)
+    fleet.ask("robot1", "run")
+    fleet.run(FAULT_FREE_TIME - 1.0)
+    assert fleet.agents["robot1"].state.availability.published
+    fleet.run(1.5)
+    assert not fleet.agents["robot1"].state.availability.published
+
+
+@pytest.mark.slow
+@settings(max_examples=6, deadline=None)
+@given(teams(), st.data())
+def test_predicted_robots_hold_on_loss_and_resume_afterwards(mission: Mission, data: st.DataObject) -> None:
+    lost = data.draw(st.sampled_from(mission.followers))
+    lose = data.draw(st.sampled_from([dead, held]))
+    fleet = under_way(mission, 2.0)
+    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
+    restore = lose(fleet, lost)
+    fleet.run(2.5)
+    foretold = losing(mission, lost)
+    others = [name for name in mission.followers if name != lost]
+    assert {n for n in others if fleet.agents[n].decision.state is not AgentState.RUN} == set(
+        foretold.holding
+    )
+    for name, guides in foretold.instead.items():
+        assert fleet.agents[name]._neighbours.guides == guides
+    restore()
+    fleet.run(2.0 * FAULT_FREE_TIME)
+    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
+    assert not any(agent.state.availability.published for agent in fleet.agents.values())
+    for name in mission.followers:
+        assert fleet.agents[name]._neighbours.guides == mission.robots[name].neighbours
+
+
+@pytest.mark.slow
+@settings(max_examples=6, deadline=None)
+@given(teams(most=5), st.data())
+def test_all_robots_resume_after_release_in_any_order(mission: Mission, data: st.DataObject) -> None:
+    some = data.draw(st.lists(st.sampled_from(mission.followers), min_size=1, unique=True))
+    fleet = under_way(mission, 2.0)
+    for name in some:
+        fleet.ask(name, "hold")
+    fleet.run(2.0)
+    for name in data.draw(st.permutations(some)):
+        fleet.ask(name, "run")
+        fleet.run(data.draw(st.sampled_from([0.0, 0.3, 2.0])))
+    fleet.run(2.0 * FAULT_FREE_TIME)
+    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
+    assert not any(agent.state.availability.published for agent in fleet.agents.values())
+    for name in mission.followers:
+        assert fleet.agents[name]._neighbours.guides == mission.robots[name].neighbours
+
+
+@pytest.mark.slow
+def test_two_unavailable_robots_do_not_wait_for_each_other() -> None:
+    mission = team({"a": ["leader", "b"], "b": ["leader", "a"], "c": ["a", "b"]})
+    fleet = under_way(mission, 3.0)
+    for name in mission.followers:
+        fleet.ask(name, "hold")
+    fleet.run(3.0)
+    for name in mission.followers:
+        fleet.ask(name, "run")
+    fleet.run(8.0)
+    assert max(off(fleet).values()) < 0.02
+    assert not any(agent.state.availability.published for agent in fleet.agents.values())
+
+
+@pytest.mark.slow
+def test_forged_unavailability_stops_no_robot_with_another_neighbour() -> None:
+    def forged(sample: Sample) -> tuple[Sample, ...]:
+        if sample.key != POSITION.key("robot2") or sample.attachment is None:
+            return (sample,)
+        return (sample._replace(attachment=sample.attachment[:-1] + b',"unavailable":true}'),)
+
+    fleet = under_way(SIX)
+    fleet.meddle = forged
+    fleet.run(3.0)
+    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
+    assert max(off(fleet).values()) < 0.02
+    assert fleet.agents["robot3"]._neighbours.guides == ("robot1",)

@@ -1,0 +1,227 @@
+"""What an operator asks of one robot, put once or again and again."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from formation.agent.safety.latch import Latch
+from formation.leader.mode import TeamMode
+from formation.protocol import reasons
+from formation.protocol.once import MAX_REMEMBERED_REQUESTS, TRAVEL_TIME
+from formation.protocol.order import UNREACHED, Code, Do, OperatorReply, OperatorRequest, decode
+from formation.protocol.outcome import Recipients
+from formation.transport import asking
+from formation.transport.question import Question
+from tests.unit.formation.test_asking import Clock
+
+GO: dict[str, Do] = {"stop": "release", "hold": "run"}
+"""What ends each."""
+
+
+def ask(
+    latch: Latch,
+    do: Do,
+    of: str = "",
+    received: float = 0.0,
+    age: float = 0.0,
+    ends: tuple[str, ...] | None = None,
+) -> OperatorReply:
+    """A release or a run names what is in force, unless it is told what to name."""
+    named = tuple(filter(None, (latch.state.rest.stop, latch.state.rest.hold))) if ends is None else ends
+    request = OperatorRequest(do=do, id=of, age=age, ends=named if do in {"release", "run"} else ())
+    return decode(OperatorReply, latch.request(request, received, "run"))
+
+
+def test_a_repeated_release_does_not_end_a_later_stop() -> None:
+    latch = Latch("robot1")
+    ask(latch, "stop", "a")
+    first = ask(latch, "release", "b")
+    assert ask(latch, "stop", "c").mode == latch.mode == "stop"
+    assert ask(latch, "release", "b", ends=("a",)) == first
+    assert latch.mode == "stop"
+    assert ask(latch, "release", "d").mode == "hold"
+
+
+def test_a_release_leaves_a_hold_that_only_run_ends() -> None:
+    latch = Latch("robot1")
+    ask(latch, "hold", "h")
+    ask(latch, "stop", "s")
+    assert ask(latch, "run").code == "stopped"
+    assert ask(latch, "release", "r").mode == "hold"
+    again = ask(latch, "release", "r2", ends=("s",))
+    assert (again.ok, again.code, latch.mode) == (True, "nothing", "hold")
+    late = ask(latch, "run", "x", ends=("h", "s"))  # asked for before the stop
+    assert (late.ok, late.code, latch.mode) == (False, "another", "hold")
+    assert ask(latch, "run", "y", ends=("r",)).mode == "run"
+    assert latch.mode is None
+
+
+def test_a_release_or_run_must_name_what_it_ends() -> None:
+    latch = Latch("robot1")
+    pairs: tuple[tuple[Do, Do], ...] = (("stop", "release"), ("hold", "run"))
+    for rest, go in pairs:
+        ask(latch, rest, rest)
+        unnamed = ask(latch, go, "u", ends=())
+        another = ask(latch, go, "a", ends=("older",))
+        assert [(one.ok, one.code) for one in (unnamed, another)] == [(False, "unnamed"), (False, "another")]
+        assert latch.mode == rest
+        ask(latch, go, "g")
+
+
+def test_a_query_tells_ids_and_changes_nothing() -> None:
+    latch = Latch("robot1")
+    ask(latch, "hold", "h")
+    ask(latch, "stop", "s")
+    reply = ask(latch, "query")
+    assert (reply.ok, reply.mode, reply.stop, reply.hold, latch.mode) == (True, "stop", "s", "h", "stop")
+
+
+def test_a_stop_that_reuses_an_id_is_another_stop() -> None:
+    latch = Latch("robot1")
+    ask(latch, "stop", "1", received=1.0)
+    ask(latch, "release", "r1")
+    ask(latch, "stop", "1", received=2.0)
+    assert ask(latch, "release", "r2", received=3.0, ends=("1",)).code == "another"
+    assert latch.mode == "stop"
+
+
+@pytest.mark.parametrize("code", sorted(UNREACHED))
+@pytest.mark.parametrize("rest", ["stop", "hold"])
+def test_unreachable_stop_is_latched_and_not_ok(rest: Do, code: Code) -> None:
+    latch = Latch("robot1")
+    request = OperatorRequest(do=rest, id="s")
+    reply = decode(OperatorReply, latch.request(request, 0.0, "run", code))
+    assert (reply.ok, reply.code, latch.mode) == (False, code, rest)
+    again = request.model_copy(update={"age": 0.1})
+    assert decode(OperatorReply, latch.request(again, 0.1, "run")).ok, "the link is back"
+
+
+@pytest.mark.parametrize("of", ["", "different every time"])
+def test_requests_without_a_name_or_with_another_one_are_each_obeyed(of: str) -> None:
+    latch = Latch("robot1")
+    for number in range(MAX_REMEMBERED_REQUESTS + 2):
+        of = of and f"{number}"
+        ask(latch, "stop", of and f"{of}s")
+        assert latch.mode == "stop"
+        ask(latch, "release", of)
+        ask(latch, "run", of)
+        assert latch.state.rest.mode is None
+    assert len(latch.state.once.answers) <= MAX_REMEMBERED_REQUESTS
+
+
+def test_a_shape_is_not_an_agents_to_change_and_releases_nothing() -> None:
+    latch = Latch("robot1")
+    rests: tuple[Do, ...] = ("hold", "stop")
+    for do in rests:
+        ask(latch, do)
+        reply = decode(OperatorReply, latch.request(OperatorRequest(do="shape", shape="line"), 0.0, "run"))
+        assert (reply.ok, latch.mode, reply.mode) == (False, do, do)
+        assert "leader" in reply.reason
+
+
+@pytest.mark.parametrize("rest", ["stop", "hold"])
+def test_a_stop_with_the_id_of_an_earlier_release_is_obeyed(rest: Do) -> None:
+    latch = Latch("robot1")
+    assert ask(latch, "release", "1", received=10.0).mode == "run"
+    assert ask(latch, rest, "1", received=20.0).mode == latch.mode == rest
+    again = ask(latch, "release", "1", received=30.0, age=20.0)
+    assert again.mode == "run", "what was answered to it"
+    assert latch.mode == rest
+
+
+@pytest.mark.parametrize("rest", ["stop", "hold"])
+def test_new_stop_with_reused_id_is_obeyed(rest: Do) -> None:
+    latch = Latch("robot1")
+    ask(latch, rest, "s", received=1.0)
+    ask(latch, "release", "r", received=5.0)
+    assert ask(latch, rest, "s", received=60.0).mode == latch.mode == rest
+    assert list(latch.state.once.answers) == ["release r", f"{rest} s"]
+    assert not ask(latch, GO[rest], "late", 61.0, age=2.0).ok, "it is as new as any other"
+
+
+@pytest.mark.parametrize("rest", ["stop", "hold"])
+def test_a_repeated_rest_does_not_override_a_later_run(rest: Do, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = Clock()
+    monkeypatch.setattr(asking, "_now", clock.time)
+    monkeypatch.setattr(asking, "time", clock)
+    latch, modes = Latch("robot1"), []
+
+    def put(_key: str, payload: bytes, _: float) -> Question:
+        latch.request(decode(OperatorRequest, payload), 100.0, "run")
+        modes.append(latch.mode)
+        if len(modes) == 2:
+            assert ask(latch, "release", "another", 100.0).ok
+            assert ask(latch, "run", "another", 100.0).ok
+        question = Question()  # nobody's answer comes through
+        question.end()
+        return question
+
+    asking.ask(put, Recipients(("robot1",)), OperatorRequest(do=rest, id="mine"), 9.0, lambda: len(modes) > 4)
+    assert modes == [rest, rest, None, None, None]
+
+
+@given(st.lists(st.sampled_from(["stop", "hold", "run", "release"]), max_size=8))
+def test_a_robots_latch_answers_as_its_leaders_will_does(wishes: list[Do]) -> None:
+    latch, team_mode = Latch("robot1"), TeamMode()
+    for do in wishes:
+        ends = (
+            tuple(filter(None, (team_mode.rest.stop, team_mode.rest.hold)))
+            if do in {"release", "run"}
+            else ()
+        )
+        ok = team_mode.change(OperatorRequest(do=do, ends=ends), "fact").ok
+        assert (ask(latch, do).ok, latch.mode or "run") == (ok, team_mode.mode)
+
+
+@pytest.mark.parametrize(
+    ("do", "known"), [("hold", True), ("run", True), ("stop", False), ("release", False)]
+)
+def test_startup_stop_reason_remains_until_release_or_repetition(do: Do, known: bool) -> None:
+    latch = Latch("robot1")
+    latch.state.rest.stop, latch.state.why = "doubt", reasons.Reason(reasons.Code.STOPPED_BEFORE_START)
+    ask(latch, do)
+    assert bool(latch.state.why) is known
+
+
+@pytest.mark.parametrize("rest", ["stop", "hold"])
+def test_a_release_or_run_older_than_the_rest_is_refused(rest: Do) -> None:
+    latch, go = Latch("robot1"), GO[rest]
+    ask(latch, rest, received=100.0)
+    for received in (110.0, 200.0):  # it is put again, and goes on being too late
+        reply = ask(latch, go, "late", received, age=10.5)
+        assert (reply.ok, latch.mode) == (False, rest)
+        assert "before the newest stop" in reply.reason
+    assert ask(latch, go).ok
+    assert latch.mode != rest
+
+
+def test_release_requested_after_stop_counts_when_late() -> None:
+    latch = Latch("robot1")
+    ask(latch, "stop", received=100.0)
+    assert ask(latch, "release", "late", 110.0, age=9.9).ok
+    assert latch.mode == "hold"
+
+
+def test_immediate_release_counts_when_only_its_repetition_arrives() -> None:
+    latch = Latch("robot1")
+    ask(latch, "stop", received=100.0)
+    assert ask(latch, "release", "next", 100.05, age=0.04).ok
+    assert latch.mode == "hold"
+
+
+def test_release_too_close_to_stop_is_refused() -> None:
+    latch = Latch("robot1")
+    ask(latch, "stop", received=100.0)
+    for age, ok in ((10.0 - 0.8 * TRAVEL_TIME, False), (10.0 - 1.2 * TRAVEL_TIME, True)):
+        assert ask(latch, "release", f"at{age:g}", 110.0, age).ok is ok
+
+
+def test_stop_counts_from_its_request_despite_later_answer() -> None:
+    latch = Latch("robot1")
+    ask(latch, "stop", received=99.9)  # while its process hung
+    ask(latch, "hold", received=50.0)  # and the stop is no older for that
+    assert not ask(latch, "release", "late", 100.0, age=5.0).ok
+    assert latch.mode == "stop"
+    assert ask(latch, "release", "c", 106.0, age=5.0).ok

@@ -1,0 +1,103 @@
+"""Closed-loop scenarios of messages that come later and later, and of own positions that come late."""
+
+from __future__ import annotations
+
+import pytest
+
+from formation.mission.file import load
+from formation.protocol.lateness import MAX_BEAT_LATENESS
+from formation.protocol.order import LEADER_TIMEOUT_SECONDS
+from formation.protocol.reasons import Code, Reason
+from formation.protocol.status import AgentState
+from tests.campaigns.reliability.late import BOUNDED, FARTHEST, LINKS, SENSORS, dead_leader, late_sensor
+from tests.support.fleet import Fleet, Link
+
+SIX = load("six_robots")
+PAIR = load("turtlebot3_pair")
+PROMPT = (0.0005, 0.002)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", SENSORS)
+def test_robot_holds_while_own_positions_are_late(words: str) -> None:
+    tried = late_sensor(SIX, "robot3", SENSORS[words], seed=1)
+    assert tried.held
+    assert tried.driven < FARTHEST
+    assert tried.well
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("late", [0.1, 0.15])
+def test_own_positions_below_the_limit_keep_formation(late: float) -> None:
+    fleet = Fleet(SIX)
+    for name in SIX.followers:
+        fleet.sensors[name] = Link(0.0, (late, late))
+    fleet.run(20.0)
+    assert fleet.error() < SIX.settled
+    assert all(agent.decision.state is AgentState.RUN for agent in fleet.agents.values())
+
+
+@pytest.mark.slow
+def test_late_external_positions_hold_the_robot() -> None:
+    external = {
+        name: spec.model_copy(update={"localisation": "external"}) for name, spec in SIX.robots.items()
+    }
+    mission = SIX.model_copy(update={"robots": external})
+    tried = late_sensor(mission, "robot3", Link(0.0, (1.0, 1.0)), seed=2)
+    assert tried.held
+    assert tried.driven < FARTHEST
+    assert tried.well
+
+
+@pytest.mark.parametrize("words", LINKS)
+def test_robots_hold_soon_after_the_leader_dies_behind_slow_links(words: str) -> None:
+    assert dead_leader(PAIR, LINKS[words], seed=1) <= BOUNDED
+
+
+def test_hold_takes_effect_soon_behind_links_that_slow_down() -> None:
+    fleet = Fleet(PAIR)
+    fleet.run(8.0)
+    fleet.links["leader", "robot2"] = Link(0.0, PROMPT, growth=1.0, since=fleet.now)
+    fleet.run(3.0)
+    fleet.ask("robot1", "hold")
+    fleet.run(LEADER_TIMEOUT_SECONDS + MAX_BEAT_LATENESS)
+    assert fleet.agents["robot2"].decision.state is AgentState.HOLD
+
+
+def test_robot_follows_again_when_links_are_well() -> None:
+    fleet = Fleet(PAIR)
+    fleet.run(8.0)
+    fleet.links["leader", "robot2"] = Link(0.0, PROMPT, growth=1.0, since=fleet.now)
+    fleet.run(5.0)
+    assert _state(fleet) is AgentState.HOLD
+    fleet.heal()
+    fleet.run(1.0)
+    assert _state(fleet) is AgentState.RUN
+
+
+def test_thawed_leader_is_followed_at_once() -> None:
+    fleet = Fleet(PAIR)
+    fleet.run(8.0)
+    fleet.freeze("leader")
+    fleet.run(5.0)
+    fleet.thaw("leader")
+    fleet.run(0.5)
+    assert fleet.agents["robot2"].decision.state is AgentState.RUN
+
+
+@pytest.mark.slow
+def test_uneven_links_never_hold_for_good() -> None:
+    fleet = Fleet(SIX, delay=(0.1, 0.3), seed=3)
+    fleet.run(15.0)
+    held: list[Reason] = []
+    for _ in range(100):
+        fleet.run(0.1)
+        agents = fleet.agents.values()
+        held += [one.decision.reason for one in agents if one.decision.state is AgentState.HOLD]
+    assert len(held) < 10  # samples that overtake each other leave gaps of over three periods
+    assert {reason.code for reason in held} <= {Code.NO_NEIGHBOUR}
+    assert not any(reason.values["unavailable"] for reason in held)
+
+
+def _state(fleet: Fleet) -> AgentState:
+    return fleet.agents["robot2"].decision.state

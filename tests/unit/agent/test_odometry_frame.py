@@ -1,0 +1,255 @@
+"""Odometry that counts from where the robot was switched on, and what becomes of a robot that counts anew."""
+
+from __future__ import annotations
+
+import cmath
+import math
+import random
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+
+from formation.agent.pose.estimator import Localisation
+from formation.control.laws import LAWS
+from formation.mission.model import Mission
+from formation.protocol.reasons import Code
+from formation.protocol.status import Localised
+from formation.ros2.messages import Odometry, decode, encode
+from formation.topics import ODOM, POSITION
+from formation.wire import Now, Sample
+from tests.support.fleet import EPOCH, Fleet
+from tests.support.missions import with_robots
+
+PAIR = with_robots("turtlebot3_pair", odometry_frame="start", speed_step=0.01, turn_rate_step=0.01)
+SIX = with_robots("six_robots", odometry_frame="start")
+AT_REST = (0.0, 0.0)
+PERIOD = 0.05
+
+
+class Driver:
+    """Feeds the localisation of a robot that goes round in circles, in its own frame."""
+
+    def __init__(self, name: str = "robot2", speed: float = 0.1, turn_rate: float = 0.4) -> None:
+        self.here = Localisation(PAIR, name, LAWS["field"])
+        self.start = PAIR.robots[name].start
+        self.speed, self.turn_rate = speed, turn_rate
+        self.mono, self.position, self.heading = 0.0, 0j, 1.0 + 0.0j
+        self.true_position, self.true_heading = self.start.position, self.start.heading
+
+    def drive(self, after: float = PERIOD, *, times: int = 1, still: bool = False) -> None:
+        speed, turn_rate = (0.0, 0.0) if still else (self.speed, self.turn_rate)
+        for _ in range(times):
+            self.mono += after
+            half = cmath.rect(1.0, 0.5 * turn_rate * after)
+            self.position += speed * after * half * self.heading
+            self.heading *= half * half
+            self.true_position += speed * after * half * self.true_heading
+            self.true_heading *= half * half
+            message = Odometry(EPOCH + self.mono, self.position, self.heading, speed, turn_rate)
+            self.here.update_pose(message, self.mono, Now(self.mono, EPOCH + self.mono))
+
+    def count_anew(self, position: complex = 0j, heading: complex = 1.0 + 0.0j) -> None:
+        self.position, self.heading = position, heading
+
+    @property
+    def error(self) -> float:
+        return abs(self.here.state.position - self.true_position)
+
+    @property
+    def jumped(self) -> bool:
+        return self.here.state.jumped is not None
+
+    @property
+    def turned(self) -> float:
+        return abs(cmath.phase(self.here.state.measured / self.true_heading))
+
+
+def test_the_start_pose_places_and_turns_what_odometry_counts() -> None:
+    driver = Driver()
+    driver.drive(times=100)
+    assert driver.error < 1e-9
+    assert driver.turned < 1e-9
+    assert driver.here.state.jumps == 0
+
+
+def test_an_agent_that_restarts_finds_its_robot_where_it_is() -> None:
+    driver = Driver()
+    driver.drive(times=60)
+    driver.here = Localisation(PAIR, "robot2", LAWS["field"])
+    driver.drive()
+    assert driver.error < 1e-9
+
+
+def test_restarted_agent_knows_heading_turned_since_start() -> None:
+    driver = Driver()
+    driver.drive(times=60)
+    driver.here = Localisation(PAIR, "robot2", LAWS["field"])
+    driver.drive(times=1)
+    assert abs(driver.here.heading - driver.true_heading) < 1e-9
+    assert abs(driver.true_heading - PAIR.first_heading("robot2")) > 0.1
+
+
+@pytest.mark.parametrize("far", [0.02, 0.05, 0.5, 5.0])
+@pytest.mark.parametrize("way", [0, 90, 180, 270])
+@pytest.mark.parametrize("turn", [0.0, 0.2, math.pi])
+def test_a_robot_that_counts_anew_is_still_where_it_was(far: float, way: float, turn: float) -> None:
+    driver = Driver()
+    driver.drive(times=60)
+    driver.count_anew(
+        driver.position + cmath.rect(far, math.radians(way)), driver.heading * cmath.rect(1.0, turn)
+    )
+    driver.drive()
+    assert driver.here.state.jumped
+    driver.drive(times=60)
+    assert not driver.jumped
+    assert driver.here.state.jumps == 1
+    assert driver.error < 1e-3
+    assert driver.turned < 1e-3
+
+
+def test_turn_during_odometry_jump_keeps_estimated_heading() -> None:
+    driver = Driver(turn_rate=2.0)
+    driver.drive(times=400)
+    assert abs(cmath.phase(driver.here.heading / driver.true_heading)) < 1e-3
+    driver.count_anew()
+    driver.drive()  # by 0.1 rad
+    assert driver.here.state.jumps == 1
+    assert abs(cmath.phase(driver.here.heading / driver.true_heading)) < 1e-3
+
+
+def test_turned_odometry_count_leaves_pose_unchanged() -> None:
+    driver = Driver()
+    driver.drive(times=60)
+    driver.count_anew(driver.position, driver.heading * cmath.rect(1.0, 0.2))
+    driver.drive(times=30)
+    assert driver.here.state.jumps == 1
+    assert driver.error < 1e-3
+    assert driver.turned < 1e-3
+
+
+@pytest.mark.parametrize("silence", [0.2, 3.0, 60.0])
+def test_odometry_restart_after_silence_keeps_pose(
+    silence: float,
+) -> None:
+    driver = Driver()
+    driver.drive(times=60)
+    driver.drive(times=10, still=True)
+    driver.count_anew()
+    driver.drive(silence, still=True)
+    assert driver.here.state.jumps == 1
+    driver.drive(times=60)
+    assert driver.here.state.jumped is None
+    assert driver.error < 1e-3
+
+
+@pytest.mark.parametrize("silence", [0.2, 1.0])
+def test_driving_during_odometry_silence_is_no_jump(silence: float) -> None:
+    driver = Driver()
+    driver.drive(times=60)
+    driver.drive(silence)
+    driver.drive(times=5)
+    assert driver.here.state.jumps == 0
+    assert driver.error < 1e-9
+
+
+@pytest.mark.parametrize("slow", [0.0, 0.05])
+def test_driving_at_hardest_limits_never_jumps(slow: float) -> None:
+    driver = Driver()
+    for number in range(400):
+        driver.speed, driver.turn_rate = ((0.2108, 2.635), (slow, -2.635), (-0.2108, 0.0))[number // 7 % 3]
+        driver.drive(PERIOD * (1 + number % 3))
+    assert driver.here.state.jumps == 0
+
+
+def test_world_frame_position_follows_odometry_after_jump() -> None:
+    mission = with_robots("turtlebot3_pair", odometry_frame="world")
+    here = Localisation(mission, "robot2", LAWS["field"])
+    for number, x in enumerate([0.0, 0.0, 5.0, 5.0]):
+        mono = PERIOD * number
+        here.update_pose(Odometry(EPOCH + mono, x, 1 + 0j, 0.0, 0.0), mono, Now(mono, EPOCH + mono))
+    assert here.state.position == 5.0
+    assert here.state.jumps == 1
+    assert here.alignment is Localised.ODOMETRY_WORLD
+
+
+@pytest.mark.parametrize("mission", [PAIR, SIX], ids=["pair", "six"])
+def test_robots_that_count_from_their_start_come_into_formation(mission: Mission) -> None:
+    fleet = Fleet(mission)
+    fleet.run(20.0)
+    assert fleet.error() < 0.02
+    assert all(agent._here.state.jumps == 0 for agent in fleet.agents.values())
+
+
+@pytest.mark.parametrize("heading", ["observer", "measured"])
+def test_odometry_reset_stops_robot_and_resumes_without_lurch(
+    heading: str,
+) -> None:
+    fleet = Fleet(with_robots("turtlebot3_pair", odometry_frame="start", heading=heading))
+    fleet.run(20.0)
+    fleet.world.plant("robot1").reset_odometry()
+    reset = fleet.now
+    fleet.run(0.1)
+    status = fleet.status("robot1")
+    assert fleet.last_command("robot1") == AT_REST
+    assert "odometry jumped" in str(status.reason)
+    assert status.jumps == 1
+    assert (status.localisation, status.realigned) == (Localised.ODOMETRY_START, 1)
+    fleet.run(0.3)
+    assert fleet.status("robot1").state == "run"
+    fleet.run(10.0)
+    after = [command[1:] for command in fleet.commands["robot1"] if command[0] > reset]
+    assert max(abs(speed) for speed, _ in after) <= 0.12  # it catches up with what it missed
+    assert max(abs(turn_rate) for _, turn_rate in after) <= 0.5
+    assert fleet.error() < 0.03
+
+
+def test_robot_with_doubtful_position_publishes_none() -> None:
+    fleet = Fleet(SIX)
+    received: list[float] = []
+
+    def listen(sample: Sample) -> tuple[Sample]:
+        if sample.key == POSITION.key("robot3"):
+            received.append(sample.arrived)
+        return (sample,)
+
+    fleet.meddle = listen
+    fleet.run(5.0)
+    fleet.world.plant("robot3").reset_odometry()
+    fleet.run(1.0)
+    gaps = sorted(after - before for before, after in pairwise(received))
+    assert 0.15 < gaps[-1] < 0.35
+    assert gaps[-2] < 0.1
+    fleet.run(10.0)
+    assert fleet.error() < 0.05
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_lossy_odometry_while_turning_is_no_jump(
+    seed: int,
+) -> None:
+    dice, fleet = random.Random(seed), Fleet(with_robots("turtlebot3_pair", odometry_frame="start"))
+    fleet.meddle = lambda sample: (
+        () if sample.key == ODOM.key("robot1") and dice.random() < 0.6 else (sample,)
+    )
+    fleet.run(20.0)
+    assert fleet.agents["robot1"]._here.state.jumps == 0
+    fleet.meddle = lambda sample: (sample,)
+    fleet.run(10.0)
+    assert fleet.error() < 0.03
+
+
+@pytest.mark.parametrize("far", [1e6, -1e6])
+def test_absurd_odometry_moves_no_robot(far: float) -> None:
+    fleet = Fleet(with_robots("turtlebot3_pair", odometry_frame="start"))
+
+    def beyond(sample: Sample) -> tuple[Sample]:
+        if sample.key != ODOM.key("robot1"):
+            return (sample,)
+        odometry = replace(decode(Odometry, sample.payload), position=far * (1 + 1j))
+        return (sample._replace(payload=encode(odometry)),)
+
+    fleet.meddle = beyond
+    fleet.run(3.0)
+    assert {command[1:] for command in fleet.commands["robot1"]} == {AT_REST}
+    assert fleet.status("robot1").reason.code is Code.POSITION_TOO_FAR

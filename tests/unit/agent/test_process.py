@@ -1,0 +1,303 @@
+"""What an agent's loop sends to which side, and in what order."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from formation.agent.core import Agent
+from formation.agent.persistence.restore import Persistence
+from formation.agent.persistence.store import Store
+from formation.agent.process import REFUSED_PERIOD, Sides
+from formation.agent.safety.alive import FAREWELL
+from formation.agent.status import Surroundings
+from formation.mission.file import load, parse, read
+from formation.mission.model import Mission
+from formation.protocol.reasons import Code
+from formation.protocol.status import AgentState
+from formation.ros2.messages import Number, Odometry, encode
+from formation.topics import Topic
+from formation.wire import BadMessage, Now, Outgoing, Sample
+from tests.support.restarting import Drawer
+
+SIX = load("six_robots")
+ODOMETRY = Sample("robot2/odom", encode(Odometry(100.0, 0j, 1 + 0j, 0.0, 0.0)), b"33 bytes of ROS's", 1.0)
+SEEN = Sample("robot2/scan", b"\x00\x01\x00\x00 a scan", None, 1.0)
+
+
+class Wire:
+    """One side, which writes down what is done with it."""
+
+    def __init__(self, side: str, log: list[tuple[str, str, bytes | None]]) -> None:
+        self.advertised, self.subscribed = list[str](), list[str]()
+        self.waiting = set[str]()
+        """What does not wake the agent."""
+        self.connected, self.listens, self.requested = True, True, 0
+        self._side, self._log = side, log
+
+    def advertise(self, _topic: Topic, key: str) -> None:
+        self.advertised.append(key)
+
+    def subscribe(self, *where: Any, wakes: bool = True, from_others: bool = False, **_how: Any) -> None:
+        self.subscribed.append(where[-1])
+        if from_others or not wakes:
+            self.waiting.add(where[-1])
+
+    def publish(self, key: str, payload: bytes, attachment: bytes | None = None) -> None:
+        assert key in self.advertised
+        assert payload
+        self._log.append((self._side, key, attachment))
+
+    def routed(self, key: str) -> bool | None:
+        assert key == "robot2/cmd_vel"
+        return self.listens if self.connected else None
+
+    @property
+    def refused(self) -> Counter[str]:
+        self.requested += 1
+        return Counter({"put robot3/position": 2})
+
+
+class Setting:
+    """An agent between two such sides."""
+
+    def __init__(self, mission: Mission = SIX, *, readonly: bool = False) -> None:
+        self.log: list[tuple[str, str, bytes | None]] = []
+        self.fleet, self.robot = Wire("fleet", self.log), Wire("robot", self.log)
+        self.agent = Agent(mission, "robot2", readonly=readonly, publisher_id="v")
+        process: Any = SimpleNamespace(bus=self.fleet, robot=self.robot)
+        self.process = process
+        self.sides = Sides(self.agent, process, readonly=readonly)
+        self.sides.declare()
+
+    def turn(self, *inbox: Sample, mono: float = 1.0) -> list[tuple[str, str]]:
+        """One turn of the loop: side and key of everything sent, in order."""
+        self.log.clear()
+        self.sides.send(self.sides.step(Now(mono, 99.0 + mono), inbox))
+        return [(side, key) for side, key, _ in self.log]
+
+
+def test_command_is_sent_first_and_inputs_repeated_last() -> None:
+    assert Setting().turn(ODOMETRY) == [
+        ("robot", "robot2/cmd_vel"),
+        ("robot", "robot2/alive"),
+        ("fleet", "robot2/position"),
+        ("fleet", "robot2/status"),
+        ("fleet", "robot2/cmd_vel"),
+        ("robot", "robot2/position"),
+        ("robot", "robot2/status"),
+        ("fleet", "robot2/odom"),
+    ]
+
+
+def test_command_is_sent_before_later_messages_are_computed() -> None:
+    setting = Setting()
+
+    def says() -> Iterator[Outgoing]:
+        yield Outgoing("robot2/cmd_vel", b"command")
+        assert [key for _, key, _ in setting.log] == ["robot2/cmd_vel"]
+        yield Outgoing("robot2/position", b"position", b"order")
+        assert [key for _, key, _ in setting.log] == ["robot2/cmd_vel"]  # all else goes out together
+
+    setting.sides.send(says())
+    assert len(setting.log) == 4
+
+
+def test_attachments_are_sent_to_the_fleet_only() -> None:
+    setting = Setting()
+    setting.turn(ODOMETRY)
+    attachments = {(side, key): attachment for side, key, attachment in setting.log}
+    assert attachments["fleet", "robot2/position"] is not None
+    assert attachments["robot", "robot2/position"] is None
+    assert attachments["fleet", "robot2/odom"] is None
+
+
+def test_second_agent_on_the_robot_makes_both_hold() -> None:
+    setting = Setting()
+    assert "robot2/alive" in setting.robot.waiting  # its signs of life wake nobody
+    sign = Sample("robot2/alive", encode(Number(12.0)), None, 1.0)
+    setting.turn(ODOMETRY, sign)
+    assert setting.agent.decision.reason.code is Code.SECOND_AGENT
+    setting.turn(mono=1.9)
+    assert setting.agent.decision.reason.code is Code.SECOND_AGENT
+    setting.turn(mono=2.1)
+    assert setting.agent.decision.reason.code is not Code.SECOND_AGENT
+
+
+def test_farewell_is_no_second_agent() -> None:
+    setting = Setting()
+    setting.turn(ODOMETRY, Sample("robot2/alive", encode(Number(FAREWELL)), None, 1.0))
+    assert setting.agent.decision.reason.code is not Code.SECOND_AGENT
+
+
+def test_readonly_agent_does_not_hold_beside_another() -> None:
+    setting = Setting(readonly=True)
+    setting.turn(ODOMETRY, Sample("robot2/alive", encode(Number(12.0)), None, 1.0))
+    assert setting.agent.decision.reason.code is not Code.SECOND_AGENT
+
+
+def test_signs_of_life_stay_on_the_robot() -> None:
+    setting = Setting()
+    assert "robot2/alive" in setting.robot.advertised
+    assert "robot2/alive" not in setting.fleet.advertised
+
+
+def test_readonly_agent_sends_robot_no_command_or_life() -> None:
+    setting = Setting(readonly=True)
+    result = setting.turn(ODOMETRY)
+    assert {key for side, key in result if side == "robot"} == {"robot2/position", "robot2/status"}
+    assert ("fleet", "robot2/cmd_vel") in result
+    setting.log.clear()
+    setting.sides.send(setting.sides.halt(Now(2.0, 101.0), "SIGTERM"))
+    assert {key for side, key, _ in setting.log if side == "robot"} == {"robot2/status"}
+
+
+def test_the_last_words_are_zero_velocity_to_the_robot_first() -> None:
+    setting = Setting()
+    setting.sides.send(setting.sides.halt(Now(2.0, 101.0), "SIGTERM"))
+    assert setting.log[0][:2] == ("robot", "robot2/cmd_vel")
+
+
+def test_a_scan_is_repeated_and_is_none_of_the_agents_business() -> None:
+    setting = Setting()
+    assert "robot2/scan" in setting.robot.subscribed
+    assert ("fleet", "robot2/scan") in setting.turn(SEEN)
+    assert setting.sides.dropped == {}
+
+
+def test_positions_of_neighbours_come_from_the_fleet_and_are_not_repeated() -> None:
+    setting = Setting()
+    others = [f"robot{other}/position" for other in (1, 3, 4, 5, 6)]  # whom it measures, then whom it avoids
+    assert setting.fleet.subscribed == others
+    assert setting.robot.subscribed == ["robot2/odom", "robot2/scan", "robot2/alive"]
+    assert setting.fleet.waiting == set(others), "it is the robot's own messages that drive an agent"
+    assert setting.robot.waiting == {"robot2/alive"}
+    position = Sample("robot1/position", b"anything", None, 1.0)
+    assert ("fleet", "robot1/position") not in setting.turn(position)
+
+
+def local() -> Mission:
+    text, source = read("six_robots")
+    return parse(text.replace("rate = 20 ", 'rate = 20\nmeasurement = "local" '), source)
+
+
+def test_what_a_sensor_sees_is_heard_beside_the_robot_and_repeated() -> None:
+    setting = Setting(local())
+    assert "robot2/relative/robot1" in setting.robot.subscribed
+    seen = Sample("robot2/relative/robot1", b"\x00\x01\x00\x00 seen", None, 1.0)
+    assert ("fleet", "robot2/relative/robot1") in setting.turn(seen)
+
+
+@pytest.mark.parametrize("received", [(ODOMETRY,), (ODOMETRY, SEEN), (SEEN, ODOMETRY, SEEN)])
+def test_everything_heard_is_repeated_once_and_in_order(received: Sequence[Sample]) -> None:
+    setting = Setting()
+    repeated = [key for _, key in setting.turn(*received)][-len(received) :]
+    assert repeated == [sample.key for sample in received]
+    assert not {"robot2/odom", "robot2/scan"} & {key for _, key in setting.turn(mono=1.01)}
+
+
+def test_the_agent_knows_how_it_was_connected_when_it_last_spoke(monkeypatch: pytest.MonkeyPatch) -> None:
+    setting = Setting()
+    result = list[Surroundings]()
+    monkeypatch.setattr(setting.agent, "aware", result.append)
+    for connected, listens in ((True, False), (False, False), (True, True), (True, True)):
+        setting.robot.connected, setting.robot.listens = connected, listens
+        setting.turn()
+    links = [(one.connected, one.routed) for one in result]
+    assert links == [(True, True), (True, False), (False, None), (True, True)]
+
+
+def test_a_command_does_not_wait_for_a_look_around(monkeypatch: pytest.MonkeyPatch) -> None:
+    setting = Setting()
+    routed = setting.robot.routed
+
+    def looked(key: str) -> bool | None:
+        setting.log.append(("robot", "looked", None))
+        return routed(key)
+
+    monkeypatch.setattr(setting.robot, "routed", looked)
+    assert setting.turn(ODOMETRY)[-1] == ("robot", "looked")
+
+
+def test_refusals_are_queried_rarely(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    setting = Setting()
+    result = list[Surroundings]()
+    monkeypatch.setattr(setting.agent, "aware", result.append)
+    setting.turn()
+    setting.turn(mono=1.01)
+    assert {one.refused["put robot3/position"] for one in result} == {2}
+    assert setting.fleet.requested == 1
+    setting.turn(mono=1.0 + REFUSED_PERIOD)
+    assert setting.fleet.requested == 2
+
+
+def test_agent_with_failing_status_still_stops_its_robot(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    setting = Setting()
+    setting.turn(ODOMETRY)
+    setting.log.clear()
+
+    def fail(*_: Any) -> Outgoing:
+        raise BadMessage("cannot be said")
+
+    monkeypatch.setattr(setting.agent, "_status", fail)
+    with pytest.raises(BadMessage):
+        setting.sides.send(setting.sides.halt(Now(2.0, 101.0), "failed"))
+    assert [key for side, key, _ in setting.log if side == "robot"] == ["robot2/cmd_vel", "robot2/alive"]
+
+
+class Slow(Drawer):
+    """A disk that hangs, and notes what the robot had been told when somebody waited for it."""
+
+    def __init__(self, log: list[tuple[str, str, bytes | None]]) -> None:
+        super().__init__()
+        self._log, self.before = log, list[tuple[str, str]]()
+
+    def written(self, _patience: float) -> bool:
+        self.before = [(side, key) for side, key, _ in self._log]
+        return False
+
+
+def keeping(setting: Setting, disk: Drawer) -> None:
+    """Have the agent keep things there."""
+    persistence = Persistence(setting.agent, cast("Store", disk), "a boot")
+    setting.sides = Sides(
+        setting.agent, setting.process, readonly=False, persistence=persistence, clock=lambda: Now(1.2, 100.2)
+    )
+    setting.sides.declare()
+
+
+def test_stop_is_sent_before_it_is_stored() -> None:
+    setting = Setting()
+    disk = Slow(setting.log)
+    keeping(setting, disk)
+    setting.sides.request(b'{"do":"hold"}', 1.1)
+    assert disk.before == [], "who has not begun says nothing before it may"
+    setting.turn(ODOMETRY)
+    setting.log.clear()
+    assert b'"ok":true' in setting.sides.request(b'{"do":"stop"}', 1.1)
+    assert disk.before[0] == ("robot", "robot2/cmd_vel")
+    assert ("fleet", "robot2/status") not in disk.before, "nor does the operator wait for a report"
+    assert ("fleet", "robot2/status") in setting.turn(mono=1.2)
+    assert setting.agent.decision.state is AgentState.STOP
+
+
+def test_stop_is_stored_even_if_its_step_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    setting, disk = Setting(), Drawer()
+    keeping(setting, disk)
+    setting.turn(ODOMETRY)
+
+    def fail(*_: Any) -> None:
+        raise ZeroDivisionError("of today")
+
+    monkeypatch.setattr(setting.agent, "act", fail)
+    with pytest.raises(ZeroDivisionError):
+        setting.sides.request(b'{"do":"stop"}', 1.1)
+    assert b'"mode": "stop"' in disk.texts["stops"]

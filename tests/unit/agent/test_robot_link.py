@@ -1,0 +1,167 @@
+"""What an agent makes of the link to its robot: not there, there without a listener, or only looked at."""
+
+from __future__ import annotations
+
+import pytest
+
+from formation.agent.core import Agent
+from formation.agent.safety.alive import FAREWELL
+from formation.agent.status import Surroundings
+from formation.control.laws import LAWS
+from formation.control.unicycle import Command, advance
+from formation.mission.file import load
+from formation.protocol.order import Order, PositionAttachment
+from formation.protocol.order import encode as encode_order
+from formation.protocol.reasons import Code, Reason
+from formation.protocol.status import AgentState, RobotLink
+from formation.protocol.status_codec import LINKS
+from formation.ros2.messages import Diagnostics, Number, Odometry, Pose, TwistStamped, decode, encode
+from formation.topics import ALIVE, CMD_VEL, ODOM, POSITION, STATUS, TABLE
+from formation.wire import Now, Outgoing, Sample
+from tests.support.fleet import EPOCH, Fleet
+from tests.support.missions import with_robots
+
+PAIR = with_robots("turtlebot3_pair", speed_step=0.01, turn_rate_step=0.01)
+SIX = load("six_robots")
+AT_REST = (0.0, 0.0)
+LOST = Surroundings(connected=True, routed=False)
+FINE = Surroundings(connected=True, routed=True)
+
+
+def status(outbox: list[Outgoing], name: str) -> Diagnostics:
+    (one,) = [out for out in outbox if out.key == STATUS.key(name)]
+    return decode(Diagnostics, one.payload)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("surroundings", "reason", "link"),
+    [
+        (LOST, Code.NO_LISTENER, RobotLink.NO_LISTENER),
+        (Surroundings(connected=False), Code.NO_LINK, RobotLink.NOT_CONNECTED),
+    ],
+)
+def test_disconnected_robot_gets_zero_and_status_gives_reason(
+    surroundings: Surroundings, reason: Code, link: RobotLink
+) -> None:
+    fleet = Fleet(PAIR)
+    fleet.run(3.0)
+    agent = fleet.agents["robot1"]
+    integral = agent.state.integral
+    agent.aware(surroundings)
+    fleet.run(2.0)
+    assert {command[1:] for command in fleet.commands["robot1"] if command[0] > 3.06} == {AT_REST}
+    result = fleet._published["robot1"].statuses[0]
+    assert result.level == 1
+    assert fleet.status("robot1").reason == Reason(reason)
+    assert fleet.status("robot1").link is link
+    assert LINKS[link] in result.message
+    assert agent.state.integral == integral
+    agent.aware(FINE)
+    fleet.run(20.0)
+    assert fleet.status("robot1").link is RobotLink.CONNECTED
+    assert fleet.error() < 0.03
+
+
+def test_unknown_link_is_not_reported() -> None:
+    fleet = Fleet(SIX)
+    fleet.run(1.0)
+    assert fleet.status("robot2").link is RobotLink.UNKNOWN
+    assert "link" not in fleet.message("robot2")
+
+
+def test_refusals_are_counted_by_kind_in_the_status() -> None:
+    fleet = Fleet(SIX)
+    refused = {"put robot3/position": 12, "certificate: unknown issuer": 3}
+    fleet.agents["robot2"].aware(Surroundings(True, True, refused))
+    fleet.run(1.0)
+    result = fleet.status("robot2")
+    assert result.refused == refused
+
+
+class Moored(Fleet):
+    """A fleet whose robot1 is only looked at: nobody passes on what its agent commands."""
+
+    def new_agent(self, name: str) -> Agent:
+        return Agent(self.mission, name, self.law, readonly=name == "robot1", publisher_id=name)
+
+
+@pytest.mark.parametrize("source", ["odometry", "external"])
+def test_readonly_agent_reports_commands_without_windup(source: str) -> None:
+    fleet = Moored(with_robots("turtlebot3_pair", localisation=source, speed_step=0.01, turn_rate_step=0.01))
+    fleet.meddle = lambda sample: () if sample.key == CMD_VEL.key("robot1") else (sample,)
+    agent = fleet.agents["robot1"]
+    agent.aware(LOST)  # nothing is published there, so nobody can be seen to listen
+    fleet.run(10.0)
+    result = fleet.status("robot1")
+    assert fleet._published["robot1"].statuses[0].level == 1
+    assert (result.state, result.readonly) == (AgentState.RUN, True)
+    assert result.reason == Reason(Code.RUNNING)
+    assert fleet.message("robot1").startswith("readonly: would run: ")
+    assert fleet.last_command("robot1") != AT_REST
+    assert fleet.plant("robot1").path == 0.0
+    start = fleet.mission.first_heading("robot1")
+    assert agent._here.heading == pytest.approx(start, abs=0.01)  # nothing was learned from going nowhere
+    assert all(abs(left) <= 0.01 for left in agent._commander.state.remainder)
+
+
+@pytest.mark.parametrize("law", [name for name, one in LAWS.items() if one.integral])
+def test_readonly_integral_stays_zero(law: str) -> None:
+    fleet, driven = Moored(PAIR, law=law), Fleet(PAIR, law=law)
+    fleet.meddle = lambda sample: () if sample.key == CMD_VEL.key("robot1") else (sample,)
+    for one in (fleet, driven):
+        one.run(10.0)
+    assert driven.agents["robot1"].state.integral != 0j
+    assert fleet.agents["robot1"].state.integral == 0j
+
+
+def test_a_readonly_agent_that_would_not_run_says_so() -> None:
+    agent = Agent(PAIR, "robot1", readonly=True)
+    result = status(agent.step(Now(1.0, EPOCH), []), "robot1").statuses[0]
+    assert (result.values["state"], result.values["readonly"]) == ("waiting", "true")
+
+
+def test_each_command_goes_first_and_with_it_a_sign_of_life() -> None:
+    agent = Agent(PAIR, "robot1", publisher_id="v")
+    alive: list[float] = []
+    position, heading, moving = -0.9 + 0.6j, 1 + 0j, Command(0.0, 0.0)
+    for step in range(40):
+        position, heading = advance(position, heading, *moving, 0.05)
+        now = Now(7.0 + 0.05 * step, EPOCH + 0.05 * step)
+        result = Order(term=1, beat=step, mode="run", shape="triangle")
+        attachment = PositionAttachment(publisher_id="l", count=step, order=result, mission=PAIR.tag)
+        leader = encode(Pose(now.wall, 0.0025 * step, 1 + 0j))
+        odometry = encode(Odometry(now.wall, position, heading, *moving))
+        inbox = [
+            Sample(POSITION.key("leader"), leader, encode_order(attachment), now.mono),
+            Sample(ODOM.key("robot1"), odometry, None, now.mono),
+        ]
+        outbox = agent.step(now, inbox)
+        assert [out.key for out in outbox[:2]] == [CMD_VEL.key("robot1"), ALIVE.key("robot1")]
+        twist = decode(TwistStamped, outbox[0].payload)
+        moving = Command(twist.speed, twist.turn_rate)
+        alive.append(decode(Number, outbox[1].payload).value)
+    assert agent.decision.state == "run"
+    assert alive == pytest.approx([0.05 * step for step in range(40)], abs=1e-9)
+
+
+def test_a_robot_at_rest_has_an_agent_that_is_alive() -> None:
+    agent = Agent(PAIR, "robot1")
+    for step in range(10):
+        outbox = agent.step(Now(0.06 * step, EPOCH + 0.06 * step), [])
+        assert [out.key for out in outbox[:2]] == [CMD_VEL.key("robot1"), ALIVE.key("robot1")]
+
+
+def test_halting_agent_sends_zero_then_farewell_then_status() -> None:
+    agent = Agent(PAIR, "robot1")
+    command, leave, result = agent.halt(Now(1.0, EPOCH), "SIGTERM")
+    assert decode(TwistStamped, command.payload).speed == 0.0
+    assert leave.key == ALIVE.key("robot1")
+    assert decode(Number, leave.payload).value == FAREWELL
+    assert result.key == STATUS.key("robot1")
+
+
+def test_agent_publishes_only_command_life_position_and_status() -> None:
+    published = dict(Agent(PAIR, "robot1").publications)
+    assert {topic.name for topic in published} == {"cmd_vel", "alive", "position", "status"}
+    assert ALIVE in TABLE

@@ -1,0 +1,218 @@
+"""Scans that are not what they seem: late, blind to what is near, placed by odometry that is wrong."""
+
+from __future__ import annotations
+
+import cmath
+import dataclasses
+import math
+from collections.abc import Callable, Iterable
+
+import pytest
+
+from formation.agent.safety.scanner import LONGEST_SWEEP, Scanner
+from formation.control.unicycle import AT_REST, Command
+from formation.protocol.reasons import Code, Reason
+from formation.ros2.messages import LaserScan, Odometry, decode, encode
+from formation.sensing.raycast import Scanner as Device
+from formation.topics import ODOM, SCAN
+from formation.wire import Sample
+from tests.support.fleet import Fleet
+from tests.support.missions import team
+from tests.unit.agent.scanned import Robot, at, mission, post, scan
+from tests.unit.agent.test_scanning import ACROSS, ALONE, among, room, with_mode
+
+WALL = [(2.0 - 30j, 2.0 + 30j)]
+KEY, OWN = SCAN.key("robot1"), ODOM.key("robot1")
+
+
+def before_a_wall(scanner: str) -> Fleet:
+    """A robot that nothing but its protective zone keeps from a wall."""
+    return Fleet(with_mode(among(team(ALONE, None, scanner=scanner), ACROSS), "off"))
+
+
+# Odometry that says what cannot be
+
+
+def once_wrong(speed: float, lost: int) -> Callable[[Sample], Iterable[Sample]]:
+    """One odometry message of that speed [m/s], after which so many scans are lost."""
+    left = {OWN: 1, KEY: lost}
+
+    def meddle(sample: Sample) -> Iterable[Sample]:
+        if sample.key == OWN and left[OWN]:
+            left[OWN] = 0
+            wrong = dataclasses.replace(decode(Odometry, sample.payload), speed=speed)
+            return (sample._replace(payload=encode(wrong)),)
+        if sample.key == KEY and left[KEY] and not left[OWN]:
+            left[KEY] -= 1
+            return ()
+        return (sample,)
+
+    return meddle
+
+
+@pytest.mark.parametrize("scanner", ["required", "optional"])
+@pytest.mark.parametrize("lost", [0, 1, 2])
+@pytest.mark.parametrize("speed", [6.0, -6.0, 20.0])
+def test_one_speed_that_cannot_be_carries_no_wall_behind_the_robot(
+    speed: float, lost: int, scanner: str
+) -> None:
+    fleet = before_a_wall(scanner)
+    fleet.run(14.0)
+    fleet.meddle = once_wrong(speed, lost)
+    assert room(fleet, 4.0) > 0.0
+
+
+def test_impossible_odometry_speed_holds_robot_that_requires_scan() -> None:
+    fleet = Fleet(team(ALONE, scanner="required"))
+    fleet.run(6.0)
+    fleet.meddle = once_wrong(6.0, 1)
+    fleet.run(0.1)
+    assert fleet.commands["robot1"][-1][1:] == AT_REST
+    assert str(fleet.agents["robot1"].decision.reason) == (
+        "range scan cannot be placed by odometry that said 6 m/s, 0 rad/s"
+    )
+    fleet.run(6.0)  # such a speed is also none that the robot moved at: it probes before it goes on
+    assert fleet.status("robot1").state == "run"
+
+
+def test_a_turn_that_cannot_be_is_no_motion_either() -> None:
+    scanner = Scanner(mission(), "robot2")
+    scanner.process_scan(scan(0.0, post(1.0)), 0.0, at(0.0))
+    scanner.moved(0.05, Command(0.0, 60.0))
+    (circle,) = scanner.strangers(at(0.1), [])
+    assert circle.at == pytest.approx(1.0)
+    assert scanner.doubt == Reason.of(Code.SCAN_UNPLACED, speed=0.0, turn_rate=60.0)
+
+
+# Scanners that are slow, whose scans count for long
+
+
+@pytest.mark.parametrize("speed", [0.5, 1.0, 1.5])
+@pytest.mark.parametrize(("rate", "missing"), [(0.5, 2), (0.5, 3), (0.6, 3), (1.0, 4)])
+def test_a_slow_scanner_may_lose_a_scan_before_a_wall(speed: float, rate: float, missing: int) -> None:
+    for distance in (3.5, 5.0, 6.5):
+        robot = Robot(
+            walls=[(distance - 30j, distance + 30j)], rate=rate, missing=[missing - 1], range_max=8.0
+        )
+        robot.drive(Command(speed, 0.0), 20.0)
+        assert robot.nearest > 0.0
+
+
+def test_motion_history_is_limited_to_needed_duration() -> None:
+    for rate in (0.5, 5.0):
+        scanner = Scanner(mission(scan=f", rate = {rate}"), "robot2")
+        for tick in range(2000):
+            scanner.moved(0.05 * tick, Command(0.1, 0.0))
+        longest = scanner.stream.limit + scanner.stream.longest_delay + LONGEST_SWEEP
+        assert 0.0 <= len(scanner.state.moves) - longest / 0.05 <= 3.0
+
+
+# Scans that are late, or whose clock is wrong
+
+
+def late(way: float) -> Callable[[Sample], Iterable[Sample]]:
+    return lambda sample: (sample._replace(arrived=sample.arrived + way),) if sample.key == KEY else (sample,)
+
+
+@pytest.mark.parametrize("way", [0.5, 0.7, 1.0, 1.5])
+def test_late_required_scans_never_let_robot_touch_wall(way: float) -> None:
+    fleet = before_a_wall("required")
+    fleet.meddle = late(way)
+    assert room(fleet, 14.0) > 0.0
+    if way > 0.6:
+        result = fleet.status("robot1")
+        assert result.state == "hold"
+        assert str(result.reason) == f"range scan stamped {way:.2f} s before it came, must be 0.6 s at most"
+        assert result.clock["scan"] == pytest.approx(way, abs=0.05)
+        assert "stamps of scan not believed" in fleet.message("robot1")
+
+
+@pytest.mark.parametrize("way", [0.5, 0.7, 1.0])
+def test_late_optional_scans_are_used_and_reported_only(way: float) -> None:
+    fleet = before_a_wall("optional")
+    fleet.meddle = late(way)
+    assert room(fleet, 14.0) > 0.0
+    assert fleet.status("robot1").state == "run"
+    assert (fleet.status("robot1").scan_fault is not None) is (way > 0.6)
+
+
+def test_robot_with_a_fast_scanner_clock_holds() -> None:
+    scanner = Scanner(mission(), "robot2")
+    scanner.process_scan(scan(1.05, post(1.0)), 1.0, at(1.0))
+    assert scanner.doubt is None
+    scanner.process_scan(scan(1.5, post(1.0)), 1.2, at(1.2))
+    assert str(scanner.doubt) == "range scan stamped 0.30 s after it came, must be 0.1 s at most"
+
+
+# Scanners that are blind to what is near
+
+
+@pytest.mark.parametrize("speed", [0.2, 0.5])
+def test_obstacle_inside_scanner_blind_range_is_not_hit(speed: float) -> None:
+    for ahead in (0.45, 1.2):
+        robot = Robot([(ahead + 0j, 0.1)], range_min=0.5, too_near=-math.inf)
+        robot.drive(Command(speed, 0.0), 12.0)
+        assert robot.nearest > 0.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_thin_post_behind_burger_is_not_lost(seed: int) -> None:
+    """An LDS-01 behind the axle sees no nearer than the margin of a robot of 0.1 m."""
+    robot = Robot([(-0.8 + 0j, 0.01)], behind=0.032, lost=0.1)
+    robot.rng.seed(seed)
+    robot.drive(Command(-0.2, 0.0), 30.0)
+    assert robot.nearest > 0.05
+
+
+@pytest.mark.parametrize(
+    ("range_min", "where", "blind"),
+    [(0.12, "", False), (0.15, "", False), (0.16, "", True), (0.12, ", x = -0.032", False), (0.5, "", True)],
+)
+def test_a_scanner_that_is_blind_beyond_body_and_margin_is_doubted(
+    range_min: float, where: str, blind: bool
+) -> None:
+    scanner = Scanner(mission(scan=where), "robot2")
+    result = scan(0.0, post(1.0), device=Device(range_min=range_min))
+    scanner.process_scan(decode(LaserScan, encode(result)), 0.0, at(0.0))
+    wants = f"range scan has range_min {range_min:g} m: this robot needs at most 0.15 m"
+    assert str(scanner.doubt) == (wants if blind else "None")
+
+
+@pytest.mark.parametrize(("scanner", "state"), [("required", "hold"), ("optional", "run")])
+def test_blind_scanner_holds_if_required_and_warns_otherwise(scanner: str, state: str) -> None:
+    fleet = Fleet(team(ALONE, scanner=scanner))
+
+    def blind(sample: Sample) -> Iterable[Sample]:
+        if sample.key == KEY:
+            seen = dataclasses.replace(decode(LaserScan, sample.payload), range_min=0.5)
+            sample = sample._replace(payload=encode(seen))
+        return (sample,)
+
+    fleet.meddle = blind
+    fleet.run(3.0)
+    assert fleet.status("robot1").state == state
+    message = fleet.message("robot1")
+    assert message.count("range scan has range_min 0.5 m: this robot needs at most 0.15 m") == 1
+
+
+# Scans whose beams are of many moments
+
+
+@pytest.mark.parametrize("turn", [1.0, -1.0])
+@pytest.mark.parametrize("newest_first", [False, True])
+@pytest.mark.parametrize("stamped", ["first", "last"])
+def test_sweep_is_undone_for_any_stamp_and_direction(stamped: str, newest_first: bool, turn: float) -> None:
+    """The robot turns on the spot, and the scanner sees a post with a single beam."""
+    sweep = 0.2
+    for beam in range(0, 360, 15):
+        scanner = Scanner(mission(scan=f", sweep = {-sweep if newest_first else sweep}"), "robot2")
+        for tick in range(13):
+            scanner.moved(0.05 * tick, Command(0.0, turn))
+        ranges = [math.inf] * 360
+        ranges[beam] = 1.0
+        done, seen = 0.6, 0.6 - sweep * (beam / 359 if newest_first else 1.0 - beam / 359)
+        stamp = done - sweep if stamped == "first" else done
+        scanner.process_scan(scan(stamp, ranges), done + 0.002, at(done + 0.002))
+        (circle,) = scanner.strangers(at(0.65), [])
+        there = cmath.rect(1.0, math.radians(beam) - turn * (0.65 - seen))
+        assert abs(cmath.phase(circle.at / there)) < 0.03

@@ -1,0 +1,291 @@
+"""Robots with range scanners, and what stands about: production cores, a fake clock, a network in memory."""
+
+from __future__ import annotations
+
+import random
+import struct
+from collections.abc import Callable, Iterable, Sequence
+
+import pytest
+
+from formation.agent.core import Agent
+from formation.control.unicycle import AT_REST
+from formation.mission.file import load
+from formation.mission.model import Mission
+from formation.mission.scanner import Post, Wall
+from formation.protocol.reasons import Code
+from formation.protocol.status import AgentState
+from formation.ros2.messages import LaserScan, decode
+from formation.sensing.scan import Circle, Mate
+from formation.topics import SCAN
+from formation.wire import Now, Sample
+from tests.support.fleet import Fleet
+from tests.support.missions import team
+from tests.support.mutations import mutated
+
+ALONE: dict[str, tuple[str, ...]] = {"robot1": ("leader",)}
+IN_FILE = {"robot1": ("leader",), "robot2": ("leader",)}
+"""The second starts 0.8 m behind the first, and does not measure it."""
+POST = Post(x=1.5, y=0.03, radius=0.1)
+ACROSS = Wall(begin=(1.5, -3.0), end=(1.5, 3.0))
+KEY = SCAN.key("robot1")
+
+
+def among(mission: Mission, *things: Post | Wall) -> Mission:
+    """The same where these stand about."""
+    posts = tuple(one for one in things if isinstance(one, Post))
+    walls = tuple(one for one in things if isinstance(one, Wall))
+    world = mission.simulation.model_copy(update={"posts": posts, "walls": walls})
+    return mission.model_copy(update={"simulation": world})
+
+
+def with_mode(mission: Mission, mode: str) -> Mission:
+    collisions = mission.collisions.model_copy(update={"mode": mode})
+    return mission.model_copy(update={"collisions": collisions})
+
+
+def room(fleet: Fleet, seconds: float) -> float:
+    """How near a body comes to what stands about, or to another body [m]."""
+    least = float("inf")
+    posts = [post.disc for post in fleet.mission.simulation.posts]
+    walls = [wall.line for wall in fleet.mission.simulation.walls]
+    bodies = [(name, fleet.mission.robots[name].radius) for name in fleet.mission.followers]
+    for _ in range(round(seconds / 0.05)):
+        fleet.run(0.05)
+        fleet.points()  # has all be where they are by now
+        for number, (name, radius) in enumerate(bodies):
+            here = fleet.plant(name).position
+            others = [(fleet.plant(other).position, size) for other, size in bodies[:number]]
+            gaps = [abs(at - here) - size for at, size in (*posts, *others)]
+            gaps += [_from_wall(here, *wall) for wall in walls]
+            least = min([least, *(gap - radius for gap in gaps)])
+    return least
+
+
+def _from_wall(here: complex, begin: complex, end: complex) -> float:
+    along = ((here - begin) / (end - begin)).real
+    return abs(here - begin - min(max(along, 0.0), 1.0) * (end - begin))
+
+
+def scans(change: Callable[[Sample], Iterable[Sample]]) -> Callable[[Sample], Iterable[Sample]]:
+    return lambda sample: change(sample) if sample.key == KEY else (sample,)
+
+
+# Out of the way of what stands about
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [
+        {},
+        {"odometry_frame": "start"},
+        {"measurement": "local"},
+        {"localisation": "external"},
+        {"localisation": "external", "heading": "measured"},
+        {"avoid": "all", "scanner": "optional"},
+    ],
+    ids=["odometry", "start frame", "local", "external", "external, measured", "optional"],
+)
+def test_a_robot_goes_round_a_post_and_back_into_its_slot(robot: dict[str, str]) -> None:
+    fleet = Fleet(among(team(ALONE, None, **{"scanner": "required", **robot}), POST))
+    assert room(fleet, 25.0) > 0.0
+    assert fleet.plant("robot1").position.real > 3.0
+    assert fleet.error() < 0.02
+
+
+def test_without_a_scanner_it_would_run_into_it() -> None:
+    assert room(Fleet(among(team(ALONE), POST)), 20.0) < 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_six_robots_pass_posts_and_wall_and_reform(seed: int) -> None:
+    mission = load("posts")
+    fleet = Fleet(mission, seed=seed, loss=0.05)
+    assert room(fleet, mission.duration) > 0.0
+    assert fleet.error() < mission.settled
+
+
+# Protective zones ask nobody
+
+
+@pytest.mark.parametrize(("mode", "law"), [("warn", "field"), ("off", "field"), ("on", "paper")])
+def test_robot_stops_before_a_wall_without_the_filter(mode: str, law: str) -> None:
+    robot = {"scanner": "optional", "localisation": "external", "heading": "measured"}
+    fleet = Fleet(with_mode(among(team(ALONE, None, **robot), ACROSS), mode), law=law)
+    met = set()
+    for _ in range(40):
+        assert room(fleet, 0.5) > 0.0
+        met.add(fleet.status("robot1").zone)
+    assert fleet.leader.where(fleet.now).real > 3.0
+    assert {"clear", "stop"} <= met
+
+
+def test_holding_robot_reports_zone_clear() -> None:
+    fleet = Fleet(with_mode(among(team(ALONE, scanner="optional"), ACROSS), "off"))
+    fleet.run(20.0)
+    fleet.ask("leader", "hold")
+    fleet.run(1.0)
+    assert fleet.status("robot1").state == "hold"
+    assert fleet.status("robot1").zone == "clear"
+
+
+# Whose scan is silent
+
+
+def test_robot_waits_for_first_required_scan() -> None:
+    fleet = Fleet(team(ALONE, scanner="required"))
+    fleet.meddle = scans(lambda _: ())
+    fleet.run(3.0)
+    assert (fleet.status("robot1").state, fleet.status("robot1").reason.code) == ("waiting", Code.NO_SCAN)
+    assert {command[1:] for command in fleet.commands["robot1"]} == {AT_REST}
+
+
+def test_silent_required_scanner_holds_robot_until_it_returns() -> None:
+    fleet = Fleet(team(ALONE, scanner="required"))
+    fleet.run(6.0)
+    fleet.meddle = scans(lambda _: ())
+    fell_silent = fleet.now
+    fleet.run(2.0)
+    result = fleet.status("robot1")
+    assert result.state == "hold"
+    assert result.reason.code is Code.SCAN_SILENT
+    held = min(
+        time for time, *command in fleet.commands["robot1"] if time > 6.0 and tuple(command) == AT_REST
+    )
+    assert held - fell_silent <= 3 / fleet.mission.robots["robot1"].scan.rate + 0.01
+    fleet.meddle = lambda sample: (sample,)
+    fleet.run(6.0)
+    assert fleet.status("robot1").state == "run"
+    assert fleet.error() < 0.01
+
+
+def test_a_robot_goes_on_without_a_scanner_that_is_optional() -> None:
+    fleet = Fleet(team(ALONE, scanner="optional"))
+    fleet.run(6.0)
+    fleet.meddle = scans(lambda _: ())
+    for _ in range(12):
+        fleet.run(0.25)
+        assert fleet.status("robot1").state == "run"
+    assert fleet.error() < 0.01
+
+
+# Who is a stranger
+
+
+@pytest.mark.slow
+def test_known_teammate_nearby_is_not_taken_for_stranger() -> None:
+    result = {}
+    for avoid in ("all", ()):
+        mission = team(IN_FILE, scanner="required", avoid=avoid)  # type: ignore[arg-type]
+        near = {"row": {"robot1": (-0.8, 0.0), "robot2": (-1.3, 0.0)}}
+        fleet = Fleet(mission.model_copy(update={"shapes": near}))
+        fleet.run(15.0)
+        result[avoid] = fleet.error() < 0.01, fleet.status("robot2").avoiding
+    assert result == {"all": (True, False), (): (False, True)}
+
+
+def test_post_is_no_teammate_while_heading_is_unknown(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The second believes to face the first, and faces a post as far away instead."""
+    mission = team(IN_FILE, scanner="required", avoid="all")
+    robots = dict(mission.robots)
+    turned = robots["robot2"].start.model_copy(update={"heading_deg": 90.0})
+    robots["robot2"] = robots["robot2"].model_copy(update={"start": turned})
+    ahead = Post(x=turned.x, y=turned.y + 0.8, radius=0.1)
+    fleet = Fleet(among(mission.model_copy(update={"robots": robots}), ahead))
+    seen: list[int] = []
+    look = fleet.agents["robot2"]._avoiding.scanner
+    assert look is not None
+    strangers = look.strangers
+
+    def noted(now: Now, mates: Sequence[Mate]) -> list[Circle]:
+        seen.append(len(mates))
+        return strangers(now, mates)
+
+    monkeypatch.setattr(look, "strangers", noted)
+    fleet.run(6.0)
+    assert seen[0] == 0
+    assert seen[-1] == 1
+    assert room(fleet, 10.0) > 0.0
+
+
+@pytest.mark.parametrize("when", [0.0, 6.0], ids=["from the beginning", "on the way"])
+def test_silent_teammate_seen_by_scanner_is_passed(when: float) -> None:
+    mission = team(IN_FILE, scanner="required", avoid="all")
+    in_line = {"row": {"robot1": (-0.8, 0.0), "robot2": (-1.6, 0.0)}}
+    fleet = Fleet(mission.model_copy(update={"shapes": in_line}))
+    fleet.run(when)
+    fleet.kill("robot1")
+    fleet.world._hosted["robot1"].plant.obey(AT_REST)
+    there = fleet.plant("robot1").position
+    assert room(fleet, 25.0) > 0.0
+    assert fleet.plant("robot2").position.real > there.real + 1.0
+    *_, last = fleet.points()
+    assert abs(last - fleet.leader.where(fleet.now) + 1.6) < 0.02
+
+
+# What is no scan
+
+
+def test_bad_scans_are_counted_and_change_no_command() -> None:
+    """Cut, of the wrong length, with steps that are no number, from the past, by somebody else."""
+    mission = among(team(ALONE, scanner="required"), POST)
+    spared, attacked = Fleet(mission), Fleet(mission)
+    seen: list[Sample] = []
+    sent = {KEY: 0, "elsewhere": 0}
+
+    def bad(sample: Sample) -> Iterable[Sample]:
+        seen.append(sample)
+        whole, step = sample.payload, decode(LaserScan, sample.payload)
+        at = whole.index(_single(step.angle_increment))
+        count = whole.index(len(step.ranges).to_bytes(4, "little"))
+        payloads = [
+            whole[:-9],
+            whole[:count] + (361).to_bytes(4, "little") + whole[count + 4 :],
+            whole[:at] + _single(float("nan")) + whole[at + 4 :],
+            whole[:at] + _single(0.0) + whole[at + 4 :],
+            b"",
+            *(one.payload for one in seen[-9:-1:4]),
+        ]
+        sent[KEY] += len(payloads)
+        sent["elsewhere"] += 1
+        stranger = sample._replace(key=SCAN.key("robot9"))
+        return [*(sample._replace(payload=one) for one in payloads), stranger, sample, sample]
+
+    attacked.meddle = scans(bad)
+    spared.run(15.0)
+    attacked.run(14.99)
+    sent[KEY] += len(seen)  # which came twice
+    attacked.meddle = spared.meddle
+    attacked.run(0.01)
+    assert attacked.commands == spared.commands
+    dropped = attacked.agents["robot1"].dropped
+    assert {key: dropped[key] for key in sent} == sent
+    assert attacked.agents["robot1"].decision.state is AgentState.RUN
+
+
+def _single(number: float) -> bytes:
+    return struct.pack("<f", number)
+
+
+def test_scans_that_were_garbled_crash_nothing_and_keep_the_limits() -> None:
+    dice = random.Random(4)
+    fleet = Fleet(among(team(ALONE, scanner="required"), POST))
+    fleet.meddle = scans(
+        lambda sample: [
+            *(sample._replace(payload=mutated(dice, [sample.payload])) for _ in range(40)), sample
+        ]
+    )  # fmt: skip
+    fleet.run(20.0)
+    limits = fleet.mission.robots["robot1"].limits
+    assert fleet.agents["robot1"].dropped[KEY] > 1000
+    assert all(
+        abs(u) <= limits.max_speed and abs(w) <= limits.max_turn_rate for _, u, w in fleet.commands["robot1"]
+    )
+
+
+def test_agent_subscribes_to_scan_only_with_scanner() -> None:
+    assert KEY in Agent(team(ALONE, scanner="optional"), "robot1", "paper").subscriptions
+    assert KEY not in Agent(team(ALONE), "robot1").subscriptions

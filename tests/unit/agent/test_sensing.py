@@ -1,0 +1,142 @@
+"""Sensors that lie, blocked wheels, carried robots: the robot holds, probes, and goes on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from formation.agent.simulated.faults import Fault, read
+from formation.protocol.reasons import Code
+from formation.protocol.status import AgentState
+from formation.ros2.messages import Odometry, decode, encode
+from formation.topics import ODOM
+from formation.wire import Sample
+from tests.support.fleet import Fleet
+from tests.support.sensing import SOURCES, faulty, late, mission_of, noisy, resting, watch
+
+BEGIN = 8.0
+"""A fault begins so long after the start [s]."""
+BOUND = 0.1
+"""So far a robot may drive from 1 s after the fault on [m]."""
+
+
+def suffering(name: str, source: str, kind: str, size: float = 0.0, lasts: float = 1e9) -> tuple[Fleet, str]:
+    mission = mission_of(name, source)
+    robot = mission.followers[0]
+    fleet = faulty(mission, Fault(robot, kind, size, BEGIN, lasts))
+    fleet.run(BEGIN + 1.0)
+    return fleet, robot
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize(("kind", "size"), [("frozen", 0.0), ("tremble", 1e-3), ("blocked", 0.0)])
+def test_robot_without_seen_motion_stops_and_resumes(source: str, kind: str, size: float) -> None:
+    fleet, robot = suffering("six_robots", source, kind, size, lasts=6.0)
+    before = fleet.plant(robot).path
+    fleet.run(4.5)
+    assert fleet.plant(robot).path - before < BOUND
+    assert fleet.agents[robot].decision.state is AgentState.HOLD
+    assert "frozen or robot blocked" in str(fleet.status(robot).reason)
+    fleet.run(25.0)
+    assert fleet.agents[robot].decision.state is AgentState.RUN
+    assert fleet.plant(robot).path - before > 2.0
+
+
+@pytest.mark.slow
+def test_probes_stay_bounded_however_long_it_lasts() -> None:
+    fleet, robot = suffering("turtlebot3_pair", "odometry", "tremble", 1e-3)
+    before = fleet.plant(robot).path
+    fleet.run(70.0)
+    assert fleet.plant(robot).path - before < BOUND
+    assert fleet.agents[robot].decision.probes
+
+
+@pytest.mark.slow
+def test_hold_and_run_probe_again_at_once() -> None:
+    fleet, robot = suffering("turtlebot3_pair", "odometry", "frozen", lasts=60.0)
+    fleet.run(64.0)
+    assert fleet.agents[robot].decision.probes
+    fleet.ask(fleet.mission.leader, "hold")
+    fleet.run(0.5)
+    fleet.ask(fleet.mission.leader, "run")
+    fleet.run(8.0)
+    assert fleet.agents[robot].decision.state is AgentState.RUN
+
+
+def test_reported_speeds_that_contradict_positions_hold_the_robot() -> None:
+    fleet, robot = suffering("six_robots", "odometry", "speeds", 0.0)
+    assert fleet.agents[robot].decision.state is AgentState.HOLD
+    assert fleet.agents[robot].decision.reason.code is Code.MOTION_SPEEDS
+
+
+def test_reported_speeds_of_the_wrong_sign_hold_the_robot() -> None:
+    fleet, robot = suffering("six_robots", "odometry", "speeds", -1.0)
+    assert "its speeds say -" in str(fleet.agents[robot].decision.reason)
+
+
+@pytest.mark.slow
+def test_a_carried_robot_holds_until_it_is_put_down() -> None:
+    mission = mission_of("six_robots", "external")
+    fleet = faulty(mission, Fault("robot2", "carried", 0.8, BEGIN, 3.0))
+    fleet.run(BEGIN + 2.0)
+    assert fleet.agents["robot2"].decision.reason.code is Code.MOTION_CARRIED
+    fleet.run(30.0)
+    assert fleet.agents["robot2"].decision.state is AgentState.RUN
+    assert fleet.error() < 0.05
+
+
+@pytest.mark.slow
+def test_a_robot_that_spins_in_place_is_checked_by_its_heading() -> None:
+    mission = mission_of("six_robots", "odometry")
+    fleet = Fleet(mission)
+    fleet.run(BEGIN)
+    agent = fleet.agents["robot2"]
+    key, held = ODOM.key("robot2"), list[Odometry]()
+
+    def freeze(sample: Sample) -> tuple[Sample]:
+        if sample.key != key:
+            return (sample,)
+        result = decode(Odometry, sample.payload)
+        held.append(result)
+        # positions follow, the heading does not
+        return (sample._replace(payload=encode(replace(result, heading=held[0].heading))),)
+
+    fleet.meddle = freeze
+    fleet.ask(mission.leader, "hold")
+    fleet.run(0.5)
+    law = agent._params.law
+    agent._params = agent._params._replace(
+        law=lambda integral, *rest: (law(integral, *rest)[0]._replace(speed=0.0, turn_rate=1.0), integral)
+    )
+    fleet.ask(mission.leader, "run")
+    fleet.run(1.5)
+    assert agent.decision.reason.code is Code.MOTION_TURN
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("source", SOURCES)
+def test_noise_and_delay_cause_no_hold(source: str) -> None:
+    fleet = Fleet(noisy(mission_of("six_robots", source), 0.005), delay=(0.1, 0.101))
+    fleet.meddle = late(0.1)
+    assert watch(fleet, 20.0).holds == {}
+
+
+@pytest.mark.slow
+def test_noise_at_rest_causes_no_hold() -> None:
+    fleet = Fleet(resting(noisy(mission_of("six_robots", "odometry"), 0.005)))
+    fleet.meddle = late(0.1)
+    assert watch(fleet, 20.0).holds == {}
+
+
+@pytest.mark.parametrize(
+    "text", ["robot2", "robot2:frozen", "robot2:melted@3", "robot2:tremble=x@3", "a:frozen@x"]
+)
+def test_a_fault_that_cannot_be_read_is_named(text: str) -> None:
+    with pytest.raises(ValueError, match="must be"):
+        read(text)
+
+
+def test_a_fault_is_read() -> None:
+    assert read("robot2:tremble=1e-3@20+10") == Fault("robot2", "tremble", 1e-3, 20.0, 10.0)

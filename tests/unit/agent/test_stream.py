@@ -1,0 +1,204 @@
+"""Freshness and time of a stream of stamped messages."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from formation.agent.pose.stream import Stream, TooLateError
+from formation.control.tracker import MAX_DELAY
+from formation.protocol.lateness import SETTLED_TIME
+from formation.wire import BadMessage, Now
+
+EPOCH = 1.7e9
+RATE = 20.0
+PERIOD = 1.0 / RATE
+
+
+def at(mono: float, clock_error: float = 0.0) -> Now:
+    return Now(mono, EPOCH + mono + clock_error)
+
+
+def stream_after(*moments: float, sender_error: float = 0.0) -> Stream:
+    stream = Stream(RATE)
+    for moment in moments:
+        stream.admit(EPOCH + moment + sender_error, moment, at(moment))
+    return stream
+
+
+def test_nothing_is_fresh_before_the_first_message() -> None:
+    stream = Stream(RATE)
+    assert not stream.fresh(at(0.0))
+    assert stream.silence(at(0.0)) == float("inf")
+
+
+def test_a_stream_is_fresh_for_three_periods_and_no_longer() -> None:
+    stream = stream_after(0.0)
+    assert stream.fresh(at(3 * PERIOD - 1e-9))
+    assert not stream.fresh(at(3 * PERIOD + 1e-6))
+
+
+def test_the_interval_between_two_messages_is_the_senders_not_the_arrivals() -> None:
+    stream = stream_after(0.0)
+    assert stream.admit(EPOCH + 0.050, 0.057, at(0.057)) == pytest.approx(0.050, abs=1e-6)
+
+
+def test_first_message_and_first_after_silence_start_fresh() -> None:
+    stream = Stream(RATE)
+    assert stream.admit(EPOCH, 0.0, at(0.0)) is None
+    assert stream.admit(EPOCH + 1.1, 1.1, at(1.1)) is None
+
+
+def test_a_gap_of_a_few_messages_is_one_long_interval() -> None:
+    assert stream_after(0.0).admit(EPOCH + 0.3, 0.3, at(0.3)) == pytest.approx(0.3, abs=1e-6)
+
+
+def test_a_replayed_message_is_refused_and_changes_nothing() -> None:
+    stream = stream_after(0.0, 0.05)
+    with pytest.raises(BadMessage, match="out of step"):
+        stream.admit(EPOCH + 0.05, 0.06, at(0.06))
+    assert stream.state.stamp == pytest.approx(EPOCH + 0.05)
+    assert stream.state.arrived == 0.05
+
+
+def test_a_message_that_overtook_another_wins() -> None:
+    stream = stream_after(0.0, 0.10)
+    with pytest.raises(BadMessage):
+        stream.admit(EPOCH + 0.05, 0.101, at(0.101))
+
+
+@pytest.mark.parametrize("step", [-3600.0, -10.0, 10.0, 3600.0])
+def test_changed_sender_clock_is_accepted_after_silence(step: float) -> None:
+    stream = stream_after(0.0, 0.05)
+    for moment in (0.10, 0.15, 0.199):
+        with pytest.raises(BadMessage):
+            stream.admit(EPOCH + moment + step, moment, at(moment))
+    assert stream.admit(EPOCH + 0.25 + step, 0.25, at(0.25)) is None
+    assert stream.admit(EPOCH + 0.30 + step, 0.30, at(0.30)) == pytest.approx(0.05, abs=1e-6)
+    assert stream.fresh(at(0.30))
+    assert not stream.clock_agrees
+
+
+@pytest.mark.parametrize("speed", [1, 2, 5])
+def test_a_recording_played_back_among_fresh_messages_is_never_followed(speed: int) -> None:
+    stream = stream_after(0.0)
+    for number in range(1, 100):
+        moment = number * PERIOD
+        for part in range(speed):
+            played = moment + part * PERIOD / speed
+            with pytest.raises(BadMessage):
+                stream.admit(EPOCH - 10.0 + played, played, at(played))
+        end = moment + PERIOD * 0.99
+        stream.admit(EPOCH + end, end, at(end))
+        assert stream.state.stamp == pytest.approx(EPOCH + end, abs=1e-6)
+
+
+def test_repeated_message_is_refused_forever() -> None:
+    stream = stream_after(0.0, 0.05)
+    for number in range(2, 200):
+        with pytest.raises(BadMessage, match="out of step"):
+            stream.admit(EPOCH + 0.05, number * PERIOD, at(number * PERIOD))
+    assert not stream.fresh(at(10.0))
+
+
+def test_stream_of_one_message_per_second_is_fresh() -> None:
+    stream = Stream(1.0)
+    for second in range(20):
+        late = 0.01 * (second % 3)
+        elapsed = stream.admit(EPOCH + second, second + late, at(second + late))
+        assert elapsed == (pytest.approx(1.0, abs=1e-6) if second else None)
+
+
+@pytest.mark.parametrize("days", [-20_000.0, -2.0, 2.0, 20_000.0])
+def test_a_stamp_days_away_is_no_time_at_all(days: float) -> None:
+    with pytest.raises(BadMessage, match="absurd stamp"):
+        Stream(RATE).admit(EPOCH + days * 86_400.0, 0.0, at(0.0))
+
+
+def test_age_is_by_the_stamp_while_that_is_believable() -> None:
+    stream = stream_after(0.0)
+    stream.admit(EPOCH + 0.05, 0.08, at(0.08))  # 30 ms on the way
+    assert stream.age(at(0.10)) == pytest.approx(0.05, abs=1e-6)
+
+
+@pytest.mark.parametrize("way", [0.0, 0.2, 0.499])
+def test_transport_delay_adds_to_age_not_to_freshness(way: float) -> None:
+    stream = stream_after(0.0, sender_error=-way)
+    assert stream.clock_agrees
+    assert stream.age(at(0.02)) == pytest.approx(0.02 + way, abs=1e-6)
+    assert stream.fresh(at(3 * PERIOD - 1e-9))
+    assert not stream.fresh(at(3 * PERIOD + 1e-6))
+
+
+def test_delayed_burst_of_messages_is_admitted_completely() -> None:
+    stream, interval = stream_after(0.0), pytest.approx(PERIOD, abs=1e-6)
+    for number in range(1, 9):
+        moment = 0.4 + 0.001 * number
+        assert stream.admit(EPOCH + number * PERIOD, moment, at(moment)) == interval
+    assert stream.age(at(0.41)) == pytest.approx(0.01, abs=1e-6)
+
+
+def test_messages_that_get_later_and_later_are_refused() -> None:
+    stream, refused = stream_after(0.0), 0
+    for number in range(1, 100):
+        sent, moment = number * PERIOD, 2.0 * number * PERIOD
+        if sent <= MAX_DELAY:
+            stream.admit(EPOCH + sent, moment, at(moment))
+            continue
+        with pytest.raises(TooLateError, match="later than the quickest"):
+            stream.admit(EPOCH + sent, moment, at(moment))
+        refused += 1
+    assert refused > 80
+    assert not stream.fresh(at(9.0))
+
+
+def test_a_prompt_message_counts_at_once_after_late_ones() -> None:
+    stream = stream_after(0.0)
+    for number in range(1, 20):
+        moment = 3.0 + number * PERIOD
+        with pytest.raises(TooLateError):
+            stream.admit(EPOCH + moment - 3.0, moment, at(moment))
+    stream.admit(EPOCH + 4.1, 4.1, at(4.1))
+    assert stream.fresh(at(4.1))
+    assert stream.state.late == pytest.approx(0.0, abs=1e-6)
+
+
+def test_messages_at_one_lateness_for_a_minute_are_followed() -> None:
+    stream, sent = stream_after(0.0), 0.0
+    while sent < SETTLED_TIME - 0.1:
+        sent += PERIOD
+        with pytest.raises(TooLateError):
+            stream.admit(EPOCH + sent, sent + 3.0, at(sent + 3.0))
+    sent += 0.2
+    assert stream.admit(EPOCH + sent, sent + 3.0, at(sent + 3.0)) is None
+    assert stream.fresh(at(sent + 3.0))
+
+
+def test_implausible_delay_counts_partly_and_clock_is_doubted() -> None:
+    stream = stream_after(0.0, sender_error=-0.7)
+    assert not stream.clock_agrees
+    assert stream.age(at(0.02)) == pytest.approx(0.02 + 0.3, abs=1e-6)
+
+
+@pytest.mark.parametrize("error", [-10.0, -1.0, 0.5, 10.0])
+def test_age_is_by_arrival_where_the_senders_clock_is_off(error: float) -> None:
+    stream = stream_after(0.0, sender_error=error)
+    assert not stream.clock_agrees
+    assert stream.age(at(0.02)) == pytest.approx(0.02)
+
+
+@given(st.lists(st.tuples(st.floats(-1e7, 1e7), st.floats(0.0, 0.5)), max_size=30))
+def test_admitted_interval_is_positive_and_within_wait(
+    messages: list[tuple[float, float]],
+) -> None:
+    stream, mono, last = Stream(RATE), 0.0, 0.0
+    for offset, wait in messages:
+        mono += wait
+        try:
+            elapsed = stream.admit(EPOCH + mono + offset, mono, at(mono))
+        except BadMessage:
+            continue
+        wait_since, last = mono - last, mono
+        assert elapsed is None or 0.0 < elapsed <= wait_since + stream.longest_delay
+        assert 0.0 <= stream.age(at(mono)) <= stream.longest_delay

@@ -1,0 +1,326 @@
+"""What rides on the fleet's side of a command: all that the agent went by, and never a reason to fail."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+from formation.agent.core import Agent
+from formation.agent.persistence import trace
+from formation.agent.persistence.state import dump, restore
+from formation.agent.persistence.trace import (
+    MAX_TRACE_BYTES,
+    MAX_TRACED_INPUTS,
+    STATE_PERIOD,
+    Trace,
+    checksum,
+)
+from formation.agent.verify.traced import BadTraceError, RequestStep, Step, read
+from formation.mission.file import load
+from formation.protocol.order import MAX_REQUEST_BYTES, Order, PositionAttachment
+from formation.protocol.order import encode as encode_order
+from formation.protocol.status import AgentState
+from formation.ros2.messages import MAX_PAYLOAD_BYTES, Odometry, Pose, Text, decode, encode
+from formation.topics import CMD_VEL, ODOM, POSITION
+from formation.wire import Now, Sample
+from tests.support.missions import with_robots
+from tests.support.recorded import Looped, RecordedFleet, Recording
+
+SIX = load("six_robots")
+KEY = CMD_VEL.key("robot3")
+HELD = [ODOM.key("robot3"), *(POSITION.key(f"robot{other}") for other in (1, 2, 4, 5, 6))]
+
+
+def now(mono: float) -> Now:
+    return Now(mono, 1.7e9 + mono)
+
+
+def odometry(mono: float, attachment: bytes | None = None) -> Sample:
+    payload = encode(Odometry(1.7e9 + mono, 0.1 * mono + 0j, 1 + 0j, 0.1, 0.0))
+    return Sample(ODOM.key("robot3"), payload, attachment, mono)
+
+
+def position(mono: float, count: int, robot: str = "robot1") -> Sample:
+    result = Order(term=1, beat=count, mode="run", shape="hexagon")
+    reported = PositionAttachment(publisher_id="v", count=count, order=result, mission=SIX.tag)
+    payload = encode(Pose(1.7e9 + mono, 1 + 0.1 * mono + 0j, 1 + 0j))
+    return Sample(POSITION.key(robot), payload, encode_order(reported), mono)
+
+
+class Setting:
+    """One agent in its loop."""
+
+    def __init__(self, agent: Agent | None = None, *, readonly: bool = False) -> None:
+        self.agent = agent or Agent(SIX, "robot3", publisher_id="abc", readonly=readonly)
+        self.record: Recording = []
+        self.loop = Looped(self.agent, self.record, readonly=readonly)
+
+    def turn(self, mono: float, *inbox: Sample) -> Any:
+        """The trace of the command that this step led to; None if it led to none, or has none."""
+        self.record.clear()
+        self.loop.step(now(mono), inbox)
+        return self.trace()
+
+    def trace(self) -> Any:
+        attachments = [sample.attachment for sample, _ in self.record if sample.key == KEY]
+        return json.loads(attachments[0]) if attachments and attachments[0] is not None else None
+
+
+def test_command_trace_carries_all_steps_since_last_command() -> None:
+    setting = Setting()
+    assert setting.turn(1.0)["n"] == 1  # at rest, because there is nothing to go by yet
+    assert setting.turn(1.01, position(1.009, 1)) is None
+    assert setting.turn(1.02) is None
+    seen = odometry(1.029)
+    result = setting.turn(1.03, seen)
+    assert result == {
+        "n": 2,
+        "publisher_id": "abc",
+        "steps": [
+            [1.01, 1.7e9 + 1.01, [[1, checksum(position(1.009, 1)), 1.009]]],
+            [1.02, 1.7e9 + 1.02, []],
+            [1.03, 1.7e9 + 1.03, [[0, checksum(seen), 1.029]]],
+        ],
+    }
+
+
+def test_the_first_one_says_what_the_agent_is_and_knows() -> None:
+    setting = Setting(readonly=True)
+    result = setting.turn(1.0)
+    assert result["agent"] == {"law": "field", "readonly": True, "mission": SIX.fingerprint, "keys": HELD}
+    assert result["state"] == dump(setting.agent)
+
+
+def test_state_is_traced_every_five_seconds_after_command() -> None:
+    setting = Setting()
+    setting.turn(1.0)
+    moment, reported = 1.0, []
+    for _ in range(450):
+        moment += 0.05
+        result = setting.turn(moment, odometry(moment))
+        if "state" in result:
+            reported.append(moment)
+            other = Agent(SIX, "robot3", publisher_id="abc")
+            restore(other, result["state"])
+            assert dump(other) == dump(setting.agent)
+    assert [after - before for before, after in pairwise(reported)] == pytest.approx(
+        [STATE_PERIOD] * 3, abs=0.06
+    )
+
+
+def test_checksum_ignores_odometry_attachment_but_not_position_attachment() -> None:
+    assert checksum(odometry(1.0)) == checksum(odometry(1.0, b"ROS's own"))
+    assert checksum(position(1.0, 1)) != checksum(position(1.0, 2))
+
+
+def test_the_link_with_the_robot_is_told_where_it_has_changed() -> None:
+    setting = Setting()
+    assert setting.turn(1.0)["steps"] == [[1.0, 1.7e9 + 1.0, [], [True, True, False]]]
+    assert setting.turn(1.1)["steps"] == [[1.1, 1.7e9 + 1.1, []]]
+    setting.loop.robot.connected = False
+    setting.turn(1.2)
+    assert setting.turn(1.3)["steps"] == [[1.3, 1.7e9 + 1.3, [], [False, None, False]]]
+
+
+def test_operator_requests_are_traced_and_invalid_ones_skipped() -> None:
+    setting = Setting()
+    setting.turn(1.0)
+    for request in (b'{"do":"stop"}', b"\xff\xfe", b"x" * (MAX_REQUEST_BYTES + 1)):
+        setting.loop.sides.request(request, 1.05)
+    assert setting.turn(1.1)["steps"] == [[1.05, '{"do":"stop"}'], [1.1, 1.7e9 + 1.1, []]]
+
+
+@pytest.mark.parametrize("size", [1025, 2001, MAX_REQUEST_BYTES])
+def test_longest_obeyed_request_is_traced_and_read(size: int) -> None:
+    setting, stop = Setting(), b'{"do":"stop"}'.ljust(size)
+    setting.turn(1.0)
+    setting.loop.sides.request(stop, 1.05)
+    assert setting.turn(1.1)["steps"][0] == [1.05, stop.decode()]
+    assert setting.agent.decision.state is AgentState.STOP
+    reported = read(next(sample.attachment or b"" for sample, _ in setting.record if sample.key == KEY))
+    assert reported.steps[0] == RequestStep(1.05, stop.decode())
+
+
+def test_too_many_long_requests_become_a_gap() -> None:
+    setting = Setting()
+    setting.turn(1.0)
+    for _ in range(4):
+        setting.loop.sides.request(b'{"do":"stop"}'.ljust(MAX_REQUEST_BYTES), 1.05)
+    result = setting.turn(2.1)
+    assert f"at most {MAX_TRACE_BYTES} are recorded" in result["gap"]
+    assert result["state"]["latch"]["rest"]["stop"]
+
+
+def test_the_last_words_carry_a_trace_as_well() -> None:
+    setting = Setting()
+    setting.turn(1.0)
+    setting.record.clear()
+    setting.loop.halt(now(1.2), "SIGTERM")
+    assert setting.trace() == {"n": 2, "publisher_id": "abc", "steps": [], "halt": [1.2, 1.7e9 + 1.2]}
+
+
+def test_on_the_robots_side_nothing_rides() -> None:
+    setting = Setting()
+    result = list[tuple[str, bytes | None]]()
+
+    def publish(key: str, _payload: bytes, attachment: bytes | None = None) -> None:
+        result.append((key, attachment))
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(setting.loop.robot, "publish", publish)
+        setting.turn(1.0, odometry(1.0))
+    assert KEY in dict(result)
+    assert {attachment for _, attachment in result} == {None}
+
+
+def test_the_command_is_with_the_robot_before_the_trace_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    setting = Setting()
+    at_the_robot = list[list[str]]()
+    original = Trace.attachment
+
+    def made(self: Trace) -> bytes | None:
+        at_the_robot.append([out.key for out in setting.loop.robot.said])
+        return original(self)
+
+    monkeypatch.setattr(Trace, "attachment", made)
+    setting.turn(1.0, odometry(1.0))
+    assert [KEY in keys for keys in at_the_robot] == [True]
+
+
+def test_flood_becomes_gap_and_next_command_starts_anew() -> None:
+    setting = Setting()
+    setting.turn(1.0)
+    flood = [position(1.1, number) for number in range(MAX_TRACED_INPUTS + 1)]
+    result = setting.turn(2.2, *flood)
+    assert "steps" not in result
+    assert "messages between two commands" in result["gap"]
+    assert result["state"] == dump(setting.agent)
+    assert setting.turn(2.3)["steps"] == [[2.3, 1.7e9 + 2.3, [], [True, True, False]]]
+
+
+def test_endless_flood_traces_state_once_per_second() -> None:
+    setting = Setting()
+    remembered = 0
+    for tick in range(80):
+        moment = 1.0 + 0.06 * tick
+        flood = [position(moment, number) for number in range(MAX_TRACED_INPUTS + 1)]
+        remembered += "state" in setting.turn(moment, *flood)
+    assert remembered == 5
+
+
+def test_minutes_without_a_command_hold_no_more_than_so_much() -> None:
+    one = Trace(Agent(SIX, "robot3"))
+    for tick in range(10_000):
+        one.stepped(now(0.01 * tick), (True, True, False), [position(0.01 * tick, tick)])
+        one.requested(b'{"do":"hold"}', 0.01 * tick)
+        assert len(one._steps) <= MAX_TRACED_INPUTS
+    result = one.attachment()
+    assert result is not None
+    assert "gap" in json.loads(result)
+
+
+def test_oversized_message_becomes_gap() -> None:
+    setting = Setting()
+    setting.turn(1.0)
+    result = setting.turn(1.1, Sample(POSITION.key("robot1"), b"x" * (MAX_PAYLOAD_BYTES + 1), None, 1.1))
+    assert "longer than any that is read" in result["gap"]
+    assert "gap" not in setting.turn(1.2)
+
+
+def test_a_recording_can_keep_whatever_rides() -> None:
+    """On a std_msgs/String, whose text has to be printable and not too long."""
+    setting = Setting()
+    setting.turn(1.0)
+    for _ in range(64):
+        setting.loop.sides.request(('{"do":"' + "ä\t\x7f\u2028" * 250).encode()[:1024], 1.0)
+    setting.record.clear()
+    setting.loop.step(now(1.1), [])
+    attachment = next(sample.attachment for sample, _ in setting.record if sample.key == KEY)
+    assert attachment is not None
+    assert len(attachment) <= MAX_TRACE_BYTES
+    text = attachment.decode("ascii")
+    assert "at most" in json.loads(text)["gap"]
+    assert text.isprintable()
+    assert decode(Text, encode(Text(text))).text == text
+
+
+def test_oversized_state_is_omitted_while_steps_are_traced(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(trace, "MAX_TRACE_BYTES", 800)
+    setting = Setting()
+    with caplog.at_level(logging.WARNING):
+        result = setting.turn(1.0)
+        setting.turn(7.0)
+    assert result["steps"]
+    assert result["agent"]
+    assert "state" not in result
+    assert len(caplog.messages) == 1
+    assert "cannot be verified everywhere" in caplog.text
+
+
+@pytest.mark.parametrize("fails", ["checksum", "dump", "_encode"])
+def test_failing_trace_blocks_no_command_and_logs_once(
+    fails: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    sound, broken = Setting(), Setting()
+
+    def fail(*_: Any) -> Any:
+        raise RuntimeError("something nobody thought of")
+
+    def commands(setting: Setting, moments: Sequence[float]) -> list[bytes]:
+        result = []
+        for moment in moments:
+            setting.turn(moment, position(moment, int(100 * moment)), odometry(moment))
+            result += [out.payload for out, _ in setting.record if out.key == KEY]
+        return result
+
+    first, then = [1.0, 1.05, 1.1], [2.2, 2.25]
+    expected = commands(sound, first), commands(sound, then)
+    with caplog.at_level(logging.WARNING):
+        with monkeypatch.context() as patched:
+            patched.setattr(trace, fails, fail)
+            assert commands(broken, first) == expected[0]
+        assert commands(broken, then) == expected[1]
+    assert [message.count("something nobody thought of") for message in caplog.messages] == [1]
+    reported = read(next(sample.attachment or b"" for sample, _ in broken.record if sample.key == KEY))
+    assert reported.n == 5
+    assert reported.gap == ""
+
+
+def test_what_is_told_is_read_to_the_last_bit() -> None:
+    fleet = RecordedFleet(with_robots("turtlebot3_pair", localisation="external"))
+    fleet.run(6.0)
+    traces = [s.attachment for s, _ in fleet.record if s.key.endswith(CMD_VEL.name) and s.attachment]
+    assert len(traces) > 100
+    for attachment in traces:
+        result, reported = json.loads(attachment), read(attachment)
+        assert reported.state == result.get("state")
+        for step, one in zip(result["steps"], reported.steps, strict=True):
+            assert isinstance(one, Step)
+            assert [one.mono, one.wall, [list(received[:3]) for received in one.received]] == step[:3]
+
+
+@pytest.mark.parametrize(
+    "attachment",
+    [
+        b"", b"\xff", b"[]", b"{}",
+        b'{"n": -1, "publisher_id": ""}',
+        b'{"n": 1, "publisher_id": "", "steps": [[1.0]]}',
+        b'{"n": 1, "publisher_id": "", "steps": [[NaN, 1.0, []]]}',
+        b'{"n": 1, "publisher_id": "", "halt": [1.0]}',
+        b'{"n": 1, "publisher_id": "", "steps": [[1.0, 1.0, [[0, 1.5, 1.0]]]]}',
+        b'{"n": 1, "publisher_id": "", "x": 1}',
+        b'{"n": 1e999, "publisher_id": ""}', b"[" * 60_000,
+        b'{"n": 1, "publisher_id": "", "state": ' + b"[" * 60_000,
+    ],
+)  # fmt: skip
+def test_what_is_no_trace_is_refused_in_one_line(attachment: bytes) -> None:
+    with pytest.raises(BadTraceError) as refused:
+        read(attachment)
+    assert "\n" not in str(refused.value)

@@ -1,0 +1,300 @@
+"""A recorded run lived through again: the same commands to the last bit, or the first that differs, named."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from formation.agent.core import Agent
+from formation.agent.verify import buffer, core
+from formation.agent.verify.core import MAX_INPUT_DELAY, Verification, verify
+from formation.agent.verify.verdict import MOST_STRETCHES, Verdict
+from formation.control.laws import LAWS
+from formation.mission.file import load, parse, read
+from formation.mission.model import Mission
+from formation.monitor.metrics.keys import watched
+from formation.ros2.messages import Twist, encode
+from formation.topics import BALLOT, CMD_VEL, ODOM, POSITION, SCAN
+from formation.wire import Now, Sample
+from tests.support.missions import with_robots
+from tests.support.recorded import RecordedFleet, Recording, all_alike
+
+SIX, PAIR, CHAINS = load("six_robots"), load("turtlebot3_pair"), load("two_chains")
+POSTS = load("posts")
+STEPS = {"speed_step": 0.01, "turn_rate_step": 0.01}
+
+
+def six(seconds: float = 8.0) -> Recording:
+    fleet = RecordedFleet(SIX)
+    fleet.run(seconds)
+    return fleet.record
+
+
+RUN = six()
+COMMAND = CMD_VEL.key("robot3")
+
+
+def changed(old: str, new: str, mission: str = "six_robots") -> Mission:
+    text = read(mission)[0]
+    assert old in text
+    return parse(text.replace(old, new))
+
+
+def without(record: Recording, *gone: Callable[[Sample, float], bool]) -> Recording:
+    return [(sample, wall) for sample, wall in record if not any(one(sample, wall) for one in gone)]
+
+
+def between(key: str, since: float, until: float) -> Callable[[Sample, float], bool]:
+    start = RUN[0][1]
+    return lambda sample, wall: sample.key == key and since <= wall - start < until
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(
+    "mission",
+    [
+        SIX, PAIR, CHAINS,
+        with_robots("six_robots", measurement="local"),
+        with_robots("six_robots", odometry_frame="start"),
+        with_robots("turtlebot3_pair", heading="measured"),
+        with_robots("turtlebot3_pair", localisation="external", **STEPS),
+        POSTS,
+    ],
+    ids=["six", "pair", "chains", "local", "start frame", "measured heading", "external", "posts"],
+)  # fmt: skip
+def test_every_command_of_run_is_reproduced_exactly(mission: Mission, law: str) -> None:
+    fleet = RecordedFleet(mission, law=law, loss=0.1)
+    fleet.run(6.0)
+    assert all_alike(verify(mission, fleet.record))
+
+
+def test_every_subscription_of_agent_is_recorded_and_retained() -> None:
+    text, name = read("posts")
+    mission = parse(f"{text}\n[standbys.spare1]\n[standbys.spare2]\n", name)
+    recorded = {one.key for one in watched(mission)}
+    for robot in mission.followers:
+        received = set(Agent(mission, robot).subscriptions)
+        assert {BALLOT.key("spare2"), SCAN.key(robot)} <= received
+        assert received <= recorded
+        assert all(core._may_be_received(key) for key in received)
+
+
+GAINS = {
+    "k_p": ("k_p = 2.0 ", "k_p = 2.000001 "),
+    "k_i": ("k_i = 1.0 ", "k_i = 1.000001 "),
+    "observer gain": ("[law]", "[law]\nobserver_gain = 5.00001"),
+    "velocity filter": ("[law]", "[law]\nvelocity_filter = 0.1001"),
+    "control point": ("control_point_offset = 0.2 ", "control_point_offset = 0.200001 "),
+    "anti-windup": ("[law]", "[law]\nanti_windup = 0.9999"),
+    "integral band": ("[law]", "[law]\nintegral_band = 0.03001"),
+    "integral decay": ("[law]", "[law]\nintegral_decay = 0.999"),
+    "limit": ("max_speed = 1.5 ", "max_speed = 1.49999 "),
+    "delay compensation": ("[law]", "[law]\ndelay_compensation = false"),
+    "feed-forward": ("[law]", "[law]\nfeed_forward = false"),
+    "shape": ("robot5 = [-1.5, ", "robot5 = [-1.50001, "),
+}
+
+
+@pytest.mark.parametrize(("old", "new"), GAINS.values(), ids=GAINS)
+def test_with_one_number_changed_the_first_command_that_differs_is_named(old: str, new: str) -> None:
+    verdicts = verify(changed(old, new), RUN)
+    firsts = [one.first for one in verdicts.values() if one.first is not None]
+    assert firsts
+    first = min(firsts, key=lambda one: one.wall)
+    recorded = [wall for sample, wall in RUN if sample.key.endswith(CMD_VEL.name)]
+    assert first.wall in recorded
+    assert first.recorded is not None
+    assert first.computed is not None
+    assert max(first.off) > 1e-9
+    assert first.inputs[-1].key.endswith(ODOM.name)
+    assert "formation control" in first.decision
+    for one in verdicts.values():
+        assert one.compared == one.commands  # a difference is no reason to stop comparing
+        assert one.exact < one.compared or one.first is None
+
+
+@pytest.mark.slow
+def test_a_difference_within_the_tolerance_is_counted_and_is_none() -> None:
+    verdicts = verify(changed("k_p = 2.0 ", "k_p = 2.0000000001 "), RUN, tolerance=1e-6)
+    assert all(one.first is None and one.differing == 0 for one in verdicts.values())
+    assert all(0.0 < max(one.most_off) < 1e-6 and one.exact < one.compared for one in verdicts.values())
+
+
+def test_another_law_than_the_recorded_one_differs() -> None:
+    assert all(one.first is not None for one in verify(SIX, RUN, law="paper").values())
+
+
+@pytest.mark.slow
+def test_a_command_that_was_altered_in_the_recording_is_found() -> None:
+    at = [number for number, (sample, _) in enumerate(RUN) if sample.key == COMMAND][50]
+    forged = list(RUN)
+    forged[at] = (RUN[at][0]._replace(payload=encode(Twist(0.1, 0.2))), RUN[at][1])
+    one = verify(SIX, forged)["robot3"]
+    assert (one.differing, one.first and one.first.number) == (1, 51)
+    assert one.first is not None
+    assert one.first.recorded is not None
+    assert (one.first.recorded.speed, one.first.recorded.turn_rate) == (0.1, 0.2)
+
+
+@pytest.mark.slow
+def test_one_that_is_no_command_at_all_is_found_as_well() -> None:
+    at = [number for number, (sample, _) in enumerate(RUN) if sample.key == COMMAND][50]
+    forged = list(RUN)
+    forged[at] = (RUN[at][0]._replace(payload=b"\0\1\0\0 rubbish"), RUN[at][1])
+    one = verify(SIX, forged)["robot3"]
+    assert one.differing == 1
+    assert one.first is not None
+    assert one.first.recorded is None
+
+
+def test_late_recording_is_judged_from_first_state() -> None:
+    start = RUN[0][1]
+    verdicts = verify(SIX, [(sample, wall) for sample, wall in RUN if wall > start + 2.0])
+    for one in verdicts.values():
+        assert 0 < one.compared == one.exact < one.commands
+        (stretch,) = one.unjudged
+        assert "beginning is not in the recording" in stretch.reason
+        assert stretch.commands == one.commands - one.compared
+        assert stretch.until - start < 5.2
+
+
+def test_missing_neighbour_message_is_named_until_next_state() -> None:
+    one = verify(SIX, without(RUN, between(POSITION.key("robot1"), 2.0, 2.01 + 0.05)))["robot3"]
+    (stretch,) = one.unjudged
+    assert "robot1/position" in stretch.reason
+    assert one.compared == one.exact == one.commands - stretch.commands
+    assert 1.9 < stretch.since - RUN[0][1] < 2.3
+    assert 4.9 < stretch.until - RUN[0][1] < 5.3
+
+
+def test_commands_that_are_missing_are_counted() -> None:
+    one = verify(SIX, without(RUN, between(COMMAND, 2.0, 2.21)))["robot3"]
+    (stretch,) = one.unjudged
+    assert stretch.reason in {f"{number} commands before it missing in the recording" for number in (4, 5)}
+    assert one.compared == one.exact == one.commands - stretch.commands
+
+
+def test_a_command_said_twice_is_passed_over_and_nothing_else() -> None:
+    at = [number for number, (sample, _) in enumerate(RUN) if sample.key == COMMAND][50]
+    one = verify(SIX, [*RUN[: at + 1], RUN[at], *RUN[at + 1 :]])["robot3"]
+    assert [(stretch.commands, stretch.reason) for stretch in one.unjudged] == [(1, "comes a second time")]
+    assert one.compared == one.exact == one.commands - 1
+
+
+def test_a_recording_without_traces_has_nothing_to_be_judged() -> None:
+    bare = [
+        (sample._replace(attachment=None) if sample.key.endswith(CMD_VEL.name) else sample, wall)
+        for sample, wall in RUN
+    ]
+    for one in verify(SIX, bare).values():
+        assert one.compared == 0
+        assert [stretch.reason for stretch in one.unjudged] == ["no trace of it in the recording"]
+
+
+@pytest.mark.parametrize("late", [0.0, 0.5 * MAX_INPUT_DELAY])
+def test_the_order_in_which_a_monitor_heard_messages_does_not_matter(late: float) -> None:
+    """Each key by itself is in order; between keys there are links of different speed."""
+    slow = [(sample, wall + (late if sample.key.endswith(POSITION.name) else 0.0)) for sample, wall in RUN]
+    assert all_alike(verify(SIX, sorted(slow, key=lambda one: one[1])))
+
+
+@pytest.mark.slow
+def test_clock_change_of_recorder_does_not_matter() -> None:
+    middle = len(RUN) // 2
+    for leap in (3600.0, -3600.0):
+        leapt = [*RUN[:middle], *((sample, wall + leap) for sample, wall in RUN[middle:])]
+        assert all_alike(verify(SIX, leapt))
+
+
+@pytest.mark.slow
+@settings(max_examples=25)
+@given(data=st.data())
+def test_whatever_is_missing_no_difference_is_ever_made_up(data: st.DataObject) -> None:
+    share, seed = data.draw(st.sampled_from([0.001, 0.05, 0.5])), data.draw(st.integers(0, 2**32 - 1))
+    gone = np.random.default_rng(seed).random(len(RUN)) < share
+    first = data.draw(st.integers(0, len(RUN) - 1))
+    part = [one for one, lost in zip(RUN, gone, strict=True) if not lost][first:]
+    for one in verify(SIX, part).values():
+        assert one.exact == one.compared
+        assert one.commands == one.compared + sum(stretch.commands for stretch in one.unjudged)
+        assert one.commands == sum(sample.key == CMD_VEL.key(one.robot) for sample, _ in part)
+
+
+@pytest.mark.slow
+@settings(max_examples=40, deadline=None)
+@given(data=st.data())
+def test_a_trace_that_was_tampered_with_never_ends_the_verification(data: st.DataObject) -> None:
+    rubbish: Any = data.draw(
+        st.sampled_from([None, True, -1, 1e300, "x", [], {}, [[1.0, 2.0, [[9, 9, 9.0]]]]])
+    )
+    at = data.draw(st.sampled_from([0, 3, 40]))
+    number = [index for index, (sample, _) in enumerate(RUN) if sample.key == COMMAND][at]
+    sample, wall = RUN[number]
+    result = json.loads(sample.attachment or b"")
+    name = data.draw(st.sampled_from([*result, "state", "gap", "agent", "halt"]))
+    inner = result[name] if isinstance(result.get(name), dict) and data.draw(st.booleans()) else None
+    if inner is None:
+        result[name] = rubbish
+    else:
+        inner[data.draw(st.sampled_from(sorted(inner)))] = rubbish
+    forged = sample._replace(attachment=json.dumps(result).encode())
+    one = verify(SIX, [*RUN[:number], (forged, wall), *RUN[number + 1 :]])["robot3"]
+    assert one.commands == sum(sample.key == COMMAND for sample, _ in RUN)
+
+
+def test_failing_agent_counts_as_difference_until_next_state(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    count = itertools.count()
+    act = Agent.act
+
+    def fails_once(self: Agent, now: Now, inbox: Any) -> Any:
+        if next(count) == 500:
+            raise ZeroDivisionError("of today")
+        return act(self, now, inbox)
+
+    monkeypatch.setattr(Agent, "act", fails_once)
+    found = [one for one in verify(SIX, RUN).values() if one.first is not None]
+    (one,) = found
+    assert one.first is not None
+    assert one.first.computed is None
+    assert one.first.decision == "fails: ZeroDivisionError: of today"
+    assert one.differing == 1
+    assert one.exact > 50
+
+
+def test_a_mission_that_lacks_a_neighbour_is_no_reason_to_fail() -> None:
+    fewer = changed('neighbours = ["robot1", "robot2"]', 'neighbours = ["robot2"]')
+    verdicts = verify(fewer, RUN)
+    assert verdicts["robot3"].first is not None
+    assert verdicts["robot2"].first is None
+
+
+def test_verification_retains_only_a_few_seconds() -> None:
+    verification = Verification(SIX)
+    start, kept = RUN[0][1], list[int]()
+    for hour in range(3):
+        for sample, wall in RUN:
+            verification.process_sample(sample, wall + 8.0 * hour)
+            kept.append(len(verification._buffer._found))
+    a_second = len(without(RUN, lambda _, wall: wall > start + 1.0))
+    assert max(kept) < (buffer.MAX_STORED_TIME + core.MAX_INPUT_DELAY + 1.0) * a_second
+    assert len(verification._due) < MAX_INPUT_DELAY * a_second
+    assert not verification._awaited or max(map(len, verification._awaited.values())) < 10
+
+
+def test_so_many_stretches_are_told_one_by_one_and_no_more() -> None:
+    verdict = Verdict("robot3")
+    for number in range(3 * MOST_STRETCHES):
+        verdict.passed_over(float(number), f"reason {number}")
+    assert len(verdict.unjudged) == MOST_STRETCHES
+    assert sum(stretch.commands for stretch in verdict.unjudged) == verdict.commands == 3 * MOST_STRETCHES
+    assert verdict.unjudged[-1].reason == "several reasons"

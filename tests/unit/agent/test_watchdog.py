@@ -1,0 +1,337 @@
+"""The watchdog's table, on a fake clock: who is stopped, when, and who is left alone."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from typing import Literal
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from formation.agent.safety.alive import FAREWELL
+from formation.agent.simulated.simulated import World
+from formation.agent.watchdog.core import BRAKING_TIME, PARKING_TIME, SLOW_PERIOD, TABLE, Event, Watchdog
+from formation.mission.file import load
+from formation.mission.model import Mission
+from formation.protocol.status import WatchdogState
+from formation.ros2.messages import Number, Twist, TwistStamped, decode, encode
+from formation.topics import ALIVE, CMD_VEL, command_topic
+from formation.wire import Now, Outgoing, Sample
+
+EPOCH = 1.7e9
+SIX = load("six_robots")
+PERIOD = 0.05
+LIMIT = 0.15
+ALIVE_2, CMD_2 = ALIVE.key("robot2"), CMD_VEL.key("robot2")
+
+
+def at(seconds: float) -> Now:
+    return Now(seconds, EPOCH + seconds)
+
+
+def sign(moment: float, value: float = 1.0) -> Sample:
+    return Sample(ALIVE_2, encode(Number(value)), None, moment)
+
+
+def connected(mission: Mission = SIX, moment: float = 0.0) -> Watchdog:
+    watchdog = Watchdog(mission, "robot2")
+    watchdog.aware(connected=True, now=at(moment))
+    return watchdog
+
+
+def watching(moment: float = 0.0) -> Watchdog:
+    watchdog = connected(moment=moment)
+    assert watchdog.step(at(moment), [sign(moment)]) == []
+    assert watchdog.state is WatchdogState.WATCHING
+    return watchdog
+
+
+def lived(watchdog: Watchdog, start: float, end: float, signs: Iterable[Sample] = ()) -> list[float]:
+    """Step as the loop would, from `start` to `end`; the moments at which zero was said."""
+    result, moment, waiting = [], start, sorted(signs, key=lambda sample: sample.arrived)
+    for _ in range(100_000):
+        inbox = [sample for sample in waiting if sample.arrived <= moment]
+        waiting = waiting[len(inbox) :]
+        result += [moment for out in watchdog.step(at(moment), inbox) if is_zero(out)]
+        following = min([watchdog.due, *(sample.arrived for sample in waiting[:1])])
+        assert following > moment, "it wants to be stepped again and again"
+        moment = following
+        if moment > end:
+            return result
+    raise AssertionError("it never sleeps")
+
+
+def is_zero(out: Outgoing) -> bool:
+    assert out.key == CMD_2
+    assert decode(Twist, out.payload) == Twist(0.0, 0.0)
+    return True
+
+
+def steady(start: float, end: float) -> list[Sample]:
+    """An agent that lives from `start` to `end`, both included."""
+    return [sign(start + i * PERIOD, i * PERIOD) for i in range(round((end - start) / PERIOD) + 1)]
+
+
+def stepped(watchdog: Watchdog, moment: float, value: float | None = None) -> Watchdog:
+    watchdog.step(at(moment), [] if value is None else [sign(moment, value)])
+    assert watchdog.state in {WatchdogState.BRAKING, WatchdogState.PARKING}
+    return watchdog
+
+
+def parked() -> Watchdog:
+    watchdog = connected()
+    lived(watchdog, 0.0, 9.0)
+    assert watchdog.state is WatchdogState.DISARMED
+    return watchdog
+
+
+def test_a_watchdog_that_hears_its_agent_says_nothing() -> None:
+    watchdog = connected()
+    assert lived(watchdog, 0.0, 60.0, steady(0.02, 60.0)) == []
+    assert watchdog.state is WatchdogState.WATCHING
+
+
+def test_silent_agent_is_answered_with_zero_each_period() -> None:
+    watchdog = watching()
+    result = lived(watchdog, 0.0, 1.0)
+    assert result[0] == pytest.approx(LIMIT)
+    assert [b - a for a, b in pairwise(result)] == pytest.approx([PERIOD] * (len(result) - 1))
+    assert len(result) >= 17
+    assert watchdog.state is WatchdogState.BRAKING
+
+
+def test_lost_and_late_signs_keep_healthy_agent_running() -> None:
+    signs = [
+        sample._replace(arrived=sample.arrived + 0.04 * (i % 4 == 0))
+        for i, sample in enumerate(steady(0.0, 10.0))
+        if i % 2 == 0
+    ]
+    assert lived(watching(), 0.0, 9.9, signs) == []
+
+
+def test_it_brakes_more_slowly_after_some_seconds_but_never_ends() -> None:
+    result = lived(watching(), 0.0, 3600.0)
+    slow = [moment for moment in result if moment > LIMIT + BRAKING_TIME + SLOW_PERIOD]
+    assert [b - a for a, b in pairwise(slow)] == pytest.approx([SLOW_PERIOD] * (len(slow) - 1))
+    assert slow[-1] > 3600.0 - SLOW_PERIOD - 1e-6
+    fast = [moment for moment in result if moment < LIMIT + BRAKING_TIME]
+    assert len(fast) == pytest.approx(BRAKING_TIME / PERIOD, abs=1.5)
+
+
+def test_an_agent_that_comes_back_is_left_to_drive_at_once() -> None:
+    watchdog = watching()
+    assert lived(watchdog, 0.0, 2.0)
+    assert lived(watchdog, 2.0, 10.0, steady(2.0, 10.0)) == []
+    assert watchdog.state is WatchdogState.WATCHING
+    assert lived(watchdog, 10.0, 10.5)[0] == pytest.approx(10.0 + LIMIT)
+
+
+def test_robot_is_parked_and_watchdog_disarmed_after_farewell() -> None:
+    watchdog = watching()
+    result = lived(watchdog, 0.1, 3600.0, [sign(0.1, 0.1), sign(0.12, FAREWELL)])
+    assert result[0] == pytest.approx(0.12)
+    assert result[-1] == pytest.approx(0.12 + PARKING_TIME, abs=PERIOD + 1e-6)
+    assert len(result) == round(PARKING_TIME / PERIOD)
+    assert watchdog.state is WatchdogState.DISARMED
+    assert watchdog.due == float("inf")
+
+
+def test_farewell_frees_robot_of_a_dead_agent() -> None:
+    watchdog = watching()
+    assert len(lived(watchdog, 0.0, 30.0)) > 100
+    result = lived(watchdog, 30.0, 60.0, [sign(30.0, FAREWELL)])
+    assert result[-1] <= 30.0 + PARKING_TIME
+    assert watchdog.state is WatchdogState.DISARMED
+
+
+def test_agent_starting_during_parking_drives_at_once() -> None:
+    watchdog = watching()
+    result = lived(watchdog, 0.1, 2.0, [sign(0.1, FAREWELL), *steady(0.3, 2.0)])
+    assert max(result) < 0.3
+    assert watchdog.state is WatchdogState.WATCHING
+
+
+def test_watchdog_without_agent_parks_robot_and_disarms() -> None:
+    watchdog = connected()
+    result = lived(watchdog, 0.0, 3600.0)
+    assert result[0] == pytest.approx(LIMIT)
+    assert result[-1] < LIMIT + PARKING_TIME
+    assert watchdog.state is WatchdogState.DISARMED
+
+
+def test_watchdog_starting_beside_healthy_agent_does_not_brake() -> None:
+    for phase in (0.0, 0.02, 0.049):
+        assert lived(connected(), 0.0, 5.0, steady(phase, 5.0)) == []
+
+
+def test_time_without_router_does_not_count_as_silence() -> None:
+    watchdog = Watchdog(SIX, "robot2")
+    for moment in (0.0, 1.0, 100.0):
+        watchdog.aware(connected=False, now=at(moment))
+        assert watchdog.step(at(moment), []) == []
+    watchdog.aware(connected=True, now=at(100.0))
+    assert lived(watchdog, 100.0, 100.1, [sign(100.1)]) == []
+    assert watchdog.state is WatchdogState.WATCHING
+
+
+def test_a_watchdog_that_finds_its_router_again_begins_anew() -> None:
+    watchdog = connected()
+    lived(watchdog, 0.0, 10.0)
+    assert watchdog.state is WatchdogState.DISARMED
+    watchdog.aware(connected=False, now=at(10.0))
+    watchdog.aware(connected=True, now=at(11.0))
+    assert lived(watchdog, 11.0, 20.0)[0] == pytest.approx(11.0 + LIMIT)
+
+
+def test_reconnected_watchdog_brakes_at_full_rate_again() -> None:
+    watchdog = watching()
+    lived(watchdog, 0.0, 20.0)
+    watchdog.aware(connected=False, now=at(20.0))
+    watchdog.aware(connected=True, now=at(20.3))
+    result = lived(watchdog, 20.3, 21.0)
+    assert result[0] == 20.3
+    assert len(result) >= 13
+
+
+def test_reconnection_is_no_sign_of_life() -> None:
+    watchdog = watching()
+    watchdog.aware(connected=False, now=at(0.05))
+    watchdog.aware(connected=True, now=at(0.12))
+    assert lived(watchdog, 0.12, 1.0)[0] == pytest.approx(LIMIT)
+
+
+@pytest.mark.parametrize(
+    ("watchdog", "words"),
+    [
+        pytest.param(lambda: watching(10.0), 0, id="a healthy agent"),
+        pytest.param(lambda: watching(9.8), 1, id="an agent just fallen silent"),
+        pytest.param(lambda: stepped(watching(5.0), 6.0), 1, id="braking"),
+        pytest.param(lambda: stepped(watching(9.9), 9.95, FAREWELL), 1, id="parking"),
+        pytest.param(lambda: connected(moment=9.9), 1, id="not knowing"),
+        pytest.param(parked, 0, id="a robot driven by hand"),
+    ],
+)
+def test_halted_watchdog_sends_zero_only_without_healthy_agent(watchdog: object, words: int) -> None:
+    assert callable(watchdog)
+    result = watchdog().halt(at(10.05), "SIGTERM")
+    assert len(result) == words
+    assert all(map(is_zero, result))
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"",
+        b"\x00\x01\x00\x00",
+        encode(Twist(0.1, 0.0)),
+        encode(Number(-7.0)),
+        b"\x00\x01\x00\x00" + b"\xff" * 8,
+    ],
+)
+def test_invalid_signs_of_life_do_not_prevent_braking(payload: bytes) -> None:
+    watchdog = watching()
+    noise = [Sample(ALIVE_2, payload, None, 0.02 + i * PERIOD) for i in range(20)]
+    assert lived(watchdog, 0.0, 0.9, noise)[0] == pytest.approx(LIMIT)
+    assert watchdog.dropped == {ALIVE_2: 18}
+
+
+def test_another_robots_sign_of_life_is_not_its_agents() -> None:
+    watchdog = watching()
+    other = [sign(i * PERIOD)._replace(key=ALIVE.key("robot3")) for i in range(1, 20)]
+    assert lived(watchdog, 0.0, 0.9, other)[0] == pytest.approx(LIMIT)
+    assert watchdog.dropped == {"elsewhere": 18}
+
+
+def test_queued_signs_of_life_count_from_their_arrival() -> None:
+    watchdog = watching()
+    assert watchdog.step(at(1.0), steady(0.05, 0.95)) == []
+    assert watchdog.state is WatchdogState.WATCHING
+    watchdog = watching()
+    assert len(watchdog.step(at(1.0), steady(0.05, 0.8))) == 1
+
+
+def test_watchdog_subscribes_to_life_and_publishes_commands_only() -> None:
+    for name, kind in (("six_robots", "twist"), ("turtlebot3_pair", "twist_stamped")):
+        mission = load(name)
+        robot = mission.followers[0]
+        watchdog = Watchdog(mission, robot)
+        assert watchdog.subscriptions == (ALIVE.key(robot),)
+        ((topic, key),) = watchdog.publications
+        assert (topic, key) == (command_topic(mission.robots[robot].cmd_vel), CMD_VEL.key(robot))
+        watchdog.aware(connected=True, now=at(0.0))
+        (out,) = watchdog.step(at(1.0), [])
+        stamped = TwistStamped(EPOCH + 1.0, 0.0, 0.0)
+        assert out.payload == encode(stamped if kind == "twist_stamped" else Twist(0.0, 0.0))
+
+
+def test_a_robot_without_an_agent_is_refused_by_name() -> None:
+    for name in ("robot1", "robot9"):
+        with pytest.raises(ValueError, match=re.escape(f"robot '{name}': must be a follower of six-robots:")):
+            Watchdog(SIX, name)
+
+
+def test_every_state_handles_life_farewell_and_reconnection() -> None:
+    for state in WatchdogState:
+        assert TABLE[state, Event.ALIVE] is WatchdogState.WATCHING
+        assert TABLE[state, Event.FAREWELL] is WatchdogState.PARKING
+        assert (state, Event.CONNECTED) in TABLE
+
+
+def test_only_parking_leads_to_disarmed() -> None:
+    into_silence = {(event, after) for (_, event), after in TABLE.items() if after is WatchdogState.DISARMED}
+    assert into_silence == {(Event.PARKED, WatchdogState.DISARMED)}
+    assert {event for (_, event), after in TABLE.items() if after is WatchdogState.WATCHING} == {
+        Event.ALIVE,
+        Event.CONNECTED,
+    }
+
+
+def stopped_after(
+    rate: float, kind: Literal["twist", "twist_stamped"], death: float, delays: Sequence[float]
+) -> float:
+    """An agent drives a simulated robot and dies at `death` [s]; how much later the wheels stood [s].
+
+    Each message of the agent takes one of `delays` [s]; so do the watchdog's.
+    """
+    robots = {
+        name: spec.model_copy(update={"rate": rate, "cmd_vel": kind}) for name, spec in SIX.robots.items()
+    }
+    mission = SIX.model_copy(update={"robots": robots})
+    world, watchdog = World(mission, ["robot2"]), connected(mission)
+    events: list[tuple[float, str, Sample]] = []
+    for i in range(int(death * rate) + 1):
+        sent, wait = i / rate, delays[i % len(delays)]
+        command = Twist(0.3, 0.1) if kind == "twist" else TwistStamped(EPOCH + sent, 0.3, 0.1)
+        events.append((sent + wait, "world", Sample(CMD_2, encode(command), None, sent + wait)))
+        events.append((sent + wait, "watchdog", sign(sent + wait, sent)))
+    events.sort(key=lambda event: event[0])
+    moment, number = 0.0, 0
+    plant = world.plant("robot2")
+    while moment <= death or plant.moving.speed or plant.moving.turn_rate:
+        assert moment < death + 2.0, "it drives on"
+        moment = min([watchdog.due, world.due, *(event[0] for event in events[:1])])
+        moment = max(moment, 0.0)
+        number += 1
+        arrived = [event for event in events if event[0] <= moment]
+        events = events[len(arrived) :]
+        for out in watchdog.step(at(moment), [sample for _, who, sample in arrived if who == "watchdog"]):
+            wait = delays[number % len(delays)]
+            events.append((moment + wait, "world", Sample(out.key, out.payload, None, moment + wait)))
+            events.sort(key=lambda event: event[0])
+        world.step(at(moment), [sample for _, who, sample in arrived if who == "world"])
+    return moment - death
+
+
+@given(
+    rate=st.sampled_from([20.0, 30.0, 50.0]),
+    kind=st.sampled_from(["twist", "twist_stamped"]),
+    death=st.floats(1.0, 1.2),
+    delays=st.lists(st.floats(0.0, 0.02), min_size=1, max_size=7),
+)
+def test_wheels_stop_within_300_ms_of_agent_death(
+    rate: float, kind: Literal["twist", "twist_stamped"], death: float, delays: list[float]
+) -> None:
+    assert stopped_after(rate, kind, death, delays) <= 0.3

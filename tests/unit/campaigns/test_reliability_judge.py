@@ -1,0 +1,203 @@
+"""The judge of the campaign: each of its verdicts is held by a trace that is good and by one that is not."""
+
+from __future__ import annotations
+
+import cmath
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from formation.mission.file import load
+from tests.campaigns.reliability import judge
+from tests.campaigns.reliability.judge import Motion
+from tests.campaigns.reliability.seen import Commanded, Floats, Led, Seen
+from tests.campaigns.reliability.soak import Reading, growth
+from tests.campaigns.reliability.verdicts import holders
+
+SIX = load("six_robots")
+ROBOT = SIX.robots["robot2"]
+FAST, TURN = ROBOT.max_speed, ROBOT.max_turn_rate
+
+
+def commands(*speeds: float, since: float = 0.0, turn_rate: float = 0.0) -> list[Commanded]:
+    """One every 0.05 s, in shares of the speed limit."""
+    return [
+        Commanded(since + 0.05 * n, share * FAST, turn_rate if share else 0.0)
+        for n, share in enumerate(speeds)
+    ]
+
+
+def led(at: float, publisher_id: str = "a", term: int = 1) -> Led:
+    return Led(at, 0j, publisher_id, term, "run", tuple(map(complex, SIX.slots())))
+
+
+def test_the_peak_is_the_largest_share_of_either_limit() -> None:
+    assert Motion.of(commands(0.2, 0.9, 0.3), ROBOT).peak == pytest.approx(0.9)
+    assert Motion.of(commands(0.2, turn_rate=-1.2 * TURN), ROBOT).peak == pytest.approx(1.2)
+    assert Motion.of([], ROBOT).peak == 0.0
+
+
+def test_only_commands_above_a_limit_are_faults() -> None:
+    assert judge.faults(Motion.of(commands(1.0), ROBOT)) == []
+    assert judge.faults(Motion.of(commands(1.001), ROBOT)) == ["a command was 100.1 % of a limit"]
+
+
+def test_a_command_that_is_no_number_is_over_every_limit() -> None:
+    broken = [Commanded(0.0, float("nan"), 0.0)]
+    assert judge.faults(Motion.of(broken, ROBOT))
+
+
+def test_jump_is_difference_of_consecutive_commands() -> None:
+    assert Motion.of(commands(0.1, 0.3, 0.4), ROBOT).jump == pytest.approx(0.2)
+    assert Motion.of(commands(0.0, 0.7), ROBOT).jump == pytest.approx(0.7)
+    assert Motion.of(commands(0.4, -0.4), ROBOT).jump == pytest.approx(0.8)
+
+
+def test_a_jump_of_more_than_half_a_limit_is_a_fault() -> None:
+    assert judge.faults(Motion.of(commands(0.0, 0.49), ROBOT)) == []
+    assert judge.faults(Motion.of(commands(0.0, 0.51), ROBOT)) == ["a command jumped by 51 % of a limit"]
+
+
+def test_a_jump_to_zero_is_the_failsafes_right_and_is_counted() -> None:
+    motion = Motion.of(commands(0.9, 0.0, 0.0, 0.3, 0.0), ROBOT)
+    assert motion.jump == pytest.approx(0.3)
+    assert motion.zeros == 2
+
+
+def test_a_small_command_is_not_zero() -> None:
+    assert Motion.of(commands(0.9, 1e-6), ROBOT).jump > 0.8
+
+
+@pytest.mark.parametrize(
+    ("errors", "expected"),
+    [
+        ([0.5, 0.1, *[0.01] * 30], 0.10),
+        ([0.01] * 30, 0.0),
+        ([0.5] * 30, None),
+        ([0.01] * 19, None),  # not for long enough
+        ([*[0.01] * 10, 0.5, *[0.01] * 30], 0.55),  # it came back once
+        ([*[0.01] * 10, float("nan"), *[0.01] * 30], 0.55),  # what is unknown is not small
+        ([0.02] * 30, None),
+    ],
+)
+def test_the_error_is_back_from_when_it_stays_small(errors: Sequence[float], expected: float | None) -> None:
+    times: Floats = 0.05 * np.arange(len(errors), dtype=np.float64)
+    assert judge.settled_at(times, np.array(errors)) == pytest.approx(expected)
+
+
+def test_robot_stopped_from_first_of_the_final_zeros() -> None:
+    assert judge.stood(commands(0.5, 0.5, 0.0, 0.0, 0.0), 0.0, 1.0) == pytest.approx(0.10)
+    assert judge.stood(commands(0.5, 0.0, 0.5, 0.0, 0.0), 0.0, 1.0) == pytest.approx(0.15)
+
+
+def test_a_robot_stood_at_once_if_it_was_told_so_before() -> None:
+    assert judge.stood(commands(0.5, 0.0), 0.2, 1.0) == 0.0
+
+
+def test_robot_with_last_command_to_drive_never_stood() -> None:
+    assert judge.stood(commands(0.5, 0.0, 0.5), 0.0, 1.0) is None
+    assert judge.stood(commands(0.5), 0.2, 1.0) is None
+    assert judge.stood([], 0.0, 1.0) is None
+
+
+def test_continuing_robot_was_commanded_without_stop_or_gap() -> None:
+    assert judge.went_on(commands(*[0.5] * 30), 0.0, 1.4)
+    assert not judge.went_on(commands(*[0.5] * 10, 0.0, *[0.5] * 19), 0.0, 1.4)
+    assert not judge.went_on(commands(*[0.5] * 10), 0.0, 1.4), "it fell silent"
+    assert not judge.went_on([*commands(0.5, 0.5), *commands(0.5, 0.5, since=0.9)], 0.0, 0.95), "a gap"
+    assert not judge.went_on([], 0.0, 1.0)
+
+
+def test_one_leader_after_the_other_are_no_rivals() -> None:
+    leads = [led(0.0), led(1.0), led(1.5, "b", 2), led(2.0, "b", 2)]
+    assert judge.rivals(leads) == []
+    assert [leader_term.publisher_id for leader_term in judge.leader_terms(leads)] == ["a", "b"]
+
+
+def test_alternating_or_returning_publishers_are_rivals() -> None:
+    ((one, other),) = judge.rivals([led(0.0), led(1.0, "b", 2), led(1.1), led(2.0, "b", 2)])
+    assert (one.publisher_id, other.publisher_id) == ("a", "b")
+    assert judge.rivals([led(0.0), led(1.0, "b", 2), led(3.0)])
+
+
+def test_new_term_of_the_same_leader_is_separate() -> None:
+    assert judge.rivals([led(0.0), led(1.0), led(2.0, "a2", 3)]) == []
+
+
+def test_takeover_ends_with_first_message_of_new_leader() -> None:
+    leads = [led(0.0), led(1.0), led(1.1), led(1.8, "b", 2)]
+    assert judge.taken_over(leads, 1.05) == pytest.approx(0.75)
+    assert judge.taken_over(leads[:-1], 1.05) is None
+
+
+def driven(astray: complex = 0j, leader_until: float = 2.0) -> Seen:
+    """Two seconds at 0.2 m/s with everybody in place, but robot4, which is `astray`."""
+    seen, slots = Seen(SIX), SIX.slots()
+    for n in range(41):
+        at = 0.05 * n
+        if at <= leader_until:
+            order = {"term": 1, "beat": n, "mode": "run", "shape": "hexagon"}
+            seen.process_line(["lead", at, 0.2 * at, 0.0, {"publisher_id": "a", "count": n, "order": order}])
+        for name, slot in zip(SIX.followers, slots[1:], strict=True):
+            point = slot + 0.2 * at + (astray if name == "robot4" else 0j)
+            centre = point - SIX.robots[name].control_point_offset * cmath.rect(1.0, 0.3)
+            seen.process_line(["truth", at + 0.01, name, centre.real, centre.imag, 0.3])
+    return seen
+
+
+def test_team_in_its_slots_has_no_error() -> None:
+    seen = driven()
+    inner = judge.grid(0.1, 1.9)
+    assert seen.errors(inner).max() == pytest.approx(0.0, abs=0.02)  # 0.01 s at 0.2 m/s on each edge's ends
+    assert seen.now == pytest.approx(2.01)
+
+
+def test_error_sums_edges_of_displaced_robot() -> None:
+    edges = sum("robot4" in (name, other) for name in SIX.names for other in SIX.robots[name].neighbours)
+    away = driven(0.3j).errors(np.array([1.0])) - driven().errors(np.array([1.0]))
+    assert away == pytest.approx(0.3 * edges, rel=0.05)
+
+
+def test_a_leader_that_fell_silent_is_where_it_was() -> None:
+    assert driven(leader_until=1.0).errors(np.array([2.0])) > 0.15
+
+
+def test_the_nearest_two_are_found() -> None:
+    apart = driven().distances(np.array([1.0]))
+    closer = driven(SIX.slot("robot3") - SIX.slot("robot4") + 0.1).distances(np.array([1.0]))
+    assert apart == pytest.approx(1.0, abs=0.01)
+    assert closer == pytest.approx(0.1, abs=0.01)
+
+
+def test_witness_file_is_read_by_complete_lines(tmp_path: Path) -> None:
+    file = tmp_path / "seen.jsonl"
+    file.write_text('["command", 1.0, "robot2", 0.5, 0.1]\n["command", 2.0, "rob')
+    seen = Seen(SIX, file)
+    seen.read_on()
+    assert seen.commands["robot2"] == [Commanded(1.0, 0.5, 0.1)]
+    with file.open("a") as more:
+        more.write('ot2", 0.0, 0.0]\n')
+    seen.read_on()
+    assert seen.commands["robot2"][1:] == [Commanded(2.0, 0.0, 0.0)]
+    seen.close()
+
+
+def test_what_is_forgotten_leaves_the_last_of_it() -> None:
+    seen = driven()
+    seen.forget(1.0)
+    assert 0.9 < seen.leads[0].at < 1.0
+    assert len(seen.places["robot2"]) < 25
+
+
+def test_robots_without_running_neighbour_are_holders() -> None:
+    assert holders(SIX, ["robot3"]) == set()  # robot4 has robot2, robot5 has robot4
+    assert holders(SIX, ["robot4", "robot3"]) == {"robot5", "robot6"}
+
+
+def test_growth_counts_after_fifth_minute_of_old_processes() -> None:
+    young = [Reading(age, 100) for age in (0.0, 100.0, 400.0)]
+    old = [Reading(0.0, 50), Reading(310.0, 100), Reading(900.0, 107)]
+    assert growth(young) is None
+    assert growth(old) == pytest.approx(1.07)

@@ -1,0 +1,90 @@
+"""Layouts of posts are fair, and verdicts say what happened."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import Any
+
+import pytest
+
+from tests.campaigns.safety import posts
+from tests.campaigns.safety.layouts import (
+    ASIDE,
+    BODY,
+    FAR,
+    GAP,
+    HEAD,
+    MOST,
+    NEAR,
+    THICK,
+    THIN,
+    layout,
+    mission,
+    tracks,
+)
+from tests.campaigns.safety.posts import FORMED, Trial
+
+SEEDS = range(200)
+FINE = Trial(0, worse=True, posts=1, nearest_post=0.1, nearest_body=0.1, error=0.5 * FORMED, deadlocks=0)
+
+
+def test_layout_leaves_gaps_and_crosses_formation_path() -> None:
+    for found in map(layout, SEEDS):
+        assert 1 <= len(found) <= MOST
+        for one, other in combinations(found, 2):
+            assert abs(one.at - other.at) - one.radius - other.radius >= GAP
+        for post in found:
+            ahead = post.at * HEAD.conjugate()
+            assert NEAR <= ahead.real <= FAR
+            assert min(tracks()) - ASIDE <= ahead.imag <= max(tracks()) + ASIDE
+            assert THIN <= post.radius <= THICK
+
+
+def test_every_layout_needs_a_detour_round_a_post() -> None:
+    for found in map(layout, SEEDS):
+        sides = [(post, (post.at * HEAD.conjugate()).imag) for post in found]
+        assert any(abs(side - track) < post.radius + BODY for post, side in sides for track in tracks())
+
+
+def test_layouts_are_the_same_each_time_and_others_with_another_seed() -> None:
+    assert layout(3) == layout(3)
+    assert len({tuple(layout(seed)) for seed in SEEDS}) == len(SEEDS)
+
+
+def test_no_robot_starts_in_a_post() -> None:
+    for seed in SEEDS:
+        one = mission(layout(seed), worse=True)
+        starts = [one.robots[name].start.position for name in one.followers]
+        for post in one.simulation.posts:
+            at, radius = post.disc
+            assert min(abs(start - at) for start in starts) > 1.0 + radius
+
+
+def test_only_the_worse_scanner_has_noise_and_losses() -> None:
+    worse, clean = (mission(layout(0), worse=one).simulated_scanner for one in (True, False))
+    assert (worse.lost, worse.noise, worse.relative_noise) == (0.1, 0.005, 0.0175)
+    assert (clean.lost, clean.noise, clean.relative_noise) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "held"),
+    [
+        ({}, [True, True]),
+        ({"nearest_post": -0.001}, [False, True]),
+        ({"nearest_body": -0.001}, [False, True]),
+        ({"error": FORMED}, [True, False]),
+    ],
+)
+def test_one_layout_that_goes_wrong_breaks_its_bar_and_is_named(
+    change: dict[str, Any], held: list[bool]
+) -> None:
+    wrong = FINE._replace(seed=7, **change)
+    found = posts.judged([FINE, wrong, FINE._replace(worse=False)])
+    assert [one["held"] for one in found["bars"]] == [*held, True, True]
+    assert ("seed 7" in posts.section(found)) == (not all(held))
+
+
+def test_last_robot_passes_posts_before_formation_is_judged() -> None:
+    one = mission(layout(0), worse=True)
+    last = min((slot * HEAD.conjugate()).real for slot in one.slots())
+    assert 0.2 * (posts.SECONDS - posts.LAST) + last > FAR + THICK + BODY

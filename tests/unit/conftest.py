@@ -1,0 +1,24 @@
+"""Unit tests start no process, open no bus and never wait for the wall clock."""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from typing import Any, NoReturn
+
+import pytest
+import zenoh
+
+
+@pytest.fixture(autouse=True)
+def no_processes_and_no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fail a test that starts a process, opens a Zenoh session or sleeps: it belongs in tests/processes."""
+
+    def refuse(*_: Any, **__: Any) -> NoReturn:
+        pytest.fail(
+            "a unit test must not start a process, open a session or sleep: move it to tests/processes"
+        )
+
+    monkeypatch.setattr(subprocess.Popen, "__init__", refuse)
+    monkeypatch.setattr(zenoh, "open", refuse)
+    monkeypatch.setattr(time, "sleep", refuse)

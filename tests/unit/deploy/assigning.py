@@ -1,0 +1,33 @@
+"""`formation assign` as a machine calls it, and missions that give it something to do."""
+
+from __future__ import annotations
+
+import json
+import random
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from formation.deploy.cli import main
+
+
+def assigned(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+    """What `formation assign` says to a machine."""
+    capsys.readouterr()
+    assert main(["assign", *arguments, "--json"]) == 0
+    result: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return result
+
+
+def shuffled(shape: str = "grid", robots: int = 9) -> str:
+    """A mission whose robots start near slots that are not theirs."""
+    assert main(["new", shape, "--robots", str(robots), "--out", "mine.toml", "--force"]) == 0
+    path = Path("mine.toml")
+    text = path.read_text(encoding="utf-8")
+    line = re.compile(r"^start = .*heading.*$", re.MULTILINE)
+    starts = line.findall(text)
+    random.Random(3).shuffle(starts)
+    path.write_text(line.sub(lambda _: starts.pop(), text), encoding="utf-8")
+    return "mine.toml"

@@ -1,0 +1,103 @@
+"""Facts for the doctor: a robot and a desk with which nothing is wrong, and what is found in others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from formation.deploy.doctor.cli import EXAMINATIONS
+from formation.deploy.doctor.facts import (
+    Certificate,
+    Chrony,
+    Facts,
+    Party,
+    Reached,
+    ReceivedMessage,
+    Stream,
+    examine,
+)
+from formation.mission.file import load
+from formation.protocol.reasons import Code, Reason
+from formation.protocol.status import AgentState, AgentStatus, RobotLink
+
+TB3 = load("turtlebot3_pair")
+WALL = 1.8e9
+DAY = 86_400.0
+STAMPED, TWIST = "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Twist"
+
+
+def stream(
+    rate: float = 20.0, seconds: float = 3.0, behind: float = 0.002, frames: tuple[str, ...] = ("odom",)
+) -> Stream:
+    times = [k / rate for k in range(int(seconds * rate))]
+    received = tuple(ReceivedMessage(100.0 + t, WALL + t - behind, WALL + t) for t in times)
+    return Stream(received, frozenset(frames))
+
+
+def paused(*pauses: float) -> Stream:
+    """20 Hz for 3 s, with pauses."""
+    at, received = 0.0, []
+    waits = [*pauses, *[0.05] * round((3.0 - sum(pauses)) / 0.05)]
+    for wait in waits:
+        received.append(ReceivedMessage(100.0 + at, WALL + at, WALL + at))
+        at += wait
+    return Stream(tuple(received), frozenset({"odom"}))
+
+
+def status_of(**values: Any) -> AgentStatus:
+    usual: dict[str, Any] = {
+        "robot": "robot1",
+        "state": AgentState.RUN,
+        "reason": Reason(Code.RUNNING),
+        "link": RobotLink.CONNECTED,
+        "age": {"odometry": 0.012, "leader": 0.031},
+        "mission": TB3.fingerprint,
+    }
+    return AgentStatus(**{**usual, **values})
+
+
+def signs(start: float, *, begin: float = 0.0, end: float = 3.0) -> list[tuple[float, float]]:
+    """Signs of life of an agent that started `start` seconds before we listened."""
+    moments = [begin + k / 20.0 for k in range(int((end - begin) * 20.0))]
+    return [(100.0 + t, start + t) for t in moments]
+
+
+HEALTHY = Facts(
+    mission=TB3,
+    robot="robot1",
+    on_robot=True,
+    wall=WALL,
+    seconds=3.0,
+    odometry=stream(),
+    position=stream(),
+    status=stream(2.0),
+    newest_status=status_of(),
+    alive=tuple(signs(50.0)),
+    router="tcp/127.0.0.1:7447",
+    routed=True,
+    watchdog_state="watching",
+    watchdog_unit="active",
+    listeners=(Party("turtlebot3_node", STAMPED, "ab"),),
+    speakers=(Party("_formation_agent", STAMPED, "cd"),),
+    reached={"leader": Reached("tls/192.168.1.10:7460", "ok", name="leader")},
+    certificates=(
+        Certificate(path="c.pem", wanted="robot1", name="robot1", begins=WALL - DAY, ends=WALL + 29 * DAY),
+    ),
+    chrony=Chrony(0.000_04, synchronised=True),
+    installed_differs="",
+)
+DESK = replace(
+    HEALTHY,
+    on_robot=False, odometry=None, position=None, alive=None, router=None, routed=None, watchdog_state=None,
+    watchdog_unit=None, listeners=(), speakers=(), installed_differs=None,
+    reached={"robot1": Reached("tls/192.168.1.11:7460", "ok", name="robot1")},
+)  # fmt: skip
+
+
+def found(facts: Facts) -> dict[str, str]:
+    """Sentences of all that is wrong, by name."""
+    return {
+        finding.name: finding.sentence
+        for checked in examine(EXAMINATIONS, facts)
+        for finding in checked.findings
+    }

@@ -1,0 +1,143 @@
+"""What is seen of a replay in a terminal, and what its keys do."""
+
+from __future__ import annotations
+
+import io
+import os
+import pty
+import termios
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TextIO
+
+import pytest
+from rich.console import Console
+
+from formation.deploy.terminal.keys import Keys, named
+from formation.deploy.terminal.playing import Lines, clock, draw, line, press
+from formation.mission.file import load
+from formation.monitor.metrics.metrics import Metrics
+from formation.monitor.replay.player import Player
+from formation.monitor.replay.process import Replay, Standing
+from formation.wire import Now
+from tests.unit.monitor.replay.test_player import START, reel
+
+SIX = load("six_robots")
+SEEN = Metrics(SIX).snapshot(Now(0.0, 0.0))
+STANDING = Standing(
+    1012.34, 1000.0, 1100.0, 2.0, paused=False, seeking=False, finished=False, counted_from=1000.0,
+    drift=0.0, played=7, published=7, skipped=0,
+)  # fmt: skip
+
+
+def picture(standing: Standing, width: int = 80, *, ascii_only: bool = False) -> list[str]:
+    console = Console(width=width, file=io.StringIO(), color_system=None, force_terminal=True)
+    console.print(draw(standing, SEEN, width, ascii_only=ascii_only))
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue().splitlines()
+
+
+@pytest.mark.parametrize("width", [40, 80, 200])
+def test_two_lines_show_position_speed_and_robots(width: int) -> None:
+    first, second = picture(STANDING, width)
+    assert first.startswith("▶ 0:12.3 ━")
+    assert max(len(first), len(second)) < width
+    if width >= 80:
+        assert "╌ 1:40.0  2x  error       -  6 unseen" in first
+        assert second == "space pause/play   ←/→ 5 s   +/- speed   q quit"
+
+
+def test_pause_seek_and_end_have_their_own_signs() -> None:
+    assert picture(replace(STANDING, paused=True))[0].startswith("⏸")
+    assert picture(replace(STANDING, finished=True))[0].startswith("⏸")
+    assert picture(replace(STANDING, seeking=True))[0].startswith("»")
+
+
+def test_what_is_not_as_one_would_expect_is_said() -> None:
+    odd = replace(STANDING, counted_from=1005.0, drift=1.25, skipped=3)
+    assert "settling and counts since 0:05.0" in picture(odd, 200)[1]
+    assert "1.2 s late" in picture(odd, 200)[1]
+    assert "3 messages came too late to be published" in picture(odd, 200)[1]
+
+
+def test_a_terminal_without_unicode_gets_plain_signs() -> None:
+    assert all(text.isascii() for text in picture(STANDING, ascii_only=True))
+
+
+def test_a_recording_of_one_moment_is_shown_as_over() -> None:
+    assert "╌" not in picture(replace(STANDING, position=1000.0, end=1000.0))[0]
+
+
+def test_lines_for_a_log_come_every_two_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr("formation.deploy.terminal.playing.time.monotonic", lambda: now[0])
+    stream = io.StringIO()
+    view = Lines(stream)
+    for tick in range(50):
+        now[0] = 100.0 + 0.1 * tick
+        view.show(STANDING, lambda: SEEN)
+    assert stream.getvalue().splitlines() == ["0:12.3 of 1:40.0  2x  error -  6 unseen"] * 3
+    assert line(replace(STANDING, paused=True), SEEN).startswith("0:12.3 of 1:40.0  2x paused")
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.0, "0:00.0"), (59.96, "1:00.0"), (65.3, "1:05.3"), (3599.99, "1:00:00.0"), (3723.4, "1:02:03.4")],
+)
+def test_times_are_clocks(seconds: float, text: str) -> None:
+    assert clock(seconds) == text
+
+
+def test_keys_steer() -> None:
+    replay = Replay(SIX, Player(reel(), 0.0))
+    assert [press(replay, "space"), replay.standing.paused] == [True, True]
+    press(replay, "right")
+    assert replay.standing.position == START + 5.0
+    press(replay, "left")
+    assert replay.standing.position == START
+    press(replay, "left")
+    assert replay.standing.position == START
+    assert [press(replay, "space"), replay.standing.paused] == [True, False]
+    assert press(replay, "x")
+    assert not press(replay, "q")
+
+
+def test_speeds_have_steps_and_ends() -> None:
+    replay = Replay(SIX, Player(reel(), 0.0, speed=3.0))
+    press(replay, "+")
+    assert replay.standing.speed == 5.0
+    for _ in range(20):
+        press(replay, "+")
+    assert replay.standing.speed == 100.0
+    for _ in range(20):
+        press(replay, "-")
+    assert replay.standing.speed == 0.1
+
+
+def test_keys_have_names() -> None:
+    assert named(b" +\x1b[C\x1b[Dq") == ["space", "+", "right", "left", "q"]
+    assert named(b"\x1bOC\x1b\xc3") == ["right", "escape", "\xc3"]
+    assert named(b"") == []
+
+
+@contextmanager
+def terminal() -> Iterator[tuple[int, TextIO]]:
+    """The two ends of a terminal: where somebody types, and what a program reads."""
+    outer, inner = pty.openpty()
+    with os.fdopen(inner) as stream:
+        try:
+            yield outer, stream
+        finally:
+            os.close(outer)
+
+
+def test_keys_arrive_when_pressed_and_terminal_is_restored() -> None:
+    with terminal() as (typing, stream):
+        before = termios.tcgetattr(stream)
+        with Keys(stream) as keys:
+            assert not termios.tcgetattr(stream)[3] & (termios.ECHO | termios.ICANON)
+            assert keys.wait(0.0) == []
+            os.write(typing, b" q")
+            assert keys.wait(10.0) == ["space", "q"]
+        assert termios.tcgetattr(stream) == before

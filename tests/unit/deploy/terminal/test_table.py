@@ -1,0 +1,344 @@
+"""What is seen of a run: in a terminal of 80 by 24, without colour, and without a terminal."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import pytest
+from rich.console import Console
+
+from formation.deploy.terminal.progress import Progress
+from formation.deploy.terminal.snapshot import RobotNow, Snapshot
+from formation.deploy.terminal.table import ASCII_BLOCKS, BLOCKS, draw, happened, sparkline
+from formation.deploy.terminal.units import metres, seconds
+from formation.deploy.terminal.views import LiveTable, PlainLines, line
+from formation.mission.file import load
+from formation.mission.model import Mission
+from formation.monitor.metrics.events import Event
+
+RUNNING = RobotNow("run", 0.12, 0.75, -0.4, math.radians(-3.0), 0.031)
+
+
+def progress(mission: str = "six_robots", robots: Mapping[str, RobotNow] | None = None) -> Progress:
+    """A run of `mission` after 12 s, with every robot running, or as `robots` has it."""
+    loaded: Mission = load(mission)
+    now = Progress(loaded, 30.0, 8, phase="running", ready=8, elapsed=12.0)
+    now.add_snapshot(Snapshot(1.25, {**dict.fromkeys(loaded.names, RUNNING), **(robots or {})}))
+    return now
+
+
+def picture(now: Progress, width: int = 80, height: int = 24, *, ascii_only: bool = False) -> list[str]:
+    console = Console(width=width, height=height, file=io.StringIO(), color_system=None, force_terminal=True)
+    console.print(draw(now, width, height, ascii_only=ascii_only))
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue().splitlines()
+
+
+def row(lines: list[str], robot: str) -> str:
+    return next(text for text in lines if text.startswith(robot))
+
+
+@pytest.mark.parametrize("mission", ["six_robots", "turtlebot3_pair", "two_chains", "posts"])
+def test_every_shipped_mission_fits_a_terminal_of_80_by_24(mission: str) -> None:
+    now = progress(mission)
+    lines = picture(now)
+    assert len(lines) <= 23  # the cursor stands in the last one
+    assert all(len(text) <= 80 for text in lines)
+    assert all("…" not in text for text in lines)
+    assert all(row(lines, name) for name in now.mission.names)
+
+
+def test_a_robots_row_says_state_error_commands_heading_and_age() -> None:
+    words = row(picture(progress()), "robot3").split()
+    assert words == ["robot3", "run", "12", "cm", "0.75", "━━╌╌", "-0.40", "━╌╌╌", "-3.0°", "31", "ms"]
+
+
+@pytest.mark.parametrize("word", ["avoids", "slowed", "blocked"])
+def test_table_tells_why_running_robot_deviates_from_law(word: str) -> None:
+    assert (
+        row(picture(progress(robots={"robot3": RUNNING._replace(avoiding=word)})), "robot3").split()[1]
+        == word
+    )
+
+
+def test_a_long_name_is_cut_and_takes_nothing_from_the_figures() -> None:
+    now = progress("turtlebot3_pair")
+    mission = now.mission
+    name = "robot" * 10
+    robots = {name: mission.robots["robot1"], "leader": mission.robots["leader"]}
+    now.mission = mission.model_construct(**{**dict(mission), "robots": robots})
+    now.add_snapshot(Snapshot(1.0, dict.fromkeys(robots, RUNNING)))
+    text = row(picture(now), "robotro")
+    assert len(text) <= 80
+    assert text.endswith("31 ms")
+    assert "robotrobotrobotr…" in text
+
+
+def test_the_columns_have_their_units() -> None:
+    header = next(text for text in picture(progress()) if text.startswith("robot "))
+    assert " ".join(header.split()) == "robot state error u [m/s] ω [rad/s] θ error age"
+
+
+def test_a_command_at_its_limit_is_marked_also_without_colour() -> None:
+    lines = picture(progress(robots={"robot2": RUNNING._replace(speed=-1.5)}))
+    assert "-1.50 ━━━━!" in row(lines, "robot2")
+    assert "!" not in row(lines, "robot3")
+
+
+def test_nothing_has_no_minus() -> None:
+    still = RUNNING._replace(speed=-0.001, turn_rate=-0.0, heading_error=-1e-5)
+    assert row(picture(progress(robots={"robot2": still})), "robot2").split()[4:9:2] == [
+        "0.00",
+        "0.00",
+        "0.0°",
+    ]
+
+
+def test_what_is_not_known_is_a_dash() -> None:
+    assert row(picture(progress(robots={"robot2": RobotNow()})), "robot2").split() == ["robot2", *"------"]
+
+
+def test_robot_with_dead_agent_is_shown_as_dead() -> None:
+    now = progress()
+    now.dead["agent robot4"] = "was killed (Killed) during the run"
+    now.dead_robots.add("robot4")
+    lines = picture(now)
+    assert row(lines, "robot4").split()[1] == "dead"
+    assert "agent robot4 was killed (Killed) during the run" in lines
+
+
+def test_the_footer_has_total_error_and_time() -> None:
+    now = progress()
+    lines = picture(now)
+    assert row(lines, "error").startswith("error   1.25 m")
+    assert row(lines, "12 of 30 s").count("━") == pytest.approx(row(lines, "12 of").count("╌") / 1.5, abs=1)
+    assert "settled" not in "".join(lines)
+    now.add_snapshot(Snapshot(0.0004, dict.fromkeys(now.mission.names, RUNNING)))
+    assert "settled" in row(picture(now), "error")
+
+
+@pytest.mark.parametrize(("width", "elapsed"), [(80, 3.0), (80, 12.0), (120, 29.9)])
+def test_last_line_leaves_room_for_ctrl_c(width: int, elapsed: float) -> None:
+    now = progress()
+    now.elapsed = elapsed
+    for phase in ("running", "stopping"):
+        now.phase = phase
+        assert len(picture(now, width)[-1] + "^C") < width  # else the cursor is further down than known
+
+
+def test_short_table_shows_robots_in_trouble_first() -> None:
+    now = progress("two_chains", {"right3": RUNNING._replace(error=0.9), "left6": RobotNow("unseen")})
+    lines = picture(now, height=10)
+    assert len(lines) <= 9
+    assert row(lines, "right3")
+    assert row(lines, "left6")
+    assert any(text.startswith("and ") and "more" in text for text in lines)
+
+
+def test_dead_monitor_clears_old_figures() -> None:
+    now = progress()
+    now.add_snapshot(now.snapshot._replace(error=0.001) if now.snapshot else Snapshot(0.001, {}))
+    now.dead["monitor"] = "was killed (SIGKILL)"
+    now.lose_sight()
+    assert not now.settled
+    assert line(now) == " 12.0 of 30 s  nothing is known: there are no measurements any more"
+    lines = picture(now)
+    assert row(lines, "robot3").split() == ["robot3", "-", "-", "-", "-", "-", "-"]
+    assert row(lines, "error").split()[1] == "-"
+    assert "settled" not in "\n".join(lines)
+    assert "monitor was killed (SIGKILL)" in lines
+
+
+def test_before_the_first_snapshot_it_says_what_it_waits_for() -> None:
+    now = Progress(load("six_robots"), 30.0, 8, ready=3)
+    assert picture(now) == ["six-robots: starting, 3 of 8 processes ready"]
+
+
+def test_a_terminal_without_unicode_gets_plain_signs() -> None:
+    text = "\n".join(picture(progress(), ascii_only=True))
+    assert not set(text) & set(BLOCKS + "━╌")
+
+
+LOST = Event(1_700_000_000.0, 40, "robot4", "lost", "silent for 1.0 s; last state: run")
+SETTLED = Event(1_700_000_001.0, 20, "", "settled", "under the bound of 50 mm since 3.6 s")
+
+
+def test_what_happens_stands_below_the_table_the_newest_last() -> None:
+    now = progress()
+    before = picture(now)
+    now.events += [LOST, SETTLED]
+    lines = picture(now)
+    assert lines[: len(before)] == before
+    assert lines[len(before) :] == [happened(LOST), happened(SETTLED)]
+    assert happened(LOST)[8:] == "  robot4 lost: silent for 1.0 s; last state: run"
+    assert happened(SETTLED)[8:] == "  settled: under the bound of 50 mm since 3.6 s"
+
+
+@pytest.mark.parametrize("height", [8, 10, 11, 12, 24])
+@pytest.mark.parametrize("width", [60, 80])
+def test_events_take_the_room_that_is_left_and_no_more(height: int, width: int) -> None:
+    now = progress()
+    now.events += [LOST._replace(text=f"{number} " + "long " * 50) for number in range(60)]
+    lines = picture(now, width, height)
+    assert len(lines) <= height - 1
+    assert len(lines[-1] + "^C") < max(width, 80)
+    reported = [text for text in lines if "robot4 lost: " in text]
+    assert len(reported) == max(0, min(height - 1 - 10, 8))
+    assert all("robot4 lost: 59 " in text for text in reported[-1:])
+
+
+def test_events_come_with_the_snapshots_and_strange_ones_are_left_out() -> None:
+    events = [LOST._asdict(), "rubbish", {"at": None}, {**SETTLED._asdict(), "text": 5}, SETTLED._asdict()]
+    now = progress()
+    now.add_snapshot(Snapshot.of({"formation_error": 1.0, "robots": {}, "events": events}))
+    assert list(now.events) == [LOST, SETTLED]
+    assert Snapshot.of({"events": 3}).events == ()
+
+
+def test_a_fleet_that_is_watched_has_no_end_to_wait_for() -> None:
+    now = progress()
+    now.duration = None
+    assert picture(now)[-1] == "watched for 12 s, Ctrl-C ends it"
+    assert line(now).startswith(" 12.0 s  error 1.25 m")
+    now.phase = "over"
+    assert picture(now)[-1].startswith("error")
+
+
+def test_a_robot_that_is_gone_is_seen_at_once() -> None:
+    gone = picture(progress(robots={"robot2": RobotNow("silent", age=4.0)}))
+    assert row(gone, "robot2").split() == ["robot2", "silent", "-", "-", "-", "-", "4", "s"]
+
+
+def test_unanswered_connection_shows_message_instead_of_table() -> None:
+    now = Progress(load("six_robots"), phase="running", note="no process answers at tcp/x\n  try this")
+    assert picture(now) == ["six-robots: no process answers at tcp/x", "  try this"]
+    assert line(now) == "  0.0 s  no process answers at tcp/x"
+
+
+def test_lines_for_a_log_tell_each_event_and_each_note_once() -> None:
+    stream = io.StringIO()
+    view = PlainLines(stream)
+    now = Progress(load("six_robots"), phase="running", note="looking")
+    view.show(now)
+    view.show(now)
+    now.note = "no process answers"
+    view.show(now)
+    now.add_snapshot(Snapshot(1.0, {}, (LOST,)))
+    view.show(now)
+    now.add_snapshot(Snapshot(1.0, {}, (SETTLED, LOST._replace())))
+    view.show(now)
+    view.show(now)
+    assert stream.getvalue().splitlines() == [
+        "six-robots: looking", "six-robots: no process answers",
+        happened(LOST), happened(SETTLED), happened(LOST),
+    ]  # fmt: skip
+
+
+class Terminal(io.StringIO):
+    encoding = "utf-8"
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_live_table_is_redrawn_in_place_and_remains(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "80")
+    terminal = Terminal()
+    with LiveTable(terminal) as view:
+        now = progress()
+        view.show(now)
+        assert "robot3" in terminal.getvalue()
+        assert "\x1b[1A" not in terminal.getvalue()
+        now.elapsed = 13.0
+        view.show(now)
+        assert "\x1b[1A" in terminal.getvalue()  # up, over what was there
+    assert "13 of 30 s" in terminal.getvalue()
+
+
+def test_plain_lines_come_every_two_seconds_or_event(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("formation.deploy.terminal.views.time.monotonic", lambda: clock[0])
+    stream = io.StringIO()
+    view = PlainLines(stream)
+    now = progress()
+    for tick in range(50):
+        clock[0] = 100.0 + 0.1 * tick
+        view.show(now)
+    assert len(stream.getvalue().splitlines()) == 2
+    now.dead["monitor"] = "ended with exit code 1 during the run"
+    view.show(now)
+    view.show(now)
+    assert stream.getvalue().splitlines()[2:] == ["monitor ended with exit code 1 during the run"]
+
+
+def test_a_line_counts_the_states() -> None:
+    assert line(progress(robots={"robot2": RUNNING._replace(state="hold")})) == (
+        " 12.0 of 30 s  error 1.25 m  5 run, 1 hold"
+    )
+    assert "no word from the monitor" in line(replace(progress(), snapshot=None))
+
+
+def test_a_sparkline_is_logarithmic_and_never_wider_than_its_room() -> None:
+    assert sparkline([10.0 ** -(k / 7) for k in range(8)], 80) == BLOCKS[::-1]
+    assert len(sparkline([1.0] * 1000, 20)) == 20
+    assert sparkline([], 20) == ""
+    assert set(sparkline([0.0, 1e-9, 5.0], 3, ASCII_BLOCKS)) <= set(ASCII_BLOCKS)
+
+
+def test_noise_around_one_value_is_drawn_flat() -> None:
+    assert len(set(sparkline([1.0, 1.01, 0.99, 1.02], 4))) == 1
+
+
+@pytest.mark.parametrize(
+    ("length", "text"),
+    [
+        (None, "-"), (math.nan, "-"), (0.0, "0 mm"), (2e-5, "<0.1 mm"), (0.0008, "0.8 mm"),
+        (0.00994, "9.9 mm"), (0.00996, "10 mm"), (0.0994, "99 mm"), (0.0996, "10 cm"), (0.994, "99 cm"),
+        (0.996, "1.00 m"), (12.345, "12.35 m"),
+    ],
+)  # fmt: skip
+def test_lengths_are_short_and_never_change_unit_by_rounding(length: float | None, text: str) -> None:
+    assert metres(length) == text
+
+
+@pytest.mark.parametrize(
+    ("time", "text"), [(None, "-"), (math.inf, "-"), (0.031, "31 ms"), (0.9996, "1 s"), (12.3, "12 s")]
+)
+def test_times_are_short(time: float | None, text: str) -> None:
+    assert seconds(time) == text
+
+
+SILENT = {
+    "formation_error": None,
+    "known": {"error": 0.012, "known_edges": 7, "edges": 9, "silent": {"robot6": 12.4}},
+    "robots": {"robot5": {"state": "run", "error": None, "known": [0.003, 1, 2]}},
+}
+
+
+def test_error_over_the_known_edges_says_how_many() -> None:
+    now = progress()
+    now.add_snapshot(Snapshot.of(SILENT))
+    text = picture(now)
+    assert any(line.startswith("error    12 mm ") for line in text)
+    assert "over 7 of 9 edges; 2 unknown (robot6 silent for 12 s)" in text
+    assert "≥3.0 mm" in row(text, "robot5")
+    assert ">=3.0 mm" in row(picture(now, ascii_only=True), "robot5")
+    assert "error 12 mm over 7 of 9 edges; 2 unknown (robot6 silent for 12 s)  settled" in line(now)
+    assert now.errors[-1] == 0.012
+
+
+def test_snapshot_with_invalid_fields_is_read_partly() -> None:
+    event = {
+        "formation_error": "lots",
+        "robots": {"a": {"state": 3, "error": 0.5, "speed": True, "age": math.inf}, "b": None},
+    }
+    snapshot = Snapshot.of(event)
+    assert math.isnan(snapshot.error)
+    assert snapshot.robots == {"a": RobotNow("", 0.5)}
+    assert Snapshot.of({"robots": []}).robots == {}

@@ -1,0 +1,185 @@
+"""`formation check`: exit codes, words and JSON. The figures themselves are tested where they are made."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from formation.deploy import check
+from formation.deploy.check import _eigenvalues, bounds, words
+from formation.deploy.cli import main
+from formation.mission.file import load, read, shipped
+from formation.mission.legs import Straight
+from formation.mission.model import Bounds
+from formation.stability import bounding
+from formation.stability.analysis import analyse
+
+KEYS = {
+    "bounds", "ok", "problems", "warnings", "eigenvalues", "stable", "slowest_mode", "settling_time_estimate",
+    "delay_margin", "depth", "amplification", "losses",
+}  # fmt: skip
+
+
+def ring(followers: int) -> str:
+    """A directed ring of followers of which one sees the leader, at the paper's gains."""
+    names = [f"r{i}" for i in range(followers)]
+    text = 'name = "ring"\nleader = "leader"\n[law]\nk_p = 2.0\nk_i = 1.0\nfeed_forward = false\n'
+    text += "[shapes.circle]\n"
+    spots = {
+        name: (5.0 * math.cos(math.tau * i / followers), 5.0 * math.sin(math.tau * i / followers))
+        for i, name in enumerate(names)
+    }
+    text += "".join(f"{name} = [{x:.3f}, {y:.3f}]\n" for name, (x, y) in spots.items())
+    text += "[robots.leader]\nstart = { x = 0, y = 0 }\n"
+    for i, name in enumerate(names):
+        neighbours = [names[i - 1]] + (["leader"] if i == 0 else [])
+        x, y = spots[name]
+        text += f"[robots.{name}]\nneighbours = {neighbours}\nstart = {{ x = {x:.3f}, y = {y:.3f} }}\n"
+    return text + "[[route]]\nspeed = 0.1\nheading_deg = 0\n"
+
+
+def checked(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, dict[str, Any]]:
+    code = main(["check", *arguments, "--json"])
+    out, words = capsys.readouterr()
+    return code, words, json.loads(out)
+
+
+@pytest.mark.parametrize("mission", shipped())
+def test_every_shipped_mission_passes(mission: str, capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, result = checked(capsys, mission)
+    assert code == 0
+    assert set(result) >= KEYS
+    assert result["ok"] is True
+    assert result["problems"] == []
+    assert result["settling_time_estimate"] > 0.0
+    assert "no problem found" in out
+    assert all(f"\n  {name} " in out for name in load(mission).names)
+
+
+def test_unstable_mission_exits_with_1_and_advice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "ring.toml").write_text(ring(12))
+    code, out, result = checked(capsys, str(tmp_path / "ring.toml"))
+    assert code == 1
+    assert result["ok"] is False
+    assert result["stable"] is False
+    assert result["slowest_mode"] == pytest.approx(0.032, abs=0.001)
+    assert "it cannot work" in out
+    assert "problem: unstable" in out
+    assert "without end" in out
+
+
+def test_check_uses_law_of_command_line(capsys: pytest.CaptureFixture[str]) -> None:
+    _, out, result = checked(capsys, "six_robots", "--law", "paper")
+    assert result["law"] == "paper"
+    assert "six-robots, paper law" in out
+    assert result["settling_time_estimate"] > 2.0 * checked(capsys, "six_robots")[2]["settling_time_estimate"]
+
+
+def test_terminal_shows_what_the_check_waits_for(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    reported: list[str] = []
+
+    @contextmanager
+    def waiting(what: str) -> Iterator[None]:
+        reported.append(what)
+        yield
+
+    monkeypatch.setattr(check, "waiting", waiting)
+    assert main(["check", "turtlebot3_pair"]) == 0
+    assert reported == ["checking; the first time it takes ten seconds and more to compile the law"]
+    assert "no problem found" in capsys.readouterr().out
+
+
+def test_the_words_and_the_json_say_the_same(capsys: pytest.CaptureFixture[str]) -> None:
+    _, out, result = checked(capsys, "two_chains")
+    found = analyse(load("two_chains"))
+    assert result["depth"] == found.depth
+    assert f"{found.settling_time_estimate:.1f} s from the mission's own starts" in out
+    assert f"{found.delay_margin * 1e3:.0f} ms" in out
+
+
+def test_check_names_robots_that_hold_after_each_loss(capsys: pytest.CaptureFixture[str]) -> None:
+    _, out, result = checked(capsys, "two_chains")
+    assert "\n  left6 or right6 may be lost: the others go on\n" in out
+    assert "\n  left4 lost: left5, left6 hold\n" in out
+    assert "\n  right5 lost: right6 holds\n" in out
+    assert "\n  leader lost: all others hold, for there is no standby\n" in out
+    assert result["losses"]["left4"] == {"hold": ["left5", "left6"], "instead": {}}
+    assert result["losses"]["left6"] == {"hold": [], "instead": {}}
+    assert len(result["losses"]["leader"]["hold"]) == 12
+    assert result["losses"]["leader"]["successor"] is None
+
+
+def test_check_names_fallbacks_and_standbys_without_holding_robots(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    _, out, result = checked(capsys, "patrol")
+    assert "\n  any single follower may be lost: the others go on\n" in out
+    assert "\n  robot1 lost: robot2 goes on by leader\n" in out
+    assert "\n  leader lost: deputy leads within about 1 s\n" in out
+    assert " hold" not in out
+    assert "robot1, or else leader" in out
+    assert result["losses"]["robot1"] == {"hold": [], "instead": {"robot2": ["leader"]}}
+    assert result["losses"]["leader"] == {"hold": [], "instead": {}, "successor": "deputy"}
+
+
+def test_a_fallback_that_never_helps_is_warned_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = read("two_chains")[0].replace(
+        'neighbours = ["left1"]', 'neighbours = ["left1"]\nfallback_neighbours = ["left3"]'
+    )
+    (tmp_path / "useless.toml").write_text(text)
+    code, out, result = checked(capsys, str(tmp_path / "useless.toml"))
+    assert code == 0
+    assert any("left2.fallback_neighbours: left3 never helps" in warning for warning in result["warnings"])
+    assert "warning: robots.left2.fallback_neighbours: left3 never helps" in out
+
+
+def test_two_followers_must_agree_on_a_leader(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = read("turtlebot3_pair")[0] + "\n[standbys.deputy]\n"
+    (tmp_path / "agree.toml").write_text(text)
+    _, out, result = checked(capsys, str(tmp_path / "agree.toml"))
+    assert "\n  robot1 lost: robot2 holds\n" in out
+    assert result["losses"]["robot1"]["hold"] == ["robot2"]
+
+
+def test_columns_stand_under_their_titles_however_short_the_names(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mission = tmp_path / "ring.toml"
+    mission.write_text(ring(3).replace("leader", "l").replace('l = "l"', 'leader = "l"', 1))
+    _, out, _ = checked(capsys, str(mission))
+    lines = out.splitlines()
+    title = next(number for number, text in enumerate(lines) if "measures" in text)
+    assert lines[title].split()[:2] == ["robot", "hops"]
+    rows = lines[title + 1 : title + 5]
+    assert [text[lines[title].index("hops")] for text in rows] == ["0", "1", "2", "3"]
+
+
+def test_eigenvalues_are_listed_once_slowest_first_and_pairs_as_one() -> None:
+    text = _eigenvalues([-3.0 + 0j, -0.5 - 1j, -3.0 + 0j, -0.5 + 1j])
+    assert text == "-0.5 ± 1i, -3 (2 times) 1/s"
+    assert _eigenvalues([complex(-k) for k in range(1, 10)]).endswith("-6 and 3 more 1/s")
+
+
+def test_check_prints_the_bounds() -> None:
+    mission = load("six_robots")
+    found = analyse(mission)
+    assert "bounds           x -25.5 … 645.5 m, y -24.5 … 382 m, by default" in words(mission, found)
+    assert bounds(mission)["default"] is True
+
+
+def test_check_warns_where_route_and_shapes_leave_the_bounds() -> None:
+    given = Bounds(x=(-5.0, 30.0), y=(-4.0, 1.2))
+    route = (Straight(speed=0.2, heading_deg=0.0),)
+    mission = load("six_robots").model_copy(update={"bounds": given, "route": route})
+    found = list(bounding.warnings(mission))
+    assert found[0].startswith("the route leaves the bounds after 148 s, where the leader reaches x = 29.6 m")
+    assert found[1].startswith("shape wedge leaves the bounds at the start")
+    assert found[1].endswith("robot3's slot at y = 1 m, limit 0.8 m")

@@ -1,0 +1,163 @@
+"""The command line: what it forwards, what it refuses, and with which exit code."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from formation.deploy import cli
+from formation.deploy.arguments import as_json, number, read_mission, whole
+from formation.deploy.refusal import Refusal
+from formation.mission.file import shipped
+from formation.transport.runtime.command_line import EXTRAS
+
+
+def stand_in(monkeypatch: pytest.MonkeyPatch, behaviour: object) -> list[Sequence[str]]:
+    """Replace every subcommand's module; returns the list of arguments that it is called with."""
+    calls: list[Sequence[str]] = []
+
+    def called(arguments: Sequence[str]) -> int:
+        calls.append(arguments)
+        if isinstance(behaviour, BaseException):
+            raise behaviour
+        assert isinstance(behaviour, int)
+        return behaviour
+
+    monkeypatch.setattr(cli, "import_module", lambda _: SimpleNamespace(main=called))
+    return calls
+
+
+@pytest.mark.parametrize("command", cli.COMMANDS)
+def test_every_command_gets_its_arguments_as_they_were_typed(
+    command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = stand_in(monkeypatch, 1)
+    typed = ["six_robots", "-e", "tcp/127.0.0.1:7447", "--cfg", "mode:peer", "--", "-x"]
+    assert cli.main([command, *typed]) == 1
+    assert list(calls[0])[: len(typed) - 2] == typed[:-2]
+
+
+@pytest.mark.parametrize("command", cli.COMMANDS)
+def test_every_command_has_help_with_its_own_name(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main([command, "--help"]) == 0
+    assert f"usage: formation {command}" in capsys.readouterr().out
+
+
+def test_the_overview_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["--help"]) == 0
+    text = capsys.readouterr().out
+    assert all(f"  {name} " in text for name in cli.COMMANDS)
+    assert "examples:" in text
+
+
+def test_without_a_command_the_overview_is_shown_and_nothing_is_done(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert cli.main([]) == 2
+    assert "usage: formation" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [["rnu"], ["--nonsense"], ["run", "--nonsense"], ["run", "--law", "x"]])
+def test_what_the_command_line_does_not_know_is_exit_code_2(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert err.startswith("formation: ")
+    assert err.endswith("--help\n")
+
+
+def test_the_version_is_the_packages(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("formation 0.")
+
+
+def test_a_refusal_is_one_line_on_stderr(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stand_in(monkeypatch, Refusal("no such thing"))
+    assert cli.main(["run"]) == 2
+    assert capsys.readouterr() == ("", "formation: no such thing\n")
+
+
+@pytest.mark.parametrize(("package", "extra"), EXTRAS.items())
+def test_a_missing_extra_is_named_with_the_line_that_brings_it(
+    package: str, extra: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stand_in(monkeypatch, ModuleNotFoundError("none", name=f"{package}.sub"))
+    assert cli.main(["monitor"]) == 2
+    assert f"pip install '.[{extra}]' in a clone" in capsys.readouterr().err
+
+
+def test_a_missing_module_of_our_own_is_no_missing_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    stand_in(monkeypatch, ModuleNotFoundError("none", name="formation.lost"))
+    with pytest.raises(ModuleNotFoundError):
+        cli.main(["monitor"])
+
+
+def test_ctrl_c_in_any_command_is_exit_code_130(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stand_in(monkeypatch, KeyboardInterrupt())
+    assert cli.main(["simulate"]) == 130
+    assert "interrupted" in capsys.readouterr().err
+
+
+def test_the_shipped_missions_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["missions"]) == 0
+    listed = capsys.readouterr().out
+    assert all(name in listed for name in shipped())
+    assert cli.main(["missions", "--json"]) == 0
+    listing = json.loads(capsys.readouterr().out)
+    assert set(listing["missions"]) == set(shipped())
+    six = listing["missions"]["six_robots"]
+    assert (six["title"], six["robots"], six["shapes"]) == ("six-robots", 6, ["hexagon", "wedge"])
+    assert six["what"].startswith("Six robots in a hexagon of 1 m sides, after section 4 of the paper")
+    assert all(one["what"] in " ".join(listed.split()) for one in listing["missions"].values())
+    assert "formation run NAME" in listed
+
+
+@pytest.mark.parametrize("command", ["run", "check", "simulate"])
+def test_a_bad_mission_is_one_line_and_exit_code_2(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = tmp_path / "bad.toml"
+    bad.write_text('name = "bad"\nleader = "nobody"\n')
+    assert cli.main([command, str(bad)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert str(bad) in err
+
+
+def test_the_law_of_the_command_line_outranks_the_missions() -> None:
+    assert read_mission("six_robots").law.kind == "field"
+    assert read_mission("six_robots", "paper").law.kind == "paper"
+
+
+@pytest.mark.parametrize("text", ["nan", "inf", "-1", "0", "1e999"])
+def test_a_number_that_cannot_be_is_refused(text: str) -> None:
+    with pytest.raises(Exception, match="must be above 0"):
+        number(0.0, open_below=True)(text)
+
+
+def test_a_number_without_end_is_told_what_is_wrong_with_it() -> None:
+    with pytest.raises(Exception, match="inf: must be above 0 and finite"):
+        number(0.0, open_below=True)("inf")
+
+
+def test_a_count_below_the_lowest_is_refused() -> None:
+    with pytest.raises(Exception, match="at least 1"):
+        whole(1)("0")
+
+
+def test_json_is_strict_also_where_a_figure_is_not_finite() -> None:
+    text = as_json({"a": float("nan"), "b": [1.5, float("inf")], "c": {"d": None}})
+    assert json.loads(text) == {"a": None, "b": [1.5, None], "c": {"d": None}}
+    assert os.linesep not in text

@@ -1,0 +1,323 @@
+"""Every examination of the doctor, both ways: it names what is wrong, and says nothing of what is well."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from formation.deploy.doctor import robot_link
+from formation.deploy.doctor.agents import two_ages
+from formation.deploy.doctor.cli import EXAMINATIONS
+from formation.deploy.doctor.facts import Chrony, Facts, Party, Reached, Stream, examine
+from formation.deploy.doctor.machine import read_tracking
+from formation.mission.file import load
+from formation.mission.model import Mission
+from formation.protocol.reasons import Code, Reason
+from formation.protocol.status import LeaderState, LeaderStatus, RobotLink
+from tests.unit.deploy.examined import (
+    DAY,
+    DESK,
+    HEALTHY,
+    STAMPED,
+    TB3,
+    TWIST,
+    WALL,
+    found,
+    paused,
+    signs,
+    status_of,
+    stream,
+)
+
+
+@pytest.mark.parametrize("facts", [HEALTHY, DESK])
+def test_of_what_is_well_nothing_is_said(facts: Facts) -> None:
+    assert found(facts) == {}
+
+
+def test_every_examination_of_robot_reports_an_observation() -> None:
+    assert [checked.title for checked in examine(EXAMINATIONS, HEALTHY)] == [
+        "agent", "mission", "robot", "watchdog", "odometry", "clock", "network", "certificate", "refusals",
+    ]  # fmt: skip
+    assert all(checked.seen for checked in examine(EXAMINATIONS, HEALTHY))
+
+
+ILLS: dict[str, tuple[Mapping[str, Any], str, str]] = {
+    "odometry stamped late": (
+        {"odometry": stream(behind=0.4)},
+        "clock-offset",
+        "odometry is stamped 0.4 s ago",
+    ),
+    "odometry stamped ahead": ({"odometry": stream(behind=-5.0)}, "clock-offset", "stamped 5 s ahead"),
+    "position stamped late": ({"position": stream(behind=0.2)}, "clock-offset", "its position is stamped"),
+    "neighbour's clock": (
+        {"newest_status": status_of(clock={"leader": -0.3})},
+        "clock-doubted",
+        "does not believe the stamps of leader",
+    ),
+    "chrony without server": (
+        {"chrony": Chrony(0.0, synchronised=False)},
+        "clock-unsynchronised",
+        "no time server",
+    ),
+    "chrony still far off": ({"chrony": Chrony(-0.7, synchronised=True)}, "clock-not-settled", "0.7 s from"),
+    "no odometry": ({"odometry": Stream()}, "odometry-silent", "no odometry in 3 s"),
+    "slow odometry": ({"odometry": stream(8.0)}, "odometry-slow", "at 8 Hz instead of 20 Hz"),
+    "fast odometry": ({"odometry": stream(40.0)}, "odometry-fast", "at 40 Hz instead of 20 Hz"),
+    "irregular odometry": ({"odometry": paused(0.2, 0.3)}, "odometry-irregular", "paused 2 times in 3 s"),
+    "two odometries": (
+        {"odometry": stream(frames=("odom", "map"))},
+        "odometry-frames",
+        "several frames: map, odom",
+    ),
+    "unreadable odometry": (
+        {"odometry": replace(stream(), bad=("orientation has length 0, must be 1",))},
+        "odometry-unreadable",
+        "orientation has length 0",
+    ),
+    "no external pose": ({"pose": Stream()}, "pose-silent", "no external pose in 3 s"),
+    "neighbour refuses": (
+        {"reached": {"leader": Reached("tls/h:1", "refused")}},
+        "unreachable",
+        "the leader at tls/h:1 refuses",
+    ),
+    "no route": (
+        {"reached": {"robot2": Reached("tls/h:1", "no route")}},
+        "unreachable",
+        "robot2's agent at tls/h:1",
+    ),
+    "no answer": ({"reached": {"robot2": Reached("tls/h:1", "no answer")}}, "unreachable", "does not answer"),
+    "unknown name": (
+        {"reached": {"robot2": Reached("tls/h:1", "unknown name")}},
+        "unreachable",
+        "name cannot be resolved",
+    ),
+    "no TLS": ({"reached": {"robot2": Reached("tls/h:1", "no TLS")}}, "unreachable", "does not use TLS"),
+    "untrusted": (
+        {"reached": {"robot2": Reached("tls/h:1", "untrusted", "certificate has expired")}},
+        "unreachable",
+        "not to be trusted (certificate has expired)",
+    ),
+    "turned away": (
+        {"reached": {"robot2": Reached("tls/h:1", "turned away", "unknown ca")}},
+        "unreachable",
+        "refuses our certificate (unknown ca)",
+    ),
+    "addresses mixed up": (
+        {"reached": {"robot2": Reached("tls/h:1", "ok", name="robot1")}},
+        "neighbour-misnamed",
+        "where robot2 should be, robot1 answers",
+    ),
+    "silent neighbour": (
+        {"newest_status": status_of(age={"leader": 7.3})},
+        "neighbour-silent",
+        "leader has been silent for 7.3 s",
+    ),
+    "no router": (
+        {
+            "router_trouble": "nobody",
+            "routed": None,
+            "watchdog_state": None,
+            "odometry": Stream(),
+            "status": Stream(),
+        },
+        "router-missing",
+        "nothing answers at tcp/127.0.0.1:7447",
+    ),
+    "route lost": ({"routed": False, "listeners": ()}, "route-lost", "nothing listens to cmd_vel"),
+    "wrong type": (
+        {"routed": False, "listeners": (Party("turtlebot3_node", TWIST, "ab"),)},
+        "cmd-vel-type",
+        "turtlebot3_node takes Twist on cmd_vel, but is sent TwistStamped",
+    ),
+    "somebody else drives": (
+        {"speakers": (*HEALTHY.speakers, Party("teleop_twist_keyboard", STAMPED, "ef"))},
+        "cmd-vel-contested",
+        "teleop_twist_keyboard publishes on cmd_vel as well",
+    ),
+    "no watchdog": ({"watchdog_state": "", "watchdog_unit": None}, "watchdog-down", "no watchdog answers"),
+    "watchdog failed": ({"watchdog_unit": "failed"}, "watchdog-down", "systemd calls it failed"),
+    "agent silent": (
+        {"status": Stream(), "newest_status": None, "alive": ()},
+        "agent-silent",
+        "no status in 3 s",
+    ),
+    "status of a stranger": (
+        {
+            "status": Stream(bad=("status: kind is missing, must be agent",)),
+            "newest_status": None,
+            "alive": (),
+        },
+        "agent-unreadable",
+        "1 statuses of its agent cannot be read: status: kind is missing",
+    ),
+    "two agents": (
+        {"alive": tuple(sorted(signs(50.0) + signs(7.0)))},
+        "agents-two",
+        "one runs for 53 s, one for 10 s",
+    ),
+    "two agents started together": (
+        {"alive": tuple(sorted(signs(50.0) + signs(50.2)))},
+        "agents-two",
+        "one runs for 53 s, one for 53 s",
+    ),
+    "second publisher": (
+        {"doubled": ("robot2",)},
+        "agents-two",
+        "robot2 receives its positions from two agents",
+    ),
+    "second publisher of a neighbour": (
+        {"newest_status": status_of(contested=("robot2",))},
+        "neighbour-doubled",
+        "positions of robot2 from two agents",
+    ),
+    "refusals": (
+        {"newest_status": status_of(refused={"put robot3/position": 12})},
+        "refused",
+        "refused 12 times: put robot3/position",
+    ),
+    "started with another mission": (
+        {"newest_status": status_of(mission="0123456789ab")},
+        "mission-other",
+        "its agent was started with another mission",
+    ),
+    "neighbour on another mission": (
+        {"newest_status": status_of(other_mission={"robot2": "89ef4567"})},
+        "mission-mixed",
+        "robot2 runs mission 89ef4567",
+    ),
+    "another mission": (
+        {"installed_differs": "/opt/m.toml"},
+        "mission-differs",
+        "in /opt/m.toml is not the one",
+    ),
+}
+
+
+@pytest.mark.parametrize("ill", ILLS)
+def test_each_ill_is_named_and_nothing_else_with_it(ill: str) -> None:
+    changes, name, sentence = ILLS[ill]
+    sentences = found(replace(HEALTHY, **changes))
+    assert list(sentences) == [name]
+    assert sentence in sentences[name]
+
+
+CERTIFICATES: dict[str, tuple[Mapping[str, Any], str]] = {
+    "certificate-expires": ({"begins": WALL - 25 * DAY, "ends": WALL + 5 * DAY}, "c.pem expires in 5 days"),
+    "certificate-expired": ({"ends": WALL - 60.0}, "c.pem has expired on 2027-01-15 07:59 UTC"),
+    "certificate-not-yet-valid": ({"begins": WALL + 7200.0}, "becomes valid in 2.0 hours"),
+    "certificate-name": ({"name": "robot2"}, "is the certificate of 'robot2', not of 'robot1'"),
+    "certificate-unusable": ({"problem": "the key does not belong to it"}, "c.pem: the key does not belong"),
+    "key-readable": ({"mode": 0o644}, "readable by others (mode 644)"),
+}
+
+
+@pytest.mark.parametrize("name", CERTIFICATES)
+def test_each_fault_of_a_certificate_is_named(name: str) -> None:
+    changes, sentence = CERTIFICATES[name]
+    assert HEALTHY.certificates is not None
+    sentences = found(replace(HEALTHY, certificates=(replace(HEALTHY.certificates[0], **changes),)))
+    assert list(sentences) == [name]
+    assert sentence in sentences[name]
+
+
+def test_single_pause_and_group_readable_key_are_accepted() -> None:
+    assert HEALTHY.certificates is not None
+    shared = replace(HEALTHY.certificates[0], mode=0o640)
+    assert found(replace(HEALTHY, odometry=paused(0.2), certificates=(shared,))) == {}
+
+
+def test_odometry_frame_matters_only_for_world_frame_missions() -> None:
+    def with_frame(frame: str) -> Facts:
+        spec = TB3.robots["robot1"].model_copy(update={"odometry_frame": frame})
+        mission = TB3.model_copy(update={"robots": {**TB3.robots, "robot1": spec}})
+        return replace(HEALTHY, mission=mission, odometry=stream(frames=("robot1/odom",)))
+
+    assert list(found(with_frame("world"))) == ["odometry-frame"]
+    assert found(with_frame("start")) == {}
+
+
+def test_where_there_is_no_bridge_none_is_blamed() -> None:
+    data = TB3.model_dump()
+    data["robots"]["robot1"]["ros"] = "rmw_zenoh"
+    native = replace(HEALTHY, mission=Mission.model_validate(data), routed=False, listeners=())
+    (finding,) = [one for one in robot_link.look(native) if one.name == "route-lost"]
+    assert "bridge" not in finding.sentence + finding.remedy
+
+
+def test_unreachable_agent_is_not_also_called_silent() -> None:
+    nothing = replace(DESK, status=Stream(), newest_status=None)
+    assert list(found(nothing)) == ["agent-silent"]
+    refused = replace(nothing, reached={"robot1": Reached("tls/h:1", "refused")})
+    assert list(found(refused)) == ["unreachable"]
+    reported = replace(DESK, newest_status=status_of(link=RobotLink.NO_LISTENER))
+    assert list(found(reported)) == ["route-lost"]
+
+
+PATROL = load("patrol")
+OWN = LeaderStatus(
+    robot="deputy",
+    state=LeaderState.STANDBY,
+    reason=Reason.of(Code.OTHER_LEADS, robot="leader"),
+    mission=PATROL.fingerprint,
+)
+STANDBY = replace(
+    DESK,
+    mission=PATROL,
+    robot="deputy",
+    newest_status=OWN,
+    reached={"deputy": Reached("tls/192.168.1.16:7460", "ok", name="deputy")},
+    certificates=None,
+)
+
+
+def test_healthy_standby_has_no_findings() -> None:
+    assert found(STANDBY) == {}
+    seen = {checked.title: checked.seen for checked in examine(EXAMINATIONS, STANDBY)}
+    assert seen["agent"] == "says standby: leader leads"
+    assert seen["mission"] == "standby runs it"
+
+
+def test_silent_or_unreachable_standby_is_named() -> None:
+    silent = found(replace(STANDBY, status=Stream(), newest_status=None))
+    assert silent == {"standby-silent": "its standby says nothing: no status in 3 s"}
+    away = {"deputy": Reached("tls/h:1", "no answer")}
+    lost = found(replace(STANDBY, status=Stream(), newest_status=None, reached=away))
+    assert lost == {"unreachable": "the standby deputy at tls/h:1 does not answer"}
+    robot = replace(HEALTHY, mission=PATROL, newest_status=None, status=None, reached=away)
+    assert found(robot)["unreachable"] == "the standby deputy at tls/h:1 does not answer"
+
+
+def test_a_neighbour_that_was_never_heard_is_named() -> None:
+    assert found(replace(HEALTHY, newest_status=status_of(age={"odometry": 0.012}))) == {
+        "neighbour-silent": "its neighbour leader has never been received"
+    }
+
+
+def test_one_agent_after_the_other_is_not_two_at_once() -> None:
+    one_after_the_other = [*signs(50.0, end=1.0), (101.0, -1.0), *signs(-1.5, begin=1.5)]
+    assert two_ages(one_after_the_other) is None
+    assert two_ages(sorted(one_after_the_other + signs(20.0, begin=0.5))) is not None
+    late = [(arrived + 0.3 * (k % 7 == 0), value) for k, (arrived, value) in enumerate(signs(50.0))]
+    assert two_ages(late) is None
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        (
+            "C0A8010A,192.168.1.10,3,1.7e9,-0.000012345,0.00001,0.00002,-1.2,0.0,0.1,0.01,0.001,16.0,Normal",
+            Chrony(-0.000012345, synchronised=True),
+        ),
+        (
+            "00000000,,0,0.0,0.0,0.0,0.0,0.0,0.0,0.0,1.0,1.0,0.0,Not synchronised",
+            Chrony(0.0, synchronised=False),
+        ),
+        ("506 Cannot talk to daemon", None),
+    ],
+)
+def test_what_chrony_says_is_read(line: str, says: Chrony | None) -> None:
+    assert read_tracking(line) == says

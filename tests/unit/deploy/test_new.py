@@ -1,0 +1,144 @@
+"""`formation new`, as it is used."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from itertools import combinations
+from pathlib import Path
+
+import pytest
+
+from formation.deploy.cli import main
+from formation.deploy.mission_files.draft import PROFILES
+from formation.deploy.new import MIN_SLOT_RADII
+from formation.mission.file import load
+from formation.simulation.simulate import simulate
+from formation.slots.shapes import SHAPES
+from formation.stability.analysis import analyse
+from tests.support.every_mission import faults, made
+
+SAMPLE = (3, 4, 7, 16, 50)
+"""Of the sizes that `python -m tests.campaigns.safety missions` tries all of."""
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize("robots", SAMPLE)
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("profile", PROFILES)
+def test_what_it_writes_passes_the_check_and_converges(shape: str, robots: int, profile: str) -> None:
+    mission = made(shape, robots, profile)
+    by_chance = simulate(mission, runs=5)
+    assert not list(faults(mission, by_chance))
+    assert by_chance.nearest.min() > 0.0
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_mission_is_there_and_what_to_type_next_works(
+    shape: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["new", shape, "--robots", "7", "--out", "it's mine.toml"]) == 0
+    out = capsys.readouterr().out
+    lines = [shlex.split(line) for line in out.splitlines() if line.startswith("  formation ")]
+    assert [line[1:3] for line in lines] == [[do, "it's mine.toml"] for do in ("check", "simulate", "run")]
+    assert main(lines[0][1:]) == 0
+    assert main(lines[1][1:]) == 0
+    assert "converged        100 of 100" in capsys.readouterr().out
+
+
+def test_new_mission_has_requested_robots_and_virtual_leader() -> None:
+    assert main(["new", "wedge", "--robots", "7"]) == 0
+    mission = load("wedge_7.toml")
+    assert mission.followers == tuple(f"robot{i}" for i in range(1, 8))
+    assert mission.leader == "leader"
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_least_spacing_leaves_room_at_starts_and_slots(shape: str, profile: str) -> None:
+    radius = PROFILES[profile].radius
+    least = MIN_SLOT_RADII * radius
+    assert main(["new", shape, "--robots", "23", "--robot", profile, "--spacing", f"{least:.4g}"]) == 0
+    mission = load(f"{shape}_23.toml")
+    starts = [mission.robots[name].start.position for name in mission.followers]
+    assert all(
+        abs(start - mission.slot(name)) <= 0.5 for name, start in zip(mission.followers, starts, strict=True)
+    )
+    assert min(abs(a - b) for a, b in combinations(starts, 2)) > 2.4 * radius
+    found = analyse(mission)
+    assert not [*found.problems, *found.warnings]
+    assert simulate(mission).converged.all()
+
+
+def test_recorded_command_recreates_the_same_file(capsys: pytest.CaptureFixture[str]) -> None:
+    requested = ["polygon", "--robots", "9", "--corners", "3", "--spacing", "0.7", "--robot", "paper"]
+    assert main(["new", *requested, "--out", "one.toml"]) == 0
+    first = Path("one.toml").read_text(encoding="utf-8")
+    (line,) = [line for line in first.splitlines() if line.startswith("#   formation new")]
+    assert main([*shlex.split(line)[2:], "--out", "two.toml"]) == 0
+    assert Path("two.toml").read_text(encoding="utf-8") == first
+    assert capsys.readouterr().err == ""
+
+
+def test_existing_file_is_overwritten_only_with_force(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    Path("mine.toml").write_text("precious", encoding="utf-8")
+    assert main(["new", "line", "--robots", "4", "--out", "mine.toml"]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert Path("mine.toml").read_text(encoding="utf-8") == "precious"
+    assert main(["new", "line", "--robots", "4", "--out", "mine.toml", "--force"]) == 0
+    assert load("mine.toml").name == "line-4"
+
+
+@pytest.mark.parametrize(
+    ("requested", "says"),
+    [
+        ("star --robots 7", "line"),
+        ("line", "--robots"),
+        ("line --robots 1", "at least 2 and at most 200"),
+        ("line --robots 201", "at least 2 and at most 200"),
+        ("polygon --robots 2", "at least 3"),
+        ("polygon --robots 5 --corners 6", "from 3 to the number of robots, 5"),
+        ("circle --robots 5 --corners 4", "only a polygon"),
+        ("line --robots 5 --spacing 0.47", "at least 0.4725 m"),
+        ("line --robots 5 --spacing nan", "above 0 and at most 100"),
+        ("line --robots 5 --robot roomba", "turtlebot3_burger"),
+        ("line --robots 5 --out mission.yaml", "must end in .toml"),
+        (f"line --robots 5 --out {'long' * 75}.toml", "long.toml: File name too long"),
+        ("line --robots 5 --out nowhere/mission.toml", "there is no folder nowhere"),
+    ],
+)
+def test_impossible_request_is_refused_and_writes_nothing(
+    requested: str, says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["new", *requested.split()]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert says in err.splitlines()[-1]
+    assert not list(Path().iterdir())
+
+
+def test_a_machine_reads_what_was_written(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["new", "grid", "--robots", "12", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {
+        "file": "grid_12.toml",
+        "mission": "grid-12",
+        "shape": "grid",
+        "robots": 12,
+        "spacing": 0.5,
+        "profile": "turtlebot3_burger",
+        "edges": sum(map(len, load("grid_12.toml").graph.neighbours)),
+        "depth": 4,
+    }
+
+
+def test_the_help_names_every_shape_and_shows_how(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["new", "--help"]) == 0
+    result = capsys.readouterr().out
+    assert all(shape in result for shape in SHAPES)
+    assert "formation new wedge --robots 7" in result

@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from formation.deploy import recover as command
+from formation.deploy.cli import main
+from tests.unit.monitor.recording.test_recover import chunked
+
+
+@pytest.fixture
+def cut(tmp_path: Path) -> Path:
+    path = tmp_path / "run.mcap"
+    chunked(path)
+    path.write_bytes(path.read_bytes()[:-3000])
+    return path
+
+
+def test_it_says_what_there_is_until_when_and_what_is_lost(
+    cut: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["recover", str(cut)]) == 0
+    result = capsys.readouterr().out
+    out = cut.with_name("run-recovered.mcap")
+    assert out.exists()
+    assert f"{cut} was cut off, or is still being written. " in result
+    assert f"are in {out}." in result
+    assert "lost: what was received after that, within a second of the end" in result
+    assert main(["recover", str(out)]) == 0
+    assert f"{out} is whole: " in capsys.readouterr().out
+    assert sorted(one.name for one in cut.parent.iterdir()) == ["run-recovered.mcap", "run.mcap"]
+
+
+def test_the_same_for_programs(cut: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "elsewhere.mcap"
+    assert main(["recover", str(cut), "-o", str(out), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result["whole"], result["recovered"], result["damaged_stretches"]) == (False, str(out), 0)
+    assert result["messages"] > 100
+    assert result["start"] < result["end"]
+
+
+@pytest.mark.parametrize("content", [b"", b"hello", b"\x89MCAP0\r\n", b"\x89MCAP0\r\n" + b"\1" * 500])
+def test_what_is_no_recording_is_refused_in_one_line(
+    tmp_path: Path, content: bytes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    assert main(["recover", str(path)]) == 2
+    result = capsys.readouterr()
+    assert result.out == ""
+    assert result.err == f"formation: {path}: is no recording that `formation` made\n"
+    assert [one.name for one in tmp_path.iterdir()] == ["run.mcap"]
+
+
+def test_what_is_not_there_or_is_in_the_way_is_refused(
+    cut: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["recover", str(tmp_path / "no.mcap")]) == 2
+    assert "no.mcap: cannot be read: No such file or directory" in capsys.readouterr().err
+    assert main(["recover", str(tmp_path)]) == 2
+    assert "cannot be read: Is a directory" in capsys.readouterr().err
+    assert main(["recover", str(cut), "-o", str(cut)]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert main(["recover", str(cut), "-o", str(cut / "x.mcap")]) == 2
+    assert "run.mcap is no folder" in capsys.readouterr().err
+
+
+def test_where_it_takes_long_it_says_how_far_it_is(
+    cut: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(command, "PROGRESS_PERIOD", 0.0)
+    assert main(["recover", str(cut)]) == 0
+    result = capsys.readouterr().err.splitlines()
+    assert result[0].startswith(f"formation: reading {cut}: ")
+    assert all(line.endswith("%") for line in result if line.startswith("formation: reading"))

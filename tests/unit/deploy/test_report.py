@@ -1,0 +1,116 @@
+"""`formation report`: what it refuses, writes and prints. The page itself is tested where it is made."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from formation.deploy.cli import main
+from tests.support.monitored import Fleet
+from tests.support.recordings import coming_in, record, talk
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("run") / "monday.mcap"
+    record(path, talk(Fleet(away=coming_in), 9.0))
+    return path
+
+
+def test_the_page_stands_beside_the_recording_and_stdout_is_json(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["report", str(recording), "--json"]) == 0
+    out, words = capsys.readouterr()
+    result = json.loads(out)
+    assert result["report"] == str(recording.with_suffix(".html"))
+    (run,) = result["runs"]
+    assert 4.0 < run["settling_time"] < 8.0
+    assert run["converged"] is True
+    assert run["robots"]["robot2"]["error_rms"] > 0.0
+    text = recording.with_suffix(".html").read_text(encoding="utf-8")
+    assert "six-robots, field law: no problem found" in text  # what check says
+    assert f"{run['settling_time']:.2f} s" in text
+    assert "Converged" in words
+
+
+@pytest.mark.slow
+def test_figures_are_written_in_the_formats_that_are_asked_for(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flags = ["-o", str(tmp_path / "page.html"), "--figures", str(tmp_path / "f"), "--format", "pdf", "--json"]
+    assert main(["report", str(recording), *flags]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert {Path(path).suffix for path in result["figures"]} == {".pdf"}
+    assert (tmp_path / "f" / "fig2.pdf").read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.slow
+def test_two_recordings_are_compared_and_their_figures_kept_apart(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record(tmp_path / "other.mcap", talk(Fleet(away=coming_in), 6.0), law="paper")
+    flags = ["-o", str(tmp_path / "page.html"), "--figures", str(tmp_path / "f"), "--format", "svg"]
+    assert main(["report", str(recording), str(tmp_path / "other.mcap"), *flags]) == 0
+    out = capsys.readouterr().out
+    assert "A: six-robots, field law" in out
+    assert "B: six-robots, paper law" in out
+    assert {path.name for path in (tmp_path / "f").iterdir()} == {"a", "b", "overlay.svg"}
+
+
+def test_a_cut_recording_is_reported_and_said_to_be_cut(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cut = tmp_path / "cut.mcap"
+    data = recording.read_bytes()
+    cut.write_bytes(data[: 2 * len(data) // 3])
+    assert main(["report", str(cut)]) == 0
+    assert "is cut" in capsys.readouterr().out
+    assert "This recording is cut" in cut.with_suffix(".html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("flags", "named"),
+    [
+        (["{missing}"], "cannot be read: No such file"),
+        (["{text}"], "is no recording that `formation` made"),
+        (["{run}", "{text}"], "is no recording that `formation` made"),
+        (["{run}", "-o", "{run}"], "is the recording itself; name another file"),
+        (["{run}", "-o", "{folder}"], "is a folder; name a file"),
+        (["{run}", "-o", "{text}/page.html"], "cannot be written"),
+        (["{run}", "-o", "{mission}"], "wedge_5.toml: must end in .html"),
+        (["{run}", "-o", "{text}"], "text.txt: must end in .html"),
+        (["{run}", "-o", "{other}"], "home.html: is there already, and is no report; name another file"),
+        (["{run}", "-o", "{folder}/{long}.html"], "File name too long"),
+        (["{run}", "-o", "{folder}/p.html", "--figures", "{text}"], "--figures"),
+        (["{run}", "--format", "gif"], "must be one or more of png, svg, pdf"),
+        (["{run}", "--until", "0"], "above 0"),
+        ([], "FILE"),
+    ],
+)
+def test_what_cannot_be_reported_is_refused_in_a_line(
+    flags: list[str], named: str, recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = {"run": "run.mcap", "text": "text.txt", "mission": "wedge_5.toml", "other": "home.html"}
+    for name in names.values():
+        (tmp_path / name).write_text("<!DOCTYPE html>, but not of a recording")
+    (tmp_path / "run.mcap").write_bytes(recording.read_bytes())
+    places = {name: tmp_path / file for name, file in names.items()}
+    places |= {"missing": tmp_path / "no.mcap", "folder": tmp_path, "long": Path("long" * 75)}
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    assert main(["report", *(flag.format(**places) for flag in flags)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert named in err
+    assert err.count("\n") == 1 or "usage" in err
+    assert {path: path.read_bytes() for path in before} == before
+
+
+def test_a_report_takes_the_place_of_an_older_one(recording: Path, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    page.touch()
+    for _ in range(2):
+        assert main(["report", str(recording), "-o", str(page), "--until", "2"]) == 0
+    assert "</html>" in page.read_text(encoding="utf-8")

@@ -1,0 +1,217 @@
+"""`formation simulate`: what it passes on, refuses and prints. The loop itself is tested where it lives."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from formation.deploy import simulate
+from formation.deploy.cli import main
+from formation.deploy.terminal.bar import Bar
+from formation.mission.file import parse, read
+from formation.simulation.body import PROFILES
+
+SHORT = ("--horizon", "15")
+
+
+def simulated(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[str, dict[str, Any]]:
+    assert main(["simulate", "turtlebot3_pair", *SHORT, *arguments, "--json"]) == 0
+    out, words = capsys.readouterr()
+    return words, json.loads(out)
+
+
+def test_the_json_has_every_figure(capsys: pytest.CaptureFixture[str]) -> None:
+    _, result = simulated(capsys, "--runs", "20", "--spread", "0.2", "--seed", "3")
+    assert result["mission"] == "turtlebot3-pair"
+    assert (result["runs"], result["seed"], result["law"]) == (20, 3, "field")
+    assert result["converged_fraction"] == 1.0
+    assert 0.0 < result["settling_time"]["median"] <= result["settling_time"]["p95"] < 15.0
+    assert 0.0 <= result["final_error"]["median"] <= result["final_error"]["max"] < 0.05
+    assert result["wall_time"] > 0.0
+    assert result["robot_steps_per_second"] > 0.0
+
+
+def test_without_numba_it_says_once_how_to_be_faster(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("formation.deploy.terminal.bar.AVAILABLE", False)
+    words, _ = simulated(capsys, "--horizon", "1")
+    assert words.count("pip install '.[simulate]' in a clone") == 1
+
+
+def test_simulation_reports_ignored_scanners_and_obstacles(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["simulate", "posts", "--json"]) == 0
+    out, words = capsys.readouterr()
+    assert "  not simulated    scanners, posts, walls; formation run has them" in words.splitlines()
+    assert json.loads(out)["not_simulated"] == ["scanners", "posts", "walls"]
+    text, result = simulated(capsys, "--law", "paper")
+    assert "not simulated" not in text
+    assert result["not_simulated"] == []
+
+
+ENDLESS = "speed = 0.05\nheading_deg = 0\n"
+CORNER = f"{ENDLESS}duration = 5\n[[route]]\nspeed = 0.05\nheading_deg = 90\n"
+ROUND = "speed = 0.05\nradius = 4\n"
+TURNING = ("duration", "turning = true\nduration")
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ((), []),
+        ((("[collisions]", "[cohesion]\nerror = 0.5\n[collisions]"),), ["cohesion"]),
+        ((TURNING,), []),
+        (((ENDLESS, CORNER),), []),
+        (((ENDLESS, CORNER), TURNING), ["turning"]),
+        (((ENDLESS, ROUND), TURNING), ["turning"]),
+    ],
+)
+def test_what_the_mission_has_and_this_does_not_is_named(
+    changes: tuple[tuple[str, str], ...], named: list[str]
+) -> None:
+    text = read("turtlebot3_pair")[0]
+    for before, after in changes:
+        assert before in text
+        text = text.replace(before, after, 1)
+    assert simulate.left_out(parse(text, "mission.toml")) == named
+
+
+def test_without_avoidance_touching_is_not_examined(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = read("turtlebot3_pair")[0].replace("[collisions]", '[collisions]\nmode = "off"')
+    (tmp_path / "off.toml").write_text(text)
+    assert main(["simulate", str(tmp_path / "off.toml"), *SHORT, "--json"]) == 0
+    out, words = capsys.readouterr()
+    assert "  bodies           not watched: collisions are off" in words.splitlines()
+    assert json.loads(out)["touched"] is None
+
+
+def test_single_run_uses_mission_starts_many_use_seed(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    text, first = simulated(capsys)
+    assert "the mission's own starts" in text
+    assert simulated(capsys, "--seed", "9")[1]["settling_time"] == first["settling_time"]
+    text, many = simulated(capsys, "--runs", "5", "--seed", "1")
+    assert "5 random starts, seed 1" in text
+    assert simulated(capsys, "--runs", "5", "--seed", "1")[1]["final_error"] == many["final_error"]
+    assert simulated(capsys, "--runs", "5", "--seed", "2")[1]["final_error"] != many["final_error"]
+
+
+def test_random_single_run_is_not_reported_as_missions(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    text, _ = simulated(capsys, "--spread", "0.2", "--seed", "4")
+    assert "1 random start, seed 4" in text
+    assert "the mission's own" not in text
+
+
+def test_report_states_touching_and_avoidance(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    text, result = simulated(capsys, "--runs", "20", "--seed", "1", "--law", "paper")
+    assert f"bodies           touch in {result['touched']} of 20 runs" in text
+    assert "; robots do not avoid each other" in text  # the printed law is said as it is
+    assert (result["touched"] > 0) == (result["nearest"] < 0.0)
+    assert main(["simulate", "six_robots", *SHORT]) == 0
+    text = capsys.readouterr().out
+    assert "bodies           none touch, " in text
+    assert "nobody avoids" not in text
+
+
+@pytest.mark.slow
+def test_the_proportional_law_is_simulated_by_name(capsys: pytest.CaptureFixture[str]) -> None:
+    text, result = simulated(capsys, "--law", "proportional")
+    assert "proportional law" in text
+    assert (result["law"], result["converged_fraction"]) == ("proportional", 1.0)
+
+
+def test_runs_that_do_not_fit_into_memory_are_refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(simulate, "simulate", full)
+    assert main(["simulate", "six_robots", "--runs", "5000"]) == 2
+    assert capsys.readouterr().err == "formation: --runs 5000: more than fits into memory; take fewer\n"
+
+
+def test_a_worse_world_is_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: dict[str, Any] = {}
+
+    def stop(*_: object, **arguments: Any) -> None:
+        seen.update(arguments)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(simulate, "simulate", stop)
+    flags = ["--delay", "0.1", "--loss", "0.2", "--noise", "0.003", "--quantised", "--law", "paper"]
+    assert main(["simulate", "six_robots", *flags]) == 130
+    options = seen["options"]
+    assert (options.delay, options.loss) == (0.1, 0.2)
+    assert options.body.position_noise == 0.003
+    assert options.body.speed_step == PROFILES["turtlebot3_burger"].speed_step > 0.0
+    assert seen["starts"] is None
+
+
+@pytest.mark.parametrize(
+    ("flags", "named"),
+    [
+        (["--runs", "0"], "at least 1"),
+        (["--runs", "1000000000"], "at most 100000"),
+        (["--runs", "1.5"], "invalid whole number value: '1.5'"),
+        (["--delay", "-1"], "at least 0"),
+        (["--loss", "1.5"], "at most 1"),
+        (["--noise", "nan"], "at least 0"),
+        (["--horizon", "0"], "above 0"),
+        (["--horizon", "0.0001"], "at least one step"),
+        (["--plot", "figure.bmp"], "must end in .png, .svg or .pdf"),
+        (["--plot", "/no/such/folder/figure.png"], "no folder"),
+        (["--plot", f"{'long' * 75}.png"], "long.png: File name too long"),
+        (["--law", "best"], "choose from"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused_by_name(
+    flags: list[str], named: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["simulate", "turtlebot3_pair", *flags]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert named in err
+
+
+def test_a_plot_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    figure = tmp_path / "figure.png"
+    text, result = simulated(capsys, "--plot", str(figure))
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    assert result["plot"] == str(figure)
+    assert str(figure) in text
+
+
+def test_terminal_shows_progress_while_law_is_compiled(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    reported: list[str] = []
+
+    @contextmanager
+    def waiting(what: str) -> Iterator[None]:
+        reported.append(what)
+        yield
+        reported.append("done")
+
+    def steps(share: float) -> None:
+        reported.append(f"{share:g}")
+
+    monkeypatch.setattr(simulate, "waiting", waiting)
+    monkeypatch.setattr(Bar, "at", lambda _, share: steps(share))
+    simulated(capsys)
+    assert reported[:3] == ["compiling the law; the first time that takes ten seconds and more", "done", "0"]
+    assert reported[-1] == "1"

@@ -1,0 +1,223 @@
+"""`formation replay FILE --verify`: what it says of a recording, and its exit codes."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from formation.agent.verify.verdict import Verdict
+from formation.deploy import replay, verify
+from formation.deploy.refusal import Refusal
+from formation.mission.file import load, read
+from formation.monitor.metrics.keys import watched
+from formation.monitor.recording.recorder import Recorder
+from formation.topics import CMD_VEL, POSITION
+from tests.support.recorded import RecordedFleet, Recording
+
+TEXT = read("turtlebot3_pair")[0]
+PAIR = load("turtlebot3_pair")
+
+
+def a_run(law: str | None = None) -> Recording:
+    fleet = RecordedFleet(PAIR, law=law)
+    fleet.run(8.0)
+    return fleet.record
+
+
+RUN = a_run()
+
+
+def written(path: Path, record: Recording, text: str = TEXT, law: str = "field") -> Path:
+    with Recorder(path, PAIR.name, text, law, watched(PAIR)) as recorder:
+        for sample, wall in record:
+            recorder.write(sample, wall)
+    return path
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return written(tmp_path_factory.mktemp("run") / "run.mcap", RUN)
+
+
+def with_gain(folder: Path, old: str = "k_p = 2.0", new: str = "k_p = 2.1") -> Path:
+    assert old in TEXT
+    path = folder / "changed.toml"
+    path.write_text(TEXT.replace(old, new))
+    return path
+
+
+def output(capsys: pytest.CaptureFixture[str]) -> tuple[str, dict[str, Any]]:
+    """What people get to read, and programs."""
+    out, words = capsys.readouterr()
+    result: dict[str, Any] = json.loads(out)
+    return words, result
+
+
+def test_a_recording_that_today_s_agents_agree_with(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert replay.main([str(file), "--verify", "--json"]) == 0
+    text, result = output(capsys)
+    assert text.count("equal to the last bit") == 2
+    assert f"no difference in {result['compared']} commands" in text
+    commands = sum(sample.key.endswith(CMD_VEL.name) for sample, _ in RUN)
+    assert result["compared"] == result["exact"] == commands
+    assert (result["differing"], result["first"], result["notes"]) == (0, None, [])
+    assert [one["not_judged"] for one in result["robots"].values()] == [[], []]
+
+
+def test_with_another_gain_the_first_command_that_differs_is_named(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mission = with_gain(tmp_path)
+    assert verify.main([str(file), "--verify", "--mission", str(mission), "--json"]) == 1
+    text, result = output(capsys)
+    first = result["first"]
+    assert f"the first command that differs is {first['robot']}'s at {first['at']:.3f} s" in text
+    assert f"recorded u {first['recorded']['speed']:+.9f} m/s" in text
+    assert f"computed u {first['computed']['speed']:+.9f} m/s" in text
+    assert f"{first['robot']}/odom" in text
+    assert first == {"robot": first["robot"], **result["robots"][first["robot"]]["first"]}
+    assert result["differing"] == sum(one["differing"] for one in result["robots"].values()) > 10
+
+
+def test_a_tolerance_lets_it_pass(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    mission = with_gain(tmp_path, "k_i = 0.2", "k_i = 0.21")
+    arguments = [str(file), "--verify", "--mission", str(mission)]
+    assert verify.main([*arguments, "--tolerance", "0"]) == 1
+    assert verify.main([*arguments, "--tolerance", "2"]) == 0
+    assert capsys.readouterr().out.count("the rest off by") == 2
+
+
+def test_under_the_law_that_was_used_and_under_another(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path / "paper.mcap", a_run("paper"), law="paper")
+    assert verify.main([str(path), "--verify"]) == 0
+    assert "note" not in capsys.readouterr().out
+    assert verify.main([str(path), "--verify", "--law", "field"]) == 1
+
+
+def test_what_could_not_be_judged_is_told_with_its_reason(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    start = RUN[0][1]
+    lossy = [
+        (sample, wall)
+        for sample, wall in RUN
+        if not (sample.key == POSITION.key("leader") and 1.0 < wall - start < 1.1)
+    ]
+    path = written(tmp_path / "lossy.mcap", lossy)
+    assert verify.main([str(path), "--verify", "--json", "--min-compared", "0.3"]) == 0
+    text, result = output(capsys)
+    (stretch,) = result["robots"]["robot1"]["not_judged"]
+    assert (
+        stretch["reason"]
+        == "a message on leader/position that its agent received is missing in the recording"
+    )
+    assert f"not judged: {stretch['commands']} commands, 1." in text
+
+
+def test_a_cut_recording_is_verified_as_far_as_it_goes(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
+    code = verify.main([str(path), "--verify", "--json"])
+    text, result = output(capsys)
+    assert "note: the recording is cut" in text
+    enough = result["least_share"] >= verify.MIN_COMPARED_SHARE
+    assert code == (2 if not result["compared"] else 0 if enough else verify.EXIT_TOO_FEW)
+
+
+def without_traces(share: float) -> Recording:
+    """The run, in which so many of the later commands of robot1 lost their trace."""
+    key, begin = CMD_VEL.key("robot1"), RUN[0][1]
+    later = [i for i, (sample, wall) in enumerate(RUN) if sample.key == key and wall > begin + 2.0]
+    lost = set(later[: round(share * len(later))])
+    return [
+        (sample._replace(attachment=None) if i in lost else sample, wall)
+        for i, (sample, wall) in enumerate(RUN)
+    ]
+
+
+def test_too_few_commands_compared_is_no_verdict(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = written(tmp_path / "few.mcap", without_traces(0.5))
+    assert verify.main([str(path), "--verify", "--json"]) == verify.EXIT_TOO_FEW
+    text, result = output(capsys)
+    assert f"only {result['least_share']:.1%} of robot1's commands were compared" in text
+    assert "at least 99.0% are needed (--min-compared)" in text
+    assert result["robots"]["robot2"]["share"] == 1.0
+    assert verify.main([str(path), "--verify", "--min-compared", f"{result['least_share']:.3f}"]) == 0
+
+
+def test_one_robot_that_was_not_compared_is_no_verdict(tmp_path: Path) -> None:
+    key = CMD_VEL.key("robot1")
+    record = [(one._replace(attachment=None) if one.key == key else one, wall) for one, wall in RUN]
+    assert verify.main([str(written(tmp_path / "one.mcap", record)), "--verify"]) == verify.EXIT_TOO_FEW
+
+
+def test_commands_before_the_first_memory_do_not_count(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    begin = RUN[0][1]
+    late = [(sample, wall) for sample, wall in RUN if wall > begin + 1.0]
+    assert verify.main([str(written(tmp_path / "late.mcap", late)), "--verify", "--json"]) == 0
+    text, result = output(capsys)
+    for one in result["robots"].values():
+        assert one["lead_in"] == one["commands"] - one["compared"] > 10
+        assert one["share"] == 1.0
+    assert "before the first state in its trace do not count" in text
+
+
+def test_agents_that_drove_by_another_mission_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path / "other.mcap", RUN, TEXT.replace("k_p = 2.0", "k_p = 2.1"))
+    assert verify.main([str(path), "--verify"]) == 1
+    assert "agents of robot1, robot2 drove by another mission" in capsys.readouterr().out
+
+
+def test_a_recording_without_traces_is_nothing_to_compare(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path / "old.mcap", [(sample._replace(attachment=None), wall) for sample, wall in RUN])
+    assert verify.main([str(path), "--verify"]) == 2
+    text = capsys.readouterr().out
+    assert text.count("no trace of it in the recording") == 2
+    assert "nothing could be compared" in text
+
+
+def test_an_empty_recording_is_nothing_to_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert verify.main([str(written(tmp_path / "empty.mcap", [])), "--verify"]) == 2
+    assert capsys.readouterr().out.count("no command in the recording") == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [("none.mcap", "cannot be read"), ("rubbish.mcap", "is no recording"), (".", "cannot be")],
+)
+def test_what_is_no_recording_is_refused(tmp_path: Path, name: str, why: str) -> None:
+    (tmp_path / "rubbish.mcap").write_bytes(b"rubbish" * 1000)
+    with pytest.raises(Refusal, match=why):
+        verify.main([str(tmp_path / name), "--verify"])
+
+
+def test_a_mission_that_is_none_is_refused(file: Path, tmp_path: Path) -> None:
+    (tmp_path / "bad.toml").write_text("nothing")
+    with pytest.raises(Refusal, match=r"bad\.toml"):
+        verify.main([str(file), "--verify", "--mission", str(tmp_path / "bad.toml")])
+
+
+def test_verify_with_wrong_mission_names_unknown_robots(
+    file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert verify.main([str(file), "--verify", "--mission", "two_chains"]) == 2
+    assert "no such follower: robot1, robot2" in capsys.readouterr().out
+
+
+def test_missing_command_reports_difference_without_distance() -> None:
+    silent = Verdict("robot2", commands=139, compared=139, differing=139, most_off=(math.inf, math.inf))
+    assert verify._verdict(silent) == "139 of 139 commands compared, 139 DIFFER"

@@ -1,0 +1,169 @@
+"""Missions that tests and benchmarks build in code: theory's scenarios, rings, chains and random graphs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from formation.control.arrays import ComplexArray
+from formation.mission.model import Mission
+from formation.simulation.simulate import Result
+
+HEXAGON: ComplexArray = np.exp(1j * np.pi / 3.0 * np.arange(6)) - 1.0
+TRIANGLE: ComplexArray = -0.5 * np.exp(1j * np.array([0.0, -np.pi / 6.0, np.pi / 6.0])) + np.array(
+    [0.5, 0, 0]
+)
+TWO_AHEAD = ((), (0,), (0, 1), (1, 2), (2, 3), (3, 4))
+"""Six robots, each measuring the two before it."""
+STRAIGHT_ON = {"speed": 0.2, "heading_deg": 30.0}
+
+
+def build(
+    slots: ComplexArray,
+    neighbours: Sequence[Sequence[int]],
+    route: dict[str, Any] | None = None,
+    **tables: Any,
+) -> Mission:
+    """A mission of robots robot1 (the leader), robot2, … that start in their slots; `tables` as in a file.
+
+    They are points that do at once what they are told, as in theory: without collision filter and without
+    ramp, unless `tables` say otherwise.
+    """
+    names = [f"robot{number + 1}" for number in range(len(slots))]
+    return Mission.model_validate(
+        {
+            "name": "scenario",
+            "leader": names[0],
+            "shapes": {
+                "shape": {
+                    name: [slot.real, slot.imag]
+                    for name, slot in zip(names[1:], slots[1:].tolist(), strict=True)
+                }
+            },
+            "robots": {
+                name: {"neighbours": [names[j] for j in js], "start": {"x": slot.real, "y": slot.imag}}
+                for name, slot, js in zip(names, slots.tolist(), neighbours, strict=True)
+            },
+            "route": [route or STRAIGHT_ON],
+            "collisions": {"mode": "off"},
+            **tables,
+            "robot": {"ramp": 0.0, **tables.get("robot", {})},
+        }
+    )
+
+
+def clearing(mission: Mission, avoid: object = "all", **collisions: Any) -> Mission:
+    """The same with collision filter and ramp; followers avoid those they `avoid`, and their neighbours."""
+    output = mission.model_dump()
+    for name in mission.followers:
+        output["robots"][name].update(avoid=avoid, ramp=0.25)
+    return Mission.model_validate({**output, "collisions": collisions})
+
+
+def ramped(mission: Mission, ramp: float) -> Mission:
+    """The same with commands that take `ramp` [s] from rest to a limit; 0 for at once."""
+    robots = {name: one.model_copy(update={"ramp": ramp}) for name, one in mission.robots.items()}
+    return mission.model_copy(update={"robots": robots})
+
+
+def exchanged(mission: Mission, avoid: object = "all", **collisions: Any) -> Mission:
+    """The same, besides, with followers that start in each other's slots, the first in the last's."""
+    output = clearing(mission, avoid, **collisions).model_dump()
+    places = [mission.slot(name) for name in reversed(mission.followers)]
+    for name, place in zip(mission.followers, places, strict=True):
+        output["robots"][name]["start"] = {"x": place.real, "y": place.imag}
+    return Mission.model_validate(output)
+
+
+def six(**law: Any) -> Mission:
+    """Section 4 of the paper, starts within ±3 m."""
+    return build(
+        HEXAGON,
+        TWO_AHEAD,
+        law={"k_i": 1.0, **law},
+        robot={"control_point_offset": 0.2, "max_speed": 1.5, "max_turn_rate": 1.5},
+        simulation={"spread": 3.0, "horizon": 120.0},
+    )
+
+
+def pair(**law: Any) -> Mission:
+    """Section 5 of the paper with ideal bodies, starts within ±1 m."""
+    return build(
+        TRIANGLE,
+        ((), (0,), (0,)),
+        {"speed": 0.05, "heading_deg": 0.0},
+        law={"k_i": 0.2, **law},
+        robot={"control_point_offset": 0.05, "max_speed": 0.22, "max_turn_rate": 2.84},
+        simulation={"spread": 1.0, "horizon": 120.0},
+    )
+
+
+def near_limit(max_turn_rate: float = 1.5, **law: Any) -> Mission:
+    """The six robots, hardly faster than their leader."""
+    return build(
+        HEXAGON,
+        TWO_AHEAD,
+        law={"k_i": 0.5, **law},
+        robot={"control_point_offset": 0.1, "max_speed": 0.22, "max_turn_rate": max_turn_rate},
+        simulation={"spread": 1.0, "horizon": 240.0},
+    )
+
+
+def chain(followers: int, route: dict[str, Any], robot: dict[str, Any], spread: float, **law: Any) -> Mission:
+    """One behind the other, each measuring the one before."""
+    return build(
+        (-0.5 * np.arange(followers + 1)).astype(np.complex128),
+        ((), *((i,) for i in range(followers))),
+        route,
+        law=law,
+        robot={"control_point_offset": 0.1, "max_speed": 0.22, "max_turn_rate": 1.5, **robot},
+        simulation={"spread": spread, "horizon": 240.0},
+    )
+
+
+def long_chain(followers: int, **law: Any) -> Mission:
+    """A chain behind a leader at 0.15 m/s, robots that reach 0.22 m/s."""
+    return chain(followers, {"speed": 0.15, "heading_deg": 30.0}, {}, 1.0, **{"k_i": 0.5, **law})
+
+
+def circling_chain(**law: Any) -> Mission:
+    """Eleven in a chain behind a leader on a circle of 1 m at 0.1 m/s; all start in their slots."""
+    circle = {"radius": 1.0, "speed": 0.1, "heading_deg": 90.0}
+    return chain(
+        11, circle, {"control_point_offset": 0.05, "max_turn_rate": 2.84}, 0.0, **{"k_i": 0.2, **law}
+    )
+
+
+def straight_chain(**law: Any) -> Mission:
+    """The same behind a straight leader at 0.1 m/s."""
+    straight = {"speed": 0.1, "heading_deg": 0.0}
+    return chain(
+        11, straight, {"control_point_offset": 0.05, "max_turn_rate": 2.84}, 0.0, **{"k_i": 0.2, **law}
+    )
+
+
+def ring(followers: int, **law: Any) -> Mission:
+    """Followers around a circle, each measuring the one before; the first measures the leader too."""
+    around = np.exp(2j * np.pi * np.arange(followers) / followers)
+    return build(
+        np.concatenate([[0.0], around]),
+        ((), (0, followers), *((i,) for i in range(1, followers))),
+        law={"k_i": 1.0, **law},
+        robot={"control_point_offset": 0.2, "max_speed": 1.5, "max_turn_rate": 1.5},
+        simulation={"spread": 0.1, "horizon": 120.0},
+    )
+
+
+def median(result: Result) -> float:
+    return float(result.summary()["settling_time"]["median"])
+
+
+def out_of_slot(mission: Mission, result: Result) -> list[float]:
+    """Each robot's distance from its slot behind the leader, RMS over the last third of the run [cm]."""
+    assert result.history is not None
+    points = result.history.points
+    away = np.abs(points - points[:, :1] - np.array(mission.slots()))[len(points) * 2 // 3 :]
+    rms: list[float] = (100.0 * np.sqrt(np.square(away).mean(axis=0))).tolist()
+    return rms

@@ -1,0 +1,284 @@
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from formation.mission.file import load, shipped
+from formation.mission.graph import Graph, cyclic_core
+from formation.mission.model import Mission
+from formation.simulation.edges import Edges
+from formation.simulation.simulate import simulate
+from formation.stability import feasibility, spectrum
+from formation.stability.analysis import analyse
+from tests.unit.formation import scenarios
+
+KEYS = {
+    *("ok", "problems", "warnings", "eigenvalues", "stable", "slowest_mode"),
+    *("settling_time_estimate", "delay_margin", "depth", "amplification"),
+}
+
+
+def state_matrix(graph: Graph, k_p: float, k_i: float) -> np.ndarray[Any, Any]:
+    """Of Eq. (11) without saturation: d[δ, ξ] = [[-k_P L, -k_I], [L, 0]] [δ, ξ]; shape (2(n-1), 2(n-1))."""
+    among = Edges(graph).follower_laplacian()
+    return np.block([[-k_p * among, -k_i * np.eye(len(among))], [among, np.zeros_like(among)]])
+
+
+def random_graph(rng: np.random.Generator) -> Graph:
+    size = int(rng.integers(3, 14))
+    neighbours: list[tuple[int, ...]] = [()]
+    for i in range(1, size):
+        others = np.flatnonzero(rng.random(size) < rng.choice([0.02, 0.06, 0.2]))
+        # a ring with one way in is what turns eigenvalues complex
+        behind = size - 1 if i == 1 else i - 1
+        neighbours.append(tuple(sorted({*others.tolist(), behind, 0 if i == 1 else behind} - {i})))
+    return Graph(tuple(neighbours))
+
+
+def test_closed_form_stability_matches_eigenvalues_on_random_graphs() -> None:
+    rng, verdicts = np.random.default_rng(1), []
+    for _ in range(200):
+        graph, k_p, k_i = random_graph(rng), rng.uniform(0.2, 3.0), rng.uniform(0.1, 8.0)
+        mu = spectrum.laplacian(graph)
+        numerically = np.linalg.eigvals(state_matrix(graph, k_p, k_i))
+        verdicts.append(spectrum.stable(mu, k_p, k_i))
+        assert verdicts[-1] == (numerically.real.max() < 0.0)
+        poles = spectrum.poles(mu, k_p, k_i)
+        assert poles.real.max() == pytest.approx(numerically.real.max(), abs=1e-4)
+    assert 20 < sum(verdicts) < 180  # both verdicts were put to the test
+
+
+@pytest.mark.slow
+def test_ring_of_twelve_is_unstable_and_ten_stable() -> None:
+    twelve, ten = (analyse(scenarios.ring(size), law="paper") for size in (12, 10))
+    assert not twelve.stable
+    assert twelve.slowest_mode == pytest.approx(0.032, abs=1e-3)
+    assert "k_i must be below" in twelve.problems[0]
+    assert not twelve.ok
+    assert ten.stable
+    assert ten.ok
+    assert ten.slowest_mode == pytest.approx(-0.070, abs=1e-3)
+
+
+def test_the_largest_integral_gain_that_a_problem_names_is_the_largest() -> None:
+    mission = scenarios.ring(12)
+    bound = float(analyse(mission).problems[0].split("below ")[1].split()[0])
+    mu = spectrum.laplacian(mission.graph)
+    assert spectrum.stable(mu, 2.0, 0.99 * bound)
+    assert not spectrum.stable(mu, 2.0, 1.01 * bound)
+
+
+def test_poles_solve_their_equation_and_come_in_twos() -> None:
+    mu = spectrum.laplacian(scenarios.ring(9).graph)
+    poles = spectrum.poles(mu, 1.5, 0.7)
+    twice = np.concatenate([mu, mu])
+    assert poles**2 + 1.5 * twice * poles + 0.7 * twice == pytest.approx(0.0, abs=1e-9)
+    assert spectrum.poles(mu, 1.5, 0.0) == pytest.approx(-1.5 * mu)
+
+
+def test_robots_outside_every_cycle_add_their_degree_to_the_eigenvalues() -> None:
+    chain = scenarios.long_chain(50).graph
+    assert cyclic_core(chain) == ()
+    assert spectrum.laplacian(chain).tolist() == [1.0] * 50
+    # 1 is before the cycle 2-3, 4 behind it
+    mixed = Graph(((), (0,), (1, 3), (2,), (2, 3, 0)))
+    assert cyclic_core(mixed) == (2, 3)
+    dense = np.linalg.eigvals(Edges(mixed).follower_laplacian())
+    assert np.sort(spectrum.laplacian(mixed).real) == pytest.approx(np.sort(dense.real))
+
+
+def test_the_delay_margin_of_one_follower_is_the_formula_of_theory() -> None:
+    k_p, k_i = 2.0, 1.0
+    omega = math.sqrt((k_p**2 + math.sqrt(k_p**4 + 4.0 * k_i**2)) / 2.0)
+    margin = spectrum.delay_margin(np.array([1.0 + 0j]), k_p, k_i)
+    assert margin == pytest.approx(math.atan(k_p * omega / k_i) / omega)
+
+
+def oscillates(graph: Graph, k_p: float, k_i: float, delay: float) -> bool:
+    """Whether the PI loop with its whole measurement late grows, by stepping the delay equation."""
+    dt = delay / 40.0
+    among = Edges(graph).follower_laplacian()
+    late = [np.linspace(1.0, 0.5, len(among))] * 41
+    integral = np.zeros(len(among))
+    size = []
+    for _ in range(int(150.0 / dt)):
+        error = -among @ late.pop(0)
+        late.append(late[-1] + dt * (k_p * error + k_i * integral))
+        integral = integral + dt * error
+        size.append(float(np.abs(late[-1]).max()))
+    third = len(size) // 3
+    return max(size[-third:]) > max(size[third:-third])
+
+
+@pytest.mark.parametrize("mission", [scenarios.six(), scenarios.ring(6)], ids=["acyclic", "ring"])
+def test_loop_oscillates_only_beyond_delay_margin(mission: Mission) -> None:
+    margin = spectrum.delay_margin(spectrum.laplacian(mission.graph), 2.0, 0.5)
+    assert not oscillates(mission.graph, 2.0, 0.5, 0.9 * margin)
+    assert oscillates(mission.graph, 2.0, 0.5, 1.1 * margin)
+
+
+def test_an_unstable_loop_has_no_delay_margin() -> None:
+    assert spectrum.delay_margin(spectrum.laplacian(scenarios.ring(12).graph), 2.0, 1.0) == 0.0
+
+
+def test_amplification_grows_from_first_hop_to_tenth() -> None:
+    peaks = spectrum.amplification(scenarios.long_chain(10).graph, 2.0, 1.0, None)
+    assert peaks[0] == pytest.approx(0.5, rel=1e-3)
+    assert 3.0 < peaks[9] / peaks[0] < 4.0
+    assert np.all(np.diff(peaks) > 0.0)
+
+
+def test_feed_forward_leaves_little_to_amplify() -> None:
+    graph = scenarios.six().graph
+    without = spectrum.amplification(graph, 2.0, 1.0, None)
+    with_it = spectrum.amplification(graph, 2.0, 1.0, 0.1)
+    assert with_it.max() < 0.25 * without.max()
+
+
+def test_both_ways_to_solve_for_the_amplification_agree() -> None:
+    graph = scenarios.six().graph
+    s = np.array(1j * np.logspace(-2.0, 1.0, 9), dtype=np.complex128)
+    control, forward = 2.0 + 1.0 / s, 1.0 / (1.0 + 0.1 * s)
+    one = spectrum._solve_acyclic(graph, s, control, forward)
+    other = spectrum._solve_cyclic(graph, s, control, forward)
+    assert one == pytest.approx(other, abs=1e-12)
+
+
+def test_the_amplification_is_what_an_oscillating_leader_does_to_the_chain() -> None:
+    """Stepping the linear loop of Eq. (7) at one frequency never errs more than the peak says."""
+    graph = scenarios.long_chain(4).graph
+    among, omega, dt = Edges(graph).follower_laplacian(), 1.0, 1e-3
+    away, integral, worst = np.zeros(4), np.zeros(4), np.zeros(4)
+    for k in range(60_000):
+        error = -among @ away
+        away = away + dt * (2.0 * error + integral - np.cos(omega * k * dt))
+        integral = integral + dt * error
+        if k > 40_000:
+            worst = np.maximum(worst, np.abs(error))
+    peaks = spectrum.amplification(graph, 2.0, 1.0, None)
+    assert np.all(worst < 1.01 * peaks)
+    assert worst[0] == pytest.approx(peaks[0], rel=0.01)  # the first hop peaks at √k_I
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", shipped())
+@pytest.mark.parametrize("law", ["field", "paper"])
+def test_predicted_settling_time_is_within_factor_of_two(name: str, law: str) -> None:
+    mission = load(name)
+    predicted = analyse(mission, law).settling_time_estimate
+    median = simulate(mission, runs=30, law=law, horizon=80.0).summary()["settling_time"]["median"]
+    assert predicted is not None
+    assert 0.5 < predicted / median < 2.0
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_the_shipped_missions_have_no_problem_and_no_warning(name: str) -> None:
+    found = analyse(load(name))
+    assert found.ok
+    # in two chains each robot measures only the one before it, and half a metre is not far
+    assert [one for one in found.warnings if "could meet" not in one or name != "two_chains"] == []
+    assert found.depth[load(name).leader] == 0
+
+
+@pytest.mark.parametrize("mission", [load("six_robots"), scenarios.ring(12)], ids=["stable", "unstable"])
+def test_the_json_is_json_without_infinities(mission: Mission) -> None:
+    found = analyse(mission).as_json()
+    assert set(found) >= KEYS
+    text = json.dumps(found, allow_nan=False)
+    assert json.loads(text)["robots"] == len(mission.names)
+
+
+def test_an_unstable_mission_has_null_for_what_has_no_number() -> None:
+    found = analyse(scenarios.ring(12)).as_json()
+    assert found["settling_time_estimate"] is None
+    assert set(found["amplification"].values()) == {None}
+    assert found["delay_margin"] == 0.0
+
+
+def changed(mission: Mission, **tables: Any) -> Mission:
+    """The mission with some of its tables changed, read anew."""
+    data = mission.model_dump(exclude_none=True)
+    for robot in data["robots"].values():
+        robot.update(tables.get("robot", {}))
+    for key, table in tables.items():
+        if key != "robot":
+            data[key] = {**data[key], **table} if isinstance(table, dict) else table
+    return Mission.model_validate(data)
+
+
+PAIR = scenarios.pair()
+
+
+@pytest.mark.parametrize(
+    ("mission", "result"),
+    [
+        (
+            changed(PAIR, route=[{"radius": 0.04, "speed": 0.05}]),
+            ["0.radius = 0.04 m", "control_point_offset of robot2, robot3", "above 0.05 m"],
+        ),
+        (
+            changed(PAIR, route=[{"radius": 0.06, "speed": 0.2}]),
+            ["turns at 3.33 rad/s", "robot2, robot3", "at most 2.84 rad/s"],
+        ),
+        (
+            changed(PAIR, simulated_robot={"max_speed": 0.04}),
+            ["route.0.speed = 0.05 m/s", "cannot keep up", "below 0.04 m/s"],
+        ),
+        (
+            changed(PAIR, shapes={"shape": {"robot2": (0.3, 0.0), "robot3": (0.3, 0.1)}}),
+            ["shapes.shape", "robot2 and robot3 are 0.1 m apart", "over 0.2 m"],
+        ),
+        (
+            changed(PAIR, robot={"rate": 1.0}, law={"k_p": 2.5}),
+            ["robots.robot2.rate = 1 Hz", "law.k_p = 2.5", "must be above"],
+        ),
+        (changed(PAIR, law={"k_p": 1e-6, "k_i": 1e6}), ["robots.robot2.rate", "no rate is enough"]),
+    ],
+)
+def test_a_problem_names_robots_keys_values_and_what_is_legal(mission: Mission, result: list[str]) -> None:
+    found = analyse(mission)
+    assert not found.ok
+    assert any(all(part in problem for part in result) for problem in found.problems), found.problems
+
+
+@pytest.mark.parametrize(
+    ("mission", "result"),
+    [
+        (scenarios.near_limit(), "to catch up by a metre takes 50 s"),
+        (scenarios.long_chain(10), "errors grow along the graph: robot11, 10 hops"),
+        (changed(PAIR, simulated_robot={"max_speed": 0.2}), "max_speed of robot2, robot3 is above"),
+        (changed(PAIR, robot={"rate": 5.0}, law={"k_p": 4.0}), "delay margin"),
+        (changed(load("six_robots"), simulation={"horizon": 2.0}), "does not settle within 2 s"),
+    ],
+)
+def test_a_warning_says_what_will_not_work_well(mission: Mission, result: str) -> None:
+    assert any(result in warning for warning in analyse(mission).warnings)
+
+
+def test_a_rate_that_is_called_high_enough_is_high_enough() -> None:
+    mission = changed(PAIR, robot={"rate": 1.0}, law={"k_p": 2.5})
+    (problem,) = analyse(mission).problems
+    needed = float(problem.split("above ")[1].split()[0])
+    mu = spectrum.laplacian(mission.graph)
+    assert spectrum.sampled_radius(mu, 2.5, 0.2, 1.0 / (1.02 * needed)) < 1.0
+    assert spectrum.sampled_radius(mu, 2.5, 0.2, 1.0 / (0.98 * needed)) > 1.0
+
+
+def test_a_law_without_an_integral_is_judged_by_its_positions_alone() -> None:
+    assert analyse(changed(PAIR, law={"k_i": 0.0})).problems == ()
+    (problem,) = analyse(changed(PAIR, robot={"rate": 1.0}, law={"k_p": 2.5, "k_i": 0.0})).problems
+    assert "too low for law.k_p" in problem
+
+
+def test_robots_without_path_to_the_leader_are_explained() -> None:
+    apart = Graph(((), (0,), (3,), (2,), ()))
+    reasons = feasibility.unreachable(apart, ("leader", "a", "b", "c", "d"))
+    assert reasons == {
+        "b": "its neighbours lead only to c",
+        "c": "its neighbours lead only to b",
+        "d": "it measures no robot",
+    }

@@ -1,0 +1,389 @@
+"""An operator's word: who is asked, how often, until when."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, get_args
+
+import pytest
+
+from formation.mission.file import load
+from formation.mission.legs import Straight
+from formation.mission.model import Mission
+from formation.protocol import order
+from formation.protocol.order import MAX_REQUEST_BYTES, Do, Mode, OperatorReply, OperatorRequest
+from formation.protocol.outcome import Outcome, Recipients
+from formation.protocol.stops import MOTION, Rest
+from formation.transport import asking
+from formation.transport.question import Question, Reply
+
+STOP = OperatorRequest(do="stop")
+SIX = load("six_robots")
+TWO = Recipients(("robot1",), ("robot2",))
+"""A leader and a robot."""
+
+
+class Clock:
+    """In place of `time`: goes on only while somebody sleeps."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        """[s]"""
+
+    def time(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+
+
+@pytest.fixture(autouse=True)
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    """What questions are timed by here, however busy this machine is."""
+    clock = Clock()
+    monkeypatch.setattr(asking, "_now", clock.time)
+    monkeypatch.setattr(asking, "time", clock)
+    return clock
+
+
+def reply(
+    robot: str, *, ok: bool = True, mode: Mode = "stop", key: str = "", leads: bool | None = None
+) -> Reply:
+    output = OperatorReply(robot=robot, ok=ok, mode=mode, leads=leads)
+    return Reply(key or f"{robot}/order", order.encode(output), 1.5)
+
+
+class Fleet:
+    """Answers each question with the next of the lists of replies on its key, the last of them for ever."""
+
+    def __init__(self, **rounds: Sequence[Sequence[Reply]]) -> None:
+        self.rounds = {name: list(one) for name, one in rounds.items()}
+        self.put_to: list[str] = []
+        self.silent = False
+        """Somebody is linked, and says nothing: no question to all is over before its time."""
+
+    def put(self, key: str, payload: bytes, timeout: float) -> Question:
+        assert 0.0 < timeout <= asking.MAX_ROUND_TIME
+        order.decode(OperatorRequest, payload)
+        question, name = Question(), key.removesuffix("/order").replace("*", "all")
+        self.put_to.append(name)
+        rounds = self.rounds.get(name, [[]])
+        question.replies += rounds.pop(0) if len(rounds) > 1 else rounds[0]
+        if not self.silent:
+            question.end()
+        return question
+
+
+def test_question_is_repeated_until_all_have_answered() -> None:
+    one, two = reply("robot1"), reply("robot2")
+    fleet = Fleet(all=[[], [one], [one, two], [two]])
+    outcome = asking.ask(fleet.put, TWO, STOP, 10.0)
+    assert outcome.obeyed
+    assert fleet.put_to == ["all"] * 3
+
+
+def test_first_answer_counts_despite_repetition() -> None:
+    fleet = Fleet(all=[[reply("robot2")], [reply("robot2", mode="hold"), reply("robot1")]])
+    outcome = asking.ask(fleet.put, TWO, STOP, 10.0)
+    assert outcome.answers["robot2"].reply.mode == "stop"
+    assert outcome.answers["robot2"].ms < outcome.answers["robot1"].ms
+
+
+def test_linked_but_silent_robot_delays_no_other() -> None:
+    fleet = Fleet(all=[[reply("robot1")], [], [], [reply("robot3")]])
+    fleet.silent = True
+    outcome = asking.ask(fleet.put, Recipients(("robot1",), ("robot2", "robot3")), STOP, 0.4)
+    assert outcome.missing == ["robot2"]
+    assert outcome.answers["robot3"].ms < 1e3 * asking.MAX_ROUND_TIME
+
+
+def test_each_possible_leader_is_asked_by_own_key() -> None:
+    fleet = Fleet(robot1=[[reply("robot1", leads=False)]], spare=[[], [], [reply("spare", leads=True)]])
+    outcome = asking.ask(fleet.put, Recipients(("robot1", "spare")), OperatorRequest(do="run"), 10.0)
+    assert outcome.leader == "spare"
+    assert set(fleet.put_to) == {"robot1", "spare"}
+
+
+def test_request_is_soon_repeated_on_a_hanging_link() -> None:
+    fleet = Fleet(robot1=[[], [], [reply("robot1")]])
+    fleet.silent = True
+    outcome = asking.ask(fleet.put, Recipients(("robot1",)), STOP, 10.0)
+    assert outcome.answers["robot1"].ms < 1e3 * asking.MAX_ROUND_TIME
+
+
+def test_an_answer_to_a_question_before_the_newest_counts() -> None:
+    late = Question()
+    questions = iter([late, Question(), Question()])
+
+    def put(_key: str, _payload: bytes, _: float) -> Question:
+        question = next(questions)
+        if question is not late:
+            late.replies.append(reply("robot1"))
+            late.end()
+        return question
+
+    assert asking.ask(put, Recipients(("robot1",)), STOP, 10.0).obeyed
+
+
+def test_time_limit_counts_from_the_first_question() -> None:
+    fleet = Fleet(all=[[reply("robot1")], [], [reply("robot2")]])
+    outcome = asking.ask(fleet.put, TWO, STOP, 10.0)
+    assert outcome.answers["robot1"].ms == pytest.approx(1.5, abs=1.0)
+    assert outcome.answers["robot2"].ms > 2e3 * asking.REPEAT_PAUSE
+
+
+def test_late_answers_count_as_missing() -> None:
+    outcome = asking.ask(Fleet(all=[[reply("robot1")]]).put, TWO, STOP, 0.1)
+    assert (set(outcome.answers), outcome.missing) == ({"robot1"}, ["robot2"])
+
+
+def test_invalid_or_foreign_answers_do_not_count() -> None:
+    strange = [
+        Reply("robot1/order", b"yes", 1.0),
+        reply("robot9"),
+        reply("robot2", key="robot1/order"),
+    ]
+    assert asking.ask(Fleet(all=[strange]).put, TWO, STOP, 0.05).answers == {}
+
+
+def test_question_to_all_waits_for_links(clock: Clock) -> None:
+    """One question at the first link, one when all are linked; none in between, nor before."""
+    both = [reply("robot1"), reply("robot2")]
+    fleet = Fleet(all=[both[:1], both])
+    put_at: list[float] = []
+
+    def put(key: str, payload: bytes, timeout: float) -> Question:
+        put_at.append(clock.now)
+        return fleet.put(key, payload, timeout)
+
+    def linked() -> int:
+        return (clock.now >= 0.05) + (clock.now >= 0.10)
+
+    outcome = asking.ask(put, TWO, STOP, 10.0, linked=linked)
+    assert outcome.obeyed
+    assert put_at == [
+        pytest.approx(0.05, abs=2 * asking.CHECK_PERIOD),
+        pytest.approx(0.10, abs=2 * asking.CHECK_PERIOD),
+    ]
+
+
+def test_question_to_all_is_repeated_while_a_link_is_missing() -> None:
+    fleet = Fleet(all=[[reply("robot1")]])
+    outcome = asking.ask(fleet.put, TWO, STOP, 1.0, linked=lambda: 1)
+    assert outcome.missing == ["robot2"]
+    assert len(fleet.put_to) == pytest.approx(1.0 / asking.LINKING_PAUSE, abs=1.0)
+
+
+def test_what_is_over_is_not_asked_again() -> None:
+    fleet = Fleet(all=[[reply("robot1")]])
+    outcome = asking.ask(fleet.put, TWO, STOP, 10.0, over=lambda: len(fleet.put_to) >= 5)
+    assert not outcome.obeyed
+    assert len(fleet.put_to) == 5
+
+
+def test_standby_is_queried_again_until_one_leads() -> None:
+    waits, leads = reply("robot2", leads=False), reply("robot2", leads=True)
+    fleet = Fleet(robot2=[[waits], [waits], [leads]])
+    outcome = asking.ask(fleet.put, Recipients(("robot1", "robot2")), OperatorRequest(do="run"), 10.0)
+    assert (outcome.leader, outcome.obeyed) == ("robot2", True)
+    assert fleet.put_to.count("robot2") == 3
+
+
+def test_leading_answer_counts_among_two_of_one_name() -> None:
+    both = [reply("robot1", leads=False), reply("robot1", leads=True, mode="hold")]
+    outcome = asking.ask(Fleet(robot1=[both]).put, Recipients(("robot1",)), OperatorRequest(do="hold"), 10.0)
+    assert outcome.answers["robot1"].reply.mode == "hold"
+
+
+def test_dead_candidate_does_not_delay_the_outcome(clock: Clock) -> None:
+    fleet = Fleet(robot2=[[reply("robot2", leads=True)]], robot3=[[], [], [reply("robot3", leads=False)]])
+    outcome = asking.ask(
+        fleet.put, Recipients(("robot1", "robot2", "robot3")), OperatorRequest(do="run"), 10.0
+    )
+    assert clock.now < 5.0
+    assert (outcome.obeyed, outcome.standby) == (True, ["robot3"])
+
+
+def with_standbys() -> Mission:
+    data = SIX.model_dump()
+    return Mission.model_validate({**data, "standbys": {"second": {}, "third": {}}})
+
+
+@pytest.mark.parametrize("do", get_args(Do))
+def test_what_changes_motion_is_put_to_every_robot(do: Do) -> None:
+    mission = with_standbys()
+    recipients = asking.addressed(mission, do)
+    assert recipients.candidates == ("robot1", "second", "third")
+    assert recipients.each == (mission.followers if do in MOTION else ())
+
+
+def test_requests_have_unique_ids_and_known_shapes() -> None:
+    assert len({asking.request_for(SIX, "stop").id for _ in range(10)}) == 10
+    assert asking.request_for(SIX, "shape", shape="wedge").shape == "wedge"
+    for shape in (None, "circle", ""):
+        with pytest.raises(ValueError, match="must be one of hexagon, wedge"):
+            asking.request_for(SIX, "shape", shape=shape)
+
+
+@pytest.mark.parametrize(
+    ("do", "what", "output"),
+    [
+        ("fly", {}, "'fly': must be one of hold, run, stop, release, shape"),
+        ("hold", {"shape": "wedge"}, "hold: takes no shape"),
+        ("rotate", {}, "rotate: rotate takes degrees"),
+        ("rotate", {"degrees": 4000.0}, "degrees = 4000.0: must be less than or equal to 3600"),
+        ("rotate", {"degrees": "30"}, "degrees = '30': must be a valid number"),
+        ("scale", {"factor": 0.0}, "factor = 0.0: must be greater than or equal to 0.001"),
+        ("speed", {"speed": 0.1}, "speed takes speed and degrees"),
+    ],
+)
+def test_what_cannot_be_asked_is_named_with_what_can(do: str, what: dict[str, Any], output: str) -> None:
+    with pytest.raises(ValueError, match=output.replace("(", r"\(")):
+        asking.request_for(SIX, do, **what)
+
+
+def test_route_above_the_size_limit_is_not_sent() -> None:
+    legs = [Straight(speed=0.1, heading_deg=100.0 / 3.0, duration=100.0 / 3.0)] * 300
+    with pytest.raises(ValueError, match=f"route: too long, at most {MAX_REQUEST_BYTES} bytes are sent"):
+        asking.request_for(SIX, "route", legs=legs)
+    assert len(order.encode(asking.request_for(SIX, "route", legs=legs[:100]))) < MAX_REQUEST_BYTES
+
+
+def test_each_repetition_of_a_request_gives_its_age() -> None:
+    for do in ("release", "run", "stop", "hold"):
+        received: list[OperatorRequest] = []
+
+        def put(_key: str, payload: bytes, _: float, received: list[OperatorRequest] = received) -> Question:
+            received.append(order.decode(OperatorRequest, payload))
+            question = Question()
+            question.end()
+            return question
+
+        asking.ask(put, Recipients(("robot1",)), asking.request_for(SIX, do), 0.2)
+        ages = [one.age for one in received]
+        assert ages[0] == 0.0 < ages[1]
+        assert ages[-1] > 0.1
+        assert ages == sorted(ages)
+
+
+def test_request_age_includes_laptop_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
+    received, clock = [], iter([0.0, 0.0, 600.0, 600.0])
+    monkeypatch.setattr(asking, "_now", lambda: next(clock))
+
+    def put(_key: str, payload: bytes, _: float) -> Question:
+        received.append(order.decode(OperatorRequest, payload))
+        question = Question()
+        question.end()
+        return question
+
+    asking.ask(
+        put, Recipients(("robot1",)), asking.request_for(SIX, "release"), 900.0, lambda: len(received) == 2
+    )
+    assert [one.age for one in received] == [0.0, 600.0]
+    assert getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC) == asking._CLOCK
+
+
+def test_what_a_robot_says_cannot_steer_the_terminal_that_shows_it() -> None:
+    output = OperatorReply(robot="robot1", ok=False, mode="stop", reason="\x1b[2J\x1b]0;all obey\x07no\n")
+    rude = Reply("robot1/order", order.encode(output), 2.0)
+    outcome = asking.ask(Fleet(robot1=[[rude]]).put, Recipients(("robot1",)), STOP, 10.0)
+    first, *_ = outcome.words().splitlines()
+    assert "REFUSED" in first
+    assert first.isprintable()
+
+
+class Robots:
+    """A leader and robots that answer each question at once."""
+
+    def __init__(self, *names: str) -> None:
+        self.rests = {name: Rest() for name in names}
+        self.received: list[OperatorRequest] = []
+        self.silent: set[str] = set()
+        self.between: Callable[[], None] = lambda: None
+        """Happens once everybody has said what is in force."""
+
+    def put(self, _key: str, payload: bytes, _timeout: float) -> Question:
+        request, question = order.decode(OperatorRequest, payload), Question()
+        if self.received and self.received[-1].do == "query" != request.do:
+            self.between()
+        self.received.append(request)
+        for name, rest in self.rests.items():
+            if name in self.silent:
+                continue
+            if request.do == "query":
+                output = OperatorReply(robot=name, ok=True, mode="hold", stop=rest.stop, hold=rest.hold)
+            else:
+                result = rest.change(request, request.id)
+                output = OperatorReply(robot=name, ok=result.ok, mode=rest.mode or "run", code=result.code)
+            question.replies.append(Reply(f"{name}/order", order.encode(output), 1.0))
+        question.end()
+        return question
+
+    def give(self, do: str, *, seconds: float = 3.0) -> Outcome:
+        first, *others = self.rests
+        request = asking.request_for(SIX, do)
+        return asking.give(self.put, Recipients((first,), tuple(others)), request, seconds)
+
+    @property
+    def modes(self) -> list[Mode | None]:
+        return [rest.mode for rest in self.rests.values()]
+
+
+def test_release_names_stops_and_run_names_holds() -> None:
+    robots = Robots("leader", "a", "b")
+    for do, mode in (("hold", "hold"), ("stop", "stop"), ("release", "hold"), ("run", None)):
+        assert robots.give(do).obeyed
+        assert robots.modes == [mode] * 3
+    assert [one.do for one in robots.received] == ["hold", "stop", "query", "release", "query", "run"]
+
+
+def test_a_second_release_sets_no_robot_going() -> None:
+    robots = Robots("leader", "a", "b")
+    for do in ("hold", "stop"):
+        robots.give(do)
+    robots.silent = {"b"}
+    assert robots.give("release", seconds=0.3).missing == ["b"]
+    robots.silent = set()
+    again = robots.give("release")
+    assert (again.obeyed, again.nothing) == (True, ["leader", "a"])
+    assert robots.modes == ["hold"] * 3
+
+
+def test_release_keeps_hold_of_leader_that_missed_stop() -> None:
+    robots = Robots("leader", "a")
+    robots.give("hold")
+    robots.silent = {"leader"}
+    robots.give("stop", seconds=0.3)
+    robots.silent = set()
+    assert robots.give("release").nothing == ["leader"]
+    assert robots.modes == ["hold", "hold"]
+
+
+@pytest.mark.parametrize(("rest", "go"), [("stop", "release"), ("hold", "run")])
+def test_a_rest_after_the_query_is_not_ended(rest: Do, go: str) -> None:
+    robots = Robots("leader", "a")
+    robots.give(rest)
+
+    def newer() -> None:
+        for one in robots.rests.values():
+            one.change(OperatorRequest(do=rest, id="newer"), "newer")
+
+    robots.between = newer
+    assert robots.give(go).refused == ["leader", "a"]
+    assert robots.modes == [rest, rest]
+
+
+def test_what_ends_nothing_is_not_preceded_by_a_query() -> None:
+    robots = Robots("leader", "a")
+    for do in ("stop", "hold"):
+        robots.give(do)
+    assert [one.do for one in robots.received] == ["stop", "hold"]
+
+
+def test_unanswered_query_prevents_the_release() -> None:
+    robots = Robots("leader", "a")
+    robots.silent = {"leader", "a"}
+    outcome = robots.give("release", seconds=2.0)
+    assert (outcome.missing, outcome.answers) == (["leader", "a"], {})
+    assert {one.do for one in robots.received} == {"query"}

@@ -1,0 +1,215 @@
+"""The collision filter: what it promises whatever the law wants."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from random import Random
+
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from formation.control.avoidance import (
+    MAX_HEADING_ERROR,
+    AvoidanceParameters,
+    HalfPlane,
+    Obstacle,
+    brake,
+    facing,
+    give_way,
+    half_plane,
+    heading_doubt,
+    nearest,
+)
+from formation.control.controller import Limits
+from formation.control.deadlock import Avoidance, avoid
+from formation.control.observer import Travel, innovation
+from formation.control.plane import angle_between, rotation
+from formation.control.unicycle import Command, advance
+from tests.unit.formation.planar import angles, headings, vectors
+
+BODY = Limits(0.2, 1.5, 1.5)
+PARAMETERS = AvoidanceParameters(0.1, 0.02, 0.15)
+seeds = st.integers(0, 2**32)
+doubts = st.floats(0.0, 4.0)
+commands = st.builds(Command, st.floats(-1.5, 1.5), st.floats(-1.5, 1.5))
+obstacles = st.lists(
+    st.builds(
+        Obstacle,
+        vectors.map(lambda at: 0.2 * at),
+        st.floats(0.05, 0.3),
+        vectors,
+        st.booleans(),
+        st.booleans(),
+        doubts,
+    ),
+    max_size=5,
+)
+
+
+def mirrored(one: Obstacle) -> Obstacle:
+    return one._replace(at=one.at.conjugate(), velocity=one.velocity.conjugate())
+
+
+class Crowd:
+    """Robots that want anything at all, and are as wrong about their headings as their doubt allows."""
+
+    def __init__(self, seed: int, doubt: float) -> None:
+        self.draw, self.doubt = Random(seed), doubt
+        self.at: list[complex] = []
+        while len(self.at) < 5:
+            point = complex(self.draw.uniform(-0.5, 0.5), self.draw.uniform(-0.5, 0.5))
+            if all(abs(point - other) > 0.22 for other in self.at):
+                self.at.append(point)
+        self.heading = [rotation(self.draw.uniform(-math.pi, math.pi)) for _ in self.at]
+        self.states = [Avoidance() for _ in self.at]
+
+    def commands(self, dt: float) -> list[Command]:
+        result = []
+        for i, here in enumerate(self.at):
+            believed = self.heading[i] * rotation(self.draw.uniform(-self.doubt, self.doubt))
+            around = [
+                Obstacle(
+                    believed.conjugate() * (at - here),
+                    0.1,
+                    complex(self.draw.uniform(-1, 1)),
+                    j < i,
+                    doubt=self.doubt,
+                )
+                for j, at in enumerate(self.at)
+                if j != i
+            ]
+            wanted = Command(self.draw.choice((-1.5, 1.5)), self.draw.uniform(-1.5, 1.5))
+            done, self.states[i] = avoid(wanted, around, PARAMETERS, BODY, 0j, self.states[i], dt)
+            result.append(done)
+        return result
+
+    def gap(self, result: list[Command], after: float) -> float:
+        """Least distance between two bodies when the commands have lasted for a while."""
+        at = [
+            advance(here, heading, *command, after)[0]
+            for here, heading, command in zip(self.at, self.heading, result, strict=True)
+        ]
+        return min(abs(a - b) - 0.2 for k, a in enumerate(at) for b in at[:k])
+
+    def move(self, result: list[Command], dt: float) -> None:
+        poses = [
+            advance(here, heading, *command, dt)
+            for here, heading, command in zip(self.at, self.heading, result, strict=True)
+        ]
+        self.at, self.heading = [at for at, _ in poses], [heading for _, heading in poses]
+
+
+@settings(max_examples=40, deadline=None)
+@given(seeds, doubts)
+def test_bodies_never_touch_whatever_their_robots_want(seed: int, doubt: float) -> None:
+    crowd = Crowd(seed, doubt)
+    for _ in range(30):
+        dt = crowd.draw.uniform(0.01, PARAMETERS.hold)
+        result = crowd.commands(dt)
+        for part in (0.25, 0.5, 0.75, 1.0):
+            assert crowd.gap(result, part * dt) > (PARAMETERS.margin if doubt < math.pi else 0.0) - 1e-9
+        crowd.move(result, dt)
+
+
+@given(commands, obstacles, st.floats(0.0, 1.0))
+def test_commands_stay_within_limits(wanted: Command, around: list[Obstacle], detour: float) -> None:
+    done, _ = avoid(wanted, around, PARAMETERS, BODY, 0j, Avoidance(0.0, detour), 0.05)
+    assert abs(done.speed) <= BODY.max_speed
+    assert abs(done.turn_rate) <= BODY.max_turn_rate
+
+
+@given(st.floats(-1.5, 1.5), obstacles)
+def test_standing_and_turning_on_the_spot_are_always_allowed(
+    turn_rate: float, around: list[Obstacle]
+) -> None:
+    turning = Command(0.0, turn_rate)
+    assert brake(turning, around, PARAMETERS) is turning
+
+
+@given(commands, st.lists(st.builds(cmath.rect, st.floats(5.0, 9.0), angles), max_size=5), doubts)
+def test_unobstructed_command_is_returned_unchanged(wanted: Command, at: list[complex], doubt: float) -> None:
+    around = [Obstacle(one, 0.1, 0j, first=True, doubt=doubt) for one in at]
+    done, after = avoid(wanted, around, PARAMETERS, BODY, 0j, Avoidance(), 0.05)
+    assert done is wanted
+    assert after._replace(went=0j, slow=0.0) == Avoidance()
+
+
+@given(commands, obstacles)
+def test_left_is_the_mirror_of_right(wanted: Command, around: list[Obstacle]) -> None:
+    done = brake(give_way(wanted, around, PARAMETERS, BODY), around, PARAMETERS)
+    flipped = Command(wanted.speed, -wanted.turn_rate)
+    others = [mirrored(one) for one in around]
+    assert brake(give_way(flipped, others, PARAMETERS, BODY), others, PARAMETERS) == pytest.approx(
+        (done.speed, -done.turn_rate), abs=1e-6
+    )
+
+
+@given(vectors, st.lists(st.tuples(headings, st.floats(0.0, 3.0)), min_size=1, max_size=6), seeds)
+def test_nothing_within_all_bounds_is_nearer(
+    wanted: complex, drawn: list[tuple[complex, float]], seed: int
+) -> None:
+    bounds = [HalfPlane(normal.real, normal.imag, most) for normal, most in drawn]
+
+    def beyond(point: complex) -> float:
+        return max(one.x * point.real + one.y * point.imag - one.most for one in bounds)
+
+    assume(beyond(wanted) > 1e-6)
+    found, point = nearest(wanted, bounds)
+    assert found
+    assert beyond(point) < 1e-6
+    draw = Random(seed)
+    for _ in range(50):
+        other = point + complex(draw.gauss(0.0, 0.3), draw.gauss(0.0, 0.3))
+        if beyond(other) <= 0.0:
+            assert abs(other - wanted) >= abs(point - wanted) - 1e-6
+
+
+def test_what_is_within_all_bounds_is_nearest_to_itself() -> None:
+    assert nearest(0.5 + 0.5j, [HalfPlane(1.0, 0.0, 1.0), HalfPlane(0.0, 1.0, 1.0)]) == (True, 0.5 + 0.5j)
+
+
+def test_surrounded_robot_approaches_no_obstacle() -> None:
+    around = [Obstacle(rotation(angle) * 0.35, 0.1, 0j, first=True) for angle in (0.0, 2.1, 4.2)]
+    done = give_way(Command(1.5, 1.0), around, PARAMETERS, BODY)
+    for one in around:
+        bound = half_plane(one, PARAMETERS, BODY)
+        assert bound.x * done.speed + bound.y * BODY.offset * done.turn_rate <= max(bound.most, 0.0) + 1e-9
+
+
+def test_bounds_that_have_nothing_in_common_are_found_out() -> None:
+    apart = [HalfPlane(1.0, 0.0, -1.0), HalfPlane(-1.0, 0.0, -1.0)]
+    assert nearest(0j, apart) == (False, 0j)
+
+
+@given(headings, st.floats(-3.0, 3.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(-1.0, 1.0))
+def test_cosine_stays_within_computed_bounds(
+    towards: complex, turn: float, doubt: float, part: float, wrong: float
+) -> None:
+    least, greatest = facing(towards, turn, doubt)
+    cosine = (towards * rotation(wrong * doubt - part * turn)).real
+    assert least - 1e-9 <= cosine <= greatest + 1e-9
+
+
+def test_robot_without_right_of_way_makes_room() -> None:
+    coming = Obstacle(0.45 + 0.05j, 0.1, -0.8 + 0j, first=True)
+    done = give_way(Command(0.5, 0.0), [coming], PARAMETERS, BODY)
+    assert done.speed < 0.0
+    passing = give_way(Command(0.5, 0.0), [coming._replace(first=False)], PARAMETERS, BODY)
+    assert passing.speed > 0.0
+
+
+@given(headings, headings, seeds)
+def test_the_observer_is_never_more_wrong_than_its_doubt(truth: complex, guess: complex, seed: int) -> None:
+    draw, way, estimate, gain = Random(seed), 0.0, guess, 5.0
+    here, heading = 0j, truth
+    for _ in range(60):
+        speed, turn_rate = draw.uniform(-0.5, 0.5), draw.uniform(-1.5, 1.5)
+        there, heading = advance(here, heading, speed, turn_rate, 0.05)
+        estimate = innovation(estimate, Travel(0.05 * speed, 0.05 * turn_rate, there - here), gain)
+        here, way = there, way + abs(0.05 * speed)
+        doubt = heading_doubt(way, gain, 0.0)
+        if doubt < math.pi:
+            # the way is an arc, the observer learns from its chord: shorter by less than (ωΔt)²/24
+            assert abs(angle_between(estimate, heading)) <= doubt - MAX_HEADING_ERROR + 1e-3

@@ -1,0 +1,120 @@
+"""Whether slots leave room for the margin that the collision filter keeps, as `formation check` says it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from formation.control.avoidance import LAG_WEIGHT, AvoidanceParameters, Obstacle, brake, give_way
+from formation.control.unicycle import Command
+from formation.mission.file import load, shipped
+from formation.mission.model import Mission
+from formation.simulation.simulate import simulate
+from formation.stability.analysis import analyse
+from formation.stability.crowding import problems, rooms_of, warnings
+from tests.unit.formation import scenarios
+
+SIX = load("six_robots")
+
+
+@pytest.mark.parametrize("margin", [0.74339, 0.7433, 0.02])
+def test_margin_below_slot_room_is_accepted(margin: float) -> None:
+    assert list(problems(scenarios.clearing(SIX, margin=margin))) == []
+
+
+@pytest.mark.parametrize(
+    ("margin", "others"), [(0.75, " (and 3 other pairs)"), (0.9, " (and 10 other pairs)")]
+)
+def test_margin_beyond_slot_room_names_the_greatest_allowed(margin: float, others: str) -> None:
+    crowded = scenarios.clearing(SIX, margin=margin)
+    (result,) = problems(crowded)
+    assert result == (
+        f"collisions.margin = {margin:g} m: too much for the slots of robot2 and robot3 in wedge{others}, "
+        "0.943 m apart; must be below 0.7433 m"
+    )
+    assert result in analyse(crowded).problems
+    assert result not in analyse(crowded, "paper").problems
+
+
+def test_margin_equal_to_slot_room_is_refused() -> None:
+    for side in np.arange(0.3, 2.0, 0.01).round(3).tolist():
+        slots = np.array([0, -side + 0.1j, -side + 0.1j + side * 1j])
+        apart = scenarios.build(slots, ((), (0,), (1,)))
+        (result,) = problems(scenarios.clearing(apart, margin=round(side - 0.2, 3)))
+        assert result.endswith(f"must be below {round(side - 0.2, 3):g} m")
+        assert list(problems(scenarios.clearing(apart, margin=round(side - 0.201, 3)))) == []
+
+
+@pytest.mark.parametrize("mode", ["off", "warn"])
+def test_unused_margin_needs_no_room(mode: str) -> None:
+    assert list(problems(scenarios.clearing(SIX, margin=5.0, mode=mode))) == []
+
+
+def test_margin_needs_no_room_where_neither_avoids_the_other() -> None:
+    alone = scenarios.build(np.array([0, -1, -2, -3 + 0j]), ((), (0,), (0,), (0,)))
+    assert list(problems(scenarios.clearing(alone, avoid=(), margin=5.0))) == []
+    chain = scenarios.build(np.array([0, -1, -2, -3 + 0j]), ((), (0,), (1,), (2,)))
+    assert list(problems(scenarios.clearing(chain, avoid=(), margin=0.8))) != []
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_filter_passes_straight_motion_exactly_up_to_room(
+    name: str,
+) -> None:
+    mission = load(name)
+    for shape in mission.shapes:
+        for room in rooms_of(mission, shape):
+            pair = shape, room.first, room.second
+            assert goes_straight_on(mission, *pair, room.margin - 1e-6)
+            assert not goes_straight_on(mission, *pair, room.margin + 1e-6)
+
+
+def goes_straight_on(mission: Mission, shape: str, name: str, other: str, margin: float) -> bool:
+    """Whether the filter leaves a command alone that follows the leader, beside one other robot."""
+    me, spec, speed = mission.robots[name], mission.robots[other], max(leg.speed for leg in mission.route)
+    turn = 1.0 if mission.turning else mission.leader_heading.conjugate()
+    away = turn * (mission.slot(other, shape) - mission.slot(name, shape))
+    radius = spec.radius
+    if me.measurement == "local":
+        away, radius = away + me.control_point_offset, radius + spec.control_point_offset
+    late = 0.0 if me.measurement == "local" else mission.collisions.delay
+    there = [Obstacle(away, radius, speed + 0j, mission.has_right_of_way(other, name), age=late)]
+    parameters = AvoidanceParameters(
+        me.radius, margin, me.longest_command + LAG_WEIGHT * mission.collisions.lag
+    )
+    wanted = Command(speed, 0.0)
+    return give_way(wanted, there, parameters, me.limits) == wanted == brake(wanted, there, parameters)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("margin", "well"), [(0.55, True), (0.65, False)])
+def test_formation_forms_exactly_when_filter_gives_no_warning(margin: float, *, well: bool) -> None:
+    hexagon = {**SIX.model_dump(), "shapes": {"hexagon": SIX.model_dump()["shapes"]["hexagon"]}}
+    mission = scenarios.clearing(Mission.model_validate(hexagon), margin=margin, lag=0.05, delay=0.0)
+    assert list(problems(mission)) == []
+    assert (list(warnings(mission)) == []) is well
+    assert simulate(scenarios.ramped(mission, 0.0), runs=100).converged.mean() == (1.0 if well else 0.0)
+    # the ramp makes robots in a crowd get out of each other's way more slowly
+    with_ramp = simulate(mission, runs=100).converged.mean()
+    assert with_ramp > 0.95 if well else with_ramp == 0.0
+
+
+def test_warning_names_robot_slot_and_greatest_margin() -> None:
+    (result,) = warnings(scenarios.clearing(SIX, margin=0.6, lag=0.05, delay=0.0))
+    assert result == (
+        "collisions.margin = 0.6 m: the filter keeps robot5 off its slot in wedge, 0.943 m from robot6's; "
+        "should be at most 0.5184 m"
+    )
+    assert result in analyse(scenarios.clearing(SIX, margin=0.6, lag=0.05, delay=0.0)).warnings
+    tight = scenarios.build(np.array([0, -0.3, -0.6, -0.9 + 0j]), ((), (0,), (1,), (2,)))
+    (result,) = warnings(scenarios.clearing(tight))
+    assert result.endswith("slots should be further apart")
+
+
+def test_warning_counts_stated_delay_and_noise() -> None:
+    assert list(warnings(scenarios.clearing(SIX, margin=0.45, lag=0.05, delay=0.0))) == []
+    assert list(warnings(scenarios.clearing(SIX, margin=0.45, lag=0.05, delay=0.5))) != []
+    (result,) = problems(
+        scenarios.clearing(scenarios.build(np.array([0, -0.25, -0.5 + 0j]), ((), (0,), (1,))), noise=0.02)
+    )
+    assert result.startswith("collisions.noise = 0.02 m, which takes a margin of 0.113 m")

@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+import cmath
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from formation.control.observer import Travel, innovation, mended, printed, printed_start
+from formation.control.plane import unit
+from formation.control.unicycle import advance
+from tests.unit.formation import oracle
+from tests.unit.formation.planar import gains, headings, pair, vectors
+
+distances = st.floats(-0.5, 0.5)
+turns = st.floats(-1.0, 1.0)
+ways = st.lists(st.tuples(distances, turns), min_size=1, max_size=8)
+
+
+def along(heading: complex, distance: float, turn: float) -> tuple[Travel, complex]:
+    """One arc: what odometry says of it, and the true heading at its end."""
+    position, after = advance(0j, heading, distance, turn, 1.0)
+    return Travel(distance, turn, position), after
+
+
+@given(headings, vectors, ways, gains)
+def test_the_error_falls_by_the_distance_travelled_forwards_and_backwards(
+    heading: complex, estimate: complex, way: list[tuple[float, float]], gain: float
+) -> None:
+    before = abs(estimate - heading)
+    for arc in way:
+        travel, heading = along(heading, *arc)
+        estimate = innovation(estimate, travel, gain)
+    path = sum(abs(distance) for distance, _ in way)
+    # a curved arc shows its mean heading a little short of length one: the chord over the arc
+    short = sum(1.0 - np.sinc(turn / (2.0 * np.pi)) for _, turn in way)
+    assert abs(estimate - heading) == pytest.approx(before * np.exp(-gain * path), abs=1e-9 + short)
+
+
+@given(headings, vectors, distances, st.floats(0.0, 1.0), gains)
+def test_splitting_a_straight_interval_does_not_matter(
+    heading: complex, estimate: complex, distance: float, share: float, gain: float
+) -> None:
+    whole, _ = along(heading, distance, 0.0)
+    first, between = along(heading, distance * share, 0.0)
+    second, _ = along(between, distance * (1.0 - share), 0.0)
+    at_once = innovation(estimate, whole, gain)
+    in_two = innovation(innovation(estimate, first, gain), second, gain)
+    assert in_two == pytest.approx(at_once, abs=1e-9)
+
+
+@given(headings, vectors, turns, gains)
+def test_at_rest_nothing_is_learned_and_turning_is_followed(
+    heading: complex, estimate: complex, turn: float, gain: float
+) -> None:
+    travel, _ = along(heading, 0.0, turn)
+    assert innovation(estimate, travel, gain) == pytest.approx(cmath.rect(1.0, turn) * estimate, abs=1e-9)
+    noisy = travel._replace(displacement=0.01 + 0.02j)
+    assert innovation(estimate, noisy, gain) == pytest.approx(cmath.rect(1.0, turn) * estimate, abs=1e-9)
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_backward_heading_guess_is_corrected_within_half_metre(direction: float) -> None:
+    heading, estimate = 1.0 + 0j, cmath.rect(1.0, 3.14)
+    for _ in range(25):
+        travel, heading = along(heading, 0.02 * direction, 0.0)
+        estimate = innovation(estimate, travel, 5.0)
+    assert abs(cmath.phase(unit(estimate) / heading)) < 0.2
+
+
+def test_the_observer_as_printed_diverges_and_the_mended_one_converges() -> None:
+    def error(observe: Callable[[complex, Travel, float], complex]) -> float:
+        position, heading, estimate = 0j, 1.0 + 0j, 0j
+        for step in range(2000):
+            turn = 0.02 * np.sin(0.01 * step)
+            there, heading = advance(position, heading, 0.01, turn, 1.0)
+            travel = Travel(0.01, turn, there - position)
+            estimate = observe(estimate, travel, 5.0)
+            position = there
+        return abs(estimate - heading)
+
+    assert error(mended) < 0.05
+    assert error(printed) > 10.0
+
+
+def test_only_innovation_form_converges_in_reverse() -> None:
+    heading = 1.0 + 0j
+    mended_estimate = innovated = cmath.rect(1.0, 0.1)
+    for _ in range(200):
+        travel, heading = along(heading, -0.01, 0.001)
+        mended_estimate = mended(mended_estimate, travel, 5.0)
+        innovated = innovation(innovated, travel, 5.0)
+    assert abs(mended_estimate - heading) > 100.0
+    assert abs(innovated - heading) < 1e-3
+
+
+@given(vectors, gains)
+def test_the_printed_first_estimate_is_a_matter_of_the_origin(position: complex, gain: float) -> None:
+    estimate, _ = oracle.observer(np.zeros(2), pair(position), 0.0, 0.0, gain)
+    assert pair(printed_start(position, gain)) == pytest.approx(estimate, abs=1e-9)
+
+
+@given(vectors, vectors, st.floats(-1.0, 1.0), st.floats(-2.0, 2.0), vectors, gains)
+def test_one_interval_of_the_mended_observer_is_equation_3(
+    estimate: complex, position: complex, speed: float, turn_rate: float, velocity: complex, gain: float
+) -> None:
+    dt = 0.05
+    chi = pair(estimate - gain * position)
+    _, chi_rate = oracle.observer(chi, pair(position), speed, turn_rate, gain)
+    after, _ = oracle.observer(chi + dt * chi_rate, pair(position + dt * velocity), 0.0, 0.0, gain)
+    travel = Travel(speed * dt, turn_rate * dt, velocity * dt)
+    assert pair(mended(estimate, travel, gain)) == pytest.approx(after, abs=1e-9)

@@ -1,0 +1,241 @@
+"""A mission file is legal, or it gets one clear error: file, key, value, and what is legal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from formation.mission.file import MissionError, load, parse, read, shipped
+from formation.mission.legs import Straight
+from tests.support.edited import edited
+
+SIX = read("six_robots")[0]
+
+ROBOTS = 'choose from robot2, robot3, robot4, robot5, robot6, or avoid = "all"'
+
+
+def error_of(old: str, new: str) -> str:
+    assert old in SIX
+    with pytest.raises(MissionError) as caught:
+        parse(SIX.replace(old, new, 1), "six.toml")
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_every_shipped_mission_is_legal(name: str) -> None:
+    assert load(name).name == name.replace("_", "-")
+
+
+def test_the_default_mission_is_the_papers_section_4() -> None:
+    mission = load("six_robots")
+    assert (mission.law.kind, mission.law.k_p, mission.law.k_i) == ("field", 2.0, 1.0)
+    assert len(mission.followers) == 5
+    assert {mission.robots[name].control_point_offset for name in mission.followers} == {0.2}
+    assert {mission.robots[name].max_speed for name in mission.followers} == {1.5}
+    headings = [mission.robots[f"robot{i}"].start.heading_deg for i in range(2, 7)]
+    assert headings == [90.0, 60.0, 120.0, -30.0, 60.0]
+    (leg,) = mission.route
+    assert isinstance(leg, Straight)
+    assert (leg.speed, leg.heading_deg) == (0.2, 30.0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("k_p = 2.0", "kp = 2.0", ["unknown key law.kp", "legal here", "k_p"]),
+        ("k_p = 2.0", "k_p = nan", ["law.k_p = nan", "finite"]),
+        ("k_p = 2.0", "k_p = inf", ["law.k_p = inf", "finite"]),
+        ("k_p = 2.0", "k_p = -1", ["law.k_p = -1", "greater than 0"]),
+        ("k_p = 2.0", 'k_p = "2"', ["law.k_p = '2'", "number"]),
+        ("[law] ", "[law]\nkind = 'fild'", ["law.kind = 'fild'", "'field', 'paper' or 'proportional'"]),
+        ("k_p = 2.0", "k_p = 1e308", ["law.k_p = 1e+308", "less than or equal to 1000000000"]),
+        ("max_turn_rate = 1.5", "max_turn_rate = 1e4", ["max_turn_rate = 10000.0", "or equal to 1000"]),
+        ("[[route]] ", "[[route]]\nradius = 1e-320 #", ["route.0.radius", "greater than or equal to 0.001"]),
+        ("max_speed = 1.5", "max_spede = 1.5", ["unknown key robot.max_spede", "max_speed"]),
+        ("rate = 20", "rate = 0", ["robot.rate = 0", "greater than or equal to 1"]),
+        ('["robot1"]', '["robot9"]', ["robots.robot2.neighbours", "'robot9'", "unknown robot", "robot1"]),
+        ('["robot1"]', '["robot2"]', ["robots.robot2.neighbours", "'robot2'", "own neighbour"]),
+        ('["robot1", "robot2"]', '["robot1", "robot1"]', ["robots.robot3.neighbours", "'robot1'", "twice"]),
+        ('["robot1"]', '"robot1"', ["robots.robot2.neighbours = 'robot1'", "list"]),
+        ('avoid = "all" ', 'avoid = "some" #', ["robot.avoid = 'some'", '"all" or a list of robots']),
+        (
+            'avoid = "all" ',
+            'avoid = ["robot9"] #',
+            ["six.toml: robot.avoid = 'robot9': unknown robot; ", ROBOTS],
+        ),
+        ('avoid = "all" ', 'avoid = ["robot1"] #', ["six.toml: robot.avoid = 'robot1': has no body", ROBOTS]),
+        ('avoid = "all" ', 'avoid = ["all"] #', ["robot.avoid = 'all'", 'or avoid = "all"']),
+        (
+            "[robots.robot3]",
+            '[robots.robot3]\navoid = ["robot9"]',
+            ["robots.robot3.avoid = 'robot9'", 'from robot2, robot4, robot5, robot6, or avoid = "all"'],
+        ),
+        ("[collisions]", "[[collisions]]", ["collisions = [{'lag'", "should be a table"]),
+        ("lag = 0.05 ", "margn = 1 #", ["unknown key collisions.margn", "mode, margin, lag"]),
+        ("speed = 0.2 ", "speed = 1.5 ", ["route.0.speed = 1.5", "below", "max_speed of 1.5"]),
+        ("speed = 0.2 ", "sped = 0.2 ", ["unknown key route.0.sped", "speed, heading_deg, duration"]),
+        ("x = -3.0, y = 1.5", "x = -1.5, y = 2.1", ["robots.robot3.start", "both radii", "robot2", "0.1 m"]),
+        ('leader = "robot1"', 'leader = "robo"', ["leader = 'robo'", "must be one of the robots", "robot1"]),
+        ('leader = "robot1"', 'leader = "robot1"\nleader = "robot2"', ["not valid TOML", "line 5"]),
+        ("robot2 = [-0.5, 0.866025]", "", ["shapes.hexagon", "no slot for robot2"]),
+        ("robot2 = [-0.5, 0.866025]", "robot2 = [-0.5]", ["shapes.hexagon.robot2 = [-0.5]", "two numbers"]),
+        (
+            "x = -1.5, y = 2.0",
+            "x = -1.5, z = 2.0",
+            ["unknown key robots.robot2.start.z", "x, y, heading_deg"],
+        ),
+        ("[simulation]", '[simulation]\nstep = "fast"', ["simulation.step = 'fast'", "number"]),
+    ],
+)
+def test_error_names_file_key_value_and_legal_values(old: str, new: str, says: list[str]) -> None:
+    error = error_of(old, new)
+    assert error.startswith("six.toml: ")
+    assert "\n" not in error
+    assert "instance" not in error
+    for words in says:
+        assert words in error
+
+
+def test_robots_without_a_path_to_the_leader_are_named() -> None:
+    text = SIX.replace('["robot2", "robot3"]', '["robot5"]').replace('["robot3", "robot4"]', '["robot4"]')
+    with pytest.raises(MissionError, match="from robot4, robot5, robot6 to the leader 'robot1'") as caught:
+        parse(text.replace('["robot4", "robot5"]', '["robot5"]'), "six.toml")
+    assert "robots.robot4.neighbours = ['robot5']" in str(caught.value)
+
+
+def test_a_leg_without_a_duration_must_be_the_last() -> None:
+    text = SIX.replace("[simulation]", "[[route]]\nspeed = 0.1\nheading_deg = 0\n\n[simulation]")
+    with pytest.raises(MissionError, match=r"route\.0\.duration = nothing: only the last leg"):
+        parse(text, "six.toml")
+
+
+def test_a_mistake_in_the_defaults_is_one_mistake() -> None:
+    assert "more" not in error_of("rate = 20", "rate = 0")
+
+
+def test_two_agents_cannot_listen_on_one_endpoint() -> None:
+    endpoint = 'endpoint = "tcp/192.168.1.12:7460"\n'
+    text = SIX
+    for name in ("robot2", "robot4"):
+        text = text.replace(f"[robots.{name}]\n", f"[robots.{name}]\n{endpoint}")
+    with pytest.raises(MissionError, match=r"robots\.robot4\.endpoint = 'tcp/.*own; robot2 has the same"):
+        parse(text)
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    ["192.168.1.12:7460", "tls/192.168.1.12", "tls/192.168.1.12:0", "tls/192.168.1.12:74600",
+     "tls/192.168.1.300:7460", "http/192.168.1.12:80", "tls/ 192.168.1.12:7460", ""],
+)  # fmt: skip
+def test_what_is_no_endpoint_is_answered_with_one_that_is(endpoint: str) -> None:
+    for above, key in (
+        ("rate = 20", "robot.robot_endpoint"),
+        ("[robots.robot2]\n", "robots.robot2.endpoint"),
+    ):
+        error = error_of(above, f'{above}\n{key.rpartition(".")[2]} = "{endpoint}"\n')
+        assert f"{key} = {endpoint!r}: should be tcp, tls" in error
+        assert "port from 1 to 65535, such as 'tls/192.168.1.12:7460'" in error
+
+
+@pytest.mark.parametrize("endpoint", ["tls/192.168.1.12:7460", "tcp/[::1]:7447", "tls/robot_1.local:1"])
+def test_an_endpoint_may_be_an_address_or_a_name(endpoint: str) -> None:
+    text = SIX.replace("[robots.robot2]\n", f'[robots.robot2]\nendpoint = "{endpoint}"\n')
+    assert parse(text).robots["robot2"].endpoint == endpoint
+
+
+def test_a_name_that_is_none_is_answered_in_words() -> None:
+    assert "should be a small letter, and then small" in error_of("[robots.robot2]", "[robots.Robot2]")
+
+
+def test_an_unknown_mission_names_the_shipped_ones() -> None:
+    with pytest.raises(MissionError, match=r"nowhere: no such file.*six_robots"):
+        load("nowhere")
+
+
+def test_a_folder_or_a_binary_file_is_no_mission(tmp_path: Path) -> None:
+    with pytest.raises(MissionError, match="cannot be read"):
+        load(tmp_path)
+    binary = tmp_path / "mission.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(MissionError, match="UTF-8"):
+        load(binary)
+
+
+def test_a_robots_own_table_outranks_the_defaults() -> None:
+    text = SIX.replace("[robots.robot2]", "[robots.robot2]\nmax_speed = 0.5")
+    mission = parse(text)
+    assert mission.robots["robot2"].max_speed == 0.5
+    assert mission.robots["robot3"].max_speed == 1.5
+
+
+def test_what_is_nested_without_end_is_refused_in_a_line() -> None:
+    with pytest.raises(MissionError, match=r"^deep\.toml: not a mission: .* deep$"):
+        parse("name = " + "[" * 20_000 + "]" * 20_000, "deep.toml")
+
+
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        ("[standbys.robot2]", ["standbys.robot2", "a robot's name"]),
+        ("[standbys.robot1]", ["standbys.robot1", "a robot's name"]),
+        ("[standbys.monitor]", ["standbys.monitor", "another name", "the monitor"]),
+        ("[standbys.operator]", ["standbys.operator", "another name", "the operator"]),
+        ("[standbys.Two]", ["standbys.Two", "small letter"]),
+        ("[standbys.two]\nport = 3", ["unknown key standbys.two.port", "endpoint"]),
+        (
+            '[standbys.one]\nendpoint = "tcp/h:1"\n[standbys.two]\nendpoint = "tcp/h:1"',
+            ["standbys.two.endpoint = 'tcp/h:1'", "the standby's own", "one has the same"],
+        ),
+        ("".join(f"[standbys.s{i}]\n" for i in range(64)), ["standbys", "at most 63"]),
+    ],
+)
+def test_a_standby_that_cannot_be_is_named(table: str, says: list[str]) -> None:
+    with pytest.raises(MissionError) as caught:
+        parse(f"{SIX}\n{table}\n", "six.toml")
+    for words in says:
+        assert words in str(caught.value)
+
+
+def test_a_standby_does_not_listen_where_a_robot_does() -> None:
+    text = edited(SIX, "robots.robot4", 'endpoint = "tcp/h:1"')
+    with pytest.raises(MissionError, match=r"standbys\.two\.endpoint = 'tcp/h:1': .*own; robot4 has"):
+        parse(f'{text}\n[standbys.two]\nendpoint = "tcp/h:1"\n')
+
+
+def test_takeover_too_short_for_follower_rate_is_refused() -> None:
+    text = SIX.replace("rate = 20 ", "rate = 3 ")
+    assert parse(text).takeover == 1.0
+    with pytest.raises(MissionError, match=r"takeover = 1\.0: must be at least 1\.33 s, in which"):
+        parse(f"{text}[standbys.one]\n")
+    assert parse(text.replace("rate = 3 ", "rate = 4 ") + "[standbys.one]\n").standbys
+
+
+def test_as_many_standbys_as_terms_can_tell_apart_are_legal() -> None:
+    mission = parse(SIX + "".join(f"[standbys.s{i}]\n" for i in range(63)))
+    assert mission.candidates == ("robot1", *(f"s{i}" for i in range(63)))
+
+
+@pytest.mark.parametrize(
+    ("robot", "fallback", "says"),
+    [
+        ("robot6", ["robot9"], ["'robot9'", "unknown robot"]),
+        ("robot6", ["robot6"], ["'robot6'", "own neighbour"]),
+        ("robot6", ["robot4"], ["'robot4'", "is a neighbour already"]),
+        ("robot6", ["robot2", "robot2"], ["'robot2'", "listed twice"]),
+        ("robot1", ["robot2"], ["['robot2']", "must be empty: the leader"]),
+    ],
+)
+def test_a_fallback_neighbour_that_cannot_be_is_named(
+    robot: str, fallback: list[str], says: list[str]
+) -> None:
+    with pytest.raises(MissionError) as caught:
+        parse(edited(SIX, f"robots.{robot}", f"fallback_neighbours = {fallback}"), "six.toml")
+    for words in (f"robots.{robot}.fallback_neighbours", *says):
+        assert words in str(caught.value)
+
+
+def test_fallback_neighbours_give_no_path_to_the_leader() -> None:
+    text = edited(SIX, "robots.robot2", 'neighbours = []\nfallback_neighbours = ["robot1"]')
+    with pytest.raises(MissionError, match="no path of neighbours leads from robot2"):
+        parse(text)

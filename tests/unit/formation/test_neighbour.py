@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from formation.control.tracker import Track, believed_delay, carried_to, first_seen, longest_delay, seen
+from tests.unit.formation.planar import vectors
+
+TAU, FASTEST = 0.1, 100.0
+velocities = st.builds(complex, st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
+
+
+def follow(track: Track, velocity: complex, period: float, seconds: float) -> Track:
+    for _ in range(round(seconds / period)):
+        track = seen(track, track.stamp + period, track.point + velocity * period, TAU, FASTEST)
+    return track
+
+
+@given(vectors)
+def test_a_neighbour_seen_once_is_taken_to_stand_still(point: complex) -> None:
+    assert carried_to(first_seen(5.0, point), 5.3, 1.0) == point
+
+
+@given(vectors, velocities, st.sampled_from([0.01, 0.02, 0.05]))
+def test_the_velocity_is_learned_from_positions_whatever_the_rate(
+    point: complex, velocity: complex, period: float
+) -> None:
+    track = follow(first_seen(0.0, point), velocity, period, 0.1)
+    assert track.velocity == pytest.approx(velocity * (1.0 - math.exp(-1.0)), abs=1e-9)
+    assert follow(track, velocity, period, 3.0).velocity == pytest.approx(velocity, abs=1e-9)
+
+
+@given(vectors, velocities, st.floats(0.0, 0.15))
+def test_late_sample_of_steady_neighbour_is_extrapolated(
+    point: complex, velocity: complex, age: float
+) -> None:
+    track = follow(first_seen(0.0, point), velocity, 0.05, 4.0)
+    assert carried_to(track, 4.0 + age, 0.15) == pytest.approx(point + velocity * (4.0 + age), abs=1e-9)
+
+
+def test_a_sample_is_carried_no_further_than_allowed_either_way() -> None:
+    track = Track(1.0, 0j, 2.0 + 0j)
+    assert carried_to(track, 9.0, 0.5) == 1.0
+    assert carried_to(track, 0.0, 0.5) == -1.0
+    assert carried_to(track, 0.9, 0.5) == pytest.approx(-0.2)
+
+
+@given(st.floats(0.0, 1.0), st.floats(0.1, 3.0))
+def test_plausible_delay_is_believed_unchanged(share: float, longest: float) -> None:
+    assert believed_delay(share * longest, longest) == pytest.approx(share * longest)
+
+
+@given(st.floats(0.0, 1e9), st.floats(0.1, 3.0))
+def test_a_stamp_from_the_future_or_from_long_ago_says_nothing(off: float, longest: float) -> None:
+    assert believed_delay(-off, longest) == 0.0
+    assert believed_delay(2.0 * longest + off, longest) == 0.0
+
+
+@given(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(0.1, 3.0))
+def test_clock_change_alters_believed_delay_within_limits(
+    before: float, after: float, longest: float
+) -> None:
+    change = abs(believed_delay(after, longest) - believed_delay(before, longest))
+    assert change <= min(abs(after - before), longest) + 1e-12
+
+
+@pytest.mark.parametrize(("rate", "longest"), [(100.0, 0.5), (20.0, 0.5), (5.0, 0.6), (1.0, 3.0)])
+def test_longest_believed_delay_depends_on_rate(rate: float, longest: float) -> None:
+    assert longest_delay(rate) == pytest.approx(longest)
+
+
+def test_a_jump_is_not_taken_for_a_sprint() -> None:
+    track = seen(first_seen(0.0, 0j), 0.05, 50.0 + 0j, TAU, 0.3)
+    assert track.point == 50.0
+    assert abs(track.velocity) <= 0.3

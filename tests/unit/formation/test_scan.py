@@ -1,0 +1,252 @@
+from __future__ import annotations
+
+import cmath
+import math
+import random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from formation.control.unicycle import along
+from formation.ros2.messages import LaserScan
+from formation.sensing.raycast import Scanner, cast, measured
+from formation.sensing.scan import (
+    MAX_RADIUS_SHARE,
+    MAX_TEAM_MATE_ERROR,
+    MIN_RADIUS_LIMIT,
+    SECTOR_COUNT,
+    Circle,
+    Mate,
+    Motion,
+    Mount,
+    carried,
+    circles,
+    mate,
+    obstacles,
+    points,
+    strangers,
+)
+
+STEP = math.tau / 360
+HERE = Mount()
+distances = st.floats(0.0, 4.0) | st.sampled_from((math.inf, -math.inf, 0.0))
+sweeps = st.lists(distances, min_size=1, max_size=90).map(tuple)
+angles = st.floats(-math.pi, math.pi)
+mounts = st.builds(
+    Mount,
+    st.builds(complex, st.floats(-0.3, 0.3), st.floats(-0.3, 0.3)),
+    angles.map(lambda a: cmath.rect(1, a)),
+)
+motions = st.builds(Motion, st.floats(-0.3, 0.3), st.floats(-1.0, 1.0))
+
+
+def scan(ranges: tuple[float, ...], step: float = STEP) -> LaserScan:
+    return LaserScan(0.0, 0.0, step, 0.12, 3.5, ranges)
+
+
+def seen(
+    discs: list[tuple[complex, float]],
+    walls: list[tuple[complex, complex]],
+    scanner: Scanner = Scanner(noise=0.0, relative_noise=0.0),  # noqa: B008 - a constant
+    seed: int = 0,
+) -> list[Circle]:
+    """The circles that a robot at the origin finds in a world."""
+    rng = random.Random(seed)
+    normal = [rng.gauss(0.0, 1.0) for _ in range(360)]
+    uniform = [rng.random() for _ in range(360)]
+    ranges = measured(cast(0j, 1 + 0j, discs, walls, 360), scanner, normal, uniform)
+    return circles(points(scan(ranges), HERE, 0.1), STEP)
+
+
+def clearance(found: list[Circle], point: complex) -> float:
+    return min((abs(point - circle.at) - circle.radius for circle in found), default=math.inf)
+
+
+# What holds for every scan
+
+
+@given(sweeps, mounts, motions, st.sampled_from((STEP, 4 * STEP, -STEP)))
+def test_every_beam_that_hit_is_in_a_circle(
+    ranges: tuple[float, ...], mount: Mount, motion: Motion, step: float
+) -> None:
+    hits = points(scan(ranges, step), mount, 0.1, motion)
+    found = circles(hits, step)
+    assert all(clearance(found, hit) <= 1e-9 for hit in hits)
+
+
+@given(sweeps, mounts)
+def test_no_circle_is_larger_than_it_needs_to_be(ranges: tuple[float, ...], mount: Mount) -> None:
+    for circle in circles(points(scan(ranges), mount, 0.1), STEP):
+        nearest = abs(circle.at) - circle.radius
+        half_a_beam = 0.5 * STEP * abs(circle.at)
+        # its first point is no further than its centre and its radius together
+        assert (
+            circle.radius
+            <= max(MIN_RADIUS_LIMIT, MAX_RADIUS_SHARE * (nearest + 2 * circle.radius)) + half_a_beam + 1e-9
+        )
+
+
+@given(sweeps, mounts)
+def test_a_mirrored_scan_has_its_points_on_the_other_side(ranges: tuple[float, ...], mount: Mount) -> None:
+    there = points(scan(ranges), mount, 0.1)
+    mirrored = points(scan(ranges, -STEP), Mount(mount.at.conjugate(), mount.heading.conjugate()), 0.1)
+    assert mirrored == pytest.approx([point.conjugate() for point in there], abs=1e-9)
+
+
+@given(sweeps, mounts, angles)
+def test_turning_the_scanner_turns_what_it_sees(
+    ranges: tuple[float, ...], mount: Mount, angle: float
+) -> None:
+    turn = cmath.rect(1.0, angle)
+    there = points(scan(ranges), mount, 0.0)
+    turned = points(scan(ranges), Mount(mount.at * turn, mount.heading * turn), 0.0)
+    assert turned == pytest.approx([point * turn for point in there], abs=1e-9)
+
+
+@given(sweeps, st.floats(0.0, 1.0))
+def test_its_own_body_is_nothing_in_a_robots_way(ranges: tuple[float, ...], radius: float) -> None:
+    ranges = tuple(distance for distance in ranges if distance > 0.0) or (math.inf,)
+    hits = points(scan(ranges), Mount(0.05 + 0j), radius)
+    assert all(abs(hit) > radius for hit in hits)
+    everything = points(scan(ranges), Mount(0.05 + 0j), 0.0)
+    assert hits == [hit for hit in everything if abs(hit) > radius]
+
+
+@given(motions, st.floats(0.2, 2.0), angles)
+def test_scan_during_motion_is_placed_at_last_beam(motion: Motion, distance: float, angle: float) -> None:
+    post, beams = cmath.rect(distance + 1.0, angle), 24
+    ranges = [math.inf] * beams
+    hits = []
+    for number in range(beams):  # each beam happens to hit the post from where the robot is by then
+        share = number / (beams - 1)
+        position, heading = along(0j, 1 + 0j, share * motion.distance, share * motion.turn)
+        there = (post - position) / heading
+        one = list(ranges)
+        one[number] = abs(there)
+        mount = Mount(0j, there / abs(there) / cmath.rect(1.0, number * STEP))
+        hits += points(scan(tuple(one)), mount, 0.0, motion)
+    position, heading = along(0j, 1 + 0j, *motion)
+    assert hits == pytest.approx([(post - position) / heading] * beams, abs=1e-9)
+
+
+@given(sweeps, motions)
+def test_what_stands_is_seen_where_it_stands_after_going_on(
+    ranges: tuple[float, ...], motion: Motion
+) -> None:
+    found = circles(points(scan(ranges), HERE, 0.1), STEP)
+    position, heading = along(0j, 1 + 0j, *motion)
+    later = carried(found, (position, heading))
+    assert [position + heading * circle.at for circle in later] == pytest.approx(
+        [circle.at for circle in found], abs=1e-9
+    )
+
+
+# What robots meet
+
+
+@given(mounts, st.floats(0.0, 0.5))
+def test_too_near_echo_is_on_the_body_edge(mount: Mount, radius: float) -> None:
+    found = points(scan((-math.inf,)), mount, radius)
+    if abs(mount.at + 0.12 * mount.heading) <= radius:
+        assert found == []
+        return
+    (point,) = found
+    assert abs(point) == pytest.approx(max(radius, abs(mount.at)))
+    along_ray = (point - mount.at) / mount.heading
+    assert -1e-9 <= along_ray.real <= 0.12 + 1e-9
+    assert along_ray.imag == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("says", [0.0, 0.05, 3.6, 100.0, math.inf])
+def test_a_beam_that_says_nothing_is_no_point(says: float) -> None:
+    assert points(scan((says,)), HERE, 0.1) == []
+
+
+@pytest.mark.parametrize("distance", [0.3, 1.0, 2.0])
+def test_post_is_covered_by_few_small_circles(distance: float) -> None:
+    found = seen([(distance + 0j, 0.05)], [])
+    assert 1 <= len(found) <= 3
+    for number in range(360):
+        surface = distance + cmath.rect(0.05, number * STEP)
+        if abs(surface) < distance - 0.03:  # in the scanner's sight
+            assert clearance(found, surface) < 0.01
+    assert min(abs(circle.at) - circle.radius for circle in found) > distance - 0.05 - 0.06
+
+
+def test_a_post_as_thin_as_a_beam_is_seen() -> None:
+    (circle,) = seen([(2.0 + 0j, 0.01)], [])
+    assert abs(circle.at - 1.99) < 1e-9
+    assert 0.0 < circle.radius < 0.03
+
+
+def test_a_wall_is_a_chain_that_leaves_room_beside_it() -> None:
+    found = seen([], [(-2 + 0.5j, 2 + 0.5j)])
+    assert len(found) > 10
+    assert max(circle.radius for circle in found) < 0.25
+    # it bulges towards the robot by a tenth of the distance or so, nowhere more
+    assert min(abs(circle.at) - circle.radius for circle in found) > 0.5 - 0.07
+    for step in range(-20, 21):
+        assert clearance(found, complex(0.05 * step, 0.5)) < 0.02
+
+
+def test_through_a_doorway_there_is_a_way() -> None:
+    found = seen([], [(1 - 3j, 1 - 0.4j), (1 + 0.4j, 1 + 3j)])
+    assert min(clearance(found, complex(0.01 * step, 0.0)) for step in range(200)) > 0.2
+    assert clearance(found, 1 + 0.45j) < 0.03
+    assert clearance(found, 1 - 0.45j) < 0.03
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_post_and_wall_remain_despite_noise_and_losses(seed: int) -> None:
+    found = seen([(1 + 0j, 0.1)], [(-2 - 1j, 2 - 1j)], Scanner(lost=0.1), seed)
+    assert clearance(found, 0.9 + 0j) < 0.06
+    for step in range(-10, 11):
+        assert clearance(found, complex(0.1 * step, -1.0)) < 0.12
+    assert clearance(found, 0.45 + 0j) > 0.3  # nothing where nothing is
+    assert clearance(found, -0.5 + 0.5j) > 0.3
+
+
+# Who is who
+
+
+def test_only_unknown_circles_are_strangers() -> None:
+    found = seen([(1 + 0j, 0.1), (1j, 0.1)], [])
+    mates = [Mate("robot2", 1.03 - 0.02j, 0.1)]
+    assert {mate(circle, mates) for circle in found} == {"robot2", None}
+    assert all(abs(circle.at - 1j) < 0.2 for circle in strangers(found, mates))
+    assert strangers(found, mates)
+
+
+def test_teammate_away_from_its_position_is_a_stranger() -> None:
+    found = seen([(1 + 0j, 0.1)], [])
+    assert strangers(found, [Mate("robot2", 1 + 0.5j, 0.1)]) == found
+
+
+def test_what_reaches_out_of_a_team_mate_is_a_stranger() -> None:
+    there = Mate("robot2", 1 + 0j, 0.1)
+    assert mate(Circle(1.1 + 0j, MAX_TEAM_MATE_ERROR - 0.01), [there]) == "robot2"
+    assert mate(Circle(1.1 + 0j, MAX_TEAM_MATE_ERROR + 0.01), [there]) is None
+
+
+# What is avoided
+
+
+def test_nearest_first_one_of_each_direction_and_none_from_afar() -> None:
+    found = seen([(0.5 + 0j, 0.05), (0.9j, 0.1)], [(-3 - 2j, 3 - 2j)])
+    avoided = obstacles(found, 1.5)
+    assert len(avoided) <= SECTOR_COUNT
+    near = [abs(one.at) - one.radius for one in avoided]
+    assert near == sorted(near)
+    assert near[-1] < 1.5
+    assert min(near) == pytest.approx(min(abs(circle.at) - circle.radius for circle in found))
+    assert {(one.velocity, one.first) for one in avoided} == {(0j, True)}
+
+
+@given(st.lists(st.builds(Circle, st.builds(complex, st.floats(-3, 3), st.floats(-3, 3)), st.floats(0, 0.2))))
+def test_the_nearest_of_all_is_always_avoided(found: list[Circle]) -> None:
+    avoided = obstacles(found, math.inf)
+    assert bool(avoided) == bool(found)
+    if found:
+        nearest = min(abs(circle.at) - circle.radius for circle in found)
+        assert abs(avoided[0].at) - avoided[0].radius == nearest

@@ -1,0 +1,242 @@
+"""The simulation itself: whose loop it is, what it draws, what it reports."""
+
+from __future__ import annotations
+
+import cmath
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from formation.control.controller import Measured
+from formation.control.laws import LAWS
+from formation.control.laws.field import field
+from formation.control.observer import Travel, innovation
+from formation.control.plane import unit
+from formation.control.tracker import Track, first_seen, seen
+from formation.control.unicycle import advance, control_point
+from formation.mission.file import load
+from formation.mission.model import Mission
+from formation.mission.route import Route
+from formation.simulation.ensemble import Options
+from formation.simulation.simulate import DWELL_TIME, simulate
+from formation.simulation.starts import MIN_START_CLEARANCE, random_starts
+from formation.stability.analysis import analyse
+from tests.unit.formation import scenarios
+
+SIX = scenarios.six()
+
+
+# The loop is the agents' own
+
+
+def test_the_arrays_do_what_one_robot_after_the_other_does() -> None:
+    mission, step, runs = SIX, 0.02, 2
+    first = random_starts(mission, runs, 3.0, np.random.default_rng(np.random.SeedSequence(7).spawn(2)[0]))
+    together = simulate(mission, runs=runs, seed=7, horizon=3.0, step=step, keep=True)
+    assert together.history is not None
+    apart = one_by_one(mission, first.position[0].tolist(), first.heading[0].tolist(), step, 150)
+    assert together.history.position[-1, 1:] == pytest.approx(apart, abs=1e-9)
+
+
+def one_by_one(
+    mission: Mission, position: list[complex], heading: list[complex], step: float, steps: int
+) -> list[complex]:
+    """The field law's closed loop in plain Python: no arrays, one follower at a time."""
+    route, names, law = Route.of(mission), mission.followers, mission.law
+    specs = [mission.robots[name] for name in names]
+    estimate = [mission.first_heading(name) for name in names]
+    integral, tracks = [0j] * len(names), [dict[str, Track]() for _ in names]
+    for k in range(steps):
+        places = {mission.leader: route.position(k * step)}
+        for i, name in enumerate(names):
+            places[name] = control_point(position[i], unit(estimate[i]), specs[i].control_point_offset)
+        for i, spec in enumerate(specs):
+            for other in spec.neighbours:
+                last = tracks[i].get(other)
+                top = mission.robots[other].top_speed
+                tracks[i][other] = (
+                    first_seen(k * step, places[other])
+                    if last is None
+                    else seen(last, k * step, places[other], law.velocity_filter, top)
+                )
+            known = [tracks[i][other] for other in spec.neighbours]
+            facing, mine = unit(estimate[i]), mission.slot(names[i])
+            measured = Measured(
+                facing.conjugate() * sum(track.point - places[names[i]] for track in known),
+                sum(mission.slot(other) - mine for other in spec.neighbours),
+                len(known),
+                sum(track.velocity for track in known) / len(known),
+            )
+            command, integral[i] = field(integral[i], facing, measured, law.gains, spec.limits, step)
+            there, after = advance(position[i], heading[i], *command, step)
+            travel = Travel(command.speed * step, command.turn_rate * step, there - position[i])
+            position[i], heading[i] = there, after
+            estimate[i] = innovation(estimate[i], travel, law.observer_gain)
+    return position
+
+
+def test_same_seed_gives_both_laws_same_starts() -> None:
+    paper, field, other = (
+        simulate(SIX, runs=5, seed=seed, law=law, horizon=0.1)
+        for seed, law in ((3, "paper"), (3, "field"), (4, "field"))
+    )
+    assert paper.error[0].tolist() == field.error[0].tolist()
+    assert paper.error[0].tolist() != other.error[0].tolist()
+
+
+def test_law_as_value_equals_law_by_name() -> None:
+    named, given = (simulate(SIX, law=law, runs=3, horizon=2.0) for law in ("field", LAWS["field"]))
+    assert given.law == "field"
+    assert np.array_equal(named.error, given.error)
+
+
+def test_random_starts_cover_spread_and_all_headings() -> None:
+    starts = random_starts(SIX, 500, 3.0, np.random.default_rng(0))
+    away = starts.position + 0.2 * starts.heading - np.array(SIX.slots()[1:])
+    for axis in (away.real, away.imag):
+        assert -3.0 <= axis.min() < -2.9
+        assert 2.9 < axis.max() <= 3.0
+    assert abs(starts.heading.mean()) < 0.05
+    assert np.abs(starts.heading) == pytest.approx(1.0)
+
+
+def test_bodies_do_not_start_in_each_other_where_there_is_room() -> None:
+    crowded = SIX.model_copy(
+        update={"robots": {n: one.model_copy(update={"radius": 0.4}) for n, one in SIX.robots.items()}}
+    )
+    starts = random_starts(crowded, 200, 3.0, np.random.default_rng(0))
+    for run in starts.position:
+        assert min(abs(a - b) for k, a in enumerate(run) for b in run[:k]) >= 0.8 + MIN_START_CLEARANCE
+
+
+def test_a_single_run_starts_as_the_mission_says() -> None:
+    mission = load("six_robots")
+    history = simulate(mission, horizon=0.1, keep=True).history
+    assert history is not None
+    assert history.position[0].tolist() == [mission.robots[name].start.position for name in mission.names]
+    assert history.names == mission.names
+    assert history.time[-1] == pytest.approx(0.1)
+
+
+def test_turning_mission_settles_like_upright_mission() -> None:
+    upright, turned = (as_a_whole(load("six_robots"), degrees) for degrees in (0.0, 90.0))
+    times = [float(simulate(one, horizon=30.0).settling_time[0]) for one in (upright, turned)]
+    assert times[1] == pytest.approx(times[0], abs=0.05)
+    assert analyse(turned).settling_time_estimate == pytest.approx(
+        analyse(upright).settling_time_estimate, abs=0.1
+    )
+
+
+def test_random_starts_are_around_the_slots_as_they_are_turned() -> None:
+    turned = as_a_whole(load("six_robots"), 90.0)
+    starts = random_starts(turned, 20, 0.0, np.random.default_rng(0))
+    assert starts.position + 0.2 * starts.heading == pytest.approx(
+        np.tile(np.array(turned.slots()[1:]) * turned.leader_heading, (20, 1))
+    )
+
+
+def as_a_whole(mission: Mission, degrees: float) -> Mission:
+    """The mission with a shape that turns with its leader, all of it turned about the origin."""
+    output, turn = mission.model_dump(), cmath.rect(1.0, math.radians(degrees))
+    for name, robot in output["robots"].items():
+        start = mission.robots[name].start
+        place = start.position * turn
+        robot["start"] = {"x": place.real, "y": place.imag, "heading_deg": start.heading_deg + degrees}
+    for leg in output["route"]:
+        leg["heading_deg"] += degrees
+    return Mission.model_validate({**output, "turning": True})
+
+
+# What is reported
+
+
+def test_unexamined_touching_is_null() -> None:
+    found = simulate(SIX, runs=2, horizon=1.0).summary()
+    assert SIX.collisions.mode == "off"
+    assert (found["touched"], found["nearest"]) == (None, None)
+    assert simulate(load("six_robots"), horizon=1.0).summary()["touched"] == 0
+
+
+def test_the_summary_has_the_keys_of_the_command_and_no_infinities() -> None:
+    found = simulate(SIX, runs=3, horizon=30.0).summary()
+    assert set(found) == {
+        *("runs", "converged_fraction", "settling_time"),
+        *("touched", "nearest", "deadlocks"),
+        *("final_error", "wall_time", "robot_steps_per_second"),
+    }
+    assert set(found["settling_time"]) == {"median", "p95"}
+    assert set(found["final_error"]) == {"median", "max"}
+    json.dumps(found, allow_nan=False)
+
+
+def test_where_nothing_converged_settling_times_are_null() -> None:
+    found = simulate(SIX, runs=3, horizon=1.0).summary()
+    assert found["converged_fraction"] == 0.0
+    assert found["settling_time"] == {"median": None, "p95": None}
+
+
+def test_a_run_has_to_stay_settled_for_the_dwell_time() -> None:
+    mission = load("six_robots")
+    settled = float(simulate(mission, law="paper", horizon=60.0).settling_time[0])
+    soon, late = (
+        simulate(mission, law="paper", horizon=settled + DWELL_TIME + more).settling_time[0]
+        for more in (-1.0, 1.0)
+    )
+    assert settled > DWELL_TIME
+    assert math.isnan(soon)
+    assert late == pytest.approx(settled)
+
+
+def test_error_stays_below_bound_after_settling_time() -> None:
+    result = simulate(SIX, horizon=20.0)
+    before = result.error[result.time < result.settling_time[0], 0]
+    after = result.error[result.time >= result.settling_time[0], 0]
+    assert before[-1] >= SIX.settled
+    assert after.max() < SIX.settled
+    assert result.final_error[0] == after[-1]
+
+
+def test_progress_is_told_and_ends_at_one() -> None:
+    shares: list[float] = []
+    simulate(SIX, horizon=2.0, progress=shares.append)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("wrong", "output"),
+    [
+        ({"runs": 0}, "runs = 0: must be at least 1"),
+        ({"law": "fast"}, "must be one of field, paper, proportional"),
+        ({"step": 0.5}, "step = 0.5: must be above 0 and at most 0.2"),
+        ({"horizon": math.inf}, "horizon = inf: must be finite"),
+        ({"spread": math.nan}, "spread = nan: must be finite"),
+    ],
+)
+def test_an_argument_out_of_range_is_named_with_what_is_legal(wrong: dict[str, Any], output: str) -> None:
+    with pytest.raises(ValueError, match=output):
+        simulate(SIX, **wrong)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "output"), [({"delay": -0.1}, "from 0 to 60 s"), ({"loss": 1.5}, "share from 0 to 1")]
+)
+def test_an_option_out_of_range_is_refused(wrong: dict[str, Any], output: str) -> None:
+    with pytest.raises(ValueError, match=output):
+        Options(**wrong)
+
+
+@pytest.mark.parametrize(("steps", "kept"), [(1, 2), (999, 1000), (1000, 1001), (1001, 501), (5000, 1001)])
+def test_a_curve_has_a_thousand_moments_at_most_after_its_start(steps: int, kept: int) -> None:
+    result = simulate(SIX, horizon=0.01 * steps, step=0.01)
+    assert len(result.error) == kept
+    assert result.time[-1] == pytest.approx(0.01 * (steps // 1000 + (steps % 1000 > 0)) * (kept - 1))
+
+
+def test_curves_of_very_many_runs_have_fewer_moments(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("formation.simulation.simulate.MAX_ALL_MOMENTS", 100)
+    assert len(simulate(SIX, runs=20, horizon=1.0, step=0.01).error) == 6
+    assert len(simulate(SIX, runs=200, horizon=1.0, step=0.01).error) == 2

@@ -1,0 +1,95 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from formation.topics import (
+    CMD_VEL,
+    ERROR,
+    ODOM,
+    ORDER,
+    POSITION,
+    RELATIVE,
+    TABLE,
+    WATCHDOG,
+    command_topic,
+    markdown,
+)
+
+ROOT = Path(__file__).parents[3]
+
+
+def test_keys_are_those_that_a_ros_2_bridge_uses() -> None:
+    assert ODOM.key("robot2") == "robot2/odom"
+    assert CMD_VEL.key("robot2") == "robot2/cmd_vel"
+
+
+def test_a_key_about_another_robot_names_both() -> None:
+    assert RELATIVE.key("robot2", "robot1") == "robot2/relative/robot1"
+
+
+def test_a_key_of_the_whole_formation_needs_no_robot() -> None:
+    assert ERROR.key() == "formation/error"
+
+
+def test_no_two_topics_share_a_name_or_a_key() -> None:
+    assert len({topic.name for topic in TABLE}) == len(TABLE)
+    assert len({topic.pattern for topic in TABLE}) == len(TABLE)
+
+
+@pytest.mark.parametrize("robot", ["", "robot 2", "robot/2", "*", "r$", "r?", "r#", "{robot}"])
+def test_a_name_that_cannot_be_part_of_a_key_is_refused(robot: str) -> None:
+    with pytest.raises(ValueError, match="robot"):
+        POSITION.key(robot)
+
+
+def test_a_name_too_many_or_too_few_is_refused() -> None:
+    with pytest.raises(ValueError, match="robot is 'robot2'"):
+        ERROR.key("robot2")
+    with pytest.raises(ValueError, match="other is ''"):
+        RELATIVE.key("robot2")
+
+
+def test_both_command_types_use_the_same_key() -> None:
+    assert command_topic("twist").type == "geometry_msgs/msg/Twist"
+    stamped = command_topic("twist_stamped")
+    assert stamped.types == ("geometry_msgs/msg/TwistStamped",)
+    assert stamped.key("robot2") == CMD_VEL.key("robot2")
+
+
+def test_only_orders_and_watchdogs_are_queried() -> None:
+    assert [topic for topic in TABLE if topic.qos is None] == [ORDER, WATCHDOG]
+    assert [topic for topic in TABLE if not topic.types] == [ORDER, WATCHDOG]
+
+
+def test_robot_side_topics_are_listed() -> None:
+    assert {topic.name for topic in TABLE if topic.side == "robot"} == {
+        "odom", "cmd_vel", "scan", "relative", "pose", "alive", "ground_truth", "watchdog",
+    }  # fmt: skip
+    assert command_topic("twist_stamped").side == "robot"
+
+
+def test_every_topic_is_a_row_of_the_table() -> None:
+    head, _, *rows = markdown().splitlines()
+    assert len(rows) == len(TABLE)
+    assert {row.count("|") for row in [head, *rows]} == {7}
+    assert (
+        "| `<robot>/cmd_vel` | geometry_msgs/Twist or geometry_msgs/TwistStamped | agent → its robot |"
+        in markdown()
+    )
+
+
+def test_no_key_is_spelled_outside_the_table() -> None:
+    words = [topic.pattern.rpartition("/")[2] for topic in TABLE if "{other}" not in topic.pattern]
+    spelled = [f"/{word}{quote}" for word in words for quote in "\"'"]
+    sources = [
+        path
+        for room in ("formation", "agent", "leader", "monitor", "deploy")
+        for path in (ROOT / room).rglob("*.py")
+    ]
+    assert len(sources) > 20
+    for path in sources:
+        if path.name != "topics.py":
+            text = path.read_text().replace('"/api/', '"')  # what a browser asks for is no key
+            assert [key for key in spelled if key in text] == [], path

@@ -1,0 +1,331 @@
+"""Which orders verify, which do not and why, and what verifying costs."""
+
+from __future__ import annotations
+
+import base64
+import itertools
+from collections.abc import Callable
+
+import pytest
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import ec, utils
+
+from formation.deploy.fleet import authority
+from formation.mission.file import load
+from formation.protocol import order
+from formation.protocol.order import Order, PositionAttachment
+from formation.ros2.messages import Pose, encode
+from formation.topics import POSITION
+from formation.transport.bus_config import BusError
+from formation.transport.security.signing import KEY_ID_BYTES, ORDER_OF_P256, Signer
+from formation.transport.security.verifying import SHUN_TIME, STRIKES, Verifier
+from formation.wire import Sample
+from tests.support.fleet import EPOCH
+from tests.support.signed import BEGUN, identity, issued, signed, signer, team_authority, verifier
+
+MISSION, OTHER = load("patrol"), load("six_robots")
+LEADER, STANDBY = MISSION.candidates[0], MISSION.candidates[1]
+FOLLOWER = MISSION.followers[0]
+LED, STOOD, FOLLOWED = signer(LEADER), signer(STANDBY), signer(FOLLOWER)
+TERM = int(EPOCH * 1e9) // 64 * 64
+"""Of the leader; one more is of the first standby."""
+ID_LENGTH = 4 * KEY_ID_BYTES // 3
+
+
+def an_order(beat: int = 1, term: int = TERM) -> Order:
+    return Order(term=term, beat=beat, mode="run", shape=next(iter(MISSION.shapes)))
+
+
+class Front:
+    """A verifier, the messages that come to it from one neighbour, and the time."""
+
+    def __init__(self, *known: Signer) -> None:
+        self.verifier: Verifier = verifier(MISSION)
+        self.mono, self.period = 0.0, 0.05
+        self.verified = 0
+        for one in known:
+            assert not self.checked(certificate=one.certificate).unverified
+        for key, (certified, text) in list(self.verifier._certificates.items()):
+            counted = certified._replace(verifies=self._counted(certified.verifies))
+            self.verifier._certificates[key] = counted, text
+
+    def checked(self, of: str = FOLLOWER, clock: float = 0.0, **fields: object) -> Sample:
+        """What becomes of a message with these fields."""
+        self.mono += self.period
+        attachment = PositionAttachment.model_validate({"publisher_id": "v", "count": 1, **fields})
+        sample = Sample(
+            POSITION.key(of), encode(Pose(EPOCH, 0j, 1 + 0j)), order.encode(attachment), self.mono
+        )
+        return self.verifier.check(sample, EPOCH + self.mono + clock)
+
+    def _counted(self, verifies: Callable[[str, bytes], bool]) -> Callable[[str, bytes], bool]:
+        def counted(signature: str, message: bytes) -> bool:
+            self.verified += 1
+            return verifies(signature, message)
+
+        return counted
+
+
+@pytest.fixture
+def front() -> Front:
+    """Knows the certificates of both candidates."""
+    return Front(LED, STOOD)
+
+
+def test_a_signed_order_verifies_once(front: Front) -> None:
+    fields = signed(MISSION, an_order(), LED)
+    for of in (FOLLOWER, *MISSION.followers, LEADER):
+        sample = front.checked(of, **fields)
+        assert not sample.unverified
+        assert order.decode(PositionAttachment, sample.attachment or b"").order == an_order()
+    assert front.verified == 1
+
+
+def test_each_candidate_signs_its_own_terms(front: Front) -> None:
+    assert not front.checked(**signed(MISSION, an_order(term=TERM + 1), STOOD)).unverified
+    by_standby = front.checked(**signed(MISSION, an_order(), STOOD))
+    assert by_standby.unverified == f"order not signed by {LEADER}, but by {STANDBY}"
+    assert by_standby.forged
+    by_leader = front.checked(**signed(MISSION, an_order(term=TERM + 1), LED))
+    assert by_leader.unverified == f"order not signed by {STANDBY}, but by {LEADER}"
+    nobody = front.checked(**signed(MISSION, an_order(term=TERM + 60), LED))
+    assert "belongs to no candidate" in nobody.unverified
+
+
+def test_an_unsigned_order_is_refused(front: Front) -> None:
+    sample = front.checked(order=an_order().model_dump())
+    assert sample.unverified == f"order not signed by {LEADER}: it has no signature"
+    assert sample.forged
+
+
+def test_messages_without_orders_pass(front: Front) -> None:
+    assert not front.checked(voted_term=TERM).unverified
+    other = Sample("robot1/status", b"", None, 0.0)
+    assert front.verifier.check(other, EPOCH) is other
+    rubbish = Sample(POSITION.key(FOLLOWER), b"", b"{", 0.0)
+    assert front.verifier.check(rubbish, EPOCH) is rubbish
+
+
+def test_an_order_of_another_mission_is_refused(front: Front) -> None:
+    sample = front.checked(**signed(OTHER, an_order(), LED))
+    assert sample.unverified.endswith("wrong signature, so it is forged or of another mission")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"beat": 2}, {"term": TERM + 64}, {"mode": "hold"}, {"scale": 1000.0}, {"route": "elsewhere"},
+        {"tuned": {"k_p": 9.0, "k_i": 9.0}}, {"time": 1.0}, {"place": {"x": 1.0, "y": 1.0, "heading": 0.0}},
+        {"base_mode": "hold"}, {"holding": True}, {"rotation": 1.0}, {"shape": "other"},
+        {"slots": {"mix": {"other": 1.0}, "scale": 1000.0}},
+    ],
+)  # fmt: skip
+def test_no_part_of_an_order_can_be_changed(front: Front, change: dict[str, object]) -> None:
+    fields = signed(MISSION, an_order(), LED)
+    changed = Order.model_validate({**an_order().model_dump(), **change})
+    sample = front.checked(signed=order.encode(changed).decode(), signature=fields["signature"])
+    assert sample.unverified.endswith("wrong signature, so it is forged or of another mission")
+
+
+def numbers(signature: str) -> tuple[str, int, int]:
+    data = base64.urlsafe_b64decode(signature[ID_LENGTH:] + "==")
+    return signature[:ID_LENGTH], int.from_bytes(data[:32]), int.from_bytes(data[32:])
+
+
+def spelled(key_id: str, data: bytes) -> str:
+    return key_id + base64.urlsafe_b64encode(data).rstrip(b"=").decode()
+
+
+def other_spellings(signature: str) -> dict[str, str]:
+    """What others might take for the same signature, and what is none."""
+    key_id, r, s = numbers(signature)
+    raw = r.to_bytes(32) + s.to_bytes(32)
+    last = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_"
+    return {
+        "upper s": spelled(key_id, r.to_bytes(32) + (ORDER_OF_P256 - s).to_bytes(32)),
+        "DER": spelled(key_id, utils.encode_dss_signature(r, s)),
+        "truncated": spelled(key_id, raw[:-1]),
+        "half": spelled(key_id, raw[:32]),
+        "longer": spelled(key_id, raw + b"\0"),
+        "zeros": spelled(key_id, bytes(64)),
+        "ones": spelled(key_id, b"\xff" * 64),
+        "r = 0": spelled(key_id, bytes(32) + s.to_bytes(32)),
+        "unused bits": signature[:-1] + last[last.index(signature[-1]) ^ 1],
+        "no signature": key_id,
+    }
+
+
+@pytest.mark.parametrize("kind", list(other_spellings(LED.sign(b""))))
+def test_a_signature_has_one_spelling(front: Front, kind: str) -> None:
+    fields = signed(MISSION, an_order(), LED)
+    sample = front.checked(signed=fields["signed"], signature=other_spellings(fields["signature"])[kind])
+    assert sample.forged
+    assert not front.checked(**fields).unverified
+
+
+def test_a_signature_by_an_unknown_key_costs_nothing(front: Front) -> None:
+    for beat in range(100):
+        sample = front.checked(**signed(MISSION, an_order(beat), FOLLOWED))
+        assert "no certificate has come yet" in sample.unverified
+        assert not sample.forged
+    assert front.verified == 0
+    assert not front.checked(**signed(MISSION, an_order(), LED)).unverified
+
+
+def stranger() -> authority.Pair:
+    """Another authority, which calls itself as ours does."""
+    return authority.new_authority("team", 30.0, BEGUN)
+
+
+def foreign(name: str = LEADER) -> Signer:
+    other = stranger()
+    pair = issued(name, by=other)
+    return Signer(identity(pair, trusted=other), name, EPOCH)
+
+
+def own_authority() -> str:
+    """The leader's name on a certificate that a follower has issued with its own key."""
+    follower = issued(FOLLOWER)
+    pair = authority.issue(follower, LEADER, None, 1.0, BEGUN)
+    return Signer(identity(pair, trusted=follower), LEADER, EPOCH).certificate
+
+
+@pytest.mark.parametrize(
+    ("certificate", "why"),
+    [
+        (lambda: foreign().certificate, "is not of the team's authority"),
+        (own_authority, "is not of the team's authority"),
+        (lambda: FOLLOWED.certificate, f"'{FOLLOWER}' is none in this mission"),
+        (lambda: LED.certificate[:-4], "certificate cannot be read"),
+        (lambda: LED.certificate + "A", "order not signed by a candidate"),
+        (lambda: "AAAA", "certificate cannot be read"),
+    ],
+)
+def test_only_candidates_certificates_are_taken(certificate: Callable[[], str], why: str) -> None:
+    front = Front()
+    sample = front.checked(certificate=certificate())
+    assert why in sample.unverified
+    assert sample.forged
+    assert not front.verifier._certificates
+    assert not front.verifier.carry(1.0)
+
+
+def test_the_authoritys_own_certificate_signs_nothing() -> None:
+    pair = authority.new_authority(LEADER, 30.0, BEGUN)
+    front = Front()
+    text = base64.urlsafe_b64encode(
+        base64.b64decode("".join(pair.certificate_pem.decode().splitlines()[1:-1]))
+    )
+    assert front.checked(certificate=text.rstrip(b"=").decode()).forged
+
+
+def test_an_expired_certificate_signs_nothing(front: Front) -> None:
+    fields = signed(MISSION, an_order(), LED)
+    late = front.checked(clock=31 * 86400.0, **fields)
+    assert "not valid by this robot's clock" in late.unverified
+    assert not late.forged
+    assert "not valid" in front.checked(clock=-86400.0, **fields).unverified
+    assert not front.checked(**fields).unverified
+
+
+def test_a_renewed_key_verifies_beside_the_old_one(front: Front) -> None:
+    renewed = signer(LEADER)
+    assert not front.checked(certificate=renewed.certificate).unverified
+    for one, beat in itertools.product((LED, renewed), range(3)):
+        assert not front.checked(**signed(MISSION, an_order(beat), one)).unverified
+
+
+def test_old_certificates_do_not_push_out_the_one_in_use(front: Front) -> None:
+    for beat in range(20):
+        assert not front.checked(**signed(MISSION, an_order(beat), LED)).unverified
+        assert not front.checked(certificate=signer(LEADER).certificate).unverified
+    assert len(front.verifier._certificates) <= 8
+    assert len(front.verifier._texts) == len(front.verifier._certificates)
+
+
+def test_certificates_are_passed_on_at_once_and_every_second() -> None:
+    front = Front()
+    front.checked(certificate=LED.certificate)
+    assert front.verifier.carry(1.0) == LED.certificate
+    assert front.verifier.carry(1.0) == ""
+    front.checked(certificate=LED.certificate)
+    assert front.verifier.carry(1.05) == ""
+    front.checked(**signed(MISSION, an_order(), LED))
+    carried = [mono / 20 for mono in range(40, 140) if front.verifier.carry(mono / 20)]
+    assert carried == [2.0, 3.0, 4.0, 5.0, 6.0]
+
+
+def test_a_flood_of_wrong_signatures_costs_little(front: Front) -> None:
+    """One second of 1000 a second."""
+    front.period = 0.001
+    fields = signed(MISSION, an_order(), LED)
+    for beat in range(1000):
+        sample = front.checked(
+            signed=order.encode(an_order(beat + 2)).decode(), signature=fields["signature"]
+        )
+        assert sample.forged
+    assert front.verified == STRIKES
+    assert f"nothing of {FOLLOWER} is verified for {SHUN_TIME:g} s" in sample.unverified
+    assert not front.checked(MISSION.followers[1], **fields).unverified
+    assert not front.checked(**fields).unverified, "what another has brought counts from anybody"
+
+
+def test_a_shunned_neighbour_is_verified_again_later(front: Front) -> None:
+    fields = signed(MISSION, an_order(), LED)
+    for beat in range(STRIKES):
+        front.checked(signed=order.encode(an_order(beat + 2)).decode(), signature=fields["signature"])
+    assert front.checked(**fields).unverified
+    front.mono += SHUN_TIME
+    assert not front.checked(**fields).unverified
+
+
+def test_a_flood_of_replayed_orders_costs_little(front: Front) -> None:
+    """Each has a right signature: the tape of an insider, played a hundred times as fast."""
+    front.period = 0.0005
+    tape = [signed(MISSION, an_order(beat), LED) for beat in range(2000)]
+    samples = [front.checked(**fields) for fields in tape]
+    rate = MISSION.robots[FOLLOWER].rate
+    assert front.verified <= 2.0 * rate + 2.0 * rate * 1.0 + 1
+    assert "more orders than can be verified" in samples[-1].unverified
+    assert not front.checked(MISSION.followers[1], **signed(MISSION, an_order(5000), LED)).unverified
+
+
+def test_what_a_verifier_remembers_is_bounded(front: Front) -> None:
+    for beat in range(300):
+        front.checked(**signed(MISSION, an_order(beat), LED))
+    assert len(front.verifier._verified) == 64
+
+
+def test_a_candidate_verifies_its_own_orders_from_the_start() -> None:
+    own = verifier(MISSION, LED.certificate)
+    attachment = PositionAttachment(publisher_id="v", count=1, **signed(MISSION, an_order(), LED))
+    sample = Sample(POSITION.key(FOLLOWER), b"", order.encode(attachment), 1.0)
+    assert not own.check(sample, EPOCH).unverified
+
+
+def test_a_signer_must_be_the_candidate_that_it_signs_for() -> None:
+    with pytest.raises(BusError, match=f"is the certificate of {FOLLOWER}, not of {LEADER}"):
+        Signer(identity(issued(FOLLOWER)), LEADER, EPOCH)
+    with pytest.raises(BusError, match="is not valid now, but until"):
+        Signer(identity(issued(LEADER)), LEADER, EPOCH + 40 * 86400.0)
+    with pytest.raises(BusError, match="is not of the team's authority"):
+        Signer(identity(issued(LEADER), trusted=stranger()), LEADER, EPOCH)
+    with pytest.raises(BusError, match="needs connect_private_key"):
+        Signer(identity(issued(LEADER))._replace(key=None), LEADER, EPOCH)
+    with pytest.raises(BusError, match="is not the key of"):
+        Signer(identity(issued(LEADER))._replace(key=identity(issued(LEADER)).key), LEADER, EPOCH)
+    mine = identity(issued(LEADER))
+    with pytest.raises(BusError, match="must be a private key"):
+        Signer(mine._replace(key=mine.certificate), LEADER, EPOCH)
+
+
+def test_the_signature_is_ecdsa_over_the_mission_and_the_text() -> None:
+    """By the library alone, as anybody could check it."""
+    pair = issued(LEADER)
+    fields = signed(MISSION, an_order(), signer(LEADER, pair))
+    _, r, s = numbers(fields["signature"])
+    message = f"formation order\n{MISSION.fingerprint}\n{fields['signed']}".encode()
+    pair.certificate.public_key()
+    key = pair.key.public_key()
+    key.verify(utils.encode_dss_signature(r, s), message, ec.ECDSA(hashes.SHA256()))
+    assert team_authority().name == "team"

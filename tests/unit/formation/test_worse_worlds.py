@@ -1,0 +1,118 @@
+"""The simulated loop with delay, loss, noise and bodies that are not ideal."""
+
+from __future__ import annotations
+
+import json
+import sys
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from formation.control.observer import PRINTED
+from formation.mission.file import load
+from formation.simulation.body import Body
+from formation.simulation.ensemble import Options
+from formation.simulation.simulate import simulate
+from tests.unit.formation import scenarios
+
+SIX = scenarios.six()
+
+
+# A worse world
+
+
+def test_lost_samples_slow_the_formation_down_but_do_not_break_it() -> None:
+    result = simulate(SIX, runs=20, horizon=40.0, options=Options(loss=0.3))
+    assert result.converged.all()
+    assert 3.0 < scenarios.median(result) < 8.0
+
+
+def test_robot_without_messages_stands_still() -> None:
+    result = simulate(SIX, horizon=5.0, options=Options(loss=1.0), keep=True)
+    assert result.history is not None
+    deaf = result.history.time > 0.2
+    assert np.abs(result.history.speed[deaf]).max() == 0.0
+    assert np.abs(result.history.turn_rate[deaf]).max() == 0.0
+
+
+def test_delay_compensation_is_what_makes_late_samples_cost_nothing() -> None:
+    late = Options(delay=0.1)
+    with_it = simulate(scenarios.straight_chain(), options=late, horizon=40.0)
+    without = simulate(scenarios.straight_chain(delay_compensation=False), options=late, horizon=40.0)
+    assert with_it.final_error[0] < 1e-3
+    assert without.final_error[0] > 0.01
+
+
+@pytest.mark.parametrize(("delay", "lag"), [(0.3, 0.0), (0.5, 0.0), (0.6, 0.2), (1.0, 1.0)])
+def test_positions_are_extrapolated_by_the_believed_age(delay: float, lag: float) -> None:
+    result = simulate(scenarios.straight_chain(), options=Options(delay=delay), horizon=60.0, keep=True)
+    first = scenarios.out_of_slot(scenarios.straight_chain(), result)[1]  # [cm], at 0.1 m/s
+    assert first == pytest.approx(10.0 * lag, rel=0.1, abs=0.05)
+
+
+def test_sensor_on_the_robot_has_neither_delay_nor_loss() -> None:
+    seen_locally = Options(measurement="local")
+    deaf = replace(seen_locally, delay=0.5, loss=1.0)
+    clean, worse = (simulate(SIX, runs=3, horizon=20.0, options=options) for options in (seen_locally, deaf))
+    assert worse.final_error.tolist() == clean.final_error.tolist()
+    assert clean.converged.all()
+
+
+def test_equation_7_as_it_stands_fails_from_most_starts() -> None:
+    printed = Options(measurement="local", normalised=False)
+    assert simulate(SIX, runs=60, law="paper", options=printed, horizon=90.0).converged.mean() < 0.5
+
+
+def test_noise_leaves_an_error_of_its_own_size() -> None:
+    noisy = Options(body=Body(position_noise=0.001))
+    result = simulate(SIX, runs=10, horizon=20.0, options=noisy)
+    assert result.converged.all()
+    assert 1e-3 < np.median(result.final_error) < 0.03
+
+
+def test_the_firmware_of_the_mission_clamps_lags_and_cuts_commands() -> None:
+    mission = scenarios.ramped(load("turtlebot3_pair"), 0.0)
+    history = simulate(mission, horizon=30.0, keep=True).history
+    assert history is not None
+    assert np.abs(history.speed).max() <= 0.2108
+    assert 0.0 < history.speed[1].max() < 0.05  # from rest, wheels that lag
+    free = simulate(mission, horizon=30.0, keep=True, options=Options(body=Body())).history
+    assert free is not None
+    assert np.abs(free.speed[1]).max() > 0.2  # at once
+
+
+@pytest.mark.slow
+def test_diverging_run_has_not_converged_and_warns_nothing() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = simulate(
+            SIX, runs=4, law="paper", horizon=60.0, options=Options(observer=PRINTED, normalised=False)
+        )
+    assert not result.converged.any()
+    json.dumps(result.summary(), allow_nan=False)
+
+
+@pytest.mark.slow
+def test_ten_thousand_robots_are_steps_of_arrays_and_not_of_robots() -> None:
+    side = 100
+    grid = -(np.arange(side * side) % side) - 1j * (np.arange(side * side) // side)
+    behind = [() if i == 0 else (i - 1 if i % side else i - side,) for i in range(side * side)]
+    mission, called = scenarios.build(grid.astype(np.complex128), behind), [0]
+
+    def calls(seconds: float) -> int:
+        def count(_frame: object, event: str, _what: object) -> None:
+            called[0] += event in {"call", "c_call"}
+
+        before, called[0] = sys.getprofile(), 0
+        sys.setprofile(count)
+        try:
+            result = simulate(mission, horizon=seconds, step=0.05)
+        finally:
+            sys.setprofile(before)
+        assert result.robot_steps == round(seconds / 0.05) * (side * side - 1)
+        return called[0]
+
+    calls(0.1)  # what is made once
+    assert calls(1.1) - calls(0.1) < 20 * side

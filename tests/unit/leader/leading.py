@@ -1,0 +1,124 @@
+"""Leaders as tests drive them: bytes in, bytes out, on a clock of the test's own."""
+
+from __future__ import annotations
+
+import itertools
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+from formation.leader.core import Leader
+from formation.mission.model import Mission
+from formation.protocol import order, status_codec
+from formation.protocol.election import LISTENING_TIME
+from formation.protocol.order import OperatorReply, OperatorRequest, Order, PositionAttachment
+from formation.protocol.status import LeaderStatus
+from formation.ros2.messages import Pose, decode, encode
+from formation.topics import POSITION, STATUS
+from formation.wire import BadMessage, Now, Outgoing, Sample
+from tests.support.named import named
+
+EPOCH = 1.7e9
+_COUNT = itertools.count(1)
+CURVED = """
+name = "curved"
+leader = "ann"
+[shapes.line]
+bob = [-1.0, 0.0]
+[shapes.near]
+bob = [-0.5, 0.0]
+[robots.ann]
+start = { x = 2.0, y = -1.0, heading_deg = 10 }
+rate = 25
+[robots.bob]
+neighbours = ["ann"]
+start = { x = 0.0, y = 0.0 }
+[[route]]
+speed = 0.3
+heading_deg = 20
+duration = 3.0
+[[route]]
+radius = 1.5
+speed = 0.2
+duration = 6.0
+[[route]]
+waypoints = [[4.0, 4.0], [4.5, 4.0]]
+speed = 0.5
+"""
+
+
+class Said(NamedTuple):
+    mono: float
+    pose: Pose
+    order: Order
+    publisher_id: str = ""
+
+
+def at(mono: float) -> Now:
+    return Now(mono, EPOCH + mono)
+
+
+def listened(mission: Mission, start: float = 0.0, **how: Any) -> Leader:
+    """A leader that has listened to nobody, and will lead with its step at `start`."""
+    leader = Leader(mission, **how)
+    leader.step(at(start - LISTENING_TIME), [])
+    return leader
+
+
+def leading(mission: Mission, start: float = 0.0, **how: Any) -> Leader:
+    """One that leads already, and has said so once."""
+    leader = listened(mission, start, **how)
+    leader.step(at(start), [])
+    return leader
+
+
+def positions(mono: float, outbox: list[Outgoing]) -> list[Said]:
+    return [
+        Said(mono, decode(Pose, out.payload), attachment.order, attachment.publisher_id)
+        for out in outbox
+        if out.key.endswith("/position")
+        and (attachment := order.decode(PositionAttachment, out.attachment or b"")).order
+    ]
+
+
+def drive(leader: Leader, start: float, seconds: float, step: float = 0.04) -> list[Said]:
+    result = []
+    for i in range(round(seconds / step)):
+        mono = start + i * step
+        result += positions(mono, leader.step(at(mono), []))
+    return result
+
+
+def ask(leader: Leader, request: bytes, received: float = 0.0) -> OperatorReply:
+    """What it answers; a release or a run names what is in force."""
+    with suppress(BadMessage):
+        whole = named(order.decode(OperatorRequest, request), lambda data: leader.request(data, received))
+        request = order.encode(whole) if whole.ends else request
+    return order.decode(OperatorReply, leader.request(request, received))
+
+
+def status(name: str, outbox: list[Outgoing]) -> LeaderStatus:
+    (out,) = (out for out in outbox if out.key == STATUS.key(name))
+    result = status_codec.read(LeaderStatus, out.payload)
+    assert result is not None
+    return result
+
+
+def relayed(
+    robot: str,
+    what: Order | None,
+    count: int | None = None,
+    where: complex = 0j,
+    *,
+    of: Mission,
+    **attachment: Any,
+) -> Outgoing:
+    """A follower's position, with the order that it relays; `of` is its mission."""
+    number = next(_COUNT) if count is None else count
+    result = PositionAttachment(
+        publisher_id="of-" + robot, count=number, order=what, mission=of.tag, **attachment
+    )
+    return Outgoing(POSITION.key(robot), encode(Pose(EPOCH, where, 1.0 + 0j)), order.encode(result))
+
+
+def arriving(out: Outgoing, mono: float) -> Sample:
+    return Sample(out.key, out.payload, out.attachment, mono)

@@ -1,0 +1,332 @@
+"""Real candidates and real agents in a world where everything may happen, and what must hold in it always.
+
+Robots stand where they are: what is judged is who leads, what is ordered, and who obeys.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import json
+import random
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from formation.agent.core import Agent
+from formation.agent.persistence.restore import Restorer
+from formation.agent.status import Surroundings
+from formation.leader.core import Leader
+from formation.mission.file import parse
+from formation.mission.model import Mission
+from formation.protocol import order
+from formation.protocol.order import OperatorReply, OperatorRequest, Order, PositionAttachment
+from formation.protocol.status import AgentState
+from formation.ros2.messages import Odometry, encode
+from formation.stability import intent
+from formation.topics import ALIVE, ODOM, POSITION
+from formation.wire import Now, Outgoing, Sample
+from tests.support.named import named
+from tests.support.row_of_three import row_of_three
+
+EPOCH = 1.7e9
+TICK = 0.1
+"""[s]"""
+TWIN = "-twin"
+"""How the name of a second agent of a robot ends."""
+LONGEST_SIGN = 0.3
+"""A sign of life takes up to so long on a robot's own side, and waits up to a tick for its reader [s]."""
+PERIOD = 0.2
+"""Of odometry, and of the leader's positions [s]."""
+MISSION: Mission = parse(
+    row_of_three(
+        "chain",
+        rate=5,
+        speed=0.01,
+        takeover="takeover = 2.0",
+        tables="""\
+[standbys.first]
+[standbys.second]
+[shapes.far]
+a = [-2.0, 0.0]
+b = [-4.0, 0.0]
+c = [-6.0, 0.0]
+""",
+    )
+)
+
+
+@dataclass
+class Process:
+    """A candidate or an agent, its clocks, and what happens to it."""
+
+    core: Leader | Agent
+    phase: float
+    """So much after each tick it has its turn [s]."""
+    offset: float
+    """Of its monotonic clock [s]."""
+    wrong: float = 0.0
+    """Of its system clock [s]."""
+    alive: bool = True
+    frozen: bool = False
+    inbox: list[Sample] = field(default_factory=list)
+    odometry_due: float = 0.0
+    stopped: bool = False
+    """Whether it has acknowledged a stop that it has not been released of."""
+    requested: set[str] = field(default_factory=set)
+    """Ids of requests that it has acknowledged."""
+    readonly: bool = False
+    """An agent that sends its robot nothing."""
+    disk: int = 0
+    """Of a candidate: the newest term that it has kept."""
+
+    def now(self, true: float) -> Now:
+        return Now(self.offset + true, EPOCH + self.wrong + true)
+
+
+class Team:
+    """Every process, and the network between them."""
+
+    def __init__(self, seed: int, mission: Mission = MISSION) -> None:
+        self.mission = mission
+        self.random, self.true = random.Random(seed), 0.0
+        self.loss = self.twice = 0.0
+        self.slowest = 0.01
+        """Longest delay of a message [s]."""
+        self.missions: dict[str, Mission] = {}
+        """Of processes that run another one."""
+        self.keeps = False
+        """Whether candidates keep their newest term on disk."""
+        self.cuts: set[tuple[str, str]] = set()
+        """Who is not received by whom."""
+        self.said: dict[tuple[int, int], Order] = {}
+        """All orders that were ever said, by term and beat."""
+        self.leader_terms: list[tuple[str, int]] = []
+        self._flight: list[tuple[float, int, str, Sample]] = []
+        self._serial = itertools.count()
+        names = (*self.mission.candidates, *self.mission.followers)
+        self.processes = {
+            name: Process(
+                self._core(name), self.random.uniform(0.0, 0.9 * TICK), self.random.uniform(0.0, 1e5)
+            )
+            for name in names
+        }
+        self.agents = self.mission.followers
+
+    def leader(self, name: str) -> Leader:
+        core = self.processes[name].core
+        assert isinstance(core, Leader)
+        return core
+
+    def agent(self, name: str) -> Agent:
+        core = self.processes[name].core
+        assert isinstance(core, Agent)
+        return core
+
+    def twin(self, robot: str, *, readonly: bool = False) -> None:
+        """A second agent for this robot starts."""
+        name, before = robot + TWIN, self.processes[robot]
+        self.processes[name] = Process(
+            self._core(name, readonly=readonly),
+            self.random.uniform(0.0, 0.9 * TICK),
+            self.random.uniform(0.0, 1e5),
+            before.wrong,
+            readonly=readonly,
+        )
+
+    def restart(self, name: str) -> None:
+        """A new process; of an agent the stop is kept on its disk, of a candidate its newest term, if any."""
+        process = self.processes[name]
+        kept = None
+        if isinstance(process.core, Agent):
+            kept = json.dumps(Restorer(process.core, "boot").stops).encode()
+        process.core = self._core(name, readonly=process.readonly, known=process.disk)
+        process.alive, process.frozen, process.inbox = True, False, []
+        if kept is not None:
+            Restorer(self.agent(name), "boot").take_stops(kept, process.now(self.true), "stops")
+        else:
+            process.stopped, process.requested = False, set()
+
+    def thaw(self, name: str) -> None:
+        """What came meanwhile is read, and counts as arrived, only now."""
+        process = self.processes[name]
+        if process.frozen:
+            late = process.now(self.true).mono
+            signs = [sample for sample in process.inbox if _is_sign(sample)]
+            process.inbox = [sample._replace(arrived=late) for sample in process.inbox if sample not in signs]
+            for sample in signs:  # they waited in another socket, which may be read later
+                self._sign(name, sample)
+        process.frozen = False
+
+    def stand(self, name: str) -> None:
+        """A standby stands though it has not waited."""
+        process, candidacy = self.processes[name], self.leader(name)._candidacy
+        if process.alive and not process.frozen and candidacy.state == "standby":
+            now = process.now(self.true)
+            candidacy._begin(now)
+
+    def ask(self, name: str, request: OperatorRequest) -> None:
+        """An operator asks one process; what it then owes is kept in mind."""
+        process = self.processes[name]
+        if not process.alive or process.frozen:
+            return
+        mono = process.now(self.true).mono
+        request = named(request, lambda data: process.core.request(data, mono))
+        before = process.core.plan.tuned if isinstance(process.core, Leader) else None
+        reply = order.decode(OperatorReply, process.core.request(order.encode(request), mono))
+        after = process.core.plan.tuned if isinstance(process.core, Leader) else None
+        if not reply.ok or request.id in process.requested or request.do != "tune":
+            assert after == before, f"{name} has other gains though nothing new was asked"
+        elif isinstance(process.core, Leader):
+            assert process.core.plan.gains == intent.tuned(request, process.core.plan.gains)
+        if reply.ok and request.id not in process.requested and request.do in {"stop", "release"}:
+            process.stopped = request.do == "stop"
+        if reply.ok:  # a request refused by a standby may be repeated when that standby leads
+            process.requested.add(request.id)
+
+    def run(self, seconds: float) -> None:
+        """Raises AssertionError as soon as anything does not hold."""
+        for _ in range(round(seconds / TICK)):
+            start = self.true
+            for name, process in sorted(self.processes.items(), key=lambda item: item[1].phase):
+                self.true = start + process.phase
+                self._arrive()
+                if process.alive and not process.frozen:
+                    self._turn(name, process)
+                    self._check(name, process)
+            self.true = start + TICK
+
+    def heal(self) -> None:
+        """Everything works again, and whoever was dead is started."""
+        self.loss = self.twice = 0.0
+        self.slowest = 0.01
+        self.cuts.clear()
+        for name, process in self.processes.items():
+            self.thaw(name)
+            process.wrong = 0.0
+            if not process.alive:
+                self.restart(name)
+
+    @property
+    def leaders(self) -> list[str]:
+        """Who is in lease at this moment, by its own clock."""
+        return [name for name in self.mission.candidates if self._in_lease(name)]
+
+    @property
+    def agreed(self) -> bool:
+        """Whether one leads, and everybody obeys it."""
+        if len(self.leaders) != 1:
+            return False
+        led = self.leader(self.leaders[0])
+        orders = [self.agent(name)._orders for name in self.agents]
+        return all(
+            one.voter.state.voted_term == (led.term if self.mission.standbys else 0)
+            and one.newest is not None
+            and one.newest.term == led.term
+            and one.newest.mode == led.mode
+            and one.newest.shape == led.shape
+            and one.newest.tuned == led.plan.tuned
+            for one in orders
+        )
+
+    def _core(self, name: str, *, readonly: bool = False, known: int = 0) -> Leader | Agent:
+        publisher_id = f"publisher{next(self._serial)}" if hasattr(self, "_serial") else "publisher"
+        if name in self.mission.candidates:
+            return Leader(self.missions.get(name, self.mission), name, publisher_id=publisher_id, known=known)
+        mission = self.missions.get(name, self.mission)
+        return Agent(mission, name.removesuffix(TWIN), publisher_id=publisher_id, readonly=readonly)
+
+    def _in_lease(self, name: str) -> bool:
+        process, candidacy = self.processes[name], self.leader(name)._candidacy
+        return (
+            process.alive
+            and candidacy.leading
+            and (not self.mission.standbys or process.now(self.true).mono < candidacy._lease)
+        )
+
+    def _arrive(self) -> None:
+        while self._flight and self._flight[0][0] <= self.true:
+            when, _, receiver, sample = heapq.heappop(self._flight)
+            process = self.processes[receiver]
+            if process.alive:
+                process.inbox.append(sample._replace(arrived=process.now(when).mono))
+
+    def _turn(self, name: str, process: Process) -> None:
+        now = process.now(self.true)
+        inbox, process.inbox = process.inbox, []
+        if isinstance(process.core, Agent) and self.true >= process.odometry_due:
+            process.odometry_due = self.true + PERIOD - 1e-9
+            start = self.mission.robots[name.removesuffix(TWIN)].start
+            odometry = Odometry(now.wall, start.position, start.heading, 0.0, 0.0)
+            inbox.append(Sample(ODOM.key(process.core.robot), encode(odometry), None, now.mono))
+        if inbox or process.core.due <= now.mono:
+            if isinstance(process.core, Agent):
+                process.core.aware(Surroundings(rival=any(map(_is_sign, inbox))))
+                received = [sample for sample in inbox if not _is_sign(sample)]
+                self._agent_steps(name, process, process.core, received)
+            else:
+                self._send(name, process.core.step(now, inbox))
+                process.disk = process.core.known if self.keeps else 0
+
+    def _agent_steps(self, name: str, process: Process, agent: Agent, inbox: list[Sample]) -> None:
+        orders = agent._orders
+        before = orders.newest
+        self._send(name, agent.step(process.now(self.true), inbox))
+        if orders.newest is not None and orders.newest is not before:
+            assert orders.newest.term >= orders.voter.state.voted_term, f"{name} obeys a leader of the past"
+        if process.stopped:
+            assert agent.decision.state is AgentState.STOP, f"{name} is stopped, and is not"
+
+    def _check(self, name: str, process: Process) -> None:
+        """What must hold after each turn."""
+        if isinstance(process.core, Agent):
+            assert not process.stopped or process.core._latch.mode == "stop", f"{name} lost a stop"
+            newest = process.core._orders.newest
+            assert newest is None or self.said[newest.term, newest.beat] == newest
+            return
+        assert not process.stopped or process.core.mode == "stop", f"{name} lost a stop"
+        leaders = self.leaders
+        assert len(leaders) <= 1, f"{leaders} lead at once"
+        for one in leaders:
+            if self.leader_terms[-1:] != [(one, self.leader(one).term)]:
+                self.leader_terms.append((one, self.leader(one).term))
+
+    def _send(self, sender: str, outbox: Iterable[Outgoing]) -> None:
+        for out in outbox:
+            if out.key == POSITION.key(self.mission.leader):
+                self._note(sender, out)
+            if out.key.endswith(f"/{ALIVE.name}") and not self.processes[sender].readonly:
+                for name, other in self.processes.items():
+                    if (
+                        name != sender
+                        and isinstance(other.core, Agent)
+                        and out.key == ALIVE.key(other.core.robot)
+                    ):
+                        self._sign(name, Sample(*out, 0.0))
+            for receiver, process in self.processes.items():
+                if receiver == sender or (sender, receiver) in self.cuts:
+                    continue
+                if out.key in process.core.subscriptions:
+                    self._deliver(receiver, Sample(out.key, out.payload, out.attachment, 0.0))
+
+    def _note(self, sender: str, out: Outgoing) -> None:
+        """Nobody speaks as the leader without a lease, and no two orders share a term and a beat."""
+        assert self._in_lease(sender), f"{sender} orders without a lease"
+        result = order.decode(PositionAttachment, out.attachment or b"").order
+        assert result is not None
+        assert self.said.setdefault((result.term, result.beat), result) == result
+
+    def _sign(self, receiver: str, sample: Sample) -> None:
+        """A sign of life on a robot's own side, which is neither cut nor lost, and comes soon."""
+        when = self.true + self.random.uniform(0.0, LONGEST_SIGN)
+        heapq.heappush(self._flight, (when, next(self._serial), receiver, sample))
+
+    def _deliver(self, receiver: str, sample: Sample) -> None:
+        for _ in range(1 + (self.random.random() < self.twice)):
+            if self.random.random() >= self.loss:
+                when = self.true + self.random.uniform(0.0, self.slowest)
+                heapq.heappush(self._flight, (when, next(self._serial), receiver, sample))
+
+
+def _is_sign(sample: Sample) -> bool:
+    """Whether it is another agent's sign of life."""
+    return sample.key.endswith(f"/{ALIVE.name}")

@@ -1,0 +1,244 @@
+"""A leader that starts again goes on from what the robots relay."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+from formation.leader.core import Leader
+from formation.mission.file import parse
+from formation.mission.model import Mission
+from formation.protocol.order import Order, Place, Slots
+from tests.unit.leader.leading import (
+    CURVED,
+    arriving,
+    ask,
+    at,
+    drive,
+    leading,
+    listened,
+    positions,
+    relayed,
+    status,
+)
+
+TERM = int(1.6e9 * 1e9)
+MODES = (
+    [b'{"do":"run"}'],
+    [b'{"do":"hold"}'],
+    [b'{"do":"stop"}'],
+    [b'{"do":"hold"}', b'{"do":"stop"}'],
+)
+
+
+@pytest.fixture
+def mission() -> Mission:
+    return parse(CURVED)
+
+
+def restarted(mission: Mission, newest: Order, mono: float, **how: Any) -> Leader:
+    """A leader that starts where a robot relays this order, and has heard it at `mono`."""
+    leader = Leader(mission, publisher_id="another", **how)
+    leader.step(at(mono - 0.05), [])
+    leader.step(at(mono), [arriving(relayed("bob", newest, of=mission), mono)])
+    return leader
+
+
+def test_leader_without_contact_is_silent_for_a_second(mission: Mission) -> None:
+    leader = Leader(mission)
+    result = [out for k in range(100) for out in leader.step(at(k / 100), [])]
+    assert {out.key for out in result} == {"ann/status"}
+    assert status("ann", result[:1]).state == "listening"
+    (first,) = positions(1.0, leader.step(at(1.0), []))
+    assert (first.pose.position, first.order.beat, first.order.mode) == (2.0 - 1.0j, 1, "run")
+
+
+def test_leader_starts_after_hearing_every_linked_robot(mission: Mission) -> None:
+    leader = Leader(mission)
+    assert leader.subscriptions == ("bob/position",)
+    leader.step(at(0.0), [])
+    (first,) = positions(0.3, leader.step(at(0.3), [arriving(relayed("bob", None, of=mission), 0.3)]))
+    assert first.order.beat == 1
+
+
+@pytest.mark.parametrize("requested", MODES)
+def test_restarted_leader_continues_from_last_order(mission: Mission, requested: list[bytes]) -> None:
+    before = listened(mission)
+    drive(before, 0.0, 4.0)
+    for request in (*requested, b'{"do":"shape","shape":"near"}', b'{"do":"scale","factor":1.5}'):
+        ask(before, request)
+    last = drive(before, 4.0, 1.0)[-1]
+    after = restarted(mission, last.order, 6.0)
+    first = drive(after, 6.0, 0.04) or positions(6.0, after.step(at(6.04), []))
+    assert abs(first[0].pose.position - last.pose.position) < 0.02
+    assert (first[0].order.mode, first[0].order.holding) == (last.order.mode, last.order.holding)
+    assert first[0].order.shape == "near"
+    assert first[0].order.term > last.order.term
+    if after.mode == "stop":
+        assert ask(after, b'{"do":"release"}').mode == "hold"
+    assert ask(after, b'{"do":"run"}').mode == "run"
+    result = drive(after, 6.08, 20.0)
+    assert (result[-1].order.shape, result[-1].order.scale, result[-1].order.slots) == ("near", 1.5, None)
+
+
+def test_the_shape_goes_on_from_where_it_was(mission: Mission) -> None:
+    before = leading(mission)
+    ask(before, b'{"do":"shape","shape":"near"}')
+    last = drive(before, 0.04, 1.2)[-1].order
+    assert last.slots is not None
+    after = restarted(mission, last, 5.0)
+    assert after.placed_shape.slot(mission, "bob") == pytest.approx(
+        before.placed_shape.slot(mission, "bob"), abs=1e-6
+    )
+    slots = [after.placed_shape.slot(mission, "bob")]
+    for k in range(100):
+        after.step(at(5.04 + 0.04 * k), [])
+        slots.append(after.placed_shape.slot(mission, "bob"))
+    assert slots[-1] == pytest.approx(-0.5)
+    assert max(abs(b - a) for a, b in pairwise(slots)) < 0.7 * 0.04
+
+
+@pytest.mark.parametrize("requested", MODES)
+def test_leader_continues_last_order_received_after_its_start(
+    mission: Mission, requested: list[bytes]
+) -> None:
+    before = listened(mission)
+    drive(before, 0.0, 4.0)
+    for request in requested:
+        ask(before, request)
+    last = drive(before, 4.0, 1.0)[-1]
+    after = Leader(mission, publisher_id="another")
+    assert drive(after, 6.0, 1.5)[-1].pose.position != last.pose.position, "it has heard nobody"
+    first = positions(7.52, after.step(at(7.52), [arriving(relayed("bob", last.order, of=mission), 7.5)]))[0]
+    assert abs(first.pose.position - last.pose.position) < 0.02
+    assert (first.order.mode, first.order.holding) == (last.order.mode, last.order.holding)
+    assert first.order.term > last.order.term
+
+
+def test_older_relayed_order_takes_no_leader_back(mission: Mission) -> None:
+    leader = listened(mission)
+    result = drive(leader, 0.0, 2.0)[-1].order
+    leader.step(at(2.04), [arriving(relayed("bob", result, of=mission), 2.03)])
+    old = Order(term=TERM, beat=9, mode="stop", shape="line", time=1.0)
+    leader.step(at(2.08), [arriving(relayed("bob", old, of=mission), 2.07)])
+    assert drive(leader, 2.12, 1.0)[-1].order.mode == "run"
+    assert leader.route_time > 2.5
+
+
+def test_hold_is_for_a_team_that_is_not_under_way(mission: Mission) -> None:
+    last = drive(listened(mission), 0.0, 2.0)[-1].order
+    assert restarted(mission, last, 4.0, hold=True).mode == "run"
+    assert leading(mission, hold=True).mode == "hold"
+
+
+def test_anew_begins_at_the_start_but_a_stop_stays(mission: Mission) -> None:
+    before = listened(mission)
+    drive(before, 0.0, 4.0)
+    ask(before, b'{"do":"stop"}')
+    last = drive(before, 4.0, 1.0)[-1].order
+    after = restarted(mission, last, 6.0, anew=True)
+    assert (after.mode, after.route_time, after.where(6.0)) == ("stop", 0.0, 2.0 - 1.0j)
+    assert after.term > last.term
+
+
+@pytest.mark.parametrize(
+    ("request_", "mode"), [(b'{"do":"stop"}', "stop"), (b'{"do":"hold"}', "hold"), (b'{"do":"run"}', "run")]
+)
+def test_request_while_listening_overrides_relayed_order(
+    mission: Mission, request_: bytes, mode: str
+) -> None:
+    relaying = Order(term=TERM, beat=9, mode="run", shape="line", time=1.0)
+    leader = Leader(mission)
+    leader.step(at(0.0), [])
+    assert ask(leader, request_).ok
+    leader.step(at(0.1), [arriving(relayed("bob", relaying, of=mission), 0.1)])
+    assert leader.leads
+    assert leader.mode == mode
+    assert leader.route_time == 1.0
+
+
+def test_relayed_stop_overrides_run_requested_while_listening(mission: Mission) -> None:
+    stopped = Order(term=TERM, beat=9, mode="stop", shape="line", time=1.0)
+    leader = Leader(mission)
+    leader.step(at(0.0), [])
+    ask(leader, b'{"do":"run"}')
+    leader.step(at(0.1), [arriving(relayed("bob", stopped, of=mission), 0.1)])
+    assert leader.mode == "stop"
+
+
+@pytest.mark.parametrize("do", ["shape", "rotate", "scale", "speed", "route"])
+def test_while_it_listens_it_knows_too_little_for_anything_else(mission: Mission, do: str) -> None:
+    leader = Leader(mission)
+    leader.step(at(0.0), [])
+    what = {
+        "shape": '"shape":"near"',
+        "rotate": '"degrees":3.0',
+        "scale": '"factor":2.0',
+        "speed": '"speed":0.1,"degrees":0.0',
+        "route": '"legs":[{"speed":0.1,"heading_deg":0.0}]',
+    }[do]
+    request = f'{{"do":"{do}",{what},"id":"a"}}'.encode()
+    assert ask(leader, request).reason == "has just started: ask again in a second"
+    leader.step(at(1.0), [])
+    assert ask(leader, request).ok
+
+
+def test_last_order_of_halting_leader_passes_on_mode(mission: Mission) -> None:
+    leader = listened(mission)
+    drive(leader, 0.0, 1.0)
+    (last,) = positions(1.0, leader.halt(at(1.0), "SIGTERM"))
+    assert (last.order.mode, last.order.base_mode, last.order.holding) == ("hold", "run", False)
+    assert restarted(mission, last.order, 3.0).mode == "run"
+    stopped = listened(mission)
+    drive(stopped, 0.0, 1.0)
+    ask(stopped, b'{"do":"stop"}')
+    (last,) = positions(1.0, stopped.halt(at(1.0), "SIGTERM"))
+    assert last.order.mode == "stop"
+
+
+def test_a_route_of_another_mission_file_is_not_gone_on_with(mission: Mission) -> None:
+    elsewhere = Order(
+        term=TERM, beat=9, mode="run", shape="line", time=2.0, place=Place(x=9.0, y=9.0, heading=1.0)
+    )
+    leader = restarted(mission, elsewhere, 5.0)
+    result = drive(leader, 5.04, 2.0)
+    assert {(one.order.mode, one.pose.position) for one in result} == {("hold", 9.0 + 9.0j)}
+    assert "does not know the route" in ask(leader, b'{"do":"run"}').reason
+    assert ask(leader, b'{"do":"speed","speed":0.5,"degrees":0.0}').mode == "run"
+    assert drive(leader, 7.04, 2.0)[-1].pose.position.real > 9.9
+
+
+def test_an_order_of_unknown_shapes_is_not_gone_on_with(mission: Mission) -> None:
+    leader = restarted(mission, Order(term=TERM, beat=9, mode="run", shape="star", time=5.0), 5.0)
+    assert leader.leads
+    assert (leader.shape, leader.route_time) == ("line", 0.0)
+    assert leader.dropped == {"bob/position": 1}
+
+
+@pytest.mark.parametrize("mix", [{"line": 0.0}, {"line": 0.5}, {"star": 1.0}])
+def test_order_without_slots_is_not_continued(mission: Mission, mix: dict[str, float]) -> None:
+    impossible = Order(term=TERM, beat=9, mode="run", shape="line", time=5.0, slots=Slots(mix=mix))
+    leader = restarted(mission, impossible, 5.0)
+    assert drive(leader, 5.04, 1.0)[-1].order.slots is None
+    assert leader.dropped == {"bob/position": 1}
+
+
+def test_two_leaders_by_mistake_do_not_both_go_on(mission: Mission) -> None:
+    first, second = listened(mission), listened(mission, 5.0, publisher_id="second")
+    drive(first, 0.0, 5.0)
+    *_, old, newer = (result.order for result in drive(second, 5.0, 1.0))
+    first.step(at(5.96), [arriving(relayed("bob", old, of=mission), 5.96)])
+    assert first.step(at(6.0), [arriving(relayed("bob", newer, of=mission), 6.0)])[0].key == "ann/status"
+    assert not first.leads
+    assert ask(first, b'{"do":"run"}').leads is False
+    assert ask(first, b'{"do":"rotate","degrees":3.0}').reason.startswith("stands by")
+
+
+def test_release_before_leading_does_not_undo_stop(mission: Mission) -> None:
+    stopped = Order(term=TERM, beat=9, mode="stop", shape="line", time=1.0)
+    leader = restarted(mission, stopped, 5.0)
+    late = ask(leader, b'{"do":"release","id":"a","age":1.5}', 6.0)
+    assert (late.ok, late.mode) == (False, "stop")
+    assert ask(leader, b'{"do":"release","id":"b"}').mode == "hold"

@@ -1,0 +1,131 @@
+"""The leader on the bus: which one it is, what it answers after a freeze, and what it logs."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from typing import Any, cast
+
+import pytest
+
+from formation.leader.__main__ import _name
+from formation.leader.core import Leader
+from formation.leader.process import lead
+from formation.mission.file import load, parse
+from formation.mission.model import Mission
+from formation.protocol import order
+from formation.protocol.order import OperatorReply
+from formation.transport.mailbox import Handler
+from formation.transport.runtime.process import BadInput, Process, clocks
+from formation.wire import Outgoing
+from tests.unit.leader.leading import CURVED
+
+SIX, PATROL = load("six_robots"), load("patrol")
+
+
+class Bus:
+    """Where the leader's answers and words come out."""
+
+    def __init__(self) -> None:
+        self.request: Handler = lambda _, __: b""
+        self.sent: list[Outgoing] = []
+
+    def answer(self, _: str, request: Handler) -> None:
+        self.request = request
+
+    def send(self, outbox: list[Outgoing]) -> None:
+        self.sent += outbox
+
+
+class FakeProcess:
+    """A process whose loop is the test."""
+
+    def __init__(self, run: Callable[[Any, Bus], None]) -> None:
+        self.bus, self._run = Bus(), run
+
+    def declare(self, _: Leader, check: object = None) -> None: ...
+
+    def ready(self, *_: str) -> None: ...
+
+    def run(self, core: Any) -> None:
+        self._run(core, self.bus)
+
+
+def on(leader: Leader, run: Callable[[Any, Bus], None]) -> None:
+    lead(leader, cast("Process", FakeProcess(run)))
+
+
+def test_thawed_leader_checks_leadership_before_answering(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    leader = Leader(parse(CURVED))
+
+    def frozen(core: Any, bus: Bus) -> None:
+        now = clocks()
+        for ago in (10.0, 8.0):
+            core.step(now._replace(mono=now.mono - ago), ())
+        assert leader.leads
+        monkeypatch.setattr(leader._candidacy, "_later", True)  # another one has begun meanwhile
+        reply = order.decode(OperatorReply, bus.request(b'{"do":"hold"}', clocks().mono))
+        assert (reply.ok, reply.leads) == (True, False), "it keeps the hold, and does not lead"
+        assert "ann/position" not in {out.key for out in bus.sent}
+
+    on(leader, frozen)
+
+
+def test_before_the_first_step_a_question_begins_nothing() -> None:
+    leader = Leader(SIX)
+
+    def requested(_: Any, bus: Bus) -> None:
+        assert order.decode(OperatorReply, bus.request(b'{"do":"stop"}', clocks().mono)).ok
+        assert bus.sent == []
+
+    on(leader, requested)
+
+
+def test_what_changes_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    def run(core: Any, bus: Bus) -> None:
+        now = clocks()
+        for ago in (2.0, 1.0):
+            core.step(now._replace(mono=now.mono - ago), ())
+        for request in (b'{"do":"shape","shape":"wedge"}', b'{"do":"hold"}'):
+            bus.request(request, clocks().mono)
+        core.step(clocks(), ())
+
+    with caplog.at_level(logging.INFO):
+        on(Leader(SIX), run)
+    result = "\n".join(record.message for record in caplog.records)
+    assert "from the start: run" in result
+    assert "the operator asked for shape: in shape wedge in " in result
+    assert "the operator asked for hold: run to hold" in result
+
+
+@pytest.mark.parametrize(
+    ("mission", "standby", "name"),
+    [
+        (SIX, None, "robot1"),
+        (PATROL, None, "leader"),
+        (PATROL, "deputy", "deputy"),
+        (PATROL, "reserve", "reserve"),
+    ],
+)
+def test_which_candidate_a_process_is(mission: Mission, standby: str | None, name: str) -> None:
+    assert _name(mission, standby) == name
+
+
+def test_the_only_standby_needs_no_name() -> None:
+    assert _name(parse(CURVED.replace("[shapes.line]", "[standbys.cat]\n[shapes.line]")), "") == "cat"
+
+
+@pytest.mark.parametrize(
+    ("mission", "standby", "why"),
+    [
+        (SIX, "", r"six-robots has no standbys; list one in the mission: \[standbys.NAME\]"),
+        (SIX, "deputy", "six-robots has no standbys"),
+        (PATROL, "", "say which one: deputy, reserve"),
+        (PATROL, "leader", "must be one of deputy, reserve"),
+    ],
+)
+def test_unknown_standby_is_refused_with_known_ones(mission: Mission, standby: str, why: str) -> None:
+    with pytest.raises(BadInput, match=why):
+        _name(mission, standby)

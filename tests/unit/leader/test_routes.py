@@ -1,0 +1,195 @@
+"""Routes that an operator orders, and how others learn of them."""
+
+from __future__ import annotations
+
+import cmath
+import json
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from formation.leader.route import NamedRoute
+from formation.mission.file import parse
+from formation.mission.legs import Circle, Leg, Straight, Waypoints
+from formation.mission.model import Mission
+from formation.protocol.order import (
+    MAX_ATTACHMENT_BYTES,
+    MAX_REQUEST_BYTES,
+    PositionAttachment,
+    ReceivedPosition,
+    encode,
+)
+from formation.ros2.messages import MAX_PAYLOAD_BYTES as MAX_MESSAGE
+from formation.ros2.messages import Text
+from formation.ros2.messages import encode as encode_message
+from formation.wire import BadMessage
+from tests.unit.leader.leading import CURVED, ask, drive, leading, listened
+
+HEADING = cmath.rect(1.0, 0.7)
+numbers = st.floats(-1e4, 1e4)
+legs = st.lists(
+    st.one_of(
+        st.builds(Straight, speed=st.floats(0.0, 2.0), heading_deg=numbers, duration=st.floats(0.1, 100.0)),
+        st.builds(
+            Circle,
+            speed=st.floats(0.1, 2.0),
+            radius=st.floats(0.2, 100.0),
+            heading_deg=st.none() | numbers,
+            turn=st.sampled_from(["left", "right"]),
+            duration=st.floats(0.1, 100.0),
+        ),
+        st.builds(
+            Waypoints,
+            waypoints=st.lists(st.tuples(numbers, numbers), min_size=1, max_size=4).map(tuple),
+            speed=st.floats(0.1, 2.0),
+        ),
+    ),
+    min_size=1,
+    max_size=5,
+)
+
+
+@pytest.fixture
+def mission() -> Mission:
+    return parse(CURVED)
+
+
+@settings(max_examples=100, deadline=None)
+@given(legs, numbers, numbers, st.floats(-math.pi, math.pi), st.floats(0.0, 300.0))
+def test_a_received_route_leads_along_the_same_places(
+    legs: list[Leg], x: float, y: float, heading: float, time: float
+) -> None:
+    route = NamedRoute.ordered(legs, complex(x, y), cmath.rect(1.0, heading))
+    payload = route.payload
+    assert payload is not None
+    reported = NamedRoute.read(payload)
+    assert (reported.id, reported.legs) == (route.id, route.legs)
+    assert reported.position(time) == route.position(time)
+    assert reported.heading(time) == route.heading(time)
+
+
+def test_the_longest_route_that_can_be_asked_for_can_be_told() -> None:
+    legs: list[Leg] = [Waypoints(waypoints=((1e5, 1e5),), speed=1.0) for _ in range(500)]
+    requested = json.dumps(
+        {"do": "route", "legs": [{"waypoints": [[1e5, 1e5]], "speed": 1} for _ in range(300)]}
+    )
+    assert len(requested) < MAX_REQUEST_BYTES
+    payload = NamedRoute.ordered(legs, 1e5 + 1e5j, HEADING).payload
+    assert payload is not None
+    assert len(payload) < MAX_MESSAGE
+
+
+@pytest.mark.parametrize(
+    "result",
+    [
+        "",
+        "{}",
+        "[" * 9000,
+        '{"id":"0123456789ab","x":0.0,"y":0.0,"heading":0.0,"legs":[]}',
+        '{"id":"0123456789ab","x":0.0,"y":0.0,"heading":0.0,"legs":[{"speed":1.0,"heading_deg":0.0}]}',
+        '{"id":"0123456789ab","x":NaN,"y":0.0,"heading":0.0,"legs":[{"speed":1.0,"heading_deg":0.0}]}',
+    ],
+)
+def test_invalid_or_misnamed_route_is_refused(result: str) -> None:
+    with pytest.raises(BadMessage):
+        NamedRoute.read(encode_message(Text(result)))
+
+
+def test_speed_request_starts_an_endless_straight(mission: Mission) -> None:
+    leader = listened(mission)
+    before = drive(leader, 0.0, 5.0)[-1]
+    reply = ask(leader, b'{"do":"speed","speed":0.5,"degrees":90.0}')
+    assert reply.ok
+    assert reply.reason.startswith("on a route without an end from where it is; stops at the bounds in ")
+    result = drive(leader, 5.0, 20.0)
+    assert abs(result[0].pose.position - before.pose.position) < 0.02
+    way = result[-1].pose.position - result[0].pose.position
+    assert way == pytest.approx(0.5j * (result[-1].mono - result[0].mono), abs=1e-3)
+    assert result[-1].pose.heading == pytest.approx(1j)
+    assert {one.order.route for one in result} == {leader.plan.route.id}
+    assert before.order.route == ""
+
+
+def test_newest_route_counts_and_starts_from_leader(mission: Mission) -> None:
+    leader = listened(mission)
+    drive(leader, 0.0, 2.0)
+    for x in (7.0, 3.0):
+        legs = [{"waypoints": [[x, 0.0]], "speed": 0.8}]
+        assert ask(leader, json.dumps({"do": "route", "legs": legs}).encode()).ok
+    assert drive(leader, 2.0, 20.0)[-1].pose.position == pytest.approx(3.0, abs=1e-6)
+
+
+def test_zero_speed_stops_leader_while_team_runs(mission: Mission) -> None:
+    leader = leading(mission)
+    assert ask(leader, b'{"do":"speed","speed":0.0,"degrees":0.0}').ok
+    result = drive(leader, 0.04, 2.0)
+    assert {(one.order.mode, one.pose.position) for one in result[1:]} == {("run", result[1].pose.position)}
+
+
+@pytest.mark.parametrize(
+    ("request_", "why"),
+    [
+        ('{"do":"speed","speed":1.0,"degrees":0.0}', "speed = 1 m/s: must be below bob's max_speed of 1 m/s"),
+        (
+            '{"do":"route","legs":[{"radius":0.05,"speed":0.01}]}',
+            "route.0.radius = 0.05 m: too tight for bob; must be above 0.1 m",
+        ),
+        (
+            '{"do":"route","legs":[{"radius":0.2,"speed":0.6}]}',
+            "route.0.radius = 0.2 m: too tight for bob; must be above 0.4 m",
+        ),
+        (
+            '{"do":"route","legs":[{"speed":0.1,"heading_deg":0.0},{"radius":1.0,"speed":0.1}]}',
+            "route.0.duration: only the last leg may go without a duration [s]",
+        ),
+    ],
+)
+def test_impossible_route_is_refused_with_legal_values(mission: Mission, request_: str, why: str) -> None:
+    leader = leading(mission)
+    reply = ask(leader, request_.encode())
+    assert (reply.ok, reply.reason) == (False, why)
+    assert drive(leader, 0.04, 1.0)[-1].order.route == ""
+
+
+def test_a_route_does_not_start_a_held_team(mission: Mission) -> None:
+    leader = leading(mission, hold=True)
+    assert ask(leader, b'{"do":"speed","speed":0.5,"degrees":90.0}').mode == "hold"
+    assert {one.pose.position for one in drive(leader, 0.04, 2.0)} == {2.0 - 1.0j}
+    assert ask(leader, b'{"do":"run"}').ok
+    assert drive(leader, 2.04, 2.0)[-1].pose.position.imag > -0.1
+
+
+@pytest.mark.parametrize(("length", "mixed"), [(64, 4), (32, 8)])
+def test_longest_order_of_worst_mission_can_be_relayed(length: int, mixed: int) -> None:
+    names = [f"{k}".rjust(length, "s") for k in range(12)]
+    shapes = "".join(f"[shapes.{name}]\nbob = [{-1.1 - k}, {0.1 * k}]\n" for k, name in enumerate(names))
+    plain = "[shapes.line]\nbob = [-1.0, 0.0]\n[shapes.near]\nbob = [-0.5, 0.0]\n"
+    assert plain in CURVED
+    worst = parse("turning = true" + CURVED.replace(plain, shapes))
+    leader, longest, most = leading(worst), 0, 0
+    drive(leader, 0.0, 400.0, 10.0)
+    ask(leader, b'{"do":"speed","speed":0.9,"degrees":123.4567}')
+    assert ask(leader, b'{"do":"tune","k_p":1.2345678,"k_i":0.0012345678}').ok
+    for k, name in enumerate(names[1:]):
+        ask(leader, json.dumps({"do": "shape", "shape": name}).encode())
+        ask(leader, b'{"do":"scale","factor":1.2345678}')
+        ask(leader, b'{"do":"rotate","degrees":-179.99}')
+        for result in drive(leader, 500.0 + k, 0.12):
+            worded = result.order.model_copy(update={"beat": 2**40, "holding": True, "base_mode": "hold"})
+            reported = PositionAttachment(
+                publisher_id="v" * 64,
+                count=2**40,
+                order=worded,
+                unavailable=True,
+                voted_term=2**63 - 1,
+                last_ballot=2**63 - 1,
+                mission=worst.tag,
+                refused=2**63 - 1,
+                because="earlier",
+                received=ReceivedPosition(robot="r" * 64, stamp=1_700_000_000.123456),
+            )
+            longest, most = max(longest, len(encode(reported))), max(most, len(leader.placed_shape.mix))
+    assert most == mixed
+    assert 800 < longest < MAX_ATTACHMENT_BYTES - 40

@@ -1,0 +1,173 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from formation.mission.file import load, parse, read
+from formation.monitor.metrics.metrics import Metrics
+from formation.monitor.metrics.orders import Orders
+from formation.monitor.metrics.words import as_json
+from formation.protocol import order
+from formation.protocol.order import Order, PositionAttachment, Slots, Tuned
+from formation.slots.shape import PlacedShape
+from formation.topics import POSITION
+from formation.wire import Sample
+from tests.support.monitored import EPOCH, Fleet, now, receive
+
+SIX = load("six_robots")
+BEGINS, LASTS = 11.0, 4.0
+"""When the shape begins to move, and for how long [s]."""
+shares = st.floats(0.0, 1.0)
+angles = st.floats(-3.0, 3.0)
+scales = st.floats(0.5, 2.0)
+
+
+def moving(time: float) -> Mapping[str, Any]:
+    """From the hexagon to a wedge that is turned by a quarter and half as large again, gently."""
+    if time < BEGINS:
+        return {"shape": "hexagon"}
+    wanted = {"shape": "wedge", "rotation": math.pi / 2, "scale": 1.5}
+    part = min((time - BEGINS) / LASTS, 1.0)
+    part = part * part * (3.0 - 2.0 * part)
+    if part == 1.0:
+        return wanted
+    mix = {"hexagon": 1.0 - part, "wedge": part}
+    return {**wanted, "slots": Slots(mix=mix, rotation=part * math.pi / 2, scale=1.0 + 0.5 * part)}
+
+
+def driven(fleet: Fleet, until: float, metrics: Metrics | None = None, since: float = 10.0) -> Metrics:
+    """A monitor that has looked ten times a second."""
+    metrics = metrics or Metrics(fleet.mission)
+    samples, time = fleet.positions(since, until), since
+    while time < until:
+        time += 0.1
+        due = [sample for sample in samples if sample.arrived <= time]
+        samples = samples[len(due) :]
+        receive(metrics, due)
+        metrics.observe(now(time))
+    return metrics
+
+
+def test_moving_slots_cause_no_error_for_robots_inside() -> None:
+    fleet = Fleet(wants=moving)
+    metrics, worst = Metrics(fleet.mission), 0.0
+    for tenth in range(100, 170):
+        metrics = driven(fleet, (tenth + 1) / 10, metrics, tenth / 10 + 1e-6)
+        error = metrics.snapshot(now((tenth + 1) / 10)).formation_error
+        worst = max(worst, error or 0.0)
+    assert worst < 0.005
+    assert metrics.snapshot(now(17.0)).shape == "wedge"
+
+
+def test_error_in_old_shape_equals_slot_displacement() -> None:
+    fleet = Fleet(wants=moving)
+    fleet.away = lambda robot, time: SIX.slot(robot) - PlacedShape.of(fleet.order(time)).slot(SIX, robot)
+    metrics = driven(fleet, 13.0)
+    placed_shape = metrics.snapshot(now(13.0)).placed_shape
+    assert placed_shape is not None
+    slots = metrics.slots(metrics.placed(now(13.0))[0])
+    for edge, error in metrics.snapshot(now(13.0)).edges.items():
+        moved = (slots[edge.neighbour] - slots[edge.robot]) - (
+            SIX.slot(edge.neighbour) - SIX.slot(edge.robot)
+        )
+        assert error == pytest.approx(abs(moved), abs=1e-9)
+    assert dict(placed_shape.mix).keys() == {"hexagon", "wedge"}
+
+
+@settings(max_examples=50, deadline=None)
+@given(share=shares, rotation=angles, scale=scales, part=shares)
+def test_slots_are_interpolated_linearly_between_orders(
+    share: float, rotation: float, scale: float, part: float
+) -> None:
+    orders = Orders(SIX, 10)
+    slots = Slots(mix={"hexagon": share, "wedge": 1.0 - share}, rotation=rotation, scale=scale)
+    first = Order(term=1, beat=1, mode="run", shape="hexagon")
+    orders.process_order(first, 5.0, 5.0, 5.0)
+    orders.process_order(Order(term=1, beat=2, mode="run", shape="wedge", slots=slots), 6.0, 6.0, 6.0)
+    before, after = orders.slots(4.0), orders.slots(7.0)
+    between = orders.slots(5.0 + part)
+    for name in SIX.names:
+        assert between[name] == pytest.approx(before[name] + part * (after[name] - before[name]), abs=1e-9)
+        assert after[name] == pytest.approx(PlacedShape.of(orders.newest or first).slot(SIX, name), abs=1e-9)
+
+
+def test_slots_of_unknown_shape_are_rejected() -> None:
+    fleet = Fleet(wants=lambda _: {"slots": Slots(mix={"hexagon": 0.5, "star": 0.5})})
+    metrics = Metrics(SIX)
+    result = PositionAttachment(publisher_id="leader", count=1, order=fleet.order(10.0))
+    pose = Fleet().pose("robot1", 10.0)
+    receive(metrics, [Sample(POSITION.key("robot1"), pose, order.encode(result), 10.0)])
+    assert metrics.rejections.by_reason == {"robot1/position: unknown shape": 1}
+    assert metrics.order is None
+
+
+def test_new_shape_restarts_settling_time() -> None:
+    metrics = driven(Fleet(wants=moving), BEGINS + 0.5 * LASTS)
+    under_way = metrics.snapshot(now(BEGINS + 0.5 * LASTS))
+    assert not under_way.formed
+    assert under_way.formation_error == pytest.approx(0.0, abs=0.005)
+    assert (under_way.settled_at, under_way.converged) == (None, False)
+    metrics = driven(Fleet(wants=moving), 20.0)
+    there = metrics.snapshot(now(20.0))
+    assert there.formed
+    assert there.converged
+    assert there.wished_at == pytest.approx(BEGINS - 10.0, abs=0.15)
+    assert there.settling_time == pytest.approx(LASTS, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    "wish",
+    [{"shape": "wedge"}, {"rotation": 1.0}, {"scale": 2.0}, {"route": "b7"}],
+    ids=lambda wish: next(iter(wish)),
+)
+def test_whatever_is_wished_for_anew_is_settled_from_then_on(wish: dict[str, Any]) -> None:
+    fleet = Fleet(wants=lambda time: wish if time > 15.0 else {})
+    snapshot = driven(fleet, 20.0).snapshot(now(20.0))
+    assert snapshot.wished_at == pytest.approx(5.0, abs=0.15)
+    assert snapshot.settling_time == pytest.approx(0.1, abs=0.15)
+
+
+def test_a_hold_and_a_run_ask_for_no_other_shape() -> None:
+    fleet = Fleet(wants=lambda time: {"mode": "hold"} if 12.0 < time < 14.0 else {})
+    snapshot = driven(fleet, 20.0).snapshot(now(20.0))
+    assert (snapshot.wished_at, snapshot.settled_at) == (0.0, 0.0)
+
+
+def test_turning_shape_counts_as_formed() -> None:
+    text, name = read("six_robots")
+    mission = parse(text.replace('leader = "robot1"', 'leader = "robot1"\nturning = true'), name)
+    place = {"x": 0.0, "y": 0.0}
+
+    def turning(time: float) -> Mapping[str, Any]:
+        behind = 0.05 if time < 15.0 else 1.0
+        return {
+            "slots": Slots(mix={"hexagon": 1.0}, rotation=0.1 * time - behind),
+            "place": {**place, "heading": 0.1 * time},
+        }
+
+    snapshot = driven(Fleet(mission, wants=turning), 18.0).snapshot(now(18.0))
+    assert snapshot.formed
+    assert snapshot.formation_error == pytest.approx(0.0, abs=1e-3)
+
+
+def test_monitor_clock_change_during_shape_transition_is_harmless() -> None:
+    fleet = Fleet(wants=moving)
+    metrics = driven(fleet, 12.0)
+    for sample in fleet.positions(12.0, 14.0):
+        metrics.process_sample(sample, sample.arrived + EPOCH + 3600.0)
+    snapshot = metrics.snapshot(now(14.0)._replace(wall=14.0 + EPOCH + 3600.0))
+    assert snapshot.formation_error == pytest.approx(0.0, abs=0.005)
+
+
+def test_gains_in_force_are_told_and_are_no_other_wish() -> None:
+    tuned = Tuned(k_p=3.0, k_i=0.5)
+    metrics = driven(Fleet(wants=lambda time: {"tuned": tuned} if time > 14.0 else {}), 18.0)
+    seen = metrics.snapshot(now(18.0))
+    assert seen.tuned == tuned
+    assert seen.wished_at == 0.0
+    assert as_json(seen)["gains"] == {"k_p": 3.0, "k_i": 0.5}

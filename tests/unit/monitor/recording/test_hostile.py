@@ -1,0 +1,145 @@
+"""Files that somebody made to hurt who reads them: each is refused in a sentence, or costs itself alone."""
+
+from __future__ import annotations
+
+import os
+import struct
+from pathlib import Path
+
+import lz4.frame  # type: ignore[import-untyped]
+import pytest
+import zstandard
+from mcap.opcode import Opcode
+from mcap.records import Chunk, Footer, Header, Metadata, Statistics
+
+from formation.mission.file import read as mission_text
+from formation.monitor.recording.extent import Extent
+from formation.monitor.recording.part import packed
+from formation.monitor.recording.reader import UnreadableError, read
+from formation.monitor.recording.recover import recover
+from formation.monitor.recording.scan import MAGIC, MAX_CHUNK_BYTES, MAX_EXPANSION_RATIO, contents, records
+
+HUGE = 60 * 10**9
+
+
+def top(**about: str) -> bytes:
+    reported = {
+        "mission": "six-robots",
+        "mission_file": mission_text("six_robots")[0],
+        "law": "field",
+        **about,
+    }
+    header = packed(Header(profile="ros2", library="somebody else's"))
+    return MAGIC + header + packed(Metadata(name="formation", metadata=reported))
+
+
+def chunk(codec: str, data: bytes, size: int) -> bytes:
+    return packed(
+        Chunk(
+            compression=codec, data=data, message_start_time=1, message_end_time=2, uncompressed_crc=0,
+            uncompressed_size=size,
+        )
+    )  # fmt: skip
+
+
+def zstd(size: int) -> bytes:
+    """A few kilobytes that say, and are, as many zeros."""
+    packer = zstandard.ZstdCompressor().compressobj(size=size)
+    block = bytes(1 << 20)
+    return b"".join([*(packer.compress(block) for _ in range(size >> 20)), packer.flush()])
+
+
+@pytest.mark.parametrize(
+    ("codec", "data", "size"),
+    [
+        ("lz4", lz4.frame.compress(bytes(1 << 20)), 1 << 20),
+        ("lz4", lz4.frame.compress(bytes(MAX_CHUNK_BYTES)), 10),
+        ("lz4", lz4.frame.compress(b"x")[:9], 10),
+        ("lz4", b"nonsense", MAX_CHUNK_BYTES + 1),
+        ("zstd", zstd(MAX_CHUNK_BYTES), 10),
+        ("zstd", zstandard.compress(b"x"), 2**64 - 1),
+        ("zstd", b"nonsense", 10),
+        ("", b"", 2**63),
+        ("gzip", b"x", 1),
+    ],
+)
+def test_invalid_chunk_damages_only_itself(tmp_path: Path, codec: str, data: bytes, size: int) -> None:
+    file = tmp_path / "bomb.mcap"
+    file.write_bytes(top() + chunk(codec, data, size))
+    assert list(read(file).messages()) == []
+    assert recover(file, tmp_path / "out.mcap").damaged == 1
+
+
+@pytest.mark.parametrize("codec", ["lz4", "zstd"])
+def test_a_small_chunk_with_a_million_messages_is_refused(tmp_path: Path, codec: str) -> None:
+    message = struct.pack("<BQHIQQ", Opcode.MESSAGE, 22, 1, 0, 1, 1)
+    raw = message * 60_000
+    data = {"lz4": lz4.frame.compress, "zstd": zstandard.compress}[codec](raw)
+    assert len(raw) > MAX_EXPANSION_RATIO * len(data)
+    file = tmp_path / "dense.mcap"
+    file.write_bytes(top() + chunk(codec, data, len(raw)))
+    with file.open("rb") as opened:
+        assert [contents(one.body) for one in records(opened) if one.opcode == Opcode.CHUNK] == [None]
+    assert recover(file, tmp_path / "out.mcap").damaged == 1
+
+
+@pytest.mark.parametrize("place", [1, 2**31, 2**62, 2**63, 2**64 - 1])
+def test_a_footer_that_points_outside_the_file_is_no_end(tmp_path: Path, place: int) -> None:
+    file = tmp_path / "footer.mcap"
+    file.write_bytes(top() + packed(Footer(place, place, 0)) + MAGIC)
+    recording = read(file)
+    assert recording.is_cut()
+    assert list(recording.messages(since=1.0)) == []
+    assert recording.extent().start is None
+    assert not recover(file, tmp_path / "out.mcap").is_whole
+
+
+def test_statistics_that_end_before_they_begin_are_not_believed(tmp_path: Path) -> None:
+    begin = top()
+    stated = Statistics(
+        message_count=1, schema_count=0, channel_count=0, attachment_count=0, metadata_count=1, chunk_count=0,
+        message_start_time=2**64 - 1, message_end_time=0, channel_message_counts={},
+    )  # fmt: skip
+    file = tmp_path / "odd.mcap"
+    file.write_bytes(begin + packed(stated) + packed(Footer(len(begin), 0, 0)) + MAGIC)
+    assert read(file).extent() == Extent()
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.mcap")
+    with pytest.raises(UnreadableError, match="must be a file, is a pipe"):
+        read(tmp_path / "pipe.mcap")
+
+
+@pytest.mark.parametrize("opcode", [Opcode.ATTACHMENT, Opcode.CHUNK, Opcode.METADATA])
+def test_a_record_longer_than_memory_is_where_a_file_ends(tmp_path: Path, opcode: Opcode) -> None:
+    file = tmp_path / "sparse.mcap"
+    begin = top() + struct.pack("<BQ", opcode, HUGE)
+    with file.open("wb") as sparse:
+        sparse.write(begin)
+        sparse.truncate(len(begin) + HUGE)
+    assert list(read(file).messages()) == []
+    assert recover(file, tmp_path / "out.mcap").unreadable > HUGE
+
+
+@pytest.mark.parametrize(
+    ("about", "why"),
+    [
+        ({"mission_file": "a = " + "[" * 100_000}, "its mission"),
+        ({"mission_file": "\0"}, "its mission: not valid TOML"),
+        ({"law": "<img src=x>"}, "its law is '<img src=x>'; must be one of field, paper"),
+    ],
+)
+def test_unusable_metadata_is_refused(tmp_path: Path, about: dict[str, str], why: str) -> None:
+    file = tmp_path / "odd.mcap"
+    file.write_bytes(top(**about))
+    with pytest.raises(UnreadableError) as refusal:
+        read(file)
+    assert why in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_part_with_an_absurd_number_is_still_a_part(tmp_path: Path) -> None:
+    file = tmp_path / "odd.mcap"
+    file.write_bytes(top(recording="a", part="9" * 5000))
+    assert read(file).parts == (file,)

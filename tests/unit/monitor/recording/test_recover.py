@@ -1,0 +1,169 @@
+from __future__ import annotations
+
+import errno
+import os
+import random
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from formation.monitor.recording.part import Part
+from formation.monitor.recording.reader import Recorded, UnreadableError, is_whole, read
+from formation.monitor.recording.recover import recover
+from formation.wire import Sample
+from tests.support.monitored import EPOCH, Fleet, odometry
+from tests.unit.monitor.recording.test_recorder import recorder
+
+
+def chunked(path: Path, seconds: float = 3.0) -> list[Sample]:
+    """A recording with a chunk for each half second."""
+    samples = sorted(
+        [*Fleet().positions(10.0, 10.0 + seconds), *[odometry("robot2", 10.0 + i / 20) for i in range(20)]],
+        key=lambda one: one.arrived,
+    )
+    with recorder(path) as recording:
+        for sample in samples:
+            recording.write(sample, sample.arrived + EPOCH)
+            recording.flush(sample.arrived)
+    return samples
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    path = tmp_path_factory.mktemp("whole") / "run.mcap"
+    chunked(path, 1.2)
+    return path.read_bytes()
+
+
+def bare(messages: Iterator[Recorded]) -> list[tuple[str, bytes, bytes | None, int]]:
+    return [(*one.sample[:3], one.ns) for one in messages]
+
+
+def test_a_whole_recording_is_left_alone(tmp_path: Path) -> None:
+    samples = chunked(tmp_path / "run.mcap")
+    before = (tmp_path / "run.mcap").read_bytes()
+    found = recover(tmp_path / "run.mcap", tmp_path / "out.mcap")
+    assert found.is_whole
+    assert found.extent.counts.total() == len(samples)
+    assert [one.name for one in tmp_path.iterdir()] == ["run.mcap"]
+    assert (tmp_path / "run.mcap").read_bytes() == before
+
+
+def test_a_cut_recording_gets_an_index_and_an_end(tmp_path: Path, whole: bytes) -> None:
+    cut, out = tmp_path / "run.mcap", tmp_path / "out.mcap"
+    cut.write_bytes(whole[: len(whole) * 6 // 10])
+    kept = bare(read(cut).messages())
+    assert read(cut).is_cut()
+    found = recover(cut, out)
+    assert not found.is_whole
+    assert cut.read_bytes() == whole[: len(whole) * 6 // 10]
+    assert 0 < found.extent.counts.total() == len(kept)
+    assert found.unreadable > 0
+    assert not read(out).is_cut()
+    assert bare(read(out).messages()) == kept
+    assert read(out).extent() == read(cut).extent() == found.extent
+    assert read(out).about["recovered_from"] == "run.mcap"
+    with out.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        summary = reader.get_summary()
+        indexed = list(reader.iter_messages())
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count == len(indexed) >= len(kept)
+
+
+def test_recovering_twice_changes_nothing(tmp_path: Path, whole: bytes) -> None:
+    (tmp_path / "run.mcap").write_bytes(whole[: len(whole) * 6 // 10])
+    recover(tmp_path / "run.mcap", tmp_path / "out.mcap")
+    assert recover(tmp_path / "out.mcap", tmp_path / "again.mcap").is_whole
+    assert not (tmp_path / "again.mcap").exists()
+
+
+def test_where_it_cannot_be_written_to_its_end_nothing_is_left(
+    tmp_path: Path, whole: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_: Part) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    (tmp_path / "run.mcap").write_bytes(whole[: len(whole) // 2])
+    monkeypatch.setattr(Part, "finish", refuse)
+    with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):
+        recover(tmp_path / "run.mcap", tmp_path / "out.mcap")
+    assert [path.name for path in tmp_path.iterdir()] == ["run.mcap"]
+
+
+def test_recording_truncated_at_any_byte_is_recovered(tmp_path: Path, whole: bytes) -> None:
+    path, out = tmp_path / "run.mcap", tmp_path / "out.mcap"
+    counts = []
+    for length in [*range(20), *range(20, len(whole), 211), *range(len(whole) - 40, len(whole) + 1)]:
+        path.write_bytes(whole[:length])
+        try:
+            messages = bare(read(path).messages())
+        except UnreadableError:
+            with pytest.raises(UnreadableError, match="is no recording"):
+                recover(path, out)
+            assert not out.exists()
+            continue
+        counts.append(len(messages))
+        found = recover(path, out)
+        assert found.is_whole == (length == len(whole))
+        if not found.is_whole:
+            assert bare(read(out).messages()) == messages
+            assert is_whole(out)
+            out.unlink()
+    assert counts == sorted(counts)
+    assert (counts[0], counts[-1]) == (0, len(messages))
+
+
+@given(seed=st.integers(0, 2**32), flips=st.integers(1, 20))
+def test_whatever_is_damaged_nothing_crashes(
+    tmp_path_factory: pytest.TempPathFactory, whole: bytes, seed: int, flips: int
+) -> None:
+    choice, data = random.Random(seed), bytearray(whole)
+    for _ in range(flips):
+        data[choice.randrange(len(data))] = choice.randrange(256)
+    path = tmp_path_factory.mktemp("damaged") / "run.mcap"
+    path.write_bytes(data)
+    try:
+        recording = read(path)
+    except UnreadableError:
+        return
+    kept = bare(recording.messages())
+    recording.is_cut()
+    recording.extent()
+    found = recover(path, path.with_name("out.mcap"))
+    if not found.is_whole:
+        assert bare(read(path.with_name("out.mcap")).messages()) == kept
+
+
+def test_a_damaged_stretch_costs_no_more_than_itself(tmp_path: Path, whole: bytes) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(whole)
+    everything = bare(read(path).messages())
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    middle = summary.chunk_indexes[1]
+    data = bytearray(whole)
+    data[middle.chunk_start_offset + middle.chunk_length // 2] ^= 0xFF
+    path.write_bytes(data)
+    found = recover(path, tmp_path / "out.mcap")
+    assert (found.is_whole, found.damaged, found.unreadable) == (False, 1, 0)
+    left = bare(read(tmp_path / "out.mcap").messages())
+    gone = [one for one in everything if one not in left]
+    assert left == [one for one in everything if one not in gone]
+    assert 0 < len(gone) < len(everything) / 2
+    assert min(one[3] for one in gone) >= middle.message_start_time
+    assert max(one[3] for one in gone) <= middle.message_end_time
+
+
+def test_an_existing_file_is_never_overwritten(tmp_path: Path, whole: bytes) -> None:
+    (tmp_path / "run.mcap").write_bytes(whole[:-100])
+    (tmp_path / "out.mcap").write_text("dear")
+    with pytest.raises(FileExistsError):
+        recover(tmp_path / "run.mcap", tmp_path / "out.mcap")
+    assert (tmp_path / "out.mcap").read_text() == "dear"

@@ -1,0 +1,291 @@
+"""Playing a recording on a clock that a test turns: what comes, in which order, and where one is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from formation.monitor.recording.reader import Recorded
+from formation.monitor.replay.player import MAX_CATCH_UP_TIME, MAX_SPEED, MIN_SPEED, Due, Player
+from formation.wire import Sample
+
+START = 1000.0
+PERIOD = 0.25
+MANY = 10_000
+
+
+@dataclass
+class Reel:
+    """Messages, numbered as they stand in the file."""
+
+    walls: Sequence[float]
+    opened: list[float] = field(default_factory=list)
+
+    @property
+    def start(self) -> float:
+        return min(self.walls)
+
+    @property
+    def end(self) -> float:
+        return max(self.walls)
+
+    def messages(self, since: float) -> Iterator[Recorded]:
+        self.opened.append(since)
+        begun = False
+        for number, wall in enumerate(self.walls):
+            begun = begun or wall >= since
+            if begun:
+                yield Recorded(Sample("a", b"%d" % number, None, wall), wall, round(wall * 1e9))
+
+
+def reel(seconds: float = 10.0) -> Reel:
+    return Reel([START + PERIOD * k for k in range(round(seconds / PERIOD) + 1)])
+
+
+def numbers(due: Sequence[Due]) -> list[int]:
+    return [int(one.message.sample.payload) for one in due]
+
+
+def played(player: Player, since: float, until: float) -> list[Due]:
+    """Everything that comes from one time of the clock to another."""
+    found: list[Due] = []
+    steps = round((until - since) / 0.1)
+    for step in range(steps + 1):
+        found += player.next_batch(since + (until - since) * step / max(steps, 1), MANY).due
+    return found
+
+
+def all_due(player: Player, mono: float) -> list[Due]:
+    """Everything that is due, and whatever passing over takes."""
+    found = player.next_batch(mono, MANY).due
+    while player.seeking:
+        found += player.next_batch(mono, MANY).due
+    return found
+
+
+def test_messages_come_when_their_time_has_come() -> None:
+    player = Player(reel(), 5.0)
+    assert numbers(player.next_batch(5.0, MANY).due) == [0]
+    assert numbers(player.next_batch(5.1, MANY).due) == []
+    assert numbers(player.next_batch(5.55, MANY).due) == [1, 2]
+    assert player.position == pytest.approx(START + 0.55)
+
+
+def test_speed_is_that_of_the_recording_against_the_clock() -> None:
+    player = Player(reel(), 0.0, speed=4.0)
+    assert numbers(player.next_batch(0.25, MANY).due) == [0, 1, 2, 3, 4]
+    player.set_speed(0.25, 0.5)
+    played(player, 0.25, 1.25)
+    assert player.position == pytest.approx(START + 1.5)
+
+
+def test_what_is_paused_stands_and_goes_on_where_it_stood() -> None:
+    player = Player(reel(), 0.0)
+    played(player, 0.0, 1.0)
+    player.pause()
+    assert player.next_batch(50.0, MANY).due == []
+    assert player.position == START + 1.0
+    player.play(50.0)
+    assert numbers(player.next_batch(50.25, MANY).due) == [5]
+
+
+def test_seek_forward_plays_skipped_messages_silently() -> None:
+    player = Player(reel(), 0.0)
+    player.next_batch(0.0, MANY)
+    player.seek(START + 5.0)
+    assert player.seeking
+    batch = player.next_batch(0.1, MANY)
+    assert not batch.anew
+    assert numbers(batch.due) == list(range(1, 21))
+    assert [one.aloud for one in batch.due] == [False] * 19 + [True]
+    assert (player.position, player.seeking) == (START + 5.0, False)
+
+
+def test_a_seek_back_begins_anew_from_the_beginning() -> None:
+    player = Player(reel(), 0.0)
+    played(player, 0.0, 8.0)
+    player.seek(START + 2.0)
+    batch = player.next_batch(8.0, MANY)
+    assert batch.anew
+    assert [int(one.message.sample.payload) for one in batch.due if not one.aloud] == list(range(8))
+    assert player.built_from == START
+    assert numbers(player.next_batch(8.3, MANY).due) == [9]
+
+
+def test_seek_back_during_seek_forward_starts_anew() -> None:
+    player = Player(reel(), 0.0)
+    player.next_batch(0.0, MANY)
+    player.seek(START + 9.0)
+    assert numbers(player.next_batch(0.1, 30).due) == list(range(1, 31))  # as far as 7.5 s
+    player.seek(START + 2.0)
+    batch = player.next_batch(0.2, MANY)
+    assert batch.anew
+    assert numbers(batch.due) == list(range(9))
+    assert player.position == START + 2.0
+
+
+def test_in_a_long_recording_figures_are_built_from_a_stretch_before() -> None:
+    film = reel(100.0)
+    player = Player(film, 0.0, stretch=10.0)
+    player.seek(START + 60.0)
+    batch = player.next_batch(0.0, MANY)
+    assert batch.anew
+    assert film.opened == [START, START + 50.0]
+    assert numbers(batch.due) == list(range(200, 241))
+    assert player.built_from == START + 50.0
+
+
+def test_long_seek_takes_many_steps_with_clock_paused() -> None:
+    player = Player(reel(), 0.0)
+    player.seek(START + 9.0)
+    steps = 0
+    while player.seeking:
+        assert player.goal == START + 9.0
+        player.next_batch(float(steps), 5)
+        steps += 1
+    assert steps == 8
+    assert player.position == START + 9.0
+
+
+def test_a_seek_ends_at_the_ends_of_the_recording() -> None:
+    player = Player(reel(), 0.0)
+    player.seek(START + 1e9)
+    all_due(player, 0.0)
+    assert player.position == START + 10.0
+    assert player.finished
+    player.seek(-1e9)
+    assert numbers(all_due(player, 0.0)) == [0]
+    assert player.position == START
+
+
+def test_play_at_the_end_restarts() -> None:
+    player = Player(reel(), 0.0)
+    assert len(played(player, 0.0, 10.0)) == 41
+    assert player.finished
+    player.play(30.0)
+    batch = player.next_batch(30.0, MANY)
+    assert batch.anew
+    assert numbers(batch.due) == [0]
+
+
+def test_it_may_end_before_the_recording_does() -> None:
+    player = Player(reel(), 0.0, until=START + 3.1)
+    assert numbers(played(player, 0.0, 4.0)) == list(range(13))
+    assert player.finished
+    assert player.position == START + 3.1
+
+
+def test_late_replay_delays_instead_of_skipping() -> None:
+    player = Player(reel(), 0.0, speed=2.0)
+    assert numbers(player.next_batch(0.3, 2).due) == [0, 1]
+    assert player.position == START + 0.25
+    assert numbers(player.next_batch(3.0, MANY).due) == [2]  # and not five seconds at once
+    assert player.position == START + 0.5
+    assert player.lost == pytest.approx(3.0 - 0.25)
+    assert numbers(player.next_batch(3.125, MANY).due) == [3]
+
+
+def test_a_delay_is_told_in_full_though_the_end_is_near() -> None:
+    player = Player(reel(), 0.0, speed=100.0)
+    took = 0.0
+    while not player.finished:
+        player.next_batch(took, 2)
+        took += 0.25
+    assert player.lost + player.behind == pytest.approx(took - 10.0 / 100.0, abs=MAX_CATCH_UP_TIME)
+
+
+def test_a_short_delay_is_caught_up_with() -> None:
+    player = Player(reel(), 0.0)
+    player.next_batch(0.0, MANY)
+    assert numbers(player.next_batch(0.6, 1).due) == [1]
+    assert player.behind == pytest.approx(0.35)
+    assert numbers(player.next_batch(0.7, MANY).due) == [2]
+    assert player.behind == pytest.approx(0.2)
+    assert numbers(player.next_batch(0.8, MANY).due) == [3]
+    assert player.behind == pytest.approx(0.05)
+    assert player.lost == 0.0
+
+
+def test_a_stretch_without_messages_is_no_delay() -> None:
+    player = Player(Reel([START, START + 5.0]), 0.0)
+    assert numbers(played(player, 0.0, 5.1)) == [0, 1]
+    assert player.lost == 0.0
+
+
+def test_unordered_messages_are_played_in_file_order() -> None:
+    player = Player(Reel([START, START + 1.0, START + 0.99, START + 2.0]), 0.0)
+    assert numbers(played(player, 0.0, 1.0)) == [0, 1, 2]
+
+
+def test_one_message_is_a_recording() -> None:
+    player = Player(Reel([START]), 0.0)
+    assert numbers(player.next_batch(0.0, MANY).due) == [0]
+    assert player.finished
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0, MIN_SPEED / 2, MAX_SPEED * 2, float("nan"), float("inf")])
+def test_a_speed_that_cannot_be_is_refused(speed: float) -> None:
+    player = Player(reel(), 0.0)
+    with pytest.raises(ValueError, match=r"must be from 0\.1 to 100"):
+        player.set_speed(0.0, speed)
+    assert player.speed == 1.0
+
+
+ACTIONS = st.one_of(
+    st.just(("pause", 0.0)),
+    st.just(("play", 0.0)),
+    st.tuples(st.just("seek"), st.floats(-2.0, 12.0)),
+    st.tuples(st.just("speed"), st.floats(MIN_SPEED, MAX_SPEED)),
+    st.tuples(st.just("wait"), st.floats(0.0, 3.0)),
+    st.tuples(st.just("take"), st.integers(1, 7).map(float)),
+)
+
+
+@given(
+    gaps=st.lists(st.floats(-0.1, 1.0), min_size=1, max_size=40),
+    actions=st.lists(ACTIONS, max_size=40),
+    stretch=st.sampled_from([1.0, 600.0]),
+)
+def test_messages_keep_order_and_repeat_only_after_seek(
+    gaps: list[float], actions: list[tuple[str, float]], stretch: float
+) -> None:
+    walls = [START]
+    for gap in gaps:
+        walls.append(max(walls[-1] + gap, START))
+    film = Reel(walls)
+    player = Player(film, 0.0, stretch=stretch)
+    mono, newest, sought = 0.0, -1, False
+    for what, value in [*actions, ("wait", 5.0), ("play", 0.0), ("wait", 1.0)]:
+        before = player.position
+        if what == "pause":
+            player.pause()
+        elif what == "play":
+            sought = sought or player.finished
+            player.play(mono)
+        elif what == "seek":
+            sought = True
+            player.seek(START + value)
+        elif what == "speed":
+            player.set_speed(mono, value)
+        else:
+            mono += value if what == "wait" else 0.0
+            batch = player.next_batch(mono, MANY if what == "wait" else int(value))
+            if batch.anew:
+                assert sought
+                newest = -1
+            came = numbers(batch.due)
+            if came:
+                # in the order of the file, each once; only a beginning anew may leave some out
+                assert came == list(range(came[0], came[0] + len(came)))
+                assert came[0] == newest + 1 if newest >= 0 or not sought else came[0] > newest
+                newest = came[-1]
+            assert not (player.paused and any(one.aloud for one in batch.due))
+            assert all(one.message.wall <= player.position for one in batch.due if one.aloud)
+            if not (sought or batch.anew):
+                assert player.position >= before
+            sought = sought and player.seeking
+        assert film.start <= player.position <= film.end

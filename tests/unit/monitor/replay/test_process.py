@@ -1,0 +1,231 @@
+"""A replay in turns: what the page and the listeners get, and who may steer."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from formation.mission.file import load
+from formation.monitor.metrics.events import Event, to_message
+from formation.monitor.metrics.metrics import Metrics
+from formation.monitor.recording.reader import Recorded
+from formation.monitor.replay import process as loop
+from formation.monitor.replay.echo import Echo
+from formation.monitor.replay.player import Batch, Player
+from formation.monitor.replay.process import Replay
+from formation.monitor.web import frames
+from formation.monitor.web.source import Source
+from formation.ros2.messages import Number, encode
+from formation.topics import ERROR, EVENTS, Topic
+from formation.wire import Now, Sample
+from tests.support.monitored import EPOCH, Fleet
+
+SIX = load("six_robots")
+BEGIN, END = EPOCH + 10.0, EPOCH + 14.0
+
+
+class Reel:
+    """Four seconds of six robots, with the error and an event every second."""
+
+    start, end = BEGIN, END
+
+    def __init__(self) -> None:
+        samples = Fleet().positions(10.0, 14.0)
+        for second in range(5):
+            event = Event(BEGIN + second, 20, "", "reported", f"second {second}")
+            samples.append(Sample(EVENTS.key(), encode(to_message(event)), None, 10.0 + second))
+        for tenth in range(41):
+            samples.append(Sample(ERROR.key(), encode(Number(1.0 / (1 + tenth))), None, 10.0 + tenth / 10))
+        walls = sorted(samples, key=lambda one: one.arrived)
+        self.all = [
+            Recorded(
+                s._replace(arrived=s.arrived + EPOCH), s.arrived + EPOCH, round((s.arrived + EPOCH) * 1e9)
+            )
+            for s in walls
+        ]
+
+    def messages(self, since: float) -> Iterator[Recorded]:
+        return (one for one in self.all if one.wall >= since)
+
+
+class Clock:
+    """The loop's clock, which a test turns."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = 0.0
+        monkeypatch.setattr(loop, "time", self)
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    return Clock(monkeypatch)
+
+
+def page() -> Source:
+    source = Source(frames.hello(SIX, live=False, control=False, version="0"), lambda: BEGIN)
+    source.looking(1)
+    return source
+
+
+def turns(replay: Replay, clock: Clock, seconds: float) -> None:
+    end = clock.now + seconds
+    while clock.now < end:
+        clock.now = min(clock.now + 0.01, end)
+        replay.turn()
+
+
+def shown(source: Source) -> dict[str, Any]:
+    assert source.look is not None
+    return dict(source.look.frame)
+
+
+def test_a_frame_is_made_of_exactly_what_was_recorded_until_then(clock: Clock) -> None:
+    source, reel = page(), Reel()
+    replay = Replay(SIX, Player(reel, 0.0), source)
+    turns(replay, clock, 1.5)
+    metrics = Metrics(SIX)
+    at = shown(source)["replay"]["t"]
+    for one in reel.all:
+        if one.wall <= at and one.sample.key not in {ERROR.key(), EVENTS.key()}:
+            metrics.process_sample(one.sample, one.wall)
+        elif one.wall <= at and one.sample.key == ERROR.key():
+            metrics.observe(Now(one.wall, one.wall))
+    expected = frames.frame(SIX, metrics, Now(at, at))
+    assert {key: shown(source)[key] for key in expected} == expected
+
+
+def test_page_follows_history_and_is_rebuilt_after_seek(clock: Clock) -> None:
+    source = page()
+    replay = Replay(SIX, Player(Reel(), 0.0), source)
+    turns(replay, clock, 2.5)
+    epoch = source.epoch
+    assert source.events(0)[0] == 3
+    replay.step("seek", BEGIN + 1.2)
+    turns(replay, clock, 0.02)
+    assert source.epoch == epoch + 1  # whoever looks is greeted anew
+    assert source.events(0)[0] == 2
+    assert b"second 1" in source.greeting().chunk
+    assert b"second 2" not in source.greeting().chunk
+    turns(replay, clock, 1.0)
+    assert source.events(0)[0] == 3
+
+
+def test_every_frame_contains_replay_position_even_when_paused(clock: Clock) -> None:
+    source = page()
+    replay = Replay(SIX, Player(Reel(), 0.0, paused=True), source)
+    replay.step("speed", 2.0)
+    turns(replay, clock, 0.3)
+    standing = shown(source)["replay"]
+    assert standing["t"] == standing["start"] == BEGIN
+    assert (standing["end"], standing["speed"], standing["paused"]) == (END, 2.0, True)
+    number = source.look.number if source.look else 0
+    turns(replay, clock, 1.0)
+    assert source.look is not None
+    assert 8 <= source.look.number - number <= 11
+
+
+def test_frames_during_seek_show_target_and_last_state(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+    source, player = page(), Player(Reel(), 0.0, paused=True)
+    replay = Replay(SIX, player, source)
+    turns(replay, clock, 0.2)
+    before = shown(source)
+
+    def one_by_one(mono: float, _most: int) -> Batch:
+        return Player.next_batch(player, mono, 1)
+
+    monkeypatch.setattr(player, "next_batch", one_by_one)
+    replay.step("seek", BEGIN + 1.0)
+    seen = []
+    while replay.standing.seeking:
+        clock.now += 0.11
+        replay.turn()
+        seen.append(shown(source))
+    arrived = seen.pop()
+    assert len(seen) > 20
+    for frame in seen:
+        assert (frame["replay"]["seeking"], frame["replay"]["t"]) == (True, BEGIN + 1.0)
+        assert {**frame, "replay": before["replay"]} == before
+    assert (arrived["replay"]["seeking"], arrived["t"]) == (False, BEGIN + 1.0)
+
+
+def test_at_its_end_it_begins_again_if_it_is_to(clock: Clock) -> None:
+    replay = Replay(SIX, Player(Reel(), 0.0), again_from=BEGIN + 1.0)
+    for _ in range(450):
+        turns(replay, clock, 0.01)
+        assert not replay.standing.finished  # at no moment: it would be taken for the end
+    assert BEGIN + 1.3 < replay.standing.position < BEGIN + 1.6
+
+
+class Listener:
+    """Takes what is said, as slowly as a test wants."""
+
+    def __init__(self, clock: Clock, takes: float) -> None:
+        self.clock, self.takes, self.received = clock, takes, 0
+        self.echo = Echo(SIX, "replay", self.advertise, self.publish)
+
+    def advertise(self, _topic: Topic, _key: str) -> None: ...
+
+    def publish(self, _key: str, _payload: bytes, _attachment: bytes | None) -> None:
+        self.received += 1
+        self.clock.now += self.takes
+
+
+def test_normal_speed_replay_skips_nothing_for_slow_listener(clock: Clock) -> None:
+    listener, reel = Listener(clock, 0.02), Reel()
+    replay = Replay(SIX, Player(reel, 0.0), echo=listener.echo)
+    while not replay.standing.finished:
+        turns(replay, clock, 0.01)
+    assert listener.received == len(reel.all) == replay.standing.played
+    assert replay.standing.skipped == 0
+    assert replay.standing.drift > 3.0
+
+
+def test_played_faster_what_comes_late_is_in_the_figures_and_counted(clock: Clock) -> None:
+    listener, reel = Listener(clock, 0.02), Reel()
+    replay = Replay(SIX, Player(reel, 0.0, speed=10.0), echo=listener.echo)
+    while not replay.standing.finished:
+        turns(replay, clock, 0.01)
+    assert replay.standing.played == len(reel.all)
+    assert replay.standing.skipped > 0
+    assert listener.received == len(reel.all) - replay.standing.skipped
+
+
+@pytest.mark.parametrize(
+    ("do", "to", "why"),
+    [("speed", 1000.0, "from 0.1 to 100"), ("speed", None, "must be a number"),
+     ("seek", None, "must be a number"), ("dance", None, "pause, play, seek, speed")],
+)  # fmt: skip
+def test_what_cannot_be_steered_is_refused_from_any_thread(do: str, to: float | None, why: str) -> None:
+    replay = Replay(SIX, Player(Reel(), time.monotonic(), paused=True))
+    result: list[str] = []
+
+    def steer() -> None:
+        try:
+            replay.steer(do, to)
+        except ValueError as error:
+            result.append(str(error))
+
+    thread = threading.Thread(target=steer)
+    thread.start()
+    while thread.is_alive():
+        replay.turn()
+    assert len(result) == 1
+    assert why in result[0]
+
+
+def test_steering_thread_gets_the_new_state() -> None:
+    replay = Replay(SIX, Player(Reel(), time.monotonic(), paused=True))
+    answers: list[dict[str, Any]] = []
+    thread = threading.Thread(target=lambda: answers.append(replay.steer("seek", BEGIN + 2.0)))
+    thread.start()
+    while thread.is_alive():
+        replay.turn()
+    assert answers[0]["t"] == BEGIN + 2.0
+    assert replay.standing.position == BEGIN + 2.0

@@ -1,0 +1,133 @@
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure as Figure2D
+from matplotlib.patches import Circle
+
+from formation.mission.file import read
+from formation.monitor.report import drawing, figures, parts
+from formation.monitor.report.gather import Run
+from formation.monitor.report.view import View
+from formation.slots.shape import PlacedShape
+from tests.support.monitored import Fleet
+from tests.support.recordings import coming_in, gathered, record, talk
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    path = tmp_path_factory.mktemp("run") / "run.mcap"
+    record(path, talk(Fleet(away=coming_in), 12.0))
+    return gathered(path)
+
+
+def test_report_writes_each_panel_and_both_paper_figures(run: Run, tmp_path: Path) -> None:
+    paths = figures.write(tmp_path / "new" / "folder", run, View.of([run]), ["svg"])
+    names = {path.stem for path in paths}
+    assert names == {"fig2", "fig3", "whole", *(panel.name for panel in parts.PANELS)}
+    for path in paths:
+        assert path.read_text(encoding="utf-8").startswith("<?xml")
+    fig2 = (tmp_path / "new" / "folder" / "fig2.svg").read_text(encoding="utf-8")
+    for letter in "abcdef":
+        assert f"({letter})" in fig2
+
+
+@pytest.mark.parametrize("truth", [True, False])
+def test_posts_and_walls_are_drawn_only_in_simulation(truth: bool, tmp_path: Path) -> None:
+    post = "[[simulation.posts]]\nx = 1.0\ny = 2.0\nradius = 0.3\n"
+    wall = "[[simulation.walls]]\nbegin = [0, 0]\nend = [1, 1]\n"
+    path = tmp_path / "run.mcap"
+    record(path, talk(Fleet(), 2.0, truth=truth), f"{read('six_robots')[0]}\n{post}{wall}")
+    one = gathered(path)
+    axes = Figure2D().subplots()
+    parts.trajectories(axes, one, View.of([one]))
+    posts = [patch for patch in axes.patches if isinstance(patch, Circle)]
+    assert [(post.center, post.radius) for post in posts] == ([((1.0, 2.0), 0.3)] if truth else [])
+    walls = [line for line in axes.lines if np.array_equal(line.get_xydata(), [[0.0, 0.0], [1.0, 1.0]])]
+    assert len(walls) == truth
+
+
+@pytest.mark.parametrize(("suffix", "start"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
+def test_a_figure_is_written_alike_each_time(run: Run, suffix: str, start: bytes) -> None:
+    view = View.of([run])
+    once, again = (figures.written(figures.panel(run, view, parts.PANELS[3]), suffix) for _ in range(2))
+    assert once.startswith(start)
+    assert once == again
+
+
+def test_panel_has_small_labels_and_distinct_line_styles(run: Run) -> None:
+    figure = figures.panel(run, View.of([run]), parts.PANELS[5])
+    assert figure.get_figwidth() == 3.5
+    lines = [line for line in figure.axes[0].lines if len(line.get_xdata()) > 10]  # type: ignore[arg-type]
+    assert len({str(line.get_linestyle()) + str(vars(line)["_dash_pattern"]) for line in lines}) == 5
+    assert {label.get_fontsize() for label in figure.axes[0].get_xticklabels()} == {8.0}
+
+
+def test_view_ends_after_formation_or_at_given_time(run: Run) -> None:
+    assert 8.0 <= View.of([run]).until <= 12.0
+    assert View.of([run], 3.0).until == 3.0
+
+
+def test_runs_that_are_compared_have_the_same_axes(run: Run, tmp_path: Path) -> None:
+    record(tmp_path / "far.mcap", talk(Fleet(away=lambda r, t: 4.0 * coming_in(r, t)), 12.0))
+    far = gathered(tmp_path / "far.mcap")
+    view = View.of([run, far])
+    for which in parts.PANELS[1:]:
+        first, second = (figures.panel(one, view, which).axes[0] for one in (run, far))
+        assert first.get_xlim() == second.get_xlim()
+        assert first.get_ylim() == second.get_ylim()
+
+
+def test_names_are_numbers_where_these_are_all_they_differ_in() -> None:
+    assert drawing.short(["robot1", "robot10", "robot11"]) == ["1", "10", "11"]
+    assert drawing.short(["leader", "robot1"]) == ["leader", "robot1"]
+
+
+def test_lines_of_a_hundred_robots_become_a_picture_in_the_svg(run: Run) -> None:
+    assert not re.search(
+        "<image", figures.written(figures.panel(run, View.of([run]), parts.PANELS[5]), "svg").decode()
+    )
+    assert len(drawing.looks(100)) == 100
+
+
+def test_silent_period_is_drawn_as_gap(tmp_path: Path) -> None:
+    result = [one for one in talk(Fleet(), 12.0) if not 13.0 < one.arrived < 18.0]
+    record(tmp_path / "gap.mcap", result)
+    run = gathered(tmp_path / "gap.mcap")
+    panel = next(one for one in parts.PANELS if one.name == "forward_speeds")
+    times = run.paths.time
+    assert any(times[1:] == times[:-1])  # of the gap's beginning, which once divided by zero aloud
+    assert figures.written(figures.panel(run, View.of([run]), panel), "svg").startswith(b"<?xml")
+
+
+def test_many_orders_leave_room_for_the_curve(
+    tmp_path: Path,
+) -> None:
+    def wants(time: float) -> dict[str, Any]:
+        if time < 11.0:
+            return {}
+        return {
+            "shape": "wedge",
+            "rotation": 1.0,
+            "scale": 1.5,
+            "route": "" if time < 12.0 else "671f99bb423d",
+        }
+
+    fleet = Fleet(wants=wants)
+    record(tmp_path / "run.mcap", talk(fleet, 3.0))
+    ordered = gathered(tmp_path / "run.mcap")
+    whole = figures.whole(ordered)
+    whole.draw_without_rendering()
+    assert whole.axes[0].get_position().height > 0.5
+    texts = [text.get_text() for text in whole.axes[0].texts]
+    for text in ("run, hexagon", "wedge, 57.3°, × 1.5", "route"):
+        assert text in texts
+    graph = figures.panel(ordered, View.of([ordered]), parts.PANELS[0]).axes[0]
+    ends: list[Any] = [(line.get_xdata(), line.get_ydata()) for line in graph.lines]
+    drawn = {(round(float(x[0]), 6), round(float(y[0]), 6)) for x, y in ends}
+    last = PlacedShape.of(fleet.order(13.0)).slots(fleet.mission)
+    assert drawn == {(round(slot.real, 6), round(slot.imag, 6)) for slot in last}

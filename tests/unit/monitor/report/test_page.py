@@ -1,0 +1,170 @@
+"""The page as text: complete, in one piece, and the same wherever it is opened."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from formation.mission.file import read
+from formation.monitor.report import compare, svg
+from formation.monitor.report.page import ReportedRun, page
+from tests.support.edited import edited
+from tests.support.monitored import Fleet
+from tests.support.recordings import coming_in, gathered, record, talk
+
+TEXT = read("six_robots")[0]
+VOID = {"meta", "link", "br", "use", "path", "image"}
+
+
+class Read(HTMLParser):
+    """What a browser would make of a page: tags closed in order, ids, and what it would load."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.ids: Counter[str] = Counter()
+        self.loads: list[str] = []
+        self.heads: list[str] = []
+        self.images: list[str] = []
+        self._open: list[str] = []
+        self.feed(text)
+        self.close()
+        assert self._open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.note(tag, attrs)
+        if tag not in {"meta", "link", "br", "img"}:
+            self._open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.note(tag, attrs)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self._open.pop() == tag
+
+    def note(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        values = dict(attrs)
+        if tag in {"h1", "h2", "h3"}:
+            self.heads.append(tag)
+        if tag == "svg":
+            assert values["role"] == "img"
+            self.images.append(values["aria-label"] or "")
+        if (name := values.get("id")) is not None:
+            self.ids[name] += 1
+        for attribute in ("src", "href", "xlink:href", "action", "data"):
+            if (target := values.get(attribute)) and not target.startswith(("#", "data:")):
+                self.loads.append(target)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs")
+    record(folder / "field.mcap", talk(Fleet(away=coming_in), 9.0))
+    record(folder / "paper.mcap", talk(Fleet(away=coming_in), 9.0, truth=False), law="paper")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def one(folder: Path) -> str:
+    return page(
+        [ReportedRun(gathered(folder / "field.mcap"), "check: <nothing> speaks against it")], made="today"
+    )
+
+
+@pytest.fixture(scope="module")
+def two(folder: Path) -> str:
+    return page([ReportedRun(gathered(folder / f"{law}.mcap"), law) for law in ("field", "paper")])
+
+
+def test_a_page_loads_nothing_repeats_no_id_and_names_every_picture(one: str, two: str) -> None:
+    for text in (one, two):
+        read = Read(text)
+        assert read.loads == []
+        assert {name for name, times in read.ids.items() if times > 1} == set()
+        assert all(len(label) > 20 for label in read.images)
+        assert read.heads[0] == "h1"
+        assert read.heads.count("h1") == 1
+        assert not re.search(r"<script|@import|https?://(?!www\.w3\.org)", text)
+        assert set(re.findall(r"url\((?!#)", text)) == set()
+    assert len(Read(one).images) == 8
+    assert len(Read(two).images) == 1 + 2 * 6 + 2
+
+
+def test_a_picture_uses_only_what_it_defines(one: str, two: str) -> None:
+    for text in (one, two):
+        used = set(re.findall(r'(?:xlink:href="|url\()#([^")]+)', text))
+        assert used
+        assert used <= set(Read(text).ids)
+
+
+def test_a_page_tells_all_there_is_to_tell(one: str) -> None:
+    for reported in (
+        "Converged: formation error under 5 cm since", "RMS, settled", "u at its limit", "delay p50",
+        "From odometry to command", "The leader&#39;s orders", "joined", "whole", "mission fingerprint",
+        "[shapes.hexagon]", "check: &lt;nothing&gt; speaks against it", "eclipse-zenoh", "today",
+        "formation error, settled", "Every key",
+    ):  # fmt: skip
+        assert reported in one
+
+
+def test_text_in_pictures_stays_text_and_follows_the_pages_colours(one: str) -> None:
+    assert re.search(r"<text[^>]*>\s*time \[s\]\s*</text>", one)
+    assert "var(--ink)" in one
+    assert "#000000" not in one
+
+
+def test_two_runs_stand_beside_each_other_with_their_ratio(two: str) -> None:
+    assert "A: six-robots, field law" in two
+    assert "B: six-robots, paper law" in two
+    assert "ratio B : A" in two
+    assert "different missions" not in two
+    assert "not known: no ground truth was recorded" in two
+
+
+def test_other_missions_are_named_where_they_differ(folder: Path, tmp_path: Path) -> None:
+    record(tmp_path / "other.mcap", talk(Fleet(), 2.0), edited(TEXT, "law", "k_p = 3.0"))
+    runs = [gathered(folder / "field.mcap"), gathered(tmp_path / "other.mcap")]
+    assert compare.differences(runs[0].mission, runs[1].mission) == ["law.k_p: 2.0 in A, 3.0 in B"]
+    text = page([ReportedRun(run, "") for run in runs])
+    assert "different missions" in text
+    assert "law.k_p: 2.0 in A, 3.0 in B" in text
+
+
+def test_a_law_alone_makes_no_other_mission(folder: Path) -> None:
+    field, paper = (gathered(folder / f"{law}.mcap").mission for law in ("field", "paper"))
+    assert field != paper
+    assert compare.differences(field, paper) == []
+
+
+def test_what_a_robot_says_cannot_become_part_of_the_page(tmp_path: Path) -> None:
+    result = talk(Fleet(), 1.0)
+    bad = [
+        sample._replace(attachment=b"<script>alert(1)</script>")
+        for sample in result
+        if "robot1/" in sample.key
+    ]
+    record(tmp_path / "run.mcap", bad)
+    assert "<script" not in page([ReportedRun(gathered(tmp_path / "run.mcap"), "<script>")])
+
+
+def test_pages_of_runs_of_which_little_is_known_are_made(tmp_path: Path) -> None:
+    for name, result in {
+        "empty": [],
+        "unknown": [sample for sample in talk(Fleet(), 2.0) if "robot3" not in sample.key],
+        "one": talk(Fleet(), 2.0)[:1],
+    }.items():
+        record(tmp_path / f"{name}.mcap", result)
+        Read(page([ReportedRun(gathered(tmp_path / f"{name}.mcap"), "")]))
+    runs = [gathered(tmp_path / f"{name}.mcap") for name in ("empty", "unknown")]
+    Read(page([ReportedRun(run, "") for run in runs]))
+
+
+def test_an_inlined_figure_has_ids_of_its_own() -> None:
+    source = '<?xml?><svg width="1"viewBox="0 0 9 9"><g id="a"/><g id="b"/><use xlink:href="#a"/></svg>'
+    assert svg.inline(source, "x", 'a "b"') == (
+        '<svg viewBox="0 0 9 9" role="img" aria-label="a &quot;b&quot;">'
+        '<g id="x-a"/><g/><use xlink:href="#x-a"/></svg>'
+    )

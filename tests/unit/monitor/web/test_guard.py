@@ -1,0 +1,117 @@
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from formation.monitor.web.guard import Guard, Message, Receive, Send, host_is_ours, names_of, origin_is_ours
+
+NAMES = names_of("Desk.example.org", "127.0.0.1")
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        "localhost", "localhost:8460", "127.0.0.1:8460", "[::1]:8460", "192.168.1.20:8460", "desk:8460",
+        "DESK", "desk.local:1", "desk.example.org", "desk.example.org.:8460",
+    ],
+)  # fmt: skip
+def test_host_addresses_and_names_of_machine_are_accepted(host: str) -> None:
+    assert host_is_ours(host, NAMES)
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        "", ":8460", "attacker.example", "attacker.example:8460", "localhost.attacker.example",
+        "127.0.0.1.attacker.example", "desk.attacker.example", "127.0.0.1@attacker.example", "desk:http",
+        "127.0.0.1:8460/attacker.example", "[::1", "1.2.3", "0x7f000001.attacker", "desk example",
+    ],
+)  # fmt: skip
+def test_no_other_name_gets_an_answer_whatever_it_resolves_to(host: str) -> None:
+    assert not host_is_ours(host, NAMES)
+
+
+@given(st.text())
+def test_a_host_that_makes_no_sense_is_refused_and_nothing_breaks(host: str) -> None:
+    assert not host_is_ours(f"{host}.attacker", NAMES)
+    host_is_ours(host, NAMES)
+
+
+def test_name_that_page_is_bound_to_is_accepted() -> None:
+    assert host_is_ours("fleet.example:80", names_of("desk", "Fleet.example"))
+
+
+@pytest.mark.parametrize(
+    ("origin", "ours"),
+    [
+        (None, True),
+        ("http://desk:8460", True),
+        ("http://DESK:8460", True),
+        ("http://desk:8461", False),
+        ("https://desk:8460", False),
+        ("http://attacker.example", False),
+        ("null", False),
+        ("", False),
+    ],
+)
+def test_a_request_of_another_page_is_told_by_its_origin(origin: str | None, ours: bool) -> None:
+    assert origin_is_ours(origin, "desk:8460") is ours
+
+
+def answered(method: str = "GET", path: str = "/", **headers: str) -> tuple[int, dict[str, str]]:
+    """Status and headers of what comes through the gate, 299 if it was let through."""
+    sent: list[Message] = []
+
+    async def app(_scope: Message, _receive: Receive, send: Send) -> None:
+        await send({"type": "http.response.start", "status": 299, "headers": []})
+        await send({"type": "http.response.body", "body": b""})
+
+    async def send(message: Message) -> None:
+        sent.append(message)
+
+    async def receive() -> Message:
+        raise AssertionError("the gate does not read")
+
+    where, _, query = path.partition("?")
+    scope: dict[str, Any] = {
+        "type": "http",
+        "method": method,
+        "raw_path": where.encode(),
+        "query_string": query.encode(),
+        "headers": [(name.encode(), value.encode("latin-1")) for name, value in headers.items()],
+    }
+    asyncio.run(Guard(app, NAMES)(scope, receive, send))
+    assert sent[-1]["type"] == "http.response.body"
+    return sent[0]["status"], {name.decode(): value.decode() for name, value in sent[0]["headers"]}
+
+
+def test_only_own_hosts_and_origins_are_allowed() -> None:
+    assert answered(host="desk:8460")[0] == 299
+    assert answered(host="attacker.example")[0] == 421
+    assert answered()[0] == 421
+    assert answered("POST", host="desk", origin="http://desk")[0] == 299
+    assert answered("POST", host="desk", origin="http://attacker.example")[0] == 403
+    assert answered("DELETE", host="desk", origin="http://attacker.example")[0] == 403
+    assert (
+        answered("GET", host="desk", origin="http://attacker.example")[0] == 299
+    )  # browsers keep it from him
+    for path in ("/" + 2000 * "a", "/?" + 2000 * "a"):
+        assert answered(path=path, host="desk")[0] == 414
+
+
+@pytest.mark.parametrize("host", ["desk", "attacker.example"])
+def test_every_answer_tells_browsers_to_run_nothing_that_is_not_ours(host: str) -> None:
+    headers = answered(host=host)[1]
+    assert headers["content-security-policy"].startswith("default-src 'self';")
+    assert "unsafe" not in headers["content-security-policy"]
+    assert "frame-ancestors 'none'" in headers["content-security-policy"]
+    assert headers["x-content-type-options"] == "nosniff"
+    assert headers["x-frame-options"] == "DENY"
+    assert headers["referrer-policy"] == "no-referrer"
+    assert headers["cross-origin-opener-policy"] == "same-origin"
+    assert headers["cross-origin-resource-policy"] == "same-origin"
+    assert "access-control-allow-origin" not in headers

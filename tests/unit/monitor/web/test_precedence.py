@@ -1,0 +1,201 @@
+"""Orders from several pages, and clicks that come twice: which is given, and which goes on being put."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from formation.mission.legs import Straight
+from formation.monitor.web.precedence import (
+    DOUBLE_CLICK_TIME,
+    MAX_SHOWN_AGE,
+    UNSEEN_STOP_TIME,
+    Given,
+    Overruled,
+    Precedence,
+)
+from formation.protocol.once import RESTS
+from formation.protocol.order import OperatorRequest
+
+LATER = max(DOUBLE_CLICK_TIME, UNSEEN_STOP_TIME) + 0.1
+
+
+WITH: dict[str, dict[str, Any]] = {
+    "shape": {"shape": "wedge"},
+    "rotate": {"degrees": -30.0},
+    "scale": {"factor": 1.5},
+    "speed": {"speed": 0.1, "degrees": 90.0},
+    "route": {"legs": (Straight(speed=0.1, heading_deg=0.0),)},
+}
+"""What belongs to an order."""
+GOING = ["run", "release", *WITH]
+"""What may set robots going."""
+
+
+def request(do: Any) -> OperatorRequest:
+    return OperatorRequest(do=do, **WITH.get(do, {}))
+
+
+def give(orders: Precedence, do: str, now: float, **how: Any) -> Given:
+    return orders.give(request(do), now, **how)[0]
+
+
+def finished(one: Given) -> Given:
+    one.going = False
+    return one
+
+
+@pytest.mark.parametrize("do", ["hold", *GOING])
+def test_the_second_click_of_a_double_click_gives_no_second_order(do: str) -> None:
+    orders = Precedence()
+    first, new = orders.give(request(do), 0.0)
+    assert new
+    assert orders.give(request(do), 0.3) == (first, False)
+    finished(first)
+    assert orders.give(request(do), DOUBLE_CLICK_TIME) == (first, False)
+    assert orders.give(request(do), DOUBLE_CLICK_TIME + 0.1)[1]
+
+
+def test_what_is_asked_again_after_something_else_is_no_double_click() -> None:
+    orders = Precedence()
+    first = give(orders, "run", 0.0)
+    give(orders, "shape", 0.2)
+    again = give(orders, "run", 0.4)
+    assert again is not first
+
+
+def test_another_shape_is_another_wish() -> None:
+    orders = Precedence()
+    for number, shape in enumerate(("wedge", "hexagon", "wedge")):
+        assert orders.give(OperatorRequest(do="shape", shape=shape), 0.1 * number)[1]
+
+
+def test_changed_value_is_new_request_repetition_is_not() -> None:
+    orders = Precedence()
+    for number, degrees in enumerate((10.0, 20.0, 10.0)):
+        turn = OperatorRequest(do="rotate", degrees=degrees, id=f"{number}")
+        given, new = orders.give(turn, 0.1 * number)
+        assert new
+        again = turn.model_copy(update={"id": "another", "age": 0.5})
+        assert orders.give(again, 0.1 * number + 0.05) == (given, False)
+
+
+def test_every_stop_is_given() -> None:
+    orders = Precedence()
+    stops = [orders.give(request("stop"), 0.1 * number, click="same") for number in range(5)]
+    assert all(new for _, new in stops)
+    assert not any(one.over for one, _ in stops)
+
+
+def test_repeated_click_takes_effect_once() -> None:
+    orders = Precedence()
+    first = give(orders, "release", 0.0, click="a")
+    finished(first)
+    finished(give(orders, "stop", 20.0, click="b"))
+    assert orders.give(request("release"), 60.0, click="a") == (first, False)
+    assert orders.give(request("release"), 60.0, click="c")[1]
+
+
+def test_same_click_with_other_request_is_new() -> None:
+    orders = Precedence()
+    give(orders, "run", 0.0, click="a")
+    assert orders.give(request("hold"), 10.0, click="a")[1]
+    assert orders.give(request("stop"), 20.0, click="a")[1]
+
+
+def test_a_stop_or_a_hold_ends_what_is_still_being_asked() -> None:
+    for rest in ("stop", "hold"):
+        orders = Precedence()
+        running = give(orders, "release", 0.0)
+        resting = give(orders, rest, 0.1)
+        assert (running.over, resting.over) == (True, False)
+
+
+@pytest.mark.parametrize("do", GOING)
+def test_motion_is_refused_while_stop_is_unanswered(do: str) -> None:
+    orders = Precedence()
+    stop = give(orders, "stop", 0.0)
+    with pytest.raises(Overruled, match="not every robot has answered"):
+        give(orders, do, LATER)
+    assert not stop.over
+    finished(stop)
+    assert not give(orders, do, LATER).over
+
+
+@pytest.mark.parametrize("rest", sorted(RESTS))
+@pytest.mark.parametrize("do", GOING)
+def test_of_two_pages_with_different_wishes_the_one_that_stops_wins(rest: str, do: str) -> None:
+    orders = Precedence()
+    finished(give(orders, rest, 5.0))
+    with pytest.raises(Overruled, match="just now"):
+        give(orders, do, 5.0 + 0.9 * UNSEEN_STOP_TIME)
+    assert not give(orders, do, 5.0 + 1.1 * UNSEEN_STOP_TIME).over
+
+
+def test_page_older_than_the_stop_has_not_seen_it() -> None:
+    orders = Precedence()
+    finished(give(orders, "stop", 5.0))
+    with pytest.raises(Overruled, match="just now"):
+        give(orders, "release", 7.5, behind=2.0)
+    assert not give(orders, "release", 7.5, behind=0.1).over
+
+
+def test_a_page_that_hangs_may_stop_and_hold_and_nothing_else() -> None:
+    orders = Precedence()
+    for do in GOING:
+        for behind, ago in ((12.0, "12 s ago"), (1.7e9, "long ago")):
+            with pytest.raises(Overruled, match=f"shows what was {ago}"):
+                give(orders, do, 100.0, behind=behind)
+    for do in ("hold", "stop"):
+        assert not give(orders, do, 101.0, behind=12.0).over
+
+
+def test_what_is_closed_is_put_no_more() -> None:
+    orders = Precedence()
+    one = give(orders, "hold", 0.0)
+    orders.close()
+    assert one.over
+
+
+wishes = st.tuples(
+    st.sampled_from(["stop", "hold", *GOING]),
+    st.floats(0.0, 2.0),  # since the wish before [s]
+    st.booleans(),  # whether that has been answered by now
+    st.sampled_from(["", "", "a", "b"]),
+    st.none() | st.floats(0.0, 2 * MAX_SHOWN_AGE),
+)
+
+
+@given(st.lists(wishes, max_size=30))
+def test_stop_is_always_sent_and_overrules_older_requests(
+    clicks: list[tuple[str, float, bool, str, float | None]],
+) -> None:
+    orders, now, rested = Precedence(), 0.0, -100.0
+    requested: list[Given] = []
+    for do, wait, answered, click, behind in clicks:
+        now += wait
+        for one in requested if answered else []:
+            finished(one)
+        stopping = any(one.going and one.request.do == "stop" for one in requested)
+        try:
+            one, new = orders.give(request(do), now, click=click, behind=behind)
+        except Overruled:
+            assert do not in RESTS
+            continue
+        if not new:
+            assert one in requested
+            assert (one.request.do, do) != ("stop", "stop")
+            continue
+        if do in RESTS:
+            rested = now
+        else:
+            assert not stopping
+            assert now - rested >= UNSEEN_STOP_TIME
+            assert behind is None or behind <= MAX_SHOWN_AGE
+        requested.append(one)
+        put = [other for other in requested if other.going and not other.over]
+        assert put[-1] is one
+        assert all(other.request.do == "stop" for other in put[:-1])

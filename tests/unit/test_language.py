@@ -1,0 +1,89 @@
+"""Docstrings, messages and names of tests keep to plain English (docs/glossary.md)."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("agent", "deploy", "formation", "leader", "monitor")
+RIDDLES = re.compile(r"\b(who|whom|whose|whoever|nobody|somebody|anybody|everybody)\b", re.IGNORECASE)
+"""A robot is *the robot*, and a process is named."""
+MAX_WORDS_OF_TEST_NAME = 11
+RETIRED = frozenset(
+    {
+        "asked", "echoes", "evade", "evades", "evading", "guard", "hear", "heard", "hearing", "hears",
+        "keeping", "legacy", "making", "manners", "mind", "minded", "minding", "minds", "odometer",
+        "outlet", "outlets", "overhead", "promise", "recall", "reign", "reigns", "remember", "rides",
+        "riding", "said", "seam", "seams", "shelf", "sighting", "somebody", "survival", "told",
+        "voice", "voices", "yields",
+    }
+)  # fmt: skip
+"""Words that docs/glossary.md has replaced."""
+GUARDED = Path("monitor", "web")
+"""Here a guard is what protects the live page from requests of other pages."""
+
+
+def sources(folder: str) -> Iterator[tuple[Path, ast.Module]]:
+    """Files of a top-level folder, without links to other folders, with their syntax trees."""
+    for path in sorted((ROOT / folder).rglob("*.py")):
+        yield path.relative_to(ROOT), ast.parse(path.read_text(encoding="utf-8"))
+
+
+def strings(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Line and text of every string: docstrings and messages."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.Constant(value=str() as text):
+                yield node.lineno, text
+
+
+def test_docstrings_and_messages_name_robots_and_processes() -> None:
+    riddles = [
+        f"{path}:{line}: {found[0]}"
+        for package in PACKAGES
+        for path, tree in sources(package)
+        for line, text in strings(tree)
+        if (found := RIDDLES.search(text))
+    ]
+    assert riddles == []
+
+
+def identifiers(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Line and name of every variable, attribute, argument, function and class."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.Name(id=name) | ast.Attribute(attr=name) | ast.FunctionDef(name=name):
+                yield node.lineno, name
+            case ast.ClassDef(name=name) | ast.arg(arg=name):
+                yield node.lineno, name
+
+
+def words(identifier: str) -> set[str]:
+    """The words of a name in any case: `max_speed`, `MaxSpeed`, `MAX_SPEED`."""
+    return {one.lower() for one in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", identifier)}
+
+
+def test_identifiers_have_no_retired_words() -> None:
+    found = [
+        f"{path}:{line}: {name}"
+        for package in PACKAGES
+        for path, tree in sources(package)
+        for line, name in identifiers(tree)
+        if words(name) & (RETIRED - {"guard"} if path.is_relative_to(GUARDED) else RETIRED)
+    ]
+    assert found == []
+
+
+def test_names_of_tests_are_short() -> None:
+    found = [
+        f"{path}:{node.lineno}: {node.name}"
+        for path, tree in sources("tests")
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef)
+        and node.name.startswith("test_")
+        and len(node.name.split("_")) - 1 > MAX_WORDS_OF_TEST_NAME
+    ]
+    assert found == []
