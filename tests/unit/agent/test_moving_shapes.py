@@ -114,7 +114,7 @@ def test_jumping_order_is_limited_to_slot_speed() -> None:
     ("slots", "why"),
     [
         (Slots(mix={"star": 1.0}), "unknown shape 'star'; known: hexagon, wedge"),
-        (Slots(mix={"hexagon": 0.5, "wedge": 0.4}), "shares sum to 0.9; must be 1"),
+        (Slots(mix={"hexagon": 0.5, "wedge": 0.4}), "shares that sum to 0.9; must be 1"),
         (Slots(mix={"hexagon": 1.0, "wedge": 1e-5}), "must be 1"),
     ],
 )

@@ -34,7 +34,7 @@ def test_every_panel_names_its_quantity_and_unit(history: History, tmp_path: Pat
     panels.draw(history, path)
     text = path.read_text(encoding="utf-8")
     for letter, quantity in zip(
-        "abcdef", ("measures", "Trajectories", "Heading", "error", "speeds", "Turn"), strict=True
+        "abcdef", ("Measurement", "Trajectories", "Heading", "error", "speeds", "Turn"), strict=True
     ):
         assert f"({letter})" in text
         assert quantity in text
