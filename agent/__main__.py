@@ -10,7 +10,8 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 from formation.agent.core import Agent
-from formation.agent.persistence.store import Store
+from formation.agent.persistence.restore import Persistence
+from formation.agent.persistence.store import Store, boot_id
 from formation.agent.process import drive
 from formation.control.laws import LAWS
 from formation.mission.file import load
@@ -66,7 +67,10 @@ def _run(args: argparse.Namespace, stop: Stop) -> None:
     )
     robot = robot_bus(args, mission, name, NODE)
     with Process(f"agent {name}", args, config, stop, robot) as process, _store(args.state, name) as state:
-        drive(agent, process, readonly=args.readonly, state=state, verifier=verifier)
+        persistence = None if state is None else Persistence(agent, state, boot_id())
+        process.play(
+            drive(agent, process, readonly=args.readonly, persistence=persistence, verifier=verifier)
+        )
 
 
 @contextmanager

@@ -17,11 +17,10 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from formation.agent.core import Agent
 from formation.agent.persistence.restore import Persistence, Taken
-from formation.agent.persistence.store import Store, boot_id
 from formation.agent.persistence.trace import Trace
 from formation.agent.status import Surroundings
 from formation.protocol import order
@@ -29,7 +28,7 @@ from formation.protocol.order import OperatorReply
 from formation.ros2.messages import Number, decode
 from formation.ros2.ros_names import address
 from formation.topics import ALIVE, BALLOT, CMD_VEL, ORDER, POSITION, SCAN, STATUS
-from formation.transport.runtime.process import Process, clocks
+from formation.transport.runtime.loop import Pauses, Runtime
 from formation.transport.security.verifying import Verifier
 from formation.wire import BadMessage, Now, Outgoing, Sample
 
@@ -49,12 +48,11 @@ class Sides:
     def __init__(
         self,
         agent: Agent,
-        process: Process,
+        process: Runtime,
         *,
         readonly: bool,
         persistence: Persistence | None = None,
         verifier: Verifier | None = None,
-        clock: Callable[[], Now] = clocks,
     ) -> None:
         self._agent, self._process, self._persistence, self._unsaved = agent, process, persistence, ""
         self._check = None if verifier is None else verifier.check
@@ -62,7 +60,7 @@ class Sides:
         self._command = CMD_VEL.key(agent.robot)
         self._withheld = frozenset((self._command, ALIVE.key(agent.robot)) if readonly else ())
         """Keys that are not sent to its robot."""
-        self._clock, self._stepped = clock, False
+        self._stepped = False
         self._urgent: set[str] = set()  # keys that are sent to the robot first
         self._fleet: set[str] = set()  # keys that are sent to the fleet too
         self._received = frozenset(agent.subscriptions)
@@ -156,7 +154,7 @@ class Sides:
             self._persistence.requested()
             try:
                 if self._stepped:  # the robot does not wait for a disk, nor the operator for a report
-                    self.send(self.step(self._clock(), (), tells=False))
+                    self.send(self.step(self._process.clock(), (), tells=False))
             finally:
                 saved = self._persistence.saved()
             reply = reply if saved else _unsaved(reply)
@@ -232,27 +230,26 @@ def _unsaved(reply: bytes) -> bytes:
 
 def drive(
     agent: Agent,
-    process: Process,
+    process: Runtime,
     *,
     readonly: bool,
-    state: Store | None = None,
+    persistence: Persistence | None = None,
     verifier: Verifier | None = None,
-) -> None:
+) -> Pauses:
     """Declare, wait for a monitor if requested, then drive the robot until told to stop.
 
-    `state` holds the saved state of the agent before it and of this one; `verifier` decides which orders
+    `persistence` has the saved state of the agent before it and of this one; `verifier` decides which orders
     count, where there are certificates.
     """
-    persistence = None if state is None else Persistence(agent, state, boot_id())
     sides = Sides(agent, process, readonly=readonly, persistence=persistence, verifier=verifier)
-    sides.begin(clocks())
+    sides.begin(process.clock())
     sides.declare()
     process.bus.answer(ORDER.key(agent.robot), sides.request)
     process.ready(STATUS.key(agent.robot))
     try:
-        process.run(sides, sides.send)
+        yield from process.loop(sides, sides.send)
     except Exception:
-        sides.failed(clocks())
+        sides.failed(process.clock())
         raise
     finally:
-        sides.end(clocks())
+        sides.end(process.clock())

@@ -75,7 +75,7 @@ def _run(args: argparse.Namespace, stop: Stop) -> None:
     )
     with Process(called, args, config, stop) as process:
         try:
-            lead(leader, process, verifier, terms)
+            process.play(lead(leader, process, verifier, terms))
         finally:
             if terms is not None:
                 terms.close()

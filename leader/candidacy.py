@@ -92,6 +92,13 @@ class Candidacy:
         return self.state == "leader"
 
     @property
+    def lease_end(self) -> float:
+        """Until when it may lead without another step [s, monotonic]; -inf if it does not lead."""
+        if not self.leading:
+            return float("-inf")
+        return self._lease if self._votes else float("inf")
+
+    @property
     def due(self) -> float:
         """When the next step is due if nothing arrives [s, monotonic]."""
         if self._began is None:

@@ -145,6 +145,11 @@ class Leader:
         return self._leads
 
     @property
+    def lease_end(self) -> float:
+        """Until when it may lead without another step [s, monotonic]; -inf if it does not lead."""
+        return self._candidacy.lease_end
+
+    @property
     def term(self) -> int:
         """The newest term for which it was a candidate; 0 before the first."""
         return self._candidacy.term

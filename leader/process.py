@@ -6,9 +6,9 @@ import logging
 from collections.abc import Sequence
 
 from formation.leader.core import Leader
-from formation.leader.terms import Terms
+from formation.leader.terms import TermFile
 from formation.topics import ORDER, STATUS
-from formation.transport.runtime.process import Process, clocks
+from formation.transport.runtime.loop import Pauses, Runtime
 from formation.transport.security.verifying import Verifier
 from formation.wire import Now, Outgoing, Sample
 
@@ -18,7 +18,7 @@ _log = logging.getLogger(__name__)
 class _Logged:
     """The leader, logging what changes."""
 
-    def __init__(self, leader: Leader, terms: Terms | None) -> None:
+    def __init__(self, leader: Leader, terms: TermFile | None) -> None:
         self.began = False
         self._leader, self._terms = leader, terms
         self.dropped = leader.dropped
@@ -46,8 +46,8 @@ class _Logged:
 
 
 def lead(
-    leader: Leader, process: Process, verifier: Verifier | None = None, terms: Terms | None = None
-) -> None:
+    leader: Leader, process: Runtime, verifier: Verifier | None = None, terms: TermFile | None = None
+) -> Pauses:
     """Declare, wait for the monitor, then lead, or stand by, until told to stop.
 
     `verifier` checks relayed orders if there are certificates; `terms` stores the newest term.
@@ -56,10 +56,10 @@ def lead(
 
     def answer(request: bytes, received: float) -> bytes:
         if logged.began:  # a frozen process first finds out whether it still leads
-            process.bus.send(logged.step(clocks(), ()))
+            process.bus.send(logged.step(process.clock(), ()))
         return leader.request(request, received)
 
     process.declare(leader, None if verifier is None else verifier.check)
     process.bus.answer(ORDER.key(leader.name), answer)
     process.ready(STATUS.key(leader.name))
-    process.run(logged)
+    yield from process.loop(logged)

@@ -9,12 +9,20 @@ from __future__ import annotations
 import logging
 import threading
 from pathlib import Path
+from typing import Protocol
 
 WRITE_PERIOD = 1.0
 """Shortest time between two writes of a term [s]."""
 MAX_DIGITS = 19
 """Largest number of digits of a term in a file."""
 _log = logging.getLogger(__name__)
+
+
+class TermFile(Protocol):
+    """Where a running candidate stores the newest term that it knows."""
+
+    def save(self, term: int, mono: float) -> None:
+        """Store `term`, known at `mono` [s], without delaying a beat."""
 
 
 class Terms:

@@ -6,6 +6,7 @@ import argparse
 import gc
 import logging
 import sys
+import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from datetime import datetime
@@ -127,7 +128,8 @@ def _watch(args: argparse.Namespace, stop: Stop) -> None:
         )
         sys.setswitchinterval(SWITCH_INTERVAL)
         gc.freeze()  # objects made so far are not scanned again
-        one.run(stop, snapshots=args.snapshots)
+        for pause in one.run(stop, snapshots=args.snapshots):
+            time.sleep(pause)
     say("summary", **one.summary())
 
 

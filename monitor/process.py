@@ -7,8 +7,7 @@ metrics, and at thousands of messages a second far cheaper than waking for each.
 from __future__ import annotations
 
 import logging
-import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 from formation.monitor.core import Monitor
@@ -16,12 +15,11 @@ from formation.monitor.metrics.events import Event
 from formation.monitor.metrics.words import as_json, line
 from formation.monitor.recording.recorder import Recorder
 from formation.monitor.web.showing import Showing
-from formation.transport.bus import Bus
+from formation.transport.interfaces import FleetSide, RobotSide
 from formation.transport.linger import Linger
-from formation.transport.robot_bus import RobotBus
-from formation.transport.runtime.process import Stop, clocks, say
+from formation.transport.runtime.loop import Pauses, StopRequest
+from formation.transport.runtime.process import clocks, say
 from formation.transport.runtime.rate import Rate
-from formation.transport.runtime.robot_buses import RobotBuses
 from formation.wire import Now, Sample
 
 NAME = "monitor"
@@ -49,14 +47,16 @@ class Watch:
     def __init__(
         self,
         monitor: Monitor,
-        bus: Bus,
+        bus: FleetSide,
         recorder: Recorder | None,
-        stage: RobotBuses,
-        ros: RobotBus | None = None,
+        stage: RobotSide,
+        ros: RobotSide | None = None,
         page: Showing | None = None,
         exporter: Exporter | None = None,
+        clock: Callable[[], Now] = clocks,
     ) -> None:
         """`stage` is the bus to simulated robots, `ros` that for metrics in ROS 2, `exporter` an exporter."""
+        self._clock = clock
         self._monitor, self._bus, self._recorder = monitor, bus, recorder
         self._stage, self._ros, self._page, self._exporter = stage, ros, page, exporter
         self._linger = Linger()
@@ -73,27 +73,27 @@ class Watch:
         for key in self._monitor.subscriptions:
             self._bus.subscribe(key)
 
-    def run(self, stop: Stop, *, snapshots: bool) -> None:
-        """Watch until told to stop, and then until earlier messages have arrived.
+    def run(self, stop: StopRequest, *, snapshots: bool) -> Pauses:
+        """Watch until told to stop, and then until earlier messages have arrived; nothing ends a pause early.
 
         With `snapshots`, print for programs five times a second, else for people every two seconds.
         """
         tell = Rate(5.0 if snapshots else 0.5)
         while not stop:
-            now = clocks()
+            now = self._clock()
             self._pump(now)
             if self._page is not None:
                 self._page.step(now, self._recorder)
             self._linger.tend(now.mono)
             if tell.tick(now.mono):
                 self._tell(now, snapshots=snapshots)
-            time.sleep(STEP_PERIOD)
+            yield STEP_PERIOD
         _log.info("stopping: %s", stop.reason)
-        self._drain()
+        yield from self._drain()
 
     def summary(self) -> dict[str, Any]:
         """Return the summary for stdout. Call it after closing the recording."""
-        snapshot = self._monitor.metrics.snapshot(clocks())
+        snapshot = self._monitor.metrics.snapshot(self._clock())
         rejected = self._monitor.metrics.rejections.by_key
         return {
             "process": NAME,
@@ -142,13 +142,13 @@ class Watch:
             for sample in samples:
                 self._exporter.forward_sample(sample, sample.arrived + ahead)
 
-    def _drain(self) -> None:
-        end = received = time.monotonic()
+    def _drain(self) -> Pauses:
+        end = received = self._clock().mono
         end += STOP_TIMEOUT_SECONDS
-        while (now := clocks()).mono < min(end, received + QUIET_TIME):
+        while (now := self._clock()).mono < min(end, received + QUIET_TIME):
             if self._pump(now):
                 received = now.mono
-            time.sleep(STEP_PERIOD)
+            yield STEP_PERIOD
 
     def _tell(self, now: Now, *, snapshots: bool) -> None:
         snapshot = self._monitor.metrics.snapshot(now)

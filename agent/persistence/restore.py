@@ -32,7 +32,7 @@ from formation.agent.persistence.state import (
     explained,
     restore,
 )
-from formation.agent.persistence.store import Store
+from formation.agent.persistence.store import StateFiles
 from formation.agent.pose.estimator import Localisation, LocalisationState
 from formation.agent.pose.external_pose import ExternalPoseState
 from formation.agent.safety.latch import LatchState
@@ -313,7 +313,7 @@ def _anew(why: str) -> Taken:
 class Persistence:
     """Connects one agent with the folder of its saved state."""
 
-    def __init__(self, agent: Agent, store: Store, boot: str) -> None:
+    def __init__(self, agent: Agent, store: StateFiles, boot: str) -> None:
         """`boot` is the id of the time since this machine was switched on; empty if unknown."""
         self._restorer, self._store = Restorer(agent, boot), store
         self._due = float("-inf")  # [s, monotonic]

@@ -74,7 +74,7 @@ def _run(args: argparse.Namespace, stop: Stop) -> None:
 
     on_fleet = any(fleet) or bool(args.connect)
     with Process(name, args, config if on_fleet else None, stop, robots) as process:
-        host(world, process)
+        process.play(host(world, process))
         at_the_end()
 
 

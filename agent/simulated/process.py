@@ -8,13 +8,13 @@ from collections.abc import Iterable
 from formation.agent.simulated.simulated import World
 from formation.ros2.ros_names import address
 from formation.topics import GROUND_TRUTH
-from formation.transport.runtime.process import Process
+from formation.transport.runtime.loop import Pauses, Runtime
 from formation.wire import Outgoing
 
 _log = logging.getLogger(__name__)
 
 
-def host(world: World, process: Process) -> None:
+def host(world: World, process: Runtime) -> Pauses:
     """Declare, wait for a monitor if requested, then simulate until told to stop.
 
     The loop sleeps until the next odometry is due or a command arrives, so a command takes effect at once.
@@ -34,6 +34,6 @@ def host(world: World, process: Process) -> None:
             robots.publish(out.key, out.payload)
 
     process.ready(*(GROUND_TRUTH.key(name) for name in world.robots))
-    process.run(world, send)
+    yield from process.loop(world, send)
     for key, count in world.dropped.items():
         _log.warning("%d messages on %s were no commands, and were not obeyed", count, key)

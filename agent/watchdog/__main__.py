@@ -53,7 +53,7 @@ def _run(args: argparse.Namespace, stop: Stop) -> bool:
     with Process(f"watchdog {name}", args, None, stop, robot) as process:
         if args.once:
             return park(watchdog, process)
-        watch(watchdog, process)
+        process.play(watch(watchdog, process))
     return True
 
 

@@ -11,7 +11,7 @@ from formation.protocol.status import WatchdogState, WatchdogStatus
 from formation.protocol.status_codec import to_json
 from formation.ros2.messages import Number, encode
 from formation.topics import ALIVE, WATCHDOG
-from formation.transport.runtime.process import PARENT_CHECK_PERIOD, Process, clocks
+from formation.transport.runtime.loop import PARENT_CHECK_PERIOD, Pauses, Runtime
 from formation.wire import Now, Outgoing, Sample
 
 ROUTER_TIMEOUT_SECONDS = 1.0
@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 class Side:
     """A watchdog between its agent and its robot."""
 
-    def __init__(self, watchdog: Watchdog, process: Process) -> None:
+    def __init__(self, watchdog: Watchdog, process: Runtime) -> None:
         self._watchdog, self._process = watchdog, process
         self.dropped: Mapping[str, int] = watchdog.dropped
 
@@ -72,15 +72,15 @@ class Side:
             self._process.robot.publish(out.key, out.payload)
 
 
-def watch(watchdog: Watchdog, process: Process) -> None:
+def watch(watchdog: Watchdog, process: Runtime) -> Pauses:
     """Declare, then watch the robot until told to stop."""
     side = Side(watchdog, process)
     side.declare()
     process.ready()
-    process.run(side, side.send)
+    yield from process.loop(side, side.send)
 
 
-def park(watchdog: Watchdog, process: Process) -> bool:
+def park(watchdog: Watchdog, process: Runtime) -> bool:
     """Stop the robot, and send the farewell that its agent did not send; whether the robot received it.
 
     For use when that agent is known to be dead: the running watchdog then need not brake for it any
@@ -89,17 +89,17 @@ def park(watchdog: Watchdog, process: Process) -> bool:
     robot, alive, farewell = process.robot, ALIVE.key(watchdog.robot), encode(Number(FAREWELL))
     for topic, key in (*watchdog.publications, (ALIVE, alive)):
         robot.advertise(topic, key)
-    end = clocks().mono + ROUTER_TIMEOUT_SECONDS
+    end = process.clock().mono + ROUTER_TIMEOUT_SECONDS
     while not robot.connected:
-        if process.stop or clocks().mono >= end:
+        if process.stop or process.clock().mono >= end:
             return False
         process.mailbox.wait(0.01)
-    listened, inbox = False, [Sample(alive, farewell, None, clocks().mono)]
+    listened, inbox = False, [Sample(alive, farewell, None, process.clock().mono)]
     while watchdog.state is not WatchdogState.DISARMED and not process.stop:
-        for out in watchdog.step(clocks(), inbox):
+        for out in watchdog.step(process.clock(), inbox):
             robot.publish(out.key, out.payload)
             listened = bool(robot.routed(out.key)) or listened
         inbox = []
-        process.mailbox.wait(min(max(watchdog.due - clocks().mono, 0.0), PARENT_CHECK_PERIOD))
+        process.mailbox.wait(min(max(watchdog.due - process.clock().mono, 0.0), PARENT_CHECK_PERIOD))
     robot.publish(alive, farewell)
     return listened

@@ -18,7 +18,8 @@ import zenoh
 
 from formation.topics import Topic
 from formation.transport.bus_config import THREADS, BusConfig, BusError
-from formation.transport.mailbox import Handler, Mailbox
+from formation.transport.interfaces import Handler
+from formation.transport.mailbox import Mailbox
 from formation.transport.question import Question, Reply
 from formation.transport.runtime.clock import monotonic, wall
 from formation.transport.runtime.heap import share_one_heap

@@ -14,15 +14,12 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Protocol
 
+from formation.transport.interfaces import Handler
 from formation.transport.runtime.clock import monotonic
 from formation.wire import Sample
 
 MAX_QUERIES = 64
 """Most queries that wait to be served; more are refused."""
-
-
-Handler = Callable[[bytes, float], bytes]
-"""Answers ``handler(request, received)``; ``received`` is the time of arrival [s, monotonic]."""
 
 
 class Query(Protocol):
@@ -46,8 +43,9 @@ class Mailbox:
     the main thread.
     """
 
-    def __init__(self, capacity: int = 1024) -> None:
-        """`capacity` bounds the samples that wait to be drained."""
+    def __init__(self, capacity: int = 1024, clock: Callable[[], float] = monotonic) -> None:
+        """`capacity` bounds the samples that wait to be drained; `clock` stamps queries [s, monotonic]."""
+        self._clock = clock
         self.received: Counter[str] = Counter()
         """Messages that arrived on any bus, by key, overflowed ones included."""
         self.overflowed = 0
@@ -77,7 +75,7 @@ class Mailbox:
     def accept(self, query: Query, handler: Handler) -> None:
         """Queue `query` for `handler`; if there are too many, refuse it."""
         if len(self._queries) < MAX_QUERIES:
-            self._queries.append((query, handler, monotonic()))
+            self._queries.append((query, handler, self._clock()))
             self.ring()
         else:
             query.drop()

@@ -18,7 +18,8 @@ from typing import Literal, Self
 from formation.ros2.naming import Naming
 from formation.topics import Topic
 from formation.transport.bus import Bus, BusConfig, BusError
-from formation.transport.mailbox import Handler, Mailbox
+from formation.transport.interfaces import Handler
+from formation.transport.mailbox import Mailbox
 from formation.wire import BadMessage
 
 REDIAL_PERIOD = 0.5

@@ -59,7 +59,7 @@ class Disk:
         self.notices: deque[Notice] = deque(maxlen=100)
         self._first, self._about, self._channels = path, about, channels
         self._rotation, self._room = rotation, room
-        self._queue: SimpleQueue[Chunk | None] = SimpleQueue()
+        self._queue: SimpleQueue[Chunk | threading.Event | None] = SimpleQueue()
         self._forcer = Forcer()
         self._ended = NOTHING  # the parts before this one
         self._retry = 0.0
@@ -85,6 +85,12 @@ class Disk:
         """Queue a chunk for writing."""
         self._queue.put(chunk)
 
+    def catch_up(self, patience: float) -> bool:
+        """Wait until all chunks are processed, at most `patience` [s]; whether they are."""
+        done = threading.Event()
+        self._queue.put(done)
+        return done.wait(patience)
+
     def close(self, patience: float) -> bool:
         """Write the rest and end the file; return False if that takes longer than `patience` [s]."""
         self._queue.put(None)
@@ -96,16 +102,19 @@ class Disk:
         while more:
             batch = self._next()
             more = batch[-1] is not None
-            chunks = [one for one in batch if one is not None]
+            chunks = [one for one in batch if isinstance(one, Chunk)]
             for chunk in chunks:
                 self._keep(chunk)
                 self.written += 1
             self._force(chunks)
+            for one in batch:
+                if isinstance(one, threading.Event):
+                    one.set()
         self._end()
         self._forcer.close()
 
-    def _next(self) -> list[Chunk | None]:
-        """Return all waiting chunks, at least one."""
+    def _next(self) -> list[Chunk | threading.Event | None]:
+        """Return everything that waits, at least one thing."""
         batch = [self._queue.get()]
         with suppress(Empty):
             while batch[-1] is not None:

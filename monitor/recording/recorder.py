@@ -148,6 +148,10 @@ class Recorder:
             self._hand_over(mono)
             self._look(mono)
 
+    def catch_up(self) -> None:
+        """Wait for the disk, so that a simulated clock does not run ahead of it."""
+        self._disk.catch_up(STOP_TIMEOUT_SECONDS)
+
     def close(self) -> None:
         """Write the index and end the file. May be called twice."""
         if self._is_closed:

@@ -31,7 +31,7 @@ from formation.protocol.status_codec import decode as decode_status
 from formation.ros2.messages import Diagnostics, Twist, TwistStamped, decode
 from formation.simulation.edges import Edges, formation_error
 from formation.topics import BALLOT, CMD_VEL, ODOM, POSE, POSITION, ROUTE, SCAN, STATUS
-from formation.transport.runtime.process import Core
+from formation.transport.runtime.loop import Core
 from formation.wire import Now, Outgoing, Sample
 from tests.support.named import named
 

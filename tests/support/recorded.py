@@ -57,8 +57,8 @@ class Looped:
     ) -> None:
         self.agent, self.record = agent, record
         self.fleet, self.robot = Wire(), Wire()
-        process: Any = SimpleNamespace(bus=self.fleet, robot=self.robot)
-        self.sides = Sides(agent, process, readonly=readonly, persistence=persistence, clock=clock)
+        process: Any = SimpleNamespace(bus=self.fleet, robot=self.robot, clock=clock)
+        self.sides = Sides(agent, process, readonly=readonly, persistence=persistence)
         self.sides.declare()
         self.publications, self.subscriptions = agent.publications, agent.subscriptions
         self.dropped = agent.dropped

@@ -17,21 +17,21 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable
+from contextlib import closing, suppress
 from types import FrameType, TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 from formation.mission.file import MissionError
-from formation.topics import Topic
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError
+from formation.transport.interfaces import RobotSide
 from formation.transport.linger import Linger
 from formation.transport.mailbox import Mailbox
 from formation.transport.runtime.clock import monotonic
+from formation.transport.runtime.loop import Pauses, Runtime, Steps
 from formation.transport.runtime.notify import Notifier
-from formation.transport.runtime.robot_buses import RobotSide
-from formation.wire import Now, Outgoing, Sample
+from formation.wire import Now, Outgoing
 
 WELL, FAILED, BAD_INPUT = 0, 1, 2
 GRACE_TIME = 1.0
@@ -39,43 +39,11 @@ GRACE_TIME = 1.0
 a terminal's Ctrl-C reaches the whole process group, and the supervisor passes it on."""
 LAST_STAMP = 2.0**31 - 2.0
 """In 2038 [s since the epoch]."""
-PARENT_CHECK_PERIOD = 0.2
-"""Period at which an idle process checks that its parent lives [s]."""
 _log = logging.getLogger(__name__)
 
 
 class BadInput(ValueError):  # noqa: N818 - it is the input that is bad
     """The user's input is invalid; the text names it and the legal values."""
-
-
-class Steps(Protocol):
-    """The part that a process's loop calls: bytes in, bytes out, no clock of its own."""
-
-    @property
-    def due(self) -> float:
-        """When it needs a step though nothing arrives [s, monotonic]."""
-
-    @property
-    def dropped(self) -> Mapping[str, int]:
-        """Number of messages not used, by key."""
-
-    def step(self, now: Now, inbox: Sequence[Sample]) -> Iterable[Outgoing]:
-        """Process the received messages and return those to publish. May be called at any time."""
-
-    def halt(self, now: Now, reason: str) -> Iterable[Outgoing]:
-        """Return the last messages, which leave the team safe without this process."""
-
-
-class Core(Steps, Protocol):
-    """A process without its transport."""
-
-    @property
-    def publications(self) -> Iterable[tuple[Topic, str]]:
-        """Every topic and key that it publishes."""
-
-    @property
-    def subscriptions(self) -> Iterable[str]:
-        """Every key that it subscribes to."""
 
 
 class Stop:
@@ -125,7 +93,7 @@ class Stop:
             self._wake()
 
 
-class Process:
+class Process(Runtime):
     """A process on its buses. As a context manager it opens them, and always closes them."""
 
     def __init__(
@@ -141,10 +109,10 @@ class Process:
         `config` is that of the fleet's bus, None for no fleet; `robot` opens its robot's side.
         """
         self.name = name
-        self.stop = stop
+        self.stop: Stop = stop
         self.mailbox = Mailbox()
+        self.clock = clocks
         self._await_monitor: float = args.await_monitor
-        self._dropped: Mapping[str, int] = {}
         self._bus = None if config is None else Bus(config, self.mailbox)
         try:
             self._robot = None if robot is None else robot(self.mailbox)
@@ -172,7 +140,7 @@ class Process:
             process=self.name,
             published=dict(fleet.published) if fleet else {},
             received=dict(fleet.received) if fleet else {},
-            dropped={**self._dropped, "overflowed": self.mailbox.overflowed},
+            dropped={**self.dropped, "overflowed": self.mailbox.overflowed},
             robot={
                 "published": dict(side.published) if side else {},
                 "received": dict(side.received) if side else {},
@@ -194,16 +162,6 @@ class Process:
             raise BusError(f"{self.name} is not on a robot's bus")
         return self._robot
 
-    def declare(self, core: Core, check: Callable[[Sample, float], Sample] | None = None) -> None:
-        """Declare all that `core` publishes and subscribes to on the fleet's bus. Raises BusError.
-
-        Received messages do not wake it: `core` steps when it is due. `check` is as in `Bus.subscribe`.
-        """
-        for topic, key in core.publications:
-            self.bus.advertise(topic, key)
-        for key in core.subscriptions:
-            self.bus.subscribe(key, wakes=False, check=check)
-
     def ready(self, *background_keys: str) -> None:
         """Report that all is declared; then, if requested, wait for subscribers of `background_keys`.
 
@@ -212,6 +170,7 @@ class Process:
         """
         say("ready", process=self.name)
         self._notifier.ready()
+        gc.freeze()  # present objects stay, and need not be searched for garbage again and again
         deadline = time.monotonic() + self._await_monitor
         while not (self.stop or all(map(self._watched, background_keys))):
             now = time.monotonic()
@@ -219,32 +178,24 @@ class Process:
                 if self._await_monitor > 0.0:
                     _log.warning("no monitor after %g s; starting without", self._await_monitor)
                 return
-            self._notifier.alive(now)
-            self._linger.tend(now)
+            self.tend(now)
             self.mailbox.serve()
             time.sleep(min(0.01, deadline - now))
 
-    def run(self, core: Steps, send: Callable[[Iterable[Outgoing]], None] | None = None) -> None:
-        """Step `core` on every arrival that wakes and whenever it is due, until told to stop.
+    def tend(self, mono: float) -> None:
+        """Report to systemd that the loop runs, and keep the bus's own sockets short."""
+        self._notifier.alive(mono)
+        self._linger.tend(mono)
 
-        Its messages go to `send`, by default the fleet's bus. Its last messages are sent after a failure,
-        too.
-        """
-        send = send or self.bus.send
-        self._dropped = core.dropped
-        gc.freeze()  # present objects stay, and need not be searched for garbage again and again
-        try:
-            while not self.stop:
-                self.mailbox.serve()
-                now = clocks()
-                send(core.step(now, self.mailbox.drain()))
-                self._notifier.alive(now.mono)
-                self._linger.tend(now.mono)
-                self.mailbox.wait(min(max(core.due - monotonic(), 0.0), PARENT_CHECK_PERIOD))
-        finally:
-            send(core.halt(clocks(), self.stop.reason or "failed"))
-            self._notifier.stopping(self.stop.reason or "failed")
-        _log.info("stopped: %s", self.stop.reason)
+    def run(self, core: Steps, send: Callable[[Iterable[Outgoing]], None] | None = None) -> None:
+        """Play the loop of `core`."""
+        self.play(self.loop(core, send))
+
+    def play(self, pauses: Pauses) -> None:
+        """Play a main function, sleeping through its pauses, until it ends."""
+        with closing(pauses):
+            for pause in pauses:
+                self.mailbox.wait(pause)
 
     def _watched(self, key: str) -> bool:
         """Whether a key of either side has a subscriber."""

@@ -4,50 +4,17 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from typing import Literal, Protocol
+from typing import Literal
 
 from formation.mission.model import Mission
 from formation.ros2.naming import Naming
 from formation.ros2.ros_names import address
 from formation.topics import Topic
 from formation.transport.bus_config import BusError
-from formation.transport.mailbox import Handler, Mailbox
+from formation.transport.interfaces import Handler
+from formation.transport.mailbox import Mailbox
 from formation.transport.robot_bus import RobotBus
 from formation.transport.wiring import by_endpoint
-
-
-class RobotSide(Protocol):
-    """A `RobotBus`, or several as one."""
-
-    @property
-    def published(self) -> Counter[str]:
-        """Messages handed to Zenoh, by logical key."""
-
-    @property
-    def received(self) -> Counter[str]:
-        """Messages that arrived, by logical key."""
-
-    @property
-    def connected(self) -> bool:
-        """Whether every router is linked."""
-
-    def advertise(self, topic: Topic, key: str) -> None:
-        """As `RobotBus.advertise`."""
-
-    def subscribe(self, topic: Topic, key: str, *, from_others: bool = False) -> None:
-        """As `RobotBus.subscribe`."""
-
-    def answer(self, key: str, handler: Handler) -> None:
-        """As `RobotBus.answer`."""
-
-    def publish(self, key: str, payload: bytes) -> None:
-        """As `RobotBus.publish`."""
-
-    def routed(self, key: str) -> bool | None:
-        """As `RobotBus.routed`."""
-
-    def close(self) -> None:
-        """As `RobotBus.close`."""
 
 
 class RobotBuses:

@@ -69,7 +69,7 @@ class Setting:
         self.log: list[tuple[str, str, bytes | None]] = []
         self.fleet, self.robot = Wire("fleet", self.log), Wire("robot", self.log)
         self.agent = Agent(mission, "robot2", readonly=readonly, publisher_id="v")
-        process: Any = SimpleNamespace(bus=self.fleet, robot=self.robot)
+        process: Any = SimpleNamespace(bus=self.fleet, robot=self.robot, clock=lambda: Now(1.2, 100.2))
         self.process = process
         self.sides = Sides(self.agent, process, readonly=readonly)
         self.sides.declare()
@@ -268,9 +268,7 @@ class Slow(Drawer):
 def keeping(setting: Setting, disk: Drawer) -> None:
     """Have the agent keep things there."""
     persistence = Persistence(setting.agent, cast("Store", disk), "a boot")
-    setting.sides = Sides(
-        setting.agent, setting.process, readonly=False, persistence=persistence, clock=lambda: Now(1.2, 100.2)
-    )
+    setting.sides = Sides(setting.agent, setting.process, readonly=False, persistence=persistence)
     setting.sides.declare()
 
 

@@ -18,6 +18,7 @@ from formation.mission.model import Mission
 from formation.protocol.status import AgentState
 from formation.ros2.messages import Odometry, Pose, decode, encode
 from formation.topics import ODOM, POSE
+from formation.transport.runtime.process import clocks
 from formation.wire import Sample
 from tests.support.missions import with_robots
 from tests.support.recorded import Wire
@@ -130,16 +131,17 @@ def test_a_loop_that_fails_says_so_to_what_is_kept(monkeypatch: pytest.MonkeyPat
     failed = []
     monkeypatch.setattr(Sides, "failed", lambda _self, now: failed.append(now))
 
-    def run(*_: Any) -> None:
+    def loop(*_: Any) -> Iterator[float]:
+        yield 0.0
         raise OverflowError("absolute value too large")
 
     wire = Wire()
     bus = SimpleNamespace(
         advertise=wire.advertise, subscribe=wire.subscribe, routed=wire.routed, answer=wire.subscribe
     )
-    process: Any = SimpleNamespace(bus=bus, robot=wire, ready=lambda *_: None, run=run)
+    process: Any = SimpleNamespace(bus=bus, robot=wire, ready=lambda *_: None, loop=loop, clock=clocks)
     with pytest.raises(OverflowError):
-        drive(Agent(SIX, "robot3", publisher_id="a"), process, readonly=False)
+        list(drive(Agent(SIX, "robot3", publisher_id="a"), process, readonly=False))
     assert len(failed) == 1
 
 

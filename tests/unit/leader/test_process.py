@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, cast
 
 import pytest
@@ -15,7 +15,7 @@ from formation.mission.file import load, parse
 from formation.mission.model import Mission
 from formation.protocol import order
 from formation.protocol.order import OperatorReply
-from formation.transport.mailbox import Handler
+from formation.transport.interfaces import Handler
 from formation.transport.runtime.process import BadInput, Process, clocks
 from formation.wire import Outgoing
 from tests.unit.leader.leading import CURVED
@@ -41,18 +41,19 @@ class FakeProcess:
     """A process whose loop is the test."""
 
     def __init__(self, run: Callable[[Any, Bus], None]) -> None:
-        self.bus, self._run = Bus(), run
+        self.bus, self._run, self.clock = Bus(), run, clocks
 
     def declare(self, _: Leader, check: object = None) -> None: ...
 
     def ready(self, *_: str) -> None: ...
 
-    def run(self, core: Any) -> None:
+    def loop(self, core: Any) -> Iterator[float]:
         self._run(core, self.bus)
+        yield 0.0
 
 
 def on(leader: Leader, run: Callable[[Any, Bus], None]) -> None:
-    lead(leader, cast("Process", FakeProcess(run)))
+    list(lead(leader, cast("Process", FakeProcess(run))))
 
 
 def test_thawed_leader_checks_leadership_before_answering(
