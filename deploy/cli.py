@@ -41,6 +41,9 @@ COMMANDS = {
     "simulate": Command(
         "formation.deploy.simulate", HERE, "many starts, faster than real time, without a network"
     ),
+    "rehearse": Command(
+        "formation.deploy.rehearse", HERE, "every process with faults, on a virtual clock, from one seed"
+    ),
     "stop": Command("formation.deploy.stop", HERE, "stop every robot of a running mission, at once"),
     "order": Command("formation.deploy.order", HERE, "give a running mission's robots any order"),
     "watch": Command("formation.deploy.watch", HERE, "a table of any running fleet in the terminal"),

@@ -48,16 +48,16 @@ class Fault(NamedTuple):
     """[s]"""
 
 
-def read(text: str) -> Fault:
-    """Parse a fault in the format `FORM`. Raises ValueError."""
+def read(text: str, sizes: Mapping[str, float] = SIZES, *, form: str = FORM) -> Fault:
+    """Parse a fault in the format `form`; `sizes` are the kinds and their default sizes. Raises ValueError."""
     found = _TEXT.fullmatch(text)
     if found is None:
-        raise ValueError(f"{text!r}: must be {FORM}, such as robot2:frozen@20+10")
+        raise ValueError(f"{text!r}: must be {form}, such as robot2:frozen@20+10")
     kind = found["kind"]
-    if kind not in SIZES:
-        raise ValueError(f"{text!r}: {kind}: must be one of {', '.join(SIZES)}")
+    if kind not in sizes:
+        raise ValueError(f"{text!r}: {kind}: must be one of {', '.join(sizes)}")
     try:
-        size = SIZES[kind] if found["size"] is None else float(found["size"])
+        size = sizes[kind] if found["size"] is None else float(found["size"])
         since, lasts = float(found["since"]), float(found["lasts"] or "inf")
     except ValueError:
         raise ValueError(f"{text!r}: SIZE, START and SECONDS must be numbers") from None

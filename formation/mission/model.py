@@ -299,7 +299,12 @@ class Mission(Table):
 
     def under(self, law: str) -> Mission:
         """The same mission under another law."""
-        return self.model_copy(update={"law": self.law.under(law)})
+        return self.changed(law=self.law.under(law))
+
+    def changed(self, **values: Any) -> Mission:
+        """The same mission with other values of some keys, which are not checked."""
+        same = {name: getattr(self, name) for name in type(self).model_fields}
+        return type(self).model_construct(**{**same, **values})
 
     def control(self, robot: str, controller: Controller, step: float = 0.0) -> ControlParams:
         """The control pipeline's parameters for a robot.

@@ -1,0 +1,1 @@
+"""Rehearsal: every process of a mission on one virtual clock and a network in memory."""

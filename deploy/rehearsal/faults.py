@@ -1,0 +1,219 @@
+"""The faults of a rehearsal: parse, draw and inject them.
+
+Written as ``NAME:KIND[=SIZE]@START[+SECONDS]``, where NAME is a robot, the leader or a standby. Every drawn
+fault ends; a fault without SECONDS lasts for ever.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+from formation.agent.simulated.faults import SIZES as SENSOR_KINDS
+from formation.agent.simulated.faults import Fault, read
+from formation.deploy.rehearsal.air import Weather
+from formation.deploy.rehearsal.fleet import Fleet
+from formation.deploy.rehearsal.operator import Operator
+from formation.mission.model import Mission
+
+FIRST_START, LAST_START = 3.0, 25.0
+"""Drawn faults start between these times [s]."""
+MAX_DRAWN_SECONDS = 10.0
+"""A drawn fault lasts at most this long [s]."""
+MAX_DRAWN_FAULTS = 5
+"""Most faults that are drawn for one run."""
+
+
+class Kind(NamedTuple):
+    """One kind of fault."""
+
+    what: str
+    """What happens, for people."""
+    lowest: float = 0.0
+    highest: float = 0.0
+    """Range of drawn sizes."""
+    robots_only: bool = True
+    """Whether only followers have it."""
+
+
+NETWORK: Mapping[str, Kind] = {
+    "loss": Kind("loses this share of its messages", 0.1, 0.9, robots_only=False),
+    "delay": Kind("links are slower by SIZE [s]", 0.05, 1.0, robots_only=False),
+    "jitter": Kind("messages overtake each other, later by up to SIZE [s]", 0.05, 0.5, robots_only=False),
+    "twice": Kind("receives and sends this share of its messages twice", 0.1, 1.0, robots_only=False),
+    "late": Kind("links become slower by SIZE every second [s/s]", 0.1, 1.0, robots_only=False),
+    "throttle": Kind("links carry SIZE [bytes/s]", 500.0, 5000.0, robots_only=False),
+    "cut": Kind("has no links", robots_only=False),
+    "deaf": Kind("receives nothing, while others receive it", robots_only=False),
+    "mute": Kind("is received by no one, while it receives others", robots_only=False),
+}
+PROCESSES: Mapping[str, Kind] = {
+    "kill": Kind("its process is killed, and started again at the end", robots_only=False),
+    "reset": Kind("the same, and its disk is empty then", robots_only=False),
+    "freeze": Kind("its process is suspended", robots_only=False),
+    "slow": Kind("its process takes SIZE [s] for each step", 0.02, 0.3, robots_only=False),
+    "unwatched": Kind("its watchdog is killed, and started again at the end"),
+    "second": Kind("a second agent of the robot runs"),
+    "mixed": Kind("its agent is restarted with another mission, until the end"),
+}
+MACHINES: Mapping[str, Kind] = {
+    "clock": Kind("its system clock is SIZE [s] ahead", -100.0, 100.0, robots_only=False),
+    "drift": Kind("its system clock gains SIZE every second [s/s]", -0.05, 0.05, robots_only=False),
+    "full": Kind("its disk is full", robots_only=False),
+}
+OPERATOR: Mapping[str, Kind] = {
+    "hold": Kind("an operator holds all robots, and lets them run at the end", robots_only=False),
+    "stop": Kind("an operator stops all robots, then releases them and lets them run", robots_only=False),
+    "waver": Kind("an operator orders hold and run in turn, every 0.3 s", robots_only=False),
+}
+SENSORS: Mapping[str, Kind] = {
+    "frozen": Kind("odometry and external pose repeat one place"),
+    "tremble": Kind("the same, give or take SIZE [m]", 1e-6, 1e-3),
+    "speeds": Kind("odometry reports SIZE times the true speeds", 0.0, 2.0),
+    "blocked": Kind("its wheels do not turn"),
+    "carried": Kind("it is moved at SIZE [m/s]", 0.05, 0.3),
+}
+KINDS: Mapping[str, Kind] = {**NETWORK, **PROCESSES, **MACHINES, **OPERATOR, **SENSORS}
+FORM = "NAME:KIND[=SIZE]@START[+SECONDS]"
+
+
+def parse(text: str, mission: Mission) -> Fault:
+    """Parse a fault for `mission`. Raises ValueError, which names the legal values."""
+    fault = read(text, KINDS_AND_SIZES, form=FORM)
+    names = mission.followers if KINDS[fault.kind].robots_only else (*mission.names, *mission.standbys)
+    if fault.robot not in names:
+        raise ValueError(f"{text!r}: {fault.robot}: must be one of {', '.join(names)}")
+    return fault
+
+
+KINDS_AND_SIZES: Mapping[str, float] = {
+    **{name: (kind.lowest + kind.highest) / 2.0 for name, kind in KINDS.items()},
+    **SENSOR_KINDS,
+    "clock": 10.0,
+    "drift": 0.01,
+}
+"""Kinds of faults and their default sizes."""
+
+
+def spelled(fault: Fault) -> str:
+    """`fault` as it is typed."""
+    size = f"={fault.size:g}" if fault.size != KINDS_AND_SIZES[fault.kind] else ""
+    lasts = f"+{fault.lasts:g}" if fault.lasts < math.inf else ""
+    return f"{fault.robot}:{fault.kind}{size}@{fault.since:g}{lasts}"
+
+
+def draw(mission: Mission, kinds: Sequence[str], seed: int) -> list[Fault]:
+    """Draw faults of `kinds` from `seed`."""
+    chance = random.Random(f"faults {seed}")
+    drawn = []
+    for _ in range(chance.randint(1, MAX_DRAWN_FAULTS) if kinds else 0):
+        kind = chance.choice(kinds)
+        about = KINDS[kind]
+        names = mission.followers if about.robots_only else (*mission.names, *mission.standbys)
+        drawn.append(
+            Fault(
+                chance.choice(names),
+                kind,
+                float(f"{chance.uniform(about.lowest, about.highest):.3g}"),
+                round(chance.uniform(FIRST_START, LAST_START), 1),
+                round(chance.uniform(0.3, MAX_DRAWN_SECONDS), 1),
+            )
+        )
+    return sorted(drawn, key=lambda one: one.since)
+
+
+def inject(faults: Sequence[Fault], fleet: Fleet, operator: Operator) -> None:
+    """Schedule the beginnings and ends of `faults`, except those of sensors, which the robots have."""
+    for fault in faults:
+        if fault.kind not in SENSORS:
+            begin, end = _actions(fault, fleet, operator)
+            fleet.engine.at(fault.since, begin)
+            if fault.lasts < math.inf:
+                fleet.engine.at(fault.since + fault.lasts, end)
+
+
+def _actions(fault: Fault, fleet: Fleet, operator: Operator) -> tuple[Callable[[], None], Callable[[], None]]:
+    """Return what begins a fault, and what ends it."""
+    if fault.kind in NETWORK:
+        return _of_network(fault, fleet)
+    if fault.kind in PROCESSES:
+        return _of_process(fault, fleet)
+    if fault.kind in MACHINES:
+        return _of_machine(fault, fleet)
+    if fault.kind == "waver":
+        return lambda: operator.waver(fault.lasts), lambda: operator.order("run")
+    return lambda: operator.order("stop" if fault.kind == "stop" else "hold"), operator.set_going
+
+
+def _of_network(fault: Fault, fleet: Fleet) -> tuple[Callable[[], None], Callable[[], None]]:
+    name, size, air = fault.robot, fault.size, fleet.air
+    others = [other for other in fleet.machines if other != name]
+    if fault.kind in {"cut", "deaf", "mute"}:
+        pairs = [(other, name) for other in others if fault.kind != "mute"]
+        pairs += [(name, other) for other in others if fault.kind != "deaf"]
+        return lambda: air.cut(pairs), lambda: air.mend(pairs)
+    weather = {
+        "loss": Weather(loss=size),
+        "delay": Weather(delay=size),
+        "jitter": Weather(jitter=size),
+        "twice": Weather(twice=size),
+        "late": Weather(growth=size, since=fault.since),
+        "throttle": Weather(bandwidth=size),
+    }[fault.kind]
+    return lambda: air.disturb(name, weather), lambda: air.calm(name, weather)
+
+
+def _of_process(fault: Fault, fleet: Fleet) -> tuple[Callable[[], None], Callable[[], None]]:
+    name, kind = fault.robot, fault.kind
+
+    def again(wipes: bool, mission: Mission | None = None) -> None:
+        fleet.kill(name)
+        if wipes:
+            fleet.disks[name].files.clear()
+        if mission is not None:
+            fleet.start_agent(name, mission)
+        else:
+            fleet.start(name)
+
+    def lag(seconds: float) -> None:
+        fleet.process_of(name).lag = seconds
+
+    def dismiss() -> None:
+        fleet.rivals[name].kill()
+
+    def unwatch() -> None:
+        fleet.watchdogs[name].kill()
+
+    other = fleet.mission.changed(duration=fleet.mission.duration + 1.0)
+    return {
+        "kill": (lambda: fleet.kill(name), lambda: again(wipes=False)),
+        "reset": (lambda: fleet.kill(name), lambda: again(wipes=True)),
+        "freeze": (lambda: fleet.process_of(name).freeze(), lambda: fleet.process_of(name).thaw()),
+        "slow": (lambda: lag(fault.size), lambda: lag(0.0)),
+        "unwatched": (unwatch, lambda: fleet.start_watchdog(name)),
+        "second": (lambda: fleet.start_rival(name), dismiss),
+        "mixed": (lambda: again(wipes=False, mission=other), lambda: again(wipes=False)),
+    }[kind]
+
+
+def _of_machine(fault: Fault, fleet: Fleet) -> tuple[Callable[[], None], Callable[[], None]]:
+    machine, disk, size = fleet.machines[fault.robot], fleet.disks[fault.robot], fault.size
+
+    def drift(rate: float) -> None:
+        now = fleet.engine.now
+        machine.offset += machine.drift * (now - machine.drift_since)
+        machine.drift, machine.drift_since = rate, now
+
+    def step(seconds: float) -> None:
+        machine.offset += seconds
+
+    def fill(is_full: bool) -> None:
+        disk.is_full = is_full
+
+    return {
+        "clock": (lambda: step(size), lambda: step(-size)),
+        "drift": (lambda: drift(size), lambda: drift(0.0)),
+        "full": (lambda: fill(is_full=True), lambda: fill(is_full=False)),
+    }[fault.kind]

@@ -1,0 +1,182 @@
+"""Every process of a mission, as its main function, on an engine: robots, watchdogs, agents, candidates."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from formation.agent.core import Agent
+from formation.agent.persistence.restore import Persistence
+from formation.agent.process import drive
+from formation.agent.simulated.faults import Fault as SensorFault
+from formation.agent.simulated.faults import with_faults
+from formation.agent.simulated.process import host
+from formation.agent.simulated.simulated import World, kinematic
+from formation.agent.watchdog.core import Watchdog
+from formation.agent.watchdog.process import watch
+from formation.deploy.rehearsal.air import LOCAL_DELAY, Air, Weather
+from formation.deploy.rehearsal.engine import UPTIME, Engine, Machine, VirtualProcess
+from formation.deploy.rehearsal.files import AgentFiles, CandidateTerms, Disk
+from formation.deploy.rehearsal.sides import Exchange, FleetPort, RobotPort
+from formation.leader.core import Leader
+from formation.leader.process import lead
+from formation.mission.model import Mission
+from formation.ros2.ros_names import address
+from formation.simulation.edges import Edges, formation_error
+
+START_SPREAD = 0.2
+"""Processes start within this time [s]."""
+BOOT = "rehearsed"
+"""Boot id of all machines: none is switched off."""
+
+
+class Fleet:
+    """The processes of `mission`, and what they run on."""
+
+    def __init__(
+        self, mission: Mission, seed: int, weather: Weather, sensor_faults: Sequence[SensorFault]
+    ) -> None:
+        self.mission, self.engine = mission, Engine()
+        self.air = Air(seed, lambda: self.engine.now, weather)
+        self.fleet = Exchange(self.engine, self.air.ways)
+        self.local = Exchange(self.engine, lambda *_: (LOCAL_DELAY,))
+        self.machines = {name: Machine(name) for name in (*mission.names, *mission.standbys)}
+        self.disks = {name: Disk() for name in self.machines}
+        self.agents: dict[str, tuple[Agent, VirtualProcess]] = {}
+        """The newest agent of each robot, and its process."""
+        self.candidates: dict[str, tuple[Leader, VirtualProcess]] = {}
+        self.watchdogs: dict[str, VirtualProcess] = {}
+        self.robots: dict[str, tuple[World, VirtualProcess]] = {}
+        """What hosts each simulated robot, and its process."""
+        self.rivals: dict[str, VirtualProcess] = {}
+        """Second agents."""
+        self.processes: list[VirtualProcess] = []
+        """All that have ever been started."""
+        self._edges = Edges(mission.graph)
+        self._files: dict[str, AgentFiles | CandidateTerms] = {}
+        self._numbers = itertools.count()
+        faults = {name: [one for one in sensor_faults if one.robot == name] for name in mission.followers}
+        for group in _hosted_together(mission):
+            self._start_world(group, seed, [one for name in group for one in faults[name]])
+        starts = START_SPREAD / len(self.machines)
+        for number, name in enumerate(mission.followers):
+            self.engine.at(0.01 + starts * number, partial(self.start_robot, name))
+        for number, name in enumerate(mission.candidates):
+            self.engine.at(0.02 + starts * number, partial(self.start_candidate, name))
+
+    def start_robot(self, name: str) -> None:
+        """Start the agent of a robot and its watchdog."""
+        self.start_watchdog(name)
+        self.start_agent(name)
+
+    def start_agent(self, name: str, mission: Mission | None = None) -> None:
+        """Start an agent, with what is on its disk; `mission` replaces the fleet's."""
+        files = AgentFiles(self.disks[name], name)
+        self._files[name] = files
+        agent = Agent(mission or self.mission, name, publisher_id=self._publisher_id(name))
+        process = self._process(f"agent {name}", name)
+        process.plug(self._fleet_port(process), self._robot_port(process, name))
+        self.agents[name] = agent, process
+        process.play(drive(agent, process, readonly=False, persistence=Persistence(agent, files, BOOT)))
+
+    def start_rival(self, name: str) -> None:
+        """Start a second agent of a robot, which has no disk."""
+        process = self._process(f"second agent {name}", name)
+        process.plug(self._fleet_port(process), self._robot_port(process, name))
+        agent = Agent(self.mission, name, publisher_id=self._publisher_id(name))
+        self.rivals[name] = process
+        process.play(drive(agent, process, readonly=False))
+
+    def start_watchdog(self, name: str) -> None:
+        """Start the watchdog of a robot."""
+        process = self.watchdogs[name] = self._process(f"watchdog {name}", name)
+        process.plug(None, self._robot_port(process, name))
+        process.play(watch(Watchdog(self.mission, name), process))
+
+    def start_candidate(self, name: str) -> None:
+        """Start the leader or a standby."""
+        terms = CandidateTerms(self.disks[name], name)
+        self._files[name] = terms
+        leader = Leader(self.mission, name, publisher_id=self._publisher_id(name), known=terms.read())
+        process = self._process(f"leader {name}", name)
+        process.plug(self._fleet_port(process), None)
+        self.candidates[name] = leader, process
+        process.play(lead(leader, process, None, terms))
+
+    def process_of(self, name: str) -> VirtualProcess:
+        """The agent of a robot, or the process of a candidate."""
+        return (self.candidates if name in self.mission.candidates else self.agents)[name][1]
+
+    def start(self, name: str) -> None:
+        """Start the agent of a robot, or a candidate."""
+        if name in self.mission.candidates:
+            self.start_candidate(name)
+        else:
+            self.start_agent(name)
+
+    def kill(self, name: str) -> None:
+        """Kill the agent of a robot, or a candidate."""
+        self._files[name].is_open = False
+        self.process_of(name).kill()
+
+    @property
+    def leading(self) -> Leader:
+        """The candidate that leads, else the one that did last."""
+        leaders = [leader for leader, process in self.candidates.values() if process.alive]
+        every = [leader for leader, _ in self.candidates.values()]
+        return max(leaders or every, key=lambda one: (one.leads, one.term))
+
+    def error(self) -> float:
+        """True formation error in the shape that is wanted [m]."""
+        slots = np.array(self.leading.wanted.slots(self.mission))
+        return float(formation_error(self._edges, np.array(self._points()), slots))
+
+    def discs(self) -> list[tuple[str, complex, float]]:
+        """Each robot's name, true centre [m] and radius [m]."""
+        found = []
+        for name, (world, _) in self.robots.items():
+            world.plant(name).go_to(UPTIME + self.engine.now)
+            found.append((name, world.plant(name).position, self.mission.robots[name].radius))
+        return found
+
+    def _points(self) -> list[complex]:
+        places = {name: position for name, position, _ in self.discs()}
+        points = [self.leading.where(UPTIME + self.engine.now)]
+        for name in self.mission.followers:
+            offset = self.mission.robots[name].control_point_offset
+            points.append(places[name] + offset * self.robots[name][0].plant(name).heading)
+        return points
+
+    def _start_world(self, names: Sequence[str], seed: int, faults: Sequence[SensorFault]) -> None:
+        world = World(self.mission, names, seed, with_faults(kinematic, faults))
+        process = self._process(f"robot {' '.join(names)}", names[0])
+        fleet = any(address(key).topic.side != "robot" for key in world.subscriptions)
+        process.plug(self._fleet_port(process) if fleet else None, RobotPort(self.local, process, []))
+        for name in names:
+            self.robots[name] = world, process
+        process.play(host(world, process))
+
+    def _process(self, name: str, machine: str) -> VirtualProcess:
+        process = VirtualProcess(self.engine, name, self.machines[machine])
+        self.processes.append(process)
+        return process
+
+    def _fleet_port(self, process: VirtualProcess) -> FleetPort:
+        return FleetPort(self.fleet, process)
+
+    def _robot_port(self, process: VirtualProcess, name: str) -> RobotPort:
+        return RobotPort(self.local, process, [self.robots[name][1]])
+
+    def _publisher_id(self, name: str) -> str:
+        return f"{name}-{next(self._numbers)}"
+
+
+def _hosted_together(mission: Mission) -> list[tuple[str, ...]]:
+    """Return the robots that one process must simulate: those that see each other with a sensor."""
+    specs = [mission.robots[name] for name in mission.followers]
+    if any(spec.scanner != "none" or spec.measurement == "local" for spec in specs):
+        return [mission.followers]
+    return [(name,) for name in mission.followers]

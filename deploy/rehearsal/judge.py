@@ -1,0 +1,185 @@
+"""What must hold in every rehearsal, checked while it runs.
+
+| rule | what must hold |
+|---|---|
+| exception | no process ends by an exception |
+| limits | commands are finite and within the robot's limits |
+| ramp | no command is faster than the one before by more than the ramp allows |
+| zero | an agent that is not in state `run` commands zero, or a slow probe |
+| stop | a robot that acknowledged a stop stands until it is released, whatever restarts |
+| leaders | at most one candidate may lead at any time |
+| touch | no two bodies touch, where the collision filter promises it |
+| formation | after the last fault the formation settles within `RECOVERY_TIME` |
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from formation.agent.pose.probe import PROBE_SPEED_SHARE
+from formation.agent.simulated.faults import Fault
+from formation.control.ramp import FIRST_CHANGE_SHARE, RampLimits, ramp_limits
+from formation.control.unicycle import AT_REST, Command
+from formation.deploy.rehearsal.engine import UPTIME, VirtualProcess
+from formation.deploy.rehearsal.fleet import Fleet
+from formation.mission.model import Mission
+from formation.protocol.order import OperatorReply, OperatorRequest
+from formation.protocol.status import AgentState
+from formation.ros2.messages import Twist, TwistStamped, decode
+from formation.topics import CMD_VEL
+from formation.wire import Outgoing
+
+RULES = ("exception", "limits", "ramp", "zero", "stop", "leaders", "touch", "formation")
+RECOVERY_TIME = 60.0
+"""Time after the last fault within which the formation must settle [s]."""
+STOP_DELAY = 0.1
+"""Time from the acknowledgement of a stop to the last command that may move the robot [s]."""
+TOLERANCE = 1e-6
+"""Relative excess of a limit that counts as rounding."""
+TOUCH_PROMISED = frozenset(("kill", "reset", "unwatched", "hold", "stop", "full", "twice"))
+"""Kinds of faults under which the filter's promise holds: positions stay true and in time."""
+
+
+class Violation(NamedTuple):
+    """A rule that was broken."""
+
+    rule: str
+    time: float
+    """[s]"""
+    robot: str
+    """Empty for the team."""
+    what: str
+
+
+class Judge:
+    """Watches one fleet."""
+
+    def __init__(self, fleet: Fleet, faults: Sequence[Fault], max_delay: float) -> None:
+        """`max_delay` is the greatest delay of the network without faults [s]."""
+        self.violations: list[Violation] = []
+        """The first of each rule and robot."""
+        self.nearest = math.inf
+        """Least distance between two bodies [m]."""
+        self.settled_at: float | None = None
+        """When the formation settled after the last fault [s]."""
+        mission = fleet.mission
+        self._fleet, self._mission = fleet, mission
+        self._ramps = {name: _ramp_of(mission, name) for name in mission.followers}
+        self._newest: dict[str, tuple[float, Command]] = {}
+        self._keys = {CMD_VEL.key(name): name for name in mission.followers}
+        self._stopped: dict[str, float] = {}  # when each robot acknowledged a stop [s]
+        self._resets = {one.robot for one in faults if one.kind == "reset"}
+        filtered = mission.collisions.mode == "on" and mission.law.controller.collision_filter
+        truthful = all(one.kind in TOUCH_PROMISED for one in faults)
+        self._no_touch = filtered and truthful and max_delay <= mission.collisions.delay
+        fleet.local.watchers.append(self._command)
+
+    @property
+    def broken(self) -> set[str]:
+        """The broken rules."""
+        return {one.rule for one in self.violations}
+
+    def look(self) -> None:
+        """Check what is not a message; call it often."""
+        self._check_failures()
+        self._check_leaders()
+        self._check_bodies()
+
+    def look_settled(self, since: float) -> bool:
+        """Whether the formation has settled; `since` is when the last fault ended [s]."""
+        if self.settled_at is None and self._fleet.error() <= self._mission.settled:
+            self.settled_at = self._fleet.engine.now
+        if self.settled_at is None and self._fleet.engine.now > since + RECOVERY_TIME:
+            error = self._fleet.error()
+            why = "; ".join(f"{name}: {_state(self._fleet, name)}" for name in self._mission.followers)
+            self._tell("formation", "", f"error {error:.3f} m after {RECOVERY_TIME:.0f} s; {why}")
+        return self.settled_at is not None
+
+    def answered(self, name: str, request: OperatorRequest, reply: OperatorReply) -> None:
+        """Note a robot's answer to an operator."""
+        if name not in self._mission.followers or not reply.ok:
+            return
+        if request.do == "stop":
+            self._stopped.setdefault(name, self._fleet.engine.now)
+        elif request.do == "release":
+            self._stopped.pop(name, None)
+
+    def _command(self, process: VirtualProcess, out: Outgoing) -> None:
+        name = self._keys.get(out.key)
+        if name is None or not process.name.startswith("agent "):
+            return
+        now, command = self._fleet.engine.now, _decoded(self._mission, name, out.payload)
+        spec, moves = self._mission.robots[name], command != AT_REST
+        shares = command.speed / spec.max_speed, command.turn_rate / spec.max_turn_rate
+        if not all(abs(share) <= 1.0 + TOLERANCE for share in shares):  # NaN is not within limits
+            self._tell("limits", name, f"{command.speed:g} m/s, {command.turn_rate:g} rad/s")
+        agent, _ = self._fleet.agents[name]
+        decision = agent.decision
+        slow = decision.probes and max(map(abs, shares)) <= PROBE_SPEED_SHARE + TOLERANCE
+        if moves and decision.state is not AgentState.RUN and not slow:
+            self._tell("zero", name, f"{command.speed:g} m/s in state {decision.state}")
+        stopped = self._stopped.get(name)
+        if moves and stopped is not None and now > stopped + STOP_DELAY and name not in self._resets:
+            self._tell("stop", name, f"{command.speed:g} m/s {now - stopped:.2f} s after it was stopped")
+        self._check_ramp(name, now, command)
+        self._newest[name] = now, command
+
+    def _check_ramp(self, name: str, now: float, command: Command) -> None:
+        time, before = self._newest.get(name, (-math.inf, AT_REST))
+        spec, most = self._mission.robots[name], self._ramps[name]
+        if most.time <= 0.0:
+            return
+        silence = now - time
+        share = FIRST_CHANGE_SHARE if silence > most.gap else min(silence, most.longest) / most.time
+        for new, old, limit, step in (
+            (command.speed, before.speed, spec.max_speed, spec.speed_step),
+            (command.turn_rate, before.turn_rate, spec.max_turn_rate, spec.turn_rate_step),
+        ):
+            if abs(new) > abs(old) + (share + 1e-3) * limit + 2.0 * step:
+                self._tell("ramp", name, f"from {old:g} to {new:g} within {silence:.3f} s")
+
+    def _check_failures(self) -> None:
+        for process in self._fleet.processes:
+            if process.failure is not None:
+                failure, process.failure = process.failure, None
+                self._tell("exception", process.name, f"{type(failure).__name__}: {failure}")
+
+    def _check_leaders(self) -> None:
+        now = UPTIME + self._fleet.engine.now
+        leaders = [
+            name
+            for name, (leader, process) in self._fleet.candidates.items()
+            if process.alive and leader.lease_end > now
+        ]
+        if len(leaders) > 1:
+            self._tell("leaders", "", " and ".join(leaders))
+
+    def _check_bodies(self) -> None:
+        for (one, here, radius), (other, there, width) in itertools.combinations(self._fleet.discs(), 2):
+            free = abs(here - there) - radius - width
+            self.nearest = min(self.nearest, free)
+            if free < 0.0 and self._no_touch:
+                self._tell("touch", f"{one} and {other}", f"bodies overlap by {-free:.3f} m")
+
+    def _tell(self, rule: str, robot: str, what: str) -> None:
+        if not any((rule, robot) == (one.rule, one.robot) for one in self.violations):
+            self.violations.append(Violation(rule, self._fleet.engine.now, robot, what))
+
+
+def _ramp_of(mission: Mission, name: str) -> RampLimits:
+    spec = mission.robots[name]
+    return ramp_limits(spec.ramp if mission.law.controller.ramp else 0.0, spec.rate)
+
+
+def _decoded(mission: Mission, name: str, payload: bytes) -> Command:
+    stamped = mission.robots[name].cmd_vel == "twist_stamped"
+    twist = decode(TwistStamped, payload) if stamped else decode(Twist, payload)
+    return Command(twist.speed, twist.turn_rate)
+
+
+def _state(fleet: Fleet, name: str) -> str:
+    decision = fleet.agents[name][0].decision
+    return f"{decision.state}, {decision.reason}"

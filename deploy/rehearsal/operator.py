@@ -1,0 +1,87 @@
+"""The operator of a rehearsal: orders to every robot and candidate, repeated until they are answered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from formation.deploy.rehearsal.fleet import Fleet
+from formation.protocol.order import MAX_ENDED, Do, OperatorReply, OperatorRequest, decode, encode
+from formation.topics import ORDER
+
+DESK = "desk"
+"""The operator's machine: it hears everybody, through the same air."""
+REPEAT_PERIOD = 0.1
+"""Time after which an unanswered request is repeated [s]."""
+MAX_REPEATS = 300
+"""A request is given up after so many."""
+QUERY_TIME = 0.5
+"""Time for the answers to a query [s]."""
+WAVER_PERIOD = 0.3
+"""Time between the orders of an operator who wavers [s]."""
+
+
+class Operator:
+    """Gives orders over the fleet's bus."""
+
+    def __init__(self, fleet: Fleet) -> None:
+        self._fleet, self._number = fleet, 0
+        self._names = (*fleet.mission.candidates, *fleet.mission.followers)
+        self.listeners: list[Callable[[str, OperatorRequest, OperatorReply], None]] = []
+        """Called with each answer, and the name of who gave it."""
+
+    def order(self, do: Do) -> None:
+        """Order all to `do`; a release and a run first learn what they end."""
+        self._number += 1
+        request = OperatorRequest(do=do, id=f"order-{self._number}")
+        if do not in {"release", "run"}:
+            self._put(request)
+            return
+        in_force: list[str] = []
+
+        def heard(_name: str, query: OperatorRequest, reply: OperatorReply) -> None:
+            if query.id == learning.id:
+                in_force.append(reply.stop if do == "release" else reply.hold)
+
+        learning = OperatorRequest(do="query", id=f"query-{self._number}")
+        self.listeners.append(heard)
+        self._put(learning)
+
+        def end() -> None:
+            self.listeners.remove(heard)
+            ends = tuple(dict.fromkeys(filter(None, in_force)))[:MAX_ENDED]
+            self._put(request.model_copy(update={"ends": ends}))
+
+        self._later(QUERY_TIME, end)
+
+    def set_going(self) -> None:
+        """End a stop, then every hold."""
+        self.order("release")
+        self._later(2.0 * QUERY_TIME, lambda: self.order("run"))
+
+    def waver(self, seconds: float) -> None:
+        """Order hold and run in turn for `seconds`."""
+        for number in range(int(seconds / WAVER_PERIOD)):
+            self._later(number * WAVER_PERIOD, partial(self.order, "run" if number % 2 else "hold"))
+
+    def _later(self, seconds: float, action: Callable[[], None]) -> None:
+        self._fleet.engine.at(self._fleet.engine.now + seconds, action)
+
+    def _put(self, request: OperatorRequest) -> None:
+        for name in self._names:
+            self._ask(name, request, set(), 0)
+
+    def _ask(self, name: str, request: OperatorRequest, answered: set[str], number: int) -> None:
+        if name in answered or number > MAX_REPEATS or (request.do == "query" and number > 4):
+            return
+
+        def heard(data: bytes) -> None:
+            if name not in answered:
+                answered.add(name)
+                reply = decode(OperatorReply, data)
+                for listener in tuple(self.listeners):
+                    listener(name, request, reply)
+
+        aged = request.model_copy(update={"age": round(number * REPEAT_PERIOD, 2)})
+        self._fleet.fleet.ask(DESK, ORDER.key(name), encode(aged), heard)
+        self._later(REPEAT_PERIOD, lambda: self._ask(name, request, answered, number + 1))

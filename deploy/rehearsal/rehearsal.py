@@ -1,0 +1,105 @@
+"""One rehearsal of a mission from one seed, its verdict, and the fewest faults that break the same rule."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from formation.agent.simulated.faults import Fault
+from formation.deploy.rehearsal.air import Weather
+from formation.deploy.rehearsal.faults import SENSORS, draw, inject, spelled
+from formation.deploy.rehearsal.fleet import Fleet
+from formation.deploy.rehearsal.judge import RECOVERY_TIME, Judge, Violation
+from formation.deploy.rehearsal.operator import Operator
+from formation.mission.model import Mission
+
+LOOK_PERIOD = 0.05
+"""Period of the checks that are not of messages [s]."""
+START_TIME = 15.0
+"""The formation need not settle before this [s]."""
+SETTLE_PERIOD = 0.5
+"""Period of the checks whether the formation has settled [s]."""
+
+
+class Plan(NamedTuple):
+    """What is rehearsed, the same for every seed."""
+
+    mission: Mission
+    kinds: tuple[str, ...] = ()
+    """Kinds of faults that are drawn."""
+    faults: tuple[Fault, ...] = ()
+    """Faults of every run."""
+    weather: Weather = Weather()
+    """Of all links, always."""
+    seconds: float = 0.0
+    """Shortest run [s]."""
+
+
+class Verdict(NamedTuple):
+    """The result of one rehearsal."""
+
+    seed: int
+    faults: tuple[Fault, ...]
+    violations: tuple[Violation, ...]
+    settled_at: float | None
+    """When the formation settled after the last fault [s]; None if it did not."""
+    nearest: float
+    """Least distance between two bodies [m]; infinite for one robot."""
+    seconds: float
+    """Rehearsed time [s]."""
+
+    @property
+    def broken(self) -> set[str]:
+        """The broken rules."""
+        return {one.rule for one in self.violations}
+
+    def as_json(self) -> dict[str, Any]:
+        """The result for programs."""
+        return {
+            "seed": self.seed,
+            "faults": [spelled(one) for one in self.faults],
+            "violations": [one._asdict() for one in self.violations],
+            "settled_at": self.settled_at,
+            "nearest": self.nearest if self.nearest < math.inf else None,
+            "seconds": self.seconds,
+        }
+
+
+def rehearse(plan: Plan, seed: int) -> Verdict:
+    """Rehearse `plan` with the faults that `seed` draws."""
+    return run(plan, seed, (*plan.faults, *draw(plan.mission, plan.kinds, seed)))
+
+
+def run(plan: Plan, seed: int, faults: Sequence[Fault]) -> Verdict:
+    """Rehearse `plan` with `faults`, until the formation has settled or should have."""
+    fleet = Fleet(plan.mission, seed, plan.weather, [one for one in faults if one.kind in SENSORS])
+    operator = Operator(fleet)
+    judge = Judge(fleet, faults, plan.weather.delay + plan.weather.jitter)
+    operator.listeners.append(judge.answered)
+    inject(faults, fleet, operator)
+    ends = [one.since + one.lasts for one in faults if one.lasts < math.inf]
+    last = max([START_TIME, plan.seconds, *ends])
+    forever = any(one.lasts == math.inf for one in faults)
+    time, checked = 0.0, last
+    while not judge.broken:
+        time += LOOK_PERIOD
+        fleet.engine.run(time)
+        judge.look()
+        if forever and time > last + START_TIME:
+            break
+        if not forever and time >= checked:
+            checked += SETTLE_PERIOD
+            if judge.look_settled(last) or time > last + RECOVERY_TIME + 1.0:
+                break
+    return Verdict(seed, tuple(faults), tuple(judge.violations), judge.settled_at, judge.nearest, time)
+
+
+def shrunk(plan: Plan, verdict: Verdict) -> tuple[Fault, ...]:
+    """Return the fewest of the faults of `verdict` that still break one of its rules with its seed."""
+    faults = list(verdict.faults)
+    for fault in verdict.faults:
+        fewer = [one for one in faults if one is not fault]
+        if run(plan, verdict.seed, fewer).broken & verdict.broken:
+            faults = fewer
+    return tuple(faults)

@@ -1,0 +1,196 @@
+"""The fleet's bus and the robots' sides in memory, with the interfaces of the real ones.
+
+Both are `Exchange`s: a message goes to every process that subscribes to its key, each time after as long as
+`ways` says. Keys are exact; the rehearsed processes use no wildcards.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Collection, Iterable
+from typing import TYPE_CHECKING, NamedTuple
+
+from formation.topics import Topic
+from formation.transport.bus_config import BusError
+from formation.transport.interfaces import Handler
+from formation.wire import Outgoing, Sample
+
+if TYPE_CHECKING:
+    from formation.deploy.rehearsal.engine import Engine, VirtualProcess
+
+Ways = Callable[[str, str, int], Iterable[float]]
+"""``ways(sender, receiver, size)``: the delay of each copy that arrives [s], by names of machines."""
+Check = Callable[[Sample, float], Sample]
+OVERHEAD_BYTES = 80
+"""Of each message, beside key, payload and attachment."""
+
+
+class _Subscription(NamedTuple):
+    port: FleetPort | RobotPort
+    wakes: bool
+    check: Check | None
+    from_others: bool
+
+
+class Exchange:
+    """All links of one bus."""
+
+    def __init__(self, engine: Engine, ways: Ways) -> None:
+        self.engine, self._ways = engine, ways
+        self.subscriptions: defaultdict[str, list[_Subscription]] = defaultdict(list)
+        self.answers: dict[str, tuple[VirtualProcess, Handler]] = {}
+        self.watchers: list[Callable[[VirtualProcess, Outgoing], None]] = []
+        """Called with each message when it is published."""
+
+    def publish(self, port: FleetPort | RobotPort, out: Outgoing) -> None:
+        """Send `out` to all subscribers."""
+        for watcher in self.watchers:
+            watcher(port.process, out)
+        size = OVERHEAD_BYTES + len(out.key) + len(out.payload) + len(out.attachment or b"")
+        sender = port.process.machine.name
+        for one in self.subscriptions.get(out.key, ()):
+            if one.from_others and one.port is port:
+                continue
+            receiver = one.port.process.machine.name
+            ways = (0.0,) if one.port is port else self._ways(sender, receiver, size)
+            for delay in ways:
+                self._deliver(one, out, delay)
+
+    def ask(self, asker: str, key: str, request: bytes, heard: Callable[[bytes], None]) -> None:
+        """Send a query from machine `asker`; `heard` receives the answer, if there is one."""
+        if key not in self.answers:
+            return
+        process, handler = self.answers[key]
+
+        def answered(reply: bytes) -> None:
+            for delay in self._ways(process.machine.name, asker, len(reply)):
+                self.engine.at(self.engine.now + delay, lambda: heard(reply))
+
+        def accept() -> None:
+            process.mailbox.accept(_Query(request, answered), handler)
+
+        for delay in self._ways(asker, process.machine.name, len(request)):
+            self.engine.at(self.engine.now + delay, lambda: process.arrive(accept, wakes=True))
+
+    def _deliver(self, one: _Subscription, out: Outgoing, delay: float) -> None:
+        process = one.port.process
+
+        def put() -> None:
+            now = process.clock()
+            sample = Sample(out.key, out.payload, out.attachment, now.mono)
+            sample = sample if one.check is None else one.check(sample, now.wall)
+            process.mailbox.put(sample, one.port.received, wakes=one.wakes)
+
+        self.engine.at(self.engine.now + delay, lambda: process.arrive(put, wakes=one.wakes))
+
+
+class _Query(NamedTuple):
+    request: bytes
+    reply: Callable[[bytes], None]
+
+    def answer(self, reply: bytes) -> None:
+        self.reply(reply)
+
+    def drop(self) -> None:
+        """Refuse it."""
+
+
+class _Port:
+    """One process on an exchange."""
+
+    def __init__(self, exchange: Exchange, process: VirtualProcess) -> None:
+        self.process = process
+        self.published: Counter[str] = Counter()
+        self.received: Counter[str] = Counter()
+        self._exchange, self._keys = exchange, dict[str, Topic]()
+        self._is_plugged = True
+
+    @property
+    def advertised(self) -> Collection[str]:
+        """Every key that this side may publish."""
+        return self._keys.keys()
+
+    def advertise(self, topic: Topic, key: str) -> None:
+        """Declare that this process will publish `key`. Raises BusError."""
+        if topic.qos is None:
+            raise BusError(f"topic {topic.name!r} is a queryable: it is answered, not published")
+        if key in self._keys:
+            raise BusError(f"{key!r} is advertised already")
+        self._keys[key] = topic
+
+    def answer(self, key: str, handler: Handler) -> None:
+        """Answer queries on `key`."""
+        self._exchange.answers[key] = self.process, handler
+
+    def unplug(self) -> None:
+        """Leave the exchange: nothing is sent or received any more."""
+        self._is_plugged = False
+        for subscriptions in self._exchange.subscriptions.values():
+            subscriptions[:] = [one for one in subscriptions if one.port is not self]
+
+    close = unplug
+
+    def _send(self, out: Outgoing) -> None:
+        if out.key not in self._keys:
+            raise BusError(f"{out.key!r} is not advertised: {', '.join(self._keys) or 'none'}")
+        if self._is_plugged:
+            self.published[out.key] += 1
+            self._exchange.publish(self, out)  # type: ignore[arg-type]
+
+
+class FleetPort(_Port):
+    """A process on the fleet's bus."""
+
+    @property
+    def refused(self) -> Counter[str]:
+        """Nothing is refused: there are no access rules."""
+        return Counter()
+
+    @property
+    def overflowed(self) -> int:
+        """Messages that newer ones pushed out of the mailbox before they were drained."""
+        return self.process.mailbox.overflowed
+
+    def publish(self, key: str, payload: bytes, attachment: bytes | None = None) -> None:
+        """Publish on an advertised key. Raises BusError for any other."""
+        self._send(Outgoing(key, payload, attachment))
+
+    def send(self, outbox: Iterable[Outgoing]) -> None:
+        """Publish all of `outbox`."""
+        for out in outbox:
+            self._send(out)
+
+    def subscribe(self, key: str, *, wakes: bool = True, check: Check | None = None) -> None:
+        """Put the samples of `key` into the mailbox."""
+        self._exchange.subscriptions[key].append(_Subscription(self, wakes, check, from_others=False))
+
+    def drain(self) -> list[Sample]:
+        """All waiting samples, in order of arrival."""
+        return self.process.mailbox.drain()
+
+
+class RobotPort(_Port):
+    """A process on the side of its robot, or of several; `routers` are the processes of the robots."""
+
+    def __init__(self, exchange: Exchange, process: VirtualProcess, routers: list[VirtualProcess]) -> None:
+        super().__init__(exchange, process)
+        self._routers = routers
+
+    @property
+    def connected(self) -> bool:
+        """Whether every router is there."""
+        return all(router.alive for router in self._routers)
+
+    def subscribe(self, topic: Topic, key: str, *, from_others: bool = False) -> None:  # noqa: ARG002
+        """Put the samples of `key` into the mailbox; `from_others`: only those, and they do not wake."""
+        subscription = _Subscription(self, not from_others, None, from_others)
+        self._exchange.subscriptions[key].append(subscription)
+
+    def publish(self, key: str, payload: bytes) -> None:
+        """Publish on an advertised key; without its router the message is lost."""
+        if self.connected:
+            self._send(Outgoing(key, payload))
+
+    def routed(self, key: str) -> bool | None:
+        """Whether `key` has a subscriber; None while not connected."""
+        return bool(self._exchange.subscriptions.get(key)) if self.connected else None

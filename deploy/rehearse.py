@@ -1,0 +1,205 @@
+"""`formation rehearse`: every process of a mission on a virtual clock, with faults drawn from a seed."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import statistics
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from typing import Any
+
+from formation.agent.simulated.faults import Fault
+from formation.deploy.arguments import add_json, add_mission, number, parser, read_mission, tell, whole
+from formation.deploy.refusal import Refusal
+from formation.deploy.rehearsal.air import Weather
+from formation.deploy.rehearsal.faults import FORM, KINDS, parse, spelled
+from formation.deploy.rehearsal.judge import RECOVERY_TIME, RULES
+from formation.deploy.rehearsal.rehearsal import Plan, Verdict, rehearse, shrunk
+from formation.deploy.terminal.bar import Bar
+from formation.deploy.terminal.units import metres
+from formation.mission.model import MAX_HORIZON, Mission
+
+MAX_SEEDS = 1_000_000
+MAX_SHRUNK = 5
+"""Failing seeds of which the fewest faults are searched for."""
+ALL, NONE = "all", "none"
+EXAMPLES = """\
+  formation rehearse six_robots                          one run, with faults drawn from seed 0
+  formation rehearse patrol --seeds 100 --jobs 2         a hundred, on two cores
+  formation rehearse patrol --seeds 20 --faults kill,cut,clock
+  formation rehearse patrol --fault robot2:kill@12.3+5   this fault and no other
+  formation rehearse my_mission.toml --faults none --loss 0.1 --delay 0.1
+"""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Rehearse a mission; return the exit code: 1 if a rule was broken."""
+    options = _options().parse_args(arguments)
+    mission = _noisy(read_mission(options.mission, options.law), options.noise)
+    plan = _plan(mission, options)
+    logging.disable(logging.CRITICAL)
+    began = time.monotonic()
+    try:
+        verdicts = _verdicts(plan, options)
+        failed = [one for one in verdicts if one.violations]
+        fewest = {one.seed: shrunk(plan, one) for one in failed[:MAX_SHRUNK]}
+    finally:
+        logging.disable(logging.NOTSET)
+    took = time.monotonic() - began
+    lines = {seed: _command(options, seed, faults) for seed, faults in fewest.items()}
+    tell(
+        options,
+        _words(mission, plan, verdicts, lines, took),
+        lambda: _report(mission, plan, verdicts, lines, took),
+    )
+    return 1 if failed else 0
+
+
+def _verdicts(plan: Plan, options: argparse.Namespace) -> list[Verdict]:
+    """Rehearse every seed; the result does not depend on the number of processes."""
+    seeds = range(options.seed, options.seed + options.seeds)
+    verdicts = []
+    with Bar(f"{plan.mission.name}, {options.seeds} seeds") as bar:
+        for verdict in _each(plan, seeds, options.jobs):
+            verdicts.append(verdict)
+            bar.at(len(verdicts) / options.seeds)
+    return verdicts
+
+
+def _each(plan: Plan, seeds: Sequence[int], jobs: int) -> Iterator[Verdict]:
+    if jobs == 1:
+        yield from map(partial(rehearse, plan), seeds)
+        return
+    with ProcessPoolExecutor(jobs, initializer=logging.disable, initargs=(logging.CRITICAL,)) as pool:
+        try:
+            yield from pool.map(partial(rehearse, plan), seeds)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def _words(
+    mission: Mission, plan: Plan, verdicts: Sequence[Verdict], lines: dict[int, str], took: float
+) -> str:
+    """Return the result for people."""
+    failed = [one for one in verdicts if one.violations]
+    text = [f"{mission.name}, {len(verdicts)} seed{'s' * (len(verdicts) > 1)}, faults: {_faults(plan)}"]
+    for verdict in failed:
+        text += [
+            f"  seed {verdict.seed}: {one.rule}: {one.time:.2f} s, {one.robot or 'the team'}: {one.what}"
+            for one in verdict.violations
+        ]
+        if verdict.seed in lines:
+            text.append(f"    {lines[verdict.seed]}")
+    text.append(f"  every rule held  {len(verdicts) - len(failed)} of {len(verdicts)}")
+    settled = [one.settled_at for one in verdicts if one.settled_at is not None]
+    if settled:
+        text.append(
+            f"  settled at       {statistics.median(settled):.1f} s median, {max(settled):.1f} s worst"
+        )
+    nearest = min(verdicts, key=lambda one: one.nearest)
+    if nearest.nearest < float("inf"):
+        text.append(f"  nearest bodies   {metres(nearest.nearest)} apart, seed {nearest.seed}")
+    seconds = sum(one.seconds for one in verdicts)
+    text.append(f"  took             {took:.1f} s for {seconds:.0f} s of the fleet")
+    return "\n".join(text)
+
+
+def _report(
+    mission: Mission, plan: Plan, verdicts: Sequence[Verdict], lines: dict[int, str], took: float
+) -> dict[str, Any]:
+    """Return the result for programs."""
+    return {
+        "mission": mission.name,
+        "fingerprint": mission.fingerprint,
+        "kinds": list(plan.kinds),
+        "rules": list(RULES),
+        "runs": [{**one.as_json(), "command": lines.get(one.seed)} for one in verdicts],
+        "failed": sum(bool(one.violations) for one in verdicts),
+        "wall_time": took,
+    }
+
+
+def _faults(plan: Plan) -> str:
+    given = [spelled(one) for one in plan.faults]
+    kinds = [f"all {len(KINDS)} kinds"] if len(plan.kinds) == len(KINDS) else list(plan.kinds)
+    return ", ".join(given + kinds) or NONE
+
+
+def _command(options: argparse.Namespace, seed: int, faults: Sequence[Fault]) -> str:
+    """Return the command that rehearses exactly `faults` with `seed` again."""
+    words = ["formation rehearse", options.mission, f"--seed {seed}"]
+    words += [f"--law {options.law}"] if options.law else []
+    for name in ("loss", "delay", "noise", "seconds"):
+        value = getattr(options, name)
+        words += [f"--{name} {value:g}"] if value else []
+    words += [f"--fault {spelled(one)}" for one in faults] or [f"--faults {NONE}"]
+    return " ".join(words)
+
+
+def _plan(mission: Mission, options: argparse.Namespace) -> Plan:
+    """Raises Refusal."""
+    try:
+        faults = tuple(parse(text, mission) for text in options.fault)
+    except ValueError as error:
+        raise Refusal(f"--fault {error}") from None
+    chosen = options.faults or (NONE if faults else ALL)
+    kinds = tuple(KINDS) if chosen == ALL else () if chosen == NONE else tuple(chosen.split(","))
+    for kind in kinds:
+        if kind not in KINDS:
+            raise Refusal(f"--faults {kind!r}: must be {ALL}, {NONE}, or some of {', '.join(KINDS)}")
+    return Plan(mission, kinds, faults, Weather(options.loss, options.delay), options.seconds)
+
+
+def _noisy(mission: Mission, noise: float) -> Mission:
+    """Return `mission` with robots that have this noise [m], and state it."""
+    if noise <= 0.0:
+        return mission
+    return mission.changed(
+        simulated_robot=mission.simulated_robot.model_copy(update={"position_noise": noise}),
+        collisions=mission.collisions.model_copy(update={"noise": max(noise, mission.collisions.noise)}),
+    )
+
+
+def _options() -> argparse.ArgumentParser:
+    what = (
+        "Rehearse a mission: all its processes in one, on a virtual clock and a network in memory, with"
+        f" faults. Rules are checked in every step ({', '.join(RULES)}); the same seed gives the same run."
+    )
+    flags = parser("rehearse", what, EXAMPLES)
+    add_mission(flags)
+    flags.add_argument("--seed", type=whole(0), default=0, help="the first seed (default 0)")
+    flags.add_argument("--seeds", type=whole(1, MAX_SEEDS), default=1, help="how many seeds (default 1)")
+    flags.add_argument(
+        "--faults", metavar="KINDS",
+        help=f"kinds to draw from, with commas: {ALL}, {NONE}, or some of {', '.join(KINDS)} (default: {ALL},"
+        f" with --fault {NONE})",
+    )  # fmt: skip
+    flags.add_argument(
+        "--fault", metavar="FAULT", action="append", default=[],
+        help=f"a fault of every run, {FORM}, which without SECONDS does not end; repeatable",
+    )  # fmt: skip
+    flags.add_argument(
+        "--loss",
+        type=number(0.0, 0.95),
+        default=0.0,
+        help="share of messages that is always lost (default 0)",
+    )
+    flags.add_argument(
+        "--delay", type=number(0.0, 2.0), default=0.0, help="delay of every link, always [s] (default 0)"
+    )
+    flags.add_argument(
+        "--noise", type=number(0.0, 0.1), default=0.0,
+        help="standard deviation of odometry, which the mission then states too [m] (default: the mission's)",
+    )  # fmt: skip
+    flags.add_argument(
+        "--seconds", type=number(0.0, MAX_HORIZON), default=0.0,
+        help=f"shortest run [s] (default: until the formation has settled after the last fault, which must"
+        f" take at most {RECOVERY_TIME:.0f} s)",
+    )  # fmt: skip
+    flags.add_argument("--jobs", type=whole(1, 1024), default=1, help="processes to use (default 1)")
+    add_json(flags)
+    return flags
