@@ -30,6 +30,9 @@ TURN_MARGIN = 0.3
 SPEED_JUMP_DISTANCE, SPEED_JUMP_ANGLE = 0.01, 0.05
 """Difference from what the reported speeds explain that counts as a jump, where the count may restart [m;
 rad]."""
+JUMP_DEVIATIONS = 8.5
+"""Where more noise is stated, so many deviations replace `SPEED_JUMP_DISTANCE`: 6 of the difference
+of two positions, so that noise exceeds them once in 60 million messages."""
 JUMP_SHARE = 0.1
 """The same as a share of the fastest change: for motion between two messages."""
 ORIGIN_DISTANCE = 0.05
@@ -79,6 +82,7 @@ class OdometrySource:
         if self._counts_from_start:
             self.state.rotation, self.state.origin = spec.start.heading, spec.start.position
         self._limits = spec.limits
+        self._jump_distance = max(SPEED_JUMP_DISTANCE, JUMP_DEVIATIONS * mission.collisions.noise)
 
     @property
     def alignment(self) -> Localised:
@@ -151,7 +155,7 @@ class OdometrySource:
         ahead = (now.position - last.position) / (last.heading * cmath.rect(1.0, 0.5 * turn))
         slow, fast = sorted((last.speed * over, now.speed * over))
         off = abs(complex(ahead.real - min(max(ahead.real, slow), fast), ahead.imag))
-        if off > SPEED_JUMP_DISTANCE + JUMP_SHARE * self._limits.max_speed * over:
+        if off > self._jump_distance + JUMP_SHARE * self._limits.max_speed * over:
             return Reason.of(Code.POSITION_JUMPED, source=self.name, distance=off)
         slow, fast = sorted((last.turn_rate * over, now.turn_rate * over))
         off = turn - min(max(turn, slow), fast)

@@ -49,7 +49,10 @@ class Fault(NamedTuple):
 
 
 def read(text: str, sizes: Mapping[str, float] = SIZES, *, form: str = FORM) -> Fault:
-    """Parse a fault in the format `form`; `sizes` are the kinds and their default sizes. Raises ValueError."""
+    """Parse a fault in the format `form`; `sizes` has the kinds and their default sizes.
+
+    Raises ValueError.
+    """
     found = _TEXT.fullmatch(text)
     if found is None:
         raise ValueError(f"{text!r}: must be {form}, such as robot2:frozen@20+10")

@@ -67,7 +67,7 @@ class Engine:
 
 
 class Ending:
-    """A request to stop that nobody makes: rehearsed processes end by a kill."""
+    """No request to stop: rehearsed processes are killed."""
 
     reason = ""
 

@@ -7,9 +7,13 @@
 | ramp | no command is faster than the one before by more than the ramp allows |
 | zero | an agent that is not in state `run` commands zero, or a slow probe |
 | stop | a robot that acknowledged a stop stands until it is released, whatever restarts |
+| hold | without faults no robot holds by itself once it drives |
 | leaders | at most one candidate may lead at any time |
 | touch | no two bodies touch, where the collision filter promises it |
 | formation | after the last fault the formation settles within `RECOVERY_TIME` |
+
+Odometry that counts from the start cannot tell where the robot is after a fault of
+`formation.agent.simulated.faults`: the formation is not judged then.
 """
 
 from __future__ import annotations
@@ -20,19 +24,21 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from formation.agent.pose.probe import PROBE_SPEED_SHARE
+from formation.agent.simulated.faults import SIZES as SENSOR_KINDS
 from formation.agent.simulated.faults import Fault
 from formation.control.ramp import FIRST_CHANGE_SHARE, RampLimits, ramp_limits
 from formation.control.unicycle import AT_REST, Command
 from formation.deploy.rehearsal.engine import UPTIME, VirtualProcess
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.mission.model import Mission
+from formation.mission.robot import RobotSpec
 from formation.protocol.order import OperatorReply, OperatorRequest
 from formation.protocol.status import AgentState
 from formation.ros2.messages import Twist, TwistStamped, decode
 from formation.topics import CMD_VEL
 from formation.wire import Outgoing
 
-RULES = ("exception", "limits", "ramp", "zero", "stop", "leaders", "touch", "formation")
+RULES = ("exception", "limits", "ramp", "zero", "stop", "hold", "leaders", "touch", "formation")
 RECOVERY_TIME = 60.0
 """Time after the last fault within which the formation must settle [s]."""
 STOP_DELAY = 0.1
@@ -74,6 +80,10 @@ class Judge:
         self._resets = {one.robot for one in faults if one.kind == "reset"}
         filtered = mission.collisions.mode == "on" and mission.law.controller.collision_filter
         truthful = all(one.kind in TOUCH_PROMISED for one in faults)
+        self._faultless = not faults
+        self._driven: set[str] = set()  # robots that have been in state run
+        counting = {name for name in mission.followers if _counts_from_start(mission.robots[name])}
+        self._can_settle = not any(one.robot in counting and one.kind in SENSOR_KINDS for one in faults)
         self._no_touch = filtered and truthful and max_delay <= mission.collisions.delay
         fleet.local.watchers.append(self._command)
 
@@ -87,12 +97,14 @@ class Judge:
         self._check_failures()
         self._check_leaders()
         self._check_bodies()
+        if self._faultless:
+            self._check_holds()
 
     def look_settled(self, since: float) -> bool:
         """Whether the formation has settled; `since` is when the last fault ended [s]."""
         if self.settled_at is None and self._fleet.error() <= self._mission.settled:
             self.settled_at = self._fleet.engine.now
-        if self.settled_at is None and self._fleet.engine.now > since + RECOVERY_TIME:
+        if self.settled_at is None and self._can_settle and self._fleet.engine.now > since + RECOVERY_TIME:
             error = self._fleet.error()
             why = "; ".join(f"{name}: {_state(self._fleet, name)}" for name in self._mission.followers)
             self._tell("formation", "", f"error {error:.3f} m after {RECOVERY_TIME:.0f} s; {why}")
@@ -118,7 +130,7 @@ class Judge:
             self._tell("limits", name, f"{command.speed:g} m/s, {command.turn_rate:g} rad/s")
         agent, _ = self._fleet.agents[name]
         decision = agent.decision
-        slow = decision.probes and max(map(abs, shares)) <= PROBE_SPEED_SHARE + TOLERANCE
+        slow = decision.probes and _as_slow_as_a_probe(spec, command)
         if moves and decision.state is not AgentState.RUN and not slow:
             self._tell("zero", name, f"{command.speed:g} m/s in state {decision.state}")
         stopped = self._stopped.get(name)
@@ -147,6 +159,13 @@ class Judge:
                 failure, process.failure = process.failure, None
                 self._tell("exception", process.name, f"{type(failure).__name__}: {failure}")
 
+    def _check_holds(self) -> None:
+        for name, (agent, _) in self._fleet.agents.items():
+            if agent.decision.state is AgentState.RUN:
+                self._driven.add(name)
+            elif name in self._driven and self._fleet.leading.mode == "run":
+                self._tell("hold", name, str(agent.decision.reason))
+
     def _check_leaders(self) -> None:
         now = UPTIME + self._fleet.engine.now
         leaders = [
@@ -167,6 +186,22 @@ class Judge:
     def _tell(self, rule: str, robot: str, what: str) -> None:
         if not any((rule, robot) == (one.rule, one.robot) for one in self.violations):
             self.violations.append(Violation(rule, self._fleet.engine.now, robot, what))
+
+
+def _as_slow_as_a_probe(spec: RobotSpec, command: Command) -> bool:
+    """Whether `command` is slow enough for a probe; rounding may add one step."""
+    return all(
+        abs(value) <= max(PROBE_SPEED_SHARE * limit, step) + step + TOLERANCE
+        for value, limit, step in (
+            (command.speed, spec.max_speed, spec.speed_step),
+            (command.turn_rate, spec.max_turn_rate, spec.turn_rate_step),
+        )
+    )
+
+
+def _counts_from_start(spec: RobotSpec) -> bool:
+    """Whether its odometry is relative to its start, and its only source."""
+    return spec.localisation == "odometry" and spec.odometry_frame == "start"
 
 
 def _ramp_of(mission: Mission, name: str) -> RampLimits:

@@ -10,7 +10,7 @@ from formation.protocol.order import MAX_ENDED, Do, OperatorReply, OperatorReque
 from formation.topics import ORDER
 
 DESK = "desk"
-"""The operator's machine: it hears everybody, through the same air."""
+"""The operator's machine: its messages go through the same air."""
 REPEAT_PERIOD = 0.1
 """Time after which an unanswered request is repeated [s]."""
 MAX_REPEATS = 300
@@ -18,7 +18,7 @@ MAX_REPEATS = 300
 QUERY_TIME = 0.5
 """Time for the answers to a query [s]."""
 WAVER_PERIOD = 0.3
-"""Time between the orders of an operator who wavers [s]."""
+"""Time between the orders of a wavering operator [s]."""
 
 
 class Operator:
@@ -28,7 +28,7 @@ class Operator:
         self._fleet, self._number = fleet, 0
         self._names = (*fleet.mission.candidates, *fleet.mission.followers)
         self.listeners: list[Callable[[str, OperatorRequest, OperatorReply], None]] = []
-        """Called with each answer, and the name of who gave it."""
+        """Called with each answer, and the name of the robot or candidate."""
 
     def order(self, do: Do) -> None:
         """Order all to `do`; a release and a run first learn what they end."""
@@ -39,16 +39,16 @@ class Operator:
             return
         in_force: list[str] = []
 
-        def heard(_name: str, query: OperatorRequest, reply: OperatorReply) -> None:
+        def take_reply(_name: str, query: OperatorRequest, reply: OperatorReply) -> None:
             if query.id == learning.id:
                 in_force.append(reply.stop if do == "release" else reply.hold)
 
         learning = OperatorRequest(do="query", id=f"query-{self._number}")
-        self.listeners.append(heard)
+        self.listeners.append(take_reply)
         self._put(learning)
 
         def end() -> None:
-            self.listeners.remove(heard)
+            self.listeners.remove(take_reply)
             ends = tuple(dict.fromkeys(filter(None, in_force)))[:MAX_ENDED]
             self._put(request.model_copy(update={"ends": ends}))
 
@@ -75,7 +75,7 @@ class Operator:
         if name in answered or number > MAX_REPEATS or (request.do == "query" and number > 4):
             return
 
-        def heard(data: bytes) -> None:
+        def take_reply(data: bytes) -> None:
             if name not in answered:
                 answered.add(name)
                 reply = decode(OperatorReply, data)
@@ -83,5 +83,5 @@ class Operator:
                     listener(name, request, reply)
 
         aged = request.model_copy(update={"age": round(number * REPEAT_PERIOD, 2)})
-        self._fleet.fleet.ask(DESK, ORDER.key(name), encode(aged), heard)
+        self._fleet.fleet.ask(DESK, ORDER.key(name), encode(aged), take_reply)
         self._later(REPEAT_PERIOD, lambda: self._ask(name, request, answered, number + 1))

@@ -92,6 +92,8 @@ def run(plan: Plan, seed: int, faults: Sequence[Fault]) -> Verdict:
             checked += SETTLE_PERIOD
             if judge.look_settled(last) or time > last + RECOVERY_TIME + 1.0:
                 break
+    for process in fleet.processes:
+        process.kill()
     return Verdict(seed, tuple(faults), tuple(judge.violations), judge.settled_at, judge.nearest, time)
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 Ways = Callable[[str, str, int], Iterable[float]]
 """``ways(sender, receiver, size)``: the delay of each copy that arrives [s], by names of machines."""
 Check = Callable[[Sample, float], Sample]
-OVERHEAD_BYTES = 80
+HEADER_BYTES = 80
 """Of each message, beside key, payload and attachment."""
 
 
@@ -46,7 +46,7 @@ class Exchange:
         """Send `out` to all subscribers."""
         for watcher in self.watchers:
             watcher(port.process, out)
-        size = OVERHEAD_BYTES + len(out.key) + len(out.payload) + len(out.attachment or b"")
+        size = HEADER_BYTES + len(out.key) + len(out.payload) + len(out.attachment or b"")
         sender = port.process.machine.name
         for one in self.subscriptions.get(out.key, ()):
             if one.from_others and one.port is port:
@@ -56,15 +56,15 @@ class Exchange:
             for delay in ways:
                 self._deliver(one, out, delay)
 
-    def ask(self, asker: str, key: str, request: bytes, heard: Callable[[bytes], None]) -> None:
-        """Send a query from machine `asker`; `heard` receives the answer, if there is one."""
+    def ask(self, asker: str, key: str, request: bytes, take_reply: Callable[[bytes], None]) -> None:
+        """Send a query from machine `asker`; `take_reply` receives the answer, if there is one."""
         if key not in self.answers:
             return
         process, handler = self.answers[key]
 
         def answered(reply: bytes) -> None:
             for delay in self._ways(process.machine.name, asker, len(reply)):
-                self.engine.at(self.engine.now + delay, lambda: heard(reply))
+                self.engine.at(self.engine.now + delay, lambda: take_reply(reply))
 
         def accept() -> None:
             process.mailbox.accept(_Query(request, answered), handler)

@@ -1,6 +1,6 @@
 """The loop of every process around its core: update, step, publish, wait.
 
-The loop is a generator of pauses, and so are the main functions that use it: who plays them decides how time
+The loop is a generator of pauses, and so are the main functions that use it: what plays them decides how time
 passes. A `formation.transport.runtime.process.Process` sleeps; a rehearsal puts its clock forward.
 """
 

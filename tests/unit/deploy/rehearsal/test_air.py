@@ -1,0 +1,73 @@
+"""The network of a rehearsal."""
+
+from __future__ import annotations
+
+import pytest
+
+from formation.deploy.rehearsal.air import HOP_DELAY, HOP_JITTER, LOCAL_DELAY, MAX_QUEUE_TIME, Air, Weather
+
+CALM = Weather()
+QUICK, LATE = HOP_DELAY, HOP_DELAY + HOP_JITTER
+
+
+class Time:
+    now = 0.0
+
+
+def air(weather: Weather = CALM, time: type[Time] = Time) -> Air:
+    return Air(1, lambda: time.now, weather)
+
+
+def sent(air: Air, count: int = 1000, size: int = 100) -> list[list[float]]:
+    return [list(air.ways("a", "b", size)) for _ in range(count)]
+
+
+def test_calm_air_carries_each_message_once() -> None:
+    assert all(len(ways) == 1 and QUICK <= ways[0] <= LATE for ways in sent(air()))
+
+
+def test_one_machine_needs_no_air() -> None:
+    stormy = air(Weather(loss=1.0))
+    assert list(stormy.ways("a", "a", 100)) == [LOCAL_DELAY]
+
+
+def test_share_is_lost_and_share_arrives_twice() -> None:
+    counts = [len(ways) for ways in sent(air(Weather(loss=0.3, twice=0.5)), 4000)]
+    assert counts.count(0) / 4000 == pytest.approx(0.3, abs=0.04)
+    assert counts.count(2) / 4000 == pytest.approx(0.35, abs=0.04)
+
+
+def test_delay_grows_from_its_beginning() -> None:
+    class Later(Time):
+        now = 7.0
+
+    (ways,) = sent(air(Weather(growth=0.5, since=5.0), Later), 1)
+    assert 1.0 + QUICK <= ways[0] <= 1.0 + LATE
+
+
+def test_disturbance_is_of_one_machine_and_ends() -> None:
+    local, storm = air(), Weather(delay=1.0)
+    local.disturb("b", storm)
+    assert sent(local, 1)[0][0] > 1.0
+    assert next(local.ways("a", "c", 100)) < 1.0
+    local.calm("b", storm)
+    assert sent(local, 1)[0][0] < 1.0
+
+
+def test_cuts_are_counted() -> None:
+    twice = air()
+    twice.cut([("a", "b")])
+    twice.cut([("a", "b")])
+    twice.mend([("a", "b")])
+    assert sent(twice, 1) == [[]]
+    assert len(list(twice.ways("b", "a", 100))) == 1
+    twice.mend([("a", "b")])
+    assert len(sent(twice, 1)[0]) == 1
+
+
+def test_throttled_link_queues_and_then_loses() -> None:
+    ways = sent(air(Weather(bandwidth=1000.0)), 100)
+    delays = [one[0] for one in ways if one]
+    assert delays == sorted(delays)
+    assert MAX_QUEUE_TIME - 0.1 <= max(delays) <= MAX_QUEUE_TIME + LATE
+    assert ways[-1] == []

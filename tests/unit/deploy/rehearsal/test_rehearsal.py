@@ -1,0 +1,246 @@
+"""The rehearsed fleet: what holds without faults and with each of them, and that a seed gives one run."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from formation.agent.core import Agent
+from formation.agent.safety.commander import Commander
+from formation.agent.simulated.faults import Fault
+from formation.control.unicycle import Command
+from formation.deploy.rehearsal import rehearsal
+from formation.deploy.rehearsal.air import Weather
+from formation.deploy.rehearsal.faults import KINDS, SENSORS, draw, parse, spelled
+from formation.deploy.rehearsal.fleet import Fleet
+from formation.deploy.rehearsal.operator import Operator
+from formation.deploy.rehearsal.rehearsal import Plan, Verdict, rehearse, run, shrunk
+from formation.leader.candidacy import Candidacy
+from formation.mission.file import load
+from formation.protocol.order import OperatorReply
+from formation.protocol.status import AgentState
+from formation.ros2.messages import Twist, encode
+from formation.topics import CMD_VEL
+from formation.wire import Outgoing
+
+SIX, PATROL, PAIR = load("six_robots"), load("patrol"), load("turtlebot3_pair")
+
+
+def faults(*texts: str, mission: Any = SIX) -> tuple[Fault, ...]:
+    return tuple(parse(text, mission) for text in texts)
+
+
+def rehearsed(*texts: str, mission: Any = SIX, seed: int = 0) -> Verdict:
+    return run(Plan(mission), seed, faults(*texts, mission=mission))
+
+
+@pytest.mark.parametrize("name", ["six_robots", "patrol", "two_chains", "turtlebot3_pair"])
+def test_every_rule_holds_without_faults(name: str) -> None:
+    verdict = run(Plan(load(name)), 0, ())
+    assert verdict.violations == ()
+    assert verdict.settled_at is not None
+    assert verdict.nearest > 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_rule_holds_with_each_fault(kind: str) -> None:
+    name = "robot3" if KINDS[kind].robots_only else "robot1"
+    assert rehearsed(f"{name}:{kind}@6+4").violations == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(10))
+def test_every_rule_holds_with_drawn_faults(seed: int) -> None:
+    assert rehearse(Plan(PATROL, tuple(KINDS)), seed).violations == ()
+
+
+def commands(monkeypatch: pytest.MonkeyPatch, seed: int) -> tuple[Verdict, list[tuple[float, Outgoing]]]:
+    """A rehearsal and everything that was published in it."""
+    published: list[tuple[float, Outgoing]] = []
+
+    class Watched(Fleet):
+        def __init__(self, *arguments: Any) -> None:
+            super().__init__(*arguments)
+            for exchange in (self.fleet, self.local):
+                exchange.watchers.append(lambda _, out: published.append((self.engine.now, out)))
+
+    monkeypatch.setattr(rehearsal, "Fleet", Watched)
+    return rehearse(Plan(PAIR, tuple(KINDS), (), Weather(loss=0.1)), seed), published
+
+
+def test_one_seed_gives_one_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = commands(monkeypatch, 3), commands(monkeypatch, 3)
+    assert first[0] == second[0]
+    assert first[1] == second[1]
+    assert commands(monkeypatch, 4)[1] != first[1]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_drawn_faults_are_spelled_as_they_are_parsed(seed: int) -> None:
+    drawn = draw(PATROL, tuple(KINDS), seed)
+    assert tuple(drawn) == faults(*map(spelled, drawn), mission=PATROL)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("robot2:kill", r"must be NAME:KIND\[=SIZE\]@START\[\+SECONDS\]"),
+        ("robot2:melt@3", "melt: must be one of loss, delay, .*, carried"),
+        ("robot9:kill@3", "robot9: must be one of robot1, robot2"),
+        ("robot1:frozen@3", "robot1: must be one of robot2, robot3"),
+    ],
+)
+def test_illegal_fault_is_refused_with_the_legal_ones(text: str, why: str) -> None:
+    with pytest.raises(ValueError, match=why):
+        parse(text, SIX)
+
+
+def forget_stops(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have every robot acknowledge a stop and run on as soon as it is ordered to."""
+    original = Operator.__init__
+
+    def to_followers(self: Operator, fleet: Fleet) -> None:
+        original(self, fleet)
+        self._names = fleet.mission.followers
+
+    monkeypatch.setattr(Operator, "__init__", to_followers)
+    monkeypatch.setattr("formation.agent.safety.latch.Latch.mode", property(lambda _: None))
+
+
+def test_killed_leader_stops_all_robots_until_it_is_back() -> None:
+    verdict = rehearsed("robot1:kill@8+5")
+    assert verdict.violations == ()
+    assert verdict.settled_at is not None
+    assert "formation" not in rehearsed("robot1:kill@8").broken, "without an end nothing has to settle"
+
+
+def test_robot_that_drives_before_its_release_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    forget_stops(monkeypatch)
+    verdict = rehearsed("robot1:stop@8+5")
+    assert "stop" in verdict.broken
+
+
+def test_command_in_hold_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    def rest(self: Any, _: Any) -> list[Outgoing]:
+        return (
+            [Outgoing(CMD_VEL.key("robot2"), encode(Twist(0.2, 0.0)))]
+            if self._cmd_vel.startswith("robot2")
+            else []
+        )
+
+    monkeypatch.setattr("formation.agent.safety.commander.Commander.rest", rest)
+    assert "zero" in rehearsed("robot1:hold@8+5").broken
+
+
+@pytest.mark.parametrize(
+    ("command", "rule"),
+    [(Command(3.0, 0.0), "limits"), (Command(1.0, 0.0), "ramp")],
+)
+def test_impossible_command_is_found(monkeypatch: pytest.MonkeyPatch, command: Command, rule: str) -> None:
+    from formation.agent.safety.commander import Commander
+
+    original = Commander.say
+
+    def changed(self: Commander, now: Any, wanted: Command, state: Any) -> list[Outgoing]:
+        return original(self, now, command if now.mono > 1010.0 else wanted, state)
+
+    monkeypatch.setattr(Commander, "say", changed)
+    assert rule in rehearsed().broken
+
+
+def test_two_leaders_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        Candidacy, "lease_end", property(lambda self: float("inf") if self._rank < 2 else 0.0)
+    )
+    assert "leaders" in rehearsed(mission=PATROL).broken
+
+
+def test_exception_of_a_process_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    original = Agent.act
+
+    def fail(self: Agent, now: Any, inbox: Any) -> list[Outgoing]:
+        if self.robot == "robot3" and now.mono > 1009.0:
+            raise ZeroDivisionError("of today")
+        return original(self, now, inbox)
+
+    monkeypatch.setattr(Agent, "act", fail)
+    (violation,) = [one for one in rehearsed().violations if one.rule == "exception"]
+    assert violation.robot == "agent robot3"
+    assert violation.what == "ZeroDivisionError: of today"
+
+
+def test_touching_bodies_are_found() -> None:
+    mission = SIX.changed(
+        robots={name: spec.model_copy(update={"radius": 1.0}) for name, spec in SIX.robots.items()}
+    )
+    assert "touch" in run(Plan(mission), 0, ()).broken
+
+
+def test_false_hold_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("formation.agent.pose.odometry.JUMP_DEVIATIONS", 0.0)
+    noisy = PAIR.changed(simulated_robot=PAIR.simulated_robot.model_copy(update={"position_noise": 0.005}))
+    assert "hold" in run(Plan(noisy), 0, ()).broken
+
+
+def test_stated_noise_is_no_jump_of_odometry() -> None:
+    noisy = PAIR.changed(
+        simulated_robot=PAIR.simulated_robot.model_copy(update={"position_noise": 0.005}),
+        collisions=PAIR.collisions.model_copy(update={"noise": 0.005}),
+    )
+    assert "hold" not in run(Plan(noisy), 0, ()).broken
+
+
+def test_formation_that_does_not_settle_is_found() -> None:
+    verdict = rehearsed("robot2:full@1+1", mission=SIX.changed(settled=-1.0))
+    assert "formation" in verdict.broken
+    (violation,) = [one for one in verdict.violations if one.rule == "formation"]
+    assert "robot2: " in violation.what
+
+
+def test_shrinking_leaves_the_fault_that_matters(monkeypatch: pytest.MonkeyPatch) -> None:
+    forget_stops(monkeypatch)
+    plan = Plan(SIX)
+    given = faults("robot2:twice@5+3", "robot1:stop@8+5", "robot4:full@6+3")
+    assert shrunk(plan, run(plan, 0, given)) == given[1:2]
+
+
+def test_restarted_agent_stays_stopped() -> None:
+    plan = Plan(SIX)
+    fleets: list[Fleet] = []
+
+    class Kept(Fleet):
+        def __init__(self, *arguments: Any) -> None:
+            super().__init__(*arguments)
+            fleets.append(self)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rehearsal, "Fleet", Kept)
+        verdict = run(plan, 0, faults("robot1:stop@6", "robot3:kill@8+2"))
+    assert verdict.violations == ()
+    agent, process = fleets[0].agents["robot3"]
+    assert process.alive
+    assert agent.decision.state is AgentState.STOP
+
+
+def test_every_process_is_there() -> None:
+    fleet = Fleet(PATROL, 0, Weather(), ())
+    fleet.engine.run(1.0)
+    assert all(process.alive for process in fleet.processes)
+    assert len(fleet.candidates) == 1 + len(PATROL.standbys)
+    assert len(fleet.watchdogs) == len(fleet.agents) == len(PATROL.followers)
+
+
+def test_answers_reach_an_operator() -> None:
+    fleet, replies = Fleet(SIX, 0, Weather(), ()), list[bytes]()
+    fleet.engine.run(2.0)
+    fleet.fleet.ask("desk", "robot2/order", b'{"do":"hold"}', replies.append)
+    fleet.engine.run(2.1)
+    (reply,) = replies
+    assert OperatorReply.model_validate_json(reply).robot == "robot2"
+
+
+def test_sensor_faults_are_those_of_simulated_robots() -> None:
+    assert set(SENSORS) <= set(KINDS)
+    assert rehearsed("robot4:frozen@6+4").settled_at is not None
