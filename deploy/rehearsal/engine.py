@@ -9,6 +9,7 @@ from __future__ import annotations
 import heapq
 import itertools
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 from formation.deploy.rehearsal.sides import FleetPort, RobotPort
@@ -144,7 +145,8 @@ class VirtualProcess(Runtime):
             if port is not None:
                 port.unplug()
         if main is not None:
-            main.close()
+            with suppress(Exception):  # a killed process runs nothing; closing the generator does
+                main.close()
 
     def freeze(self) -> None:
         """Suspend it, as SIGSTOP does."""
