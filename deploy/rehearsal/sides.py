@@ -38,7 +38,7 @@ class Exchange:
     def __init__(self, engine: Engine, ways: Ways) -> None:
         self.engine, self._ways = engine, ways
         self.subscriptions: defaultdict[str, list[_Subscription]] = defaultdict(list)
-        self.answers: dict[str, tuple[VirtualProcess, Handler]] = {}
+        self.answers: defaultdict[str, list[tuple[VirtualProcess, Handler]]] = defaultdict(list)
         self.watchers: list[Callable[[VirtualProcess, Outgoing], None]] = []
         """Called with each message when it is published."""
 
@@ -57,11 +57,18 @@ class Exchange:
                 self._deliver(one, out, delay)
 
     def ask(self, asker: str, key: str, request: bytes, take_reply: Callable[[bytes], None]) -> None:
-        """Send a query from machine `asker`; `take_reply` receives the answer, if there is one."""
-        if key not in self.answers:
-            return
-        process, handler = self.answers[key]
+        """Send a query from machine `asker` to all that answer `key`; `take_reply` receives each answer."""
+        for process, handler in self.answers.get(key, ()):
+            self._ask(asker, process, handler, request, take_reply)
 
+    def _ask(
+        self,
+        asker: str,
+        process: VirtualProcess,
+        handler: Handler,
+        request: bytes,
+        take_reply: Callable[[bytes], None],
+    ) -> None:
         def answered(reply: bytes) -> None:
             for delay in self._ways(process.machine.name, asker, len(reply)):
                 self.engine.at(self.engine.now + delay, lambda: take_reply(reply))
@@ -120,13 +127,15 @@ class _Port:
 
     def answer(self, key: str, handler: Handler) -> None:
         """Answer queries on `key`."""
-        self._exchange.answers[key] = self.process, handler
+        self._exchange.answers[key].append((self.process, handler))
 
     def unplug(self) -> None:
         """Leave the exchange: nothing is sent or received any more."""
         self._is_plugged = False
         for subscriptions in self._exchange.subscriptions.values():
             subscriptions[:] = [one for one in subscriptions if one.port is not self]
+        for answers in self._exchange.answers.values():
+            answers[:] = [one for one in answers if one[0] is not self.process]
 
     close = unplug
 

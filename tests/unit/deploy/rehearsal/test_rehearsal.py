@@ -243,3 +243,15 @@ def test_answers_reach_an_operator() -> None:
 def test_sensor_faults_are_those_of_simulated_robots() -> None:
     assert set(SENSORS) <= set(KINDS)
     assert rehearsed("robot4:frozen@6+4").settled_at is not None
+
+
+def test_agent_answers_beside_and_after_a_second_one() -> None:
+    fleet, replies = Fleet(SIX, 0, Weather(), ()), list[bytes]()
+    fleet.engine.run(2.0)
+    fleet.start_rival("robot2")
+    fleet.engine.run(3.0)
+    for number in (2, 3):
+        fleet.fleet.ask("desk", "robot2/order", b'{"do":"hold"}', replies.append)
+        fleet.engine.run(fleet.engine.now + 0.1)
+        assert len(replies) == number
+        fleet.rivals["robot2"].kill()
