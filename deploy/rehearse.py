@@ -9,18 +9,21 @@ import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from importlib.util import find_spec
 from typing import Any
 
 from formation.agent.simulated.faults import Fault
+from formation.agent.simulated.flags import NEEDED
 from formation.deploy.arguments import add_json, add_mission, number, parser, read_mission, tell, whole
 from formation.deploy.refusal import Refusal
 from formation.deploy.rehearsal.air import Weather
-from formation.deploy.rehearsal.faults import FORM, KINDS, parse, spelled
+from formation.deploy.rehearsal.faults import FORM, KINDS, SENSORS, parse, spelled
 from formation.deploy.rehearsal.judge import RECOVERY_TIME, RULES
 from formation.deploy.rehearsal.rehearsal import Plan, Verdict, rehearse, shrunk
 from formation.deploy.terminal.bar import Bar
 from formation.deploy.terminal.units import metres
 from formation.mission.model import MAX_HORIZON, Mission
+from formation.transport.runtime.command_line import needs
 
 MAX_SEEDS = 1_000_000
 MAX_SHRUNK = 5
@@ -38,6 +41,7 @@ EXAMPLES = """\
 def main(arguments: Sequence[str]) -> int:
     """Rehearse a mission; return the exit code: 1 if a rule was broken."""
     options = _options().parse_args(arguments)
+    _check_world(options)
     mission = _noisy(read_mission(options.mission, options.law), options.noise)
     plan = _plan(mission, options)
     logging.disable(logging.CRITICAL)
@@ -136,6 +140,7 @@ def _command(options: argparse.Namespace, seed: int, faults: Sequence[Fault]) ->
     for name in ("loss", "delay", "noise", "seconds"):
         value = getattr(options, name)
         words += [f"--{name} {value:g}"] if value else []
+    words += [f"--world {options.world}"] if options.world != "kinematic" else []
     words += [f"--fault {spelled(one)}" for one in faults] or [f"--faults {NONE}"]
     return " ".join(words)
 
@@ -147,11 +152,23 @@ def _plan(mission: Mission, options: argparse.Namespace) -> Plan:
     except ValueError as error:
         raise Refusal(f"--fault {error}") from None
     chosen = options.faults or (NONE if faults else ALL)
-    kinds = tuple(KINDS) if chosen == ALL else () if chosen == NONE else tuple(chosen.split(","))
+    possible = tuple(kind for kind in KINDS if options.world == "kinematic" or kind not in SENSORS)
+    kinds = possible if chosen == ALL else () if chosen == NONE else tuple(chosen.split(","))
     for kind in kinds:
-        if kind not in KINDS:
-            raise Refusal(f"--faults {kind!r}: must be {ALL}, {NONE}, or some of {', '.join(KINDS)}")
-    return Plan(mission, kinds, faults, Weather(options.loss, options.delay), options.seconds)
+        if kind not in possible:
+            raise Refusal(f"--faults {kind!r}: must be {ALL}, {NONE}, or some of {', '.join(possible)}")
+    for fault in faults:
+        if fault.kind not in possible:
+            raise Refusal(f"--fault {spelled(fault)}: needs --world kinematic")
+    weather = Weather(options.loss, options.delay)
+    return Plan(mission, kinds, faults, weather, options.seconds, options.world)
+
+
+def _check_world(options: argparse.Namespace) -> None:
+    """Raises Refusal."""
+    lacking = [package for package in NEEDED if options.world == "mujoco" and find_spec(package) is None]
+    if lacking:
+        raise Refusal(f"--world mujoco: {needs(lacking[0])}")
 
 
 def _noisy(mission: Mission, noise: float) -> Mission:
@@ -200,6 +217,13 @@ def _options() -> argparse.ArgumentParser:
         help=f"shortest run [s] (default: until the formation has settled after the last fault, which must"
         f" take at most {RECOVERY_TIME:.0f} s)",
     )  # fmt: skip
+    flags.add_argument(
+        "--world",
+        choices=("kinematic", "mujoco"),
+        default="kinematic",
+        help="robots that do as they are told, or physics with mass, motors, slip and contacts, without"
+        " sensor faults; needs the extra physics (default: kinematic)",
+    )
     flags.add_argument("--jobs", type=whole(1, 1024), default=1, help="processes to use (default 1)")
     add_json(flags)
     return flags

@@ -2,6 +2,8 @@
 
 frozen    odometry and camera continue to report the place where the fault began, with new stamps
 tremble   the same, plus or minus `size` [m] (standard deviation per axis)
+stale     odometry and external pose arrive `size` [s] late, with their true stamps
+backlog   they arrive later and later, by `size` every second [s/s]
 speeds    odometry reports `size` times its true speeds; 0 is a robot that seems to stand
 blocked   the wheels do not turn, or spin without moving the robot (which a camera sees)
 carried   the robot is moved at `size` [m/s] along the world's x axis
@@ -24,6 +26,8 @@ from formation.mission.model import Mission
 SIZES: Mapping[str, float] = {
     "frozen": 0.0,
     "tremble": 1e-3,
+    "stale": 1.0,
+    "backlog": 1.0,
     "speeds": 0.0,
     "blocked": 0.0,
     "carried": 0.2,
@@ -104,6 +108,14 @@ class Faulty:
             share = 0.0 if fault.kind in STANDS else fault.size if fault.kind == "speeds" else 1.0
             speed, turn_rate = share * speed, share * turn_rate
         return Command(speed, turn_rate)
+
+    @property
+    def lateness(self) -> float:
+        """How late its odometry and external pose are reported now [s]."""
+        active = self._active()
+        constant = [one.size for one in active if one.kind == "stale"]
+        growing = [one.size * (self._time - one.since) for one in active if one.kind == "backlog"]
+        return max([0.0, *constant, *growing])
 
     def obey(self, command: Command) -> None:
         """Follow `command`, unless the wheels are blocked."""

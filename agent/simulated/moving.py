@@ -27,6 +27,10 @@ class Moving(Protocol):
     def command(self) -> Command:
         """Its present command."""
 
+    @property
+    def lateness(self) -> float:
+        """How late its odometry and external pose are reported now [s]."""
+
     def obey(self, command: Command) -> None:
         """Follow `command` as the firmware rounds and limits it."""
 

@@ -155,9 +155,10 @@ class World:
         plant = robot.plant
         odometry = Odometry(now.wall, *plant.odometry(), *plant.moving, frame=robot.odometry_frame)
         truth = Pose(now.wall, plant.position, plant.heading)
-        outbox.append(Outgoing(ODOM.key(robot.name), encode(odometry)))
+        reports = [Outgoing(ODOM.key(robot.name), encode(odometry))]
         if robot.watched:
-            outbox.append(Outgoing(POSE.key(robot.name), encode(Pose(now.wall, *plant.seen()))))
+            reports.append(Outgoing(POSE.key(robot.name), encode(Pose(now.wall, *plant.seen()))))
+        outbox += robot.reported(reports, now.mono)
         outbox.append(Outgoing(GROUND_TRUTH.key(robot.name), encode(truth)))
         return outbox
 
@@ -199,6 +200,7 @@ class _Robot:
         self._radius = spec.radius
         self._stamped = spec.cmd_vel == "twist_stamped"
         self._offset = spec.control_point_offset
+        self._late: list[tuple[float, Outgoing]] = []  # reports of late sensors, and when they are due
 
     @property
     def rates(self) -> tuple[Rate, ...]:
@@ -219,6 +221,16 @@ class _Robot:
         """The command in `payload`, of the one type that this robot takes. Raises BadMessage."""
         twist = decode(TwistStamped, payload) if self._stamped else decode(Twist, payload)
         return Command(twist.speed, twist.turn_rate)
+
+    def reported(self, reports: list[Outgoing], time: float) -> list[Outgoing]:
+        """Return the reports that arrive at `time` [s, monotonic], after adding new `reports`.
+
+        Those of late sensors arrive later, also after the sensors are prompt again.
+        """
+        self._late += [(time + self.plant.lateness, one) for one in reports]
+        arrived = [one for due, one in self._late if due <= time]
+        self._late = [(due, one) for due, one in self._late if due > time]
+        return arrived
 
     def go_to(self, time: float) -> None:
         """Simulate the plant until `time` [s, monotonic]."""

@@ -71,6 +71,8 @@ OPERATOR: Mapping[str, Kind] = {
 SENSORS: Mapping[str, Kind] = {
     "frozen": Kind("odometry and external pose repeat one place"),
     "tremble": Kind("the same, give or take SIZE [m]", 1e-6, 1e-3),
+    "stale": Kind("odometry and external pose are SIZE [s] late", 0.3, 4.0),
+    "backlog": Kind("they arrive later by SIZE every second [s/s]", 0.3, 1.0),
     "speeds": Kind("odometry reports SIZE times the true speeds", 0.0, 2.0),
     "blocked": Kind("its wheels do not turn"),
     "carried": Kind("it is moved at SIZE [m/s]", 0.05, 0.3),

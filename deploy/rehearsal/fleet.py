@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+import os
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from typing import Literal
 
 import numpy as np
 
@@ -13,6 +15,7 @@ from formation.agent.persistence.restore import Persistence
 from formation.agent.process import drive
 from formation.agent.simulated.faults import Fault as SensorFault
 from formation.agent.simulated.faults import with_faults
+from formation.agent.simulated.moving import Moving
 from formation.agent.simulated.process import host
 from formation.agent.simulated.simulated import World, kinematic
 from formation.agent.watchdog.core import Watchdog
@@ -27,6 +30,8 @@ from formation.mission.model import Mission
 from formation.ros2.ros_names import address
 from formation.simulation.edges import Edges, formation_error
 
+WorldName = Literal["kinematic", "mujoco"]
+Plants = Callable[[Mission, Sequence[str], int], Mapping[str, Moving]]
 START_SPREAD = 0.2
 """Processes start within this time [s]."""
 BOOT = "rehearsed"
@@ -37,8 +42,16 @@ class Fleet:
     """The processes of `mission`, and what they run on."""
 
     def __init__(
-        self, mission: Mission, seed: int, weather: Weather, sensor_faults: Sequence[SensorFault]
+        self,
+        mission: Mission,
+        seed: int,
+        weather: Weather,
+        sensor_faults: Sequence[SensorFault],
+        world: WorldName = "kinematic",
     ) -> None:
+        """Raises ValueError for sensor faults in the physics world."""
+        if sensor_faults and world != "kinematic":
+            raise ValueError(f"a fault of kind {sensor_faults[0].kind}: needs the kinematic world")
         self.mission, self.engine = mission, Engine()
         self.air = Air(seed, lambda: self.engine.now, weather)
         self.fleet = Exchange(self.engine, self.air.ways)
@@ -59,8 +72,12 @@ class Fleet:
         self._files: dict[str, AgentFiles | CandidateTerms] = {}
         self._numbers = itertools.count()
         faults = {name: [one for one in sensor_faults if one.robot == name] for name in mission.followers}
-        for group in _hosted_together(mission):
-            self._start_world(group, seed, [one for name in group for one in faults[name]])
+        self.slips = world != "kinematic"
+        """Whether wheels slip."""
+        groups = _hosted_together(mission) if world == "kinematic" else [mission.followers]
+        for group in groups:
+            plants = with_faults(kinematic, [one for name in group for one in faults[name]])
+            self._start_world(group, seed, plants if world == "kinematic" else _in_physics(mission, seed))
         starts = START_SPREAD / len(self.machines)
         for number, name in enumerate(mission.followers):
             self.engine.at(0.01 + starts * number, partial(self.start_robot, name))
@@ -150,8 +167,8 @@ class Fleet:
             points.append(places[name] + offset * self.robots[name][0].plant(name).heading)
         return points
 
-    def _start_world(self, names: Sequence[str], seed: int, faults: Sequence[SensorFault]) -> None:
-        world = World(self.mission, names, seed, with_faults(kinematic, faults))
+    def _start_world(self, names: Sequence[str], seed: int, plants: Plants) -> None:
+        world = World(self.mission, names, seed, plants)
         process = self._process(f"robot {' '.join(names)}", names[0])
         fleet = any(address(key).topic.side != "robot" for key in world.subscriptions)
         process.plug(self._fleet_port(process) if fleet else None, RobotPort(self.local, process, []))
@@ -172,6 +189,15 @@ class Fleet:
 
     def _publisher_id(self, name: str) -> str:
         return f"{name}-{next(self._numbers)}"
+
+
+def _in_physics(mission: Mission, seed: int) -> Plants:
+    """Return what makes all robots on one floor, with mass and wheels that slip."""
+    # MuJoCo reads this when it is loaded: a rehearsal needs no renderer
+    os.environ.setdefault("MUJOCO_GL", "disable")
+    from formation.agent.simulated.physics import wheeled, world  # noqa: PLC0415 - an optional package
+
+    return partial(wheeled.wheeled, world.World(mission, seed))
 
 
 def _hosted_together(mission: Mission) -> list[tuple[str, ...]]:

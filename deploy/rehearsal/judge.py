@@ -9,11 +9,13 @@
 | stop | a robot that acknowledged a stop stands until it is released, whatever restarts |
 | hold | without faults no robot holds by itself once it drives |
 | leaders | at most one candidate may lead at any time |
+| blind | a robot whose position is frozen or late drives less than 0.1 m |
 | touch | no two bodies touch, where the collision filter promises it |
 | formation | after the last fault the formation settles within `RECOVERY_TIME` |
 
-Odometry that counts from the start cannot tell where the robot is after a fault of
-`formation.agent.simulated.faults`: the formation is not judged then.
+Odometry cannot tell where a robot is where its wheels slip (the physics world), nor, if it counts from
+the start, after a fault of `formation.agent.simulated.faults`: the formation is not judged then, only
+that all robots run again. Where it drifts, touches are judged while that is less than the filter's room.
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ from formation.agent.simulated.faults import SIZES as SENSOR_KINDS
 from formation.agent.simulated.faults import Fault
 from formation.control.ramp import FIRST_CHANGE_SHARE, RampLimits, ramp_limits
 from formation.control.unicycle import AT_REST, Command
+from formation.deploy.rehearsal import blind
 from formation.deploy.rehearsal.engine import UPTIME, VirtualProcess
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.mission.model import Mission
@@ -35,16 +38,19 @@ from formation.mission.robot import RobotSpec
 from formation.protocol.order import OperatorReply, OperatorRequest
 from formation.protocol.status import AgentState
 from formation.ros2.messages import Twist, TwistStamped, decode
+from formation.simulation.body import Body
 from formation.topics import CMD_VEL
 from formation.wire import Outgoing
 
-RULES = ("exception", "limits", "ramp", "zero", "stop", "hold", "leaders", "touch", "formation")
+RULES = ("exception", "limits", "ramp", "zero", "stop", "hold", "leaders", "blind", "touch", "formation")
 RECOVERY_TIME = 60.0
 """Time after the last fault within which the formation must settle [s]."""
 STOP_DELAY = 0.1
 """Time from the acknowledgement of a stop to the last command that may move the robot [s]."""
 TOLERANCE = 1e-6
 """Relative excess of a limit that counts as rounding."""
+LOOK_PERIOD = 0.05
+"""Period of the checks that are not of messages [s]."""
 TOUCH_PROMISED = frozenset(("kill", "reset", "unwatched", "hold", "stop", "full", "twice"))
 """Kinds of faults under which the filter's promise holds: positions stay true and in time."""
 
@@ -82,9 +88,13 @@ class Judge:
         truthful = all(one.kind in TOUCH_PROMISED for one in faults)
         self._faultless = not faults
         self._driven: set[str] = set()  # robots that have been in state run
-        counting = {name for name in mission.followers if _counts_from_start(mission.robots[name])}
-        self._can_settle = not any(one.robot in counting and one.kind in SENSOR_KINDS for one in faults)
-        self._no_touch = filtered and truthful and max_delay <= mission.collisions.delay
+        self._blind = blind.found(mission, faults)
+        slipping = fleet.slips and any(spec.localisation == "odometry" for spec in mission.robots.values())
+        self._can_settle = not slipping and not any(_is_lost_by(one, mission) for one in faults)
+        self._drift = Body.of(mission.simulated_robot).drift
+        self._paths: dict[str, tuple[complex, float]] = {}  # newest true position and path of each robot [m]
+        in_time = max_delay <= mission.collisions.delay
+        self._no_touch = filtered and truthful and in_time and not slipping
         fleet.local.watchers.append(self._command)
 
     @property
@@ -92,19 +102,25 @@ class Judge:
         """The broken rules."""
         return {one.rule for one in self.violations}
 
+    @property
+    def blind_path(self) -> float:
+        """Longest path of a robot whose position was frozen or late [m]."""
+        return max((one.path for one in self._blind), default=0.0)
+
     def look(self) -> None:
         """Check what is not a message; call it often."""
         self._check_failures()
         self._check_leaders()
         self._check_bodies()
+        self._check_blind()
         if self._faultless:
             self._check_holds()
 
     def look_settled(self, since: float) -> bool:
         """Whether the formation has settled; `since` is when the last fault ended [s]."""
-        if self.settled_at is None and self._fleet.error() <= self._mission.settled:
+        if self.settled_at is None and self._is_settled():
             self.settled_at = self._fleet.engine.now
-        if self.settled_at is None and self._can_settle and self._fleet.engine.now > since + RECOVERY_TIME:
+        if self.settled_at is None and self._fleet.engine.now > since + RECOVERY_TIME:
             error = self._fleet.error()
             why = "; ".join(f"{name}: {_state(self._fleet, name)}" for name in self._mission.followers)
             self._tell("formation", "", f"error {error:.3f} m after {RECOVERY_TIME:.0f} s; {why}")
@@ -176,12 +192,30 @@ class Judge:
         if len(leaders) > 1:
             self._tell("leaders", "", " and ".join(leaders))
 
+    def _is_settled(self) -> bool:
+        if self._can_settle:
+            return self._fleet.error() <= self._mission.settled
+        return all(agent.decision.state is AgentState.RUN for agent, _ in self._fleet.agents.values())
+
     def _check_bodies(self) -> None:
-        for (one, here, radius), (other, there, width) in itertools.combinations(self._fleet.discs(), 2):
+        discs = self._fleet.discs()
+        for name, here, _ in discs:
+            before, path = self._paths.get(name, (here, 0.0))
+            self._paths[name] = here, path + abs(here - before)
+        for (one, here, radius), (other, there, width) in itertools.combinations(discs, 2):
             free = abs(here - there) - radius - width
             self.nearest = min(self.nearest, free)
-            if free < 0.0 and self._no_touch:
+            drifted = self._drift * (self._paths[one][1] + self._paths[other][1])
+            if free < 0.0 and self._no_touch and drifted <= self._mission.collisions.room:
                 self._tell("touch", f"{one} and {other}", f"bodies overlap by {-free:.3f} m")
+
+    def _check_blind(self) -> None:
+        for one in self._blind:
+            world, _ = self._fleet.robots[one.fault.robot]
+            if one.drove_on(world.plant(one.fault.robot).position, self._fleet.engine.now):
+                self._tell(
+                    "blind", one.fault.robot, f"{one.path:.2f} m with {one.fault.kind} since {one.since:g} s"
+                )
 
     def _tell(self, rule: str, robot: str, what: str) -> None:
         if not any((rule, robot) == (one.rule, one.robot) for one in self.violations):
@@ -199,9 +233,11 @@ def _as_slow_as_a_probe(spec: RobotSpec, command: Command) -> bool:
     )
 
 
-def _counts_from_start(spec: RobotSpec) -> bool:
-    """Whether its odometry is relative to its start, and its only source."""
-    return spec.localisation == "odometry" and spec.odometry_frame == "start"
+def _is_lost_by(fault: Fault, mission: Mission) -> bool:
+    """Whether a robot's odometry, its only source, counts from its start and is wrong after `fault`."""
+    spec = mission.robots[fault.robot]
+    counts = spec.localisation == "odometry" and spec.odometry_frame == "start"
+    return counts and fault.kind in SENSOR_KINDS
 
 
 def _ramp_of(mission: Mission, name: str) -> RampLimits:

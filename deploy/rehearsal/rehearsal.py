@@ -9,13 +9,11 @@ from typing import Any, NamedTuple
 from formation.agent.simulated.faults import Fault
 from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.faults import SENSORS, draw, inject, spelled
-from formation.deploy.rehearsal.fleet import Fleet
-from formation.deploy.rehearsal.judge import RECOVERY_TIME, Judge, Violation
+from formation.deploy.rehearsal.fleet import Fleet, WorldName
+from formation.deploy.rehearsal.judge import LOOK_PERIOD, RECOVERY_TIME, Judge, Violation
 from formation.deploy.rehearsal.operator import Operator
 from formation.mission.model import Mission
 
-LOOK_PERIOD = 0.05
-"""Period of the checks that are not of messages [s]."""
 START_TIME = 15.0
 """The formation need not settle before this [s]."""
 SETTLE_PERIOD = 0.5
@@ -34,6 +32,8 @@ class Plan(NamedTuple):
     """Of all links, always."""
     seconds: float = 0.0
     """Shortest run [s]."""
+    world: WorldName = "kinematic"
+    """Of the simulated robots."""
 
 
 class Verdict(NamedTuple):
@@ -48,6 +48,8 @@ class Verdict(NamedTuple):
     """Least distance between two bodies [m]; infinite for one robot."""
     seconds: float
     """Rehearsed time [s]."""
+    blind_path: float = 0.0
+    """Longest path of a robot whose position was frozen or late [m]."""
 
     @property
     def broken(self) -> set[str]:
@@ -63,6 +65,7 @@ class Verdict(NamedTuple):
             "settled_at": self.settled_at,
             "nearest": self.nearest if self.nearest < math.inf else None,
             "seconds": self.seconds,
+            "blind_path": self.blind_path,
         }
 
 
@@ -73,7 +76,8 @@ def rehearse(plan: Plan, seed: int) -> Verdict:
 
 def run(plan: Plan, seed: int, faults: Sequence[Fault]) -> Verdict:
     """Rehearse `plan` with `faults`, until the formation has settled or should have."""
-    fleet = Fleet(plan.mission, seed, plan.weather, [one for one in faults if one.kind in SENSORS])
+    of_sensors = [one for one in faults if one.kind in SENSORS]
+    fleet = Fleet(plan.mission, seed, plan.weather, of_sensors, plan.world)
     operator = Operator(fleet)
     judge = Judge(fleet, faults, plan.weather.delay + plan.weather.jitter)
     operator.listeners.append(judge.answered)
@@ -94,7 +98,9 @@ def run(plan: Plan, seed: int, faults: Sequence[Fault]) -> Verdict:
                 break
     for process in fleet.processes:
         process.kill()
-    return Verdict(seed, tuple(faults), tuple(judge.violations), judge.settled_at, judge.nearest, time)
+    return Verdict(
+        seed, tuple(faults), tuple(judge.violations), judge.settled_at, judge.nearest, time, judge.blind_path
+    )
 
 
 def shrunk(plan: Plan, verdict: Verdict) -> tuple[Fault, ...]:

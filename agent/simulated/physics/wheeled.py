@@ -71,6 +71,11 @@ class Wheeled:
         """Forward speed and turn rate as the encoders report them."""
         return self._state.counted_moving
 
+    @property
+    def lateness(self) -> float:
+        """Return 0: its sensors report at once [s]."""
+        return 0.0
+
     def obey(self, command: Command) -> None:
         """Follow `command` as the firmware rounds and limits it."""
         self.command = command
