@@ -1,4 +1,4 @@
-"""How far a robot drives whose position is frozen or late: a rule of rehearsals."""
+"""How far a robot drives while its position is frozen or late: a rule of rehearsals."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ AT_REST_STEP = 1e-4
 
 @dataclass
 class Blind:
-    """A fault under which the robot's position is frozen or late, and how far the robot drove."""
+    """A fault that freezes or delays a position, and how far the robot drove."""
 
     fault: Fault
     since: float

@@ -9,7 +9,7 @@
 | stop | a robot that acknowledged a stop stands until it is released, whatever restarts |
 | hold | without faults no robot holds by itself once it drives |
 | leaders | at most one candidate may lead at any time |
-| blind | a robot whose position is frozen or late drives less than 0.1 m |
+| blind | a robot with a frozen or late position drives less than 0.1 m |
 | touch | no two bodies touch, where the collision filter promises it |
 | formation | after the last fault the formation settles within `RECOVERY_TIME` |
 
@@ -104,7 +104,7 @@ class Judge:
 
     @property
     def blind_path(self) -> float:
-        """Longest path of a robot whose position was frozen or late [m]."""
+        """Longest path of a robot with a frozen or late position [m]."""
         return max((one.path for one in self._blind), default=0.0)
 
     def look(self) -> None:
@@ -235,9 +235,10 @@ def _as_slow_as_a_probe(spec: RobotSpec, command: Command) -> bool:
 
 def _is_lost_by(fault: Fault, mission: Mission) -> bool:
     """Whether a robot's odometry, its only source, counts from its start and is wrong after `fault`."""
+    if fault.kind not in SENSOR_KINDS:
+        return False
     spec = mission.robots[fault.robot]
-    counts = spec.localisation == "odometry" and spec.odometry_frame == "start"
-    return counts and fault.kind in SENSOR_KINDS
+    return spec.localisation == "odometry" and spec.odometry_frame == "start"
 
 
 def _ramp_of(mission: Mission, name: str) -> RampLimits:

@@ -49,7 +49,7 @@ class Verdict(NamedTuple):
     seconds: float
     """Rehearsed time [s]."""
     blind_path: float = 0.0
-    """Longest path of a robot whose position was frozen or late [m]."""
+    """Longest path of a robot with a frozen or late position [m]."""
 
     @property
     def broken(self) -> set[str]:

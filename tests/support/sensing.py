@@ -2,37 +2,27 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from formation.agent.simulated.faults import Fault, with_faults
 from formation.agent.simulated.simulated import kinematic
 from formation.mission.model import Mission, SimulatedRobot
-from formation.protocol.status import AgentState
 from formation.wire import Sample
 from tests.support.fleet import Fleet
 from tests.support.missions import with_robots
 
 MISSIONS = ("six_robots", "turtlebot3_pair", "patrol", "two_chains")
 SOURCES = ("odometry", "external")
-FAULTS = (("frozen", 0.0), ("tremble", 1e-6), ("tremble", 1e-3))
-"""Kind and size [m] of the faults that must stop a robot."""
+FAULTS = (
+    ("frozen", 0.0),
+    *(("tremble", size) for size in (1e-6, 1e-5, 1e-4, 1e-3)),
+    *(("stale", late) for late in (0.3, 0.5, 1.0, 2.0, 4.0)),
+    ("backlog", 1.0),
+)
+"""Kind and size of the faults that must stop a robot."""
 GRACE = 1.0
 """From so long after the fault on a robot may not drive [s]."""
-PATIENCE = 90.0
-"""Within so long after the fault a robot drives again by itself [s]."""
-
-
-class Sensed(NamedTuple):
-    """What came of one fault."""
-
-    driven: float
-    """From `GRACE` after the fault began until it ended [m]."""
-    resumed: float
-    """After the fault ended until the robot was in formation control again [s]."""
-    held: bool
-    """Whether the robot held for its own motion while the fault lasted."""
 
 
 def mission_of(name: str, source: str) -> Mission:
@@ -43,24 +33,6 @@ def mission_of(name: str, source: str) -> Mission:
 def faulty(mission: Mission, fault: Fault, seed: int = 0) -> Fleet:
     """A fleet with one fault."""
     return Fleet(mission, seed=seed, plants=with_faults(kinematic, [fault]))
-
-
-def suffer(name: str, source: str, kind: str, size: float, seed: int, lasts: float = 10.0) -> Sensed:
-    """One fault of one robot at a random moment, under way to its slot or in formation."""
-    mission, chance = mission_of(name, source), random.Random(f"{name} {source} {kind} {size} {seed}")
-    robot, since = chance.choice(mission.followers), chance.uniform(3.0, 20.0)
-    fleet = faulty(mission, Fault(robot, kind, size, since, lasts), seed)
-    agent, plant, held = fleet.agents[robot], fleet.plant(robot), False
-    fleet.run(since + GRACE)
-    before = plant.path
-    while fleet.now < since + lasts:
-        held |= agent.decision.probes
-        fleet.run(0.25)
-    driven = plant.path - before
-    while agent.decision.state is not AgentState.RUN and fleet.now < since + lasts + PATIENCE:
-        fleet.run(0.5)
-    resumed = fleet.now - since - lasts if agent.decision.state is AgentState.RUN else float("inf")
-    return Sensed(driven, resumed, held)
 
 
 class Quiet(NamedTuple):

@@ -12,7 +12,17 @@ from collections.abc import Mapping, Sequence
 from typing import cast
 
 from tests.campaigns.reliability.document import DOCS, stamp
-from tests.campaigns.safety import crossing, document, gains, imperfect, missions, physics, posts, sensors
+from tests.campaigns.safety import (
+    crossing,
+    document,
+    gains,
+    imperfect,
+    missions,
+    physics,
+    posts,
+    quiet,
+    sensors,
+)
 from tests.campaigns.safety.part import Options, Part
 
 PARTS: Mapping[str, Part] = {
@@ -25,6 +35,7 @@ PARTS: Mapping[str, Part] = {
         "physics": physics,
         "gains": gains,
         "sensors": sensors,
+        "quiet": quiet,
     }.items()
 }
 EPILOG = """\
