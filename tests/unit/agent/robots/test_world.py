@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from formation.agent.simulated.simulated import World
+from formation.agent.simulated.faults import Fault, with_faults
+from formation.agent.simulated.simulated import World, kinematic
 from formation.control.unicycle import control_point
 from formation.mission.file import load, parse, read
 from formation.mission.model import Mission
@@ -55,6 +56,24 @@ def test_robots_publish_odometry_and_ground_truth_at_rate() -> None:
     assert set(keys) == {key for _, key in world.publications}
     assert {keys.count(key) for key in set(keys)} == {200}
     assert len(keys) == 200 * 2 * 5
+
+
+@pytest.mark.parametrize(
+    ("kind", "until", "stamp"),
+    [("stale", 1.9, 0.95), ("stale", 2.5, 1.5), ("backlog", 2.9, 1.9), ("stale", 4.05, 4.05)],
+)
+def test_late_odometry_has_its_true_stamp(kind: str, until: float, stamp: float) -> None:
+    faulty = with_faults(kinematic, [Fault("robot2", kind, 1.0, since=1.0, lasts=3.0)])
+    found = last(run(World(load("six_robots"), ["robot2"], plants=faulty), until), "robot2/odom", Odometry)
+    assert found.stamp - EPOCH == pytest.approx(stamp, abs=0.051)
+
+
+def test_delayed_odometry_arrives_after_prompt_odometry() -> None:
+    faulty = with_faults(kinematic, [Fault("robot2", "stale", 1.0, since=1.0, lasts=3.0)])
+    published = run(World(load("six_robots"), ["robot2"], plants=faulty), 6.0)
+    stamps = [decode(Odometry, one.payload).stamp for one in published if one.key == "robot2/odom"]
+    assert len(set(stamps)) == len(stamps) == 121, "nothing is lost, nothing comes twice"
+    assert sorted(stamps) != stamps
 
 
 def test_robots_do_not_speak_all_at_once() -> None:

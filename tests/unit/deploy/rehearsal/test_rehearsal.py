@@ -192,6 +192,36 @@ def test_stated_noise_is_no_jump_of_odometry() -> None:
     assert "hold" not in run(Plan(noisy), 0, ()).broken
 
 
+@pytest.mark.parametrize(
+    ("fault", "broken"),
+    [
+        ("robot3:stale=0.5@8+8", ("formation.agent.core.own_age_limit", lambda *_: 100.0)),
+        ("robot3:frozen@8+8", ("formation.agent.pose.motion_check.MAX_DELAY", 100.0)),
+    ],
+)
+def test_robot_that_drives_on_wrong_positions_is_found(
+    monkeypatch: pytest.MonkeyPatch, fault: str, broken: tuple[str, Any]
+) -> None:
+    assert rehearsed(fault).violations == ()
+    monkeypatch.setattr(*broken)
+    assert "blind" in rehearsed(fault).broken
+
+
+def test_agent_may_act_on_positions_within_its_age_limit() -> None:
+    verdict = rehearsed("robot2:stale=0.3@8", mission=PAIR)
+    assert verdict.violations == ()
+    assert verdict.blind_path == 0.0
+
+
+def test_robots_with_mass_are_rehearsed_without_sensor_faults(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MUJOCO_GL", "disable")
+    pytest.importorskip("mujoco")
+    plan = Plan(SIX, world="mujoco")
+    assert run(plan, 0, ()).violations == ()
+    with pytest.raises(ValueError, match="frozen: needs the kinematic world"):
+        run(plan, 0, faults("robot2:frozen@3"))
+
+
 def test_formation_that_does_not_settle_is_found() -> None:
     verdict = rehearsed("robot2:full@1+1", mission=SIX.changed(settled=-1.0))
     assert "formation" in verdict.broken
