@@ -45,6 +45,7 @@ from formation.control.pipeline import (
     constrained,
     control_step,
     law_command,
+    slowed,
 )
 from formation.control.tracker import MAX_DELAY
 from formation.control.unicycle import AT_REST, Command
@@ -398,18 +399,23 @@ class Agent:
         return self._driven(now, state, outcome)
 
     def _probed(self, now: Now, integral: complex, inputs: Inputs) -> list[Outgoing]:
-        """Send the probe's command instead of the law's; the integral stays as it is."""
+        """Send the probe's command instead of the law's; the integral stays as it is.
+
+        The filter only brakes it, and gives its direction: a robot that may not move as commanded must not
+        evade.
+        """
+        self._avoiding.rested()
         state = self._commander.control_state(integral, self._avoiding.state.avoidance)
         law_output, _, self.state.finite = law_command(state, inputs, self._params)
         if not self.state.finite:
             return self._not_finite(now)
-        trial = self._tried(now, law_output)
-        if trial == AT_REST:
-            self._avoiding.rested()
-            return self._at_rest(now)
         obstacles, sight = self._avoiding.obstacles(self._here, self._neighbours, now)
         inputs = inputs._replace(sight=sight)
-        return self._driven(now, *constrained(state, trial, inputs, obstacles, self._params))
+        _, wanted = constrained(state, law_output, inputs, obstacles, self._params)
+        trial = self._tried(now, wanted.target)
+        if trial == AT_REST:
+            return self._at_rest(now)
+        return self._driven(now, *slowed(state, trial, inputs, obstacles, self._params))
 
     def _driven(self, now: Now, state: ControlState, outcome: Outcome) -> list[Outgoing]:
         """Send the command of a control step, and store its state for the next."""

@@ -136,16 +136,41 @@ def constrained(
     limits, parameters = params.limits, params.avoidance
     along = inputs.heading.conjugate() * inputs.measured.velocity
     clear, avoidance = avoid(wanted, obstacles, parameters, limits, along, state.avoidance, inputs.dt)
-    target = clear if params.avoids else wanted
-    command, gentle_until = ramped(state.ramp, target, inputs.now, limits, params.ramp)
+    after, outcome = _sent(state, clear if params.avoids else wanted, inputs, obstacles, params)
+    after = ControlState(after.integral, avoidance, after.ramp, after.remainder)
+    return after, Outcome(outcome.command, outcome.target, clear != wanted, outcome.zone, True)
+
+
+def slowed(
+    state: ControlState,
+    wanted: Command,
+    inputs: Inputs,
+    obstacles: Sequence[Obstacle],
+    params: ControlParams,
+) -> tuple[ControlState, Outcome]:
+    """As `constrained`, but the filter only brakes: for a robot that may not evade."""
+    clear = brake(wanted, obstacles, params.avoidance)
+    after, outcome = _sent(state, clear if params.avoids else wanted, inputs, obstacles, params)
+    return after, outcome._replace(filtered=clear != wanted)
+
+
+def _sent(
+    state: ControlState,
+    target: Command,
+    inputs: Inputs,
+    obstacles: Sequence[Obstacle],
+    params: ControlParams,
+) -> tuple[ControlState, Outcome]:
+    """Ramp, brake, protective zones and quantiser, for a `target` command within limits."""
+    command, gentle_until = ramped(state.ramp, target, inputs.now, params.limits, params.ramp)
     if params.avoids and command != target:  # the filter has braked the target itself
-        command = brake(command, obstacles, parameters)
+        command = brake(command, obstacles, params.avoidance)
     command, zone = params.protect(command, inputs.sight)
     ramp = Ramp(command, inputs.now, gentle_until)
     command, remainder = quantised(command, state.remainder, params.quantiser)
     return (
-        ControlState(state.integral, avoidance, ramp, remainder),
-        Outcome(command, target, clear != wanted, zone, True),
+        ControlState(state.integral, state.avoidance, ramp, remainder),
+        Outcome(command, target, False, zone, True),
     )
 
 
