@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import logging
 import statistics
 import time
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from functools import partial
 from importlib.util import find_spec
 from typing import Any
@@ -20,6 +18,7 @@ from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.faults import FORM, KINDS, SENSORS, parse, spelled
 from formation.deploy.rehearsal.judge import RECOVERY_TIME, RULES
 from formation.deploy.rehearsal.rehearsal import Plan, Verdict, rehearse, shrunk
+from formation.deploy.rehearsal.workers import each
 from formation.deploy.terminal.bar import Bar
 from formation.deploy.terminal.units import metres
 from formation.mission.model import MAX_HORIZON, Mission
@@ -44,14 +43,11 @@ def main(arguments: Sequence[str]) -> int:
     _check_world(options)
     mission = _noisy(read_mission(options.mission, options.law), options.noise)
     plan = _plan(mission, options)
-    logging.disable(logging.CRITICAL)
     began = time.monotonic()
-    try:
-        verdicts = _verdicts(plan, options)
-        failed = [one for one in verdicts if one.violations]
-        fewest = {one.seed: shrunk(plan, one) for one in failed[:MAX_SHRUNK]}
-    finally:
-        logging.disable(logging.NOTSET)
+    verdicts = _verdicts(plan, options)
+    failed = [one for one in verdicts if one.violations]
+    shortest = each(partial(shrunk, plan), failed[:MAX_SHRUNK], jobs=1)
+    fewest = {one.seed: faults for one, faults in zip(failed, shortest, strict=False)}
     took = time.monotonic() - began
     lines = {seed: _command(options, seed, faults) for seed, faults in fewest.items()}
     tell(
@@ -67,22 +63,10 @@ def _verdicts(plan: Plan, options: argparse.Namespace) -> list[Verdict]:
     seeds = range(options.seed, options.seed + options.seeds)
     verdicts = []
     with Bar(f"{plan.mission.name}, {options.seeds} seeds") as bar:
-        for verdict in _each(plan, seeds, options.jobs):
+        for verdict in each(partial(rehearse, plan), seeds, options.jobs):
             verdicts.append(verdict)
             bar.at(len(verdicts) / options.seeds)
     return verdicts
-
-
-def _each(plan: Plan, seeds: Sequence[int], jobs: int) -> Iterator[Verdict]:
-    if jobs == 1:
-        yield from map(partial(rehearse, plan), seeds)
-        return
-    with ProcessPoolExecutor(jobs, initializer=logging.disable, initargs=(logging.CRITICAL,)) as pool:
-        try:
-            yield from pool.map(partial(rehearse, plan), seeds)
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
 
 
 def _words(

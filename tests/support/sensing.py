@@ -45,9 +45,15 @@ class Quiet(NamedTuple):
 
 
 def noisy(mission: Mission, noise: float) -> Mission:
-    """The mission with `noise` [m] in all positions of its simulated robots."""
+    """The mission with `noise` [m] in all positions of its simulated robots, which it states."""
     body = mission.simulated_robot.model_dump(exclude_none=True) | {"position_noise": noise}
-    return mission.model_copy(update={"simulated_robot": SimulatedRobot.model_validate(body)})
+    stated = max(noise, mission.collisions.noise)
+    return mission.model_copy(
+        update={
+            "simulated_robot": SimulatedRobot.model_validate(body),
+            "collisions": mission.collisions.model_copy(update={"noise": stated}),
+        }
+    )
 
 
 def resting(mission: Mission) -> Mission:

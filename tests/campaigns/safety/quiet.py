@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import logging
-from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from importlib.util import find_spec
 from itertools import product
 from typing import Any, NamedTuple
@@ -12,6 +11,7 @@ from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.fleet import WorldName
 from formation.deploy.rehearsal.rehearsal import Plan, Verdict
 from formation.deploy.rehearsal.rehearsal import run as rehearse
+from formation.deploy.rehearsal.workers import each
 from tests.campaigns.bench.figures import markdown
 from tests.campaigns.safety.part import Found, Options, bar, reported
 from tests.support.sensing import MISSIONS, mission_of, noisy, resting
@@ -21,8 +21,9 @@ SECONDS, NOISE, DELAY = 3600.0, 0.005, 0.1
 """Length of each run [s]; noise of own positions [m]; delay of every link [s]."""
 ABOUT = f"""\
 Rehearsals of each shipped mission for an hour with {1000 * NOISE:.0f} mm of noise (standard deviation per
-axis) and {1000 * DELAY:.0f} ms of delay on every link, also with a leader at rest, and with mass and wheels
-that slip (MuJoCo, without that noise). How often did a robot hold by itself after it had begun to drive?"""
+axis, which the mission states) and {1000 * DELAY:.0f} ms of delay on every link; the same behind a leader at
+rest; and with mass and wheels that slip (MuJoCo: that delay, the noise of its own sensors). How often did a
+robot hold by itself after it had begun to drive?"""
 
 
 class Case(NamedTuple):
@@ -37,10 +38,10 @@ def run(options: Options) -> Found:
     """Rehearse every mission in every world."""
     seconds, names = (60.0, MISSIONS[:2]) if options.quick else (SECONDS, (*MISSIONS, "posts"))
     worlds: list[WorldName] = ["kinematic", "mujoco"] if find_spec("mujoco") else ["kinematic"]
-    cases = [Case(*one) for one in product(names, worlds, (False, True))]
-    with ProcessPoolExecutor(options.jobs, initializer=logging.disable, initargs=(logging.CRITICAL,)) as pool:
-        verdicts = pool.map(undisturbed, cases, [seconds] * len(cases))
-        rows = [_row(one, seconds, next(verdicts)) for one in reported("quiet", cases)]
+    kinds = [*product(worlds, (False,)), ("kinematic", True)]
+    cases = [Case(name, *kind) for kind, name in product(kinds, names)]
+    verdicts = each(partial(undisturbed, seconds), cases, options.jobs)
+    rows = [_row(one, seconds, next(verdicts)) for one in reported("quiet", cases)]
     holds = sum(len(one["holds"]) for one in rows)
     broken = sum(len(one["others"]) for one in rows)
     return {
@@ -52,7 +53,7 @@ def run(options: Options) -> Found:
     }
 
 
-def undisturbed(case: Case, seconds: float) -> Verdict:
+def undisturbed(seconds: float, case: Case) -> Verdict:
     """A mission with noise and delay, and without faults."""
     mission = noisy(mission_of(case.mission, "odometry"), NOISE)
     chosen = resting(mission) if case.at_rest else mission
