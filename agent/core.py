@@ -258,7 +258,14 @@ class Agent:
             self._probe.rearm()
         if self.decision.state is not decided:
             self.state.status_due = now.mono
+        if self._tells_position:  # here, as a replica of this agent only acts
+            self._answers.record_sent(self._here.stream.state.stamp, now.mono)
         return outbox
+
+    @property
+    def _tells_position(self) -> bool:
+        """Whether this step publishes a position: one in doubt would mislead robots that measure this one."""
+        return self.state.moved and self._here.state.jumped is None and self._here.doubt is None
 
     def _unstale(self, now: Now, inbox: Sequence[Sample]) -> Sequence[Sample]:
         """Return the messages of `inbox` that did not wait while this process was frozen."""
@@ -279,8 +286,7 @@ class Agent:
     def tell(self, now: Now) -> list[Outgoing]:
         """Run the second half: return the position, if it is new, and the status when it is due."""
         outbox = []
-        here = self._here  # a position in doubt would mislead the robots that measure this one
-        if self.state.moved and here.state.jumped is None and here.doubt is None:
+        if self._tells_position:
             outbox.append(self._position(now))
         if now.mono >= self.state.status_due:
             self.state.status_due = now.mono + STATUS_PERIOD
@@ -500,7 +506,7 @@ class Agent:
             mission=self._mission.tag,
             refused=voter.refused,
             because=voter.because,
-            received=self._answers.say(self._here.stream.state.stamp, now.mono),
+            received=self._answers.next_named(),
         )
         pose = Pose(self._here.stream.state.stamp, self._here.state.position, self._here.heading)
         return Outgoing(self._position_key, encode(pose), order.encode(attachment))

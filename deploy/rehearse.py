@@ -8,11 +8,14 @@ import time
 from collections.abc import Sequence
 from functools import partial
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
+
+import tomlkit
 
 from formation.agent.simulated.faults import Fault
 from formation.agent.simulated.flags import NEEDED
-from formation.deploy.arguments import add_json, add_mission, number, parser, read_mission, tell, whole
+from formation.deploy.arguments import add_json, add_mission, number, parser, tell, whole
 from formation.deploy.refusal import Refusal
 from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.faults import FORM, KINDS, SENSORS, parse, spelled
@@ -21,7 +24,10 @@ from formation.deploy.rehearsal.rehearsal import Plan, Verdict, rehearse, shrunk
 from formation.deploy.rehearsal.workers import each
 from formation.deploy.terminal.bar import Bar
 from formation.deploy.terminal.units import metres
+from formation.mission.file import MissionError, read
+from formation.mission.file import parse as parse_mission
 from formation.mission.model import MAX_HORIZON, Mission
+from formation.monitor.recording.recorder import RecordingError
 from formation.transport.runtime.command_line import needs
 
 MAX_SEEDS = 1_000_000
@@ -33,6 +39,7 @@ EXAMPLES = """\
   formation rehearse patrol --seeds 100 --jobs 2         a hundred, on two cores
   formation rehearse patrol --seeds 20 --faults kill,cut,clock
   formation rehearse patrol --fault robot2:kill@12.3+5   this fault and no other
+  formation rehearse patrol --seed 7 --record seven.mcap  then: formation report seven.mcap
   formation rehearse my_mission.toml --faults none --loss 0.1 --delay 0.1
 """
 
@@ -41,12 +48,15 @@ def main(arguments: Sequence[str]) -> int:
     """Rehearse a mission; return the exit code: 1 if a rule was broken."""
     options = _options().parse_args(arguments)
     _check_world(options)
-    mission = _noisy(read_mission(options.mission, options.law), options.noise)
-    plan = _plan(mission, options)
+    mission, text = _mission(options)
+    plan = _plan(mission, text, options)
     began = time.monotonic()
-    verdicts = _verdicts(plan, options)
+    try:
+        verdicts = _verdicts(plan, options)
+    except RecordingError as error:
+        raise Refusal(str(error)) from None
     failed = [one for one in verdicts if one.violations]
-    shortest = each(partial(shrunk, plan), failed[:MAX_SHRUNK], jobs=1)
+    shortest = each(partial(shrunk, plan._replace(record=None)), failed[:MAX_SHRUNK], jobs=1)
     fewest = {one.seed: faults for one, faults in zip(failed, shortest, strict=False)}
     took = time.monotonic() - began
     lines = {seed: _command(options, seed, faults) for seed, faults in fewest.items()}
@@ -93,6 +103,8 @@ def _words(
         text.append(f"  nearest bodies   {metres(nearest.nearest)} apart, seed {nearest.seed}")
     seconds = sum(one.seconds for one in verdicts)
     text.append(f"  took             {took:.1f} s for {seconds:.0f} s of the fleet")
+    if plan.record is not None:
+        text.append(f"  recorded         {plan.record}")
     return "\n".join(text)
 
 
@@ -107,6 +119,7 @@ def _report(
         "rules": list(RULES),
         "runs": [{**one.as_json(), "command": lines.get(one.seed)} for one in verdicts],
         "failed": sum(bool(one.violations) for one in verdicts),
+        "recording": None if plan.record is None else str(plan.record),
         "wall_time": took,
     }
 
@@ -129,7 +142,7 @@ def _command(options: argparse.Namespace, seed: int, faults: Sequence[Fault]) ->
     return " ".join(words)
 
 
-def _plan(mission: Mission, options: argparse.Namespace) -> Plan:
+def _plan(mission: Mission, text: str, options: argparse.Namespace) -> Plan:
     """Raises Refusal."""
     try:
         faults = tuple(parse(text, mission) for text in options.fault)
@@ -145,7 +158,12 @@ def _plan(mission: Mission, options: argparse.Namespace) -> Plan:
         if fault.kind not in possible:
             raise Refusal(f"--fault {spelled(fault)}: needs --world kinematic")
     weather = Weather(options.loss, options.delay)
-    return Plan(mission, kinds, faults, weather, options.seconds, options.world)
+    if options.record is not None and options.seeds > 1:
+        raise Refusal(f"--record {options.record}: records one run, without --seeds")
+    return Plan(
+        mission, kinds, faults, weather, options.seconds, options.world,
+        monitored=options.monitor, record=options.record, text=text,
+    )  # fmt: skip
 
 
 def _check_world(options: argparse.Namespace) -> None:
@@ -155,14 +173,25 @@ def _check_world(options: argparse.Namespace) -> None:
         raise Refusal(f"--world mujoco: {needs(lacking[0])}")
 
 
-def _noisy(mission: Mission, noise: float) -> Mission:
-    """Return `mission` with robots that have this noise [m], and state it."""
-    if noise <= 0.0:
-        return mission
-    return mission.changed(
-        simulated_robot=mission.simulated_robot.model_copy(update={"position_noise": noise}),
-        collisions=mission.collisions.model_copy(update={"noise": max(noise, mission.collisions.noise)}),
-    )
+def _mission(options: argparse.Namespace) -> tuple[Mission, str]:
+    """Return the mission, with the noise and the law of `options`, and its file. Raises Refusal."""
+    try:
+        text, source = read(options.mission)
+        mission = parse_mission(text, source)
+        if options.noise > 0.0:
+            text = _noisy(text, options.noise, mission.collisions.noise)
+            mission = parse_mission(text, source)
+    except MissionError as error:
+        raise Refusal(str(error)) from None
+    return mission if options.law is None else mission.under(options.law), text
+
+
+def _noisy(text: str, noise: float, stated: float) -> str:
+    """Return a mission's file whose robots have this noise [m], and which states it."""
+    document = tomlkit.parse(text)
+    document.setdefault("simulated_robot", tomlkit.table())["position_noise"] = noise
+    document.setdefault("collisions", tomlkit.table())["noise"] = max(noise, stated)
+    return tomlkit.dumps(document)
 
 
 def _options() -> argparse.ArgumentParser:
@@ -208,6 +237,13 @@ def _options() -> argparse.ArgumentParser:
         help="robots that do as they are told, or physics with mass, motors, slip and contacts, without"
         " sensor faults; needs the extra physics (default: kinematic)",
     )
+    flags.add_argument(
+        "--monitor", action="store_true", help="run a monitor too; the run is the same with and without"
+    )
+    flags.add_argument(
+        "--record", metavar="FILE", type=Path,
+        help="have a monitor record the run, for report, replay and Foxglove; for one seed",
+    )  # fmt: skip
     flags.add_argument("--jobs", type=whole(1, 1024), default=1, help="processes to use (default 1)")
     add_json(flags)
     return flags

@@ -54,12 +54,15 @@ class Watch:
         page: Showing | None = None,
         exporter: Exporter | None = None,
         clock: Callable[[], Now] = clocks,
+        tend: Callable[[float], None] | None = None,
     ) -> None:
-        """`stage` is the bus to simulated robots, `ros` that for metrics in ROS 2, `exporter` an exporter."""
-        self._clock = clock
+        """`stage` is the bus to simulated robots, `ros` that for metrics in ROS 2, `exporter` an exporter.
+
+        `tend` does what a process does now and then, at a time [s, monotonic]; by default it tends sockets.
+        """
+        self._clock, self._tend = clock, tend or Linger().tend
         self._monitor, self._bus, self._recorder = monitor, bus, recorder
         self._stage, self._ros, self._page, self._exporter = stage, ros, page, exporter
-        self._linger = Linger()
         self._reported = 0  # number of the newest event sent with a snapshot
 
     def declare(self) -> None:
@@ -84,7 +87,7 @@ class Watch:
             self._pump(now)
             if self._page is not None:
                 self._page.step(now, self._recorder)
-            self._linger.tend(now.mono)
+            self._tend(now.mono)
             if tell.tick(now.mono):
                 self._tell(now, snapshots=snapshots)
             yield STEP_PERIOD

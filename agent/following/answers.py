@@ -43,11 +43,14 @@ class Answers:
         self._longest = MAX_ANSWER_DELAYS * longest_delay(slowest)
         self.state = AnswersState()
 
-    def say(self, stamp: float, mono: float) -> ReceivedPosition | None:
-        """Record that the position with this `stamp` [s] is sent now; return what it is to name."""
+    def record_sent(self, stamp: float, mono: float) -> None:
+        """Record that the position with this `stamp` [s] is sent now."""
         self.state.sent.append((stamp, mono))
         while self.state.sent[0][1] < mono - self._longest:
             self.state.sent.popleft()
+
+    def next_named(self) -> ReceivedPosition | None:
+        """Return what the next position is to name; None if no robot has been received."""
         received = [one for one in self._others.values() if one.stream.state.arrived is not None]
         if not received:
             return None

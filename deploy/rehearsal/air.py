@@ -42,7 +42,8 @@ class Air:
 
     def __init__(self, seed: int, now: Callable[[], float], weather: Weather) -> None:
         """`weather` is that of all links, always; `now` returns the time [s]."""
-        self._random, self._now, self._always = random.Random(f"air {seed}"), now, weather
+        self._seed, self._now, self._always = seed, now, weather
+        self._chances: dict[str, random.Random] = {}  # one each, so that the monitor does not change a run
         self._local: dict[str, list[Weather]] = {}
         self._deaf: Counter[tuple[str, str]] = Counter()
         self._free_at: dict[tuple[str, str], float] = {}
@@ -71,7 +72,7 @@ class Air:
         if self._deaf[sender, receiver] > 0:
             return
         disturbed = (self._always, *self._local.get(sender, ()), *self._local.get(receiver, ()))
-        chance = self._random.random
+        chance = self._chance(receiver)
         if any(one.loss > 0.0 and chance() < one.loss for one in disturbed):
             return
         queue = self._queued(sender, receiver, size, min(one.bandwidth for one in disturbed))
@@ -84,6 +85,13 @@ class Air:
                 for one in disturbed
             )
             yield HOP_DELAY + HOP_JITTER * chance() + extra + queue
+
+    def _chance(self, receiver: str) -> Callable[[], float]:
+        """Return what draws the fate of messages to `receiver`."""
+        chance = self._chances.get(receiver)
+        if chance is None:
+            chance = self._chances[receiver] = random.Random(f"air {self._seed} {receiver}")
+        return chance.random
 
     def _queued(self, sender: str, receiver: str, size: int, bandwidth: float) -> float:
         """Return how long a message waits for those before it, and for its own last byte [s]."""

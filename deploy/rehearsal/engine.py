@@ -24,6 +24,8 @@ EPOCH = 1.7e9
 """System clock of a machine without a clock fault at that moment [s]."""
 WAKE_DELAY = 5e-5
 """Time from an arrival to the step that it causes [s]."""
+MAX_WAITING_MESSAGES = 1024
+"""As of a process on a machine."""
 MIN_PAUSE = 1e-4
 """Shortest time between two steps of a process that nothing wakes [s]."""
 
@@ -68,18 +70,29 @@ class Engine:
 
 
 class Ending:
-    """No request to stop: rehearsed processes are killed."""
+    """A request to stop; most rehearsed processes get none, and are killed."""
 
     reason = ""
 
     def __bool__(self) -> bool:
-        return False
+        return bool(self.reason)
 
 
 class VirtualProcess(Runtime):
     """A process that sleeps on the virtual clock."""
 
-    def __init__(self, engine: Engine, name: str, machine: Machine) -> None:
+    stop: Ending
+
+    def __init__(
+        self,
+        engine: Engine,
+        name: str,
+        machine: Machine,
+        capacity: int = MAX_WAITING_MESSAGES,
+        *,
+        wakes: bool = True,
+    ) -> None:
+        """`capacity` bounds the messages that wait; without `wakes` none ends a pause early."""
         self.name, self.machine, self.stop = name, machine, Ending()
         self.alive = True
         self.failure: Exception | None = None
@@ -88,7 +101,8 @@ class VirtualProcess(Runtime):
         """Least time from one step to the next [s]; of a slow machine."""
         self._engine = engine
         self.clock = lambda: engine.clocks(machine)
-        self.mailbox = Mailbox(clock=lambda: UPTIME + engine.now)
+        self.mailbox = Mailbox(capacity, clock=lambda: UPTIME + engine.now)
+        self._wakes = wakes
         self._fleet: FleetPort | None = None
         self._side: RobotPort | None = None
         self._main: Pauses | None = None
@@ -134,7 +148,7 @@ class VirtualProcess(Runtime):
             self._frozen.append(delivery)
             return
         delivery()
-        if wakes:
+        if wakes and self._wakes:
             self._resume_at(max(self._engine.now + WAKE_DELAY, self._stepped + self.lag))
 
     def kill(self) -> None:

@@ -6,7 +6,7 @@ import itertools
 import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -27,15 +27,29 @@ from formation.deploy.rehearsal.sides import Exchange, FleetPort, RobotPort
 from formation.leader.core import Leader
 from formation.leader.process import lead
 from formation.mission.model import Mission
+from formation.monitor.core import Monitor
+from formation.monitor.process import MAX_WAITING_MESSAGES, Watch
+from formation.monitor.recording.recorder import Recorder
 from formation.ros2.ros_names import address
 from formation.simulation.edges import Edges, formation_error
 
+MONITOR = "monitor's machine"
+"""No robot has a name with spaces."""
 WorldName = Literal["kinematic", "mujoco"]
 Plants = Callable[[Mission, Sequence[str], int], Mapping[str, Moving]]
 START_SPREAD = 0.2
 """Processes start within this time [s]."""
 BOOT = "rehearsed"
 """Boot id of all machines: none is switched off."""
+
+
+class Watched(NamedTuple):
+    """The monitor, its process and its buses."""
+
+    monitor: Monitor
+    process: VirtualProcess
+    bus: FleetPort
+    stage: RobotPort
 
 
 class Fleet:
@@ -56,7 +70,7 @@ class Fleet:
         self.air = Air(seed, lambda: self.engine.now, weather)
         self.fleet = Exchange(self.engine, self.air.ways)
         self.local = Exchange(self.engine, lambda *_: (LOCAL_DELAY,))
-        self.machines = {name: Machine(name) for name in (*mission.names, *mission.standbys)}
+        self.machines = {name: Machine(name) for name in (*mission.names, *mission.standbys, MONITOR)}
         self.disks = {name: Disk() for name in self.machines}
         self.agents: dict[str, tuple[Agent, VirtualProcess]] = {}
         """The newest agent of each robot, and its process."""
@@ -64,6 +78,8 @@ class Fleet:
         self.watchdogs: dict[str, VirtualProcess] = {}
         self.robots: dict[str, tuple[World, VirtualProcess]] = {}
         """What hosts each simulated robot, and its process."""
+        self.watched: Watched | None = None
+        """The monitor, if there is one."""
         self.rivals: dict[str, VirtualProcess] = {}
         """Second agents."""
         self.processes: list[VirtualProcess] = []
@@ -122,6 +138,21 @@ class Fleet:
         process.plug(self._fleet_port(process), None)
         self.candidates[name] = leader, process
         process.play(lead(leader, process, None, terms))
+
+    def start_monitor(self, recorder: Recorder | None) -> None:
+        """Start the monitor, which records with `recorder`."""
+        process = VirtualProcess(
+            self.engine, "monitor", self.machines[MONITOR], MAX_WAITING_MESSAGES, wakes=False
+        )
+        self.processes.append(process)
+        hosts = list(dict.fromkeys(host for _, host in self.robots.values()))
+        bus, stage = self._fleet_port(process), RobotPort(self.local, process, hosts)
+        process.plug(bus, stage)
+        monitor = Monitor(self.mission, self.robots)
+        watch = Watch(monitor, bus, recorder, stage, clock=process.clock, tend=process.tend)
+        watch.declare()
+        self.watched = Watched(monitor, process, bus, stage)
+        process.play(watch.run(process.stop, snapshots=False))
 
     def process_of(self, name: str) -> VirtualProcess:
         """The agent of a robot, or the process of a candidate."""

@@ -35,6 +35,7 @@ from formation.deploy.rehearsal.engine import UPTIME, VirtualProcess
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.mission.model import Mission
 from formation.mission.robot import RobotSpec
+from formation.monitor.recording.recorder import Recorder
 from formation.protocol.order import OperatorReply, OperatorRequest
 from formation.protocol.status import AgentState
 from formation.ros2.messages import Twist, TwistStamped, decode
@@ -42,7 +43,19 @@ from formation.simulation.body import Body
 from formation.topics import CMD_VEL
 from formation.wire import Outgoing
 
-RULES = ("exception", "limits", "ramp", "zero", "stop", "hold", "leaders", "blind", "touch", "formation")
+RULES = (
+    "exception",
+    "limits",
+    "ramp",
+    "zero",
+    "stop",
+    "hold",
+    "leaders",
+    "blind",
+    "touch",
+    "formation",
+    "record",
+)
 RECOVERY_TIME = 60.0
 """Time after the last fault within which the formation must settle [s]."""
 STOP_DELAY = 0.1
@@ -125,6 +138,18 @@ class Judge:
             why = "; ".join(f"{name}: {_state(self._fleet, name)}" for name in self._mission.followers)
             self._tell("formation", "", f"error {error:.3f} m after {RECOVERY_TIME:.0f} s; {why}")
         return self.settled_at is not None
+
+    def look_recorded(self, recorder: Recorder) -> None:
+        """Check that an ended recording has every message that its monitor received or published."""
+        watched = self._fleet.watched
+        if watched is None:
+            return
+        lost = watched.process.mailbox.overflowed
+        expected = watched.process.mailbox.received + watched.bus.published
+        missing = expected - recorder.recorded
+        if recorder.failure is not None or recorder.lost or missing.total() > lost:
+            what = recorder.failure or f"{recorder.lost} messages lost, not recorded: {dict(missing)}"
+            self._tell("record", "", what)
 
     def answered(self, name: str, request: OperatorRequest, reply: OperatorReply) -> None:
         """Note a robot's answer to an operator."""

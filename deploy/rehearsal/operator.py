@@ -9,8 +9,8 @@ from formation.deploy.rehearsal.fleet import Fleet
 from formation.protocol.order import MAX_ENDED, Do, OperatorReply, OperatorRequest, decode, encode
 from formation.topics import ORDER
 
-DESK = "desk"
-"""The operator's machine: its messages go through the same air."""
+DESK = "operator's machine"
+"""Its messages go through the same air; no robot has a name with spaces."""
 REPEAT_PERIOD = 0.1
 """Time after which an unanswered request is repeated [s]."""
 MAX_REPEATS = 300

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from formation.agent.simulated.faults import Fault
 from formation.deploy.rehearsal.air import Weather
+from formation.deploy.rehearsal.engine import EPOCH
 from formation.deploy.rehearsal.faults import SENSORS, draw, inject, spelled
 from formation.deploy.rehearsal.fleet import Fleet, WorldName
 from formation.deploy.rehearsal.judge import LOOK_PERIOD, RECOVERY_TIME, Judge, Violation
 from formation.deploy.rehearsal.operator import Operator
 from formation.mission.model import Mission
+from formation.monitor.metrics.keys import OWN, watched
+from formation.monitor.process import STOP_TIMEOUT_SECONDS
+from formation.monitor.recording.recorder import Recorder
 
 START_TIME = 15.0
 """The formation need not settle before this [s]."""
@@ -34,6 +40,12 @@ class Plan(NamedTuple):
     """Shortest run [s]."""
     world: WorldName = "kinematic"
     """Of the simulated robots."""
+    monitored: bool = False
+    """Whether a monitor runs; the run is the same with and without it."""
+    record: Path | None = None
+    """File for the monitor's recording, which must not exist."""
+    text: str = ""
+    """The mission's file, for the recording."""
 
 
 class Verdict(NamedTuple):
@@ -75,13 +87,19 @@ def rehearse(plan: Plan, seed: int) -> Verdict:
 
 
 def run(plan: Plan, seed: int, faults: Sequence[Fault]) -> Verdict:
-    """Rehearse `plan` with `faults`, until the formation has settled or should have."""
+    """Rehearse `plan` with `faults`, until the formation has settled or should have.
+
+    Raises RecordingError if the recording cannot be started.
+    """
     of_sensors = [one for one in faults if one.kind in SENSORS]
     fleet = Fleet(plan.mission, seed, plan.weather, of_sensors, plan.world)
     operator = Operator(fleet)
     judge = Judge(fleet, faults, plan.weather.delay + plan.weather.jitter)
     operator.listeners.append(judge.answered)
     inject(faults, fleet, operator)
+    recorder = None if plan.record is None else _recorder(plan, plan.record, seed)
+    if plan.monitored or recorder is not None:
+        fleet.start_monitor(recorder)
     ends = [one.since + one.lasts for one in faults if one.lasts < math.inf]
     last = max([START_TIME, plan.seconds, *ends])
     forever = any(one.lasts == math.inf for one in faults)
@@ -96,11 +114,32 @@ def run(plan: Plan, seed: int, faults: Sequence[Fault]) -> Verdict:
             checked += SETTLE_PERIOD
             if judge.look_settled(last) or time > last + RECOVERY_TIME + 1.0:
                 break
+    if fleet.watched is not None:
+        fleet.watched.process.stop.reason = "the rehearsal ends"
+        fleet.engine.run(time + STOP_TIMEOUT_SECONDS)
+    if recorder is not None:
+        recorder.close()
+        judge.look_recorded(recorder)
     for process in fleet.processes:
         process.kill()
     return Verdict(
         seed, tuple(faults), tuple(judge.violations), judge.settled_at, judge.nearest, time, judge.blind_path
     )
+
+
+def _recorder(plan: Plan, path: Path, seed: int) -> Recorder:
+    """Begin the recording, with nothing in it that differs between two runs of a seed."""
+    mission = plan.mission
+    name = f"{mission.fingerprint}-{seed}"
+    began = datetime.fromtimestamp(EPOCH, UTC).isoformat(timespec="seconds")
+    metadata = {"recording": name, "recorded_at": began, "python": ""}
+    keys = (*watched(mission), *OWN)
+    recorder = Recorder(
+        path, mission.name, plan.text, mission.law.kind, keys, metadata=metadata, in_step=True
+    )
+    for _ in recorder.notices():  # that it has begun, with a path
+        pass
+    return recorder
 
 
 def shrunk(plan: Plan, verdict: Verdict) -> tuple[Fault, ...]:

@@ -46,8 +46,13 @@ class Disk:
         channels: Channels,
         rotation: Rotation,
         room: Room,
+        *,
+        forces: bool = True,
     ) -> None:
-        """Begin the first part at once. Raises OSError."""
+        """Begin the first part at once. Raises OSError.
+
+        With `forces`, only what is on the disk itself is safe; without, also what a power cut would take.
+        """
         self.failure: str | None = None
         """Why nothing is being recorded now; None if it is."""
         self.paths: tuple[Path, ...] = ()
@@ -60,7 +65,7 @@ class Disk:
         self._first, self._about, self._channels = path, about, channels
         self._rotation, self._room = rotation, room
         self._queue: SimpleQueue[Chunk | threading.Event | None] = SimpleQueue()
-        self._forcer = Forcer()
+        self._forcer, self._forces = Forcer(), forces
         self._ended = NOTHING  # the parts before this one
         self._retry = 0.0
         self._begun: float | None = None  # when this part was given its first chunk [s, monotonic]
@@ -200,8 +205,12 @@ class Disk:
             self._forcer.confirm(self._ended._replace(number=self.written))
             return
         counts, size = self._ended.counts + self._part.counts, self._ended.size + self._part.size
+        mark = Mark(self.written, counts, size)
+        if not self._forces:
+            self._forcer.confirm(mark)
+            return
         try:
-            self._forcer.request(self._part, Mark(self.written, counts, size))
+            self._forcer.request(self._part, mark)
         except OSError as error:  # unknown what of it was written: new messages go to another part
             self._fail(error, chunks[-1].handed if chunks else 0.0)
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 import logging
 import struct
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Self
 
 from formation.monitor.metrics.keys import Watched
@@ -55,10 +55,15 @@ class Recorder:
         keys: Iterable[Watched],
         rotation: Rotation = ROTATION,
         room: Room = ROOM,
+        metadata: Mapping[str, str] = MappingProxyType({}),
+        *,
+        in_step: bool = False,
     ) -> None:
         """Begin `path`, which must not exist, for `keys`. Raises RecordingError.
 
         `mission` is the mission's name, `text` its file and `law` the one in use; the recording holds all.
+        `metadata` replaces what is said about the machine and the time. With `in_step`, for a simulated
+        clock, the caller waits for each write, and nothing is forced to the disk.
         """
         self.path = path
         """The first part."""
@@ -66,6 +71,7 @@ class Recorder:
         self._keys = {one.key: self._declare(one) for one in keys}
         self._attached: dict[str, int] = {}
         self._sequence: Counter[str] = Counter()
+        self._in_step = in_step
         self._chunk = Chunk()
         self._waiting: deque[int] = deque()  # lengths of the chunks not yet written
         self._unsafe: deque[float] = deque()  # when the chunks not yet forced were handed over
@@ -73,7 +79,14 @@ class Recorder:
         self._flush_due: float | None = None
         self._is_late = self._is_full = self._is_closed = False
         try:
-            self._disk = Disk(path, about(mission, text, law), self._channels, rotation, room)
+            self._disk = Disk(
+                path,
+                about(mission, text, law) | dict(metadata),
+                self._channels,
+                rotation,
+                room,
+                forces=not in_step,
+            )
         except OSError as error:
             raise RecordingError(_why(path, error)) from None
 
@@ -146,6 +159,8 @@ class Recorder:
         if mono >= self._flush_due:
             self._flush_due = mono + FLUSH_PERIOD
             self._hand_over(mono)
+            if self._in_step:
+                self.catch_up()
             self._look(mono)
 
     def catch_up(self) -> None:

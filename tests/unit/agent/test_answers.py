@@ -73,23 +73,23 @@ def test_only_a_recent_position_of_this_robot_answers(
     age: float, robot: str, stamp: float, young: bool
 ) -> None:
     mine, _ = received("robot3")
-    mine.say(100.0, 5.0)
+    mine.record_sent(100.0, 5.0)
     assert mine.answered("robot3", ReceivedPosition(robot=robot, stamp=stamp), 5.0 + age) is young
 
 
 def test_a_robot_that_is_not_asked_answers_nothing() -> None:
     mine, _ = received("robot3")
-    mine.say(100.0, 5.0)
+    mine.record_sent(100.0, 5.0)
     assert not mine.answered("robot6", ReceivedPosition(robot="robot2", stamp=100.0), 5.1)
 
 
 def test_each_robot_that_was_heard_is_named_in_turn() -> None:
     each = [Neighbour(SIX, name, 20.0, answers=True) for name in ("robot3", "robot4", "robot5")]
     mine = Answers(SIX, "robot2", each)
-    assert mine.say(1.0, 1.0) is None
+    assert mine.next_named() is None
     for one in each[:2]:
         one.take_position(Pose(100.0, 0j, 1 + 0j), 1.0, Now(1.0, 100.0))
-    named = {mine.say(float(k), float(k)) for k in range(2, 6)}
+    named = {mine.next_named() for _ in range(4)}
     assert named == {
         ReceivedPosition(robot="robot3", stamp=100.0),
         ReceivedPosition(robot="robot4", stamp=100.0),
@@ -117,7 +117,7 @@ def test_clocks_that_differ_by_little_need_no_answer(ahead: float) -> None:
 def test_what_is_kept_of_own_messages_is_bounded() -> None:
     mine, _ = received("robot3")
     for k in range(10_000):
-        mine.say(float(k), 0.05 * k)
+        mine.record_sent(float(k), 0.05 * k)
     assert len(mine.state.sent) <= 20.0 * BOUND + 2
 
 
