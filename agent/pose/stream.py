@@ -41,6 +41,10 @@ class StreamState:
     """Stamp [s, sender's clock] and arrival [s, monotonic] of a message that did not follow."""
     doubted: bool = False
     """Whether nothing counts until two new messages agree."""
+    ahead: float | None = None
+    """This process's system clock less its monotonic one at the newest message [s]; None before the first."""
+    step: tuple[float, float] = (0.0, float("-inf"))
+    """By how much this process's clock was set last [s], and when that was noticed [s, monotonic]."""
     quickest: Quickest | None = None
     delayed: Delayed | None = None
 
@@ -74,6 +78,9 @@ class Stream:
         if state.arrived is None:
             return self._begin(stamp, arrived, now)
         elapsed, wait = stamp - state.stamp, arrived - state.arrived
+        self._notice_step(now)
+        if self._steps(arrived) and self._agree(elapsed - state.step[0], wait):
+            return self._begin(stamp, arrived, now)  # the sender's clock was set too: it is the same one
         late = self.check_late(stamp, arrived)
         if elapsed > 0.0 and late > self.longest_delay:  # already for a minute
             return self._begin(stamp, arrived, now)
@@ -147,5 +154,21 @@ class Stream:
         state.quickest = (
             lateness.quickest(stamp, arrived) if before is None else before.followed_by(stamp, arrived)
         )
-        state.delay = now.wall - (now.mono - arrived) - stamp
+        state.ahead = now.wall - now.mono
+        state.delay = arrived + state.ahead - stamp
+        if self._steps(
+            arrived
+        ):  # stamped before: by the smaller delay, so a clock that is set holds no robot
+            state.delay = min(state.delay, state.delay - state.step[0], key=abs)
         return elapsed
+
+    def _notice_step(self, now: Now) -> None:
+        """Note when this process's clock was set since the newest message."""
+        ahead = now.wall - now.mono
+        step = 0.0 if self.state.ahead is None else ahead - self.state.ahead
+        if abs(step) > self.longest_delay:
+            self.state.step = step, now.mono
+
+    def _steps(self, arrived: float) -> bool:
+        """Whether messages may be under way since this process's clock was set."""
+        return arrived - self.state.step[1] <= self.longest_delay

@@ -188,6 +188,26 @@ def test_age_is_by_arrival_where_the_senders_clock_is_off(error: float) -> None:
     assert stream.age(at(0.02)) == pytest.approx(0.02)
 
 
+@pytest.mark.parametrize("step", [-3600.0, -10.0, 10.0, 3600.0])
+@pytest.mark.parametrize("under_way", [0, 1, 2])
+def test_clock_of_the_machine_costs_one_message(step: float, under_way: int) -> None:
+    stream, intervals = Stream(20.0), []
+    for k in range(10):
+        mono, after = 0.05 * k, step * (k >= 4)
+        stamp = 100.0 + mono + step * (k >= 4 + under_way)
+        intervals.append(stream.admit(stamp, mono + 0.01, Now(mono + 0.01, 100.01 + mono + after)))
+        assert stream.state.delay == pytest.approx(0.01, abs=1e-6)
+    assert intervals.count(None) == 2, "of the first message, and of the first by the new clock"
+
+
+def test_delay_is_by_the_new_clock_soon_after_it_was_set() -> None:
+    stream = Stream(20.0)
+    for k in range(60):
+        mono = 0.05 * k
+        stream.admit(100.0 + mono, mono + 0.01, Now(mono + 0.01, 100.01 + mono + 10.0 * (k > 4)))
+    assert stream.state.delay == pytest.approx(10.01)
+
+
 @given(st.lists(st.tuples(st.floats(-1e7, 1e7), st.floats(0.0, 0.5)), max_size=30))
 def test_admitted_interval_is_positive_and_within_wait(
     messages: list[tuple[float, float]],
