@@ -74,8 +74,13 @@ class Ran(NamedTuple):
 
     @property
     def least(self) -> tuple[str, float]:
-        """The robot with the smallest share of compared commands, and that share, 0 to 1."""
-        return min(((name, one.share) for name, one in self.verdicts.items()), key=lambda found: found[1])
+        """The robot with the smallest share of compared commands, and that share, 0 to 1.
+
+        Robots that only a changed mission has do not count.
+        """
+        recorded = self.recording.mission.followers
+        shares = ((name, one.share) for name, one in self.verdicts.items() if name in recorded)
+        return min(shares, key=lambda found: found[1], default=("", 0.0))
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -135,6 +140,10 @@ def words(ran: Ran, min_compared: float = MIN_COMPARED_SHARE) -> Iterator[str]:
     elif ran.first is None and enough:
         yield f"no difference in {ran.compared} commands, {share:.1%} or more of every robot's; {pace}"
     elif ran.first is None:
+        if not ran.verdicts[robot].commands:
+            lacking = f"no command of {robot} in the recording"
+            yield f"no verdict: {lacking} (--min-compared 0 accepts that); {pace}"
+            return
         yield (
             f"no verdict: only {share:.1%} of {robot}'s commands were compared, at least {min_compared:.1%} "
             f"are needed (--min-compared); none of those compared differs; {pace}"
@@ -148,6 +157,8 @@ def _verdict(one: Verdict) -> str:
     if not one.commands:
         return "no command in the recording"
     compared = f"{one.compared} of {one.commands} commands compared"
+    if one.lost:
+        compared += f", {one.lost} more missing in the recording"
     if one.lead_in:
         compared += f" (and {one.lead_in} before the first state in its trace do not count)"
     if not one.compared:
@@ -225,6 +236,7 @@ def _robot(one: Verdict, start: float) -> dict[str, Any]:
     return {
         "commands": one.commands,
         "compared": one.compared,
+        "lost": one.lost,
         "lead_in": one.lead_in,
         "share": one.share,
         "exact": one.exact,

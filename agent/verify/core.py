@@ -87,15 +87,18 @@ class _Line:
         self._mission, self._law, self._verdict = mission, law, verdict
         self._waiting: deque[tuple[RecordedCommand, float]] = deque()  # and until when
         self._replicas: dict[str, Replica] = {}  # by publisher id
+        self._untraced = 0  # commands without a readable trace since the last gap in the numbers
 
     def add(self, sample: Sample, wall: float, until: float) -> bool:
         """Queue a command to be judged; whether its trace allows that."""
         if sample.attachment is None:
+            self._untraced += 1
             self._verdict.passed_over(wall, "no trace of it in the recording")
             return False
         try:
             traced = read(sample.attachment)
         except BadTraceError as bad:
+            self._untraced += 1
             self._verdict.passed_over(wall, f"its trace cannot be read: {bad}")
             return False
         self._waiting.append((RecordedCommand(traced, sample.payload, wall), until))
@@ -110,11 +113,18 @@ class _Line:
                 missing = frozenset(title for title in replica.needs(command.traced) if title not in buffer)
                 if missing and moment < until and len(self._waiting) <= MAX_WAITING:
                     return missing
+                self._count_lost(replica.missing(command.traced))
                 self._count(command, replica.follow(command, buffer))
             except BadTraceError as bad:
                 self._count(command, f"its trace cannot be followed: {bad}")
             self._waiting.popleft()
         return frozenset()
+
+    def _count_lost(self, missing: int) -> None:
+        """Count commands that the numbers show to be missing, except those that came without a trace."""
+        if missing:
+            self._verdict.lost += max(0, missing - self._untraced)
+            self._untraced = 0
 
     def _count(self, command: RecordedCommand, result: Comparison | str | None) -> None:
         if command.traced.agent is not None and len(self._verdict.missions) < MOST_PUBLISHERS:

@@ -85,10 +85,13 @@ class Replica:
             return f"its steps are missing: {traced.gap}"
         if self._number is None:
             return None if traced.n == 1 else self._late
-        missing = traced.n - self._number - 1
-        if missing:
+        if missing := self.missing(traced):
             return f"{missing} command{'' if missing == 1 else 's'} before it missing in the recording"
         return None
+
+    def missing(self, traced: Traced) -> int:
+        """Number of commands between the one before and this one that are missing in the recording."""
+        return 0 if self._number is None else max(0, traced.n - self._number - 1)
 
     def _new_agent(self) -> Agent:
         """Raises BadTraceError for an unknown law."""

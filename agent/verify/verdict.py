@@ -86,6 +86,8 @@ class Verdict:
     """[m/s; rad/s]"""
     commands: int = 0
     """In the recording."""
+    lost: int = 0
+    """Missing in the recording, by the numbers of those before and after."""
     compared: int = 0
     lead_in: int = 0
     """Commands before the first that was compared, in the first `LEAD_IN_TIME` seconds."""
@@ -105,9 +107,9 @@ class Verdict:
 
     @property
     def share(self) -> float:
-        """Share of its commands that were compared, 0 to 1, without the lead-in; 1 if there are none."""
-        counted = self.commands - self.lead_in
-        return self.compared / counted if counted else float(not self.commands)
+        """Share of its commands that were compared, 0 to 1, without the lead-in; 0 if there are none."""
+        counted = self.commands + self.lost - self.lead_in
+        return self.compared / counted if counted else 0.0
 
     def compared_one(self, one: Comparison) -> None:
         """Count a comparison."""

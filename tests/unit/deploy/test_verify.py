@@ -159,6 +159,25 @@ def test_one_robot_that_was_not_compared_is_no_verdict(tmp_path: Path) -> None:
     assert verify.main([str(written(tmp_path / "one.mcap", record)), "--verify"]) == verify.EXIT_TOO_FEW
 
 
+def test_robot_without_commands_is_no_verdict(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    record = [(one, wall) for one, wall in RUN if one.key != CMD_VEL.key("robot1")]
+    path = written(tmp_path / "silent.mcap", record)
+    assert verify.main([str(path), "--verify"]) == verify.EXIT_TOO_FEW
+    assert "no verdict: no command of robot1 in the recording" in capsys.readouterr().out
+    assert verify.main([str(path), "--verify", "--min-compared", "0"]) == 0
+
+
+def test_lost_commands_lower_the_share(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    key, begin = CMD_VEL.key("robot1"), RUN[0][1]
+    record = [(one, wall) for one, wall in RUN if one.key != key or not 2.0 < wall - begin < 4.0]
+    path = written(tmp_path / "gap.mcap", record)
+    assert verify.main([str(path), "--verify", "--json"]) == verify.EXIT_TOO_FEW
+    _, result = output(capsys)
+    robot = result["robots"]["robot1"]
+    assert robot["lost"] == pytest.approx(40, abs=2)
+    assert robot["share"] < robot["compared"] / robot["commands"]
+
+
 def test_commands_before_the_first_memory_do_not_count(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
