@@ -8,15 +8,20 @@ from itertools import product
 import numpy as np
 
 from formation.mission.file import load
+from formation.mission.model import Mission
 from formation.simulation.body import Body
 from formation.simulation.ensemble import Options as Simulated
 from formation.simulation.simulate import simulate
+from formation.slots.shapes import SHAPES
 from tests.campaigns.bench.figures import markdown
 from tests.campaigns.safety.part import Found, Options, bar, reported
+from tests.support.every_mission import made
 
 TITLE = "Imperfect sensing"
 NOISES, DELAYS = (0.0, 0.001, 0.002, 0.005), (0.0, 0.05, 0.1, 0.2)
 """Standard deviation of positions per axis [m]; age of others' positions [s]."""
+SEVEN, SEVEN_RUNS, SEVEN_DELAY = 7, 200, 0.1
+"""Robots, starts and delay [s] of the second table."""
 RUNS, HORIZON, LEFT_BEHIND = 400, 120.0, 1.0
 """Starts of each; [s]; a final error above this is a robot left behind [m]."""
 ABOUT = f"""\
@@ -24,20 +29,29 @@ The shipped `six_robots` in `formation simulate`'s own loop, {RUNS} random start
 pair of noise (of every position, standard deviation per axis) and delay (of all that robots hear of each
 other), with the collision filter. The mission states the noise where it is more than the default. A run
 *leaves robots behind* when its error, summed over edges, is above
-{LEFT_BEHIND:g} m at the end."""
+{LEFT_BEHIND:g} m at the end. The second table has seven TurtleBots, as `formation new` makes the mission, in
+each shape, {SEVEN_RUNS} starts each with {1e3 * NOISES[-1]:g} mm of noise, which the mission states, and
+{1e3 * SEVEN_DELAY:g} ms of delay."""
 
 
 def run(options: Options) -> Found:
     """Every pair of noise and delay."""
     runs = 20 if options.quick else RUNS
     pairs = list(product(NOISES, DELAYS))
-    cells = [cell(noise, delay, runs) for noise, delay in reported("imperfect", pairs)]
-    return {"cells": cells, "bars": bars(cells)}
+    six = load("six_robots")
+    cells = [cell(six, noise, delay, runs) for noise, delay in reported("imperfect", pairs)]
+    seven_runs, shapes = (10, list(SHAPES)[:2]) if options.quick else (SEVEN_RUNS, list(SHAPES))
+    seven = [
+        cell(made(shape, SEVEN, "turtlebot3_burger"), NOISES[-1], SEVEN_DELAY, seven_runs)
+        for shape in reported("seven TurtleBots", shapes)
+    ]
+    return {"cells": cells, "seven": seven, "bars": [*bars(cells), *bars(seven)]}
 
 
-def cell(noise: float, delay: float, runs: int, horizon: float = HORIZON, seed: int = 0) -> Found:
+def cell(
+    mission: Mission, noise: float, delay: float, runs: int, horizon: float = HORIZON, seed: int = 0
+) -> Found:
     """What became of `runs` random starts with this `noise` [m] and `delay` [s]."""
-    mission = load("six_robots")
     stated = max(noise, mission.collisions.noise)
     rules = mission.collisions.model_copy(update={"noise": stated})
     mission = mission.model_copy(update={"collisions": rules})
@@ -51,6 +65,7 @@ def cell(noise: float, delay: float, runs: int, horizon: float = HORIZON, seed: 
         options=Simulated(delay=delay, body=body),
     )
     return {
+        "mission": mission.name,
         "noise": noise,
         "delay": delay,
         "runs": runs,
@@ -64,10 +79,13 @@ def cell(noise: float, delay: float, runs: int, horizon: float = HORIZON, seed: 
 
 def bars(cells: Sequence[Found]) -> list[Found]:
     """None left behind and no touch, in any cell."""
-    runs = cells[0]["runs"]
+    name, runs = cells[0]["mission"], cells[0]["runs"]
+    what = (
+        f"{len(cells)} pairs of noise and delay" if name == "six-robots" else f"{len(cells)} shapes of seven"
+    )
     return [
         bar(
-            f"no robot left behind, {len(cells)} pairs of noise and delay, {runs} starts each",
+            f"no robot left behind, {what}, {runs} starts each",
             f"{sum(one['left'] for one in cells)} runs leave robots behind",
             not any(one["left"] for one in cells),
         ),
@@ -85,7 +103,8 @@ def section(found: Found) -> str:
         *("noise", "delay", "runs that leave robots behind", "runs that touch"),
         *("nearest bodies", "median error at the end", "deadlocks"),
     )
-    return markdown(header, [_row(one) for one in found["cells"]])
+    seven = markdown(("mission", *header), [[one["mission"], *_row(one)] for one in found["seven"]])
+    return f"{markdown(header, [_row(one) for one in found['cells']])}\n{seven}"
 
 
 def _row(one: Found) -> list[str]:
