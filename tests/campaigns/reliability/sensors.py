@@ -1,19 +1,22 @@
-"""Sensors that freeze or tremble, in runs of real processes: how far do robots drive on?"""
+"""Sensors that freeze, tremble or are late, in runs of real processes: how far do robots drive on?"""
 
 from __future__ import annotations
 
 import random
 import subprocess
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise, product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
+from formation.agent.simulated.faults import Fault
+from formation.deploy.rehearsal.blind import MAX_BLIND_PATH, found
 from formation.mission.file import load
 from formation.mission.file import read as read_mission
+from formation.mission.model import Mission
 from formation.monitor.recording.reader import read
 from formation.ros2.messages import Pose, decode
 from formation.topics import GROUND_TRUTH
@@ -26,15 +29,19 @@ from tests.campaigns.reliability.trial import Try
 from tests.support.sensing import FAULTS, GRACE, MISSIONS, SOURCES
 
 TITLE = "Sensors"
-BOUND, ON_THE_WAY = 0.1, 0.3
-"""Longest way from `GRACE` after the fault on; shortest way after it that shows that a robot goes on [m]."""
-LASTS, AFTER = 8.0, 18.0
-"""How long a fault lasts, and a run after it [s]."""
+ON_THE_WAY = 0.05
+"""Shortest way after a fault that shows that a robot goes on [m]."""
+FIRST, LASTS, AFTER = 8.0, 6.0, 14.0
+"""First fault of a run, length of each fault, time after it [s]."""
+MOMENT = 2.0
+"""A fault begins at any moment of so long [s]."""
 ABOUT = f"""\
-`formation run` of a shipped mission, with `--fault`: the sensor of a random robot freezes, or trembles around
-one place, at a random moment, for {LASTS:g} s. *Driven* is the true way from {GRACE:g} s after the fault
-began until it ended, by ground truth in the recording. The robot is to drive less than {100 * BOUND:g} cm,
-and to go on by itself afterwards. Tries take the four missions in turn."""
+`formation run` of a shipped mission, with `--fault`: the sensor of a random robot freezes, trembles around
+one place, or is late, at a random moment, for {LASTS:g} s; every kind of fault once in each run, in random
+order, {AFTER:g} s apart. *Driven* is the true way from {GRACE:g} s after the robot first drove with the fault
+until that ended, by ground truth in the recording; late positions count where they are older than the robot
+must bear. The robot is to drive less than {100 * MAX_BLIND_PATH:g} cm, and to go on by itself afterwards.
+Runs take the four missions in turn."""
 
 
 class Row(NamedTuple):
@@ -47,12 +54,12 @@ class Row(NamedTuple):
     @property
     def name(self) -> str:
         """On the command line."""
-        return f"{self.source}-{self.kind}{f'-{1e6 * self.size:g}um' if self.size else ''}"
+        return f"{self.source}-{self.kind}{f'-{self.size:g}' if self.size else ''}"
 
     @property
     def title(self) -> str:
         """For people."""
-        return f"{self.source} {self.kind}{f' {1e6 * self.size:g} µm' if self.size else ''}"
+        return f"{self.source} {self.kind}{f' {self.size:g}' if self.size else ''}"
 
 
 ROWS = tuple(Row(source, kind, size) for source, (kind, size) in product(SOURCES, FAULTS))
@@ -61,38 +68,62 @@ ROWS = tuple(Row(source, kind, size) for source, (kind, size) in product(SOURCES
 def run(options: Options) -> Found:
     """Try every row."""
     chosen = [row for row in ROWS if options.chosen(row.name)]
-    todo = [(row, MISSIONS[number % len(MISSIONS)]) for number in range(options.tries) for row in chosen]
+    todo = [
+        (MISSIONS[number % len(MISSIONS)], source) for number in range(options.tries) for source in SOURCES
+    ]
     with ThreadPoolExecutor(options.fields) as pool:
-        tries = list(pool.map(lambda one: attempt(*one), todo))
-    found = {row.name: summary(row.title, [one for one in tries if one.row == row.name]) for row in chosen}
-    return {"rows": found, "well": all(not one.wrong for one in tries)}
+        runs = pool.map(
+            lambda one: attempts(one[0], one[1], [row for row in chosen if row.source == one[1]]), todo
+        )
+        tries = [one for each in runs for one in each]
+    rows = {row.name: summary(row.title, [one for one in tries if one.row == row.name]) for row in chosen}
+    return {"rows": rows, "well": all(not one.wrong for one in tries)}
 
 
-def attempt(row: Row, mission: str) -> Try:
-    """One run."""
-    robot, since = random.choice(load(mission).followers), random.uniform(5.0, 15.0)
-    one = Try(row.name)
+def attempts(mission: str, source: str, rows: Sequence[Row]) -> list[Try]:
+    """One run with each of `rows`, in random order."""
+    order = random.sample(rows, len(rows))
+    spans = [FIRST + number * (LASTS + AFTER) + random.uniform(0.0, MOMENT) for number in range(len(order))]
     with TemporaryDirectory(prefix="sensors-") as folder:
-        recording = Path(folder) / "run.mcap"
-        words = [
-            "run", str(_written(mission, row.source, Path(folder))), "--record", str(recording), "--json",
-            "--duration", f"{since + LASTS + AFTER:.1f}", "--no-page",
-            "--fault", f"{robot}:{row.kind}={row.size:g}@{since:.2f}+{LASTS:g}",
-        ]  # fmt: skip
+        file, recording = _written(mission, source, Path(folder)), Path(folder) / "run.mcap"
+        driven = load(file)
+        faults = [
+            Fault(random.choice(driven.followers), row.kind, row.size, round(since, 2), LASTS)
+            for row, since in zip(order, spans, strict=True)
+        ]
+        words = ["run", str(file), "--record", str(recording), "--json", "--no-page"]
+        words += ["--duration", f"{FIRST + len(order) * (LASTS + AFTER):.1f}"]
+        words += [
+            word
+            for one in faults
+            for word in ("--fault", f"{one.robot}:{one.kind}={one.size:g}@{one.since:g}+{LASTS:g}")
+        ]
         done = subprocess.run(
             [*module("formation.deploy"), *words], capture_output=True, text=True, check=False
         )
+        tries = [Try(row.name) for row in order]
         if not recording.exists():
-            one.wrong.append(f"no recording: {done.stderr[-200:]}")
-            return one
-        ways = dict(_ways(recording, robot, since))
-    one.figures["driven [m]"] = ways["during"]
-    if ways["during"] >= BOUND:
-        one.wrong.append(f"{mission}: drove {BOUND:g} m or more")
-    if ways["after"] < ON_THE_WAY:
-        one.wrong.append(f"{mission}: did not go on")
-    tell(f"{row.name} {mission} {robot}: {100 * ways['during']:.1f} cm, then {ways['after']:.2f} m")
-    return one
+            tries[0].wrong.append(f"no recording: {done.stderr[-200:]}")
+            return tries[:1]
+        for one, fault in zip(tries, faults, strict=True):
+            _judge(one, mission, driven, fault, recording)
+    return tries
+
+
+def _judge(one: Try, name: str, mission: Mission, fault: Fault, recording: Path) -> None:
+    truths = _truths(recording, fault.robot)
+    end = fault.since + fault.lasts
+    (blind,) = found(mission, [fault])
+    for moment, place in truths:
+        blind.drove_on(place, moment)
+    after = [place for moment, place in truths if end <= moment < end + AFTER]
+    way = sum(abs(b - a) for a, b in pairwise(after))
+    one.figures["driven [m]"] = blind.path
+    if blind.path >= MAX_BLIND_PATH:
+        one.wrong.append(f"{name}: drove {MAX_BLIND_PATH:g} m or more")
+    if way < ON_THE_WAY:
+        one.wrong.append(f"{name}: did not go on")
+    tell(f"{one.row} {name} {fault.robot}: {100 * blind.path:.1f} cm, then {way:.2f} m")
 
 
 def _written(mission: str, source: str, folder: Path) -> Path:
@@ -103,21 +134,14 @@ def _written(mission: str, source: str, folder: Path) -> Path:
     return path
 
 
-def _ways(recording: Path, robot: str, since: float) -> Iterator[tuple[str, float]]:
-    """True way of the robot during the fault and after it [m]; the world begins with its first truth."""
+def _truths(recording: Path, robot: str) -> list[tuple[float, complex]]:
+    """True places of the robot [m], by time since its world began [s]."""
     truths = [
         decode(Pose, one.sample.payload)
         for one in read(recording).messages()
         if one.sample.key == GROUND_TRUTH.key(robot)
     ]
-    begin = truths[0].stamp + since
-    spans: Mapping[str, tuple[float, float]] = {
-        "during": (begin + GRACE, begin + LASTS),
-        "after": (begin + LASTS, float("inf")),
-    }
-    for name, (first, last) in spans.items():
-        points = [one.position for one in truths if first <= one.stamp < last]
-        yield name, sum(abs(b - a) for a, b in pairwise(points))
+    return [(one.stamp - truths[0].stamp, one.position) for one in truths]
 
 
 def names() -> Sequence[str]:
@@ -127,7 +151,7 @@ def names() -> Sequence[str]:
 
 def seconds(options: Options) -> float:
     """What it takes."""
-    return 45.0 * len(ROWS) * options.tries / options.fields
+    return (FIRST + 10.0 + len(FAULTS) * (LASTS + AFTER)) * len(SOURCES) * options.tries / options.fields
 
 
 def section(found: Found) -> str:
