@@ -187,7 +187,7 @@ def _mission(options: argparse.Namespace) -> tuple[Mission, str]:
 
 
 def _noisy(text: str, noise: float, stated: float) -> str:
-    """Return a mission's file whose robots have this noise [m], and which states it."""
+    """Return a mission's file with this noise of its robots [m], which it states."""
     document = tomlkit.parse(text)
     document.setdefault("simulated_robot", tomlkit.table())["position_noise"] = noise
     document.setdefault("collisions", tomlkit.table())["noise"] = max(noise, stated)
