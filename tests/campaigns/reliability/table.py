@@ -12,6 +12,8 @@ from tests.campaigns.reliability.trial import Try
 
 LEAST = ("nearest",)
 """Figures of which the smallest is the worst."""
+METRES = " [m]"
+"""Ends the name of a figure that is a distance, not a time."""
 HEADER = (
     "what was done", "as it should be", "in time", "error back after", "largest command", "largest jump",
     "error then",
@@ -59,7 +61,7 @@ def span(figure: Mapping[str, float] | None, unit: str, digits: int = 2, scale: 
 
 
 def _row(row: Mapping[str, Any]) -> tuple[str, ...]:
-    figures = "; ".join(f"{name} {span(one, _unit(name))}" for name, one in row["figures"].items())
+    figures = "; ".join(f"{_plain(name)} {span(one, _unit(name))}" for name, one in row["figures"].items())
     return (
         row["title"],
         f"{row['well']} of {row['tries']}",
@@ -72,7 +74,11 @@ def _row(row: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _unit(name: str) -> str:
-    return "m" if name in LEAST else "s"
+    return "m" if name in LEAST or name.endswith(METRES) else "s"
+
+
+def _plain(name: str) -> str:
+    return name.removesuffix(METRES)
 
 
 def _middle(name: str, values: Sequence[float]) -> Mapping[str, float] | None:
