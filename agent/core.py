@@ -443,9 +443,9 @@ class Agent:
         """Compare the own measurement that arrived [s, monotonic] with what was commanded."""
         if self._readonly:
             return
-        motion, travel = self._motion, self._here.state.travel
+        motion, travel = self._motion, self._here.state.since_last
         known = motion.state.doubt
-        motion.saw(arrived, travel)
+        motion.saw(arrived, travel, gap=self._here.state.travel is None)
         if known is not None:
             self._probe.saw(travel)
         elif motion.state.doubt is not None:

@@ -54,6 +54,8 @@ class LocalisationState:
     """Centre [m; world frame]."""
     travel: Travel | None = None
     """Newest interval; None if the robot's motion in it is unknown."""
+    since_last: Travel | None = None
+    """Motion since the message before, also across a gap; None for the first, and at a jump."""
     measured: complex = 1.0 + 0.0j
     """Heading as the source measures it, unit [world frame]."""
     estimate: complex
@@ -206,7 +208,7 @@ class Localisation:
     def doubt_all(self) -> None:
         """Distrust everything received so far: this process was frozen."""
         self.stream.doubt()
-        self.state.follows, self.state.travel = False, None
+        self.state.follows, self.state.travel, self.state.since_last = False, None, None
 
     def carried(self) -> None:
         """Reset the filter's heading: the robot was moved by hand."""
@@ -256,6 +258,7 @@ class Localisation:
         seen = self._update_of(message, over, now)
         state.position, state.measured, state.follows = seen.position, seen.heading, False
         state.travel = None
+        state.since_last = seen.travel if seen.jumped is None else None
         if seen.travel is None:
             if self._observer.start is not None:
                 state.estimate = self._observer.start(seen.position, self._gain)

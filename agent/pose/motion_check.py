@@ -108,6 +108,10 @@ class Leg:
         state.seen, state.farthest, state.began = 0j, 0.0, moment
         state.origins, state.path_before = list(models), path_before
 
+    def excuse(self, seen: complex) -> None:
+        """Let the motion `seen` in a gap need no command: nothing is known of what happened in it."""
+        self.state.path_before -= abs(seen)
+
     def add(self, seen: complex, remaining: float, models: Sequence[complex], path: float) -> None:
         """Add an interval; everything before counts only as the share `remaining`."""
         state = self.state
@@ -218,8 +222,11 @@ class MotionCheck:
         """Clear the disagreement: it was disproved."""
         self.state.doubt, self.state.last, self.state.confirmed = None, None, 0
 
-    def saw(self, moment: float, travel: Travel | None) -> None:
-        """Check a measurement that arrived at `moment` [s, monotonic], and its interval; None if unknown."""
+    def saw(self, moment: float, travel: Travel | None, *, gap: bool = False) -> None:
+        """Check a measurement that arrived at `moment` [s, monotonic], and its interval; None if unknown.
+
+        `gap`: the interval is so long that only its two positions count, not what happened in between.
+        """
         self.model.go_to(moment)
         if self.state.doubt is not None:
             return
@@ -233,6 +240,10 @@ class MotionCheck:
         fastest, spacing = self.model.fastest, self.model.spacing
         self._position.add(travel.displacement, remaining, points, newest.path)
         self._heading.add(complex(travel.turn), remaining, turns, newest.turning)
+        if gap:
+            self._position.excuse(travel.displacement)
+            self._heading.excuse(complex(travel.turn))
+            self._begin_window(moment, models)
         slack, turn_slack = 0.5 * spacing * fastest.speed, 0.5 * spacing * fastest.turn_rate
         self.state.doubt = self._position.judge(
             moment, points, newest.path, slack, (MotionFault.FROZEN, MotionFault.CARRIED)
@@ -241,7 +252,7 @@ class MotionCheck:
             self.state.doubt = self._heading.judge(
                 moment, turns, newest.turning, turn_slack, (MotionFault.TURN, MotionFault.TURNED)
             )
-        if self._has_speeds and self.state.doubt is None:
+        if self._has_speeds and not gap and self.state.doubt is None:
             self.state.doubt = self._contradiction(moment, travel, models)
         if self._position.shows_motion(points, newest.path):
             self._position.begin(moment, points, models[HALF_DELAY_INDEX].path)
