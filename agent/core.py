@@ -449,7 +449,7 @@ class Agent:
         if known is not None:
             self._probe.saw(travel)
         elif motion.state.doubt is not None:
-            self._probe.interrupt()
+            self._probe.begin()
             if motion.state.doubt.kind in {MotionFault.CARRIED, MotionFault.TURNED}:
                 self._here.carried()
         elif motion.state.confirmed:
@@ -463,7 +463,6 @@ class Agent:
         speeds = self._here.source == "odometry"
         if self._probe.verdict(now.mono, doubt, speeds=speeds):
             motion.trust()
-            self._probe.interrupt()
             return AT_REST
         motion.model.go_to(now.mono)
         return self._probe.step(now.mono, doubt, motion.model.now, wanted)

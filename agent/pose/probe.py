@@ -3,6 +3,7 @@
 Stand and measure, move a little, stand and measure again. The mean of many measurements before and after is
 far more precise than one measurement. A probe that is not seen is repeated later and shorter: waits double,
 lengths shrink, so that all probes together stay below `MAX_PROBE_DISTANCE`, however long the fault lasts.
+A probe counts when its motion begins, so that one which is interrupted counts too.
 """
 
 from __future__ import annotations
@@ -90,7 +91,7 @@ class ProbeState:
 
     phase: Phase = Phase.OFF
     tries: int = 0
-    """Probes since the robot was last seen to move."""
+    """Probes since the robot was last seen to move, from the beginning of their motion on."""
     since: float = 0.0
     """When the phase began [s, monotonic]."""
     at: complex = 0j
@@ -131,12 +132,20 @@ class Probe:
         if self.state.tries:
             self.state.tries, self.state.phase = 0, Phase.OFF
 
-    def interrupt(self) -> None:
-        """Restart the wait: the robot may not move."""
+    def begin(self) -> None:
+        """Start the next wait anew: the robot's motion is doubted from now on."""
         self.state.phase = Phase.OFF
 
+    def interrupt(self) -> None:
+        """End the probe: the robot may not move. A wait goes on; it is over if only measuring was cut off."""
+        state = self.state
+        if state.phase is Phase.BEFORE:
+            state.phase, state.since = Phase.WAITS, float("-inf")
+        elif state.phase is not Phase.WAITS:
+            state.phase = Phase.OFF
+
     def saw(self, travel: Travel | None) -> None:
-        """Process a measurement; None if the robot's motion is unknown."""
+        """Process a measurement and the motion since the one before; None if that is unknown."""
         state = self.state
         if travel is None:
             self.interrupt()
@@ -165,6 +174,7 @@ class Probe:
             wish = wanted.turn_rate if turns else wanted.speed
             state.direction = -1.0 if wish < 0.0 else 1.0
             state.began = model.ahead, model.turn
+            state.tries += 1  # also counts one that is interrupted or seen, until the robot is seen to move
             self._enter(Phase.MOVES, moment)
         elif state.phase is Phase.MOVES:
             done = (
@@ -172,7 +182,7 @@ class Probe:
                 if turns
                 else abs(model.ahead - state.began[0]) / LENGTH
             )
-            if done >= PROBE_LENGTH_RATIO**state.tries or over >= MAX_PROBE_TIME:
+            if done >= PROBE_LENGTH_RATIO ** (state.tries - 1) or over >= MAX_PROBE_TIME:
                 state.expected = model.ahead - state.began[0], model.turn - state.began[1]
                 self._enter(Phase.SETTLES, moment)
         elif state.phase is Phase.SETTLES and over >= self._settling:
@@ -187,7 +197,6 @@ class Probe:
         """Whether the newest probe was seen; None if undecided. `speeds`: they are reported."""
         if self.state.phase is not Phase.AFTER or moment - self.state.since < AVERAGING_TIME:
             return None
-        self.state.tries += 1  # also counts one that was seen, until the robot is seen to move
         self._enter(Phase.WAITS, moment)
         return self._seen(doubt, speeds=speeds)
 

@@ -47,6 +47,15 @@ def test_frozen_odometry_in_bursts_holds_the_robot(burst: float, gap: float) -> 
     assert fleet.agents["robot3"]._motion.state.doubt is not None
 
 
+def test_interrupted_probes_stay_bounded() -> None:
+    fleet = stuttering(1.45, 0.2)
+    fleet.run(BEGIN + 1.5)
+    before = fleet.plant("robot3").path
+    fleet.run(30.0)
+    assert fleet.plant("robot3").path - before < BOUND
+    assert fleet.agents["robot3"]._probe.state.tries > 2
+
+
 def test_odometry_that_comes_in_bursts_causes_no_doubt() -> None:
     fleet = Fleet(mission_of("six_robots", "odometry"))
     fleet.meddle = bursts(fleet, "robot3", 0.5, 0.3)
