@@ -495,6 +495,7 @@ class Agent:
             publisher_id=self._publisher_id,
             count=self.state.sent,
             order=None if certificate else newest,
+            stale=not certificate and self._orders.stale(now.mono),
             signed="" if certificate else signed,
             signature="" if certificate else signature,
             certificate=certificate,

@@ -4,6 +4,10 @@
 long the team has been running by the monotonic clock: neither a late step nor a corrected system clock moves
 it. After a hang of more than `LEADER_TIMEOUT_SECONDS` it goes on from where it was, not from where it would
 be. A new leader goes on from the newest order that the robots relay, under a publisher id of its own.
+
+Robots relay the last order of a dead leader for ever. So a leader started to hold goes on in its mode only if
+the team is *under way*: the beat of that order rose within `formation.protocol.election.expiry`, by this
+process's own clock and by every robot that relays it (`PositionAttachment.stale`).
 """
 
 from __future__ import annotations
@@ -92,7 +96,8 @@ class Leader:
             self.name, self.plan, lambda: self._seat, alone=not mission.standbys
         )
         self._newest: Order | None = None  # relayed by a robot, or its own,
-        self._newest_rose = float("-inf")  # and when it rose [s, monotonic]
+        self._newest_rose = float("-inf")  # when it rose [s, monotonic],
+        self._newest_stale = False  # and whether a robot says that this is long ago
         self._earlier: dict[str, Order] = {}  # orders of earlier terms, by the robot that relays them
         self._mixed: dict[str, tuple[str, float]] = {}  # tag and arrival, by robot of another mission
         self._term = 0  # in which it sent last
@@ -107,7 +112,7 @@ class Leader:
         self._leads, self._terms_led, self._beat, self._count = False, 0, 0, 0
         self._began = 0.0  # when the first beat of this term was [s, monotonic]
         self._unsure = False  # leads, and does not know yet whether there was an earlier order
-        self._late: Order | None = None  # the earlier order
+        self._late: tuple[Order, bool] | None = None  # the earlier order, and whether it is stale
         robots = mission.followers if mission.cohesion else linked(mission)
         self._followers = {POSITION.key(robot): robot for robot in mission.followers if robot in robots}
         others = [other for other in mission.candidates if other != self.name and mission.standbys]
@@ -216,11 +221,14 @@ class Leader:
     def halt(self, now: Now, reason: str) -> list[Outgoing]:
         """Return the last messages: the team holds at once instead of waiting for a missing beat.
 
-        The order keeps what the operator requested, so that the next leader goes on with that.
+        The order keeps what the operator requested, so that the next leader goes on with that. Without
+        standbys the next one holds until told to run.
         """
         self._candidacy.step(now)
         self._settle(now)
         self._go_on(now)
+        if not self._mission.standbys:
+            self.plan.team_mode.end()
         outbox = (
             [self._position(now, "stop" if self.mode == "stop" else "hold", changed=True)]
             if self._leads
@@ -282,10 +290,13 @@ class Leader:
         if received is not None and self._supersedes(robot, received, sample.arrived):
             self._check(received)
             self._newest, self._newest_rose = received, sample.arrived
+            self._newest_stale = attachment.stale
         elif received is not None and self._unsure:
             self._check(received)
             self._unsure = False
-            self._late = received if received.term < self.term else None
+            self._late = (received, attachment.stale) if received.term < self.term else None
+        if received is not None and received == self._newest:
+            self._newest_stale |= attachment.stale
 
     def _check(self, received: Order) -> None:
         """Raise BadMessage for an order that no robot of this mission accepts."""
@@ -328,7 +339,7 @@ class Leader:
         self._certificate_rate = Rate(CERTIFICATE_RATE)
         self._unsure = self._newest is None
         if self._newest is not None:
-            self._continue(self._newest)
+            self._continue(self._newest, under_way=self._under_way(now))
         self._operator_requests.goes_on(now.mono)
         gone_on = self._newest is not None and not (self._anew and self._terms_led == 1)
         where = f"goes on after {self.route_time:.1f} s of its route" if gone_on else "from the start"
@@ -336,19 +347,24 @@ class Leader:
         self.notes.append(f"leads in term {self.term}, {where}: {self.mode}")
         return True
 
-    def _continue(self, newest: Order) -> None:
+    def _under_way(self, now: Now) -> bool:
+        """Return whether the beat of the newest order rose a moment ago, so that its leader may have led."""
+        return not self._newest_stale and now.mono - self._newest_rose <= expiry(self._mission)
+
+    def _continue(self, newest: Order, *, under_way: bool) -> None:
         """Go on from this order."""
         if self._anew and self._terms_led == 1:
             self.plan.team_mode.inherit_stop(newest)
         else:
-            self.plan.restore(newest)
+            self.plan.restore(newest, under_way=under_way)
 
     def _catch_up(self, now: Now) -> bool:
         """Resume the team's earlier order if links came up only after listening; return whether it did."""
         late, self._late = self._late, None
         if late is None or not self._leads:
             return False
-        self._continue(late)
+        newest, stale = late
+        self._continue(newest, under_way=not stale)
         self._operator_requests.goes_on(now.mono)
         self._stepped = None
         self.notes.append(f"goes on after all after {self.route_time:.1f} s of its route: {self.mode}")
@@ -410,6 +426,7 @@ class Leader:
             self.notes.append(f"goes on in term {self.term}: its clock has been set")
         if self._beat != before or self._newest is None or self._term != self.term:
             self._newest, self._newest_rose = self.plan.order(self.term, self._beat, mode), now.mono
+            self._newest_stale = False
         self._term = self.term
         publisher_id = (
             self._publisher_id if self._terms_led == 1 else f"{self._publisher_id}.{self._terms_led}"

@@ -13,13 +13,14 @@ class TeamMode:
     """The mode of a candidate, and how an operator changes it."""
 
     def __init__(self, *, hold: bool = False) -> None:
-        """With `hold`, the team waits until told to run."""
+        """With `hold`, the team waits until told to run, unless it is under way."""
         self.base_mode: Literal["hold", "run"] = "hold" if hold else "run"
         """The mode in force without a stop or a hold."""
         self.rest = Rest()
         """The operator's stop and hold. Each candidate keeps them, also while another leads."""
         self.lost: Reason | None = None
         """Why it cannot run even if told to."""
+        self._hold = hold
         self._run_requested = False  # told to run, which is newer than the relayed order
 
     @property
@@ -40,12 +41,15 @@ class TeamMode:
             self.base_mode, self._run_requested = "run", True
         return result
 
-    def restore(self, order: Order) -> None:
-        """Take over another leader's mode. A stop or a hold of either stays."""
+    def restore(self, order: Order, *, under_way: bool = True) -> None:
+        """Take over another leader's mode. A stop or a hold of either stays.
+
+        `under_way`: its beat rose a moment ago. If not, one that was started to hold waits for ``run``.
+        """
         self.inherit_stop(order)
         if self._run_requested:
             return
-        self.base_mode = order.base_mode
+        self.base_mode = order.base_mode if under_way or not self._hold else "hold"
         if order.holding:
             self.rest.hold = self.rest.hold or f"term-{order.term}"
 
@@ -53,6 +57,10 @@ class TeamMode:
         """Stop if another leader was stopped. An order has no ids, so the stop gets a new one."""
         if order.mode == "stop":
             self.rest.stop = self.rest.stop or f"term-{order.term}"
+
+    def end(self) -> None:
+        """Leave a hold to the next leader: an operator has ended this one, and no other takes its place."""
+        self.base_mode = "hold"
 
     def stand_by(self) -> None:
         """Become a standby: the mode is later restored from the leader's orders."""

@@ -35,7 +35,7 @@ class Plan:
     """The mode, the route, the shape and the cohesion of a leader."""
 
     def __init__(self, mission: Mission, *, hold: bool = False) -> None:
-        """With `hold`, wait at the start until told to run."""
+        """With `hold`, wait until told to run, unless the team is under way."""
         self.team_mode = TeamMode(hold=hold)
         self.route = NamedRoute.of(mission)
         self.route_time = 0.0
@@ -113,9 +113,9 @@ class Plan:
         self.route, self.team_mode.lost = route, None
         return True
 
-    def restore(self, order: Order) -> None:
-        """Go on from another leader's last order."""
-        self.team_mode.restore(order)
+    def restore(self, order: Order, *, under_way: bool = True) -> None:
+        """Go on from another leader's last order; `under_way`: its beat rose a moment ago."""
+        self.team_mode.restore(order, under_way=under_way)
         self.route_time, self.team_mode.lost, self.fenced = order.time, None, None
         route = self._routes.get(order.route)
         there = None if order.place is None else complex(order.place.x, order.place.y)

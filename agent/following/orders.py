@@ -85,6 +85,10 @@ class Orders:
         """The newest order of a leader that has been seen alive; None before the first."""
         return self.state.newest
 
+    def stale(self, mono: float) -> bool:
+        """Whether the newest order's beat has, by `mono` [s], been silent for too long to bind."""
+        return self.newest is not None and mono - self.state.lived > self._expiry
+
     def refuse(self, why: str, neighbour: str, arrived: float, *, forged: bool) -> None:
         """Record that `neighbour` relayed an order without a valid signature. Raises BadMessage."""
         self.state.refused = why, arrived

@@ -189,6 +189,8 @@ class PositionAttachment(_Json):
     count: Count
     """Number of positions with this publisher id so far: earlier messages cannot be repeated."""
     order: Order | None = None
+    stale: bool = False
+    """Whether the beat of `order` has not risen at the sender for `formation.protocol.election.expiry`."""
     signed: Annotated[str, StringConstraints(max_length=MAX_SIGNED_BYTES)] = ""
     """The order as the JSON text that its leader signed; empty where orders are not signed."""
     signature: Annotated[Base64, StringConstraints(max_length=MAX_SIGNATURE_CHARS)] = ""

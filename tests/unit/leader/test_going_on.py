@@ -185,12 +185,15 @@ def test_while_it_listens_it_knows_too_little_for_anything_else(mission: Mission
     assert ask(leader, request).ok
 
 
-def test_last_order_of_halting_leader_passes_on_mode(mission: Mission) -> None:
+def test_team_holds_after_an_ended_leader_without_standbys(mission: Mission) -> None:
     leader = listened(mission)
     drive(leader, 0.0, 1.0)
     (last,) = positions(1.0, leader.halt(at(1.0), "SIGTERM"))
-    assert (last.order.mode, last.order.base_mode, last.order.holding) == ("hold", "run", False)
-    assert restarted(mission, last.order, 3.0).mode == "run"
+    assert (last.order.mode, last.order.base_mode, last.order.holding) == ("hold", "hold", False)
+    for hold in (False, True):
+        after = restarted(mission, last.order, 3.0, hold=hold)
+        assert (after.mode, after.route_time) == ("hold", last.order.time)
+        assert ask(after, b'{"do":"run"}').mode == "run"
     stopped = listened(mission)
     drive(stopped, 0.0, 1.0)
     ask(stopped, b'{"do":"stop"}')
