@@ -58,6 +58,16 @@ class TeamMode:
         if order.mode == "stop":
             self.rest.stop = self.rest.stop or f"term-{order.term}"
 
+    def replace_lost(self) -> bool:
+        """Forget the lost route, which an order replaces; only ``run`` starts the team on the other one.
+
+        Return whether a route was lost.
+        """
+        if self.lost is None:
+            return False
+        self.lost, self.base_mode = None, "hold"
+        return True
+
     def end(self) -> None:
         """Leave a hold to the next leader: an operator has ended this one, and no other takes its place."""
         self.base_mode = "hold"

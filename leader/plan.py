@@ -179,9 +179,10 @@ class Plan:
             return False, why
         self.route = route
         self.learn(self.route)
-        self.route_time, self.team_mode.lost, self.fenced = 0.0, None, None
+        self.route_time, self.fenced = 0.0, None
+        waits = self.team_mode.replace_lost()
         lasts = "without an end" if math.isinf(self.route.total) else f"of {self.route.total:.3g} s"
-        answer = f"on a route {lasts} from where it is"
+        answer = f"on a route {lasts} from where it is{', once you order run' if waits else ''}"
         return True, f"{answer}; {notice}" if notice else answer
 
     def _turned_back(self, placed_shape: PlacedShape) -> PlacedShape:

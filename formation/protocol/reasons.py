@@ -150,7 +150,8 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         Code.NO_NEIGHBOUR: "no neighbour can be followed; silent: {silent:each| |.2f| s};"
         " never received: {never_received:names}; unavailable: {unavailable:names};"
         " outside the bounds: {outside:names}",
-        Code.ROUTE_UNKNOWN: "does not know the route that the leader was on: order a speed or a route",
+        Code.ROUTE_UNKNOWN: "does not know the route that the leader was on:"
+        " order a speed or a route, then run",
         Code.STOPPED_AT_BOUNDS: "stopped at the bounds: {what} next at {axis} = {value:.4g} m,"
         " limit {limit:.4g} m; order a speed or route that leads back",
         Code.WAITS: "waits for {robots:names}",

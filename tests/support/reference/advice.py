@@ -60,7 +60,7 @@ ADVICE: Mapping[Code, str] = MappingProxyType(
         Code.UNKNOWN_MISSION: MISSIONS,
         Code.UNANSWERED: "Check the network between the robots, and the clocks (chrony).",
         Code.NO_NEIGHBOUR: "Check the neighbours that it names; give the robot `fallback_neighbours`.",
-        Code.ROUTE_UNKNOWN: "Order a speed or a route.",
+        Code.ROUTE_UNKNOWN: "Order a speed or a route, then `run`.",
         Code.STOPPED_AT_BOUNDS: "Order a speed or a route that leads back inside.",
         Code.WAITS: "Check the robots that it names; `patience` in `[cohesion]` limits the wait.",
         Code.ROUTE_ENDED: "Nothing, or order a speed or a route.",

@@ -209,8 +209,12 @@ def test_a_route_of_another_mission_file_is_not_gone_on_with(mission: Mission) -
     result = drive(leader, 5.04, 2.0)
     assert {(one.order.mode, one.pose.position) for one in result} == {("hold", 9.0 + 9.0j)}
     assert "does not know the route" in ask(leader, b'{"do":"run"}').reason
-    assert ask(leader, b'{"do":"speed","speed":0.5,"degrees":0.0}').mode == "run"
-    assert drive(leader, 7.04, 2.0)[-1].pose.position.real > 9.9
+    reply = ask(leader, b'{"do":"speed","speed":0.5,"degrees":0.0}')
+    assert (reply.ok, reply.mode) == (True, "hold")
+    assert "from where it is, once you order run" in reply.reason
+    assert {one.pose.position for one in drive(leader, 7.04, 1.0)} == {9.0 + 9.0j}
+    assert ask(leader, b'{"do":"run"}').mode == "run"
+    assert drive(leader, 8.04, 2.0)[-1].pose.position.real > 9.9
 
 
 def test_an_order_of_unknown_shapes_is_not_gone_on_with(mission: Mission) -> None:
