@@ -117,17 +117,19 @@ class Candidacy:
         Raises BadMessage for an absurd term, another mission, and a repeated message.
         """
         check_mission(robot, attachment.mission, self._mission.tag)
-        check_term(max(attachment.voted_term, attachment.order.term if attachment.order else 0), now)
+        order_term = attachment.order.term if attachment.order else attachment.term
+        check_term(max(attachment.voted_term, order_term), now)
         counts = self._publisher(robot, attachment, arrived)
         if attachment.because is not None:
             self._refusals[robot] = attachment.refused, attachment.because, arrived
-            if not self._votes and attachment.refused == self.term and attachment.because == "earlier":
+            earlier = attachment.refused == self.term and attachment.because == "earlier"
+            if earlier and (not self._votes or self.known > self.term):
                 self._outbid = arrived if self._outbid is None else self._outbid
         if self._votes and counts:
             self._count(robot, attachment, arrived)
         if attachment.order is not None:
             self._relayed(robot, attachment.order, arrived)
-        self.known = max(self.known, attachment.voted_term)
+        self.known = max(self.known, attachment.voted_term, attachment.term)
         self._led = self._led or bool(attachment.voted_term or attachment.order)
         self._received[robot] = arrived
 

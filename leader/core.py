@@ -26,7 +26,7 @@ from formation.leader.route import NamedRoute
 from formation.leader.status import Report, status
 from formation.mission.model import Mission
 from formation.protocol import order
-from formation.protocol.election import REPORT_TIME, expiry, rank_of, without_absurd_terms
+from formation.protocol.election import REPORT_TIME, begun, expiry, rank_of, without_absurd_terms
 from formation.protocol.order import (
     LEADER_TIMEOUT_SECONDS,
     Ballot,
@@ -281,13 +281,14 @@ class Leader:
         attachment = without_absurd_terms(attachment, now)
         ahead = self._ahead(attachment.order)
         if sample.unverified or ahead:
-            attachment = attachment.model_copy(update={"order": None})
+            term = attachment.order.term if attachment.order else attachment.term
+            attachment = attachment.model_copy(update={"order": None, "term": term})
             if sample.forged or ahead:
                 self._alarm(robot, sample.unverified or ahead, now)
         self._candidacy.receive(robot, attachment, sample.arrived, now)
         self.plan.cohesion.receive(robot, pose, sample.arrived)
         received = attachment.order
-        if received is not None and self._supersedes(robot, received, sample.arrived):
+        if received is not None and self._supersedes(robot, received, sample.arrived, now):
             self._check(received)
             self._newest, self._newest_rose = received, sample.arrived
             self._newest_stale = attachment.stale
@@ -315,15 +316,19 @@ class Leader:
             return ""
         return f"it is ahead of the leader: beat {relayed.beat}, the leader's own {self._beat}"
 
-    def _supersedes(self, robot: str, received: Order, arrived: float) -> bool:
-        """Return whether it is newer, or rises in an earlier term while the newest has long been silent."""
+    def _supersedes(self, robot: str, received: Order, arrived: float, now: Now) -> bool:
+        """Return whether it is newer, or rises in an earlier term while the newest has long been silent.
+
+        The latter as at robots: where orders are signed, only if the newest term begins ahead of this clock.
+        """
         if newer(received, self._newest):
             return True
         if self._newest is None or received.term == self._newest.term:
             return False
         before, self._earlier[robot] = self._earlier.get(robot), received
         rises = before is not None and before.term == received.term and before.beat < received.beat
-        return rises and arrived - self._newest_rose > expiry(self._mission)
+        binds = self._signer is not None and begun(self._newest.term, now)
+        return rises and not binds and arrived - self._newest_rose > expiry(self._mission)
 
     def _settle(self, now: Now) -> bool:
         """Begin or cease to lead, as the candidacy says; return whether that changed."""

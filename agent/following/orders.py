@@ -14,7 +14,9 @@ A robot that receives the leader itself refuses relayed orders that are ahead of
 
 Orders of terms before the one in force are refused, and with standbys also those of terms before the voted
 term. Only a term that has been silent for `formation.protocol.election.TERM_EXPIRY_TIME` yields to an earlier
-one with a rising beat: otherwise a leader with a clock that was once ahead would hold robots for ever.
+one with a rising beat: otherwise a leader with a clock that was once ahead would hold robots for ever. Where
+orders are signed it yields only while it begins ahead of this robot's clock: a term that began in the past is
+no such mistake, and an earlier order, however well signed, may be a recorded one.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from formation.agent.following.gains import Bearable
 from formation.agent.pose.stream import TooLateError
 from formation.control.tracker import FRESH_PERIODS
 from formation.mission.model import Mission
-from formation.protocol.election import Voter, VoterState, check_term, expiry
+from formation.protocol.election import Voter, VoterState, begun, check_term, expiry
 from formation.protocol.lateness import MAX_BEAT_LATENESS, Count, counted
 from formation.protocol.order import Order, newer
 from formation.slots.geofence import Geofence
@@ -128,7 +130,7 @@ class Orders:
         self._check_ahead(received, neighbour, arrived)
         before = state.received.get(neighbour)
         state.received[neighbour] = received, arrived
-        if received.term < max(self.voter.state.voted_term, self._in_force(arrived)):
+        if received.term < max(self.voter.state.voted_term, self._in_force(arrived, now)):
             self.voter.refuse(received.term, "earlier", arrived)
             raise BadMessage(
                 "order of an earlier term: another leader has started since, or had a later clock"
@@ -162,10 +164,16 @@ class Orders:
                 f" {received.beat}; the leader's own: term {own.term}, beat {own.beat}"
             )
 
-    def _in_force(self, arrived: float) -> int:
-        """The term of the newest order, 0 for none, or if its beat has been silent for too long to bind."""
-        newest, silent = self.newest, arrived - self.state.lived
-        return newest.term if newest is not None and silent <= self._expiry else 0
+    def _in_force(self, arrived: float, now: Now) -> int:
+        """The term of the newest order; 0 for none, or if it has been silent for too long to bind.
+
+        A signed one that began in the past, by this clock, binds for ever.
+        """
+        if self.newest is None:
+            return 0
+        signed, _ = self.state.signed
+        past = bool(signed) and begun(self.newest.term, now)
+        return self.newest.term if past or not self.stale(arrived) else 0
 
     def _supersedes(self, received: Order) -> bool:
         """Whether an order that is not refused replaces the newest one."""

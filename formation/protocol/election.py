@@ -50,7 +50,9 @@ alone: the beat may have been delayed.
 ballot) for `TERM_EXPIRY_TIME`. A candidate never draws a term over half a day ahead of its clock, and robots
 refuse terms over a day ahead of theirs. So where clocks agree within half a day, whatever terms were believed
 before (due to a wrong clock or a lie), a term that a candidate draws is accepted `TERM_EXPIRY_TIME` after the
-others fell silent.
+others fell silent. Where orders are signed, a robot that has obeyed a term which begins in the past of its
+clock obeys no earlier one, because that may be recorded. A candidate draws a later term: it knows every term
+that robots relay, but for those over half a day ahead, which no robot takes for past.
 
 **A leader is found** once more than half of the followers, and one candidate, receive each other: within
 about T for robots that have been alone for Q, because the candidates wait for each other by rank.
@@ -117,6 +119,11 @@ def too_far(term: int, now: Now) -> bool:
     return term * 1e-9 - now.wall > MAX_TERM_LEAD
 
 
+def begun(term: int, now: Now) -> bool:
+    """Whether a term begins in the past of this clock, so that no clock set ahead can have drawn it."""
+    return term * 1e-9 <= now.wall
+
+
 def expiry(mission: Mission) -> float:
     """Silence of a term after which robots forget it [s]."""
     return TERM_EXPIRY_TIME * max(1.0, mission.takeover)
@@ -153,7 +160,7 @@ def check_term(term: int, now: Now) -> None:
 
 
 def without_absurd_terms(attachment: PositionAttachment, now: Now) -> PositionAttachment:
-    """`attachment` without an order, or a vote, of a term that begins more than a day from now.
+    """`attachment` without an order, its term, or a vote, of a term that begins more than a day from now.
 
     Robots relay the order of a dead leader until another leads; its term must not make their messages
     invalid.
@@ -161,6 +168,8 @@ def without_absurd_terms(attachment: PositionAttachment, now: Now) -> PositionAt
     limit = (now.wall + MAX_TERM_OFFSET) * 1e9
     if attachment.order is not None and attachment.order.term > limit:
         attachment = attachment.model_copy(update={"order": None})
+    if attachment.term > limit:
+        attachment = attachment.model_copy(update={"term": 0})
     return (
         attachment
         if attachment.voted_term <= limit

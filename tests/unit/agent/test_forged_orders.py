@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -184,6 +184,80 @@ def test_replayed_orders_change_nothing() -> None:
     assert next(replayed, None) is not None
     for name in OTHERS:
         assert all(command[1:] == (0.0, 0.0) for command in fleet.commands[name] if command[0] > start), name
+
+
+def recorded(fleet: SignedFleet) -> Iterator[PositionAttachment]:
+    """What the insider has relayed of the first term, after the leader began a second and was ended in it."""
+    tape: list[PositionAttachment] = []
+
+    def keep(sender: str, attachment: PositionAttachment) -> PositionAttachment:
+        if sender == INSIDER and attachment.signed:
+            tape.append(attachment)
+        return attachment
+
+    fleet.tamper = keep
+    fleet.run(3.0)
+    fleet.restart("leader")
+    first = len(tape)
+    fleet.run(3.0)
+    fleet.nodes["leader"].core.halt(Now(fleet.now, EPOCH + fleet.now), "SIGINT")
+    fleet.kill("leader")
+    return iter([one for one in tape[:first] if one.order and one.order.mode == "run"])
+
+
+def test_recorded_orders_of_an_earlier_term_change_nothing() -> None:
+    """However long the later term has been silent."""
+    fleet = SignedFleet(TEAM, seed=1)
+    tape = recorded(fleet)
+    fleet.run(7.0)
+    start, obeyed = fleet.now, {name: fleet.agents[name]._orders.newest for name in OTHERS}
+
+    def replay(sender: str, attachment: PositionAttachment) -> PositionAttachment:
+        old = next(tape, None) if sender == INSIDER else None
+        if old is None:
+            return attachment
+        changes = {"certificate": "", "signed": old.signed, "signature": old.signature, "order": old.order}
+        return attachment.model_copy(update={**changes, "term": 0, "stale": False})
+
+    fleet.tamper = replay
+    fleet.run(2.0)
+    assert {name: fleet.agents[name]._orders.newest for name in OTHERS} == obeyed
+    assert "order of an earlier term" in fleet.agents["r2"]._inbox.state.last_dropped["r0/position"]
+    for name in OTHERS:
+        assert all(command[1:] == (0.0, 0.0) for command in fleet.commands[name] if command[0] > start), name
+
+
+def terms(fleet: SignedFleet) -> set[int]:
+    """The terms that the robots obey."""
+    return {agent._orders.newest.term if agent._orders.newest else 0 for agent in fleet.agents.values()}
+
+
+@pytest.mark.parametrize("hours", [20.0, 1.0])
+def test_clock_set_right_locks_no_robot_out(hours: float) -> None:
+    """The leader's clock was wrong by so much, in a term that has been silent for long; its state is lost."""
+    fleet = SignedFleet(TEAM, seed=1)
+    fleet.nodes["leader"].clock_error = 3600.0 * hours
+    fleet.run(3.0)
+    assert all(agent._orders.newest for agent in fleet.agents.values())
+    fleet.kill("leader")
+    fleet.run(6.0)
+    fleet.nodes["leader"].clock_error = 0.0
+    fleet.restart("leader")
+    fleet.run(8.0)
+    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
+    assert terms(fleet) == {fleet.leader.term}
+
+
+def test_clock_set_back_locks_no_robot_out() -> None:
+    """The leader draws a term after the one that robots relay, though its clock says less."""
+    fleet = SignedFleet(TEAM, seed=1)
+    fleet.run(3.0)
+    fleet.kill("leader")
+    fleet.run(6.0)
+    fleet.nodes["leader"].clock_error = -3600.0
+    fleet.restart("leader")
+    fleet.run(8.0)
+    assert terms(fleet) == {fleet.leader.term}
 
 
 def test_unsigned_leader_leaves_robots_with_certificates_at_rest() -> None:
