@@ -22,6 +22,7 @@ from formation.protocol.election import (
     check_term,
     new_term,
     quarantine,
+    set_forward,
     too_far,
 )
 from formation.protocol.lateness import MAX_BEAT_LATENESS, Count, counted
@@ -85,6 +86,7 @@ class Candidacy:
         self._voted_at: dict[str, float] = {}  # when the ballot for which each robot voted last was sent
         self._number = 0
         self._next = self._stood = 0.0
+        self._drawn: Now | None = None  # when it drew its term, by both clocks
 
     @property
     def leading(self) -> bool:
@@ -254,10 +256,14 @@ class Candidacy:
             self.state, self._risen = "standby", now.mono
         first = self.state == "standby" and self.term == 0
         silent = self.state == "standby" and now.mono - self._risen > LEADER_TIMEOUT_SECONDS
-        if first or silent or (self.leading and too_far(self.term, now)):  # its clock has been set since
-            self._left, self.state = self.term, "leader"
+        if first or silent or (self.leading and self._clock_set(now)):
+            self._left, self.state, self._drawn = self.term, "leader", now
             self.term = self.known = new_term(self._rank, now, self.known)
             self._outbid, self._later = None, False
+
+    def _clock_set(self, now: Now) -> bool:
+        """Return whether its clock was set after it drew its term: robots may refuse that as earlier."""
+        return too_far(self.term, now) or (self._drawn is not None and set_forward(self._drawn, now))
 
     def _campaign(self, now: Now) -> None:
         if now.mono < self._lease:

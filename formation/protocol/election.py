@@ -93,6 +93,8 @@ MAX_TERM_LEAD = 43_200.0
 TERM_EXPIRY_TIME = 5.0
 """Silence (neither beat nor ballot) after which robots forget a term [s]; in units of T where T is over 1
 s."""
+MIN_CLOCK_STEP = 1.0
+"""Step of a clock from which a single leader draws a new term [s]."""
 REPORT_TIME = 2.0
 """Time for which a robot reports that it has refused a term [s]."""
 TERM_STEP_NANOSECONDS = 64
@@ -117,6 +119,11 @@ def new_term(rank: int, now: Now, known: int) -> int:
 def too_far(term: int, now: Now) -> bool:
     """Whether a term is too far ahead of this clock for a candidate to draw or keep."""
     return term * 1e-9 - now.wall > MAX_TERM_LEAD
+
+
+def set_forward(since: Now, now: Now) -> bool:
+    """Whether the system clock was set forward between the two moments, or the process was suspended."""
+    return (now.wall - since.wall) - (now.mono - since.mono) > MIN_CLOCK_STEP
 
 
 def begun(term: int, now: Now) -> bool:

@@ -260,6 +260,24 @@ def test_clock_set_back_locks_no_robot_out() -> None:
     assert terms(fleet) == {fleet.leader.term}
 
 
+def test_robots_that_forgot_the_term_hold_no_others() -> None:
+    """The leader's clock was set back, and only robots that it does not hear know the later term."""
+    fleet = SignedFleet(TEAM, seed=1)
+    fleet.run(3.0)
+    for name in ("leader", "r0", "r1"):
+        fleet.kill(name)
+    fleet.run(6.0)
+    fleet.nodes["leader"].clock_error = -3600.0
+    for name in ("leader", "r0", "r1"):
+        fleet.restart(name)
+    fleet.run(3.0)
+    assert len(terms(fleet)) == 2
+    fleet.nodes["leader"].clock_error = 0.0
+    fleet.run(4.0)
+    assert terms(fleet) == {fleet.leader.term}
+    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
+
+
 def test_unsigned_leader_leaves_robots_with_certificates_at_rest() -> None:
     """A mission half of whose processes have certificates."""
     fleet = SignedFleet(TEAM, seed=1, unsigned=frozenset({"leader"}))
