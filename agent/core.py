@@ -500,6 +500,7 @@ class Agent:
             signature="" if certificate else signature,
             certificate=certificate,
             term=newest.term if certificate and newest is not None else 0,
+            readonly=self._readonly,
             unavailable=self.state.availability.published,
             voted_term=voter.voted_term,
             last_ballot=voter.last_ballot,

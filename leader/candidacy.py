@@ -116,12 +116,15 @@ class Candidacy:
     def receive(self, robot: str, attachment: PositionAttachment, arrived: float, now: Now) -> None:
         """Take in what came with a follower's position.
 
+        An agent that does not command the robot has no vote, and is another publisher than the one that does.
+
         Raises BadMessage for an absurd term, another mission, and a repeated message.
         """
         check_mission(robot, attachment.mission, self._mission.tag)
         order_term = attachment.order.term if attachment.order else attachment.term
         check_term(max(attachment.voted_term, order_term), now)
-        counts = self._publisher(robot, attachment, arrived)
+        sender = f"{robot} readonly" if attachment.readonly else robot
+        counts = self._publisher(sender, attachment, arrived) and not attachment.readonly
         if attachment.because is not None:
             self._refusals[robot] = attachment.refused, attachment.because, arrived
             earlier = attachment.refused == self.term and attachment.because == "earlier"
@@ -130,10 +133,11 @@ class Candidacy:
         if self._votes and counts:
             self._count(robot, attachment, arrived)
         if attachment.order is not None:
-            self._relayed(robot, attachment.order, arrived)
+            self._relayed(sender, attachment.order, arrived)
         self.known = max(self.known, attachment.voted_term, attachment.term)
         self._led = self._led or bool(attachment.voted_term or attachment.order)
-        self._received[robot] = arrived
+        if not attachment.readonly:
+            self._received[robot] = arrived
 
     def receive_ballot(self, ballot: Ballot, other: str, arrived: float, now: Now) -> None:
         """Take in another candidate's ballot. Raises BadMessage if it is no valid ballot of `other`."""

@@ -199,6 +199,8 @@ class PositionAttachment(_Json):
     """Of a candidate (X.509, DER). For lack of room it replaces the order, about once a second."""
     term: Count = 0
     """Term of the order that a certificate has replaced; 0 otherwise."""
+    readonly: bool = False
+    """Whether its agent does not command the robot, and so has no vote."""
     unavailable: bool = False
     """Not tracking, or not closely yet: dependants should prefer another neighbour."""
     voted_term: Count = 0

@@ -110,12 +110,13 @@ def relayed(
     where: complex = 0j,
     *,
     of: Mission,
+    publisher: str = "of",
     **attachment: Any,
 ) -> Outgoing:
     """A follower's position, with the order that it relays; `of` is its mission."""
     number = next(_COUNT) if count is None else count
     result = PositionAttachment(
-        publisher_id="of-" + robot, count=number, order=what, mission=of.tag, **attachment
+        publisher_id=f"{publisher}-{robot}", count=number, order=what, mission=of.tag, **attachment
     )
     return Outgoing(POSITION.key(robot), encode(Pose(EPOCH, where, 1.0 + 0j)), order.encode(result))
 

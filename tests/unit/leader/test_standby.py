@@ -178,3 +178,34 @@ def test_invalid_ballots_routes_and_positions_are_only_counted(stood: Mission) -
 def test_only_listed_processes_are_candidates(stood: Mission) -> None:
     with pytest.raises(ValueError, match="ann, cat, dan"):
         Leader(stood, "bob")
+
+
+def test_readonly_agents_do_not_end_their_robots_votes(stood: Mission) -> None:
+    """A second agent of a robot, which only computes, is received every other time."""
+    leader = Leader(stood)
+    received = Ballot(term=1, number=1, candidacy="candidate", mission=stood.tag)
+    leading = []
+    for k in range(250):
+        mono = 0.02 * k
+        own = relayed("bob", None, voted_term=received.term, last_ballot=received.number, of=stood)
+        other = relayed("bob", None, readonly=True, publisher="shadow", of=stood)
+        samples = [arriving(one, mono) for one in (own, other)]
+        for out in leader.step(at(mono), samples):
+            if out.key == BALLOT.key(leader.name):
+                received = order.decode(Ballot, decode(Text, out.payload).text.encode())
+        leading.append(leader.leads)
+    assert leading[-100:] == [True] * 100
+
+
+def test_readonly_agents_alone_elect_no_leader(stood: Mission) -> None:
+    leader = Leader(stood)
+    received = Ballot(term=1, number=1, candidacy="candidate", mission=stood.tag)
+    for k in range(250):
+        mono = 0.02 * k
+        own = relayed(
+            "bob", None, readonly=True, voted_term=received.term, last_ballot=received.number, of=stood
+        )
+        for out in leader.step(at(mono), [arriving(own, mono)]):
+            if out.key == BALLOT.key(leader.name):
+                received = order.decode(Ballot, decode(Text, out.payload).text.encode())
+    assert not leader.leads
