@@ -149,7 +149,7 @@ class Agent:
         self._motion = MotionCheck(mission, robot)
         self._commander = Commander(mission, robot)
         self._probe = Probe(spec.limits, self._commander.steps, self._motion.model.longest)
-        self._latch = Latch(robot)
+        self._latch = Latch(robot, readonly=readonly)
         self._status_key, self._position_key = STATUS.key(robot), POSITION.key(robot)
         self._inbox = Inbox(
             mission,

@@ -32,9 +32,10 @@ class LatchState:
 class Latch:
     """The stop and the hold of one robot."""
 
-    def __init__(self, robot: str) -> None:
+    def __init__(self, robot: str, *, readonly: bool = False) -> None:
+        """`readonly`: the agent does not command the robot, and its answers say so."""
         self.state = LatchState()
-        self._robot = robot
+        self._robot, self._readonly = robot, readonly
 
     @property
     def mode(self) -> Mode | None:
@@ -90,6 +91,7 @@ class Latch:
                 code=code,
                 stop=stop,
                 hold=hold,
+                readonly=self._readonly,
             )
         )
 

@@ -323,6 +323,8 @@ class OperatorReply(_Json):
     """To a ``query``: id of the stop in force; empty for none."""
     hold: Id = ""
     """To a ``query``: id of the hold in force, below a stop too; empty for none."""
+    readonly: bool = False
+    """Whether it comes from an agent that does not command the robot: another one's answer counts instead."""
 
 
 def statement(fingerprint: str, text: str) -> bytes:

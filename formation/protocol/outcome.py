@@ -87,8 +87,15 @@ class Outcome(NamedTuple):
 
     @property
     def unsettled(self) -> list[str]:
-        """Names still to be asked: the silent ones, and those that stand by while there is no leader."""
-        silent = [name for name in self.recipients.names if name not in self.answers]
+        """Names still to be asked: the silent ones, and those that stand by while there is no leader.
+
+        Also robots for which only an agent that does not command them has answered.
+        """
+        silent = [
+            name
+            for name in self.recipients.names
+            if name not in self.answers or self.answers[name].reply.readonly
+        ]
         return silent if self.leader else silent + self.standby
 
     @property

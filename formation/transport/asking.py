@@ -223,12 +223,23 @@ class _Talk:
 
 
 def _take(outcome: Outcome, replies: Sequence[Reply], put_at: float) -> None:
-    """Keep the first answer of each robot; of a candidate, the first in which it leads."""
+    """Keep the first answer of each robot; of a candidate, the first in which it leads.
+
+    Of two agents of a robot the one that commands it counts.
+    """
     for operator_reply, ms in _read(replies):
         known = outcome.answers.get(operator_reply.robot)
-        waits = known is not None and known.reply.leads is False and operator_reply.leads is not False
-        if operator_reply.robot in outcome.recipients.names and (known is None or waits):
+        if operator_reply.robot in outcome.recipients.names and (
+            known is None or _replaces(operator_reply, known.reply)
+        ):
             outcome.answers[operator_reply.robot] = Answer(operator_reply, put_at * 1e3 + ms)
+
+
+def _replaces(new: OperatorReply, known: OperatorReply) -> bool:
+    """Whether the answer `new` counts in place of an earlier one of the same robot."""
+    if new.readonly != known.readonly:
+        return known.readonly
+    return known.leads is False and new.leads is not False
 
 
 def _plain(error: ValidationError) -> str:

@@ -10,7 +10,8 @@ from formation.agent.status import Surroundings
 from formation.control.laws import LAWS
 from formation.control.unicycle import Command, advance
 from formation.mission.file import load
-from formation.protocol.order import Order, PositionAttachment
+from formation.protocol import order
+from formation.protocol.order import OperatorReply, Order, PositionAttachment
 from formation.protocol.order import encode as encode_order
 from formation.protocol.reasons import Code, Reason
 from formation.protocol.status import AgentState, RobotLink
@@ -113,6 +114,13 @@ def test_readonly_integral_stays_zero(law: str) -> None:
         one.run(10.0)
     assert driven.agents["robot1"].state.integral != 0j
     assert fleet.agents["robot1"].state.integral == 0j
+
+
+@pytest.mark.parametrize("readonly", [True, False])
+def test_answers_tell_readonly_agents_apart(*, readonly: bool) -> None:
+    agent = Agent(PAIR, "robot1", readonly=readonly)
+    for request in (b'{"do":"query"}', b'{"do":"run"}', b'{"do":"stop"}', b"junk"):
+        assert order.decode(OperatorReply, agent.request(request, 0.0)).readonly is readonly
 
 
 def test_a_readonly_agent_that_would_not_run_says_so() -> None:

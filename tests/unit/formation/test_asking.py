@@ -48,9 +48,15 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 
 def reply(
-    robot: str, *, ok: bool = True, mode: Mode = "stop", key: str = "", leads: bool | None = None
+    robot: str,
+    *,
+    ok: bool = True,
+    mode: Mode = "stop",
+    key: str = "",
+    leads: bool | None = None,
+    readonly: bool = False,
 ) -> Reply:
-    output = OperatorReply(robot=robot, ok=ok, mode=mode, leads=leads)
+    output = OperatorReply(robot=robot, ok=ok, mode=mode, leads=leads, readonly=readonly)
     return Reply(key or f"{robot}/order", order.encode(output), 1.5)
 
 
@@ -88,6 +94,26 @@ def test_first_answer_counts_despite_repetition() -> None:
     outcome = asking.ask(fleet.put, TWO, STOP, 10.0)
     assert outcome.answers["robot2"].reply.mode == "stop"
     assert outcome.answers["robot2"].ms < outcome.answers["robot1"].ms
+
+
+@pytest.mark.parametrize("ok", [True, False])
+@pytest.mark.parametrize("rounds", [1, 2])
+@pytest.mark.parametrize("readonly_first", [True, False])
+def test_the_agent_that_commands_the_robot_counts(*, ok: bool, rounds: int, readonly_first: bool) -> None:
+    """Whether the readonly one answers before or after it, with another verdict."""
+    answers = [reply("robot2", ok=ok), reply("robot2", ok=not ok, readonly=True)]
+    first, second = reversed(answers) if readonly_first else answers
+    given = [[first, second]] if rounds == 1 else [[first], [second]]
+    given[0].insert(0, reply("robot1"))
+    outcome = asking.ask(Fleet(all=given).put, TWO, STOP, 10.0)
+    assert (outcome.answers["robot2"].reply.readonly, outcome.obeyed) == (False, ok)
+
+
+def test_answer_of_a_readonly_agent_alone_counts(clock: Clock) -> None:
+    answers = [reply("robot1"), reply("robot2", ok=False, readonly=True)]
+    outcome = asking.ask(Fleet(all=[answers]).put, TWO, STOP, 10.0)
+    assert outcome.refused == ["robot2"]
+    assert clock.now < 0.2
 
 
 def test_linked_but_silent_robot_delays_no_other() -> None:
