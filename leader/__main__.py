@@ -20,7 +20,7 @@ from formation.transport.security.certified import signer_of
 
 EXAMPLES = """\
   formation leader six_robots
-  formation leader six_robots --hold          wait at the start until `formation order six_robots run`
+  formation leader six_robots --hold          wait until `formation order six_robots run`
   formation leader patrol --standby deputy    take the leader's place when it is gone
   formation leader my_mission.toml -l tcp/0.0.0.0:7447
   formation leader field --hold               with the configuration in this folder of bundles
@@ -32,7 +32,9 @@ ONLY = ""
 def main(arguments: Sequence[str] | None = None) -> int:
     """Lead until told to stop; return the exit code."""
     parser = flags.parser("leader", "Go along the mission's route and give the orders.", EXAMPLES)
-    parser.add_argument("--hold", action="store_true", help="wait at the start until told to run")
+    parser.add_argument(
+        "--hold", action="store_true", help="wait until told to run, unless the team is under way"
+    )
     parser.add_argument(
         "--standby",
         metavar="NAME",
