@@ -2,7 +2,9 @@
 
 frozen    odometry and camera continue to report the place where the fault began, with new stamps
 tremble   the same, plus or minus `size` [m] (standard deviation per axis)
+stutter   as frozen, and reported in bursts of `size` [s], with gaps as long between
 stale     odometry and external pose arrive `size` [s] late, with their true stamps
+restamped the same, but stamped when they are published, so that their stamps look fresh
 backlog   they arrive later and later, by `size` every second [s/s]
 speeds    odometry reports `size` times its true speeds; 0 is a robot that seems to stand
 blocked   the wheels do not turn, or spin without moving the robot (which a camera sees)
@@ -26,14 +28,16 @@ from formation.mission.model import Mission
 SIZES: Mapping[str, float] = {
     "frozen": 0.0,
     "tremble": 1e-3,
+    "stutter": 0.35,
     "stale": 1.0,
+    "restamped": 1.0,
     "backlog": 1.0,
     "speeds": 0.0,
     "blocked": 0.0,
     "carried": 0.2,
 }
 """Kinds of faults, and their default sizes."""
-STANDS = frozenset(("frozen", "tremble"))
+STANDS = frozenset(("frozen", "tremble", "stutter"))
 _TEXT = re.compile(
     r"(?P<robot>[\w-]+):(?P<kind>[a-z]+)(=(?P<size>[-+.\de]+))?@(?P<since>[.\d]+)(\+(?P<lasts>[.\d]+))?"
 )
@@ -113,9 +117,20 @@ class Faulty:
     def lateness(self) -> float:
         """How late its odometry and external pose are reported now [s]."""
         active = self._active()
-        constant = [one.size for one in active if one.kind == "stale"]
+        constant = [one.size for one in active if one.kind in {"stale", "restamped"}]
         growing = [one.size * (self._time - one.since) for one in active if one.kind == "backlog"]
         return max([0.0, *constant, *growing])
+
+    @property
+    def restamped(self) -> float:
+        """By how much their stamps are later than the measurements now [s]."""
+        return max([0.0, *(one.size for one in self._active() if one.kind == "restamped")])
+
+    @property
+    def pauses(self) -> bool:
+        """Whether odometry and external pose are not reported now."""
+        bursts = [one for one in self._active() if one.kind == "stutter" and one.size > 0.0]
+        return any((self._time - one.since) % (2.0 * one.size) >= one.size for one in bursts)
 
     def obey(self, command: Command) -> None:
         """Follow `command`, unless the wheels are blocked."""
@@ -154,7 +169,8 @@ class Faulty:
             if fault.kind in STANDS:
                 position, heading = self._places.setdefault(sensor, true)
                 x, y = self._noise.normal(size=2)
-                return position + fault.size * complex(x, y), heading
+                noise = fault.size if fault.kind == "tremble" else 0.0
+                return position + noise * complex(x, y), heading
         return true
 
     def _active(self) -> list[Fault]:

@@ -31,6 +31,14 @@ class Moving(Protocol):
     def lateness(self) -> float:
         """How late its odometry and external pose are reported now [s]."""
 
+    @property
+    def restamped(self) -> float:
+        """By how much their stamps are later than the measurements now [s]."""
+
+    @property
+    def pauses(self) -> bool:
+        """Whether odometry and external pose are not reported now."""
+
     def obey(self, command: Command) -> None:
         """Follow `command` as the firmware rounds and limits it."""
 

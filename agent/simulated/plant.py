@@ -67,6 +67,16 @@ class Plant:
         """Return 0: its sensors report at once [s]."""
         return 0.0
 
+    @property
+    def restamped(self) -> float:
+        """Return 0: stamps tell when its sensors measured [s]."""
+        return 0.0
+
+    @property
+    def pauses(self) -> bool:
+        """Return False: its sensors always report."""
+        return False
+
     def obey(self, command: Command) -> None:
         """Follow `command` as the firmware rounds and limits it."""
         self.command = obeyed(self._body, command)

@@ -153,12 +153,13 @@ class World:
             if (seen_at := self._displacement(robot, other, now)) is not None
         ]
         plant = robot.plant
-        odometry = Odometry(now.wall, *plant.odometry(), *plant.moving, frame=robot.odometry_frame)
+        stamp = now.wall + plant.restamped
+        odometry = Odometry(stamp, *plant.odometry(), *plant.moving, frame=robot.odometry_frame)
         truth = Pose(now.wall, plant.position, plant.heading)
         reports = [Outgoing(ODOM.key(robot.name), encode(odometry))]
         if robot.watched:
-            reports.append(Outgoing(POSE.key(robot.name), encode(Pose(now.wall, *plant.seen()))))
-        outbox += robot.reported(reports, now.mono)
+            reports.append(Outgoing(POSE.key(robot.name), encode(Pose(stamp, *plant.seen()))))
+        outbox += robot.reported([] if plant.pauses else reports, now.mono)
         outbox.append(Outgoing(GROUND_TRUTH.key(robot.name), encode(truth)))
         return outbox
 

@@ -71,7 +71,9 @@ OPERATOR: Mapping[str, Kind] = {
 SENSORS: Mapping[str, Kind] = {
     "frozen": Kind("odometry and external pose repeat one place"),
     "tremble": Kind("the same, give or take SIZE [m]", 1e-6, 1e-3),
+    "stutter": Kind("as frozen, in bursts of SIZE [s] with gaps as long", 0.1, 0.6),
     "stale": Kind("odometry and external pose are SIZE [s] late", 0.3, 4.0),
+    "restamped": Kind("the same, with the stamps of when they are published", 0.3, 2.0),
     "backlog": Kind("they arrive later by SIZE every second [s/s]", 0.3, 1.0),
     "speeds": Kind("odometry reports SIZE times the true speeds", 0.0, 2.0),
     "blocked": Kind("its wheels do not turn"),

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import cmath
+import itertools
 import random
 from collections.abc import Iterable
 from typing import Any
@@ -250,3 +251,18 @@ def test_only_followers_can_be_simulated() -> None:
     for name in ("robot1", "robot9"):
         with pytest.raises(ValueError, match=f"'{name}': must be a follower of six-robots: robot2, robot3"):
             World(load("six_robots"), [name])
+
+
+def test_restamped_odometry_looks_fresh_when_it_comes() -> None:
+    faulty = with_faults(kinematic, [Fault("robot2", "restamped", 1.0, since=1.0)])
+    world = World(load("six_robots"), ["robot2"], plants=faulty)
+    found = last(run(world, 4.05), "robot2/odom", Odometry)
+    assert found.stamp - EPOCH == pytest.approx(4.05, abs=0.051)
+
+
+def test_stuttering_odometry_comes_in_bursts() -> None:
+    faulty = with_faults(kinematic, [Fault("robot2", "stutter", 0.5, since=1.0)])
+    published = run(World(load("six_robots"), ["robot2"], plants=faulty), 5.0)
+    stamps = [decode(Odometry, one.payload).stamp for one in published if one.key == "robot2/odom"]
+    assert len(stamps) == pytest.approx(60, abs=2)
+    assert max(after - before for before, after in itertools.pairwise(stamps)) == pytest.approx(0.5, abs=0.06)
