@@ -443,11 +443,12 @@ class Agent:
         """Compare the own measurement that arrived [s, monotonic] with what was commanded."""
         if self._readonly:
             return
-        motion, travel = self._motion, self._here.state.since_last
+        motion = self._motion
         known = motion.state.doubt
-        motion.saw(arrived, travel, gap=self._here.state.travel is None)
+        here = self._here.state
+        motion.saw(arrived, here.since_last, gap=here.travel is None, age_limit=here.age_limit)
         if known is not None:
-            self._probe.saw(travel)
+            self._probe.saw(arrived, here.since_last, motion.model.now)
         elif motion.state.doubt is not None:
             self._probe.begin()
             if motion.state.doubt.kind in {MotionFault.CARRIED, MotionFault.TURNED}:
@@ -461,7 +462,8 @@ class Agent:
         if doubt is None:
             return AT_REST
         speeds = self._here.source == "odometry"
-        if self._probe.verdict(now.mono, doubt, speeds=speeds):
+        limit = self._here.state.age_limit + motion.excused
+        if self._probe.verdict(now.mono, doubt, limit, speeds=speeds):
             motion.trust()
             return AT_REST
         motion.model.go_to(now.mono)

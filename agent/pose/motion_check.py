@@ -11,6 +11,7 @@ between command and sensor, and no possible delay may explain the difference:
     SPEEDS    odometry's own speeds and positions disagree, or its speeds have the wrong sign
     CARRIED   seen more than MAX_MOTION_RATIO times what was commanded, plus a tolerance
     TURNED    the same for the heading
+    LATE      positions follow the commands later than they may (`formation.agent.pose.own_delay`)
 
 Noise up to 5 mm (standard deviation), delays up to `MAX_DELAY` plus the robot's lag and one period, and slip
 up to half of the distance do not add up to a disagreement. A disagreement lasts until the sensor shows a
@@ -25,6 +26,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from formation.agent.pose.motion_model import DELAY_COUNT, Modelled, MotionModel, MotionModelState
+from formation.agent.pose.own_delay import KEPT_TIME, LOOKBACK_COUNT, SPACING, OwnDelay, OwnDelayState
 from formation.control.observer import Travel
 from formation.control.plane import rotation
 from formation.control.unicycle import Command
@@ -54,9 +56,9 @@ class Disagreement(NamedTuple):
 
     kind: MotionFault
     expected: float
-    """By its commands (SPEEDS: by the positions) [m; TURN and TURNED: rad]."""
+    """By its commands (SPEEDS: by the positions) [m; TURN and TURNED: rad]; LATE: the limit [s]."""
     seen: float
-    """By its sensor (SPEEDS: by the reported speeds) [the same unit]."""
+    """By its sensor (SPEEDS: by the reported speeds) [the same unit]; LATE: the delay [s]."""
     over: float
     """Time between [s]."""
 
@@ -185,6 +187,7 @@ class MotionCheckState:
     model: MotionModelState
     position: LegState
     heading: LegState
+    delay: OwnDelayState
     doubt: Disagreement | None = None
     """The disagreement that has not been disproved yet."""
     confirmed: int = 0
@@ -200,12 +203,18 @@ class MotionCheck:
     def __init__(self, mission: Mission, robot: str) -> None:
         spec = mission.robots[robot]
         period = 1.0 / spec.rate
-        self.model = MotionModel(MAX_DELAY + period + mission.collisions.lag, spec.longest_command)
+        self.excused = period + mission.collisions.lag
+        """Delay of a measurement beyond its age that is no fault [s]: a period, and the wheels' lag."""
+        self.model = MotionModel(MAX_DELAY + self.excused, spec.longest_command, KEPT_TIME)
         self._has_speeds = spec.localisation == "odometry"
         self._has_heading = self._has_speeds or spec.heading == "measured"
         self._position, self._heading = Leg(POSITION), Leg(HEADING)
+        self._delay = OwnDelay(mission.collisions.noise)
         self.state = MotionCheckState(
-            model=self.model.state, position=self._position.state, heading=self._heading.state
+            model=self.model.state,
+            position=self._position.state,
+            heading=self._heading.state,
+            delay=self._delay.state,
         )
 
     def adopt(self, state: MotionCheckState) -> None:
@@ -213,6 +222,7 @@ class MotionCheck:
         self.state = state
         self.model.state = state.model
         self._position.state, self._heading.state = state.position, state.heading
+        self._delay.state = state.delay
 
     def commanded(self, moment: float, command: Command) -> None:
         """Record that the robot was sent `command` at `moment` [s, monotonic]."""
@@ -221,13 +231,18 @@ class MotionCheck:
     def trust(self) -> None:
         """Clear the disagreement: it was disproved."""
         self.state.doubt, self.state.last, self.state.confirmed = None, None, 0
+        self.state.delay = self._delay.state = OwnDelayState()
 
-    def saw(self, moment: float, travel: Travel | None, *, gap: bool = False) -> None:
+    def saw(
+        self, moment: float, travel: Travel | None, *, gap: bool = False, age_limit: float = math.inf
+    ) -> None:
         """Check a measurement that arrived at `moment` [s, monotonic], and its interval; None if unknown.
 
-        `gap`: the interval is so long that only its two positions count, not what happened in between.
+        `gap`: the interval is so long that only its two positions count, not what happened in between. A
+        measurement may be `age_limit` [s] old.
         """
         self.model.go_to(moment)
+        self._check_delay(moment, None if gap else travel, age_limit + self.excused)
         if self.state.doubt is not None:
             return
         models = self.model.delayed()
@@ -259,6 +274,18 @@ class MotionCheck:
             self.state.confirmed += 1
         if self._heading.shows_motion(turns, newest.turning):
             self._heading.begin(moment, turns, models[HALF_DELAY_INDEX].turning)
+
+    def _check_delay(self, moment: float, travel: Travel | None, limit: float) -> None:
+        """Doubt measurements that come later than `limit` [s], also where they seem frozen."""
+        if travel is None:
+            self._delay.break_off()
+            return
+        self._delay.add(moment, travel.displacement, self.model.back(SPACING, LOOKBACK_COUNT))
+        doubt = self.state.doubt
+        if doubt is None or doubt.kind is MotionFault.FROZEN:
+            delay = self._delay.judge(limit)
+            if delay is not None:
+                self.state.doubt = Disagreement(MotionFault.LATE, limit, delay, 0.0)
 
     def _begin(self, moment: float, models: Sequence[Modelled]) -> None:
         """Begin all legs here."""

@@ -45,17 +45,20 @@ class MotionModelState:
 
     command: Command = AT_REST
     states: deque[Modelled] = field(default_factory=lambda: deque([START]))
-    """Over the longest delay, oldest first; never empty."""
+    """Over the time that is kept, oldest first; never empty."""
 
 
 class MotionModel:
-    """Dead reckoning of one robot's commands over the last `longest` [s]."""
+    """Dead reckoning of one robot's recent commands."""
 
-    def __init__(self, longest: float, gap: float) -> None:
-        """A command lasts at most `gap` [s]: then the watchdog has stopped the robot."""
+    def __init__(self, longest: float, gap: float, kept: float = 0.0) -> None:
+        """Consider delays up to `longest` [s], and keep at least the last `kept` [s].
+
+        A command lasts at most `gap` [s]: then the watchdog has stopped the robot.
+        """
         self.longest = longest
         """Longest delay that is considered [s]."""
-        self._gap = gap
+        self._gap, self._kept = gap, max(longest, kept)
         self.state = MotionModelState()
 
     @property
@@ -70,13 +73,16 @@ class MotionModel:
 
     @property
     def fastest(self) -> Command:
-        """Largest mean speed and turn rate between any two neighbouring states (absolute values)."""
-        speed, turn_rate, before = abs(self.state.command.speed), abs(self.state.command.turn_rate), None
-        for one in self.state.states:
-            if before is not None and 0.0 < (over := one.moment - before.moment) < self._gap:
-                speed = max(speed, (one.path - before.path) / over)
-                turn_rate = max(turn_rate, (one.turning - before.turning) / over)
-            before = one
+        """Largest mean speed and turn rate between neighbouring states within `longest` (absolute values)."""
+        speed, turn_rate, after = abs(self.state.command.speed), abs(self.state.command.turn_rate), None
+        for one in reversed(self.state.states):
+            if after is not None:
+                if 0.0 < (over := after.moment - one.moment) < self._gap:
+                    speed = max(speed, (after.path - one.path) / over)
+                    turn_rate = max(turn_rate, (after.turning - one.turning) / over)
+                if one.moment <= self.now.moment - self.longest:
+                    break
+            after = one
         return Command(speed, turn_rate)
 
     def commanded(self, moment: float, command: Command) -> None:
@@ -103,14 +109,18 @@ class MotionModel:
                 last.turning + abs(turn),
             )
         )
-        while len(self.state.states) > 1 and self.state.states[1].moment <= moment - self.longest:
+        while len(self.state.states) > 1 and self.state.states[1].moment <= moment - self._kept:
             self.state.states.popleft()
 
     def delayed(self) -> list[Modelled]:
         """The newest state, and the states at each delay before it, newest first."""
+        return self.back(self.spacing, DELAY_COUNT)
+
+    def back(self, spacing: float, count: int) -> list[Modelled]:
+        """The newest state and those before it, `spacing` [s] apart, newest first, `count` in all."""
         states, number, found = self.state.states, len(self.state.states) - 1, [self.state.states[-1]]
-        for step in range(1, DELAY_COUNT):
-            moment = states[-1].moment - step * self.spacing
+        for step in range(1, count):
+            moment = states[-1].moment - step * spacing
             while number > 0 and states[number - 1].moment >= moment:
                 number -= 1
             found.append(_between(states[max(number - 1, 0)], states[number], moment))

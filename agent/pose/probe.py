@@ -1,9 +1,11 @@
 """A small motion that shows whether a robot moves as commanded again; without a clock.
 
-Stand and measure, move a little, stand and measure again. The mean of many measurements before and after is
-far more precise than one measurement. A probe that is not seen is repeated later and shorter: waits double,
-lengths shrink, so that all probes together stay below `MAX_PROBE_DISTANCE`, however long the fault lasts.
-A probe counts when its motion begins, so that one which is interrupted counts too.
+Stand and measure, move a little, stand and measure again, twice. The mean of many measurements before and
+after is far more precise than one measurement. A probe that is not seen is repeated later and shorter: waits
+double, lengths shrink, so that all probes together stay below `MAX_PROBE_DISTANCE`, however long the fault
+lasts.
+A try counts when its motion begins, so that one which is interrupted counts too. The motion must be seen as
+soon as measurements may be old, and nothing may move afterwards: a late sensor shows all of it, but later.
 """
 
 from __future__ import annotations
@@ -37,6 +39,8 @@ MAX_PROBE_TIME = 4.0
 """Longest duration of a probe [s]: the collision filter may leave it no room."""
 SEEN_DEVIATIONS = 4.0
 """Number of standard errors from which a probe counts as seen."""
+MAX_LATER_SHARE = 0.2
+"""Share of a probe that may be seen while the robot has long been standing again."""
 REVIVAL_MOTION = 0.02
 """Motion of the sensor, while the robot stands, that shows it works: probes start afresh [m]."""
 
@@ -54,6 +58,7 @@ class Phase(StrEnum):
     MOVES = "moves"
     SETTLES = "settles"
     AFTER = "after"
+    STANDS = "stands"
 
 
 @dataclass(slots=True)
@@ -85,6 +90,36 @@ class Mean:
         return math.sqrt(0.5 * self.squares / freedom), math.sqrt(self.turn_squares / freedom)
 
 
+@dataclass(slots=True)
+class Sum:
+    """Integrals over a probe's motion and the settling after it, of the measurements and of the model."""
+
+    last: tuple[float, complex, float, float, float] | None = None
+    """Newest moment [s, monotonic]; position [m], heading [rad], and the model's path [m] and turn [rad]."""
+    over: float = 0.0
+    """Time [s]."""
+    position: complex = 0j
+    """[m·s]"""
+    heading: float = 0.0
+    """[rad·s]"""
+    ahead: float = 0.0
+    """Of the model's signed path length [m·s]."""
+    turn: float = 0.0
+    """Of the model's signed turn [rad·s]."""
+
+    def add(self, moment: float, position: complex, heading: float, ahead: float, turn: float) -> None:
+        """Add a measurement at `moment` [s, monotonic], and the model then (trapezoids)."""
+        if self.last is not None:
+            then, was, faced, went, turned = self.last
+            half = 0.5 * (moment - then)
+            self.over += 2.0 * half
+            self.position += half * (was + position)
+            self.heading += half * (faced + heading)
+            self.ahead += half * (went + ahead)
+            self.turn += half * (turned + turn)
+        self.last = moment, position, heading, ahead, turn
+
+
 @dataclass(slots=True, kw_only=True)
 class ProbeState:
     """How far the probing is."""
@@ -104,6 +139,10 @@ class ProbeState:
     """Measurements before the probe."""
     after: Mean = field(default_factory=Mean)
     """Measurements after the probe."""
+    stands: Mean = field(default_factory=Mean)
+    """Measurements after those, while it still stands."""
+    motion: Sum = field(default_factory=Sum)
+    """The probe's motion."""
     direction: float = 1.0
     """Sign of the probe."""
     began: tuple[float, float] = 0.0, 0.0
@@ -144,8 +183,11 @@ class Probe:
         elif state.phase is not Phase.WAITS:
             state.phase = Phase.OFF
 
-    def saw(self, travel: Travel | None) -> None:
-        """Process a measurement and the motion since the one before; None if that is unknown."""
+    def saw(self, moment: float, travel: Travel | None, model: Modelled) -> None:
+        """Process a measurement that arrived at `moment` [s, monotonic], and the motion since the one before.
+
+        None if that is unknown.
+        """
         state = self.state
         if travel is None:
             self.interrupt()
@@ -157,6 +199,12 @@ class Probe:
             state.before.add(state.at, state.facing)
         elif state.phase is Phase.AFTER:
             state.after.add(state.at, state.facing)
+        elif state.phase is Phase.STANDS:
+            state.stands.add(state.at, state.facing)
+        if state.phase in {Phase.BEFORE, Phase.MOVES, Phase.SETTLES}:
+            if state.phase is Phase.BEFORE:
+                state.motion = Sum()
+            state.motion.add(moment, state.at, state.facing, model.ahead, model.turn)
 
     def step(self, moment: float, doubt: Disagreement, model: Modelled, wanted: Command) -> Command:
         """Continue at `moment` [s, monotonic]; return the command, in the law's direction."""
@@ -187,35 +235,57 @@ class Probe:
                 self._enter(Phase.SETTLES, moment)
         elif state.phase is Phase.SETTLES and over >= self._settling:
             self._enter(Phase.AFTER, moment)
+        elif state.phase is Phase.AFTER and over >= AVERAGING_TIME:
+            self._enter(Phase.STANDS, moment)
         if not self.moves:
             return Command(0.0, 0.0)
         if turns:
             return Command(0.0, state.direction * self._turn_rate)
         return Command(state.direction * self._speed, 0.0)
 
-    def verdict(self, moment: float, doubt: Disagreement, *, speeds: bool) -> bool | None:
-        """Whether the newest probe was seen; None if undecided. `speeds`: they are reported."""
-        if self.state.phase is not Phase.AFTER or moment - self.state.since < AVERAGING_TIME:
+    def verdict(self, moment: float, doubt: Disagreement, limit: float, *, speeds: bool) -> bool | None:
+        """Whether the newest probe was seen at most `limit` [s] later; None if undecided.
+
+        `speeds`: they are reported.
+        """
+        if self.state.phase is not Phase.STANDS or moment - self.state.since < AVERAGING_TIME:
             return None
         self._enter(Phase.WAITS, moment)
-        return self._seen(doubt, speeds=speeds)
+        return self._seen(doubt, speeds=speeds) and self._delay(doubt) <= limit
 
     def _seen(self, doubt: Disagreement, *, speeds: bool) -> bool:
         state = self.state
         (error, turn_error), (error_after, turn_error_after) = state.before.errors(), state.after.errors()
         if doubt.kind in TURNS:
             expected, unsure = state.expected[1], SEEN_DEVIATIONS * math.hypot(turn_error, turn_error_after)
+            later = abs(state.stands.heading - state.after.heading)
+            if later > max(MAX_LATER_SHARE * abs(expected), unsure):
+                return False
             return _follows(state.after.heading - state.before.heading, expected, unsure)
         expected, unsure = state.expected[0], SEEN_DEVIATIONS * math.hypot(error, error_after)
+        if abs(state.stands.position - state.after.position) > max(MAX_LATER_SHARE * abs(expected), unsure):
+            return False
         moved = abs(state.after.position - state.before.position)
         if speeds and not _follows(state.reported, expected, 0.0):
             return False
         return _follows(math.copysign(moved, expected), expected, unsure)
 
+    def _delay(self, doubt: Disagreement) -> float:
+        """Mean time from the motion of the model to that of the sensor, in the newest probe [s]."""
+        state, motion = self.state, self.state.motion
+        if doubt.kind in TURNS:
+            seen = state.after.heading - state.before.heading
+            shown = (motion.heading - state.before.heading * motion.over) / seen
+            return (motion.turn - state.began[1] * motion.over) / state.expected[1] - shown
+        moved = state.after.position - state.before.position
+        shown = ((motion.position - state.before.position * motion.over) / moved).real
+        return (motion.ahead - state.began[0] * motion.over) / state.expected[0] - shown
+
     def _look(self, moment: float) -> None:
         """Measure where the robot is before a probe."""
         state = self.state
         last, state.before, state.after, state.reported = state.after, Mean(), Mean(), 0.0
+        state.stands = Mean()
         if last.count and abs(state.at - last.position) > REVIVAL_MOTION:
             state.tries = 0
         self._enter(Phase.BEFORE, moment)

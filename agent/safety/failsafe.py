@@ -148,6 +148,7 @@ _FAULTS = {
     MotionFault.SPEEDS: Code.MOTION_SPEEDS,
     MotionFault.CARRIED: Code.MOTION_CARRIED,
     MotionFault.TURNED: Code.MOTION_TURNED,
+    MotionFault.LATE: Code.MOTION_LATE,
 }
 _SENSORS = {"odometry": "encoders", "pose": "tracker"}
 

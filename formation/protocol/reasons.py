@@ -73,6 +73,7 @@ class Code(StrEnum):
     MOTION_SPEEDS = "motion_speeds"
     MOTION_CARRIED = "motion_carried"
     MOTION_TURNED = "motion_turned"
+    MOTION_LATE = "motion_late"
     # about others
     OTHER_MISSION = "other_mission"
     UNKNOWN_MISSION = "unknown_mission"
@@ -143,6 +144,8 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         " moved {seen:.2f} m; was the robot carried or pushed, or is another one seen?",
         Code.MOTION_TURNED: "{source} turned without command: commanded {expected:.2f} rad in"
         " {duration:.1f} s, turned {seen:.2f} rad; was the robot turned by hand, or is another one seen?",
+        Code.MOTION_LATE: "{source} shows what was commanded {seen:.1f} s later, whatever its stamps say;"
+        " limit {expected:.2f} s; check what publishes it: it must stamp when it measures",
         Code.OTHER_MISSION: "{robot} runs mission {theirs}, " + _MIXED,
         Code.UNKNOWN_MISSION: "{robot} runs an unknown mission, " + _MIXED,
         Code.UNANSWERED: "positions are late or stamped by a wrong clock, and do not answer:"

@@ -96,6 +96,8 @@ class MotionFault(StrEnum):
     """Position moves without a command."""
     TURNED = "turned"
     """Heading turns without a command."""
+    LATE = "late"
+    """Position follows the commands too late."""
 
 
 class CollisionMode(StrEnum):

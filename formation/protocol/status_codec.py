@@ -56,6 +56,7 @@ MOTION_FAULTS: Mapping[MotionFault, str] = MappingProxyType(
         MotionFault.SPEEDS: "its speeds contradict its positions",
         MotionFault.CARRIED: "moved without a command",
         MotionFault.TURNED: "turned without a command",
+        MotionFault.LATE: "its position is late",
     }
 )
 """How a robot does not move as it is commanded, for people."""

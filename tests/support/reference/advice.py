@@ -56,6 +56,7 @@ ADVICE: Mapping[Code, str] = MappingProxyType(
         Code.MOTION_SPEEDS: "Check the speeds that the odometry reports.",
         Code.MOTION_CARRIED: HAND,
         Code.MOTION_TURNED: HAND,
+        Code.MOTION_LATE: "Have the driver stamp when it measures, and find what delays it.",
         Code.OTHER_MISSION: MISSIONS,
         Code.UNKNOWN_MISSION: MISSIONS,
         Code.UNANSWERED: "Check the network between the robots, and the clocks (chrony).",
