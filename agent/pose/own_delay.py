@@ -22,7 +22,7 @@ GRID_COUNT = 25
 """Number of delays on the grid, from none on."""
 WINDOW_STEPS = 8
 WINDOW_TIME = WINDOW_STEPS * SPACING
-"""Time between two positions whose distance is fitted [s]."""
+"""Time between the two positions of each fitted distance [s]."""
 LOOKBACK_COUNT = GRID_COUNT + WINDOW_STEPS
 """Number of states of the dead reckoning that are needed, `SPACING` apart."""
 KEPT_TIME = LOOKBACK_COUNT * SPACING
@@ -90,9 +90,9 @@ class OwnDelay:
         state = self.state
         state.count, state.squares = kept * state.count + 1.0, kept * state.squares + seen * seen
         for index in range(GRID_COUNT):
-            told = abs(models[index].position - models[index + WINDOW_STEPS].position)
-            state.model_squares[index] = kept * state.model_squares[index] + told * told
-            state.products[index] = kept * state.products[index] + told * seen
+            commanded = abs(models[index].position - models[index + WINDOW_STEPS].position)
+            state.model_squares[index] = kept * state.model_squares[index] + commanded * commanded
+            state.products[index] = kept * state.products[index] + commanded * seen
 
     def misfits(self) -> list[float]:
         """Mean square that is left by each delay [m²]."""
