@@ -250,12 +250,14 @@ class Agent:
             len(self._spec.neighbours), gains.k_p, gains.k_i, self._spec.rate, MAX_DELAY
         )
         self._here.judge_age()
+        self._neighbours.judge(self._here.state.age_limit, now)
         decided, self.state.decision = self.state.decision.state, self._decide(now)
         outbox = self._drive(now, interval) if self.state.moved else self._rest(now)
         ordered = self._orders.newest
         self.state.availability.judge(self.state.decision, ordered, now.mono)
         if ordered is None or ordered.mode != "run" or self._latch.mode is not None:
             self._probe.rearm()
+            self._neighbours.trust_all(now.mono)
         if self.decision.state is not decided:
             self.state.status_due = now.mono
         if self._tells_position:  # here, as a replica of this agent only acts
@@ -350,6 +352,7 @@ class Agent:
                 followed=len(around.guides),
                 not_followed=() if around.guides else around.not_followed(now),
                 unanswered=unanswered(self._others, now),
+                relative_doubt=self._relative_doubt(now),
                 unsigned=self._orders.unsigned(now),
                 leaderless=not around.guides and around.leaderless(now),
                 motion=self._motion.state.doubt,
@@ -363,6 +366,12 @@ class Agent:
                 scan_doubt=scanner.doubt if scanner is not None and scanner.required else None,
             )
         )
+
+    def _relative_doubt(self, now: Now) -> Reason | None:
+        """Why a sensor of neighbours is not believed, unless the robot can do without what it shows."""
+        around, avoids = self._neighbours, self._avoiding.avoids
+        doubts = around.doubts(now)
+        return next((why for name, why in doubts.items() if not around.guides or name in avoids), None)
 
     @property
     def _others(self) -> tuple[Neighbour, ...]:
@@ -441,11 +450,11 @@ class Agent:
 
     def _watch_motion(self, arrived: float) -> None:
         """Compare the own measurement that arrived [s, monotonic] with what was commanded."""
+        motion, here = self._motion, self._here.state
+        known = motion.state.doubt
+        self._neighbours.moved(arrived, here.travel if known is None else None)
         if self._readonly:
             return
-        motion = self._motion
-        known = motion.state.doubt
-        here = self._here.state
         motion.saw(arrived, here.since_last, gap=here.travel is None, age_limit=here.age_limit)
         if known is not None:
             self._probe.saw(arrived, here.since_last, motion.model.now)

@@ -139,6 +139,8 @@ class Inbox:
                 neighbour.take_position(pose, sample.arrived, now, answered=answered)
             except BadMessage as bad:
                 wrong = bad
+        else:
+            neighbour.take_report(pose, sample.arrived, now)
         neighbour.state.unavailable = attachment.unavailable
         neighbour.state.beyond = not self._fence.holds(pose.position)
         try:

@@ -105,6 +105,7 @@ def status(report: Report, now: Now) -> AgentStatus:
         deadlocks=avoiding.state.avoidance.deadlocks,
         zone=None if scanner is None else scanner.state.zone,
         scan_fault=None if scanner is None else scanner.doubt,
+        relative_fault=next(iter(around.doubts(now).values()), None),
         localisation=here.alignment,
         realigned=here.realigned,
         realigned_after=here.realigned_after,

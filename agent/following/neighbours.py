@@ -7,20 +7,29 @@ those either, neighbours that are returning to their slots.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from formation.agent.following.publisher import AcceptedPublisher, AcceptedPublisherState
+from formation.agent.following.relative_check import (
+    RECENT_TIME,
+    OwnMotion,
+    RelativeCheck,
+    RelativeCheckState,
+)
 from formation.agent.following.slots import Slots
 from formation.agent.pose.estimator import Localisation
 from formation.agent.pose.stream import Stream, StreamState
 from formation.agent.safety.failsafe import Unanswered
 from formation.control import tracker as neighbour
 from formation.control.controller import Controller, Measured
+from formation.control.observer import Travel
 from formation.control.unicycle import control_point
 from formation.mission.graph import cyclic_core
 from formation.mission.model import Mission
+from formation.protocol.lateness import Trust, trusted
 from formation.protocol.order import check_mission
+from formation.protocol.reasons import Code, Reason
 from formation.ros2.messages import Displacement, Pose
 from formation.stability.losses import leads
 from formation.wire import Now
@@ -86,21 +95,46 @@ class NeighbourState:
     """Where it was when it last moved [m; world frame]."""
     moved: float = float("-inf")
     """When it last moved [s, monotonic]."""
+    trust: Trust = field(default_factory=Trust)
+    """Whether its newest displacement is young enough to act on."""
+    judged: float = float("-inf")
+    """Arrival of the newest displacement that was checked [s, monotonic]."""
+    check: RelativeCheckState | None = None
+    """Only where a sensor measures it."""
+    reported: complex | None = None
+    """Where it says that it is [m; its world frame]; only where a sensor measures it."""
+    reported_at: float = float("-inf")
+    """When that was received, if it was recent by its stamp [s, monotonic]."""
 
 
 class Neighbour:
     """One neighbour, known by its positions over the network or by displacements that a sensor measures."""
 
-    def __init__(self, mission: Mission, name: str, rate: float, *, answers: bool = False) -> None:
+    def __init__(
+        self,
+        mission: Mission,
+        name: str,
+        rate: float,
+        *,
+        answers: bool = False,
+        check: RelativeCheck | None = None,
+    ) -> None:
         """`rate` [Hz] is how often data of it arrive.
 
-        `answers`: it receives this robot's positions, and names them in its own.
+        `answers`: it receives this robot's positions, and names them in its own. `check`: where a sensor
+        measures it.
         """
         spec = mission.robots[name]
         self.name = name
         self.stream = Stream(rate)
         self.publisher = AcceptedPublisher(name, spec.rate)
-        self.state = NeighbourState(stream=self.stream.state, publisher=self.publisher.state)
+        self.check = check
+        """Checks its displacements; None where it is known by messages."""
+        self.state = NeighbourState(
+            stream=self.stream.state,
+            publisher=self.publisher.state,
+            check=None if check is None else check.state,
+        )
         self.answers = answers
         """Whether it names positions of this robot in its own."""
         # The virtual leader has no body: its position is its control point.
@@ -108,10 +142,13 @@ class Neighbour:
         self._offset = 0.0 if name == mission.leader else spec.control_point_offset
         self._top_speed = spec.top_speed
         self._filter = mission.law.velocity_filter
+        self._reported_limit = neighbour.FRESH_PERIODS / spec.rate
 
     def adopt(self, state: NeighbourState) -> None:
         """Continue from this state."""
         self.state, self.stream.state, self.publisher.state = state, state.stream, state.publisher
+        if self.check is not None and state.check is not None:
+            self.check.state = state.check
 
     def take_position(self, pose: Pose, arrived: float, now: Now, *, answered: bool = False) -> None:
         """Update from its published pose. Raises BadMessage.
@@ -139,6 +176,33 @@ class Neighbour:
             (before,) = state.unplaced
             elapsed = None if before is None else before + elapsed
         state.unplaced = (elapsed,)
+
+    def take_report(self, pose: Pose, arrived: float, now: Now) -> None:
+        """Store where it says that it is, beside a sensor; messages that may be old say nothing."""
+        if abs(now.wall - (now.mono - arrived) - pose.stamp) <= RECENT_TIME:
+            self.state.reported = control_point(pose.position, pose.heading, self._offset)
+            self.state.reported_at = arrived
+
+    def judge(self, own: OwnMotion, age_limit: float, now: Now) -> None:
+        """Judge the newest displacement, once; one over `age_limit` [s] old on arrival is not acted on."""
+        state, stream = self.state, self.stream.state
+        if self.check is None or stream.received <= state.judged:
+            return
+        afresh, state.judged = stream.received - state.judged > self.stream.limit, stream.received
+        state.trust = trusted(state.trust, self.stream.age_on_arrival, age_limit, state.judged)
+        if stream.arrived == stream.received:
+            reported = state.reported if now.mono - state.reported_at <= self._reported_limit else None
+            self.check.saw(state.displacement, own, reported, anew=afresh)
+
+    def doubt(self, age_limit: float, now: Now) -> Reason | None:
+        """Why its newest displacement is not acted on; None also if there is none."""
+        if self.check is None or now.mono - self.stream.state.received > self.stream.limit:
+            return None
+        if not self.state.trust.held:
+            return self.check.state.doubt
+        age = self.stream.age_on_arrival
+        code = Code.RELATIVE_WAS_LATE if age <= age_limit else Code.RELATIVE_LATE
+        return Reason.of(code, robot=self.name, age=age, limit=age_limit)
 
     def place(self, here: Localisation) -> None:
         """Convert a new displacement to the world frame, from this robot's pose at that time.
@@ -235,6 +299,10 @@ class NeighbourhoodState:
     """Whether it follows its fallbacks."""
     usable_since: float = float("inf")
     """Since when a neighbour can be followed again [s, monotonic]."""
+    own: OwnMotion = field(default_factory=OwnMotion)
+    """The robot's own motion, against which displacements are checked."""
+    age_limit: float = neighbour.MAX_DELAY
+    """Greatest age of a displacement on arrival [s]."""
 
 
 class Neighbourhood:
@@ -244,12 +312,15 @@ class Neighbourhood:
         spec = mission.robots[robot]
         # a neighbour publishes at its own rate; a sensor measures at the rate of the robot that carries it
         local = spec.measurement == "local"
+        reckons = spec.localisation == "odometry"
+        offset = spec.control_point_offset
         self.each = {
             name: Neighbour(
                 mission,
                 name,
                 spec.rate if local else mission.robots[name].rate,
                 answers=not local and answers(mission, name, robot),
+                check=RelativeCheck(name, offset, by_odometry=reckons) if local else None,
             )
             for name in spec.measurable
         }
@@ -278,6 +349,27 @@ class Neighbourhood:
         for one in self.each.values():
             one.stream.doubt()
 
+    def moved(self, moment: float, travel: Travel | None) -> None:
+        """Add an interval of own motion that ends at `moment` [s, monotonic]; None if that is unknown."""
+        self.state.own.add(moment, travel)
+
+    def judge(self, age_limit: float, now: Now) -> None:
+        """Judge what sensors have measured; `age_limit` [s] as for an own position."""
+        self.state.age_limit = age_limit
+        for one in self.each.values():
+            one.judge(self.state.own, age_limit, now)
+
+    def doubts(self, now: Now) -> dict[str, Reason]:
+        """The neighbours that are measured and not followed, because the sensor is doubted."""
+        found = {name: one.doubt(self.state.age_limit, now) for name, one in self.each.items()}
+        return {name: doubt for name, doubt in found.items() if doubt is not None}
+
+    def trust_all(self, moment: float) -> None:
+        """End doubts about the sensor at `moment` [s, monotonic]: an operator has checked it."""
+        for one in self.each.values():
+            if one.check is not None:
+                one.check.trust(moment)
+
     def choose(self, now: Now) -> None:
         """Choose which robots to follow."""
         state = self.state
@@ -300,7 +392,7 @@ class Neighbourhood:
         return tuple(
             name
             for name, one in known
-            if not one.state.unavailable and not one.state.beyond and one.fresh(now)
+            if not one.state.unavailable and not one.state.beyond and self._known(one, now)
         )
 
     def _returning(self, now: Now) -> tuple[str, ...]:
@@ -309,8 +401,11 @@ class Neighbourhood:
         return tuple(
             name
             for name, one in known
-            if one.state.unavailable and not one.state.beyond and one.fresh(now) and one.going(now)
+            if one.state.unavailable and not one.state.beyond and self._known(one, now) and one.going(now)
         )
+
+    def _known(self, one: Neighbour, now: Now) -> bool:
+        return one.fresh(now) and one.doubt(self.state.age_limit, now) is None
 
     def _leading(self, names: tuple[str, ...], usable: tuple[str, ...]) -> tuple[str, ...]:
         """The robots of `names` that follow the leader without this one, using only `usable` neighbours."""

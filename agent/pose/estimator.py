@@ -153,14 +153,8 @@ class Localisation:
 
     @property
     def age(self) -> float:
-        """Age of the newest message on arrival [s], by its stamp or compared with the quickest ones.
-
-        A stamp from the future gives no age. A stamp from the past may be of a wrong clock, but a late driver
-        sends the same stamp, so it counts.
-        """
-        stream = self.stream
-        refused = stream.state.arrived is None or stream.state.received > stream.state.arrived
-        return stream.state.late if refused else max(stream.state.late, stream.state.delay)
+        """Age of the newest message on arrival [s]."""
+        return self.stream.age_on_arrival
 
     def judge_age(self) -> None:
         """Decide whether the newest message is young enough; call this when all have been read."""

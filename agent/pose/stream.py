@@ -138,6 +138,16 @@ class Stream:
         """Age of the newest message [s]: time since its arrival, and its delay as far as believed."""
         return self.silence(now) + believed_delay(self.state.delay, self.longest_delay)
 
+    @property
+    def age_on_arrival(self) -> float:
+        """Age of the newest message on arrival [s], refused or not, by stamp or beside the quickest.
+
+        A stamp from the future gives no age. A stamp from the past may be of a wrong clock, but a late driver
+        sends the same stamp, so it counts.
+        """
+        refused = self.state.arrived is None or self.state.received > self.state.arrived
+        return self.state.late if refused else max(self.state.late, self.state.delay)
+
     def _agree(self, by_stamp: float, by_arrival: float) -> bool:
         # one may have had the longest delay, the other none
         return by_stamp > 0.0 and abs(by_stamp - by_arrival) <= self.longest_delay

@@ -59,6 +59,8 @@ class Facts(NamedTuple):
     """Whether the robot receives commands; None if unknown."""
     unanswered: Mapping[str, Unanswered] = MappingProxyType({})
     """Robots that may be late: their stamps are off, and they do not answer."""
+    relative_doubt: Reason | None = None
+    """Why the sensor that measures a neighbour is not believed, though the robot needs it."""
     not_followed: tuple[str, ...] = ()
     """Neighbours that are received and not followed: unavailable, or following only this robot."""
     scan_silence: float = 0.0
@@ -278,6 +280,9 @@ TABLE: tuple[Row, ...] = (
         lambda f: f.order is not None and f.order.mode == "hold", AgentState.HOLD, _plain(Code.HELD_BY_LEADER)
     ),
     Row(lambda f: bool(f.unanswered), AgentState.HOLD, _unanswered, own=True),
+    Row(
+        lambda f: f.relative_doubt is not None, AgentState.HOLD, lambda f: _known(f.relative_doubt), own=True
+    ),
     # its beat will show whether the leader or only this link is down
     Row(lambda f: not f.followed and f.leaderless, AgentState.HOLD, _no_neighbour),
     Row(lambda f: not f.followed, AgentState.HOLD, _no_neighbour, own=True),

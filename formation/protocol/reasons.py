@@ -67,6 +67,11 @@ class Code(StrEnum):
     SCAN_EARLY = "scan_early"
     SCAN_BLIND = "scan_blind"
     SCAN_UNPLACED = "scan_unplaced"
+    SCAN_FROZEN = "scan_frozen"
+    # about its sensor of neighbours
+    RELATIVE_LATE = "relative_late"
+    RELATIVE_WAS_LATE = "relative_was_late"
+    RELATIVE_FROZEN = "relative_frozen"
     # about a robot that does not move as commanded
     MOTION_FROZEN = "motion_frozen"
     MOTION_TURN = "motion_turn"
@@ -134,6 +139,16 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         Code.SCAN_BLIND: "range scan has range_min {value:g} m: this robot needs at most {limit:.3g} m",
         Code.SCAN_UNPLACED: "range scan cannot be placed by odometry that said {speed:.3g} m/s,"
         " {turn_rate:.3g} rad/s",
+        Code.SCAN_FROZEN: "range scan frozen: the same for {duration:.1f} s, while the robot moved"
+        " {distance:.3f} m and turned {turn:.2f} rad; limits {limit:g} m, {turn_limit:.2f} rad;"
+        " check the scanner and its driver",
+        Code.RELATIVE_LATE: "the sensor's {robot} was {age:.2f} s old when it came; limit {limit:.2f} s:"
+        " check what measures it, and its clock (chrony)",
+        Code.RELATIVE_WAS_LATE: "the sensor's {robot} was {age:.2f} s old when it came; limit {limit:.2f} s;"
+        " goes on when it stays below",
+        Code.RELATIVE_FROZEN: "the sensor's {robot} frozen or this robot blocked: displacement changed"
+        " {seen:.3f} m in {duration:.1f} s, at least {least:.2f} m of {expected:.2f} m expected;"
+        " check what measures it, and wheels",
         Code.MOTION_FROZEN: "{source} frozen or robot blocked: commanded {expected:.2f} m in"
         " {duration:.1f} s, moved {seen:.2f} m; " + _BLOCKED,
         Code.MOTION_TURN: "{source} heading frozen or robot blocked: commanded {expected:.2f} rad in"

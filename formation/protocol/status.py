@@ -21,7 +21,7 @@ MAX_REQUESTS_CHARACTERS = 45_000
 """Greatest size of an operator's requests to a leader: the longest route, and more if it fits
 [characters]."""
 
-REASONS = frozenset({"reason", "scan_fault", "realigned_after"})
+REASONS = frozenset({"reason", "scan_fault", "relative_fault", "realigned_after"})
 """Fields of all statuses that are reasons."""
 
 
@@ -185,6 +185,8 @@ class AgentStatus:
     """Result of the protective zone for the newest command; None without a range scanner."""
     scan_fault: Why | None = None
     """Why the newest range scan is not believed."""
+    relative_fault: Why | None = None
+    """Why a neighbour that a sensor measures is not followed."""
     localisation: Localised = Localised.ODOMETRY_WORLD
     realigned: Count = 0
     """Number of times that odometry was placed anew after a jump."""

@@ -129,7 +129,14 @@ def sound(status: AnyStatus) -> bool:
 
 
 def _agent_sound(status: AgentStatus) -> bool:
-    doubts = status.clock or status.scan_fault or status.contested or status.motion or status.forged
+    doubts = (
+        status.clock
+        or status.scan_fault
+        or status.relative_fault
+        or status.contested
+        or status.motion
+        or status.forged
+    )
     linked = status.link in {RobotLink.UNKNOWN, RobotLink.CONNECTED}
     return status.state is AgentState.RUN and not status.readonly and not doubts and linked
 
@@ -157,6 +164,8 @@ def _doubts(status: AgentStatus) -> Iterator[str]:
         yield f"stamps of {', '.join(status.clock)} not believed"
     if status.scan_fault is not None and status.scan_fault != status.reason:
         yield str(status.scan_fault)
+    if status.relative_fault is not None and status.relative_fault != status.reason:
+        yield str(status.relative_fault)
     if status.contested:
         yield f"two agents publish for {', '.join(status.contested)}"
     if status.link not in {RobotLink.UNKNOWN, RobotLink.CONNECTED}:

@@ -51,6 +51,11 @@ ADVICE: Mapping[Code, str] = MappingProxyType(
         Code.SCAN_EARLY: CLOCKS,
         Code.SCAN_BLIND: "Use a scanner that sees closer, or correct its driver: `range_min` is too large.",
         Code.SCAN_UNPLACED: "Check the speeds that the odometry reports.",
+        Code.SCAN_FROZEN: "Check the scanner and its driver. It goes on by itself when scans change.",
+        Code.RELATIVE_LATE: "Check what measures neighbours, the machine's load, and the clocks (chrony).",
+        Code.RELATIVE_WAS_LATE: "Nothing; it goes on by itself when displacements come in time.",
+        Code.RELATIVE_FROZEN: "Check what measures neighbours, and the wheels. It goes on when displacements"
+        " change; `hold`, then `run` makes it try again.",
         Code.MOTION_FROZEN: SENSORS,
         Code.MOTION_TURN: SENSORS,
         Code.MOTION_SPEEDS: "Check the speeds that the odometry reports.",

@@ -65,7 +65,14 @@ CONDITIONS: tuple[tuple[str, list[Facts]], ...] = (
     ("scanner required and silent", [_with(scan_silence=1.0, scan_limit=0.6)]),
     (
         "scanner required and its scan not credible",
-        _because("scan_doubt", Code.SCAN_LATE, Code.SCAN_EARLY, Code.SCAN_BLIND, Code.SCAN_UNPLACED),
+        _because(
+            "scan_doubt",
+            Code.SCAN_LATE,
+            Code.SCAN_EARLY,
+            Code.SCAN_BLIND,
+            Code.SCAN_UNPLACED,
+            Code.SCAN_FROZEN,
+        ),
     ),
     ("nothing on the robot receives commands", [_with(routed=False)]),
     (
@@ -82,6 +89,10 @@ CONDITIONS: tuple[tuple[str, list[Facts]], ...] = (
     ),
     ("the leader orders hold", [_with(order=ORDER.model_copy(update={"mode": "hold"}))]),
     ("messages late, or a wrong clock, and no answer", [_with(unanswered={"robot1": Unanswered(3.0, 0.5)})]),
+    (
+        "the sensor of a neighbour that it must follow or avoid is not credible",
+        _because("relative_doubt", Code.RELATIVE_LATE, Code.RELATIVE_WAS_LATE, Code.RELATIVE_FROZEN),
+    ),
     (
         "no neighbour can be followed, and the leader is a silent neighbour",
         [_with(followed=0, leaderless=True)],

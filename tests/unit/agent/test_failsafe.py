@@ -76,6 +76,11 @@ DOUBTS: list[tuple[dict[str, Any], AgentState, str]] = [
         "robot1 runs mission 89ef4567, this process 0123abcd: give all the same one (formation deploy push)",
     ),
     (
+        {"relative_doubt": Reason.of(Code.RELATIVE_LATE, robot="robot3", age=1.0, limit=0.18)},
+        AgentState.HOLD,
+        "robot3 was 1.00 s old when it came",
+    ),
+    (
         {"unanswered": {"robot3": Unanswered(3.0, 0.5), "robot4": Unanswered(-7.2, 1.5)}},
         AgentState.HOLD,
         "do not answer: robot3 by +3.0 s, robot4 by -7.2 s; limit 0.5 s; check the network",

@@ -1,0 +1,214 @@
+"""Does a measured displacement change as the robot moves? Own motion against the sensor, without a heading.
+
+The displacement z of a neighbour from the robot's centre [m; body frame] must change at least by what the
+robot's own motion and turn do to it, less the way that the neighbour can have gone:
+
+    least = |exp(-iθ) (z - d) - z|  -  REPORTED_RATIO |w|
+
+with the robot's own turn θ and way d [body frame], by odometry, and the net way w that the neighbour says it
+went, of which only the size counts, so frames that differ do no harm. It is the least of several delays of
+the displacement, less the motion of one interval. With external poses the turn is only commanded: then it is
+|d| - |z θ|. A displacement is frozen if it shows less, with the
+tolerances of `formation.agent.pose.motion_check`; and, also where the neighbour's way is unknown, if it stays
+the same bit for bit. The doubt lasts until the displacement changes, or an operator orders a hold.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from formation.agent.pose.motion_check import (
+    FORGETTING_TIME,
+    MAX_DELAY,
+    MIN_MOTION_SHARE,
+    POSITION,
+)
+from formation.control.observer import Travel
+from formation.control.unicycle import along
+from formation.protocol.reasons import Code, Reason
+
+RECENT_TIME = MAX_DELAY
+"""Longest delay of a displacement, and of what the neighbour says, that is considered [s]."""
+REPORTED_RATIO = 1.2
+"""Share of the way that a neighbour says it went that it may have gone: odometry is no more precise."""
+MAX_EQUAL_MOTION = 0.25
+"""Change by own motion that a displacement may miss while it stays the same bit for bit [m]."""
+EXPLAINED_PATH = 0.3
+"""Own path after which a leg begins anew if the neighbour's way explains all of it [m]."""
+MIN_DOUBT_TIME = 1.0
+"""Time for which a doubt lasts before an order may end it [s]."""
+
+
+class Moved(NamedTuple):
+    """The robot's motion since its agent started."""
+
+    moment: float
+    """[s, monotonic]"""
+    way: complex = 0j
+    """Net way of its centre [m; world frame]."""
+    at: complex = 0j
+    """The same by dead reckoning [m; frame of the first heading]."""
+    facing: complex = 1.0 + 0.0j
+    """Its heading, unit [the same frame]."""
+    path: float = 0.0
+    """Path length [m]."""
+    turning: float = 0.0
+    """Sum of the turn's absolute value [rad]."""
+
+
+@dataclass(slots=True, kw_only=True)
+class OwnMotion:
+    """The robot's motion by its own position source, over the last `RECENT_TIME`."""
+
+    recent: deque[Moved] = field(default_factory=lambda: deque([Moved(-math.inf)]))
+    """Oldest first; never empty."""
+    gaps: int = 0
+    """Number of intervals in which it is unknown."""
+
+    @property
+    def now(self) -> Moved:
+        """The newest."""
+        return self.recent[-1]
+
+    def add(self, moment: float, travel: Travel | None) -> None:
+        """Add an interval that ends at `moment` [s, monotonic]; None if its motion is unknown."""
+        last = self.now
+        if travel is None:
+            self.gaps += 1
+            travel = Travel(0.0, 0.0, 0j)
+        at, facing = along(last.at, last.facing, travel.distance, travel.turn)
+        self.recent.append(
+            Moved(
+                moment,
+                last.way + travel.displacement,
+                at,
+                facing / abs(facing),
+                last.path + abs(travel.displacement),
+                last.turning + abs(travel.turn),
+            )
+        )
+        while len(self.recent) > 1 and self.recent[1].moment <= moment - RECENT_TIME:
+            self.recent.popleft()
+
+
+@dataclass(slots=True, kw_only=True)
+class Leg:
+    """What a displacement was when a comparison began, and what it showed since."""
+
+    first: complex = 0j
+    """From the robot's centre [m; body frame]."""
+    own: tuple[Moved, ...] = (Moved(-math.inf),)
+    """The robot's recent motion then, oldest first."""
+    reported: complex | None = None
+    """Where the neighbour said it was [m]; None if unknown."""
+    farthest: float = 0.0
+    """Largest change of the displacement since [m]."""
+
+
+@dataclass(slots=True, kw_only=True)
+class RelativeCheckState:
+    """What is known of one neighbour's displacements."""
+
+    gaps: int = -1
+    """`OwnMotion.gaps` when both comparisons began; -1 before the first."""
+    leg: Leg = field(default_factory=Leg)
+    """Since the displacement last showed motion."""
+    equal: Leg = field(default_factory=Leg)
+    """Since it last changed at all."""
+    doubt: Reason | None = None
+    """Why it is not believed."""
+    since: float = -math.inf
+    """When the doubt began [s, monotonic]."""
+    frozen: complex = 0j
+    """The displacement then [m; body frame]."""
+    ends_beyond: float = 0.0
+    """Change of the displacement that ends the doubt [m]."""
+
+
+class RelativeCheck:
+    """Checks the displacements of one neighbour."""
+
+    def __init__(self, name: str, offset: float, *, by_odometry: bool) -> None:
+        """`offset` [m] is from the robot's centre to its control point.
+
+        `by_odometry`: the robot's own motion is; otherwise only its commands tell how it turns.
+        """
+        self.state = RelativeCheckState()
+        self._name, self._offset, self._by_odometry = name, offset, by_odometry
+
+    def trust(self, moment: float) -> None:
+        """End a doubt: an operator has checked the sensor, or holds the robot."""
+        state = self.state
+        if state.doubt is not None and moment - state.since >= MIN_DOUBT_TIME:
+            state.doubt, state.gaps = None, -1
+
+    def saw(
+        self, displacement: complex, own: OwnMotion, reported: complex | None, *, anew: bool = False
+    ) -> None:
+        """Check a displacement [m; body frame]; `reported` is where the neighbour says it is [m].
+
+        `anew`: it does not follow the one before.
+        """
+        state, seen, now = self.state, displacement + self._offset, tuple(own.recent)
+        if state.doubt is not None:
+            if abs(seen - state.frozen) <= state.ends_beyond:
+                return
+            state.doubt, state.gaps = None, -1
+        if anew or state.gaps != own.gaps:
+            state.gaps = own.gaps
+            state.leg, state.equal = Leg(first=seen, own=now, reported=reported), Leg(first=seen, own=now)
+        if seen != state.equal.first:
+            state.equal = Leg(first=seen, own=now)
+        leg, equal = state.leg, self._change(state.equal, now)
+        if equal > MAX_EQUAL_MOTION:
+            self._doubt(seen, state.equal, equal, 0.0, now[-1])
+            return
+        changed = abs(seen - leg.first)
+        leg.farthest = max(leg.farthest, changed)
+        if reported is None or leg.reported is None:
+            state.leg = Leg(first=seen, own=now, reported=reported)
+            return
+        least = self._change(leg, now) - REPORTED_RATIO * abs(reported - leg.reported)
+        if (least > POSITION.still_min and leg.farthest < POSITION.still) or (
+            least > POSITION.net_min and changed < MIN_MOTION_SHARE * least
+        ):
+            self._doubt(seen, leg, least, POSITION.moved, now[-1])
+        elif _is_over(leg, changed, least, now[-1]):
+            state.leg = Leg(first=seen, own=now, reported=reported)
+
+    def _change(self, leg: Leg, recent: tuple[Moved, ...]) -> float:
+        """Least change of the displacement by own motion since `leg` began [m]; may be negative."""
+        pairs = zip(reversed(leg.own), reversed(recent), strict=False)
+        size, old, now = abs(leg.first), recent[0], recent[-1]
+        latest = now.path - old.path + size * (now.turning - old.turning)
+        return min(self._changed(leg.first, *pair) for pair in pairs) - latest / max(1, len(recent) - 1)
+
+    def _changed(self, seen: complex, then: Moved, now: Moved) -> float:
+        """Change of a displacement `seen`, of what stands, by the motion from `then` to `now` [m]."""
+        if not self._by_odometry:
+            return abs(now.way - then.way) - abs(seen) * (now.turning - then.turning)
+        back = then.facing.conjugate()
+        way, facing = back * (now.at - then.at), back * now.facing
+        return abs(facing.conjugate() * (seen - way) - seen)
+
+    def _doubt(self, seen: complex, leg: Leg, least: float, ends_beyond: float, now: Moved) -> None:
+        state = self.state
+        state.since, state.frozen, state.ends_beyond = now.moment, seen, ends_beyond
+        state.doubt = Reason.of(
+            Code.RELATIVE_FROZEN,
+            robot=self._name,
+            expected=least,
+            seen=abs(seen - leg.first),
+            duration=now.moment - leg.own[-1].moment,
+            least=MIN_MOTION_SHARE * least,
+        )
+
+
+def _is_over(leg: Leg, changed: float, least: float, now: Moved) -> bool:
+    """Whether a leg ends: motion was seen, none is left to be explained, or it is old."""
+    shown = changed > POSITION.moved and changed > MIN_MOTION_SHARE * least
+    explained = least <= 0.0 and now.path - leg.own[-1].path > EXPLAINED_PATH
+    return shown or explained or now.moment - leg.own[-1].moment > FORGETTING_TIME
