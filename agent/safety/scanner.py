@@ -8,9 +8,11 @@ odometry that restarts moves an obstacle.
 
 from __future__ import annotations
 
+from array import array
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from hashlib import blake2b
 from typing import NamedTuple
 
 from formation.agent.pose.odometry import believable
@@ -35,6 +37,12 @@ UNSEEN_MARGIN = 5e-3
 """Part of its margin that a robot need not see [m], as ranges are no more precise."""
 RANGE_NOISE = 0.02
 """Distance by which obstacles are kept beyond the least range [m], so that noise does not hide them."""
+FROZEN_DISTANCE, FROZEN_ANGLE = 0.03, 0.03
+"""Motion [m; rad] after which a scan that stays the same bit for bit is frozen; or a turn of two beams."""
+MIN_EQUAL_BEAMS = 8
+"""Hits that must have been repeated, in all: a few may be equal by chance."""
+MIN_REPEAT_SHARE = 0.75
+"""Share of the mission's period after which a scan counts as another: some drivers publish one twice."""
 
 
 class Moving(NamedTuple):
@@ -42,6 +50,23 @@ class Moving(NamedTuple):
 
     since: float
     command: Command
+
+
+class Repeated(NamedTuple):
+    """A scan that is received again and again, and the robot's motion since it came first."""
+
+    digest: str
+    """Of its ranges."""
+    since: float
+    """When it first ended [s, monotonic]."""
+    beams: int = 0
+    """Number of hits that were repeated."""
+    at: complex = 0j
+    """Where the robot is now [m; body frame at `since`]."""
+    facing: complex = 1.0 + 0.0j
+    """Its heading, unit [the same frame]."""
+    turn: float = 0.0
+    """Its turn [rad]."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -61,6 +86,10 @@ class ScannerState:
     """When the newest scan ended [s, monotonic]."""
     range_min: float = 0.0
     """Of the newest scan [m]."""
+    repeated: Repeated | None = None
+    """How the newest scan repeats those before; None if it hit nothing."""
+    frozen: Reason | None = None
+    """Why it is no measurement of the present; None if it is one."""
     wrong: Moving | None = None
     """The newest impossible motion."""
     commanded: Command | None = None
@@ -131,20 +160,52 @@ class Scanner:
         sweep = min(abs(signed), LONGEST_SWEEP)
         # taking a scan for newer than it is may cause a collision: if its stamp is not believed
         # it has the greatest plausible age, and not, as a neighbour's position, none
-        began = arrived - min(max(0.0, self.stream.state.delay), self.stream.longest_delay)
+        began = arrived - min(max(0.0, self.stream.age_on_arrival), self.stream.longest_delay)
+        before = state.ended
         # no scan arrives before it is made: some drivers stamp the last beam
         state.began = min(began, arrived - sweep)
         state.ended = state.began + sweep
         state.range_min = scan.range_min
         motion = self._motion(state.began, state.ended) if sweep else STOOD
         hits = scans.points(scan, self._scan.mount, self._radius, motion, against=signed < 0.0)
+        self._compare(scan, len(hits), before)
         found = scans.circles(hits, scan.angle_increment)
         reach = self._reach + self.margin - self._scan.margin
         state.circles = [circle for circle in found if abs(circle.at) - circle.radius < reach]
 
     def fresh(self, now: Now) -> bool:
-        """Whether there is a scan that is believed."""
-        return self.stream.fresh(now)
+        """Whether there is a scan of the present."""
+        return self.stream.fresh(now) and self.state.frozen is None
+
+    def _compare(self, scan: LaserScan, hits: int, before: float) -> None:
+        """Compare a scan with the one before, which ended at `before` [s, monotonic].
+
+        While the robot moves no two scans are equal, unless they hit nothing.
+        """
+        state, digest = self.state, blake2b(array("d", scan.ranges), digest_size=8).hexdigest()
+        known, state.frozen = state.repeated, None
+        if known is None or known.digest != digest or not hits:
+            state.repeated = Repeated(digest, state.ended) if hits else None
+            return
+        at, facing = self._went(before, state.ended)
+        known = known._replace(
+            beams=known.beams + hits,
+            at=known.at + known.facing * at,
+            facing=known.facing * facing,
+            turn=known.turn + self._motion(before, state.ended).turn,
+        )
+        state.repeated, over = known, state.ended - known.since
+        turn_limit = max(FROZEN_ANGLE, 2.0 * abs(scan.angle_increment))
+        moved = abs(known.at) > FROZEN_DISTANCE or abs(known.turn) > turn_limit
+        if moved and known.beams >= MIN_EQUAL_BEAMS and over >= MIN_REPEAT_SHARE / self._scan.rate:
+            state.frozen = Reason.of(
+                Code.SCAN_FROZEN,
+                duration=over,
+                distance=abs(known.at),
+                turn=abs(known.turn),
+                limit=FROZEN_DISTANCE,
+                turn_limit=turn_limit,
+            )
 
     def silence(self, now: Now) -> float:
         """Time for which a required scan has been missing [s]; else 0."""
@@ -155,8 +216,8 @@ class Scanner:
         """Why the newest scan is not believed; else None."""
         state = self.state
         delay, most = self.stream.state.delay, self.stream.longest_delay
-        if self.stream.state.arrived is None:
-            return None
+        if self.stream.state.arrived is None or state.frozen is not None:
+            return state.frozen
         if delay > most:
             return Reason.of(Code.SCAN_LATE, age=delay, limit=most)
         if delay < -MAX_SCAN_LEAD:
