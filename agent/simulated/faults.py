@@ -9,6 +9,9 @@ backlog   they arrive later and later, by `size` every second [s/s]
 speeds    odometry reports `size` times its true speeds; 0 is a robot that seems to stand
 blocked   the wheels do not turn, or spin without moving the robot (which a camera sees)
 carried   the robot is moved at `size` [m/s] along the world's x axis
+
+relative_frozen  the sensor of neighbours repeats its displacements, with new stamps
+scan_frozen      the range scanner repeats one scan, with new stamps
 """
 
 from __future__ import annotations
@@ -35,11 +38,15 @@ SIZES: Mapping[str, float] = {
     "speeds": 0.0,
     "blocked": 0.0,
     "carried": 0.2,
+    "relative_frozen": 0.0,
+    "scan_frozen": 0.0,
 }
 """Kinds of faults, and their default sizes."""
 STANDS = frozenset(("frozen", "tremble", "stutter"))
+STUCK: Mapping[str, str] = {"relative_frozen": "relative", "scan_frozen": "scan"}
+"""Sensors of a robot's surroundings that a fault of this kind makes repeat what they measured."""
 _TEXT = re.compile(
-    r"(?P<robot>[\w-]+):(?P<kind>[a-z]+)(=(?P<size>[-+.\de]+))?@(?P<since>[.\d]+)(\+(?P<lasts>[.\d]+))?"
+    r"(?P<robot>[\w-]+):(?P<kind>[a-z_]+)(=(?P<size>[-+.\de]+))?@(?P<since>[.\d]+)(\+(?P<lasts>[.\d]+))?"
 )
 FORM = "ROBOT:KIND[=SIZE]@START[+SECONDS]"
 
@@ -131,6 +138,11 @@ class Faulty:
         """Whether odometry and external pose are not reported now."""
         bursts = [one for one in self._active() if one.kind == "stutter" and one.size > 0.0]
         return any((self._time - one.since) % (2.0 * one.size) >= one.size for one in bursts)
+
+    @property
+    def stuck(self) -> frozenset[str]:
+        """Sensors of its surroundings that repeat what they measured."""
+        return frozenset(STUCK[kind] for kind in self._kinds() & STUCK.keys())
 
     def obey(self, command: Command) -> None:
         """Follow `command`, unless the wheels are blocked."""

@@ -39,6 +39,10 @@ class Moving(Protocol):
     def pauses(self) -> bool:
         """Whether odometry and external pose are not reported now."""
 
+    @property
+    def stuck(self) -> frozenset[str]:
+        """Sensors of its surroundings that repeat what they measured, of ``relative`` and ``scan``."""
+
     def obey(self, command: Command) -> None:
         """Follow `command` as the firmware rounds and limits it."""
 

@@ -13,6 +13,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import TypeVar, cast
 
 import numpy as np
 
@@ -28,6 +30,7 @@ from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSE, POSITION, RELATI
 from formation.transport.runtime.rate import Rate
 from formation.wire import BadMessage, Now, Outgoing, Sample
 
+Measurement = TypeVar("Measurement")
 VISIBILITY_TIME = 0.5
 """Silence after which a leader is invisible to every sensor [s]."""
 VELOCITY_FILTER_TIME = 0.01
@@ -148,7 +151,10 @@ class World:
         """Return a robot's messages of one period. Sensors come first, as odometry triggers the agent."""
         robot.go_to(now.mono)
         outbox = [
-            Outgoing(RELATIVE.key(robot.name, other), encode(Displacement(now.wall, seen_at)))
+            Outgoing(
+                RELATIVE.key(robot.name, other),
+                encode(Displacement(now.wall, robot.measured("relative", other, seen_at))),
+            )
             for other in robot.sees
             if (seen_at := self._displacement(robot, other, now)) is not None
         ]
@@ -167,7 +173,8 @@ class World:
         for one in self._hosted.values():
             one.go_to(now.mono)
         others = [one.disc for one in self._hosted.values() if one is not robot]
-        return Outgoing(SCAN.key(robot.name), encode(ranging.scan(now.wall, robot.plant, others)))
+        scan = robot.measured("scan", robot.name, ranging.scan(now.wall, robot.plant, others))
+        return Outgoing(SCAN.key(robot.name), encode(replace(scan, stamp=now.wall)))
 
     def _displacement(self, robot: _Robot, other: str, now: Now) -> complex | None:
         """From `robot`'s control point to the other's [m; robot's frame]; None if it is out of sight."""
@@ -201,6 +208,7 @@ class _Robot:
         self._radius = spec.radius
         self._stamped = spec.cmd_vel == "twist_stamped"
         self._offset = spec.control_point_offset
+        self._repeated: dict[tuple[str, str], object] = {}  # what stuck sensors measured last, and of what
         self._late: list[tuple[float, Outgoing]] = []  # reports of late sensors, and when they are due
 
     @property
@@ -222,6 +230,14 @@ class _Robot:
         """The command in `payload`, of the one type that this robot takes. Raises BadMessage."""
         twist = decode(TwistStamped, payload) if self._stamped else decode(Twist, payload)
         return Command(twist.speed, twist.turn_rate)
+
+    def measured(self, sensor: str, of: str, true: Measurement) -> Measurement:
+        """Return what `sensor` shows of a robot instead of `true`: that, or the same again if it is stuck."""
+        key = sensor, of
+        if sensor not in self.plant.stuck:
+            self._repeated.pop(key, None)
+            return true
+        return cast("Measurement", self._repeated.setdefault(key, true))
 
     def reported(self, reports: list[Outgoing], time: float) -> list[Outgoing]:
         """Return the reports that arrive at `time` [s, monotonic], after adding new `reports`.

@@ -78,6 +78,8 @@ SENSORS: Mapping[str, Kind] = {
     "speeds": Kind("odometry reports SIZE times the true speeds", 0.0, 2.0),
     "blocked": Kind("its wheels do not turn"),
     "carried": Kind("it is moved at SIZE [m/s]", 0.05, 0.3),
+    "relative_frozen": Kind("its sensor of neighbours repeats what it measured"),
+    "scan_frozen": Kind("its range scanner repeats one scan"),
 }
 KINDS: Mapping[str, Kind] = {**NETWORK, **PROCESSES, **MACHINES, **OPERATOR, **SENSORS}
 FORM = "NAME:KIND[=SIZE]@START[+SECONDS]"
@@ -108,9 +110,18 @@ def spelled(fault: Fault) -> str:
     return f"{fault.robot}:{fault.kind}{size}@{fault.since:g}{lasts}"
 
 
+def possible(kind: str, mission: Mission) -> bool:
+    """Whether any robot of `mission` has the sensor that a fault of this kind is of."""
+    robots = [mission.robots[name] for name in mission.followers]
+    if kind == "relative_frozen":
+        return any(spec.measurement == "local" for spec in robots)
+    return kind != "scan_frozen" or any(spec.scanner != "none" for spec in robots)
+
+
 def draw(mission: Mission, kinds: Sequence[str], seed: int) -> list[Fault]:
-    """Draw faults of `kinds` from `seed`."""
+    """Draw faults of `kinds` from `seed`, of those that are possible."""
     chance = random.Random(f"faults {seed}")
+    kinds = [kind for kind in kinds if possible(kind, mission)]
     drawn = []
     for _ in range(chance.randint(1, MAX_DRAWN_FAULTS) if kinds else 0):
         kind = chance.choice(kinds)

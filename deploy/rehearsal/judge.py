@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 from formation.agent.pose.probe import PROBE_SPEED_SHARE
 from formation.agent.simulated.faults import SIZES as SENSOR_KINDS
-from formation.agent.simulated.faults import Fault
+from formation.agent.simulated.faults import STUCK, Fault
 from formation.control.ramp import FIRST_CHANGE_SHARE, RampLimits, ramp_limits
 from formation.control.unicycle import AT_REST, Command
 from formation.deploy.rehearsal import blind
@@ -260,7 +260,7 @@ def _as_slow_as_a_probe(spec: RobotSpec, command: Command) -> bool:
 
 def _is_lost_by(fault: Fault, mission: Mission) -> bool:
     """Whether a robot's odometry, its only source, counts from its start and is wrong after `fault`."""
-    if fault.kind not in SENSOR_KINDS:
+    if fault.kind not in SENSOR_KINDS or fault.kind in STUCK:
         return False
     spec = mission.robots[fault.robot]
     return spec.localisation == "odometry" and spec.odometry_frame == "start"

@@ -86,6 +86,11 @@ class Wheeled:
         """Return False: its sensors always report."""
         return False
 
+    @property
+    def stuck(self) -> frozenset[str]:
+        """Return nothing: its sensors measure."""
+        return frozenset()
+
     def obey(self, command: Command) -> None:
         """Follow `command` as the firmware rounds and limits it."""
         self.command = command

@@ -10,8 +10,12 @@ from collections.abc import Callable, Iterable
 import pytest
 
 from formation.agent.safety.scanner import LONGEST_SWEEP, Scanner
+from formation.agent.simulated.faults import Fault, with_faults
+from formation.agent.simulated.simulated import kinematic
 from formation.control.unicycle import AT_REST, Command
+from formation.mission.file import parse, read
 from formation.protocol.reasons import Code, Reason
+from formation.protocol.status import AgentState
 from formation.ros2.messages import LaserScan, Odometry, decode, encode
 from formation.sensing.raycast import Scanner as Device
 from formation.topics import ODOM, SCAN
@@ -22,6 +26,7 @@ from tests.unit.agent.scanned import Robot, at, mission, post, scan
 from tests.unit.agent.test_scanning import ACROSS, ALONE, among, room, with_mode
 
 WALL = [(2.0 - 30j, 2.0 + 30j)]
+NOISY, EXACT = "lost = 0.05\n", "lost = 0.0\nnoise = 0.0\nrelative_noise = 0.0\n"
 KEY, OWN = SCAN.key("robot1"), ODOM.key("robot1")
 
 
@@ -216,3 +221,83 @@ def test_sweep_is_undone_for_any_stamp_and_direction(stamped: str, newest_first:
         (circle,) = scanner.strangers(at(0.65), [])
         there = cmath.rect(1.0, math.radians(beam) - turn * (0.65 - seen))
         assert abs(cmath.phase(circle.at / there)) < 0.03
+
+
+# Scans that are repeated with new stamps
+
+
+def repeat(
+    scanner: Scanner, ranges: list[float], seconds: float, moving: Command, since: float = 0.0
+) -> None:
+    """Give the scanner one scan again and again, while the robot moves so."""
+    for number in range(round(5.0 * seconds)):
+        moment = since + 0.2 * number
+        scanner.moved(moment, moving)
+        scanner.process_scan(scan(moment, ranges), moment, at(moment))
+
+
+FEW, MANY = [1.0, 1.01, 1.02] + [math.inf] * 357, [1.0 + 0.01 * n for n in range(40)] + [math.inf] * 320
+
+
+@pytest.mark.parametrize("moving", [Command(0.2, 0.0), Command(0.0, 0.5), Command(-0.2, 0.1)])
+def test_repeated_scan_is_doubted_while_robot_moves(moving: Command) -> None:
+    scanner = Scanner(mission(), "robot2")
+    repeat(scanner, MANY, 0.4, moving)
+    assert str(scanner.doubt).startswith("range scan frozen: the same for 0.2 s, while the robot moved")
+    assert not scanner.fresh(at(0.2))
+    scanner.process_scan(scan(0.4, [1.2, *MANY[1:]]), 0.4, at(0.4))
+    assert scanner.doubt is None
+    assert scanner.fresh(at(0.4))
+
+
+@pytest.mark.parametrize(
+    ("ranges", "moving"),
+    [(MANY, AT_REST), (MANY, Command(0.002, 0.0)), ([math.inf] * 360, Command(0.2, 0.3))],
+)
+def test_repeated_scan_is_believed_at_rest_and_without_hits(ranges: list[float], moving: Command) -> None:
+    scanner = Scanner(mission(), "robot2")
+    repeat(scanner, ranges, 2.0, moving)
+    assert scanner.doubt is None
+
+
+def test_few_equal_beams_count_after_some_scans() -> None:
+    scanner = Scanner(mission(), "robot2")
+    repeat(scanner, FEW, 0.6, Command(0.2, 0.0))
+    assert scanner.doubt is None
+    repeat(scanner, FEW, 0.2, Command(0.2, 0.0), since=0.6)
+    assert scanner.doubt is not None
+
+
+def test_scan_published_twice_is_no_fault() -> None:
+    scanner = Scanner(mission(), "robot2")
+    for number in range(20):
+        moment = 0.1 * number
+        scanner.moved(moment, Command(0.5, 0.0))
+        scanner.process_scan(scan(moment, [5.0 - 0.1 * (number // 2)] * 40), moment, at(moment))
+        assert scanner.doubt is None
+
+
+def test_late_scan_counts_as_old_beside_a_fast_clock() -> None:
+    scanner = Scanner(mission(), "robot2")
+    scanner.process_scan(scan(1.4, post(1.0)), 1.0, at(1.0))
+    scanner.process_scan(scan(1.6, post(1.0)), 1.5, at(1.5))
+    assert scanner.state.ended == pytest.approx(1.2, abs=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("exact", [False, True])
+def test_robots_stop_before_posts_while_scans_are_frozen(exact: bool) -> None:
+    text, name = read("posts")
+    world = parse(text.replace(NOISY, EXACT) if exact else text, name)
+    fleet = Fleet(
+        world,
+        plants=with_faults(kinematic, [Fault(one, "scan_frozen", 0.0, 3.0, 8.0) for one in world.followers]),
+    )
+    fleet.run(4.0)
+    before = {one: fleet.plant(one).path for one in world.followers}
+    fleet.run(6.5)
+    for one in world.followers:
+        assert fleet.plant(one).path - before[one] < 0.1
+        assert fleet.agents[one].decision.reason.code is Code.SCAN_FROZEN
+    fleet.run(2.0)
+    assert all(agent.decision.state is AgentState.RUN for agent in fleet.agents.values())
