@@ -65,8 +65,8 @@ class OwnMotion:
 
     recent: deque[Moved] = field(default_factory=lambda: deque([Moved(-math.inf)]))
     """Oldest first; never empty."""
-    gaps: int = 0
-    """Number of intervals in which it is unknown."""
+    gaps: int = 1
+    """Number of intervals in which it is unknown, the time before the first one among them."""
 
     @property
     def now(self) -> Moved:
@@ -112,8 +112,8 @@ class Leg:
 class RelativeCheckState:
     """What is known of one neighbour's displacements."""
 
-    gaps: int = -1
-    """`OwnMotion.gaps` when both comparisons began; -1 before the first."""
+    gaps: int = 0
+    """`OwnMotion.gaps` when both comparisons began; 0 before the first."""
     leg: Leg = field(default_factory=Leg)
     """Since the displacement last showed motion."""
     equal: Leg = field(default_factory=Leg)
@@ -143,7 +143,7 @@ class RelativeCheck:
         """End a doubt: an operator has checked the sensor, or holds the robot."""
         state = self.state
         if state.doubt is not None and moment - state.since >= MIN_DOUBT_TIME:
-            state.doubt, state.gaps = None, -1
+            state.doubt, state.gaps = None, 0
 
     def saw(
         self, displacement: complex, own: OwnMotion, reported: complex | None, *, anew: bool = False
@@ -156,7 +156,7 @@ class RelativeCheck:
         if state.doubt is not None:
             if abs(seen - state.frozen) <= state.ends_beyond:
                 return
-            state.doubt, state.gaps = None, -1
+            state.doubt, state.gaps = None, 0
         if anew or state.gaps != own.gaps:
             state.gaps = own.gaps
             state.leg, state.equal = Leg(first=seen, own=now, reported=reported), Leg(first=seen, own=now)
