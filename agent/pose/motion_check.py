@@ -142,7 +142,7 @@ class Leg:
         """
         state = self.state
         limits, seen, least = self._tolerance, abs(state.seen), self.least(models)
-        over = moment - state.began
+        over = min(moment - state.began, FORGETTING_TIME)  # what was before has faded
         still = least > limits.still_min + slack and state.farthest < limits.still
         if still or (least > limits.net_min + slack and seen < MIN_MOTION_SHARE * least):
             return Disagreement(kinds[0], least, seen, over)
