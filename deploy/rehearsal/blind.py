@@ -11,14 +11,15 @@ from formation.control.tracker import MAX_DELAY
 from formation.mission.model import Mission
 from formation.protocol.lateness import own_age_limit
 
-BLIND = frozenset(("frozen", "tremble", "stutter", "stale", "restamped", "backlog"))
-"""Kinds of faults under which a robot's position is frozen or late."""
+BLIND = frozenset(("frozen", "tremble", "stutter", "stale", "backlog"))
+"""Kinds of faults under which a robot's position is frozen or late.
+
+Not ``restamped``: without stamps only a changing speed shows a delay, so a robot may drive on until then.
+"""
 GRACE_TIME = 1.0
 """Time from its first motion until the path of such a robot counts [s]."""
 MAX_BLIND_PATH = 0.1
 """Path of such a robot that breaks the rule [m]."""
-MIN_RESTAMPED_EXCESS = 0.1
-"""Delay beyond a robot's limit that must be found, where stamps hide it [s]."""
 AT_REST_STEP = 1e-4
 """Motion between two checks up to which a robot stands [m]."""
 
@@ -68,9 +69,6 @@ def _begin(mission: Mission, fault: Fault) -> float:
     limit = own_age_limit(len(spec.neighbours), law.k_p, law.k_i, spec.rate, MAX_DELAY)
     if fault.kind == "stale":
         return fault.since if fault.size > limit else math.inf
-    if fault.kind == "restamped":  # only the commands show it, as well as `MIN_RESTAMPED_EXCESS` allows
-        unseen = limit + 1.0 / spec.rate + mission.collisions.lag + MIN_RESTAMPED_EXCESS
-        return fault.since if fault.size > unseen else math.inf
     if fault.kind == "stutter":  # one burst and one gap are needed to see that it is frozen
         return fault.since + 2.0 * fault.size
     if fault.kind == "backlog":  # what was measured after t seconds arrives after (1 + SIZE) t
