@@ -128,6 +128,8 @@ def test_late_recording_is_reproduced_from_agent_state(run: Recorded) -> None:
         assert "beginning is not in the recording" in beginning["reason"]
         for stretch in others:  # only where this monitor really lost a message, as it may on a busy machine
             assert "is missing in the recording" in stretch["reason"], stretch
+            if stretch["commands"] == 1 and stretch["since"] > result["length"] - 0.1:
+                continue  # the recording ended between a command and what it follows from
             assert any(f" {key} " in stretch["reason"] for key in lost), (stretch, lost)
 
 
