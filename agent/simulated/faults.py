@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from formation.agent.simulated.moving import Moving
+from formation.agent.simulated.moving import Disturbed, Moving
 from formation.agent.simulated.plant import Plant
 from formation.control.unicycle import Command
 from formation.mission.model import Mission
@@ -121,28 +121,19 @@ class Faulty:
         return Command(speed, turn_rate)
 
     @property
-    def lateness(self) -> float:
-        """How late its odometry and external pose are reported now [s]."""
+    def disturbed(self) -> Disturbed:
+        """How its sensors are disturbed now."""
         active = self._active()
-        constant = [one.size for one in active if one.kind in {"stale", "restamped"}]
+        restamped = [one.size for one in active if one.kind == "restamped"]
+        constant = [one.size for one in active if one.kind == "stale"]
         growing = [one.size * (self._time - one.since) for one in active if one.kind == "backlog"]
-        return max([0.0, *constant, *growing])
-
-    @property
-    def restamped(self) -> float:
-        """By how much their stamps are later than the measurements now [s]."""
-        return max([0.0, *(one.size for one in self._active() if one.kind == "restamped")])
-
-    @property
-    def pauses(self) -> bool:
-        """Whether odometry and external pose are not reported now."""
-        bursts = [one for one in self._active() if one.kind == "stutter" and one.size > 0.0]
-        return any((self._time - one.since) % (2.0 * one.size) >= one.size for one in bursts)
-
-    @property
-    def stuck(self) -> frozenset[str]:
-        """Sensors of its surroundings that repeat what they measured."""
-        return frozenset(STUCK[kind] for kind in self._kinds() & STUCK.keys())
+        bursts = [one for one in active if one.kind == "stutter" and one.size > 0.0]
+        return Disturbed(
+            late=max([0.0, *constant, *growing, *restamped]),
+            restamped=max([0.0, *restamped]),
+            pauses=any((self._time - one.since) % (2.0 * one.size) >= one.size for one in bursts),
+            stuck=frozenset(STUCK[kind] for kind in self._kinds() & STUCK.keys()),
+        )
 
     def obey(self, command: Command) -> None:
         """Follow `command`, unless the wheels are blocked."""

@@ -3,9 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from formation.control.unicycle import Command
+
+
+class Disturbed(NamedTuple):
+    """How the sensors of a robot are disturbed; the defaults are of good ones."""
+
+    late: float = 0.0
+    """How late its odometry and external pose are reported [s]."""
+    restamped: float = 0.0
+    """By how much their stamps are later than the measurements [s]."""
+    pauses: bool = False
+    """Whether they are not reported."""
+    stuck: frozenset[str] = frozenset()
+    """Sensors of its surroundings that repeat what they measured, of ``relative`` and ``scan``."""
 
 
 class Moving(Protocol):
@@ -28,20 +41,8 @@ class Moving(Protocol):
         """Its present command."""
 
     @property
-    def lateness(self) -> float:
-        """How late its odometry and external pose are reported now [s]."""
-
-    @property
-    def restamped(self) -> float:
-        """By how much their stamps are later than the measurements now [s]."""
-
-    @property
-    def pauses(self) -> bool:
-        """Whether odometry and external pose are not reported now."""
-
-    @property
-    def stuck(self) -> frozenset[str]:
-        """Sensors of its surroundings that repeat what they measured, of ``relative`` and ``scan``."""
+    def disturbed(self) -> Disturbed:
+        """How its sensors are disturbed now."""
 
     def obey(self, command: Command) -> None:
         """Follow `command` as the firmware rounds and limits it."""

@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 
+from formation.agent.simulated.moving import Disturbed
 from formation.control.unicycle import Command, advance, driven
 from formation.simulation.body import Body, obeyed
 
@@ -63,24 +64,9 @@ class Plant:
             self._time = time
 
     @property
-    def lateness(self) -> float:
-        """Return 0: its sensors report at once [s]."""
-        return 0.0
-
-    @property
-    def restamped(self) -> float:
-        """Return 0: stamps tell when its sensors measured [s]."""
-        return 0.0
-
-    @property
-    def pauses(self) -> bool:
-        """Return False: its sensors always report."""
-        return False
-
-    @property
-    def stuck(self) -> frozenset[str]:
-        """Return nothing: its sensors measure."""
-        return frozenset()
+    def disturbed(self) -> Disturbed:
+        """Return that its sensors are good."""
+        return Disturbed()
 
     def obey(self, command: Command) -> None:
         """Follow `command` as the firmware rounds and limits it."""

@@ -159,13 +159,13 @@ class World:
             if (seen_at := self._displacement(robot, other, now)) is not None
         ]
         plant = robot.plant
-        stamp = now.wall + plant.restamped
+        stamp = now.wall + plant.disturbed.restamped
         odometry = Odometry(stamp, *plant.odometry(), *plant.moving, frame=robot.odometry_frame)
         truth = Pose(now.wall, plant.position, plant.heading)
         reports = [Outgoing(ODOM.key(robot.name), encode(odometry))]
         if robot.watched:
             reports.append(Outgoing(POSE.key(robot.name), encode(Pose(stamp, *plant.seen()))))
-        outbox += robot.reported([] if plant.pauses else reports, now.mono)
+        outbox += robot.reported([] if plant.disturbed.pauses else reports, now.mono)
         outbox.append(Outgoing(GROUND_TRUTH.key(robot.name), encode(truth)))
         return outbox
 
@@ -234,7 +234,7 @@ class _Robot:
     def measured(self, sensor: str, of: str, true: Measurement) -> Measurement:
         """Return what `sensor` shows of a robot instead of `true`: that, or the same again if it is stuck."""
         key = sensor, of
-        if sensor not in self.plant.stuck:
+        if sensor not in self.plant.disturbed.stuck:
             self._repeated.pop(key, None)
             return true
         return cast("Measurement", self._repeated.setdefault(key, true))
@@ -244,7 +244,7 @@ class _Robot:
 
         Those of late sensors arrive later, also after the sensors are prompt again.
         """
-        self._late += [(time + self.plant.lateness, one) for one in reports]
+        self._late += [(time + self.plant.disturbed.late, one) for one in reports]
         arrived = [one for due, one in self._late if due <= time]
         self._late = [(due, one) for due, one in self._late if due > time]
         return arrived
