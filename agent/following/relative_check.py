@@ -8,9 +8,9 @@ robot's own motion and turn do to it, less the way that the neighbour can have g
 with the robot's own turn θ and way d [body frame], by odometry, and the net way w that the neighbour says it
 went, of which only the size counts, so frames that differ do no harm. It is the least of several delays of
 the displacement, less the motion of one interval. With external poses the turn is only commanded: then it is
-|d| - |z θ|. A displacement is frozen if it shows less, with the
-tolerances of `formation.agent.pose.motion_check`; and, also where the neighbour's way is unknown, if it stays
-the same bit for bit. The doubt lasts until the displacement changes, or an operator orders a hold.
+|d| - |z θ|. A displacement is frozen if it shows less, with the tolerances of
+`formation.agent.pose.motion_check`; and, also where the neighbour's way is unknown, if it stays the same bit
+for bit. The doubt lasts until the displacement changes, or an operator orders a hold.
 """
 
 from __future__ import annotations

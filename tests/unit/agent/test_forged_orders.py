@@ -153,9 +153,8 @@ def test_leader_raises_alarm_at_relays_ahead_of_its_beat() -> None:
     assert fleet.leader.mode == "hold"
 
 
-def test_replayed_orders_change_nothing() -> None:
-    """An order to run, with a right signature, relayed again after the leader has said hold."""
-    fleet = SignedFleet(TEAM, seed=1)
+def taped(fleet: SignedFleet) -> list[PositionAttachment]:
+    """What the insider relays from now on with a signature; it grows."""
     tape: list[PositionAttachment] = []
 
     def keep(sender: str, attachment: PositionAttachment) -> PositionAttachment:
@@ -164,6 +163,13 @@ def test_replayed_orders_change_nothing() -> None:
         return attachment
 
     fleet.tamper = keep
+    return tape
+
+
+def test_replayed_orders_change_nothing() -> None:
+    """An order to run, with a right signature, relayed again after the leader has said hold."""
+    fleet = SignedFleet(TEAM, seed=1)
+    tape = taped(fleet)
     held(fleet)
     start, replayed = (
         fleet.now,
@@ -188,14 +194,7 @@ def test_replayed_orders_change_nothing() -> None:
 
 def recorded(fleet: SignedFleet) -> Iterator[PositionAttachment]:
     """What the insider has relayed of the first term, after the leader began a second and was ended in it."""
-    tape: list[PositionAttachment] = []
-
-    def keep(sender: str, attachment: PositionAttachment) -> PositionAttachment:
-        if sender == INSIDER and attachment.signed:
-            tape.append(attachment)
-        return attachment
-
-    fleet.tamper = keep
+    tape = taped(fleet)
     fleet.run(3.0)
     fleet.restart("leader")
     first = len(tape)

@@ -31,7 +31,7 @@ def bursts(fleet: Fleet, robot: str, burst: float, gap: float) -> Callable[[Samp
 
 
 def stuttering(burst: float, gap: float) -> Fleet:
-    """A fleet whose robot3 has frozen odometry in bursts."""
+    """A fleet in which the odometry of robot3 freezes and comes in bursts."""
     fleet = faulty(mission_of("six_robots", "odometry"), Fault("robot3", "frozen", 0.0, BEGIN))
     fleet.meddle = bursts(fleet, "robot3", burst, gap)
     return fleet
