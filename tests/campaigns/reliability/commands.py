@@ -37,31 +37,36 @@ class Commands:
                 links = Links((), tuple(where.agents.values()))
                 return (*module("formation.monitor"), self._path, *flags, *self._linked(links))
             case "robot":
+                flags = ("--robot", name, "-l", "tcp/0.0.0.0:7447")
                 return (
-                    *module("formation.agent.simulated"),
+                    *self._clocked(self.driver_clock(name)),
+                    "formation.agent.simulated",
                     self._path,
-                    "--robot",
-                    name,
-                    "-l",
-                    "tcp/0.0.0.0:7447",
+                    *flags,
                 )
             case "watchdog":
-                return (*self._clocked(name), "formation.agent.watchdog", self._path, "--robot", name)
+                clock = self._clocked(self.clock(name))
+                return (*clock, "formation.agent.watchdog", self._path, "--robot", name)
             case "agent":
                 links = wiring.of_agent(mission, name, where)
                 flags = ("--robot", name, "--state", self._folder / "state" / name)
-                return (*self._clocked(name), "formation.agent", self._path, *flags, *self._linked(links))
+                clock = self._clocked(self.clock(name))
+                return (*clock, "formation.agent", self._path, *flags, *self._linked(links))
             case _:
                 own = ("--standby", name) if part == "standby" else ()
                 links = wiring.of_leader(mission, where, name or None)
                 return (*module("formation.leader"), self._path, *own, *self._linked(links))
 
     def clock(self, robot: str) -> Path:
-        """The file that says how far a robot's system clock is off [s]."""
+        """The file that says how far the clock of a robot's agent and watchdog is off [s]."""
         return self._folder / f"{robot}.clock"
 
-    def _clocked(self, robot: str) -> Words:
-        return (*module("tests.campaigns.reliability.clocked"), self.clock(robot))
+    def driver_clock(self, robot: str) -> Path:
+        """The same for the robot's driver."""
+        return self._folder / f"{robot}.driver.clock"
+
+    def _clocked(self, clock: Path) -> Words:
+        return (*module("tests.campaigns.reliability.clocked"), clock)
 
     def _linked(self, links: Links) -> list[str]:
         words = ["-l", f"tcp/{ANYWHERE}"] if links.listen else []

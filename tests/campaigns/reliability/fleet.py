@@ -183,9 +183,11 @@ class Fleet:
         for name in wiring.members(self.mission):
             self.field.computers[name].roam()
 
-    def clock(self, robot: str) -> Path:
-        """The file that says how far a robot's system clock is off [s]."""
-        return self._commands.clock(robot)
+    def set_clock(self, robot: str, off: float, *, driver: bool) -> None:
+        """Set the clock of a robot's agent and watchdog, and of its `driver`, so far off [s]."""
+        self._commands.clock(robot).write_text(str(off))
+        if driver:
+            self._commands.driver_clock(robot).write_text(str(off))
 
     def lose(self, share: float) -> None:
         """Of every packet that comes from the air to any computer, lose so many; 0 for none any more."""

@@ -66,6 +66,7 @@ def rows(mission: Mission) -> tuple[Row, ...]:
         *(_row(kind, role, *victims[role]) for role in victims for kind in KINDS),
         parted,
         *(_clock(f"agent {middle}", off) for off in (10.0, -10.0, 3600.0, -3600.0)),
+        _clock(f"agent {middle}", 10.0, driver=False),
         rolling,
     )
 
@@ -168,18 +169,20 @@ def _nothing(_fleet: Fleet, _victim: str) -> None:
     return
 
 
-def _clock(process: str, off: float) -> Row:
+def _clock(process: str, off: float, *, driver: bool = True) -> Row:
     sign = "+" if off > 0 else "−"
     size = f"{abs(off):g} s" if abs(off) < 100.0 else f"{abs(off) / 3600.0:g} h"
 
     def begin(fleet: Fleet, victim: str) -> None:
-        fleet.clock(victim.rpartition(" ")[2]).write_text(str(off))
+        fleet.set_clock(victim.rpartition(" ")[2], off, driver=driver)
 
     def end(fleet: Fleet, victim: str) -> None:
-        fleet.clock(victim.rpartition(" ")[2]).write_text("0")
+        fleet.set_clock(victim.rpartition(" ")[2], 0.0, driver=driver)
 
-    title = f"system clock of one robot stepped {sign}{size}, and back"
-    return Row(f"clock{off:+g}", title, lambda _: process, begin, end, verdicts.anything)
+    of = "one robot" if driver else "one agent, not of its robot's driver,"
+    title = f"system clock of {of} stepped {sign}{size}, and back"
+    name = f"clock{'' if driver else '-agent'}{off:+g}"
+    return Row(name, title, lambda _: process, begin, end, verdicts.anything)
 
 
 def _roll(fleet: Fleet, _victim: str) -> None:
