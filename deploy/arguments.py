@@ -41,6 +41,15 @@ def add_mission(to: argparse.ArgumentParser, default: str | None = None, *, law:
         to.add_argument("--law", choices=list(LAWS), help="the control law, instead of the mission's")
 
 
+def add_dask(to: argparse.ArgumentParser) -> None:
+    """Add --dask."""
+    to.add_argument(
+        "--dask", metavar="ADDRESS", default="",
+        help="compute on the Dask cluster with this scheduler, such as tcp://192.168.1.5:8786; the result is"
+        " the same; needs the extra dask, on its workers too",
+    )  # fmt: skip
+
+
 def add_json(to: argparse.ArgumentParser) -> None:
     """Add the --json flag: stdout is then JSON alone, and words for people go to stderr."""
     to.add_argument("--json", action="store_true", help="one JSON object on stdout, and nothing else there")

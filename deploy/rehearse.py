@@ -15,10 +15,10 @@ import tomlkit
 
 from formation.agent.simulated.faults import Fault
 from formation.agent.simulated.flags import NEEDED
-from formation.deploy.arguments import add_json, add_mission, number, parser, tell, whole
+from formation.deploy.arguments import add_dask, add_json, add_mission, number, parser, tell, whole
 from formation.deploy.refusal import Refusal
 from formation.deploy.rehearsal.air import Weather
-from formation.deploy.rehearsal.faults import FORM, KINDS, SENSORS, parse, spelled
+from formation.deploy.rehearsal.faults import FORM, INSIDERS, KINDS, SENSORS, parse, spelled
 from formation.deploy.rehearsal.judge import RECOVERY_TIME, RULES
 from formation.deploy.rehearsal.rehearsal import Plan, Verdict, rehearse, shrunk
 from formation.deploy.rehearsal.workers import each
@@ -41,6 +41,7 @@ EXAMPLES = """\
   formation rehearse patrol --fault robot2:kill@12.3+5   this fault and no other
   formation rehearse patrol --seed 7 --record seven.mcap  then: formation report seven.mcap
   formation rehearse my_mission.toml --faults none --loss 0.1 --delay 0.1
+  formation rehearse patrol --seeds 1000 --dask tcp://192.168.1.5:8786
 """
 
 
@@ -73,7 +74,7 @@ def _verdicts(plan: Plan, options: argparse.Namespace) -> list[Verdict]:
     seeds = range(options.seed, options.seed + options.seeds)
     verdicts = []
     with Bar(f"{plan.mission.name}, {options.seeds} seeds") as bar:
-        for verdict in each(partial(rehearse, plan), seeds, options.jobs):
+        for verdict in each(partial(rehearse, plan), seeds, options.jobs, options.dask):
             verdicts.append(verdict)
             bar.at(len(verdicts) / options.seeds)
     return verdicts
@@ -126,7 +127,8 @@ def _report(
 
 def _faults(plan: Plan) -> str:
     given = [spelled(one) for one in plan.faults]
-    kinds = [f"all {len(KINDS)} kinds"] if len(plan.kinds) == len(KINDS) else list(plan.kinds)
+    possible = len(KINDS) - (0 if plan.signed else len(INSIDERS))
+    kinds = [f"all {possible} kinds"] if len(plan.kinds) == possible else list(plan.kinds)
     return ", ".join(given + kinds) or NONE
 
 
@@ -137,6 +139,7 @@ def _command(options: argparse.Namespace, seed: int, faults: Sequence[Fault]) ->
     for name in ("loss", "delay", "noise", "seconds"):
         value = getattr(options, name)
         words += [f"--{name} {value:g}"] if value else []
+    words += ["--signed"] * options.signed
     words += [f"--world {options.world}"] if options.world != "kinematic" else []
     words += [f"--fault {spelled(one)}" for one in faults] or [f"--faults {NONE}"]
     return " ".join(words)
@@ -149,20 +152,22 @@ def _plan(mission: Mission, text: str, options: argparse.Namespace) -> Plan:
     except ValueError as error:
         raise Refusal(f"--fault {error}") from None
     chosen = options.faults or (NONE if faults else ALL)
-    possible = tuple(kind for kind in KINDS if options.world == "kinematic" or kind not in SENSORS)
+    lacking = {kind: "--world kinematic" for kind in SENSORS if options.world != "kinematic"}
+    lacking |= {kind: "--signed" for kind in INSIDERS if not options.signed}
+    possible = tuple(kind for kind in KINDS if kind not in lacking)
     kinds = possible if chosen == ALL else () if chosen == NONE else tuple(chosen.split(","))
     for kind in kinds:
         if kind not in possible:
             raise Refusal(f"--faults {kind!r}: must be {ALL}, {NONE}, or some of {', '.join(possible)}")
     for fault in faults:
-        if fault.kind not in possible:
-            raise Refusal(f"--fault {spelled(fault)}: needs --world kinematic")
+        if fault.kind in lacking:
+            raise Refusal(f"--fault {spelled(fault)}: needs {lacking[fault.kind]}")
     weather = Weather(options.loss, options.delay)
     if options.record is not None and options.seeds > 1:
         raise Refusal(f"--record {options.record}: records one run, without --seeds")
     return Plan(
         mission, kinds, faults, weather, options.seconds, options.world,
-        monitored=options.monitor, record=options.record, text=text,
+        signed=options.signed, monitored=options.monitor, record=options.record, text=text,
     )  # fmt: skip
 
 
@@ -238,6 +243,10 @@ def _options() -> argparse.ArgumentParser:
         " sensor faults; needs the extra physics (default: kinematic)",
     )
     flags.add_argument(
+        "--signed", action="store_true",
+        help="sign and verify orders, as where processes have certificates; needs the extra field",
+    )  # fmt: skip
+    flags.add_argument(
         "--monitor", action="store_true", help="run a monitor too; the run is the same with and without"
     )
     flags.add_argument(
@@ -245,5 +254,6 @@ def _options() -> argparse.ArgumentParser:
         help="have a monitor record the run, for report, replay and Foxglove; for one seed",
     )  # fmt: skip
     flags.add_argument("--jobs", type=whole(1, 1024), default=1, help="processes to use (default 1)")
+    add_dask(flags)
     add_json(flags)
     return flags

@@ -3,14 +3,29 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from formation.deploy.arguments import add_json, add_mission, number, parser, read_mission, tell, whole
+import numpy as np
+
+from formation.deploy.arguments import (
+    add_dask,
+    add_json,
+    add_mission,
+    number,
+    parser,
+    read_mission,
+    tell,
+    whole,
+)
 from formation.deploy.refusal import Refusal, refused
+from formation.deploy.rehearsal.workers import each
 from formation.deploy.terminal.bar import Bar, warn_if_slow
 from formation.deploy.terminal.units import metres
 from formation.deploy.terminal.waiting import waiting
@@ -22,7 +37,8 @@ from formation.simulation.ensemble import Options
 from formation.simulation.simulate import Result, simulate
 
 MAX_RUNS = 100_000
-"""Most runs: all go in step, and their robots must fit into memory together."""
+BLOCK_RUNS = 500
+"""Runs that go in step, with random numbers of their own."""
 HEADING_TOLERANCE = 1e-9
 """Headings that differ by less count as equal [rad], as for waypoints in a line."""
 EXAMPLES = """\
@@ -40,31 +56,12 @@ def main(arguments: Sequence[str]) -> int:
     if options.plot is not None:
         _check_plot(options.plot)
     warn_if_slow()
-    with ExitStack() as stack:
-        bar = stack.enter_context(Bar(f"{mission.name}, {options.runs} runs"))
-        first = stack.enter_context(ExitStack())
-        first.enter_context(waiting("compiling the law; the first time that takes ten seconds and more"))
-
-        def show_progress(share: float) -> None:
-            first.close()  # at the first progress all is compiled
-            bar.at(share)
-
-        try:
-            result = simulate(
-                mission,
-                runs=options.runs,
-                seed=options.seed,
-                options=Options(delay=options.delay, loss=options.loss, body=_body(mission, options)),
-                horizon=options.horizon,
-                spread=options.spread,
-                starts=None if options.spread is None else "random",
-                progress=show_progress,
-                keep=options.plot is not None,
-            )
-        except ValueError as error:
-            raise Refusal(f"simulate: {error}") from None
-        except MemoryError:
-            raise Refusal(f"--runs {options.runs}: more than fits into memory; take fewer") from None
+    try:
+        result = _simulated(mission, options)
+    except ValueError as error:
+        raise Refusal(f"simulate: {error}") from None
+    except MemoryError:
+        raise Refusal(f"--runs {options.runs}: more than fits into memory; take fewer") from None
     if options.plot is not None and result.history is not None:
         try:
             draw(result.history, options.plot)
@@ -75,6 +72,72 @@ def main(arguments: Sequence[str]) -> int:
     figure = "" if options.plot is None else f"\n  figure           {options.plot}"
     tell(options, text + figure, lambda: report(mission, options, result))
     return 0
+
+
+def _simulated(mission: Mission, options: argparse.Namespace) -> Result:
+    """Simulate all runs, in blocks: what a block gives depends on its number and `options` alone.
+
+    Raises ValueError, MemoryError, Refusal.
+    """
+    sizes = [min(BLOCK_RUNS, options.runs - first) for first in range(0, options.runs, BLOCK_RUNS)]
+    block = partial(_block, mission, _body(mission, options), options)
+    with ExitStack() as stack:
+        bar = stack.enter_context(Bar(f"{mission.name}, {options.runs} runs"))
+        first = stack.enter_context(ExitStack())
+        first.enter_context(waiting("compiling the law; the first time that takes ten seconds and more"))
+
+        def show_progress(share: float) -> None:
+            first.close()  # at the first progress all is compiled
+            bar.at(share)
+
+        if len(sizes) == 1 and not options.dask:
+            return block((0, sizes[0]), show_progress)
+        began, results = time.monotonic(), []
+        for result in each(block, enumerate(sizes), dask=options.dask):
+            results.append(result)
+            show_progress(len(results) / len(sizes))
+        return _merged(results, time.monotonic() - began)
+
+
+def _block(
+    mission: Mission,
+    body: Body,
+    options: argparse.Namespace,
+    numbered: tuple[int, int],
+    progress: Callable[[float], None] | None = None,
+) -> Result:
+    """Simulate one block, given as its number and its runs."""
+    number, runs = numbered
+    drawn = options.runs > 1 or options.spread is not None
+    return simulate(
+        mission,
+        runs=runs,
+        seed=(options.seed, number) if number else options.seed,
+        options=Options(delay=options.delay, loss=options.loss, body=body),
+        horizon=options.horizon,
+        spread=options.spread,
+        starts="random" if drawn else None,
+        progress=progress,
+        keep=options.plot is not None and number == 0,
+    )
+
+
+def _merged(results: Sequence[Result], seconds: float) -> Result:
+    """Join the results of all blocks, without the errors over time; `seconds` is how long they took."""
+
+    def joined(name: str) -> Any:
+        return np.concatenate([getattr(one, name) for one in results])
+
+    return replace(
+        results[0],
+        **{
+            name: joined(name)
+            for name in ("settling_time", "converged", "final_error", "nearest", "deadlocks")
+        },
+        error=results[0].error[:, :0],
+        wall_time=seconds,
+        robot_steps=sum(one.robot_steps for one in results),
+    )
 
 
 def words(mission: Mission, seed: int | None, result: Result) -> str:
@@ -212,5 +275,6 @@ def _options() -> argparse.ArgumentParser:
         "--quantised", action="store_true", help="cut commands to hundredths, as TurtleBot3 does"
     )
     options.add_argument("--plot", type=Path, metavar="FILE", help="draw the first run: .png, .svg or .pdf")
+    add_dask(options)
     add_json(options)
     return options

@@ -49,10 +49,10 @@ class Engine:
     def __init__(self) -> None:
         self.now = 0.0
         """Since the beginning [s]."""
-        self._events: list[tuple[float, int, Callable[[], None]]] = []
+        self._events: list[tuple[float, int, Callable[[], object]]] = []
         self._numbers = itertools.count()
 
-    def at(self, time: float, event: Callable[[], None]) -> None:
+    def at(self, time: float, event: Callable[[], object]) -> None:
         """Call `event` at `time` [s], or now if that is over."""
         heapq.heappush(self._events, (max(time, self.now), next(self._numbers), event))
 

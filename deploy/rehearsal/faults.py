@@ -81,7 +81,10 @@ SENSORS: Mapping[str, Kind] = {
     "relative_frozen": Kind("its sensor of neighbours repeats what it measured"),
     "scan_frozen": Kind("its range scanner repeats one scan"),
 }
-KINDS: Mapping[str, Kind] = {**NETWORK, **PROCESSES, **MACHINES, **OPERATOR, **SENSORS}
+INSIDERS: Mapping[str, Kind] = {
+    "forge": Kind("relays forged orders, with a valid certificate of its own; with --signed"),
+}
+KINDS: Mapping[str, Kind] = {**NETWORK, **PROCESSES, **MACHINES, **OPERATOR, **INSIDERS, **SENSORS}
 FORM = "NAME:KIND[=SIZE]@START[+SECONDS]"
 
 
@@ -149,7 +152,9 @@ def inject(faults: Sequence[Fault], fleet: Fleet, operator: Operator) -> None:
                 fleet.engine.at(fault.since + fault.lasts, end)
 
 
-def _actions(fault: Fault, fleet: Fleet, operator: Operator) -> tuple[Callable[[], None], Callable[[], None]]:
+def _actions(
+    fault: Fault, fleet: Fleet, operator: Operator
+) -> tuple[Callable[[], object], Callable[[], object]]:
     """Return what begins a fault, and what ends it."""
     if fault.kind in NETWORK:
         return _of_network(fault, fleet)
@@ -157,12 +162,17 @@ def _actions(fault: Fault, fleet: Fleet, operator: Operator) -> tuple[Callable[[
         return _of_process(fault, fleet)
     if fault.kind in MACHINES:
         return _of_machine(fault, fleet)
+    if fault.kind in INSIDERS:
+        return (
+            lambda: fleet.forge(fault.robot, forges=True),
+            lambda: fleet.forge(fault.robot, forges=False),
+        )
     if fault.kind == "waver":
         return lambda: operator.waver(fault.lasts), lambda: operator.order("run")
     return lambda: operator.order("stop" if fault.kind == "stop" else "hold"), operator.set_going
 
 
-def _of_network(fault: Fault, fleet: Fleet) -> tuple[Callable[[], None], Callable[[], None]]:
+def _of_network(fault: Fault, fleet: Fleet) -> tuple[Callable[[], object], Callable[[], object]]:
     name, size, air = fault.robot, fault.size, fleet.air
     others = [other for other in fleet.machines if other != name]
     if fault.kind in {"cut", "deaf", "mute"}:
@@ -180,7 +190,7 @@ def _of_network(fault: Fault, fleet: Fleet) -> tuple[Callable[[], None], Callabl
     return lambda: air.disturb(name, weather), lambda: air.calm(name, weather)
 
 
-def _of_process(fault: Fault, fleet: Fleet) -> tuple[Callable[[], None], Callable[[], None]]:
+def _of_process(fault: Fault, fleet: Fleet) -> tuple[Callable[[], object], Callable[[], object]]:
     name, kind = fault.robot, fault.kind
 
     def again(wipes: bool, mission: Mission | None = None) -> None:
@@ -213,7 +223,7 @@ def _of_process(fault: Fault, fleet: Fleet) -> tuple[Callable[[], None], Callabl
     }[kind]
 
 
-def _of_machine(fault: Fault, fleet: Fleet) -> tuple[Callable[[], None], Callable[[], None]]:
+def _of_machine(fault: Fault, fleet: Fleet) -> tuple[Callable[[], object], Callable[[], object]]:
     machine, disk, size = fleet.machines[fault.robot], fleet.disks[fault.robot], fault.size
 
     def drift(rate: float) -> None:

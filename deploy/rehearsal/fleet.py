@@ -6,7 +6,7 @@ import itertools
 import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
@@ -32,6 +32,9 @@ from formation.monitor.process import MAX_WAITING_MESSAGES, Watch
 from formation.monitor.recording.recorder import Recorder
 from formation.ros2.ros_names import address
 from formation.simulation.edges import Edges, formation_error
+
+if TYPE_CHECKING:
+    from formation.deploy.rehearsal.signing import Insider, Keys
 
 MONITOR = "monitor's machine"
 """No robot has a name with spaces."""
@@ -62,8 +65,10 @@ class Fleet:
         weather: Weather,
         sensor_faults: Sequence[SensorFault],
         world: WorldName = "kinematic",
+        *,
+        signed: bool = False,
     ) -> None:
-        """Raises ValueError for sensor faults in the physics world."""
+        """`signed`: orders are signed and verified. Raises ValueError for sensor faults in physics."""
         if sensor_faults and world != "kinematic":
             raise ValueError(f"a fault of kind {sensor_faults[0].kind}: needs the kinematic world")
         self.mission, self.engine = mission, Engine()
@@ -84,6 +89,9 @@ class Fleet:
         """Second agents."""
         self.processes: list[VirtualProcess] = []
         """All that have ever been started."""
+        self.keys = _keys(mission) if signed else None
+        self.insiders: dict[str, Insider] = {}
+        """Robots that forge orders, as long as they do."""
         self._edges = Edges(mission.graph)
         self._files: dict[str, AgentFiles | CandidateTerms] = {}
         self._numbers = itertools.count()
@@ -109,11 +117,31 @@ class Fleet:
         """Start an agent, with what is on its disk; `mission` replaces the fleet's."""
         files = AgentFiles(self.disks[name], name)
         self._files[name] = files
-        agent = Agent(mission or self.mission, name, publisher_id=self._publisher_id(name))
+        verifier = None if self.keys is None else self.keys.verifier()
+        agent = Agent(
+            mission or self.mission,
+            name,
+            publisher_id=self._publisher_id(name),
+            certificate=verifier.carry if verifier else _no_certificate,
+        )
         process = self._process(f"agent {name}", name)
         process.plug(self._fleet_port(process), self._robot_port(process, name))
         self.agents[name] = agent, process
-        process.play(drive(agent, process, readonly=False, persistence=Persistence(agent, files, BOOT)))
+        self._tamper(name)
+        persistence = Persistence(agent, files, BOOT)
+        process.play(drive(agent, process, readonly=False, persistence=persistence, verifier=verifier))
+
+    def forge(self, name: str, *, forges: bool) -> None:
+        """Have a robot relay forged orders, or relay what it receives again. Needs signed orders."""
+        if forges and self.keys is not None:
+            self.insiders[name] = self.keys.insider(name)
+        else:
+            self.insiders.pop(name, None)
+        self._tamper(name)
+
+    def _tamper(self, name: str) -> None:
+        insider = self.insiders.get(name)
+        self.agents[name][1].bus.tamper = None if insider is None else insider.tamper
 
     def start_rival(self, name: str) -> None:
         """Start a second agent of a robot, which has no disk."""
@@ -133,11 +161,15 @@ class Fleet:
         """Start the leader or a standby."""
         terms = CandidateTerms(self.disks[name], name)
         self._files[name] = terms
-        leader = Leader(self.mission, name, publisher_id=self._publisher_id(name), known=terms.read())
+        signer = None if self.keys is None else self.keys.signer(name)
+        verifier = None if self.keys is None or signer is None else self.keys.verifier(signer.certificate)
+        leader = Leader(
+            self.mission, name, publisher_id=self._publisher_id(name), known=terms.read(), signer=signer
+        )
         process = self._process(f"leader {name}", name)
         process.plug(self._fleet_port(process), None)
         self.candidates[name] = leader, process
-        process.play(lead(leader, process, None, terms))
+        process.play(lead(leader, process, verifier, terms))
 
     def start_monitor(self, recorder: Recorder | None) -> None:
         """Start the monitor, which records with `recorder`."""
@@ -220,6 +252,17 @@ class Fleet:
 
     def _publisher_id(self, name: str) -> str:
         return f"{name}-{next(self._numbers)}"
+
+
+def _no_certificate(_mono: float) -> str:
+    return ""
+
+
+def _keys(mission: Mission) -> Keys:
+    """Raises ModuleNotFoundError without cryptography."""
+    from formation.deploy.rehearsal.signing import Keys  # noqa: PLC0415 - an optional package
+
+    return Keys(mission)
 
 
 def _in_physics(mission: Mission, seed: int) -> Plants:

@@ -6,6 +6,7 @@
 | limits | commands are finite and within the robot's limits |
 | ramp | no command is faster than the one before by more than the ramp allows |
 | zero | an agent that is not in state `run` commands zero, or a slow probe |
+| orders | where orders are signed, robots follow only what a candidate has ordered |
 | stop | a robot that acknowledged a stop stands until it is released, whatever restarts |
 | hold | without faults no robot holds by itself once it drives |
 | leaders | at most one candidate may lead at any time |
@@ -36,11 +37,12 @@ from formation.deploy.rehearsal.fleet import Fleet
 from formation.mission.model import Mission
 from formation.mission.robot import RobotSpec
 from formation.monitor.recording.recorder import Recorder
-from formation.protocol.order import OperatorReply, OperatorRequest
+from formation.protocol import order
+from formation.protocol.order import OperatorReply, OperatorRequest, PositionAttachment
 from formation.protocol.status import AgentState
 from formation.ros2.messages import Twist, TwistStamped, decode
 from formation.simulation.body import Body
-from formation.topics import CMD_VEL
+from formation.topics import CMD_VEL, POSITION
 from formation.wire import Outgoing
 
 RULES = (
@@ -48,6 +50,7 @@ RULES = (
     "limits",
     "ramp",
     "zero",
+    "orders",
     "stop",
     "hold",
     "leaders",
@@ -109,6 +112,10 @@ class Judge:
         in_time = max_delay <= mission.collisions.delay
         self._no_touch = filtered and truthful and in_time and not slipping
         fleet.local.watchers.append(self._command)
+        self._position = POSITION.key(mission.leader)
+        self._given: set[str] = set()  # the text of each order that a candidate has signed
+        if fleet.keys is not None:
+            fleet.fleet.watchers.append(self._order)
 
     @property
     def broken(self) -> set[str]:
@@ -120,12 +127,19 @@ class Judge:
         """Longest path of a robot with a frozen or late position [m]."""
         return max((one.path for one in self._blind), default=0.0)
 
+    def expect(self, kind: str) -> None:
+        """Take into account a fault of this kind, or an order, that happens from now on."""
+        self._faultless = False
+        self._no_touch = self._no_touch and kind in TOUCH_PROMISED
+
     def look(self) -> None:
         """Check what is not a message; call it often."""
         self._check_failures()
         self._check_leaders()
         self._check_bodies()
         self._check_blind()
+        if self._fleet.keys is not None:
+            self._check_orders()
         if self._faultless:
             self._check_holds()
 
@@ -164,7 +178,7 @@ class Judge:
         name = self._keys.get(out.key)
         if name is None or not process.name.startswith("agent "):
             return
-        now, command = self._fleet.engine.now, _decoded(self._mission, name, out.payload)
+        now, command = self._fleet.engine.now, command_in(self._mission, name, out.payload)
         spec, moves = self._mission.robots[name], command != AT_REST
         shares = command.speed / spec.max_speed, command.turn_rate / spec.max_turn_rate
         if not all(abs(share) <= 1.0 + TOLERANCE for share in shares):  # NaN is not within limits
@@ -179,6 +193,18 @@ class Judge:
             self._tell("stop", name, f"{command.speed:g} m/s {now - stopped:.2f} s after it was stopped")
         self._check_ramp(name, now, command)
         self._newest[name] = now, command
+
+    def _order(self, _process: VirtualProcess, out: Outgoing) -> None:
+        if out.key != self._position or out.attachment is None:
+            return
+        if signed := order.decode(PositionAttachment, out.attachment).signed:
+            self._given.add(signed)
+
+    def _check_orders(self) -> None:
+        for name, (agent, _) in self._fleet.agents.items():
+            followed, (text, _) = agent.state.orders.newest, agent.state.orders.signed
+            if followed is not None and text not in self._given:
+                self._tell("orders", name, f"follows an order that no candidate gave: {text[:200]}")
 
     def _check_ramp(self, name: str, now: float, command: Command) -> None:
         time, before = self._newest.get(name, (-math.inf, AT_REST))
@@ -271,7 +297,8 @@ def _ramp_of(mission: Mission, name: str) -> RampLimits:
     return ramp_limits(spec.ramp if mission.law.controller.ramp else 0.0, spec.rate)
 
 
-def _decoded(mission: Mission, name: str, payload: bytes) -> Command:
+def command_in(mission: Mission, name: str, payload: bytes) -> Command:
+    """Decode a command to the robot `name`."""
     stamped = mission.robots[name].cmd_vel == "twist_stamped"
     twist = decode(TwistStamped, payload) if stamped else decode(Twist, payload)
     return Command(twist.speed, twist.turn_rate)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.protocol.order import MAX_ENDED, Do, OperatorReply, OperatorRequest, decode, encode
 from formation.topics import ORDER
+from formation.transport.asking import ENDING, EVERYONE
 
 DESK = "operator's machine"
 """Its messages go through the same air; no robot has a name with spaces."""
@@ -30,13 +32,13 @@ class Operator:
         self.listeners: list[Callable[[str, OperatorRequest, OperatorReply], None]] = []
         """Called with each answer, and the name of the robot or candidate."""
 
-    def order(self, do: Do) -> None:
-        """Order all to `do`; a release and a run first learn what they end."""
+    def order(self, do: Do, **what: Any) -> OperatorRequest:
+        """Order all concerned to `do`; a release and a run first learn what they end."""
         self._number += 1
-        request = OperatorRequest(do=do, id=f"order-{self._number}")
-        if do not in {"release", "run"}:
+        request = OperatorRequest(do=do, id=f"order-{self._number}", **what)
+        if do not in ENDING:
             self._put(request)
-            return
+            return request
         in_force: list[str] = []
 
         def take_reply(_name: str, query: OperatorRequest, reply: OperatorReply) -> None:
@@ -53,6 +55,7 @@ class Operator:
             self._put(request.model_copy(update={"ends": ends}))
 
         self._later(QUERY_TIME, end)
+        return request
 
     def set_going(self) -> None:
         """End a stop, then every hold."""
@@ -64,12 +67,14 @@ class Operator:
         for number in range(int(seconds / WAVER_PERIOD)):
             self._later(number * WAVER_PERIOD, partial(self.order, "run" if number % 2 else "hold"))
 
-    def _later(self, seconds: float, action: Callable[[], None]) -> None:
+    def _later(self, seconds: float, action: Callable[[], object]) -> None:
         self._fleet.engine.at(self._fleet.engine.now + seconds, action)
 
     def _put(self, request: OperatorRequest) -> None:
+        everyone = request.do in {*EVERYONE, "query"}
         for name in self._names:
-            self._ask(name, request, set(), 0)
+            if everyone or name in self._fleet.mission.candidates:
+                self._ask(name, request, set(), 0)
 
     def _ask(self, name: str, request: OperatorRequest, answered: set[str], number: int) -> None:
         if name in answered or number > MAX_REPEATS or (request.do == "query" and number > 4):

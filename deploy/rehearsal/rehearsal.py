@@ -40,6 +40,8 @@ class Plan(NamedTuple):
     """Shortest run [s]."""
     world: WorldName = "kinematic"
     """Of the simulated robots."""
+    signed: bool = False
+    """Whether orders are signed, as where processes have certificates."""
     monitored: bool = False
     """Whether a monitor runs; the run is the same with and without it."""
     record: Path | None = None
@@ -92,7 +94,7 @@ def run(plan: Plan, seed: int, faults: Sequence[Fault]) -> Verdict:
     Raises RecordingError if the recording cannot be started.
     """
     of_sensors = [one for one in faults if one.kind in SENSORS]
-    fleet = Fleet(plan.mission, seed, plan.weather, of_sensors, plan.world)
+    fleet = Fleet(plan.mission, seed, plan.weather, of_sensors, plan.world, signed=plan.signed)
     operator = Operator(fleet)
     judge = Judge(fleet, faults, plan.weather.delay + plan.weather.jitter)
     operator.listeners.append(judge.answered)

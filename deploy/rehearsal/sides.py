@@ -150,6 +150,11 @@ class _Port:
 class FleetPort(_Port):
     """A process on the fleet's bus."""
 
+    def __init__(self, exchange: Exchange, process: VirtualProcess) -> None:
+        super().__init__(exchange, process)
+        self.tamper: Callable[[Outgoing], Outgoing] | None = None
+        """What an insider makes of each message of this process."""
+
     @property
     def refused(self) -> Counter[str]:
         """Nothing is refused: there are no access rules."""
@@ -162,12 +167,12 @@ class FleetPort(_Port):
 
     def publish(self, key: str, payload: bytes, attachment: bytes | None = None) -> None:
         """Publish on an advertised key. Raises BusError for any other."""
-        self._send(Outgoing(key, payload, attachment))
+        self.send([Outgoing(key, payload, attachment)])
 
     def send(self, outbox: Iterable[Outgoing]) -> None:
         """Publish all of `outbox`."""
         for out in outbox:
-            self._send(out)
+            self._send(out if self.tamper is None else self.tamper(out))
 
     def subscribe(self, key: str, *, wakes: bool = True, check: Check | None = None) -> None:
         """Put the samples of `key` into the mailbox."""

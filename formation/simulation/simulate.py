@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -93,7 +93,7 @@ def simulate(
     mission: Mission,
     *,
     runs: int = 1,
-    seed: int = 0,
+    seed: int | Sequence[int] = 0,
     law: str | Controller | None = None,
     options: Options | None = None,
     horizon: float | None = None,

@@ -13,6 +13,7 @@ EXTRAS = {
     "cryptography": "field",
     "foxglove": "foxglove",
     "numba": "simulate",
+    "distributed": "dask",
     "tomlkit": "assign",
     **dict.fromkeys(("mujoco", "PIL"), "physics"),
 }

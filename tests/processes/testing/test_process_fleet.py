@@ -1,0 +1,80 @@
+"""The fleet of real processes for users' tests."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from formation.pytest_plugin import MakeProcesses
+
+pytestmark = pytest.mark.processes
+PAIR = "turtlebot3_pair"
+
+
+def test_pair_settles_obeys_and_survives_restart(process_fleet: MakeProcesses) -> None:
+    fleet = process_fleet(PAIR)
+    fleet.run_until_settled()
+    assert fleet.order("rotate", degrees=30.0).obeyed
+    fleet.run_until_settled()
+    fleet.kill("robot2")
+    outcome = fleet.order("hold")
+    assert outcome.missing == ["robot2"]
+    fleet.start("robot2")
+    assert fleet.order("run").obeyed
+    fleet.run_until_settled()
+    fleet.close()
+    assert fleet.recording.stat().st_size > 0
+
+
+def test_cut_and_frozen_robots_are_missed_and_return(process_fleet: MakeProcesses) -> None:
+    fleet = process_fleet(PAIR)
+    fleet.run_until_settled()
+    fleet.cut(["robot2"], ["leader", "robot1"])
+    wait_for_state(fleet, "robot2", "hold")
+    fleet.heal()
+    wait_for_state(fleet, "robot2", "run")
+    fleet.freeze("robot2")
+    fleet.run(1.0)
+    fleet.thaw("robot2")
+    fleet.run_until_settled()
+
+
+def test_driver_plays_a_robot(process_fleet: MakeProcesses, tmp_path: Path) -> None:
+    driver = [
+        sys.executable,
+        "-m",
+        "formation.agent.simulated",
+        PAIR,
+        "--robot",
+        "robot2",
+        "-l",
+        "{endpoint}",
+    ]
+    fleet = process_fleet(PAIR, drivers={"robot2": driver}, folder=tmp_path / "here")
+    fleet.run_until_settled()
+    assert any("driver robot2" in file.name.replace("-", " ") for file in (tmp_path / "here").iterdir())
+
+
+def test_process_that_ends_fails_the_run(process_fleet: MakeProcesses) -> None:
+    fleet = process_fleet(PAIR)
+    fleet._child("robot2")._process.kill()
+    with pytest.raises(AssertionError, match=r"agent robot2 ended, exit code -9"):
+        fleet.run(10.0)
+
+
+def test_unknown_robots_are_refused(process_fleet: MakeProcesses) -> None:
+    with pytest.raises(ValueError, match="drivers: robot9: must be one of robot1, robot2"):
+        process_fleet(PAIR, drivers={"robot9": ["true"]})
+
+
+def wait_for_state(fleet: object, robot: str, state: str) -> None:
+    from formation.testing import ProcessFleet
+
+    assert isinstance(fleet, ProcessFleet)
+    for _ in range(600):
+        if fleet.state(robot) == state:
+            return
+        fleet.run(0.1)
+    raise AssertionError(f"{robot} is not in {state}: {fleet.state(robot)}, error {fleet.error():.3f}")

@@ -1,0 +1,91 @@
+"""Signed orders in a rehearsal, and an insider that forges them."""
+
+from __future__ import annotations
+
+import pytest
+
+from formation.deploy.rehearsal.faults import parse
+from formation.deploy.rehearsal.rehearsal import Plan, Verdict, run
+from formation.deploy.rehearsal.signing import Insider, Keys
+from formation.leader.core import Leader
+from formation.mission.file import load
+from formation.protocol import order
+from formation.protocol.order import Order, PositionAttachment
+from formation.topics import POSITION
+from formation.transport.security.verifying import Verifier
+from formation.wire import Outgoing, Sample
+
+PATROL, SIX = load("patrol"), load("six_robots")
+KEYS = Keys(PATROL)
+HELD = Order(term=64, beat=7, mode="hold", shape="line")
+
+
+def relayed(given: Order, by: str = "leader") -> Outgoing:
+    """A position of robot2 with an order that a process has signed."""
+    text = order.encode(given).decode()
+    signature = KEYS.signer(by).sign(order.statement(PATROL.fingerprint, text))
+    attachment = PositionAttachment(publisher_id="a", count=1, order=given, signed=text, signature=signature)
+    return Outgoing(POSITION.key("robot2"), b"", order.encode(attachment))
+
+
+def verified(verifier: Verifier, out: Outgoing) -> Sample:
+    return verifier.check(Sample(out.key, out.payload, out.attachment, 1.0), 1.7e9)
+
+
+def insiders(*texts: str, seed: int = 0) -> Verdict:
+    return run(Plan(SIX, signed=True), seed, [parse(text, SIX) for text in texts])
+
+
+def test_leader_is_verified_and_another_process_is_not() -> None:
+    verifier = KEYS.verifier(KEYS.signer("leader").certificate)
+    assert not verified(verifier, relayed(HELD)).unverified
+    assert verified(verifier, relayed(HELD, "robot2")).unverified
+
+
+def test_no_forgery_of_the_insider_is_verified() -> None:
+    insider, verifier = Insider(PATROL, "robot2", KEYS), KEYS.verifier(KEYS.signer("leader").certificate)
+    recorded = relayed(HELD.model_copy(update={"mode": "run"}))
+    insider.tamper(recorded)
+    for _ in range(12):
+        tampered = insider.tamper(relayed(HELD))
+        assert tampered.attachment is not None
+        attachment = order.decode(PositionAttachment, tampered.attachment)
+        true_one = (attachment.signed, attachment.signature) == _signed(recorded)
+        assert attachment.order != HELD
+        assert true_one or attachment.order is None or verified(verifier, tampered).unverified
+
+
+def _signed(out: Outgoing) -> tuple[str, str]:
+    attachment = order.decode(PositionAttachment, out.attachment or b"")
+    return attachment.signed, attachment.signature
+
+
+def test_insider_leaves_other_keys_alone() -> None:
+    other = relayed(HELD)._replace(key=POSITION.key("robot3"))
+    assert Insider(PATROL, "robot2", KEYS).tamper(other) is other
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_robots_follow_no_forged_order(seed: int) -> None:
+    verdict = insiders("robot2:forge@3+6", "robot1:hold@5+3", seed=seed)
+    assert verdict.violations == ()
+
+
+def test_forgeries_count_where_nothing_is_verified(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Verifier, "check", lambda _self, sample, _wall: sample)
+    assert "orders" in insiders("robot2:forge@3+6", "robot1:hold@5+3").broken
+
+
+def test_unsigned_order_of_a_leader_breaks_the_rule(monkeypatch: pytest.MonkeyPatch) -> None:
+    begin = Leader.__init__
+
+    def unsigned(self: Leader, *args: object, **options: object) -> None:
+        begin(self, *args, **{**options, "signer": None})  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Leader, "__init__", unsigned)
+    monkeypatch.setattr(Verifier, "check", lambda _self, sample, _wall: sample)
+    assert "orders" in insiders().broken
+
+
+def test_same_seed_gives_the_same_signed_run() -> None:
+    assert insiders("robot3:forge@3+4", seed=5) == insiders("robot3:forge@3+4", seed=5)

@@ -1,0 +1,128 @@
+"""The rehearsed fleet for users' tests."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+
+import pytest
+
+from formation.mission.file import read
+from formation.pytest_plugin import MakeRehearsed
+from formation.testing import BrokenRuleError
+
+
+def test_fleet_settles_and_goes_on_without_killed_robot(rehearsed_fleet: MakeRehearsed) -> None:
+    fleet = rehearsed_fleet("six_robots", seed=1)
+    assert 0.0 < fleet.run_until_settled() < 60.0
+    fleet.kill("robot6")
+    fleet.run(5.0)
+    assert fleet.state("robot2") == "run"
+    assert fleet.command("robot6") == (0.0, 0.0)
+    fleet.start("robot6")
+    fleet.run_until_settled(within=30.0)
+
+
+def test_stop_stands_until_it_is_released(rehearsed_fleet: MakeRehearsed) -> None:
+    fleet = rehearsed_fleet("six_robots", loss=0.1, faults=["robot3:frozen@4+3"])
+    fleet.run(5.0)
+    assert fleet.order("stop").obeyed
+    fleet.run(1.0)
+    places = {name: fleet.position(name) for name in fleet.mission.followers}
+    fleet.run(3.0)
+    assert places == {name: fleet.position(name) for name in fleet.mission.followers}
+    assert fleet.order("release").obeyed
+    assert fleet.order("run").obeyed
+    fleet.run_until_settled()
+
+
+def test_order_names_robots_that_do_not_answer(rehearsed_fleet: MakeRehearsed) -> None:
+    fleet = rehearsed_fleet("turtlebot3_pair")
+    fleet.run(3.0)
+    fleet.kill("robot2")
+    outcome = fleet.order("hold")
+    assert outcome.missing == ["robot2"]
+    assert not outcome.obeyed
+
+
+def test_illegal_order_is_refused_before_it_is_sent(rehearsed_fleet: MakeRehearsed) -> None:
+    fleet = rehearsed_fleet("six_robots")
+    with pytest.raises(ValueError, match="takes no degrees"):
+        fleet.order("hold", degrees=3.0)
+    assert fleet.now == 0.0
+
+
+def test_order_to_the_leader_turns_the_shape(rehearsed_fleet: MakeRehearsed) -> None:
+    fleet = rehearsed_fleet("turtlebot3_pair")
+    fleet.run_until_settled()
+    assert fleet.order("rotate", degrees=90.0).obeyed
+    fleet.run(0.5)
+    assert fleet.error() > fleet.mission.settled
+    fleet.run_until_settled()
+
+
+def test_cut_robot_holds_until_links_heal(rehearsed_fleet: MakeRehearsed) -> None:
+    fleet = rehearsed_fleet("turtlebot3_pair")
+    fleet.run_until_settled()
+    fleet.cut(["robot2"], ["leader", "robot1"])
+    fleet.run(2.0)
+    assert fleet.state("robot2") == "hold"
+    assert fleet.reason("robot2")
+    fleet.heal()
+    fleet.run_until_settled()
+
+
+def test_frozen_agent_is_stopped_and_goes_on(rehearsed_fleet: MakeRehearsed) -> None:
+    fleet = rehearsed_fleet("turtlebot3_pair")
+    fleet.run_until_settled()
+    fleet.freeze("robot2")
+    fleet.run(2.0)
+    here = fleet.position("robot2")
+    fleet.run(1.0)
+    assert abs(fleet.position("robot2") - here) < 1e-6
+    fleet.thaw("robot2")
+    fleet.run_until_settled()
+
+
+def test_standby_leads_after_leader_is_killed(rehearsed_fleet: MakeRehearsed) -> None:
+    fleet = rehearsed_fleet("patrol")
+    fleet.run(5.0)
+    first = fleet.leader
+    fleet.kill(first)
+    fleet.run(5.0)
+    assert fleet.leader != first
+
+
+def test_same_calls_give_the_same_run(rehearsed_fleet: MakeRehearsed) -> None:
+    def run() -> list[complex]:
+        fleet = rehearsed_fleet("turtlebot3_pair", seed=3, loss=0.2, delay=0.02)
+        fleet.run(3.0)
+        fleet.order("rotate", degrees=20.0)
+        fleet.run(3.0)
+        return [fleet.position(name) for name in fleet.mission.followers]
+
+    assert run() == run()
+
+
+def test_mission_may_be_its_text(rehearsed_fleet: MakeRehearsed) -> None:
+    text, _ = read("turtlebot3_pair")
+    fleet = rehearsed_fleet(text, law="proportional")
+    assert fleet.mission.law.kind == "proportional"
+
+
+@pytest.mark.parametrize("strict", [True, False])
+def test_broken_rule_fails_the_test_unless_collected(rehearsed_fleet: MakeRehearsed, *, strict: bool) -> None:
+    fleet = rehearsed_fleet("turtlebot3_pair", seed=8, strict=strict)
+    fleet._fleet.engine.at(0.5, lambda: fleet._judge._tell("limits", "robot2", "9 m/s"))
+    with (
+        pytest.raises(BrokenRuleError, match=r"limits: 0\.50 s, robot2: 9 m/s \(seed 8\)")
+        if strict
+        else nullcontext()
+    ):
+        fleet.run(1.0)
+    assert [one.rule for one in fleet.violations] == ["limits"]
+
+
+def test_unsettled_fleet_says_error_bound_and_states(rehearsed_fleet: MakeRehearsed) -> None:
+    fleet = rehearsed_fleet("six_robots", seed=5)
+    with pytest.raises(AssertionError, match=r"not settled within 1 s: error .* \(seed 5\); robot2: "):
+        fleet.run_until_settled(within=1.0)
