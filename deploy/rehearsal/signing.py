@@ -70,7 +70,7 @@ class Keys:
             _key_id(text),
             VALID_FROM,
             VALID_UNTIL,
-            lambda signature, said: signer.sign(said) == signature,
+            lambda signature, message: signer.sign(message) == signature,
         )
 
 

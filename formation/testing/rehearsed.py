@@ -192,14 +192,14 @@ class RehearsedFleet:
         answers: dict[str, Answer] = {}
         began = self.now
 
-        def take_reply(name: str, request: OperatorRequest, reply: OperatorReply) -> None:
-            if request.id == asked.id:
+        def take_reply(name: str, answered: OperatorRequest, reply: OperatorReply) -> None:
+            if answered.id == request.id:
                 answers[name] = Answer(reply, 1e3 * (self.now - began))
 
         self._operator.listeners.append(take_reply)
-        asked = self._operator.order(do, **what)
+        request = self._operator.order(do, **what)
         recipients = asking.addressed(self.mission, do)
-        outcome = Outcome(asked, recipients, answers, EPOCH + began, ORDER_TIMEOUT_SECONDS)
+        outcome = Outcome(request, recipients, answers, EPOCH + began, ORDER_TIMEOUT_SECONDS)
         while not outcome.whole and self.now < began + ORDER_TIMEOUT_SECONDS:
             self.run(LOOK_PERIOD)
         self._operator.listeners.remove(take_reply)

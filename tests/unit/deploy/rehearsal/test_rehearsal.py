@@ -62,8 +62,8 @@ def commands(monkeypatch: pytest.MonkeyPatch, seed: int) -> tuple[Verdict, list[
     published: list[tuple[float, Outgoing]] = []
 
     class Watched(Fleet):
-        def __init__(self, *arguments: Any) -> None:
-            super().__init__(*arguments)
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, **options)
             for exchange in (self.fleet, self.local):
                 exchange.watchers.append(lambda _, out: published.append((self.engine.now, out)))
 
@@ -242,8 +242,8 @@ def test_restarted_agent_stays_stopped() -> None:
     fleets: list[Fleet] = []
 
     class Kept(Fleet):
-        def __init__(self, *arguments: Any) -> None:
-            super().__init__(*arguments)
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, **options)
             fleets.append(self)
 
     with pytest.MonkeyPatch.context() as patch:
