@@ -7,8 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from formation.deploy.arguments import add_json, add_mission, parser, read_mission, tell
-from formation.deploy.terminal.bar import warn_if_slow
-from formation.deploy.terminal.waiting import waiting
+from formation.deploy.terminal.bar import waiting, warn_if_slow
 from formation.mission.model import Mission
 from formation.slots.geofence import Area
 from formation.stability.analysis import Analysis, analyse

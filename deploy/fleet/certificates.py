@@ -23,8 +23,8 @@ from typing import Any
 
 from formation.deploy.arguments import add_json, add_out, number, parser, read_mission, tell
 from formation.deploy.fleet import authority
+from formation.deploy.fleet.access import hosts
 from formation.deploy.fleet.authority import Pair
-from formation.deploy.fleet.hosts import hosts
 from formation.deploy.refusal import Refusal
 from formation.mission.file import MISSION_HELP
 from formation.mission.model import Mission

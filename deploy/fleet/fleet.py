@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import re
 import socket
@@ -16,6 +15,7 @@ from typing import Any, NamedTuple, TypeVar
 from formation.deploy.arguments import add_json, whole
 from formation.deploy.fleet.on_robot import VERSION
 from formation.deploy.fleet.remote import RemoteError, Robot, Ssh
+from formation.deploy.fleet.wheels import digest
 from formation.deploy.refusal import Refusal
 from formation.mission.file import MissionError, load
 from formation.transport.wiring import named
@@ -148,12 +148,6 @@ def on_all(fleet: Fleet, query: Callable[[Robot], T]) -> dict[str, T | RemoteErr
             raise
 
 
-def digest(path: Path) -> str:
-    """SHA-256 of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
 def _bundle(path: Path) -> Bundle:
     try:
         version = json.loads((path / VERSION).read_text(encoding="utf-8"))
@@ -208,17 +202,3 @@ def _counted(path: Path) -> tuple[str, int]:
     """Sort robot10 behind robot9."""
     match = re.fullmatch(r"(.*?)(\d+)", path.name)
     return (match[1], int(match[2])) if match else (path.name, -1)
-
-
-__all__ = [
-    "Bundle",
-    "Fleet",
-    "RemoteError",
-    "Robot",
-    "add_flags",
-    "add_no_restart",
-    "digest",
-    "find",
-    "on_all",
-    "read",
-]

@@ -12,8 +12,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from formation.deploy.terminal.progress import Progress
-from formation.deploy.terminal.snapshot import Known, RobotNow
+from formation.deploy.terminal.snapshot import Known, Progress, RobotNow
 from formation.deploy.terminal.units import metres, seconds
 from formation.monitor.metrics.events import Event
 

@@ -16,7 +16,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from formation.deploy import cli
 from formation.deploy.fleet import authority, certificates
-from formation.deploy.fleet.hosts import hosts
+from formation.deploy.fleet.access import hosts
 from formation.deploy.refusal import Refusal
 from formation.mission.file import load
 from formation.mission.model import Mission

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from formation.deploy.fleet import bundle, folders, units, wheels
+from formation.deploy.fleet import bundle, units, wheels
 from tests.field.deployed import HERE, install
 from tests.field.light import Made, light, release
 from tests.support.namespaces import until
@@ -219,7 +219,7 @@ def test_what_cannot_be_is_refused_in_a_sentence(
     assert len(done.stderr.splitlines()) == 1
 
 
-@pytest.mark.parametrize("part", [folders.VERSION, "mission.toml", "certificates/key.pem"])
+@pytest.mark.parametrize("part", [bundle.VERSION, "mission.toml", "certificates/key.pem"])
 def test_a_folder_that_is_half_a_bundle_is_refused(made: Made, tmp_path: Path, part: str) -> None:
     one = made()
     (one / part).unlink()
