@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from formation.deploy.arguments import add_json, number, parser, read_mission, tell
-from formation.deploy.refusal import Refusal
+from formation.deploy.refusal import Refusal, refusing
 from formation.deploy.terminal.bar import waiting
 from formation.mission.file import (
     DESK,
@@ -136,7 +136,7 @@ def give(options: argparse.Namespace, mission: Mission, request: OperatorRequest
     """Ask all robots concerned, and print the answers; return the exit code. Raises Refusal."""
     options.config = options.config or configuration_of(options.mission, OPERATOR)
     recipients = asking.addressed(mission, request.do)
-    try:
+    with refusing(BusError):
         where = wiring.endpoints(mission).agents
         links = Links((), tuple(where[name] for name in recipients.names))
         with Bus(bus_config(options, mission, links, OPERATOR)) as bus:
@@ -145,8 +145,6 @@ def give(options: argparse.Namespace, mission: Mission, request: OperatorRequest
                     bus.question, recipients, request, options.timeout, linked=lambda: bus.links
                 )
             _tell(options, mission, outcome)  # at once: closing the bus may take its whole patience
-    except BusError as error:
-        raise Refusal(str(error)) from None
     return 0 if outcome.obeyed else 1
 
 
@@ -207,10 +205,8 @@ def _request(mission: Mission, words: Sequence[str]) -> OperatorRequest:
 
 
 def _request_for(mission: Mission, do: str, what: dict[str, Any]) -> OperatorRequest:
-    try:
+    with refusing(ValueError):
         return asking.request_for(mission, do, **what)
-    except ValueError as error:
-        raise Refusal(str(error)) from None
 
 
 def _gains(words: Sequence[str]) -> dict[str, float]:
@@ -242,10 +238,8 @@ def _number(text: str) -> float:
 
 
 def _route(file: str) -> Any:
-    try:
+    with refusing(MissionError):
         return parse_route(*read(file))
-    except MissionError as error:
-        raise Refusal(str(error)) from None
 
 
 READ_AS: dict[str, Callable[[str], Any]] = {"shape": str, "legs": _route}

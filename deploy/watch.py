@@ -18,7 +18,7 @@ from typing import Any
 from rich.console import Console
 
 from formation.deploy.arguments import add_mission, as_json, parser, read_mission
-from formation.deploy.refusal import Refusal
+from formation.deploy.refusal import refusing
 from formation.deploy.terminal.snapshot import Progress, Snapshot
 from formation.deploy.terminal.table import draw
 from formation.deploy.terminal.views import view_for
@@ -116,10 +116,8 @@ def main(arguments: Sequence[str]) -> int:
     options.config = options.config or configuration_of(options.mission, MONITOR)
     with ExitStack() as stack:
         stop = stack.enter_context(Stop())
-        try:
+        with refusing(BusError):
             watcher = Watcher(mission, options, stack)
-        except BusError as error:
-            raise Refusal(str(error)) from None
         return _once(watcher, options, stop) if options.once else _watch(watcher, options, stop)
 
 

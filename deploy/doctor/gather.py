@@ -18,7 +18,7 @@ from typing import Protocol
 from formation.deploy.doctor import tls
 from formation.deploy.doctor.facts import Certificate, Chrony, Facts, Party, ReceivedMessage, Stream
 from formation.deploy.doctor.tls import Papers, reach
-from formation.deploy.refusal import Refusal
+from formation.deploy.refusal import refusing
 from formation.mission.file import MissionError, load
 from formation.mission.model import Mission
 from formation.protocol import status_codec
@@ -54,10 +54,8 @@ def robot_facts(
     speakers: tuple[Party, ...] = ()
     keys = {topic: topic.key(robot) for topic in (ODOM, POSE, POSITION, STATUS, ALIVE)}
     naming = Naming.of(mission.robots, [robot])
-    try:
+    with refusing(BusError):
         config = BusConfig(connect=(router,), mode="client", adminspace=False, name=NODE)
-    except BusError as error:
-        raise Refusal(str(error)) from None
     try:
         with Bus(config) as bus:
             if _linked(bus):
@@ -118,18 +116,18 @@ def fleet_facts(
     where = endpoints(mission).agents
     dialled = tuple(where[name] for name in robots)
     keys = {name: STATUS.key(name) for name in robots}
-    try:
-        with Bus(
+    with (
+        refusing(BusError),
+        Bus(
             BusConfig(
                 implied=Links((), dialled), namespace=mission.team or "", config_file=config, name=OPERATOR
             )
-        ) as bus:
-            for key in keys.values():
-                bus.subscribe(key)
-            early = _listen(bus, LINK_TIME, keys.values())
-            received = _listen(bus, seconds)
-    except BusError as error:
-        raise Refusal(str(error)) from None
+        ) as bus,
+    ):
+        for key in keys.values():
+            bus.subscribe(key)
+        early = _listen(bus, LINK_TIME, keys.values())
+        received = _listen(bus, seconds)
     for key, samples in early.items():
         received.setdefault(key, [])[:0] = samples
     with ThreadPoolExecutor(max_workers=16) as pool:
@@ -234,10 +232,8 @@ def _certificates(name: str, papers: Papers | None) -> tuple[Certificate, ...] |
 def _differs(mission: Mission, installed: Path | None) -> str | None:
     if installed is None:
         return None
-    try:
+    with refusing(MissionError):
         return "" if load(installed) == mission else str(installed)
-    except MissionError as error:
-        raise Refusal(str(error)) from None
 
 
 def _doubled(robot: str, known: Mapping[str, AgentStatus | LeaderStatus]) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from formation.deploy.doctor.facts import Certificate, Outcome, Reached
-from formation.deploy.refusal import Refusal
+from formation.deploy.refusal import Refusal, refusing
 from formation.transport.bus import setting
 from formation.transport.bus_config import BusError
 
@@ -37,10 +37,8 @@ class Papers(NamedTuple):
 
 def papers_of(config: Path) -> Papers | None:
     """Return the TLS files of a Zenoh configuration; None if it has no TLS. Raises Refusal."""
-    try:
+    with refusing(BusError):
         tls = setting(config, "transport/link/tls")
-    except BusError as error:
-        raise Refusal(str(error)) from None
     names = "root_ca_certificate", "connect_certificate", "connect_private_key"
     words = [(tls or {}).get(name) for name in names]
     return Papers(*map(Path, words)) if all(words) else None

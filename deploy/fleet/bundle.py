@@ -39,7 +39,7 @@ from formation.deploy.fleet import access, authority, certificates, wheels
 from formation.deploy.fleet import units as systemd
 from formation.deploy.fleet.access import hosts
 from formation.deploy.fleet.wheels import PLATFORMS, PYTHONS, Target, digest
-from formation.deploy.refusal import Refusal
+from formation.deploy.refusal import Refusal, refused
 from formation.mission.file import DESK, MISSION_HELP, read
 from formation.mission.model import Mission
 from formation.mission.rules import VISITORS
@@ -278,11 +278,9 @@ def _earlier_folders(out: Path) -> tuple[str, ...]:
 @contextmanager
 def _workshop(out: Path) -> Iterator[Path]:
     """Make a folder beside `out`, on its file system, for incomplete bundles."""
-    try:
+    with refused(f"--out {out}"):
         out.mkdir(mode=0o700, parents=True, exist_ok=True)
         shop = tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.resolve().parent)  # mode 0700
-    except OSError as error:
-        raise Refusal(f"--out {out}: {error.strerror}") from None
     with shop as folder:
         yield Path(folder)
 

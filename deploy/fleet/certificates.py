@@ -14,18 +14,17 @@ from __future__ import annotations
 import argparse
 import os
 import stat
-import tempfile
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from shlex import quote
 from typing import Any
 
-from formation.deploy.arguments import add_json, add_out, number, parser, read_mission, tell
+from formation.deploy.arguments import add_json, add_out, number, parser, read_mission, replacing, tell
 from formation.deploy.fleet import authority
 from formation.deploy.fleet.access import hosts
 from formation.deploy.fleet.authority import Pair
-from formation.deploy.refusal import Refusal
+from formation.deploy.refusal import Refusal, refused
 from formation.mission.file import MISSION_HELP
 from formation.mission.model import Mission
 from formation.mission.rules import VISITORS
@@ -175,11 +174,9 @@ def _issue_all(mission: Mission, folder: Path, root: Pair, days: float, now: dat
 
 def _prepare(folder: Path) -> None:
     """Make `folder` a place for secrets, or refuse: it must be private, and ignored by git."""
-    try:
+    with refused(f"--out {folder}"):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         entries = list(folder.iterdir())
-    except OSError as error:
-        raise Refusal(f"--out {folder}: {error.strerror}") from None
     if entries and not (folder / AUTHORITY).is_dir():
         raise Refusal(f"--out {folder}: is not empty and no folder of certificates; name a new one")
     _private(folder)
@@ -210,20 +207,12 @@ def _holds_keys(home: Path) -> bool:
 
 def _write(path: Path, content: bytes) -> None:
     """Write a private file, completely or not at all."""
-    try:
+    with refused(f"{path}"):
         path.parent.mkdir(mode=0o700, exist_ok=True)
         _private(path.parent)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)  # mode 0600
-        temporary = Path(name)
-        try:
-            with os.fdopen(handle, "wb") as file:
-                _private(temporary)  # before anything secret is in it
-                file.write(content)
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
-    except OSError as error:
-        raise Refusal(f"{path}: {error.strerror}") from None
+        with replacing(path) as new:
+            _private(new)  # before anything secret is in it
+            new.write_bytes(content)
 
 
 def _days(expires: datetime, now: datetime) -> float:

@@ -16,7 +16,7 @@ from formation.deploy.arguments import add_json, whole
 from formation.deploy.fleet.on_robot import VERSION
 from formation.deploy.fleet.remote import RemoteError, Robot, Ssh
 from formation.deploy.fleet.wheels import digest
-from formation.deploy.refusal import Refusal
+from formation.deploy.refusal import Refusal, refusing
 from formation.mission.file import MissionError, load
 from formation.transport.wiring import named
 
@@ -172,10 +172,8 @@ def _address(text: str, bundles: Mapping[str, Bundle]) -> tuple[str, str]:
 
 def _from_mission(bundle: Bundle) -> str:
     """Return the host of the endpoint at which its agent listens."""
-    try:
+    with refusing(MissionError):
         mission = load(bundle.folder / "mission.toml")
-    except MissionError as error:
-        raise Refusal(str(error)) from None
     endpoint = named(mission).get(bundle.robot)
     if endpoint is None:
         raise Refusal(

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import itertools
 import os
-import tempfile
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
-from formation.deploy.arguments import add_json, as_json, parser, read_mission
+from formation.deploy.arguments import add_json, as_json, parser, read_mission, replacing
 from formation.deploy.refusal import Refusal, refused
 from formation.mission.file import shipped
 
@@ -65,19 +64,11 @@ def summary(path: Path) -> str:
 def write_mission(path: Path, text: str) -> None:
     """Write a file, completely or not at all; line ends are as in `text`. Raises Refusal."""
     target = Path(os.path.realpath(path))  # write to the target of a link, not the link
-    try:
+    with refused(f"{path}: cannot be written"):
         mode = target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask()
-        handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
-        temporary = Path(name)
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
-                file.write(text)
-            temporary.chmod(mode)
-            temporary.replace(target)
-        finally:
-            temporary.unlink(missing_ok=True)
-    except OSError as error:
-        raise Refusal(f"{path}: cannot be written: {error.strerror}") from None
+        with replacing(target) as new:
+            new.write_text(text, encoding="utf-8", newline="")
+            new.chmod(mode)
 
 
 def check_out(out: Path, *, force: bool) -> None:

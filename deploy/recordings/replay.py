@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from formation.deploy.arguments import add_json, as_json, number, parser
-from formation.deploy.refusal import Refusal
+from formation.deploy.refusal import Refusal, refused, refusing
 from formation.deploy.terminal.playing import Bar, Keys, Lines, clock, line, press
 from formation.deploy.terminal.views import in_a_terminal
 from formation.monitor.recording.reader import Recording, UnreadableError, read
@@ -128,11 +128,9 @@ def _play(options: argparse.Namespace, replay: Replay, stop: Stop, stack: ExitSt
 
 def _open(options: argparse.Namespace) -> Opened:
     """Return the recording. Raises Refusal if it is none, or does not have the requested stretch."""
-    try:
+    with refusing(UnreadableError):
         recording = read(options.file)
         film = Film(recording)
-    except UnreadableError as error:
-        raise Refusal(str(error)) from None
     length = film.end - film.start
     if options.start > length:
         raise Refusal(f"--start {options.start:g}: the recording is over after {length:.1f} s")
@@ -156,10 +154,8 @@ def _source(one: Opened, player: Player) -> Source:
 
 
 def _page(options: argparse.Namespace, source: Source, replay: Replay) -> PageServer:
-    try:
+    with refused(f"--page {options.page.host}:{options.page.port}"):
         page = opened(options.page, source, replay=replay)
-    except OSError as error:
-        raise Refusal(f"--page {options.page.host}:{options.page.port}: {error.strerror}") from None
     if options.page is None and f":{PORT}/" not in page.address:
         _say(options, f"port {PORT} is taken, so the page is at another")
     return page
@@ -169,7 +165,7 @@ def _session(options: argparse.Namespace) -> Bus:
     """Return a session that only processes that dial it receive, by default. Raises Refusal."""
     if not (options.listen or options.connect or options.mode == "client" or options.config):
         options.listen = [f"tcp/{HOST}:{_free_port()}"]
-    try:
+    with refusing(BusError):
         return Bus(
             BusConfig(
                 listen=tuple(options.listen),
@@ -180,8 +176,6 @@ def _session(options: argparse.Namespace) -> Bus:
                 name="replay",
             )
         )
-    except BusError as error:
-        raise Refusal(str(error)) from None
 
 
 def _free_port() -> int:
