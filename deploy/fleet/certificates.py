@@ -48,9 +48,10 @@ def main(arguments: Sequence[str]) -> int:
     options = _options().parse_args(arguments)
     mission = read_mission(options.mission)
     now = datetime.now(UTC)
-    pairs = (renew if options.renew else create)(
-        mission, options.out, days=options.days, authority_days=options.ca_days, now=now
-    )
+    if options.renew:
+        pairs = renew(mission, options.out, days=options.days, now=now)
+    else:
+        pairs = create(mission, options.out, days=options.days, authority_days=options.ca_days, now=now)
     left = left_over(options.out, mission)
     tell(options, words(options.out, pairs, left, now), lambda: report(options.out, pairs, left, now))
     return 0
@@ -74,14 +75,11 @@ def create(
     return {AUTHORITY: root, **_issue_all(mission, folder, root, days, now)}
 
 
-def renew(
-    mission: Mission, folder: Path, *, days: float, authority_days: float, now: datetime
-) -> dict[str, Pair]:
+def renew(mission: Mission, folder: Path, *, days: float, now: datetime) -> dict[str, Pair]:
     """Issue new keys and certificates to all of the mission under the existing authority.
 
-    Raises Refusal without one, or if it has expired. `authority_days` has no effect.
+    Raises Refusal without one, or if it has expired.
     """
-    del authority_days  # its lifetime was set when it was made
     hosts(mission)
     if not _holds_keys(folder / AUTHORITY):
         raise Refusal(f"{folder}: holds no authority to renew under; leave out --renew to make one")

@@ -159,7 +159,7 @@ def test_the_same_inputs_make_the_same_release_and_another_mission_another(
 
 def test_renewed_certificates_make_a_new_release(make: Make, keys: Path) -> None:
     first = make()["releases"]
-    certificates.renew(mission(), keys, days=1.0, authority_days=1.0, now=NOW)
+    certificates.renew(mission(), keys, days=1.0, now=NOW)
     assert not set(make()["releases"].values()) & set(first.values())
 
 

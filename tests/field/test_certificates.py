@@ -34,7 +34,7 @@ def made(folder: Path, mission: Mission = PAIR, days: float = 30.0, now: datetim
 
 
 def renewed(folder: Path, mission: Mission = PAIR, days: float = 30.0, now: datetime = NOW) -> None:
-    certificates.renew(mission, folder, days=days, authority_days=365.0, now=now)
+    certificates.renew(mission, folder, days=days, now=now)
 
 
 @pytest.fixture
