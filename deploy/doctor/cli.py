@@ -65,7 +65,10 @@ def main(arguments: Sequence[str]) -> int:
     options = _options().parse_args(arguments)
     current = options.prefix / "current"
     if options.mission is None:
-        mission = read_mission(_installed(current / "mission.toml"))
+        installed = current / "mission.toml"
+        if not installed.is_file():
+            raise Refusal(f"MISSION is missing, and none is installed here: there is no {installed}")
+        mission = read_mission(str(installed))
         robot = options.robot or _robot_of(current / "VERSION.json", mission)
     else:
         mission, robot = read_mission(options.mission), options.robot
@@ -112,12 +115,6 @@ def _desk(options: argparse.Namespace, mission: Mission) -> Checks:
     checks = {"desk": examine((LEADING, CLOCKS, CERTIFICATES), gather.desk_facts(mission, papers, facts))}
     checks.update((one.robot, examine(EXAMINATIONS, one)) for one in facts)
     return {name: checked for name, checked in checks.items() if checked}
-
-
-def _installed(mission: Path) -> str:
-    if not mission.is_file():
-        raise Refusal(f"MISSION is missing, and none is installed here: there is no {mission}")
-    return str(mission)
 
 
 def _robot_of(version: Path, mission: Mission) -> str:

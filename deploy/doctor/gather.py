@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import subprocess
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -147,7 +147,11 @@ def fleet_facts(
             newest_status=newest,
             reached={name: reached[name]},
             certificates=certificates.get(name),
-            doubled=_doubled(name, known),
+            doubled=tuple(
+                other
+                for other, status in known.items()
+                if isinstance(status, AgentStatus) and name in status.contested
+            ),
             wall=time.time(),
         )
         for name, (stream, newest) in statuses.items()
@@ -234,14 +238,6 @@ def _differs(mission: Mission, installed: Path | None) -> str | None:
         return None
     with refusing(MissionError):
         return "" if load(installed) == mission else str(installed)
-
-
-def _doubled(robot: str, known: Mapping[str, AgentStatus | LeaderStatus]) -> tuple[str, ...]:
-    return tuple(
-        name
-        for name, newest in known.items()
-        if isinstance(newest, AgentStatus) and robot in newest.contested
-    )
 
 
 class _Stamped(Protocol):

@@ -40,7 +40,7 @@ def papers_of(config: Path) -> Papers | None:
     with refusing(BusError):
         tls = setting(config, "transport/link/tls")
     names = "root_ca_certificate", "connect_certificate", "connect_private_key"
-    words = [(tls or {}).get(name) for name in names]
+    words = [str((tls or {}).get(name) or "") for name in names]
     return Papers(*map(Path, words)) if all(words) else None
 
 

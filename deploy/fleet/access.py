@@ -154,11 +154,15 @@ def configuration(mission: Mission, process: str, folder: PurePath) -> dict[str,
     if process not in processes(mission):
         raise Refusal(f"{process!r}: must be one of {', '.join(processes(mission))}")
     where = hosts(mission)
+    # visitors dial all, of two others the one that is listed later dials
+    dialled = members(mission) if process in VISITORS else called(mission, process)
+    own = where.get(process)  # it listens at an address itself; for a name, on all interfaces
+    listened = [] if own is None else [own if own.ip is not None else Host("::", own.port)]
     return {
         "mode": "peer",
         **({"namespace": mission.team} if mission.team else {}),
-        "listen": {"endpoints": _listened(where[process]) if process in where else []},
-        "connect": {"endpoints": [where[other].endpoint for other in _dialled(mission, process)]},
+        "listen": {"endpoints": [host.endpoint for host in listened]},
+        "connect": {"endpoints": [where[other].endpoint for other in dialled]},
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "transport": {"link": {"protocols": [PROTOCOL], "tls": _tls(folder)}},
         "access_control": access_control(mission, process),
@@ -223,16 +227,6 @@ def _listens(listener: str, speaker: str, key: str) -> Iterator[Word]:
 def _publishers(mission: Mission, robot: str) -> tuple[str, ...]:
     """Return the publishers of a robot's position: its agent; for the leader, all candidates."""
     return mission.candidates if robot == mission.leader else (robot,)
-
-
-def _dialled(mission: Mission, process: str) -> tuple[str, ...]:
-    """Return the processes that it dials: visitors dial all, of two others the later listed one dials."""
-    return members(mission) if process in VISITORS else called(mission, process)
-
-
-def _listened(host: Host) -> list[str]:
-    """Return the endpoints to listen on: an address itself; for a name, all interfaces."""
-    return [host.endpoint if host.ip is not None else Host("::", host.port).endpoint]
 
 
 def _tls(folder: PurePath) -> dict[str, Any]:

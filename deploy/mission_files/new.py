@@ -183,6 +183,11 @@ def text(draft: Draft) -> str:
     graph = measured((0j, *slots))
     bound = max(0.05, SETTLED_EDGE_ERROR * sum(map(len, graph.neighbours)))
     where = "round" if draft.shape in {"circle", "polygon"} else "behind"
+    avoids_all = 'avoid = "all"                # every robot that comes near\n'
+    avoided = avoids_all if draft.robots <= AVOID_ALL else ""
+    placed = "".join(
+        f"robot{i} = [{_metres(slot.real)}, {_metres(slot.imag)}]\n" for i, slot in enumerate(slots, 1)
+    )
     spread = min(0.5 * draft.spacing, 1.0)
     return f"""\
 # {draft.robots} robots in a {draft.shape}, {draft.spacing:g} m apart, {where} a leader without a body. From:
@@ -197,7 +202,7 @@ duration = 60                # of `formation run` [s]
 settled = {bound:<18g} # formation error under which it counts as settled, summed over edges [m]
 turning = true               # slots are relative to the leader's heading: x ahead, y to the left
 
-{profile.tables}{_all(draft)}
+{profile.tables}{avoided}
 [collisions]
 margin = {COLLISIONS.margin:<19g} # room that is kept between two bodies [m]
 lag = {profile.lag:<22g} # time constant with which robots follow commands [s]
@@ -209,7 +214,7 @@ delay = {COLLISIONS.delay:<20g} # positions of others may be so late [s]
 # y = [-5.0, 5.0]
 
 [shapes.{draft.shape}]{" " * max(1, 20 - len(draft.shape))}# control points relative to the leader's [m]
-{"".join(_slots(slots))}
+{placed}
 [robots.leader]              # a point that goes along the route
 start = {{ x = 0.0, y = 0.0 }}
 {"".join(_robots(draft, graph.neighbours, graph.fallbacks))}
@@ -220,11 +225,6 @@ heading_deg = 0
 [simulation]
 spread = {spread:<19g} # `formation simulate --runs` draws starts within ± this of each slot [m]
 """
-
-
-def _slots(slots: tuple[complex, ...]) -> Iterator[str]:
-    for place, slot in enumerate(slots, 1):
-        yield f"robot{place} = [{_metres(slot.real)}, {_metres(slot.imag)}]\n"
 
 
 def _robots(
@@ -243,10 +243,6 @@ def _robots(
             yield f"avoid = [{_names(beside)}]\n"
         x, y = _metres(round(start.real, 3)), _metres(round(start.imag, 3))
         yield f"start = {{ x = {x}, y = {y}, heading_deg = {heading} }}\n"
-
-
-def _all(draft: Draft) -> str:
-    return 'avoid = "all"                # every robot that comes near\n' if draft.robots <= AVOID_ALL else ""
 
 
 def _beside(draft: Draft, place: int, measured: set[int]) -> tuple[int, ...]:

@@ -53,7 +53,10 @@ def main(arguments: Sequence[str]) -> int:
         reported = [ReportedRun(run, check.words(run.mission, analyse(run.mission))) for run in runs]
         bar.at(READING_SHARE)
         made = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
-        _write(out, page(reported, options.until, made))
+        text = page(reported, options.until, made)
+        with refused(f"--out {out}: cannot be written"):
+            out.parent.mkdir(parents=True, exist_ok=True)
+            out.write_text(text, encoding="utf-8")
         bar.at(0.5 * (1.0 + READING_SHARE))
         drawn = _figures(options, runs) if options.figures is not None else []
     tell(options, _words(runs, out, drawn, options.figures), lambda: _json(runs, out, drawn))
@@ -103,12 +106,6 @@ def _is_report(path: Path) -> bool:
     with path.open("rb") as file:
         begin = file.read(1000)
     return not begin or GENERATOR in begin
-
-
-def _write(path: Path, text: str) -> None:
-    with refused(f"--out {path}: cannot be written"):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
 
 
 def _figures(options: argparse.Namespace, runs: Sequence[Run]) -> list[Path]:

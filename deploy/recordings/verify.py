@@ -15,7 +15,6 @@ from formation.agent.verify.verdict import (
     COMMAND_TOLERANCE,
     Comparison,
     PublishedCommand,
-    Stretch,
     Verdict,
 )
 from formation.control.laws import LAWS
@@ -175,21 +174,16 @@ def _details(one: Verdict, start: float) -> Iterator[str]:
         after = ", ".join(f"{received.key} ({received.age * 1e3:.1f} ms)" for received in newest)
         yield f"  after {after or 'no message'}"
     for stretch in one.unjudged[:MAX_SHOWN_STRETCHES]:
-        yield _stretch(stretch, start)
+        since, until = stretch.since - start, stretch.until - start
+        many = "1 command" if stretch.commands == 1 else f"{stretch.commands} commands"
+        span = f"{since:.1f} to {until:.1f} s" if stretch.commands > 1 else f"{since:.1f} s"
+        yield f"not judged: {many}, {span}: {stretch.reason}"
     if len(one.unjudged) > MAX_SHOWN_STRETCHES:
         yield f"… and {len(one.unjudged) - MAX_SHOWN_STRETCHES} more stretches that were not judged"
 
 
 def _command(sent: PublishedCommand | None) -> str:
     return "none" if sent is None else f"u {sent.speed:+.9f} m/s, ω {sent.turn_rate:+.9f} rad/s"
-
-
-def _stretch(one: Stretch, start: float) -> str:
-    many = "1 command" if one.commands == 1 else f"{one.commands} commands"
-    span = f"{one.since - start:.1f} s"
-    if one.commands > 1:
-        span = f"{one.since - start:.1f} to {one.until - start:.1f} s"
-    return f"not judged: {many}, {span}: {one.reason}"
 
 
 def _notes(ran: Ran) -> Iterator[str]:

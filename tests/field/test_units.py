@@ -14,7 +14,7 @@ from formation.deploy.fleet import units
 from formation.deploy.refusal import Refusal
 from formation.mission.file import parse
 from formation.mission.model import Mission
-from tests.field.deployed import TEXT, mission
+from tests.field.deployed import TEXT, commands, mission
 from tests.support.needs import path_of
 
 FIELD = mission()
@@ -30,13 +30,6 @@ def value(unit: str, key: str) -> str:
     """The last value of a key that stands once or repeatedly in a unit."""
     values: list[str] = re.findall(rf"(?m)^{key}=(.*)$", unit)
     return values[-1]
-
-
-def commands(unit: str, state: str = "%S") -> list[list[str]]:
-    """Command lines of a unit in order, with the variables that it sets itself; `state` is systemd's %S."""
-    variables = dict(re.findall(r"(?m)^Environment=(\w+)=(.*)$", unit))
-    lines = re.findall(r"(?m)^Exec(?:Start|StopPost)=(.*)$", unit.replace("%S", state))
-    return [re.sub(r"\$(\w+)", lambda word: variables[word[1]], line).split() for line in lines]
 
 
 def every_unit(of: Mission, name: str, **flags: str) -> dict[str, str]:
