@@ -19,7 +19,7 @@ def refused(what: str) -> Iterator[None]:
 
 @contextmanager
 def refusing(kind: type[Exception]) -> Iterator[None]:
-    """Turn errors of this kind inside, whose text is for the user, into a Refusal."""
+    """Turn errors of this kind inside into a Refusal with their text."""
     try:
         yield
     except kind as error:
