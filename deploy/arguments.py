@@ -18,6 +18,7 @@ from formation.deploy.refusal import refusing
 from formation.mission.file import MISSION_HELP, MissionError, load
 from formation.mission.model import Mission
 from formation.transport.runtime.command_line import Parser
+from formation.transport.runtime.flags import add_zenoh
 
 
 def parser(command: str, summary: str, examples: str = "") -> argparse.ArgumentParser:
@@ -56,6 +57,12 @@ def add_dask(to: argparse.ArgumentParser) -> None:
 def add_json(to: argparse.ArgumentParser) -> None:
     """Add the --json flag: stdout is then JSON alone, and words for people go to stderr."""
     to.add_argument("--json", action="store_true", help="one JSON object on stdout, and nothing else there")
+
+
+def add_links(to: argparse.ArgumentParser) -> None:
+    """Add the flags for linking with a fleet that runs."""
+    links = to.add_argument_group("links (without -e and endpoints in FILE those that the mission implies)")
+    add_zenoh(links, connect="endpoint of an agent or the leader to dial; repeatable")
 
 
 def read_mission(name: str, law: str | None = None) -> Mission:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from formation.deploy.arguments import add_json, number, parser, read_mission, tell
+from formation.deploy.arguments import add_json, add_links, number, parser, read_mission, tell
 from formation.deploy.refusal import Refusal, refusing
 from formation.deploy.terminal.bar import waiting
 from formation.mission.file import (
@@ -29,7 +29,7 @@ from formation.transport import asking, wiring
 from formation.transport.asking import OPERATOR
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusError
-from formation.transport.runtime.flags import add_zenoh, bus_config
+from formation.transport.runtime.flags import bus_config
 from formation.transport.wiring import Links
 
 DEFAULT = "six_robots"
@@ -179,10 +179,7 @@ def add_request_flags(options: argparse.ArgumentParser) -> None:
         help="wait so long for answers (default 3)",
     )
     add_json(options)
-    links = options.add_argument_group(
-        "links (without -e and endpoints in FILE those that the mission implies)"
-    )
-    add_zenoh(links, connect="endpoint of an agent or the leader to dial; repeatable")
+    add_links(options)
 
 
 def _request(mission: Mission, words: Sequence[str]) -> OperatorRequest:

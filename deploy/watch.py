@@ -17,7 +17,7 @@ from typing import Any
 
 from rich.console import Console
 
-from formation.deploy.arguments import add_mission, as_json, parser, read_mission
+from formation.deploy.arguments import add_links, add_mission, as_json, parser, read_mission
 from formation.deploy.refusal import refusing
 from formation.deploy.terminal.snapshot import Progress, Snapshot
 from formation.deploy.terminal.table import draw
@@ -35,7 +35,7 @@ from formation.transport.bus import Bus
 from formation.transport.bus_config import BusError
 from formation.transport.linger import Linger
 from formation.transport.mailbox import Mailbox
-from formation.transport.runtime.flags import add_zenoh, bus_config
+from formation.transport.runtime.flags import bus_config
 from formation.transport.runtime.process import Stop, clocks
 from formation.transport.runtime.rate import Rate
 from formation.transport.runtime.robot_buses import RobotBuses
@@ -218,8 +218,5 @@ def _options() -> argparse.ArgumentParser:
         "--json", action="store_true", help="a JSON object a second on stdout, or the one of --once"
     )
     options.add_argument("--no-table", action="store_true", help="plain lines instead of the live table")
-    links = options.add_argument_group(
-        "links (without -e and endpoints in FILE those that the mission implies)"
-    )
-    add_zenoh(links, connect="endpoint of an agent or the leader to dial; repeatable")
+    add_links(options)
     return options
