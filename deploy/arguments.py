@@ -1,20 +1,24 @@
-"""Shared by the subcommands: read arguments, refuse them, and print the result."""
+"""Shared by the subcommands: read arguments, refuse them, and print or write the result."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import math
+import os
 import sys
-from collections.abc import Callable, Mapping
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from formation.control.laws import LAWS
-from formation.deploy.refusal import Refusal
+from formation.deploy.refusal import refusing
 from formation.mission.file import MISSION_HELP, MissionError, load
 from formation.mission.model import Mission
 from formation.transport.runtime.command_line import Parser
+from formation.transport.runtime.flags import add_zenoh
 
 
 def parser(command: str, summary: str, examples: str = "") -> argparse.ArgumentParser:
@@ -55,12 +59,16 @@ def add_json(to: argparse.ArgumentParser) -> None:
     to.add_argument("--json", action="store_true", help="one JSON object on stdout, and nothing else there")
 
 
+def add_links(to: argparse.ArgumentParser) -> None:
+    """Add the flags for linking with a fleet that runs."""
+    links = to.add_argument_group("links (without -e and endpoints in FILE those that the mission implies)")
+    add_zenoh(links, connect="endpoint of an agent or the leader to dial; repeatable")
+
+
 def read_mission(name: str, law: str | None = None) -> Mission:
     """Return the mission, with `law` if given. Raises Refusal."""
-    try:
+    with refusing(MissionError):
         mission = load(name)
-    except MissionError as error:
-        raise Refusal(str(error)) from None
     if law is None:
         return mission
     return mission.under(law)
@@ -121,3 +129,16 @@ def _finite(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield a new file beside `path` that only this user can read, and which replaces it if all goes well."""
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    os.close(handle)
+    new = Path(name)
+    try:
+        yield new
+        new.replace(path)
+    finally:
+        new.unlink(missing_ok=True)

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from formation.deploy.arguments import add_json, add_mission, parser, read_mission, tell
-from formation.deploy.terminal.bar import warn_if_slow
-from formation.deploy.terminal.waiting import waiting
+from formation.deploy.terminal.bar import waiting, warn_if_slow
 from formation.mission.model import Mission
 from formation.slots.geofence import Area
 from formation.stability.analysis import Analysis, analyse
@@ -32,18 +31,9 @@ def main(arguments: Sequence[str]) -> int:
     warn_if_slow()
     with waiting("checking; the first time it takes ten seconds and more to compile the law"):
         found = analyse(mission)
-    tell(options, words(mission, found), lambda: _report(mission, found))
+    result = {"mission": mission.name, **found.as_json(), "bounds": bounds(mission)}
+    tell(options, words(mission, found), lambda: {**result, "losses": _losses_as_json(mission)})
     return 0 if found.ok else 1
-
-
-def _report(mission: Mission, found: Analysis) -> dict[str, Any]:
-    """Return the analysis for a script."""
-    return {
-        "mission": mission.name,
-        **found.as_json(),
-        "bounds": bounds(mission),
-        "losses": _losses_as_json(mission),
-    }
 
 
 def bounds(mission: Mission) -> dict[str, Any]:
@@ -55,9 +45,11 @@ def bounds(mission: Mission) -> dict[str, Any]:
 
 def words(mission: Mission, found: Analysis) -> str:
     """Return the analysis for people."""
-    return "\n".join(
-        [*_summary(mission, found), "", *_robots(mission, found), "", *_losses(mission), *_findings(found)]
-    )
+    lines = [*_summary(mission, found), "", *_robots(mission, found), "", *_losses(mission)]
+    for title, findings in (("problem", found.problems), ("warning", found.warnings)):
+        for finding in findings:
+            lines += ["", f"{title}: {finding}"]
+    return "\n".join(lines)
 
 
 def _summary(mission: Mission, found: Analysis) -> Iterator[str]:
@@ -67,8 +59,14 @@ def _summary(mission: Mission, found: Analysis) -> Iterator[str]:
     hops = f"{deepest} hop{'' if deepest == 1 else 's'} to the leader at most"
     yield f"  graph            {found.robots} robots, {found.edges} edges, {hops}"
     yield f"  stable           {'yes' if found.stable else 'NO'}; slowest mode {found.slowest_mode:+.3g} 1/s"
-    yield f"  settles          {_settles(mission, found)}"
-    yield f"  delay margin     {_margin(found)}"
+    settles = f"not within {mission.simulation.horizon:g} s from the mission's own starts"
+    if found.settling_time_estimate is not None:
+        settles = f"after {found.settling_time_estimate:.1f} s from the mission's own starts, simulated"
+    yield f"  settles          {settles}"
+    margin = "any delay"
+    if math.isfinite(found.delay_margin):
+        margin = f"{found.delay_margin * 1e3:.0f} ms, if a robot's own position is as late as its neighbours'"
+    yield f"  delay margin     {margin}"
     yield f"  eigenvalues      {_eigenvalues(found.eigenvalues)}"
     whose = "by default" if mission.bounds is None else "as the mission says"
     yield f"  bounds           {Area.of(mission).words}, {whose}"
@@ -136,25 +134,6 @@ def _losses_as_json(mission: Mission) -> dict[str, Any]:
     successor = next(iter(mission.standbys), None)
     found[mission.leader] |= {"successor": successor} | ({"hold": []} if successor else {})
     return found
-
-
-def _findings(found: Analysis) -> Iterator[str]:
-    for title, findings in (("problem", found.problems), ("warning", found.warnings)):
-        for finding in findings:
-            yield ""
-            yield f"{title}: {finding}"
-
-
-def _settles(mission: Mission, found: Analysis) -> str:
-    if found.settling_time_estimate is None:
-        return f"not within {mission.simulation.horizon:g} s from the mission's own starts"
-    return f"after {found.settling_time_estimate:.1f} s from the mission's own starts, simulated"
-
-
-def _margin(found: Analysis) -> str:
-    if not math.isfinite(found.delay_margin):
-        return "any delay"
-    return f"{found.delay_margin * 1e3:.0f} ms, if a robot's own position is as late as its neighbours'"
 
 
 def _eigenvalues(values: Sequence[complex]) -> str:

@@ -11,7 +11,7 @@ import argparse
 import io
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from importlib.metadata import version
 from typing import NamedTuple
@@ -21,58 +21,62 @@ from formation.transport.runtime.command_line import EXTRAS, Parser, needs
 
 
 class Command(NamedTuple):
-    """A subcommand: a module with ``main(arguments) -> exit code``."""
+    """A subcommand: a function of a module, ``function(arguments) -> exit code``."""
 
     module: str
-    group: str
+    """Below ``formation``."""
     summary: str
+    group: str = ""
+    function: str = "main"
 
 
 HERE = "on this machine"
 ALONE = "one process, for a machine of its own"
 FIELD = "in the field"
 COMMANDS = {
-    "run": Command(
-        "formation.deploy.run", HERE, "start every process of a mission here, watch it, record it"
-    ),
-    "check": Command(
-        "formation.deploy.check", HERE, "is this mission stable, how fast, how much delay does it bear?"
-    ),
-    "simulate": Command(
-        "formation.deploy.simulate", HERE, "many starts, faster than real time, without a network"
-    ),
+    "run": Command("deploy.local.run", "start every process of a mission here, watch it, record it", HERE),
+    "check": Command("deploy.check", "is this mission stable, how fast, how much delay does it bear?", HERE),
+    "simulate": Command("deploy.simulate", "many starts, faster than real time, without a network", HERE),
     "rehearse": Command(
-        "formation.deploy.rehearse", HERE, "every process with faults, on a virtual clock, from one seed"
+        "deploy.rehearse", "every process with faults, on a virtual clock, from one seed", HERE
     ),
-    "stop": Command("formation.deploy.stop", HERE, "stop every robot of a running mission, at once"),
-    "order": Command("formation.deploy.order", HERE, "give a running mission's robots any order"),
-    "watch": Command("formation.deploy.watch", HERE, "a table of any running fleet in the terminal"),
+    "stop": Command("deploy.order", "stop every robot of a running mission, at once", HERE, "stop"),
+    "order": Command("deploy.order", "give a running mission's robots any order", HERE),
+    "watch": Command("deploy.watch", "a table of any running fleet in the terminal", HERE),
     "replay": Command(
-        "formation.deploy.replay", HERE, "play a recording to the live page, and onto keys of its own"
+        "deploy.recordings.replay", "play a recording to the live page, and onto keys of its own", HERE
     ),
-    "recover": Command("formation.deploy.recover", HERE, "make a recording whole that was cut off"),
+    "recover": Command("deploy.recordings.recover", "make a recording whole that was cut off", HERE),
     "report": Command(
-        "formation.deploy.report", HERE, "a recording as a page and figures; two, side by side"
+        "deploy.recordings.report", "a recording as a page and figures; two, side by side", HERE
     ),
     "new": Command(
-        "formation.deploy.new", HERE, "write a mission: a line, wedge, circle, … of so many robots"
+        "deploy.mission_files.new", "write a mission: a line, wedge, circle, … of so many robots", HERE
     ),
-    "assign": Command("formation.deploy.assign", HERE, "choose slots, and the neighbours to measure"),
-    "missions": Command("formation.deploy.mission_list", HERE, "what the shipped missions are, and where"),
-    "agent": Command("formation.agent.__main__", ALONE, "control one robot"),
-    "leader": Command("formation.leader.__main__", ALONE, "go along the route and give the orders"),
-    "watchdog": Command(
-        "formation.agent.watchdog.__main__", ALONE, "stop one robot when its agent falls silent"
-    ),
-    "robot": Command("formation.agent.simulated.__main__", ALONE, "simulate one robot or several"),
-    "monitor": Command("formation.monitor.__main__", ALONE, "measure, record and show on a page"),
+    "assign": Command("deploy.mission_files.assign", "choose slots, and the neighbours to measure", HERE),
+    "missions": Command("deploy.mission_files.files", "what the shipped missions are, and where", HERE),
+    "agent": Command("agent.__main__", "control one robot", ALONE),
+    "leader": Command("leader.__main__", "go along the route and give the orders", ALONE),
+    "watchdog": Command("agent.watchdog.__main__", "stop one robot when its agent falls silent", ALONE),
+    "robot": Command("agent.simulated.__main__", "simulate one robot or several", ALONE),
+    "monitor": Command("monitor.__main__", "measure, record and show on a page", ALONE),
     "deploy": Command(
-        "formation.deploy.fleet.cli", FIELD, "bring a mission onto robots: certificates, bundles, push"
+        "deploy.cli", "bring a mission onto robots: certificates, bundles, push", FIELD, "deploy"
     ),
-    "doctor": Command(
-        "formation.deploy.doctor.cli", FIELD, "what is wrong with a robot or a team, and what to do"
+    "doctor": Command("deploy.doctor.cli", "what is wrong with a robot or a team, and what to do", FIELD),
+}
+STEPS = {
+    "certificates": Command(
+        "deploy.fleet.certificates", "a CA, and a short-lived certificate for each process"
+    ),
+    "bundle": Command("deploy.fleet.bundle", "one folder per robot with all that it needs, without internet"),
+    "push": Command("deploy.fleet.push", "put the bundles on all robots over ssh, at the same time"),
+    "status": Command("deploy.fleet.fleet_status", "which robots run which version and mission, since when"),
+    "rollback": Command(
+        "deploy.fleet.push", "back to what the robots ran before the last push", function="rollback"
     ),
 }
+"""Sub-commands of `formation deploy`, in the order of use."""
 EXAMPLES = """\
 examples:
   formation run                          six robots, until they hold the paper's formation
@@ -87,6 +91,13 @@ examples:
 
 MISSION is a TOML file or the name of a shipped mission. `formation COMMAND --help` says more.
 """
+DEPLOY_EXAMPLES = """\
+  formation deploy certificates field.toml --out secrets
+  formation deploy bundle field.toml --certificates secrets --out bundles
+  formation deploy push bundles
+
+`formation deploy COMMAND --help` says more.
+"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -94,7 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # as stderr: no character may cause a traceback
     try:
-        code = _dispatch(sys.argv[1:] if arguments is None else arguments)
+        code = _formation(sys.argv[1:] if arguments is None else arguments)
         sys.stdout.flush()
     except SystemExit as stop:  # argparse has printed the error
         code = stop.code if isinstance(stop.code, int) else 2
@@ -127,33 +138,46 @@ def _leave(code: int) -> None:
         os._exit(code)
 
 
-def _dispatch(arguments: Sequence[str]) -> int:
+def deploy(arguments: Sequence[str]) -> int:
+    """Run one step of `formation deploy`; return the exit code."""
+    steps = "\n".join(f"  {name:<14}{step.summary}" for name, step in STEPS.items())
+    parser = Parser(
+        prog="formation deploy",
+        usage="formation deploy [-h] COMMAND ...",
+        description=f"Bring a mission onto robots, one command after the other.\n\n{steps}",
+        epilog=f"examples:\n{DEPLOY_EXAMPLES}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    return _dispatch(parser, STEPS, arguments)
+
+
+def _formation(arguments: Sequence[str]) -> int:
+    overview = ""
+    for group in (HERE, ALONE, FIELD):
+        named = [f"  {name:<10}{one.summary}" for name, one in COMMANDS.items() if one.group == group]
+        overview += "\n".join(["", "", f"{group}:", *named])
     parser = Parser(
         prog="formation",
         usage="formation [-h] [--version] COMMAND ...",
         description="Decentralised formation control of unicycle robots, one agent process per robot."
-        + _overview(),
+        + overview,
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"formation {version('zenoh-formation')}")
-    parser.add_argument("command", metavar="COMMAND", choices=COMMANDS, help=argparse.SUPPRESS)
+    return _dispatch(parser, COMMANDS, arguments)
+
+
+def _dispatch(parser: Parser, commands: Mapping[str, Command], arguments: Sequence[str]) -> int:
+    """Call the command that `arguments` begin with."""
+    parser.add_argument("command", metavar="COMMAND", choices=commands, help=argparse.SUPPRESS)
     parser.add_argument("rest", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
     if not arguments:
         parser.print_help(sys.stderr)
         return 2
     chosen = parser.parse_args(arguments)
-    module = import_module(COMMANDS[chosen.command].module)
-    code: int = module.main(chosen.rest)
+    command = commands[chosen.command]
+    code: int = getattr(import_module(f"formation.{command.module}"), command.function)(chosen.rest)
     return code
-
-
-def _overview() -> str:
-    text = ""
-    for group in (HERE, ALONE, FIELD):
-        text += f"\n\n{group}:\n"
-        text += "\n".join(
-            f"  {name:<10}{command.summary}" for name, command in COMMANDS.items() if command.group == group
-        )
-    return text

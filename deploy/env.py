@@ -36,9 +36,7 @@ LINK = ROOT / ".venv"
 STORE = ROOT / ".venvs"
 DONE = "complete"  # marker file of a complete installation
 OLDEST = (3, 11)
-MAX_ENVIRONMENTS = (
-    3  # the environment in use, and those before it: processes may run in them, another Python may want them
-)
+MAX_ENVIRONMENTS = 3  # that in use, and those before it: processes may run in them, another Python want them
 
 
 class SetupError(Exception):
@@ -188,18 +186,14 @@ def new_environment(environment: Path) -> list[str]:
 
 def has_module(python: str, name: str) -> bool:
     """Return whether that Python can import the module."""
-    command = [python, "-c", f"import {name}"]
-    return subprocess.run(command, env=clean(os.environ), capture_output=True, check=False).returncode == 0
+    return run([python, "-c", f"import {name}"]).returncode == 0
 
 
 def some_pip() -> list[str] | None:
     """Return a pip that can install into another environment (22.3 or newer), or None."""
     for command in ([sys.executable, "-m", "pip"], ["pip3"], ["pip"]):
         if shutil.which(command[0]) is not None:
-            version_command = [*command, "--version"]
-            answer = subprocess.run(
-                version_command, env=clean(os.environ), capture_output=True, text=True, check=False
-            )
+            answer = run([*command, "--version"])
             if release(answer.stdout.removeprefix("pip ")) >= (22, 3):
                 return command
     return None
@@ -221,9 +215,16 @@ def clean(environ: Mapping[str, str]) -> dict[str, str]:
     return {name: value for name, value in environ.items() if name not in {"PYTHONPATH", "PYTHONHOME"}}
 
 
-def run_checked(command: Sequence[str]) -> None:
+def run(command: Sequence[str], cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run a program without the variables of other installations; return its output."""
+    return subprocess.run(
+        command, cwd=cwd, env=clean(os.environ), capture_output=True, text=True, check=False
+    )
+
+
+def run_checked(command: Sequence[str], cwd: Path | None = None) -> None:
     """Run a step of the installation; raise SetupError with the end of its output if it fails."""
-    done = subprocess.run(command, env=clean(os.environ), capture_output=True, text=True, check=False)
+    done = run(command, cwd)
     if done.returncode != 0:
         raise SetupError(failure(command, [*done.stdout.splitlines(), *done.stderr.splitlines()]))
 

@@ -1,26 +1,39 @@
-"""`formation order`: send an operator's order to the robots of a running mission; each acknowledges it."""
+"""`formation order` and `formation stop`: order the robots of a running mission; each acknowledges it."""
 
 from __future__ import annotations
 
 import argparse
+import os
 import re
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from formation.deploy.arguments import add_json, number, parser, read_mission, tell
-from formation.deploy.refusal import Refusal
-from formation.deploy.terminal.waiting import waiting
-from formation.mission.file import MISSION_HELP, MissionError, configuration_of, parse_route, read
+from formation.deploy.arguments import add_json, add_links, number, parser, read_mission, tell
+from formation.deploy.refusal import Refusal, refusing
+from formation.deploy.terminal.bar import waiting
+from formation.mission.file import (
+    DESK,
+    MISSION_HELP,
+    MISSION_NAME,
+    MissionError,
+    configuration_of,
+    parse_route,
+    read,
+)
 from formation.mission.model import Mission
 from formation.protocol.order import TAKES, OperatorRequest
 from formation.protocol.outcome import Outcome
 from formation.transport import asking, wiring
 from formation.transport.asking import OPERATOR
 from formation.transport.bus import Bus
-from formation.transport.bus_config import BusConfig, BusError
-from formation.transport.runtime.flags import add_zenoh, bus_config
+from formation.transport.bus_config import BusError
+from formation.transport.runtime.flags import bus_config
 from formation.transport.wiring import Links
+
+DEFAULT = "six_robots"
+"""Default mission of `formation run`, which a stop without a mission stops where no bundles are."""
 
 
 class Verb(NamedTuple):
@@ -72,6 +85,15 @@ latched the stop or the hold, and cannot reach the robot; ends: ids of the stops
 Exit code 0: every robot and the leader obey; 1: at least one did not answer, refused, or cannot be reached
 (after stop: it is NOT STOPPED, use its own switch); 2: no robot was asked.
 """
+STOP_EXAMPLES = f"""\
+  formation stop                 the robots of the bundles in this folder; without bundles {DEFAULT}
+  formation stop field           the robots of the bundles in the folder field, with its operator.json5
+  formation stop my_mission.toml -e tcp/192.168.1.11:7460 -e tcp/192.168.1.12:7460
+
+Answers, flags and exit codes are those of `formation order`: 0: every robot and the leader have stopped;
+1: at least one has not (NOT STOPPED: use its own switch); 2: no robot was asked.
+Stopped robots stay stopped until `formation order MISSION release`.
+"""
 NEGATIVE = re.compile(r"-\.?\d")
 
 
@@ -84,19 +106,45 @@ def main(arguments: Sequence[str]) -> int:
     return give(options, mission, _request(mission, options.order))
 
 
+def stop(arguments: Sequence[str]) -> int:
+    """Stop every robot, also where no mission is named; return the exit code."""
+    flags = parser("stop", "Stop every robot of a running mission, at once.", STOP_EXAMPLES)
+    flags.add_argument("mission", metavar="MISSION", nargs="?", help=MISSION_HELP)
+    add_request_flags(flags)
+    options = flags.parse_args(arguments)
+    named = options.mission is not None
+    if not named:
+        options.mission = found(Path())
+        print(f"formation: stopping {options.mission}", file=sys.stderr, flush=True)
+    mission = read_mission(options.mission)
+    code = give(options, mission, asking.request_for(mission, "stop"))
+    if code and not named:
+        print("formation: if another mission runs: formation stop MISSION", file=sys.stderr)
+    return code
+
+
+def found(here: Path) -> str:
+    """Return the mission to stop if none is named. Raises Refusal if bundles of several are here."""
+    desks = [here / DESK, *sorted(here.glob(f"*/{DESK}"))]
+    fleets = [str(desk.parent) for desk in desks if os.access(desk / MISSION_NAME, os.R_OK)]
+    if len(fleets) > 1:
+        raise Refusal(f"several fleets are here: formation stop {', or formation stop '.join(fleets)}")
+    return fleets[0] if fleets else DEFAULT
+
+
 def give(options: argparse.Namespace, mission: Mission, request: OperatorRequest) -> int:
     """Ask all robots concerned, and print the answers; return the exit code. Raises Refusal."""
     options.config = options.config or configuration_of(options.mission, OPERATOR)
     recipients = asking.addressed(mission, request.do)
-    try:
-        with Bus(_config(options, mission, recipients.names)) as bus:
+    with refusing(BusError):
+        where = wiring.endpoints(mission).agents
+        links = Links((), tuple(where[name] for name in recipients.names))
+        with Bus(bus_config(options, mission, links, OPERATOR)) as bus:
             with waiting(f"asking for up to {options.timeout:g} s"):
                 outcome = asking.give(
                     bus.question, recipients, request, options.timeout, linked=lambda: bus.links
                 )
             _tell(options, mission, outcome)  # at once: closing the bus may take its whole patience
-    except BusError as error:
-        raise Refusal(str(error)) from None
     return 0 if outcome.obeyed else 1
 
 
@@ -111,7 +159,8 @@ def _tell(options: argparse.Namespace, mission: Mission, outcome: Outcome) -> No
 
 
 def _options() -> argparse.ArgumentParser:
-    orders = [f"  {_typed(do):<18}{verb.means}" for do, verb in VERBS.items()]
+    typed = {do: " ".join([do, *verb.takes.values()]) for do, verb in VERBS.items()}
+    orders = [f"  {typed[do]:<18}{verb.means}" for do, verb in VERBS.items()]
     options = parser("order", WHAT + "\n".join(orders) + AFTER, EXAMPLES)
     options.usage = "formation order [options] MISSION ORDER"
     options.add_argument("mission", metavar="MISSION", help=MISSION_HELP)
@@ -130,14 +179,7 @@ def add_request_flags(options: argparse.ArgumentParser) -> None:
         help="wait so long for answers (default 3)",
     )
     add_json(options)
-    links = options.add_argument_group(
-        "links (without -e and endpoints in FILE those that the mission implies)"
-    )
-    add_zenoh(links, connect="endpoint of an agent or the leader to dial; repeatable")
-
-
-def _typed(do: str) -> str:
-    return " ".join([do, *VERBS[do].takes.values()])
+    add_links(options)
 
 
 def _request(mission: Mission, words: Sequence[str]) -> OperatorRequest:
@@ -160,10 +202,8 @@ def _request(mission: Mission, words: Sequence[str]) -> OperatorRequest:
 
 
 def _request_for(mission: Mission, do: str, what: dict[str, Any]) -> OperatorRequest:
-    try:
+    with refusing(ValueError):
         return asking.request_for(mission, do, **what)
-    except ValueError as error:
-        raise Refusal(str(error)) from None
 
 
 def _gains(words: Sequence[str]) -> dict[str, float]:
@@ -195,10 +235,8 @@ def _number(text: str) -> float:
 
 
 def _route(file: str) -> Any:
-    try:
+    with refusing(MissionError):
         return parse_route(*read(file))
-    except MissionError as error:
-        raise Refusal(str(error)) from None
 
 
 READ_AS: dict[str, Callable[[str], Any]] = {"shape": str, "legs": _route}
@@ -209,13 +247,8 @@ def _not_the_operators(config: Path | None) -> str:
     """Return the owner of the certificate in `config`, if it is not the operator; empty else."""
     if config is None:
         return ""
-    from formation.deploy.doctor import files  # noqa: PLC0415 - takes longer than a stop
+    from formation.deploy.doctor import tls  # noqa: PLC0415 - takes longer than a stop
 
-    papers = files.papers_of(config)
-    found = None if papers is None else files.read(OPERATOR, papers)
+    papers = tls.papers_of(config)
+    found = None if papers is None else tls.read(OPERATOR, papers)
     return "" if found is None or found.name == OPERATOR else found.name
-
-
-def _config(options: argparse.Namespace, mission: Mission, recipients: Sequence[str]) -> BusConfig:
-    where = wiring.endpoints(mission).agents
-    return bus_config(options, mission, Links((), tuple(where[name] for name in recipients)), OPERATOR)

@@ -15,3 +15,12 @@ def refused(what: str) -> Iterator[None]:
         yield
     except OSError as error:
         raise Refusal(f"{what}: {error.strerror}") from None
+
+
+@contextmanager
+def refusing(kind: type[Exception]) -> Iterator[None]:
+    """Turn errors of this kind inside into a Refusal with their text."""
+    try:
+        yield
+    except kind as error:
+        raise Refusal(str(error)) from None

@@ -26,9 +26,8 @@ from formation.deploy.arguments import (
 )
 from formation.deploy.refusal import Refusal, refused
 from formation.deploy.rehearsal.workers import each
-from formation.deploy.terminal.bar import Bar, warn_if_slow
+from formation.deploy.terminal.bar import Bar, waiting, warn_if_slow
 from formation.deploy.terminal.units import metres
-from formation.deploy.terminal.waiting import waiting
 from formation.mission.model import MAX_HORIZON, Mission
 from formation.mission.route import Route
 from formation.monitor.report.panels import draw

@@ -17,15 +17,14 @@ from typing import Any
 
 from rich.console import Console
 
-from formation.deploy.arguments import add_mission, as_json, parser, read_mission
-from formation.deploy.fleet.hosts import MONITOR
-from formation.deploy.refusal import Refusal
-from formation.deploy.terminal.progress import Progress
-from formation.deploy.terminal.snapshot import Snapshot
+from formation.deploy.arguments import add_links, add_mission, as_json, parser, read_mission
+from formation.deploy.refusal import refusing
+from formation.deploy.terminal.snapshot import Progress, Snapshot
 from formation.deploy.terminal.table import draw
-from formation.deploy.terminal.views import LiveTable, PlainLines, View, in_a_terminal
+from formation.deploy.terminal.views import view_for
 from formation.mission.file import configuration_of
 from formation.mission.model import Mission
+from formation.mission.rules import VISITORS
 from formation.monitor.core import Monitor
 from formation.monitor.metrics import snapshot as metrics
 from formation.monitor.metrics.stage import usual
@@ -33,14 +32,16 @@ from formation.monitor.metrics.words import as_json as snapshot_as_json
 from formation.monitor.process import MAX_WAITING_MESSAGES, STEP_PERIOD
 from formation.transport import wiring
 from formation.transport.bus import Bus
-from formation.transport.bus_config import BusConfig, BusError
+from formation.transport.bus_config import BusError
 from formation.transport.linger import Linger
 from formation.transport.mailbox import Mailbox
-from formation.transport.runtime.flags import add_zenoh, bus_config
+from formation.transport.runtime.flags import bus_config
 from formation.transport.runtime.process import Stop, clocks
 from formation.transport.runtime.rate import Rate
 from formation.transport.runtime.robot_buses import RobotBuses
 
+MONITOR, _ = VISITORS
+"""Watching takes the monitor's configuration."""
 REFRESH_RATE, JSON_RATE = 4.0, 1.0
 """Rates of the table and of JSON lines [Hz]."""
 SILENCE_NOTICE_DELAY = 3.0
@@ -69,7 +70,8 @@ class Watcher:
         self.mission = mission
         self._monitor = Monitor(mission, stage)
         mailbox = Mailbox(MAX_WAITING_MESSAGES)
-        self._bus = stack.enter_context(Bus(_config(options, mission), mailbox))
+        links = wiring.of_monitor(wiring.endpoints(mission))
+        self._bus = stack.enter_context(Bus(bus_config(options, mission, links, "watch"), mailbox))
         truth = RobotBuses(mission, stage, mailbox, node="formation_watch", awaited=False)
         stack.callback(truth.close)
         for topic, key in self._monitor.truths:
@@ -114,10 +116,8 @@ def main(arguments: Sequence[str]) -> int:
     options.config = options.config or configuration_of(options.mission, MONITOR)
     with ExitStack() as stack:
         stop = stack.enter_context(Stop())
-        try:
+        with refusing(BusError):
             watcher = Watcher(mission, options, stack)
-        except BusError as error:
-            raise Refusal(str(error)) from None
         return _once(watcher, options, stop) if options.once else _watch(watcher, options, stop)
 
 
@@ -157,7 +157,9 @@ def _watch(watcher: Watcher, options: argparse.Namespace, stop: Stop) -> int:
     """Watch until told to stop."""
     progress = Progress(watcher.mission, phase="running", note="looking for the robots …")
     refresh = Rate(JSON_RATE if options.json else REFRESH_RATE)
-    with _view(options) as view:
+    with view_for(
+        sys.stderr if options.json else sys.stdout, table=not (options.json or options.no_table)
+    ) as view:
         while not stop:
             snapshot = watcher.look()
             if not watcher.has_received and watcher.elapsed > SILENCE_NOTICE_DELAY:
@@ -206,20 +208,6 @@ def _report(mission: Mission, snapshot: metrics.Snapshot) -> dict[str, Any]:
     return {"mission": mission.name, "all_run": all_run(snapshot), **snapshot_as_json(snapshot)}
 
 
-def _view(options: argparse.Namespace) -> View:
-    if options.json:
-        return PlainLines(sys.stderr)
-    return (
-        LiveTable(sys.stdout)
-        if in_a_terminal(sys.stdout) and not options.no_table
-        else PlainLines(sys.stdout)
-    )
-
-
-def _config(options: argparse.Namespace, mission: Mission) -> BusConfig:
-    return bus_config(options, mission, wiring.of_monitor(wiring.endpoints(mission)), "watch")
-
-
 def _options() -> argparse.ArgumentParser:
     options = parser(
         "watch", "Watch a running fleet in the terminal. It moves and records nothing.", EXAMPLES
@@ -230,8 +218,5 @@ def _options() -> argparse.ArgumentParser:
         "--json", action="store_true", help="a JSON object a second on stdout, or the one of --once"
     )
     options.add_argument("--no-table", action="store_true", help="plain lines instead of the live table")
-    links = options.add_argument_group(
-        "links (without -e and endpoints in FILE those that the mission implies)"
-    )
-    add_zenoh(links, connect="endpoint of an agent or the leader to dial; repeatable")
+    add_links(options)
     return options

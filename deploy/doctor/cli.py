@@ -6,23 +6,19 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, NamedTuple, TextIO
 
 from formation.deploy.arguments import add_json, number, parser, read_mission, tell
-from formation.deploy.doctor import at_desk, at_robot, files, report
-from formation.deploy.doctor.agents import AGENT, MISSION, REFUSALS
-from formation.deploy.doctor.certificates import CERTIFICATES
-from formation.deploy.doctor.clocks import CLOCKS
-from formation.deploy.doctor.facts import examine
-from formation.deploy.doctor.leading import LEADING
-from formation.deploy.doctor.neighbours import NEIGHBOURS
-from formation.deploy.doctor.odometry import ODOMETRY
-from formation.deploy.doctor.robot_link import ROBOT_LINK, WATCHDOG
+from formation.deploy.doctor import gather, tls
+from formation.deploy.doctor.agent import AGENT, LEADING, MISSION, NEIGHBOURS, REFUSALS
+from formation.deploy.doctor.facts import Checked, examine
+from formation.deploy.doctor.robot import CERTIFICATES, CLOCKS, ODOMETRY, ROBOT_LINK, WATCHDOG
 from formation.deploy.fleet.fleet import PREFIX
 from formation.deploy.refusal import Refusal
-from formation.deploy.terminal.waiting import waiting
+from formation.deploy.terminal.bar import waiting
 from formation.mission.file import MISSION_HELP, configuration_of
 from formation.mission.model import Mission
 from formation.transport.asking import OPERATOR
@@ -42,13 +38,37 @@ EXAMINATIONS = (
 )  # fmt: skip
 """All examinations, in the order of the report."""
 
+TITLE_WIDTH = 13
+"""Width of the column for an examination's name [characters]."""
+LINE_WIDTH = 80
+Checks = Mapping[str, Sequence[Checked]]
+"""Results by robot (or desk)."""
+
+
+class Style(NamedTuple):
+    """The marks of results."""
+
+    well: str
+    ill: str
+    arrow: str
+    bold: str
+    plain: str
+
+
+PLAIN = Style("✓", "✗", "→", "", "")
+ASCII = Style("+", "!", ">", "", "")
+COLOUR = Style("\033[32m✓\033[0m", "\033[31m✗\033[0m", "→", "\033[1m", "\033[0m")
+
 
 def main(arguments: Sequence[str]) -> int:
     """Examine; return the exit code."""
     options = _options().parse_args(arguments)
     current = options.prefix / "current"
     if options.mission is None:
-        mission = read_mission(_installed(current / "mission.toml"))
+        installed = current / "mission.toml"
+        if not installed.is_file():
+            raise Refusal(f"MISSION is missing, and none is installed here: there is no {installed}")
+        mission = read_mission(str(installed))
         robot = options.robot or _robot_of(current / "VERSION.json", mission)
     else:
         mission, robot = read_mission(options.mission), options.robot
@@ -56,14 +76,14 @@ def main(arguments: Sequence[str]) -> int:
             options.config = options.config or configuration_of(options.mission, OPERATOR)
     with waiting(f"listening for {options.seconds:g} s, and dialling"):
         checks = _desk(options, mission) if robot is None else _robot(options, mission, robot, current)
-    text = report.words(checks, style(sys.stderr if options.json else sys.stdout))
+    text = words(checks, style(sys.stderr if options.json else sys.stdout))
     if robot is None and options.config is None and under_certificates(endpoints(mission).agents.values()):
         text += "\nrobots with certificates answer only an operator's: name its configuration, -c FILE"
-    tell(options, text, lambda: {"mission": mission.name, **report.as_object(checks)})
-    return 0 if report.ok(checks) else 1
+    tell(options, text, lambda: {"mission": mission.name, **as_object(checks)})
+    return 0 if ok(checks) else 1
 
 
-def _robot(options: argparse.Namespace, mission: Mission, robot: str, current: Path) -> report.Checks:
+def _robot(options: argparse.Namespace, mission: Mission, robot: str, current: Path) -> Checks:
     if robot not in mission.followers:
         raise Refusal(
             f"--robot {robot!r}: must be a follower of {mission.name}: {', '.join(mission.followers)}"
@@ -71,12 +91,12 @@ def _robot(options: argparse.Namespace, mission: Mission, robot: str, current: P
     config = options.config or (current / "zenoh.json5")
     if options.mission is None and not config.is_file():
         raise Refusal(f"{config} is missing: install this robot's bundle again")
-    papers = files.papers_of(config) if options.config or config.is_file() else None
+    papers = tls.papers_of(config) if options.config or config.is_file() else None
     if options.certificates is not None:
-        papers = dict(files.papers_in(options.certificates, [robot])).get(robot, papers)
+        papers = dict(tls.papers_in(options.certificates, [robot])).get(robot, papers)
     there = current / "mission.toml"
     given = options.mission is not None
-    facts = at_robot.gather(
+    facts = gather.robot_facts(
         mission,
         robot,
         options.seconds,
@@ -87,20 +107,14 @@ def _robot(options: argparse.Namespace, mission: Mission, robot: str, current: P
     return {robot: examine(EXAMINATIONS, facts)}
 
 
-def _desk(options: argparse.Namespace, mission: Mission) -> report.Checks:
-    papers = None if options.config is None else files.papers_of(options.config)
-    facts = at_desk.gather(
+def _desk(options: argparse.Namespace, mission: Mission) -> Checks:
+    papers = None if options.config is None else tls.papers_of(options.config)
+    facts = gather.fleet_facts(
         mission, members(mission), options.seconds, options.config, papers, options.certificates
     )
-    checks = {"desk": examine((LEADING, CLOCKS, CERTIFICATES), at_desk.desk(mission, papers, facts))}
+    checks = {"desk": examine((LEADING, CLOCKS, CERTIFICATES), gather.desk_facts(mission, papers, facts))}
     checks.update((one.robot, examine(EXAMINATIONS, one)) for one in facts)
     return {name: checked for name, checked in checks.items() if checked}
-
-
-def _installed(mission: Path) -> str:
-    if not mission.is_file():
-        raise Refusal(f"MISSION is missing, and none is installed here: there is no {mission}")
-    return str(mission)
 
 
 def _robot_of(version: Path, mission: Mission) -> str:
@@ -118,11 +132,64 @@ def _robot_of(version: Path, mission: Mission) -> str:
     return robot
 
 
-def style(stream: TextIO) -> report.Style:
+def words(checks: Checks, style: Style = PLAIN, width: int = LINE_WIDTH) -> str:
+    """Return all results, grouped by robot."""
+    lines: list[str] = []
+    for name, checked in checks.items():
+        lines.append(f"{style.bold}{name}{style.plain}")
+        for one in checked:
+            lines += _lines(one, style, width)
+        lines.append("")
+    ill = {name: sum(len(one.findings) for one in checked) for name, checked in checks.items()}
+    found = sum(ill.values())
+    if not found:
+        return "\n".join([*lines, "healthy: nothing is wrong"])
+    where = ", ".join(name for name, count in ill.items() if count)
+    things = "1 thing is" if found == 1 else f"{found} things are"
+    return "\n".join([*lines, f"{things} wrong: {where}"])
+
+
+def as_object(checks: Checks) -> dict[str, Any]:
+    """Return the results for programs."""
+    robots = {
+        name: {
+            one.title: {
+                "ok": not one.findings,
+                "seen": one.seen,
+                "findings": [f._asdict() for f in one.findings],
+            }
+            for one in checked
+        }
+        for name, checked in checks.items()
+    }
+    return {"ok": ok(checks), "robots": robots}
+
+
+def ok(checks: Checks) -> bool:
+    """Return whether there are no faults."""
+    return not any(one.findings for checked in checks.values() for one in checked)
+
+
+def _lines(one: Checked, style: Style, width: int) -> Iterator[str]:
+    if not one.findings:
+        yield from _wrapped(f"  {style.well} {one.title:<{TITLE_WIDTH}}", one.seen, width)
+    for finding in one.findings:
+        yield from _wrapped(f"  {style.ill} {one.title:<{TITLE_WIDTH}}", finding.sentence, width)
+        yield from _wrapped(f"    {'':<{TITLE_WIDTH}}{style.arrow} ", finding.remedy, width, hang=2)
+
+
+def _wrapped(head: str, text: str, width: int, hang: int = 0) -> Iterator[str]:
+    column = 4 + TITLE_WIDTH
+    first, *rest = textwrap.wrap(text, max(20, width - column - hang), break_on_hyphens=False) or [""]
+    yield head + first
+    yield from (" " * (column + hang) + line for line in rest)
+
+
+def style(stream: TextIO) -> Style:
     """Return the marks of findings on `stream`: in colour on a terminal, unless NO_COLOR is set."""
     if not (stream.encoding or "").lower().startswith("utf"):
-        return report.ASCII
-    return report.COLOUR if stream.isatty() and not os.environ.get("NO_COLOR") else report.PLAIN
+        return ASCII
+    return COLOUR if stream.isatty() and not os.environ.get("NO_COLOR") else PLAIN
 
 
 def _options() -> argparse.ArgumentParser:

@@ -1,4 +1,4 @@
-"""Access control in the field: permitted messages between processes, and each one's Zenoh configuration.
+"""A mission in the field: where its processes listen, what they may send, and their Zenoh configurations.
 
 `words` lists every message between two processes of a mission. The messages that a process accepts from
 another (ingress) and sends to it (egress) are the two halves of that list: listed messages are never refused,
@@ -7,19 +7,22 @@ all others always. The receiver enforces it: the certificate of the link identif
 
 from __future__ import annotations
 
+import ipaddress
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import PurePath
 from typing import Any, Literal, NamedTuple
 
-from formation.deploy.fleet.hosts import MONITOR, OPERATOR, PROTOCOL, Host, hosts
 from formation.deploy.refusal import Refusal
 from formation.mission.model import Mission
 from formation.mission.rules import VISITORS
 from formation.monitor.metrics.keys import watched
 from formation.topics import BALLOT, GROUND_TRUTH, ORDER, POSITION, ROUTE, STATUS
-from formation.transport.wiring import called, members, partners
+from formation.transport.wiring import called, members, named, partners
 
+MONITOR, OPERATOR = VISITORS
+"""Processes with a certificate outside the fleet. Both only dial and do not listen."""
+PROTOCOL = "tls"
 Message = Literal["put", "declare_subscriber", "query", "declare_queryable", "reply"]
 REQUESTED_ALL = ORDER.pattern.format(robot="*")
 """Key on which an operator asks all processes at once."""
@@ -34,6 +37,65 @@ NOTHING = {
     "key_exprs": ["**"],
 }  # fmt: skip
 """Zenoh's rule for processes of the mission with no permitted message between them."""
+
+
+class Host(NamedTuple):
+    """Host of a robot's agent, the leader or a standby."""
+
+    address: str
+    """IP address or DNS name, without brackets."""
+    port: int
+
+    @property
+    def ip(self) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+        """The address; None for a name."""
+        try:
+            return ipaddress.ip_address(self.address)
+        except ValueError:
+            return None
+
+    @property
+    def endpoint(self) -> str:
+        """The endpoint in Zenoh's notation."""
+        bracketed = f"[{self.address}]" if ":" in self.address else self.address
+        return f"{PROTOCOL}/{bracketed}:{self.port}"
+
+
+def hosts(mission: Mission) -> Mapping[str, Host]:
+    """Return the host of each robot and standby, in the order of `members`.
+
+    Raises Refusal for a mission that is not for the field.
+    """
+    ends = {name: end or "" for name, end in named(mission).items()}
+    missing = [name for name, end in ends.items() if not end]
+    if missing:
+        table = "robots" if missing[0] in mission.robots else "standbys"
+        raise Refusal(
+            f"mission {mission.name}: {', '.join(missing)} without endpoint; in the field every robot (and"
+            f" the leader, and each standby) needs one that the others can dial, such as"
+            f" endpoint = {PROTOCOL + '/192.168.1.12:7460'!r} in [{table}.{missing[0]}]"
+        )
+    for name in VISITORS:
+        if name in mission.robots:
+            raise Refusal(
+                f"mission {mission.name}: no robot of the field can be called {name!r}, for that is what"
+                f" the certificate of the {name} says; call it otherwise"
+            )
+    return {name: _host(name, end) for name, end in ends.items()}
+
+
+def _host(name: str, endpoint: str) -> Host:
+    protocol, _, place = endpoint.partition("/")
+    address, _, port = place.rpartition(":")
+    host = Host(address.removeprefix("[").removesuffix("]"), int(port))
+    where = f"endpoint {endpoint!r} of {name}"
+    if protocol != PROTOCOL:
+        raise Refusal(f"{where}: must begin with '{PROTOCOL}/', because only that proves the sender")
+    if host.ip is not None and host.ip.is_unspecified:
+        raise Refusal(f"{where}: must be the address that the others dial, not one that means all of them")
+    if "%" in address or (host.ip is None and (":" in host.address or not host.address.isascii())):
+        raise Refusal(f"{where}: must be an address without zone, or a name in ASCII: a certificate says it")
+    return host
 
 
 class Word(NamedTuple):
@@ -92,11 +154,15 @@ def configuration(mission: Mission, process: str, folder: PurePath) -> dict[str,
     if process not in processes(mission):
         raise Refusal(f"{process!r}: must be one of {', '.join(processes(mission))}")
     where = hosts(mission)
+    # visitors dial all, of two others the one that is listed later dials
+    dialled = members(mission) if process in VISITORS else called(mission, process)
+    own = where.get(process)  # it listens at an address itself; for a name, on all interfaces
+    listened = [] if own is None else [own if own.ip is not None else Host("::", own.port)]
     return {
         "mode": "peer",
         **({"namespace": mission.team} if mission.team else {}),
-        "listen": {"endpoints": _listened(where[process]) if process in where else []},
-        "connect": {"endpoints": [where[other].endpoint for other in _dialled(mission, process)]},
+        "listen": {"endpoints": [host.endpoint for host in listened]},
+        "connect": {"endpoints": [where[other].endpoint for other in dialled]},
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "transport": {"link": {"protocols": [PROTOCOL], "tls": _tls(folder)}},
         "access_control": access_control(mission, process),
@@ -161,16 +227,6 @@ def _listens(listener: str, speaker: str, key: str) -> Iterator[Word]:
 def _publishers(mission: Mission, robot: str) -> tuple[str, ...]:
     """Return the publishers of a robot's position: its agent; for the leader, all candidates."""
     return mission.candidates if robot == mission.leader else (robot,)
-
-
-def _dialled(mission: Mission, process: str) -> tuple[str, ...]:
-    """Return the processes that it dials: visitors dial all, of two others the later listed one dials."""
-    return members(mission) if process in VISITORS else called(mission, process)
-
-
-def _listened(host: Host) -> list[str]:
-    """Return the endpoints to listen on: an address itself; for a name, all interfaces."""
-    return [host.endpoint if host.ip is not None else Host("::", host.port).endpoint]
 
 
 def _tls(folder: PurePath) -> dict[str, Any]:

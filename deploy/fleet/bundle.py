@@ -11,7 +11,8 @@
                and likewise for each standby, so that each can lead from the desk
     DIR/BUNDLE.json                                       marks DIR as one of ours, with its content
 
-A release's id is a hash of its folder's content, so the same inputs make the same release.
+A release's id is a hash of its folder's content, so the same inputs make the same release. Nothing in DIR
+changes before all new bundles are ready, and a folder with other content is left alone.
 """
 
 from __future__ import annotations
@@ -19,8 +20,12 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import os
+import shutil
 import subprocess
-from collections.abc import Mapping, Sequence
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from importlib.metadata import version
 from importlib.resources import files
@@ -30,17 +35,18 @@ from typing import Any
 
 from formation.deploy import env
 from formation.deploy.arguments import add_json, add_out, as_json, parser, read_mission
-from formation.deploy.fleet import access, authority, certificates, folders, wheels
+from formation.deploy.fleet import access, authority, certificates, wheels
 from formation.deploy.fleet import units as systemd
-from formation.deploy.fleet.folders import VERSION
-from formation.deploy.fleet.hosts import hosts
-from formation.deploy.fleet.wheels import PLATFORMS, PYTHONS, Target
-from formation.deploy.refusal import Refusal
+from formation.deploy.fleet.access import hosts
+from formation.deploy.fleet.wheels import PLATFORMS, PYTHONS, Target, digest
+from formation.deploy.refusal import Refusal, refused
 from formation.mission.file import DESK, MISSION_HELP, read
 from formation.mission.model import Mission
 from formation.mission.rules import VISITORS
 from formation.transport.wiring import members, role
 
+BUNDLE, VERSION = "BUNDLE.json", "VERSION.json"
+"""File that marks a folder as ours, and file with the release of a robot's folder."""
 LEADER = "leader"
 """The leader's name on the desk."""
 SECRETS = (certificates.TRUSTED, certificates.CERTIFICATE, certificates.KEY)
@@ -122,11 +128,11 @@ def make(
     pairs = {name: _pair(secrets, mission, name, now) for name in access.processes(mission)}
     for name in members(mission):
         systemd.units(mission, name, bringup, bridge)  # refuse a wrong flag before fetching anything
-    before = folders.before(out)
-    with folders.workshop(out) as shop:
+    before = _earlier_folders(out)
+    with _workshop(out) as shop:
         wheelhouse = shop / "wheels"
         wheelhouse.mkdir()
-        wheels.collect(target, wheelhouse, folders.earlier(out, before, target), fetch=with_wheels)
+        wheels.collect(target, wheelhouse, _earlier_wheels(out, before, target), fetch=with_wheels)
         facts = {
             "formation": version("zenoh-formation"),
             "commit": commit(),
@@ -143,7 +149,7 @@ def make(
             (folder / "wheels").mkdir(mode=0o755)
             for file in sorted(wheelhouse.iterdir()):
                 wheels.link(file, folder / "wheels" / file.name)
-            releases[name] = folders.release_id(folder)
+            releases[name] = release_id(folder)
             own = {
                 "release": releases[name],
                 "robot": name,
@@ -152,11 +158,11 @@ def make(
                 **facts,
                 "certificate_until": pairs[name].expires.isoformat(timespec="seconds"),
                 "units": sorted(path.name for path in (folder / "units").iterdir()),
-                "made": folders.made(out / name, releases[name], now),
+                "made": _made(out / name, releases[name], now),
             }
-            folders.write(folder / VERSION, json.dumps(own, indent=1) + "\n")
+            _write(folder / VERSION, json.dumps(own, indent=1) + "\n")
         _desk(shop / DESK, mission, text, secrets, out.resolve() / DESK)
-        folders.replace(shop, out, (*members(mission), DESK), before)
+        _replace(shop, out, (*members(mission), DESK), before)
     return {"folder": str(out), "releases": releases, **facts}
 
 
@@ -213,39 +219,129 @@ def _robot(
 ) -> None:
     """Write a robot's folder, except wheels and VERSION.json."""
     folder.mkdir(mode=0o700)
-    folders.write(folder / "mission.toml", text)
+    _write(folder / "mission.toml", text)
     place = PurePosixPath(systemd.CURRENT) / "certificates"
-    folders.write(
-        folder / "zenoh.json5", access.text(mission, name, access.configuration(mission, name, place))
-    )
+    _write(folder / "zenoh.json5", access.text(mission, name, access.configuration(mission, name, place)))
     _secrets(secrets / name, folder / "certificates")
     kinds = {"units": systemd.units, "samples": systemd.samples}
     for kind, texts in kinds.items():
         (folder / kind).mkdir(mode=0o755)
         for unit, content in texts(mission, name, *where).items():
-            folders.write(folder / kind / unit, content)
+            _write(folder / kind / unit, content)
     wall = files("formation.deploy").joinpath("fleet", "firewall.nft").read_text(encoding="utf-8")
     port = f"dport {hosts(mission)[name].port} "
-    folders.write(folder / "samples" / "firewall.nft", wall.replace("dport 7460 ", port))
+    _write(folder / "samples" / "firewall.nft", wall.replace("dport 7460 ", port))
     script = files("formation.deploy").joinpath("fleet", "install.sh").read_text(encoding="utf-8")
-    folders.write(folder / "install.sh", script, 0o755)
+    _write(folder / "install.sh", script, 0o755)
 
 
 def _desk(folder: Path, mission: Mission, text: str, secrets: Path, place: Path) -> None:
     """Write the desk's folder for monitor, operator and candidates; it stays where it is made, `place`."""
     folder.mkdir(mode=0o700)
-    folders.write(folder / "mission.toml", text)
+    _write(folder / "mission.toml", text)
     parts = {LEADER: mission.leader, **{name: name for name in (*VISITORS, *mission.standbys)}}
     for part, name in parts.items():
         settings = access.configuration(mission, name, place / part)
-        folders.write(folder / f"{part}.json5", access.text(mission, name, settings))
+        _write(folder / f"{part}.json5", access.text(mission, name, settings))
         _secrets(secrets / name, folder / part)
 
 
 def _secrets(source: Path, folder: Path) -> None:
     folder.mkdir(mode=0o700)
     for name in SECRETS:
-        folders.write(folder / name, (source / name).read_text(encoding="ascii"), 0o600)
+        _write(folder / name, (source / name).read_text(encoding="ascii"), 0o600)
+
+
+def _earlier_folders(out: Path) -> tuple[str, ...]:
+    """Return the folders of an earlier run in `out`. Raises Refusal if it has other content."""
+    try:
+        found = {path.name for path in out.iterdir()}
+    except FileNotFoundError:
+        return ()
+    except OSError as error:
+        raise Refusal(f"--out {out}: {error.strerror}") from None
+    known: tuple[str, ...] = ()
+    if BUNDLE in found:
+        try:
+            known = tuple(json.loads((out / BUNDLE).read_text(encoding="utf-8"))["folders"])
+        except (OSError, ValueError, KeyError, TypeError):
+            raise Refusal(f"{out / BUNDLE}: cannot be read; remove {out}, or name another folder") from None
+    foreign = sorted(found - {BUNDLE, ".gitignore", *known})
+    if foreign:
+        raise Refusal(
+            f"--out {out}: holds {', '.join(foreign[:3])}{' and more' if len(foreign) > 3 else ''}, which no"
+            " bundle has; name a new folder"
+        )
+    return tuple(name for name in known if name in found)
+
+
+@contextmanager
+def _workshop(out: Path) -> Iterator[Path]:
+    """Make a folder beside `out`, on its file system, for incomplete bundles."""
+    with refused(f"--out {out}"):
+        out.mkdir(mode=0o700, parents=True, exist_ok=True)
+        shop = tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.resolve().parent)  # mode 0700
+    with shop as folder:
+        yield Path(folder)
+
+
+def _replace(shop: Path, out: Path, folders: Sequence[str], before: Sequence[str]) -> None:
+    """Move `folders` from the workshop to `out`, replacing those of `before`."""
+    out.chmod(0o700)
+    _write(out / ".gitignore", "*\n")
+    # Until all is done the content may be of either run, so both are named.
+    _write(out / BUNDLE, json.dumps({"folders": sorted({*folders, *before})}) + "\n")
+    old = shop / "old"
+    old.mkdir()
+    for name in before:
+        (out / name).rename(old / name)
+    for name in folders:
+        (shop / name).rename(out / name)
+    _write(out / BUNDLE, json.dumps({"folders": list(folders)}) + "\n")
+    shutil.rmtree(old)
+
+
+def release_id(folder: Path) -> str:
+    """Return a hash of a folder's names, modes and contents, except VERSION.json."""
+    total = hashlib.sha256()
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder).as_posix()
+        if path.is_file() and name != VERSION:
+            total.update(f"{name} {path.stat().st_mode & 0o777:o} {digest(path)}\n".encode())
+    return total.hexdigest()[:12]
+
+
+def _earlier_wheels(out: Path, before: Sequence[str], target: Target) -> list[Path]:
+    """Return the wheels that an earlier run fetched for the same target."""
+    same = []
+    for name in before:
+        version = _version(out / name)
+        if (version.get("platform"), version.get("python")) == target:
+            same += sorted((out / name / "wheels").glob("*.whl"))
+    return same
+
+
+def _made(old: Path, release: str, now: datetime) -> str:
+    """Return when a release was first made; a second run with the same result keeps the time."""
+    version = _version(old)
+    return str(version["made"]) if version.get("release") == release else now.isoformat(timespec="seconds")
+
+
+def _version(folder: Path) -> Mapping[str, Any]:
+    try:
+        version = json.loads((folder / VERSION).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return version if isinstance(version, dict) else {}
+
+
+def _write(path: Path, text: str, mode: int = 0o644) -> None:
+    """Write a file that is never more readable than `mode`."""
+    path.unlink(missing_ok=True)
+    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+    with os.fdopen(handle, "w", encoding="utf-8") as file:
+        os.fchmod(handle, mode)  # whatever the umask
+        file.write(text)
 
 
 def _options() -> argparse.ArgumentParser:

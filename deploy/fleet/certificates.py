@@ -14,18 +14,17 @@ from __future__ import annotations
 import argparse
 import os
 import stat
-import tempfile
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from shlex import quote
 from typing import Any
 
-from formation.deploy.arguments import add_json, add_out, number, parser, read_mission, tell
+from formation.deploy.arguments import add_json, add_out, number, parser, read_mission, replacing, tell
 from formation.deploy.fleet import authority
+from formation.deploy.fleet.access import hosts
 from formation.deploy.fleet.authority import Pair
-from formation.deploy.fleet.hosts import hosts
-from formation.deploy.refusal import Refusal
+from formation.deploy.refusal import Refusal, refused
 from formation.mission.file import MISSION_HELP
 from formation.mission.model import Mission
 from formation.mission.rules import VISITORS
@@ -49,9 +48,10 @@ def main(arguments: Sequence[str]) -> int:
     options = _options().parse_args(arguments)
     mission = read_mission(options.mission)
     now = datetime.now(UTC)
-    pairs = (renew if options.renew else create)(
-        mission, options.out, days=options.days, authority_days=options.ca_days, now=now
-    )
+    if options.renew:
+        pairs = renew(mission, options.out, days=options.days, now=now)
+    else:
+        pairs = create(mission, options.out, days=options.days, authority_days=options.ca_days, now=now)
     left = left_over(options.out, mission)
     tell(options, words(options.out, pairs, left, now), lambda: report(options.out, pairs, left, now))
     return 0
@@ -75,14 +75,11 @@ def create(
     return {AUTHORITY: root, **_issue_all(mission, folder, root, days, now)}
 
 
-def renew(
-    mission: Mission, folder: Path, *, days: float, authority_days: float, now: datetime
-) -> dict[str, Pair]:
+def renew(mission: Mission, folder: Path, *, days: float, now: datetime) -> dict[str, Pair]:
     """Issue new keys and certificates to all of the mission under the existing authority.
 
-    Raises Refusal without one, or if it has expired. `authority_days` has no effect.
+    Raises Refusal without one, or if it has expired.
     """
-    del authority_days  # its lifetime was set when it was made
     hosts(mission)
     if not _holds_keys(folder / AUTHORITY):
         raise Refusal(f"{folder}: holds no authority to renew under; leave out --renew to make one")
@@ -175,11 +172,9 @@ def _issue_all(mission: Mission, folder: Path, root: Pair, days: float, now: dat
 
 def _prepare(folder: Path) -> None:
     """Make `folder` a place for secrets, or refuse: it must be private, and ignored by git."""
-    try:
+    with refused(f"--out {folder}"):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         entries = list(folder.iterdir())
-    except OSError as error:
-        raise Refusal(f"--out {folder}: {error.strerror}") from None
     if entries and not (folder / AUTHORITY).is_dir():
         raise Refusal(f"--out {folder}: is not empty and no folder of certificates; name a new one")
     _private(folder)
@@ -210,20 +205,12 @@ def _holds_keys(home: Path) -> bool:
 
 def _write(path: Path, content: bytes) -> None:
     """Write a private file, completely or not at all."""
-    try:
+    with refused(f"{path}"):
         path.parent.mkdir(mode=0o700, exist_ok=True)
         _private(path.parent)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)  # mode 0600
-        temporary = Path(name)
-        try:
-            with os.fdopen(handle, "wb") as file:
-                _private(temporary)  # before anything secret is in it
-                file.write(content)
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
-    except OSError as error:
-        raise Refusal(f"{path}: {error.strerror}") from None
+        with replacing(path) as new:
+            _private(new)  # before anything secret is in it
+            new.write_bytes(content)
 
 
 def _days(expires: datetime, now: datetime) -> float:

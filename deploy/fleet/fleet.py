@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import re
 import socket
@@ -16,7 +15,8 @@ from typing import Any, NamedTuple, TypeVar
 from formation.deploy.arguments import add_json, whole
 from formation.deploy.fleet.on_robot import VERSION
 from formation.deploy.fleet.remote import RemoteError, Robot, Ssh
-from formation.deploy.refusal import Refusal
+from formation.deploy.fleet.wheels import digest
+from formation.deploy.refusal import Refusal, refusing
 from formation.mission.file import MissionError, load
 from formation.transport.wiring import named
 
@@ -148,12 +148,6 @@ def on_all(fleet: Fleet, query: Callable[[Robot], T]) -> dict[str, T | RemoteErr
             raise
 
 
-def digest(path: Path) -> str:
-    """SHA-256 of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
 def _bundle(path: Path) -> Bundle:
     try:
         version = json.loads((path / VERSION).read_text(encoding="utf-8"))
@@ -178,10 +172,8 @@ def _address(text: str, bundles: Mapping[str, Bundle]) -> tuple[str, str]:
 
 def _from_mission(bundle: Bundle) -> str:
     """Return the host of the endpoint at which its agent listens."""
-    try:
+    with refusing(MissionError):
         mission = load(bundle.folder / "mission.toml")
-    except MissionError as error:
-        raise Refusal(str(error)) from None
     endpoint = named(mission).get(bundle.robot)
     if endpoint is None:
         raise Refusal(
@@ -208,17 +200,3 @@ def _counted(path: Path) -> tuple[str, int]:
     """Sort robot10 behind robot9."""
     match = re.fullmatch(r"(.*?)(\d+)", path.name)
     return (match[1], int(match[2])) if match else (path.name, -1)
-
-
-__all__ = [
-    "Bundle",
-    "Fleet",
-    "RemoteError",
-    "Robot",
-    "add_flags",
-    "add_no_restart",
-    "digest",
-    "find",
-    "on_all",
-    "read",
-]

@@ -74,7 +74,10 @@ def words(fleet: Fleet, states: Mapping[str, InstalledState]) -> list[str]:
     lines = [line("robot", TITLES)]
     for name, one in states.items():
         lines.append(line(name, rows[name]))
-        lines += [f"  {'':<{width}}  {_unit(*unit)}" for unit in one.units.items()]
+        for unit, facts in one.units.items():
+            restarts = f", {facts['restarts']} restarts" if facts["restarts"] else ""
+            says = f"  {facts['says']}" if facts["says"] else ""
+            lines.append(f"  {'':<{width}}  {unit}: {facts['active']}{restarts}{says}")
         lines += [f"  {'':<{width}}  ! {text}" for text in one.differs]
     other = [name for name, one in states.items() if one.differs]
     well = len(states) - len(other)
@@ -134,9 +137,3 @@ def _row(bundle: Bundle, one: InstalledState) -> tuple[str, ...]:
         mission,
         since(reply["since"], reply["now"]),
     )
-
-
-def _unit(name: str, facts: Mapping[str, Any]) -> str:
-    restarts = f", {facts['restarts']} restarts" if facts["restarts"] else ""
-    says = f"  {facts['says']}" if facts["says"] else ""
-    return f"{name}: {facts['active']}{restarts}{says}"

@@ -50,12 +50,14 @@ def look(prefix: Path, _request: Answer) -> Answer:
     files = {}
     if incoming.is_dir():
         files = {_name(incoming, path): _facts(path) for path in _files(incoming)}
-    done = prefix / INSTALLED
+    done, disk = prefix / INSTALLED, prefix
+    while not disk.exists():
+        disk = disk.parent
     return {
         "files": files,
         "release": _release(prefix / CURRENT),
         "installed": done.read_text(encoding="utf-8") if done.is_file() else None,
-        "free": _free(prefix),
+        "free": shutil.disk_usage(str(disk)).free,
     }
 
 
@@ -69,7 +71,9 @@ def receive(prefix: Path, request: Answer) -> Answer:
     incoming.chmod(0o700)
     with _only_one(prefix, PUSHING):
         _take(incoming, wanted, sys.stdin.buffer)
-        _forget(incoming, wanted)
+        for path in _files(incoming):
+            if _name(incoming, path) not in wanted:
+                path.unlink()
         for name, facts in wanted.items():
             path = incoming / name
             if not path.is_file() or _facts(path)[0] != facts[0]:
@@ -135,12 +139,6 @@ def _take(incoming: Path, wanted: Answer, stream: IO[bytes]) -> None:
             if path.is_dir():
                 shutil.rmtree(path)
             part.replace(path)
-
-
-def _forget(incoming: Path, wanted: Answer) -> None:
-    for path in _files(incoming):
-        if _name(incoming, path) not in wanted:
-            path.unlink()
 
 
 def _install(incoming: Path, arguments: Sequence[str]) -> int:
@@ -274,12 +272,6 @@ def _digest(path: Path) -> str:
 def _release(link: Path) -> str | None:
     """Return the name of the release that a link points to; None if there is no link."""
     return link.readlink().name if link.is_symlink() and link.exists() else None
-
-
-def _free(prefix: Path) -> int:
-    while not prefix.exists():
-        prefix = prefix.parent
-    return shutil.disk_usage(str(prefix)).free
 
 
 def _json(path: Path) -> Answer:

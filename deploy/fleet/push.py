@@ -1,4 +1,7 @@
-"""`formation deploy push`: send bundles to all robots at once, over ssh; only differing files are sent."""
+"""`formation deploy push` sends bundles to all robots at once, over ssh; `rollback` goes one release back.
+
+Only differing files are sent.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +9,20 @@ import argparse
 import stat
 import sys
 import tarfile
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Any, NamedTuple, Self, TextIO, TypeVar
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from formation.deploy.arguments import parser, tell
 from formation.deploy.fleet import fleet as fleets
-from formation.deploy.fleet.fleet import Bundle, Fleet, digest
-from formation.deploy.fleet.push_view import View, size, view_for
+from formation.deploy.fleet.fleet import Bundle, Fleet
 from formation.deploy.fleet.remote import LAST_LINES, RemoteError, Robot
+from formation.deploy.fleet.wheels import digest
 
 EXAMPLES = """\
   formation deploy push field --user ubuntu
@@ -25,10 +32,18 @@ EXAMPLES = """\
 It logs in with a key, never with a password, and installs by way of `sudo -n` unless it logs in as root or
 --no-systemd is given. Exit code 0: all robots have it; 1: some have not, for the reasons named.
 """
+ROLLBACK_EXAMPLES = """\
+  formation deploy rollback field
+  formation deploy rollback field --only robot2 --user ubuntu
+
+It goes one release back, and not further. The way forward again is a push.
+Exit code 0: all robots have gone back; 1: some have not, for the reasons named.
+"""
 BLOCK_BYTES = 1 << 16
 """Size of a block [bytes]."""
 Files = Mapping[str, tuple[str, int]]
 """Digest and mode of each file, by its path within the bundle."""
+T = TypeVar("T")
 
 
 class Pushed(NamedTuple):
@@ -42,14 +57,143 @@ class Pushed(NamedTuple):
     """False if the release was already there and current."""
 
 
+class View:
+    """Shows the progress of a push, here nothing; called from many threads; a context manager."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def phase(self, robot: str, phase: str) -> None:
+        """Show a robot's phase: `connecting`, `comparing` or `installing`."""
+
+    def sending(self, robot: str, files: int, total: int) -> None:
+        """Show how many files and bytes are to be sent [bytes]."""
+
+    def sent(self, robot: str, count: int) -> None:
+        """Add to the bytes sent [bytes]."""
+
+    def line(self, robot: str, text: str) -> None:
+        """Show a line of the installation."""
+
+    def end(self, robot: str, text: str, *, well: bool) -> None:
+        """Show that a robot is done."""
+
+
+class _Plain(View):
+    """A line for each event."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._lock = threading.Lock()
+
+    def phase(self, robot: str, phase: str) -> None:
+        if phase == "installing":
+            self._say(robot, phase)
+
+    def sending(self, robot: str, files: int, total: int) -> None:
+        self._say(robot, f"sending {files} files, {size(total)}")
+
+    def end(self, robot: str, text: str, *, well: bool) -> None:  # noqa: ARG002 - as `View`
+        self._say(robot, text)
+
+    def _say(self, robot: str, text: str) -> None:
+        with self._lock:
+            print(f"{robot}: {text}", file=self._stream, flush=True)
+
+
+class _Bars(View):
+    """A bar for each robot, in a terminal. It is removed at the end: the result is in words."""
+
+    def __init__(self, stream: TextIO, robots: Iterable[str]) -> None:
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=20),
+            TimeElapsedColumn(),
+            TextColumn("{task.fields[phase]}", style="dim"),
+            console=Console(file=stream, highlight=False),
+            transient=True,
+        )
+        self._tasks: dict[str, TaskID] = {
+            robot: self._progress.add_task(robot, total=None, phase="waiting") for robot in robots
+        }
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def phase(self, robot: str, phase: str) -> None:
+        self._progress.update(self._tasks[robot], phase=phase)
+
+    def sending(self, robot: str, files: int, total: int) -> None:
+        self._progress.update(self._tasks[robot], total=total, phase=f"sending {files} files, {size(total)}")
+
+    def sent(self, robot: str, count: int) -> None:
+        self._progress.advance(self._tasks[robot], count)
+
+    def line(self, robot: str, text: str) -> None:
+        if text.strip():
+            shown = text.strip()[:40].replace("[", r"\[")  # else rich would take it for a style
+            self._progress.update(self._tasks[robot], phase=shown)
+
+    def end(self, robot: str, text: str, *, well: bool) -> None:
+        task = self._tasks[robot]
+        self._progress.update(task, total=1, completed=1 if well else 0, phase=text[:40])
+        self._progress.stop_task(task)
+
+
+def size(count: float) -> str:
+    """Return a number of bytes for people: 724 B, 12 kB, 3.4 MB."""
+    for unit, scale in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= 0.9995 * scale:
+            value = count / scale
+            return f"{value:.0f} {unit}" if value >= 9.95 else f"{value:.1f} {unit}"
+    return f"{count:.0f} B"
+
+
 def main(arguments: Sequence[str]) -> int:
     """Push; return the exit code."""
     options = flags().parse_args(arguments)
     fleet = fleets.read(options, sudo=not options.no_systemd)
-    with View() if options.json else view_for(sys.stdout, fleet.robots) as view:
+    shown = View()
+    if not options.json:
+        shown = _Bars(sys.stdout, fleet.robots) if sys.stdout.isatty() else _Plain(sys.stdout)
+    with shown as view:
         results = fleets.on_all(fleet, lambda robot: _one(fleet, robot, options, view))
-    tell(options, "\n".join(words(fleet, results)), lambda: report(fleet, results))
-    return 1 if any(isinstance(result, RemoteError) for result in results.values()) else 0
+    failed = [name for name, result in results.items() if isinstance(result, RemoteError)]
+    tell(options, "\n".join(_words(results, _pushed, failed)), lambda: _report(fleet, results))
+    return 1 if failed else 0
+
+
+def rollback(arguments: Sequence[str]) -> int:
+    """Go back to the release before the last; return the exit code."""
+    options = parser("deploy rollback", "Go back to the release before the last.", ROLLBACK_EXAMPLES)
+    fleets.add_flags(options)
+    fleets.add_no_restart(options)
+    options.add_argument(
+        "--no-systemd", action="store_true", help="only links, no units; then sudo is not used"
+    )
+    chosen = options.parse_args(arguments)
+    fleet = fleets.read(chosen, sudo=not chosen.no_systemd)
+    restart = not (chosen.no_restart or chosen.no_systemd)
+    results = fleets.on_all(fleet, lambda robot: fleet.ssh.call(robot, "rollback", {"restart": restart}))
+    robots = {
+        name: {"ok": False, "reason": str(result)}
+        if isinstance(result, RemoteError)
+        else {"ok": not result["restart"], **result}
+        for name, result in results.items()
+    }
+    failed = [name for name, robot in robots.items() if not robot["ok"]]
+    tell(
+        chosen,
+        "\n".join(_words(results, _rolled_back, failed)),
+        lambda: {"ok": not failed, "robots": robots},
+    )
+    return 1 if failed else 0
 
 
 def push(fleet: Fleet, robot: Robot, flags: Sequence[str], view: View, *, reinstall: bool = False) -> Pushed:
@@ -115,26 +259,37 @@ def send(bundle: Bundle, files: Files, names: Sequence[str], view: View, stream:
     view.phase(bundle.robot, "installing")
 
 
-def words(fleet: Fleet, results: Mapping[str, Pushed | RemoteError]) -> list[str]:
-    """Return the results for people."""
-    width = max(map(len, fleet.robots)) + 2
+def _words(
+    results: Mapping[str, T | RemoteError], lines_of: Callable[[T], Sequence[str]], failed: Collection[str]
+) -> list[str]:
+    """Return the results for people: `lines_of` each that was reached, and the robots that `failed`."""
+    width = max(map(len, results)) + 2
     lines = []
     for name, result in results.items():
         if isinstance(result, RemoteError):
-            lines.append(f"  {name:<{width}}FAILED  {result}")
-            lines += [f"  {'':<{width}}  | {text}" for text in result.lines]
-        elif result.installed:
-            sent = f"{result.files} files, {size(result.bytes)} sent" if result.files else "nothing to send"
-            lines.append(f"  {name:<{width}}{result.release}  installed; {sent}")
+            of_robot = [f"FAILED  {result}", *(f"  | {text}" for text in result.lines)]
         else:
-            lines.append(f"  {name:<{width}}{result.release}  up to date, not touched")
-    well = sum(isinstance(result, Pushed) for result in results.values())
-    failed = [name for name, result in results.items() if isinstance(result, RemoteError)]
-    return [*lines, f"{well} of {len(results)} robots" + (f"; FAILED: {', '.join(failed)}" if failed else "")]
+            of_robot = list(lines_of(result))
+        lines.append(f"  {name:<{width}}{of_robot[0]}")
+        lines += [f"  {'':<{width}}{text}" for text in of_robot[1:]]
+    well = f"{len(results) - len(failed)} of {len(results)} robots"
+    return [*lines, well + (f"; FAILED: {', '.join(failed)}" if failed else "")]
 
 
-def report(fleet: Fleet, results: Mapping[str, Pushed | RemoteError]) -> dict[str, Any]:
-    """Return the results for a script."""
+def _pushed(result: Pushed) -> Sequence[str]:
+    if not result.installed:
+        return (f"{result.release}  up to date, not touched",)
+    sent = f"{result.files} files, {size(result.bytes)} sent" if result.files else "nothing to send"
+    return (f"{result.release}  installed; {sent}",)
+
+
+def _rolled_back(result: Mapping[str, Any]) -> Sequence[str]:
+    trouble = result["restart"]
+    lines = [f"{result['left']} -> {result['release']}"]
+    return [*lines, f"  but its units did not start: {trouble}"] if trouble else lines
+
+
+def _report(fleet: Fleet, results: Mapping[str, Pushed | RemoteError]) -> dict[str, Any]:
     robots = {}
     for name, result in results.items():
         if isinstance(result, RemoteError):

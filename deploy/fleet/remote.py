@@ -74,7 +74,8 @@ class Ssh:
         `feed` writes to the command's stdin; `line` gets each line of its output.
         """
         request = json.dumps({"prefix": robot.prefix, **arguments})
-        words = shlex.join([*(AS_ROOT if self._sudo else ()), "python3", "-c", _text(), command, request])
+        program = (files("formation.deploy.fleet") / "on_robot.py").read_text(encoding="utf-8")
+        words = shlex.join([*(AS_ROOT if self._sudo else ()), "python3", "-c", program, command, request])
         code, lines, errors = self._run(robot, words, feed, line or (lambda _: None))
         answer = next((one for one in map(_answer, reversed(lines)) if one is not None), None)
         if answer is None and self._stopped:
@@ -183,7 +184,3 @@ def _answer(text: str) -> dict[str, Any] | None:
 
 def _lines(stream: IO[bytes]) -> Iterator[str]:
     return (raw.decode(errors="replace").rstrip() for raw in stream)
-
-
-def _text() -> str:
-    return (files("formation.deploy.fleet") / "on_robot.py").read_text(encoding="utf-8")

@@ -11,8 +11,7 @@ from importlib.resources import files
 
 from formation.deploy.refusal import Refusal
 from formation.mission.model import Mission
-from formation.mission.robot import RobotSpec
-from formation.topics import TABLE, Topic
+from formation.topics import TABLE
 from formation.transport.wiring import role
 
 PREFIX = "@PREFIX@"
@@ -52,30 +51,17 @@ def samples(mission: Mission, name: str, bringup: str = BRINGUP, bridge: str | N
     return {place: _filled(template, values) for template, place in wanted.items() if place != NONE}
 
 
-def bridge_of(spec: RobotSpec, bridge: str | None) -> str:
-    """Return the unit of a robot's bridge or router: the one given, else the usual one for its ROS 2."""
-    return BRIDGES[spec.ros] if bridge is None else bridge
-
-
-def commands(unit: str, state: str = "%S") -> list[list[str]]:
-    """Return a unit's command lines in order, with the variables that it sets itself.
-
-    `state` is the root of state directories: for systemd /var/lib.
-    """
-    variables = dict(re.findall(r"(?m)^Environment=(\w+)=(.*)$", unit))
-    lines = re.findall(r"(?m)^Exec(?:Start|StopPost)=(.*)$", unit.replace("%S", state))
-    return [re.sub(r"\$(\w+)", lambda word: variables[word[1]], line).split() for line in lines]
-
-
 def _values(mission: Mission, name: str, bringup: str, bridge: str | None) -> Mapping[str, str]:
     # standbys and the leader have no robot; their units do not use these values
     spec = mission.robots[mission.leader if name in mission.standbys else name]
-    bridge = bridge_of(spec, bridge)
+    bridge = BRIDGES[spec.ros] if bridge is None else bridge
     for flag, unit in (("--bringup", bringup), ("--bridge", bridge)):
         if unit != NONE and not _UNIT.fullmatch(unit):
             raise Refusal(f"{flag} {unit!r}: must be the name of a unit, such as {BRINGUP}, or {NONE}")
     bound = [unit for unit in (bringup, bridge) if unit != NONE]
     namespace = name if spec.namespace is None else spec.namespace
+    # names of topics for every robot, as the bridge's regular expressions have them
+    topics = [re.sub(r"\{\w+\}", ".*", topic.pattern) for topic in TABLE if topic.from_robot]
     return {
         "ROBOT": name,
         "FORMATION": f"{CURRENT}/venv/bin/formation",
@@ -84,17 +70,12 @@ def _values(mission: Mission, name: str, bringup: str, bridge: str | None) -> Ma
         "AGENT_WANTED_BY": bound[0] if bound else "multi-user.target",
         "BRIDGE": bridge,
         "BRIDGE_ENDPOINT": spec.robot_endpoint or "",
-        "PUBLISHERS": ", ".join(f'"{_pattern(topic)}"' for topic in TABLE if topic.from_robot),
+        "PUBLISHERS": ", ".join(f'"{topic}"' for topic in topics),
         "DOMAIN": str(spec.domain),
         "RMW": RMW[spec.ros],
         "NAMESPACE_ARGUMENT": f" namespace:={namespace}" if namespace else "",
         "HARDENING": _template("hardening.conf"),
     }
-
-
-def _pattern(topic: Topic) -> str:
-    """The topic's name for every robot, as the bridge's regular expressions have it."""
-    return re.sub(r"\{\w+\}", ".*", topic.pattern)
 
 
 def _filled(template: str, values: Mapping[str, str]) -> str:

@@ -10,10 +10,8 @@ from __future__ import annotations
 import base64
 import hashlib
 import importlib.metadata
-import os
 import re
 import shutil
-import subprocess
 import sys
 import zipfile
 from collections.abc import Iterable, Mapping
@@ -147,7 +145,10 @@ def project_wheel(folder: Path) -> Path:
         build = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", where]
     else:
         build = [*_pip(), "wheel", "--no-deps", "--wheel-dir", where, "."]
-    _checked(build, env.ROOT)
+    try:
+        env.run_checked(build, env.ROOT)
+    except env.SetupError as error:
+        raise Refusal(f"the project's own wheel cannot be built: {error}") from None
     return next(folder.glob("zenoh_formation-*.whl"))
 
 
@@ -186,15 +187,6 @@ def link(source: Path, place: Path) -> None:
         shutil.copyfile(source, place)
 
 
-def unpacked_size(wheels: Iterable[Path]) -> int:
-    """Return the size of installed wheels, without compiled Python files [bytes]."""
-    total = 0
-    for wheel in wheels:
-        with zipfile.ZipFile(wheel) as archive:
-            total += sum(entry.file_size for entry in archive.infolist())
-    return total
-
-
 def _reuse(wanted: Iterable[Pin], folder: Path, before: Iterable[Path]) -> set[Pin]:
     pinned: Mapping[str, Pin] = {one: pin for pin in wanted for one in pin.hashes}
     have = set()
@@ -229,15 +221,6 @@ def _pip() -> list[str]:
     if pip is None:
         raise Refusal("there is no pip here to fetch wheels with: install one, for example python3-pip")
     return pip
-
-
-def _checked(command: list[str], cwd: Path) -> None:
-    done = subprocess.run(
-        command, cwd=cwd, env=env.clean(os.environ), capture_output=True, text=True, check=False
-    )
-    if done.returncode != 0:
-        reason = env.failure(command, [*done.stdout.splitlines(), *done.stderr.splitlines()])
-        raise Refusal(f"the project's own wheel cannot be built: {reason}")
 
 
 def _entry(name: str) -> zipfile.ZipInfo:

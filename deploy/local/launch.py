@@ -18,7 +18,7 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any, NamedTuple, Self
 
 from formation.deploy.local.plan import Part, Program
@@ -100,12 +100,12 @@ class Child:
         """Wait until all its output is in the queue, after its end."""
         self._reader.join(1.0)
 
-    def last_words(self, lines: int = 5) -> list[str]:
-        """Return the end of its stderr."""
+    def last_words(self) -> list[str]:
+        """Return the last five lines of its stderr."""
         with self.log.open("rb") as log:
             log.seek(max(0, log.seek(0, os.SEEK_END) - 8192))
             text = log.read().decode(errors="replace")
-        return [line.rstrip() for line in text.splitlines() if line.strip()][-lines:]
+        return [line.rstrip() for line in text.splitlines() if line.strip()][-5:]
 
     def _read(self, events: SimpleQueue[Event | None]) -> None:
         stream = self._process.stdout
@@ -149,9 +149,7 @@ class Launcher:
                 self._handlers[number] = signal.signal(number, self._interrupt)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         try:
             self.stop()
         finally:
@@ -179,28 +177,21 @@ class Launcher:
             ending = [child for child in self.children if child.part == part and child.exit is None]
             for child in ending:
                 child.end()
-            self._wait_for(ending, GRACE[part])
+            self._wait(GRACE[part], ending)
             for child in ending:
                 child.kill()
-            if part == "control" and ending and self._alive("body"):
-                self._pause(COASTING_TIME)
+            coasting = any(child.part == "body" and child.exit is None for child in self.children)
+            if part == "control" and ending and coasting:
+                self._wait(COASTING_TIME)
         for child in self.children:
             child.finish_reading()
 
-    def _alive(self, part: Part) -> bool:
-        return any(child.part == part and child.exit is None for child in self.children)
-
-    def _wait_for(self, children: Iterable[Child], seconds: float) -> None:
-        deadline = time.monotonic() + seconds
-        while any(child.exit is None for child in children) and not self._forced:
-            left = deadline - time.monotonic()
-            if left <= 0.0:
-                return
-            self.next(min(left, 0.05))
-
-    def _pause(self, seconds: float) -> None:
+    def _wait(self, seconds: float, children: Iterable[Child] | None = None) -> None:
+        """Wait for `seconds`, for `children` to end, or for a second signal, whichever comes first."""
         deadline = time.monotonic() + seconds
         while (left := deadline - time.monotonic()) > 0.0 and not self._forced:
+            if children is not None and all(child.exit is not None for child in children):
+                return
             self.next(min(left, 0.05))
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - as signal calls it

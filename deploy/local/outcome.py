@@ -14,7 +14,7 @@ from formation.deploy.local.launch import Child
 from formation.deploy.local.plan import leaders
 from formation.deploy.terminal.units import metres
 from formation.mission.model import Mission
-from formation.monitor.metrics.known import KnownVerdict
+from formation.monitor.metrics.known import KnownError, KnownVerdict
 from formation.monitor.metrics.settling import DWELL_TIME
 from formation.topics import GROUND_TRUTH, POSITION
 
@@ -111,7 +111,9 @@ class Outcome:
 
     def words(self) -> str:
         """Return the summary for people."""
-        verdict = "converged" if self.converged else self._verdict_on_known() or "not converged"
+        verdict = "converged" if self.converged else "not converged"
+        if not self.converged and (known := self._known) is not None:
+            verdict = f"{'converged' if known[0].converged else 'not converged'} over {known[1].words}"
         when = f", interrupted after {self.duration:.1f} s" if self.interrupted else ""
         rows = [f"{self.mission.name}, {self.mission.law.kind} law: {verdict}{when}"]
         rows += [f"  {title:<17}{text}" for title, text in self._rows()]
@@ -135,31 +137,22 @@ class Outcome:
             yield "logs", str(self.logs)
 
     @property
-    def _known(self) -> KnownVerdict | None:
+    def _known(self) -> tuple[KnownVerdict, KnownError] | None:
         """Return the monitor's verdict on the known edges; None if all were known at the end, or none."""
         found = self.monitor.get("known")
         if self.monitor.get("formation_error") is not None or not isinstance(found, Mapping):
             return None
         verdict = KnownVerdict.of_json(found)
-        return None if verdict.final is None or verdict.final.error is None else verdict
-
-    def _verdict_on_known(self) -> str:
-        known = self._known
-        if known is None or known.final is None:
-            return ""
-        return f"{'converged' if known.converged else 'not converged'} over {known.final.words}"
-
-    def _known_error(self) -> str:
-        known = self._known
-        if known is None or known.final is None:
-            return ""
-        since = self._since(known.settled_at, converged=known.converged)
-        return f"{metres(known.final.error)}, sum over {known.final.words}; {since}"
+        return None if verdict.final is None or verdict.final.error is None else (verdict, verdict.final)
 
     def _error(self) -> str:
-        error = self.monitor.get("formation_error")
+        error, known = self.monitor.get("formation_error"), self._known
+        if known is not None:
+            verdict, final = known
+            since = self._since(verdict.settled_at, converged=verdict.converged)
+            return f"{metres(final.error)}, sum over {final.words}; {since}"
         if error is None:
-            return self._known_error() or "not known"
+            return "not known"
         edges = sum(len(robot.neighbours) for robot in self.mission.robots.values())
         since = self._since(self.monitor.get("settled_at"), converged=self.converged)
         return f"{metres(error)}, sum over {edges} edges; {since}"

@@ -11,7 +11,6 @@ import socket
 import sys
 from collections.abc import Iterable
 from contextlib import ExitStack
-from types import TracebackType
 from typing import Self
 
 from formation.mission.model import Mission
@@ -48,9 +47,7 @@ class Ports:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._held.close()
 
     def _hold_all(self, endpoints: Iterable[str]) -> bool:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import itertools
+import json
 import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
 from formation.agent.core import Agent
 from formation.agent.persistence.restore import Persistence
+from formation.agent.persistence.state import Json
 from formation.agent.process import drive
 from formation.agent.simulated.faults import Fault as SensorFault
 from formation.agent.simulated.faults import with_faults
@@ -22,7 +26,6 @@ from formation.agent.watchdog.core import Watchdog
 from formation.agent.watchdog.process import watch
 from formation.deploy.rehearsal.air import LOCAL_DELAY, Air, Weather
 from formation.deploy.rehearsal.engine import UPTIME, Engine, Machine, VirtualProcess
-from formation.deploy.rehearsal.files import AgentFiles, CandidateTerms, Disk
 from formation.deploy.rehearsal.sides import Exchange, FleetPort, RobotPort
 from formation.leader.core import Leader
 from formation.leader.process import lead
@@ -44,6 +47,76 @@ START_SPREAD = 0.2
 """Processes start within this time [s]."""
 BOOT = "rehearsed"
 """Boot id of all machines: none is switched off."""
+
+
+@dataclass
+class Disk:
+    """The disk of one machine."""
+
+    files: dict[str, bytes] = field(default_factory=dict)
+    is_full: bool = False
+
+
+class AgentFiles:
+    """The files of one agent: a `formation.agent.persistence.store.StateFiles`."""
+
+    def __init__(self, disk: Disk, robot: str) -> None:
+        self.stops = Path(f"{robot}.stops.json")
+        self.failure = ""
+        """Why the newest write failed; empty if it did not."""
+        self.is_open = True
+        """Whether its process lives; nothing is written afterwards."""
+        self._disk, self._state = disk, f"{robot}.state"
+
+    def written(self, patience: float) -> bool:  # noqa: ARG002 - this disk is fast
+        """Whether the newest stops are written."""
+        return not self.failure
+
+    def write_stops(self, stops: Json) -> None:
+        """Write the stops."""
+        self._write(self.stops.name, stops)
+
+    def write_state(self, state: Json) -> None:
+        """Write the saved state."""
+        self._write(self._state, state)
+
+    def read_stops(self) -> bytes | None:
+        """Return the stored stops; None if there are none."""
+        return self._disk.files.get(self.stops.name)
+
+    def read_state(self) -> bytes | None:
+        """Return the saved state; None if there is none."""
+        return self._disk.files.get(self._state)
+
+    def set_state_aside(self) -> Path | None:
+        """Rename the saved state, so that no agent finds it."""
+        state = self._disk.files.pop(self._state, None)
+        return None if state is None else Path(f"{self._state}.failed")
+
+    def _write(self, name: str, data: Json) -> None:
+        if not self.is_open:
+            return
+        self.failure = "no space left on device" if self._disk.is_full else ""
+        if not self.failure:
+            self._disk.files[name] = json.dumps(data, allow_nan=False).encode()
+
+
+class CandidateTerms:
+    """The term file of one candidate: a `formation.leader.terms.TermFile`."""
+
+    def __init__(self, disk: Disk, name: str) -> None:
+        self.is_open = True
+        """Whether its process lives; nothing is written afterwards."""
+        self._disk, self._name = disk, f"{name}.term"
+
+    def read(self) -> int:
+        """Return the stored term; 0 if there is none."""
+        return int(self._disk.files.get(self._name, b"0"))
+
+    def save(self, term: int, mono: float) -> None:  # noqa: ARG002 - this disk is fast
+        """Store `term`."""
+        if self.is_open and not self._disk.is_full:
+            self._disk.files[self._name] = b"%d" % term
 
 
 class Watched(NamedTuple):

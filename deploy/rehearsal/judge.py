@@ -23,21 +23,23 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from formation.agent.pose.probe import PROBE_SPEED_SHARE
 from formation.agent.simulated.faults import SIZES as SENSOR_KINDS
 from formation.agent.simulated.faults import STUCK, Fault
 from formation.control.ramp import FIRST_CHANGE_SHARE, RampLimits, ramp_limits
+from formation.control.tracker import MAX_DELAY
 from formation.control.unicycle import AT_REST, Command
-from formation.deploy.rehearsal import blind
 from formation.deploy.rehearsal.engine import UPTIME, VirtualProcess
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.mission.model import Mission
 from formation.mission.robot import RobotSpec
 from formation.monitor.recording.recorder import Recorder
 from formation.protocol import order
+from formation.protocol.lateness import own_age_limit
 from formation.protocol.order import OperatorReply, OperatorRequest, PositionAttachment
 from formation.protocol.status import AgentState
 from formation.ros2.messages import Twist, TwistStamped, decode
@@ -70,6 +72,18 @@ LOOK_PERIOD = 0.05
 TOUCH_PROMISED = frozenset(("kill", "reset", "unwatched", "hold", "stop", "full", "twice"))
 """Kinds of faults under which the filter's promise holds: positions stay true and in time."""
 
+BLIND = frozenset(("frozen", "tremble", "stutter", "stale", "backlog"))
+"""Kinds of faults under which a robot's position is frozen or late.
+
+Not ``restamped``: without stamps only a changing speed shows a delay, so a robot may drive on until then.
+"""
+GRACE_TIME = 1.0
+"""Time from its first motion until the path of such a robot counts [s]."""
+MAX_BLIND_PATH = 0.1
+"""Path of such a robot that breaks the rule [m]."""
+AT_REST_STEP = 1e-4
+"""Motion between two checks up to which a robot stands [m]."""
+
 
 class Violation(NamedTuple):
     """A rule that was broken."""
@@ -80,6 +94,34 @@ class Violation(NamedTuple):
     robot: str
     """Empty for the team."""
     what: str
+
+
+@dataclass
+class Blind:
+    """A fault that freezes or delays a position, and how far the robot drove."""
+
+    fault: Fault
+    since: float
+    """When the position is wrong or late enough to be judged [s]."""
+    until: float
+    at: complex | None = None
+    """Its true position at the newest check [m]."""
+    counts_from: float = math.inf
+    """`GRACE_TIME` after it first moved since then [s]."""
+    path: float = 0.0
+    """Its true path from `counts_from` on [m]."""
+
+    def drove_on(self, here: complex, now: float) -> bool:
+        """Update with its true position [m] at `now` [s]; return whether it drove `MAX_BLIND_PATH`."""
+        if not self.since <= now <= self.until:
+            return False
+        step = 0.0 if self.at is None else abs(here - self.at)
+        self.at = here
+        if step > AT_REST_STEP:
+            self.counts_from = min(self.counts_from, now + GRACE_TIME)
+        if now > self.counts_from:
+            self.path += step
+        return self.path >= MAX_BLIND_PATH
 
 
 class Judge:
@@ -104,7 +146,7 @@ class Judge:
         truthful = all(one.kind in TOUCH_PROMISED for one in faults)
         self._faultless = not faults
         self._driven: set[str] = set()  # robots that have been in state run
-        self._blind = blind.found(mission, faults)
+        self._blind = blind_faults(mission, faults)
         slipping = fleet.slips and any(spec.localisation == "odometry" for spec in mission.robots.values())
         self._can_settle = not slipping and not any(_is_lost_by(one, mission) for one in faults)
         self._drift = Body.of(mission.simulated_robot).drift
@@ -271,6 +313,30 @@ class Judge:
     def _tell(self, rule: str, robot: str, what: str) -> None:
         if not any((rule, robot) == (one.rule, one.robot) for one in self.violations):
             self.violations.append(Violation(rule, self._fleet.engine.now, robot, what))
+
+
+def blind_faults(mission: Mission, faults: Iterable[Fault]) -> list[Blind]:
+    """Return those of `faults` that are of `BLIND`, except of robots that are carried as well."""
+    faults = list(faults)
+    carried = {one.robot for one in faults if one.kind == "carried"}
+    return [
+        Blind(one, _blind_since(mission, one), one.since + one.lasts)
+        for one in faults
+        if one.kind in BLIND and one.robot not in carried
+    ]
+
+
+def _blind_since(mission: Mission, fault: Fault) -> float:
+    """Return when the position of a robot with `fault` counts as wrong or too late [s]; infinite if never."""
+    spec, law = mission.robots[fault.robot], mission.law
+    limit = own_age_limit(len(spec.neighbours), law.k_p, law.k_i, spec.rate, MAX_DELAY)
+    if fault.kind == "stale":
+        return fault.since if fault.size > limit else math.inf
+    if fault.kind == "stutter":  # one burst and one gap are needed to see that it is frozen
+        return fault.since + 2.0 * fault.size
+    if fault.kind == "backlog":  # what was measured after t seconds arrives after (1 + SIZE) t
+        return fault.since + limit * (1.0 + fault.size) / fault.size if fault.size > 0.0 else math.inf
+    return fault.since
 
 
 def _as_slow_as_a_probe(spec: RobotSpec, command: Command) -> bool:

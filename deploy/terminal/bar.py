@@ -1,10 +1,12 @@
-"""A progress bar for long work, only on a terminal, and a warning without numba."""
+"""What a command shows on a terminal while it takes long: a message, a progress bar."""
 
 from __future__ import annotations
 
 import sys
+import threading
 import time
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, Self
@@ -12,6 +14,8 @@ from typing import Any, Self
 from formation.simulation.compiled import AVAILABLE
 from formation.transport.runtime.command_line import installing
 
+MESSAGE_DELAY = 1.0
+"""Time from which on a message is shown [s]."""
 PROGRESS_DELAY = 2.0
 """Time from which on progress is shown [s]."""
 
@@ -21,6 +25,23 @@ def warn_if_slow() -> None:
     if not AVAILABLE:
         how = installing("numba")
         print(f"formation: without numba a simulation takes about 100 times as long: {how}", file=sys.stderr)
+
+
+@contextmanager
+def waiting(what: str, after: float = MESSAGE_DELAY) -> Iterator[None]:
+    """Print `what` once on a terminal if the block takes longer than `after` [s]; nothing for a script."""
+
+    def say() -> None:
+        print(f"formation: {what} …", file=sys.stderr, flush=True)
+
+    timer = threading.Timer(after, say)
+    timer.daemon = True
+    if sys.stderr.isatty():
+        timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 class Bar:

@@ -1,24 +1,36 @@
-"""Output of `formation replay`: two changing lines in a terminal, occasional lines elsewhere."""
+"""`formation replay` in a terminal: two changing lines and keys; occasional lines elsewhere."""
 
 from __future__ import annotations
 
 import math
+import os
+import select
+import sys
+import termios
 import time
+import tty
 from collections.abc import Callable
-from typing import TextIO
+from typing import Any, Self, TextIO
 
-from rich.console import Console, Group, RenderableType
-from rich.live import Live
+from rich.console import Group, RenderableType
 from rich.text import Text
 
 from formation.deploy.terminal.table import states
 from formation.deploy.terminal.units import metres
+from formation.deploy.terminal.views import Redrawn
 from formation.monitor.metrics.snapshot import Snapshot
 from formation.monitor.replay.player import MAX_SPEED, MIN_SPEED
 from formation.monitor.replay.process import Replay, Standing
 
 KEYS = "space pause/play   ←/→ 5 s   +/- speed   q quit"
 ASCII_KEYS = "space pause/play   left/right 5 s   +/- speed   q quit"
+NAMED = {
+    b"\x1b[C": "right", b"\x1bOC": "right", b"\x1b[D": "left", b"\x1bOD": "left", b"\x1b": "escape",
+    b" ": "space",
+}  # fmt: skip
+"""Byte sequences of terminals for keys without a character."""
+MAX_KEY_BYTES = 64
+"""Number of bytes read at once: far more than is typed between two looks."""
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 SEEK_STEP = 5.0
 """Jump of an arrow key [s of the recording]."""
@@ -29,26 +41,12 @@ PLAIN_PERIOD = 2.0
 Look = Callable[[], Snapshot]
 
 
-class Bar:
+class Bar(Redrawn):
     """Two lines at the bottom of a terminal."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._console = Console(file=stream, highlight=False)
-        self._live = Live(console=self._console, auto_refresh=False, transient=False)
-
-    def start(self) -> None:
-        """Start drawing."""
-        self._live.start()
-
-    def stop(self) -> None:
-        """Stop drawing; the last picture stays."""
-        self._live.stop()
 
     def show(self, standing: Standing, look: Look) -> None:
         """Draw the state; `look` gives the metrics."""
-        ascii_only = not (self._console.encoding or "").lower().startswith("utf")
-        picture = draw(standing, look(), self._console.size.width, ascii_only=ascii_only)
-        self._live.update(picture, refresh=True)
+        self.redraw(draw(standing, look(), self.console.size.width, ascii_only=self.ascii_only))
 
 
 class Lines:
@@ -58,11 +56,10 @@ class Lines:
         self._stream = stream
         self._due = -math.inf
 
-    def start(self) -> None:
-        """Begin."""
+    def __enter__(self) -> Self:
+        return self
 
-    def stop(self) -> None:
-        """End."""
+    def __exit__(self, *_: object) -> None: ...
 
     def show(self, standing: Standing, look: Look) -> None:
         """Write the state, at most every two seconds; `look` gives the metrics."""
@@ -71,6 +68,50 @@ class Lines:
             return
         self._due = now + PLAIN_PERIOD
         print(line(standing, look()), file=self._stream, flush=True)
+
+
+class Keys:
+    """Read keys from `stream` without echo; nothing if it is no terminal.
+
+    A context manager: outside it the terminal is as it was.
+    """
+
+    def __init__(self, stream: TextIO = sys.stdin) -> None:
+        self._number = stream.fileno() if stream.isatty() else None
+        self._before: list[Any] | None = None
+
+    def __enter__(self) -> Self:
+        if self._number is not None:
+            self._before = termios.tcgetattr(self._number)
+            tty.setcbreak(self._number, termios.TCSANOW)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._number is not None and self._before is not None:
+            termios.tcsetattr(self._number, termios.TCSANOW, self._before)
+
+    def wait(self, seconds: float) -> list[str]:
+        """Return the keys pressed within that time [s], as soon as there are any."""
+        if self._number is None:
+            time.sleep(seconds)
+            return []
+        ready, _, _ = select.select([self._number], [], [], seconds)
+        if not ready:
+            return []
+        data = os.read(self._number, MAX_KEY_BYTES)
+        if not data:  # the terminal has gone
+            self._number = None
+        return named(data)
+
+
+def named(data: bytes) -> list[str]:
+    """Return keys by name, or by character, from a terminal's bytes."""
+    keys = []
+    while data:
+        length = next((n for n in (3, 1) if data[:n] in NAMED), 1)
+        keys.append(NAMED.get(data[:length], data[:length].decode("latin-1")))
+        data = data[length:]
+    return keys
 
 
 def press(replay: Replay, key: str) -> bool:
@@ -89,25 +130,22 @@ def press(replay: Replay, key: str) -> bool:
 
 def line(standing: Standing, snapshot: Snapshot) -> str:
     """Return the state in one line."""
+    known = snapshot.known
+    over = "" if known.complete or known.error is None else f" over {known.words}"
     parts = [
         f"{clock(standing.position - standing.start)} of {clock(standing.end - standing.start)}",
         f"{standing.speed:g}x" + (" paused" if standing.paused else ""),
-        f"error {_error(snapshot)}",
+        f"error {metres(known.error)}{over}",
         states(robot.state for robot in snapshot.robots.values()),
         *remarks(standing),
     ]
     return "  ".join(parts)
 
 
-def _error(snapshot: Snapshot) -> str:
-    known = snapshot.known
-    over = "" if known.complete or known.error is None else f" over {known.words}"
-    return f"{metres(known.error)}{over}"
-
-
 def draw(standing: Standing, snapshot: Snapshot, width: int, *, ascii_only: bool = False) -> RenderableType:
     """Return the state for a terminal of `width` columns, with a bar and the keys for steering."""
-    sign = _sign(standing, ascii_only=ascii_only)
+    signs = ("...", "||", ">") if ascii_only else ("»", "⏸", "▶")
+    sign = signs[0] if standing.seeking else signs[1] if standing.paused or standing.finished else signs[2]
     head = Text(f"{sign} {clock(standing.position - standing.start)} ", style="bold")
     tail = f" {clock(standing.end - standing.start)}  {standing.speed:g}x  "
     known = snapshot.known
@@ -150,11 +188,3 @@ def clock(seconds: float) -> str:
     hours, minutes = divmod(minutes, 60)
     text = f"{minutes:02d}" if hours else f"{minutes}"
     return f"{f'{hours}:' if hours else ''}{text}:{rest // 10:02d}.{rest % 10}"
-
-
-def _sign(standing: Standing, *, ascii_only: bool) -> str:
-    if standing.seeking:
-        return "..." if ascii_only else "»"
-    if standing.paused or standing.finished:
-        return "||" if ascii_only else "⏸"
-    return ">" if ascii_only else "▶"

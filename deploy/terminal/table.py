@@ -12,8 +12,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from formation.deploy.terminal.progress import Progress
-from formation.deploy.terminal.snapshot import Known, RobotNow
+from formation.deploy.terminal.snapshot import Known, Progress, RobotNow
 from formation.deploy.terminal.units import metres, seconds
 from formation.monitor.metrics.events import Event
 
@@ -124,22 +123,18 @@ def _row(progress: Progress, name: str, room: int, *, ascii_only: bool) -> list[
     limits = progress.mission.robots[name]
     leads = name == progress.mission.leader
     title = f"{name} ({_called(progress)})" if leads and name != LEADER else name
+    error = metres(robot.error)
+    if robot.error is None and robot.known_error is not None:  # over some neighbours: a lower bound
+        error = f"{'>=' if ascii_only else '≥'}{metres(robot.known_error)}"
     return [
         Text(title if len(title) <= room else title[: max(room - 1, 1)] + ("." if ascii_only else "…")),
         _state(state, robot),
-        Text(_error(robot, ascii_only=ascii_only)),
+        Text(error),
         _against(robot.speed, None if leads else limits.max_speed, ascii_only=ascii_only),
         _against(robot.turn_rate, None if leads else limits.max_turn_rate, ascii_only=ascii_only),
         Text("-" if robot.heading_error is None else f"{_signed(math.degrees(robot.heading_error), 1)}°"),
         Text(seconds(robot.age), style="yellow" if late else ""),
     ]
-
-
-def _error(robot: RobotNow, *, ascii_only: bool) -> str:
-    """Return the error over all its neighbours; if some are unknown, marked as a lower bound."""
-    if robot.error is None and robot.known_error is not None:
-        return f"{'>=' if ascii_only else '≥'}{metres(robot.known_error)}"
-    return metres(robot.error)
 
 
 def _called(progress: Progress) -> str:

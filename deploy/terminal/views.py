@@ -5,13 +5,12 @@ from __future__ import annotations
 import os
 import time
 from itertools import takewhile
-from types import TracebackType
-from typing import Protocol, Self, TextIO
+from typing import Self, TextIO
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.live import Live
 
-from formation.deploy.terminal.progress import Progress
+from formation.deploy.terminal.snapshot import Progress
 from formation.deploy.terminal.table import draw, happened, states
 from formation.deploy.terminal.units import metres
 from formation.monitor.metrics.events import Event
@@ -20,40 +19,37 @@ LINE_PERIOD = 2.0
 """Time between two lines [s]."""
 
 
-class View(Protocol):
-    """A view of the progress; a context manager."""
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
-
-    def show(self, progress: Progress) -> None:
-        """Show the current progress."""
-
-
-class LiveTable:
-    """A table that changes in place, on a terminal."""
+class Redrawn:
+    """A picture that changes in place, on a terminal. A context manager: the last picture stays."""
 
     def __init__(self, stream: TextIO) -> None:
-        self._console = Console(file=stream, highlight=False)
-        self._live = Live(console=self._console, auto_refresh=False, transient=False)
+        self.console = Console(file=stream, highlight=False)
+        self._live = Live(console=self.console, auto_refresh=False, transient=False)
 
     def __enter__(self) -> Self:
         self._live.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._live.stop()
+
+    @property
+    def ascii_only(self) -> bool:
+        """Whether the terminal shows only ASCII."""
+        return not (self.console.encoding or "").lower().startswith("utf")
+
+    def redraw(self, picture: RenderableType) -> None:
+        """Show `picture` in place of the last one."""
+        self._live.update(picture, refresh=True)
+
+
+class LiveTable(Redrawn):
+    """A table that changes in place, on a terminal."""
 
     def show(self, progress: Progress) -> None:
         """Redraw the table."""
-        size = self._console.size
-        ascii_only = not (self._console.encoding or "").lower().startswith("utf")
-        self._live.update(draw(progress, size.width, size.height, ascii_only=ascii_only), refresh=True)
+        size = self.console.size
+        self.redraw(draw(progress, size.width, size.height, ascii_only=self.ascii_only))
 
 
 class PlainLines:
@@ -70,9 +66,7 @@ class PlainLines:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    def __exit__(self, *_: object) -> None: ...
 
     def show(self, progress: Progress) -> None:
         """Write the news."""
@@ -105,6 +99,14 @@ class PlainLines:
 
     def _say(self, text: str) -> None:
         print(text, file=self._stream, flush=True)
+
+
+View = LiveTable | PlainLines
+
+
+def view_for(stream: TextIO, *, table: bool) -> View:
+    """Return a table if that is wanted and `stream` is a terminal, plain lines else."""
+    return LiveTable(stream) if table and in_a_terminal(stream) else PlainLines(stream)
 
 
 def in_a_terminal(stream: TextIO) -> bool:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 
-from formation.deploy.fleet import bundle, certificates, units
+from formation.deploy.fleet import bundle, certificates
 from formation.deploy.fleet.wheels import Target
 from formation.mission.file import DESK, parse
 from formation.mission.model import Mission
@@ -58,6 +59,13 @@ start = { x = -1.1, y = -0.1, heading_deg = 30 }
 speed = 0.05
 heading_deg = 0
 """
+
+
+def commands(unit: str, state: str = "%S") -> list[list[str]]:
+    """Command lines of a unit in order, with the variables that it sets itself; `state` is systemd's %S."""
+    variables = dict(re.findall(r"(?m)^Environment=(\w+)=(.*)$", unit))
+    lines = re.findall(r"(?m)^Exec(?:Start|StopPost)=(.*)$", unit.replace("%S", state))
+    return [re.sub(r"\$(\w+)", lambda word: variables[word[1]], line).split() for line in lines]
 
 
 def mission() -> Mission:
@@ -121,7 +129,7 @@ class Deployed:
         """Start what the robot's units start, with their very command lines."""
         for path in sorted((self.prefix[name] / "current" / "units").iterdir()):
             state = str(self.prefix[name] / "state")
-            command = units.commands(path.read_text(encoding="utf-8"), state)[0]
+            command = commands(path.read_text(encoding="utf-8"), state)[0]
             self.running[name, path.stem] = self.computers[name].start(*command)
 
     def start_monitor(self, recording: Path) -> Running:

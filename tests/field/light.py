@@ -8,7 +8,7 @@ import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from formation.deploy.fleet import folders, wheels
+from formation.deploy.fleet import bundle, wheels
 
 MODULES = {
     "numpy.py": "",
@@ -33,15 +33,15 @@ META = {
 
 def light(whole: Path, folder: Path, modules: Mapping[str, str] | None = None, **facts: str | bool) -> Path:
     """A robot's bundle like `whole`, but with stand-ins for its packages; `facts` go to its VERSION.json."""
-    shutil.copytree(whole, folder, ignore=shutil.ignore_patterns("*.whl", folders.VERSION))
+    shutil.copytree(whole, folder, ignore=shutil.ignore_patterns("*.whl", bundle.VERSION))
     (pip,) = (whole / "wheels").glob("pip-*.whl")
     wheels.link(pip, folder / "wheels" / pip.name)
     own = wheel(folder / "wheels", {**MODULES, **(modules or {})})
     pinned = f"zenoh-formation==0.1.0 --hash=sha256:{wheels.digest(own)}\n"
     (folder / "wheels" / wheels.REQUIREMENTS).write_text(pinned)
-    result = json.loads((whole / folders.VERSION).read_text())
-    result |= {"release": folders.release_id(folder), **facts}
-    (folder / folders.VERSION).write_text(json.dumps(result, indent=1) + "\n")
+    result = json.loads((whole / bundle.VERSION).read_text())
+    result |= {"release": bundle.release_id(folder), **facts}
+    (folder / bundle.VERSION).write_text(json.dumps(result, indent=1) + "\n")
     return folder
 
 
@@ -61,5 +61,5 @@ def wheel(folder: Path, modules: Mapping[str, str]) -> Path:
 
 def release(folder: Path) -> str:
     """The release that a bundle installs."""
-    named: str = json.loads((folder / folders.VERSION).read_text())["release"]
+    named: str = json.loads((folder / bundle.VERSION).read_text())["release"]
     return named

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from formation.deploy.fleet import access
-from formation.deploy.fleet.hosts import MONITOR, OPERATOR, hosts
+from formation.deploy.fleet.access import MONITOR, OPERATOR, hosts
 from formation.deploy.refusal import Refusal
 from formation.mission.file import shipped
 from formation.mission.model import Mission

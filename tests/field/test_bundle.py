@@ -14,8 +14,8 @@ import pytest
 from cryptography import x509
 
 from formation.deploy.cli import main
-from formation.deploy.fleet import bundle, certificates, folders, wheels
-from formation.deploy.fleet.folders import BUNDLE, VERSION
+from formation.deploy.fleet import bundle, certificates, wheels
+from formation.deploy.fleet.bundle import BUNDLE, VERSION
 from formation.deploy.fleet.wheels import Target
 from formation.mission.file import DESK, configuration_of, load, parse
 from tests.field.deployed import TEXT, mission, secrets
@@ -138,7 +138,7 @@ def test_nothing_secret_can_be_read_by_others(make: Make, tmp_path: Path) -> Non
 def test_a_version_says_what_it_is(make: Make, tmp_path: Path) -> None:
     made = make()
     output = version(tmp_path / "out", "robot2")
-    assert output["release"] == made["releases"]["robot2"] == folders.release_id(tmp_path / "out" / "robot2")
+    assert output["release"] == made["releases"]["robot2"] == bundle.release_id(tmp_path / "out" / "robot2")
     assert (output["robot"], output["role"], output["mission"]) == ("robot2", "agent", "three-in-a-row")
     assert (output["platform"], output["python"], output["formation"]) == ("aarch64", "3.12", "0.1.0")
     assert output["made"] == NOW.isoformat(timespec="seconds")
@@ -159,7 +159,7 @@ def test_the_same_inputs_make_the_same_release_and_another_mission_another(
 
 def test_renewed_certificates_make_a_new_release(make: Make, keys: Path) -> None:
     first = make()["releases"]
-    certificates.renew(mission(), keys, days=1.0, authority_days=1.0, now=NOW)
+    certificates.renew(mission(), keys, days=1.0, now=NOW)
     assert not set(make()["releases"].values()) & set(first.values())
 
 
@@ -188,7 +188,7 @@ def test_a_run_that_fails_leaves_what_was_there(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(folders, "release_id", full)
+    monkeypatch.setattr(bundle, "release_id", full)
     source.write_text(TEXT.replace("speed = 0.05", "speed = 0.06"))
     assert main(command(source, keys, tmp_path / "out")) == 2
     assert "No space left on device; what was there is as it was" in capsys.readouterr().err

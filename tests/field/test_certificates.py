@@ -16,7 +16,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from formation.deploy import cli
 from formation.deploy.fleet import authority, certificates
-from formation.deploy.fleet.hosts import hosts
+from formation.deploy.fleet.access import hosts
 from formation.deploy.refusal import Refusal
 from formation.mission.file import load
 from formation.mission.model import Mission
@@ -34,7 +34,7 @@ def made(folder: Path, mission: Mission = PAIR, days: float = 30.0, now: datetim
 
 
 def renewed(folder: Path, mission: Mission = PAIR, days: float = 30.0, now: datetime = NOW) -> None:
-    certificates.renew(mission, folder, days=days, authority_days=365.0, now=now)
+    certificates.renew(mission, folder, days=days, now=now)
 
 
 @pytest.fixture

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from formation.deploy.fleet import bundle, folders, units, wheels
-from tests.field.deployed import HERE, install
+from formation.deploy.fleet import bundle, units, wheels
+from tests.field.deployed import HERE, commands, install
 from tests.field.light import Made, light, release
 from tests.support.namespaces import until
 from tests.support.needs import path_of
@@ -70,7 +70,7 @@ def test_what_is_installed_names_its_own_place(whole: Path) -> None:
     for unit in (here / "units").iterdir():
         text = unit.read_text()
         assert units.PREFIX not in text
-        for command in units.commands(text):
+        for command in commands(text):
             assert Path(command[0]).is_file()
             assert all(Path(word).is_file() for word in command if word.startswith("/"))
 
@@ -219,7 +219,7 @@ def test_what_cannot_be_is_refused_in_a_sentence(
     assert len(done.stderr.splitlines()) == 1
 
 
-@pytest.mark.parametrize("part", [folders.VERSION, "mission.toml", "certificates/key.pem"])
+@pytest.mark.parametrize("part", [bundle.VERSION, "mission.toml", "certificates/key.pem"])
 def test_a_folder_that_is_half_a_bundle_is_refused(made: Made, tmp_path: Path, part: str) -> None:
     one = made()
     (one / part).unlink()

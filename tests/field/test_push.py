@@ -16,8 +16,7 @@ import pytest
 from formation.deploy.cli import main
 from formation.deploy.fleet import fleet as fleets
 from formation.deploy.fleet import on_robot
-from formation.deploy.fleet.push import flags, manifest, push, send
-from formation.deploy.fleet.push_view import View
+from formation.deploy.fleet.push import View, flags, manifest, push, send
 from formation.deploy.fleet.remote import RemoteError, Robot, Ssh
 from tests.field.bundles import BROKEN, INSTALL, ROBOTS, WHEEL, Field, result
 from tests.field.sshd import Server, sshd

@@ -12,8 +12,8 @@ import pytest
 from cryptography import x509
 
 from formation.deploy.fleet import authority, bundle, certificates, fleet, wheels
-from formation.deploy.fleet.folders import VERSION
-from formation.deploy.fleet.hosts import hosts
+from formation.deploy.fleet.access import hosts
+from formation.deploy.fleet.bundle import VERSION
 from formation.deploy.fleet.wheels import Target
 from formation.deploy.refusal import Refusal
 from formation.mission.file import DESK, parse

@@ -14,7 +14,7 @@ from formation.deploy.fleet import units
 from formation.deploy.refusal import Refusal
 from formation.mission.file import parse
 from formation.mission.model import Mission
-from tests.field.deployed import TEXT, mission
+from tests.field.deployed import TEXT, commands, mission
 from tests.support.needs import path_of
 
 FIELD = mission()
@@ -137,9 +137,9 @@ def test_no_unit_delays_end_of_bringup() -> None:
 
 def test_the_leader_waits_for_an_operator_unless_it_is_told_otherwise() -> None:
     leader = units.units(FIELD, "leader")["formation-leader.service"]
-    assert units.commands(leader)[0][-1] == "--hold"
+    assert commands(leader)[0][-1] == "--hold"
     agent = units.units(FIELD, "robot1")["formation-agent.service"]
-    assert "--readonly" not in units.commands(agent)[0]
+    assert "--readonly" not in commands(agent)[0]
     for text in (leader, agent):
         assert value(text, "EnvironmentFile") == "-/etc/default/formation"
 
@@ -165,7 +165,7 @@ def test_every_unit_notifies_systemd_and_is_restarted() -> None:
 def test_however_an_agent_has_ended_its_robot_is_told_to_stand() -> None:
     """On each robot, and by the very watchdog that knows it: with the mission that it drove by."""
     for name in ("robot1", "robot2"):
-        agent, *after = units.commands(units.units(FIELD, name)["formation-agent.service"])
+        agent, *after = commands(units.units(FIELD, name)["formation-agent.service"])
         program, mission = agent[0], agent[2]
         assert after == [[program, "watchdog", mission, "--robot", name, "--once"]]
 
@@ -174,7 +174,7 @@ def test_agent_state_has_its_own_systemd_directory() -> None:
     """With `ProtectSystem=strict` it could write nowhere else; a stop must outlive an upgrade as well."""
     for name in ("robot1", "robot2"):
         agent = units.units(FIELD, name)["formation-agent.service"]
-        (words, _) = units.commands(agent, "/var/lib")
+        (words, _) = commands(agent, "/var/lib")
         assert words[words.index("--state") + 1] == f"/var/lib/{value(agent, 'StateDirectory')}"
         assert value(agent, "StateDirectoryMode") == "0700"
         assert value(agent, "ProtectSystem") == "strict"
@@ -184,7 +184,7 @@ def test_agent_state_has_its_own_systemd_directory() -> None:
 def test_units_start_what_the_command_line_knows() -> None:
     for of, name in EVERYBODY:
         for text in units.units(of, name).values():
-            for program, command, *arguments in units.commands(text):
+            for program, command, *arguments in commands(text):
                 assert program == "@PREFIX@/current/venv/bin/formation"
                 assert arguments[0] == "@PREFIX@/current/mission.toml"
                 flags = [word for word in arguments if word.startswith("-")]
@@ -208,7 +208,7 @@ def test_standby_is_a_leader_with_own_name() -> None:
     assert units.samples(STANDBY, "deputy") == {}
     standby, leader = texts["formation-standby.service"], units.units(STANDBY, "leader")
     current = "@PREFIX@/current"
-    assert units.commands(standby) == [
+    assert commands(standby) == [
         [f"{current}/venv/bin/formation", "leader", f"{current}/mission.toml", "--standby", "deputy", "-c",
          f"{current}/zenoh.json5", "--state", "%S/formation", "--hold"]
     ]  # fmt: skip

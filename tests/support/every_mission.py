@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from formation.deploy.mission_files.draft import PROFILES, Draft, text
+from formation.deploy.mission_files.new import PROFILES, Draft, text
 from formation.mission.file import parse
 from formation.mission.model import Mission
 from formation.simulation.simulate import Result, simulate

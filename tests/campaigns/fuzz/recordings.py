@@ -22,7 +22,7 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Chunk, Metadata
 
-from formation.deploy import recover, replay, report, verify
+from formation.deploy.recordings import recover, replay, report, verify
 from formation.deploy.refusal import Refusal
 from formation.mission.file import load
 from formation.mission.file import read as mission_text

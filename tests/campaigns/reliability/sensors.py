@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 from formation.agent.simulated.faults import Fault
-from formation.deploy.rehearsal.blind import MAX_BLIND_PATH, found
+from formation.deploy.rehearsal.judge import MAX_BLIND_PATH, blind_faults
 from formation.mission.file import load
 from formation.mission.file import read as read_mission
 from formation.mission.model import Mission
@@ -113,7 +113,7 @@ def attempts(mission: str, source: str, rows: Sequence[Row]) -> list[Try]:
 def _judge(one: Try, name: str, mission: Mission, fault: Fault, recording: Path) -> None:
     truths = _truths(recording, fault.robot)
     end = fault.since + fault.lasts
-    (blind,) = found(mission, [fault])
+    (blind,) = blind_faults(mission, [fault])
     for moment, place in truths:
         blind.drove_on(place, moment)
     after = [place for moment, place in truths if end <= moment < end + AFTER]

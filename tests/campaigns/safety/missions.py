@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import product
 
-from formation.deploy.mission_files.draft import PROFILES
+from formation.deploy.mission_files.new import PROFILES
 from formation.simulation.simulate import simulate
 from formation.slots.shapes import SHAPES
 from tests.campaigns.bench.figures import markdown

@@ -9,9 +9,10 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from formation.deploy import cli, run
+from formation.deploy import cli
+from formation.deploy.local import run
 from formation.deploy.local.plan import Program
-from formation.deploy.terminal.progress import Progress
+from formation.deploy.terminal.snapshot import Progress
 from formation.deploy.terminal.views import PlainLines
 from tests.processes.deploy.stubs import program
 

@@ -14,10 +14,11 @@ from pathlib import Path
 import pytest
 
 from formation.deploy.cli import main
-from formation.deploy.doctor import at_desk, files
+from formation.deploy.doctor import tls
+from formation.deploy.doctor.agent import LEADING
 from formation.deploy.doctor.facts import Facts, examine
-from formation.deploy.doctor.leading import LEADING
-from formation.deploy.doctor.probe import Papers, context, reach
+from formation.deploy.doctor.gather import desk_facts
+from formation.deploy.doctor.tls import Papers, context, reach
 from formation.deploy.fleet import authority
 from formation.deploy.fleet.authority import Pair
 from formation.deploy.refusal import Refusal
@@ -48,7 +49,7 @@ def papers(folder: Path, root: Pair, name: str = "robot1", *, days: float = 30.0
 
 
 def test_a_certificate_is_read_without_a_library_for_it(tmp_path: Path, root: Pair) -> None:
-    read = files.read("robot1", papers(tmp_path, root))
+    read = tls.read("robot1", papers(tmp_path, root))
     assert read is not None
     assert (read.name, read.wanted, read.problem, read.mode) == ("robot1", "robot1", "", 0o600)
     assert read.ends == pytest.approx((NOW + timedelta(days=30)).timestamp(), abs=1.0)
@@ -57,7 +58,7 @@ def test_a_certificate_is_read_without_a_library_for_it(tmp_path: Path, root: Pa
 
 @pytest.mark.parametrize("ago", [60.0, -10.0])
 def test_one_that_is_not_valid_now_is_read_all_the_same(tmp_path: Path, root: Pair, ago: float) -> None:
-    read = files.read("robot1", papers(tmp_path, root, ago=ago))
+    read = tls.read("robot1", papers(tmp_path, root, ago=ago))
     assert read is not None
     assert (read.name, read.problem) == ("robot1", "")
     assert (read.begins <= NOW.timestamp() < read.ends) is False
@@ -68,7 +69,7 @@ def test_one_for_dialling_only_is_as_good(tmp_path: Path, root: Pair) -> None:
     pair = authority.issue(root, "operator", None, 30.0, NOW)
     mine.certificate.write_bytes(pair.certificate_pem)
     mine.key.write_bytes(pair.key_pem)
-    read = files.read("operator", mine)
+    read = tls.read("operator", mine)
     assert read is not None
     assert (read.name, read.problem) == ("operator", "")
 
@@ -80,7 +81,7 @@ def test_what_makes_a_certificate_useless_is_named(tmp_path: Path, root: Pair) -
     rogue = papers(tmp_path / "rogue", authority.new_authority("formation pair", 365.0, NOW))
 
     def problem(one: Papers) -> str:
-        read = files.read("robot1", one)
+        read = tls.read("robot1", one)
         assert read is not None
         return read.problem
 
@@ -117,20 +118,20 @@ def test_what_a_zenoh_configuration_and_a_folder_say_of_papers(tmp_path: Path, r
         f"connect_certificate: '{mine.certificate}', connect_private_key: '{mine.key}'}}}}}}}}",
         encoding="utf-8",
     )
-    assert files.papers_of(config) == mine
+    assert tls.papers_of(config) == mine
     config.write_text("{mode: 'peer'}", encoding="utf-8")
-    assert files.papers_of(config) is None
-    assert dict(files.papers_in(tmp_path, ["robot1", "robot2"])) == {"robot1": mine}
+    assert tls.papers_of(config) is None
+    assert dict(tls.papers_in(tmp_path, ["robot1", "robot2"])) == {"robot1": mine}
     with pytest.raises(Refusal, match="holds none"):
-        list(files.papers_in(tmp_path / "robot1", ["robot1"]))
+        list(tls.papers_in(tmp_path / "robot1", ["robot1"]))
     with pytest.raises(Refusal, match=r"nowhere\.json5"):
-        files.papers_of(tmp_path / "nowhere.json5")
+        tls.papers_of(tmp_path / "nowhere.json5")
 
 
 @pytest.fixture
 def turned_away_late(monkeypatch: pytest.MonkeyPatch) -> None:
     """However late the other side turns us away, it is received: what is tested is what it says."""
-    monkeypatch.setattr("formation.deploy.doctor.probe.LATE_REFUSAL_TIME", PATIENCE)
+    monkeypatch.setattr("formation.deploy.doctor.tls.LATE_REFUSAL_TIME", PATIENCE)
 
 
 @contextmanager
@@ -199,7 +200,7 @@ def test_expired_certificates_are_rejected_on_both_sides(tmp_path: Path, root: P
 def test_silent_peer_does_not_delay_the_doctor(
     tmp_path: Path, root: Pair, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("formation.deploy.doctor.probe.CONNECT_TIMEOUT_SECONDS", 0.2)
+    monkeypatch.setattr("formation.deploy.doctor.tls.CONNECT_TIMEOUT_SECONDS", 0.2)
     with served(None) as where:
         assert reach(f"tls/{where}", papers(tmp_path, root)).outcome == "no answer"
 
@@ -210,13 +211,13 @@ def test_a_key_that_this_user_may_not_read_is_not_judged(
     def forbidden(*_: object, **__: object) -> None:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("formation.deploy.doctor.files.context", forbidden)  # for root may read everything
-    assert files.read("robot1", papers(tmp_path, root)) is None
+    monkeypatch.setattr("formation.deploy.doctor.tls.context", forbidden)  # for root may read everything
+    assert tls.read("robot1", papers(tmp_path, root)) is None
 
 
 def test_desk_reports_when_no_candidate_leads() -> None:
     def at(others: list[Facts], mission: Mission = PATROL) -> Facts:
-        return replace(at_desk.desk(mission, None, others), chrony=None)
+        return replace(desk_facts(mission, None, others), chrony=None)
 
     leads = replace(STANDBY, robot="leader", newest_status=replace(OWN, leads=True))
     (checked,) = examine((LEADING,), at([STANDBY, leads]))

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from formation.deploy import run
+from formation.deploy.local import run
 from formation.deploy.local.launch import GRACE
 from formation.deploy.local.plan import programs
 from formation.deploy.local.ports import Ports

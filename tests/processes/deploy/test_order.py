@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from formation.deploy.fleet import access, certificates
-from formation.deploy.fleet.hosts import OPERATOR
+from formation.deploy.fleet.access import OPERATOR
 from formation.mission.file import parse, read
 from tests.support.child import PATIENCE, free_endpoint, started
 

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from formation.deploy.cli import main
+from formation.deploy.order import DEFAULT, found
 from formation.deploy.refusal import Refusal
-from formation.deploy.stop import DEFAULT, found
 from formation.mission.file import DESK, MISSION_NAME, configuration_of, file_of, load, shipped
 
 NOBODY = ("--timeout", "0.1", "--json", "-e", "tcp/127.0.0.1:9")

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from formation.deploy.verify import main
+from formation.deploy.recordings.verify import main
 from formation.mission.file import read as text_of
 from formation.monitor.recording.reader import read
 from formation.topics import CMD_VEL

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from formation.deploy.terminal.keys import Keys
-from formation.deploy.terminal.waiting import waiting
+from formation.deploy.terminal.bar import waiting
+from formation.deploy.terminal.playing import Keys
 from tests.support.child import PATIENCE
 
 

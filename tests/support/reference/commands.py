@@ -9,15 +9,15 @@ from typing import Never
 from unittest.mock import patch
 
 from formation.deploy import cli
-from formation.deploy.fleet.cli import STEPS
+from formation.deploy.cli import STEPS, Command
 from formation.transport.runtime.command_line import Parser
 from tests.support.reference.markdown import document, fenced, paragraph, table
 
 MORE = {
-    "replay --verify": "formation.deploy.verify",
-    **{f"deploy {name}": s.module for name, s in STEPS.items()},
+    "replay --verify": Command("deploy.recordings.verify", ""),
+    **{f"deploy {name}": step for name, step in STEPS.items()},
 }
-"""Commands of two words, and their modules."""
+"""Commands of two words."""
 INTRODUCTION = """This is what `formation COMMAND --help` says. A MISSION is a TOML file, a folder of
 bundles, or the name of a shipped mission; [mission-keys.md](mission-keys.md) has its keys."""
 EXIT_CODES = """Exit codes of every command: 0 done as asked; 1 it ran, with another result than asked; 2
@@ -36,14 +36,14 @@ def page() -> str:
         named = {name: command for name, command in cli.COMMANDS.items() if command.group == group}
         rows = ((f"[`{name}`](#formation-{name})", command.summary) for name, command in named.items())
         parts += [f"**{group.capitalize()}**", table(("command", "what"), rows)]
-    modules = {name: command.module for name, command in cli.COMMANDS.items()} | MORE
+    commands = cli.COMMANDS | MORE
     order = list(cli.COMMANDS)
-    for name in sorted(modules, key=lambda name: order.index(name.partition(" ")[0])):
-        parts += [f"## formation {name}", *_described(parser_of(modules[name]))]
+    for name in sorted(commands, key=lambda name: order.index(name.partition(" ")[0])):
+        parts += [f"## formation {name}", *_described(parser_of(commands[name]))]
     return document("Commands", parts)
 
 
-def parser_of(module: str) -> argparse.ArgumentParser:
+def parser_of(command: Command) -> argparse.ArgumentParser:
     """The parser of a command, which runs no further than to its ``--help``."""
 
     def found(parser: argparse.ArgumentParser, _file: object = None) -> Never:
@@ -51,10 +51,10 @@ def parser_of(module: str) -> argparse.ArgumentParser:
 
     with patch.object(Parser, "print_help", found):
         try:
-            import_module(module).main(["--help"])
+            getattr(import_module(f"formation.{command.module}"), command.function)(["--help"])
         except _Found as one:
             return one.parser
-    raise ValueError(f"{module}: has no --help")
+    raise ValueError(f"{command.module}: has no --help")
 
 
 def _described(parser: argparse.ArgumentParser) -> Iterator[str]:

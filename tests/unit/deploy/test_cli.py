@@ -28,7 +28,9 @@ def stand_in(monkeypatch: pytest.MonkeyPatch, behaviour: object) -> list[Sequenc
         assert isinstance(behaviour, int)
         return behaviour
 
-    monkeypatch.setattr(cli, "import_module", lambda _: SimpleNamespace(main=called))
+    monkeypatch.setattr(
+        cli, "import_module", lambda _: SimpleNamespace(main=called, stop=called, deploy=called)
+    )
     return calls
 
 

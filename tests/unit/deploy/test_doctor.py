@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from formation.deploy.doctor import robot_link
-from formation.deploy.doctor.agents import two_ages
+from formation.deploy.doctor.agent import two_ages
 from formation.deploy.doctor.cli import EXAMINATIONS
 from formation.deploy.doctor.facts import Chrony, Facts, Party, Reached, Stream, examine
-from formation.deploy.doctor.machine import read_tracking
+from formation.deploy.doctor.gather import read_tracking
+from formation.deploy.doctor.robot import ROBOT_LINK
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.protocol.reasons import Code, Reason
@@ -244,7 +244,7 @@ def test_where_there_is_no_bridge_none_is_blamed() -> None:
     data = TB3.model_dump()
     data["robots"]["robot1"]["ros"] = "rmw_zenoh"
     native = replace(HEALTHY, mission=Mission.model_validate(data), routed=False, listeners=())
-    (finding,) = [one for one in robot_link.look(native) if one.name == "route-lost"]
+    (finding,) = [one for one in ROBOT_LINK.look(native) if one.name == "route-lost"]
     assert "bridge" not in finding.sentence + finding.remedy
 
 

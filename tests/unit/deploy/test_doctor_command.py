@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from formation.deploy.cli import main
-from formation.deploy.doctor import report
-from formation.deploy.doctor.cli import EXAMINATIONS, style
+from formation.deploy.doctor.cli import COLOUR, EXAMINATIONS, PLAIN, style, words
 from formation.deploy.doctor.facts import examine
 from formation.mission.file import shipped
 from tests.unit.deploy.examined import HEALTHY
@@ -21,13 +20,13 @@ def test_the_report_fits_eighty_columns_and_names_robot_sentence_and_remedy() ->
     ill = replace(
         HEALTHY, routed=False, listeners=(), installed_differs="/opt/formation/current/mission.toml"
     )
-    result = report.words({"robot1": examine(EXAMINATIONS, ill), "robot2": examine(EXAMINATIONS, HEALTHY)})
+    result = words({"robot1": examine(EXAMINATIONS, ill), "robot2": examine(EXAMINATIONS, HEALTHY)})
     assert max(map(len, result.splitlines())) <= 80
     assert result.splitlines()[0] == "robot1"
     assert "  ✗ robot        nothing listens to cmd_vel: the bridge has lost its route, or\n" in result
     assert "                 → restart the bring-up and the bridge together\n" in result
     assert result.splitlines()[-1] == "2 things are wrong: robot1"
-    assert report.words({"robot2": examine(EXAMINATIONS, HEALTHY)}).endswith("\nhealthy: nothing is wrong")
+    assert words({"robot2": examine(EXAMINATIONS, HEALTHY)}).endswith("\nhealthy: nothing is wrong")
 
 
 class Terminal(io.StringIO):
@@ -41,11 +40,11 @@ class Terminal(io.StringIO):
 
 def test_no_color_is_respected(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("NO_COLOR", raising=False)
-    assert style(Terminal()) == report.COLOUR
+    assert style(Terminal()) == COLOUR
     monkeypatch.setenv("NO_COLOR", "")
-    assert style(Terminal()) == report.COLOUR
+    assert style(Terminal()) == COLOUR
     monkeypatch.setenv("NO_COLOR", "1")
-    assert style(Terminal()) == report.PLAIN
+    assert style(Terminal()) == PLAIN
 
 
 @pytest.mark.parametrize(

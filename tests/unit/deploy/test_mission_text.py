@@ -6,7 +6,7 @@ import tomllib
 
 import pytest
 
-from formation.deploy.mission_files.edit import Change, edited
+from formation.deploy.mission_files.assign import Change, edited
 from formation.mission.file import load, read, shipped
 
 

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from formation.deploy.cli import main
-from formation.deploy.mission_files.draft import PROFILES
-from formation.deploy.new import MIN_SLOT_RADII
+from formation.deploy.mission_files.new import MIN_SLOT_RADII, PROFILES
 from formation.mission.file import load
 from formation.simulation.simulate import simulate
 from formation.slots.shapes import SHAPES

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from formation.deploy import recover as command
 from formation.deploy.cli import main
+from formation.deploy.recordings import recover as command
 from tests.unit.monitor.recording.test_recover import chunked
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from formation.agent.verify.verdict import Verdict
-from formation.deploy import replay, verify
+from formation.deploy.recordings import replay, verify
 from formation.deploy.refusal import Refusal
 from formation.mission.file import load, read
 from formation.monitor.metrics.keys import watched

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from formation.agent.verify.core import verify
-from formation.deploy import report
+from formation.deploy.recordings import report
 from formation.deploy.refusal import Refusal
 from formation.deploy.rehearsal.faults import KINDS, parse
 from formation.deploy.rehearsal.rehearsal import Plan, rehearse, run

@@ -4,8 +4,7 @@ from typing import Any
 
 from rich.console import Console
 
-from formation.deploy.terminal.progress import Progress
-from formation.deploy.terminal.snapshot import Snapshot
+from formation.deploy.terminal.snapshot import Progress, Snapshot
 from formation.deploy.terminal.table import draw
 from formation.monitor.metrics.words import as_json
 from tests.support.monitored import with_standbys

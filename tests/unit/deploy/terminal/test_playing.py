@@ -14,8 +14,7 @@ from typing import TextIO
 import pytest
 from rich.console import Console
 
-from formation.deploy.terminal.keys import Keys, named
-from formation.deploy.terminal.playing import Lines, clock, draw, line, press
+from formation.deploy.terminal.playing import Keys, Lines, clock, draw, line, named, press
 from formation.mission.file import load
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.replay.player import Player

@@ -10,8 +10,7 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from formation.deploy.terminal.progress import Progress
-from formation.deploy.terminal.snapshot import RobotNow, Snapshot
+from formation.deploy.terminal.snapshot import Progress, RobotNow, Snapshot
 from formation.deploy.terminal.table import ASCII_BLOCKS, BLOCKS, draw, happened, sparkline
 from formation.deploy.terminal.units import metres, seconds
 from formation.deploy.terminal.views import LiveTable, PlainLines, line

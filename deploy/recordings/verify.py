@@ -6,7 +6,7 @@ import argparse
 import math
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,9 +14,7 @@ from formation.agent.verify.core import Verification
 from formation.agent.verify.verdict import (
     COMMAND_TOLERANCE,
     Comparison,
-    Input,
     PublishedCommand,
-    Stretch,
     Verdict,
 )
 from formation.control.laws import LAWS
@@ -25,7 +23,7 @@ from formation.deploy.refusal import Refusal
 from formation.deploy.terminal.bar import Bar
 from formation.mission.file import parse
 from formation.mission.model import Mission
-from formation.monitor.recording.reader import Recorded, Recording, UnreadableError, read
+from formation.monitor.recording.reader import Recording, UnreadableError, read
 
 EXAMPLES = """\
   formation replay recordings/monday.mcap --verify
@@ -107,20 +105,14 @@ def run(recording: Recording, changed: str | None, law: str | None, tolerance: f
     verification = Verification(mission, law, tolerance)
     begin, extent = time.monotonic(), recording.extent()
     start, length = extent.start or 0.0, extent.duration
-    with ExitStack() as stack:
-        bar = stack.enter_context(Bar(f"verifying {recording.path.name}"))
-        for message in _messages(recording, bar, start, length):
+    with Bar(f"verifying {recording.path.name}") as bar:
+        for count, message in enumerate(recording.messages()):
+            if count % 1000 == 0 and length > 0.0:
+                bar.at((message.wall - start) / length)
             verification.process_sample(message.sample, message.wall)
         verification.close()
     took = time.monotonic() - begin
     return Ran(recording, mission, changed is not None, verification.verdicts, start, length, took)
-
-
-def _messages(recording: Recording, bar: Bar, start: float, length: float) -> Iterator[Recorded]:
-    for count, message in enumerate(recording.messages()):
-        if count % 1000 == 0 and length > 0.0:
-            bar.at((message.wall - start) / length)
-        yield message
 
 
 def words(ran: Ran, min_compared: float = MIN_COMPARED_SHARE) -> Iterator[str]:
@@ -133,24 +125,24 @@ def words(ran: Ran, min_compared: float = MIN_COMPARED_SHARE) -> Iterator[str]:
         yield from (f"  {'':<{width}}{line}" for line in _details(one, ran.start))
     yield from (f"  note: {note}" for note in _notes(ran))
     pace = f"took {ran.took:.1f} s, {ran.length / max(ran.took, 1e-3):.0f} times faster than the run"
+    yield f"{_conclusion(ran, min_compared)}; {pace}"
+
+
+def _conclusion(ran: Ran, min_compared: float) -> str:
     robot, share = ran.least
-    enough = share >= min_compared
     if not ran.compared:
-        yield f"nothing could be compared; {pace}"
-    elif ran.first is None and enough:
-        yield f"no difference in {ran.compared} commands, {share:.1%} or more of every robot's; {pace}"
-    elif ran.first is None:
-        if not ran.verdicts[robot].commands:
-            lacking = f"no command of {robot} in the recording"
-            yield f"no verdict: {lacking} (--min-compared 0 accepts that); {pace}"
-            return
-        yield (
-            f"no verdict: only {share:.1%} of {robot}'s commands were compared, at least {min_compared:.1%} "
-            f"are needed (--min-compared); none of those compared differs; {pace}"
-        )
-    else:
+        return "nothing could be compared"
+    if ran.first is not None:
         robot, first = ran.first
-        yield f"the first command that differs is {robot}'s at {first.wall - ran.start:.3f} s; {pace}"
+        return f"the first command that differs is {robot}'s at {first.wall - ran.start:.3f} s"
+    if share >= min_compared:
+        return f"no difference in {ran.compared} commands, {share:.1%} or more of every robot's"
+    if not ran.verdicts[robot].commands:
+        return f"no verdict: no command of {robot} in the recording (--min-compared 0 accepts that)"
+    return (
+        f"no verdict: only {share:.1%} of {robot}'s commands were compared, at least {min_compared:.1%} "
+        "are needed (--min-compared); none of those compared differs"
+    )
 
 
 def _verdict(one: Verdict) -> str:
@@ -178,27 +170,20 @@ def _details(one: Verdict, start: float) -> Iterator[str]:
         yield f"first at {one.first.wall - start:.3f} s, command {one.first.number} of its agent:"
         yield f"  recorded {_command(one.first.recorded)}"
         yield f"  computed {_command(one.first.computed)}, {one.first.decision}"
-        yield f"  after {', '.join(map(_input, one.first.inputs[-MAX_SHOWN_STRETCHES:])) or 'no message'}"
+        newest = one.first.inputs[-MAX_SHOWN_STRETCHES:]
+        after = ", ".join(f"{received.key} ({received.age * 1e3:.1f} ms)" for received in newest)
+        yield f"  after {after or 'no message'}"
     for stretch in one.unjudged[:MAX_SHOWN_STRETCHES]:
-        yield _stretch(stretch, start)
+        since, until = stretch.since - start, stretch.until - start
+        many = "1 command" if stretch.commands == 1 else f"{stretch.commands} commands"
+        span = f"{since:.1f} to {until:.1f} s" if stretch.commands > 1 else f"{since:.1f} s"
+        yield f"not judged: {many}, {span}: {stretch.reason}"
     if len(one.unjudged) > MAX_SHOWN_STRETCHES:
         yield f"… and {len(one.unjudged) - MAX_SHOWN_STRETCHES} more stretches that were not judged"
 
 
 def _command(sent: PublishedCommand | None) -> str:
     return "none" if sent is None else f"u {sent.speed:+.9f} m/s, ω {sent.turn_rate:+.9f} rad/s"
-
-
-def _input(received: Input) -> str:
-    return f"{received.key} ({received.age * 1e3:.1f} ms)"
-
-
-def _stretch(one: Stretch, start: float) -> str:
-    many = "1 command" if one.commands == 1 else f"{one.commands} commands"
-    span = f"{one.since - start:.1f} s"
-    if one.commands > 1:
-        span = f"{one.since - start:.1f} to {one.until - start:.1f} s"
-    return f"not judged: {many}, {span}: {one.reason}"
 
 
 def _notes(ran: Ran) -> Iterator[str]:
@@ -233,23 +218,13 @@ def report(ran: Ran) -> dict[str, Any]:
 
 
 def _robot(one: Verdict, start: float) -> dict[str, Any]:
+    counts = "commands", "compared", "lost", "lead_in", "share", "exact", "differing"
     return {
-        "commands": one.commands,
-        "compared": one.compared,
-        "lost": one.lost,
-        "lead_in": one.lead_in,
-        "share": one.share,
-        "exact": one.exact,
-        "differing": one.differing,
+        **{name: getattr(one, name) for name in counts},
         "most_off": {"speed": one.most_off[0], "turn_rate": one.most_off[1]},
         "first": None if one.first is None else _first(one.first, start),
         "not_judged": [
-            {
-                "since": stretch.since - start,
-                "until": stretch.until - start,
-                "commands": stretch.commands,
-                "reason": stretch.reason,
-            }
+            {**asdict(stretch), "since": stretch.since - start, "until": stretch.until - start}
             for stretch in one.unjudged
         ],
     }
@@ -265,7 +240,7 @@ def _first(one: Comparison, start: float) -> dict[str, Any]:
         "recorded": command(one.recorded),
         "computed": command(one.computed),
         "decision": one.decision,
-        "inputs": [{"key": received.key, "age": received.age} for received in one.inputs],
+        "inputs": [received._asdict() for received in one.inputs],
     }
 
 

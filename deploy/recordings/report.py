@@ -10,7 +10,7 @@ from typing import Any
 
 from formation.deploy import check
 from formation.deploy.arguments import add_json, add_out, number, parser, tell
-from formation.deploy.refusal import Refusal, refused
+from formation.deploy.refusal import Refusal, refused, refusing
 from formation.deploy.terminal.bar import Bar
 from formation.monitor.recording.reader import Recording, UnreadableError, read
 from formation.monitor.report import figures
@@ -53,7 +53,10 @@ def main(arguments: Sequence[str]) -> int:
         reported = [ReportedRun(run, check.words(run.mission, analyse(run.mission))) for run in runs]
         bar.at(READING_SHARE)
         made = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
-        _write(out, page(reported, options.until, made))
+        text = page(reported, options.until, made)
+        with refused(f"--out {out}: cannot be written"):
+            out.parent.mkdir(parents=True, exist_ok=True)
+            out.write_text(text, encoding="utf-8")
         bar.at(0.5 * (1.0 + READING_SHARE))
         drawn = _figures(options, runs) if options.figures is not None else []
     tell(options, _words(runs, out, drawn, options.figures), lambda: _json(runs, out, drawn))
@@ -61,10 +64,8 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _open(path: Path) -> Recording:
-    try:
+    with refusing(UnreadableError):
         return read(path)
-    except UnreadableError as error:
-        raise Refusal(str(error)) from None
 
 
 def _gather(recording: Recording, bar: Bar, shares: tuple[float, float]) -> Run:
@@ -74,12 +75,10 @@ def _gather(recording: Recording, bar: Bar, shares: tuple[float, float]) -> Run:
         done = (wall - begin) / duration
         bar.at(shares[0] + (shares[1] - shares[0]) * min(max(done, 0.0), 1.0))
 
-    try:
+    with refused(f"{recording.path}: cannot be read"):
         extent = recording.extent()
         begin, duration = extent.start or 0.0, extent.duration or 1.0
         return gather(recording, progress)
-    except OSError as error:
-        raise Refusal(f"{recording.path}: cannot be read: {error.strerror}") from None
 
 
 def _out(requested: Path | None, recordings: Sequence[Recording]) -> Path:
@@ -107,14 +106,6 @@ def _is_report(path: Path) -> bool:
     with path.open("rb") as file:
         begin = file.read(1000)
     return not begin or GENERATOR in begin
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise Refusal(f"--out {path}: cannot be written: {error.strerror}") from None
 
 
 def _figures(options: argparse.Namespace, runs: Sequence[Run]) -> list[Path]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import math
+import socket
 import sys
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from functools import partial
 from importlib import import_module
 from importlib.metadata import version
@@ -14,16 +15,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from formation.deploy.arguments import add_json, as_json, number, parser
-from formation.deploy.refusal import Refusal
-from formation.deploy.replay_bus import add_links, session, where
-from formation.deploy.terminal.keys import Keys
-from formation.deploy.terminal.playing import Bar, Lines, clock, line, press
+from formation.deploy.refusal import Refusal, refused, refusing
+from formation.deploy.terminal.playing import Bar, Keys, Lines, clock, line, press
 from formation.deploy.terminal.views import in_a_terminal
 from formation.monitor.recording.reader import Recording, UnreadableError, read
 from formation.monitor.replay.echo import Echo
 from formation.monitor.replay.film import Film
 from formation.monitor.replay.player import MAX_SPEED, MIN_SPEED, Player
-from formation.monitor.replay.prefix import checked
+from formation.monitor.replay.prefix import DEFAULT, checked
 from formation.monitor.replay.process import Replay
 from formation.monitor.web import frames
 from formation.monitor.web.address import PORT
@@ -31,12 +30,20 @@ from formation.monitor.web.flags import add_page_flags
 from formation.monitor.web.opening import opened
 from formation.monitor.web.server import PageServer
 from formation.monitor.web.source import Source
+from formation.transport.bus import Bus
+from formation.transport.bus_config import BusConfig, BusError, parse_override
 from formation.transport.linger import Linger
+from formation.transport.runtime.flags import add_zenoh
 from formation.transport.runtime.process import Stop, clocks
 from formation.transport.runtime.rate import Rate
+from formation.transport.wiring import AGENT_PORT
 
 REFRESH_RATE = 5.0
 """Refresh rate [Hz]."""
+HOST, LISTEN_PORT = "127.0.0.1", AGENT_PORT - 1
+"""Default address to dial for the messages."""
+GIVEN_UP = ("transport/link/tx/queue/congestion_control/block/wait_before_close", "1000000")
+"""Time after which the link of a listener that takes nothing is closed [us]."""
 EXAMPLES = """\
   formation replay recordings/monday.mcap
   formation replay monday.mcap --speed 10 --start 60
@@ -62,16 +69,15 @@ class Opened(NamedTuple):
 def main(arguments: Sequence[str]) -> int:
     """Play a recording, or verify it; return the exit code."""
     if "--verify" in arguments:
-        code: int = import_module("formation.deploy.verify").main(
-            arguments
-        )  # imports the agents, which playing does not need
+        # imported only here, as it imports the agents, which playing does not need
+        code: int = import_module("formation.deploy.recordings.verify").main(arguments)
         return code
     options = _options().parse_args(arguments)
     one = _open(options)
     prefix = None if options.no_zenoh else _prefix(options, one)
     with ExitStack() as stack:
         stop = stack.enter_context(Stop())
-        bus = None if prefix is None else stack.enter_context(session(options))
+        bus = None if prefix is None else stack.enter_context(_session(options))
         echo = None
         if bus is not None and prefix is not None:
             echo = Echo(one.recording.mission, prefix, partial(bus.advertise, waits=True), bus.publish)
@@ -87,7 +93,10 @@ def main(arguments: Sequence[str]) -> int:
             page = stack.enter_context(_page(options, source, replay))
             _say(options, f"page: {page.address}")
         if prefix is not None:
-            _say(options, f"every message on {prefix}/…{where(options)}")
+            ends = [f"listens at {end}" for end in options.listen]
+            ends += [f"dials {end}" for end in options.connect]
+            where = f"; {', '.join(ends)}" if ends else ""  # a configuration file may name others
+            _say(options, f"every message on {prefix}/…{where}")
         _play(options, replay, stop, stack)
     if options.json:
         print(as_json(_report(one, prefix, replay, stop)), flush=True)
@@ -101,30 +110,27 @@ def _play(options: argparse.Namespace, replay: Replay, stop: Stop, stack: ExitSt
     view = Bar(sys.stdout) if drawn else Lines(sys.stderr if options.json else sys.stdout)
     stays = drawn and not options.no_page
     refresh, linger = Rate(REFRESH_RATE), Linger()
-    view.start()
     try:
-        while not stop:
-            pause = replay.turn()
-            mono = clocks().mono
-            linger.tend(mono)
-            ended = replay.standing.finished and not stays
-            if refresh.tick(mono) or ended:
-                view.show(replay.standing, lambda: replay.snapshot)
-            if ended or not all(press(replay, key) for key in keys.wait(pause)):
-                return
+        with view:
+            while not stop:
+                pause = replay.turn()
+                mono = clocks().mono
+                linger.tend(mono)
+                ended = replay.standing.finished and not stays
+                if refresh.tick(mono) or ended:
+                    view.show(replay.standing, lambda: replay.snapshot)
+                if ended or not all(press(replay, key) for key in keys.wait(pause)):
+                    return
     finally:
-        view.stop()
         if not drawn:
             _say(options, line(replay.standing, replay.snapshot))
 
 
 def _open(options: argparse.Namespace) -> Opened:
     """Return the recording. Raises Refusal if it is none, or does not have the requested stretch."""
-    try:
+    with refusing(UnreadableError):
         recording = read(options.file)
         film = Film(recording)
-    except UnreadableError as error:
-        raise Refusal(str(error)) from None
     length = film.end - film.start
     if options.start > length:
         raise Refusal(f"--start {options.start:g}: the recording is over after {length:.1f} s")
@@ -148,13 +154,41 @@ def _source(one: Opened, player: Player) -> Source:
 
 
 def _page(options: argparse.Namespace, source: Source, replay: Replay) -> PageServer:
-    try:
+    with refused(f"--page {options.page.host}:{options.page.port}"):
         page = opened(options.page, source, replay=replay)
-    except OSError as error:
-        raise Refusal(f"--page {options.page.host}:{options.page.port}: {error.strerror}") from None
     if options.page is None and f":{PORT}/" not in page.address:
         _say(options, f"port {PORT} is taken, so the page is at another")
     return page
+
+
+def _session(options: argparse.Namespace) -> Bus:
+    """Return a session that only processes that dial it receive, by default. Raises Refusal."""
+    if not (options.listen or options.connect or options.mode == "client" or options.config):
+        options.listen = [f"tcp/{HOST}:{_free_port()}"]
+    with refusing(BusError):
+        return Bus(
+            BusConfig(
+                listen=tuple(options.listen),
+                connect=tuple(options.connect),
+                mode=options.mode,
+                config_file=options.config,
+                overrides=(GIVEN_UP, *(parse_override(text) for text in options.cfg)),
+                name="replay",
+            )
+        )
+
+
+def _free_port() -> int:
+    """Return the usual port, or another one if that is taken."""
+    for port in (LISTEN_PORT, 0):
+        with closing(socket.socket()) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind((HOST, port))
+            except OSError:
+                continue
+            return int(probe.getsockname()[1])
+    raise Refusal(f"there is no free port at {HOST} for the messages: name one with -l, or say --no-zenoh")
 
 
 def _report(one: Opened, prefix: str | None, replay: Replay, stop: Stop) -> dict[str, Any]:
@@ -209,5 +243,15 @@ def _options() -> argparse.ArgumentParser:
     )  # fmt: skip
     add_json(options)
     add_page_flags(options, control=False)
-    add_links(options)
+    links = options.add_argument_group(
+        "the messages on Zenoh, each as recorded, with its attachment",
+        f"By default a process that dials tcp/{HOST}:{LISTEN_PORT} receives them; if taken, another port"
+        " is used, and printed.",
+    )
+    links.add_argument("--no-zenoh", action="store_true", help="publish nothing there")
+    links.add_argument(
+        "--prefix", default=DEFAULT, metavar="WORD",
+        help=f"what keys begin with (default {DEFAULT}); no word that live keys begin with",
+    )  # fmt: skip
+    add_zenoh(links, connect="dial that; repeatable", listen="accept links there; repeatable")
     return options

@@ -1,13 +1,15 @@
-"""`formation missions`: list the shipped missions, and how to run one."""
+"""`formation missions` lists the shipped missions; mission files of other commands are written here."""
 
 from __future__ import annotations
 
 import itertools
+import os
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
-from formation.deploy.arguments import add_json, as_json, parser, read_mission
+from formation.deploy.arguments import add_json, as_json, parser, read_mission, replacing
+from formation.deploy.refusal import Refusal, refused
 from formation.mission.file import shipped
 
 NEXT = """\
@@ -57,3 +59,40 @@ def summary(path: Path) -> str:
         lambda line: line.startswith("#"), path.read_text(encoding="utf-8").splitlines()
     )
     return " ".join(line.lstrip("# ") for line in comment).partition(". ")[0].rstrip(".") + "."
+
+
+def write_mission(path: Path, text: str) -> None:
+    """Write a file, completely or not at all; line ends are as in `text`. Raises Refusal."""
+    target = Path(os.path.realpath(path))  # write to the target of a link, not the link
+    with refused(f"{path}: cannot be written"):
+        mode = target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask()
+        with replacing(target) as new:
+            new.write_text(text, encoding="utf-8", newline="")
+            new.chmod(mode)
+
+
+def check_out(out: Path, *, force: bool) -> None:
+    """Raise Refusal for a path that cannot be a mission file."""
+    if out.suffix != ".toml":
+        raise Refusal(f"--out {out}: must end in .toml")
+    with refused(f"--out {out}"):
+        if not out.parent.is_dir():
+            raise Refusal(f"--out {out}: there is no folder {out.parent}")
+        if is_shipped(out):
+            raise Refusal(f"--out {out}: is shipped, and stays as it is; name another")
+        if out.is_dir():
+            raise Refusal(f"--out {out}: is a folder; name a file")
+        if out.exists() and not force:
+            raise Refusal(f"--out {out}: is there already; name another, or write over it with --force")
+
+
+def is_shipped(mission: Path) -> bool:
+    """Return whether this is a mission of the package, also through links."""
+    # not Path.resolve, which has an error of its own for links in a circle
+    return os.path.realpath(mission) in {os.path.realpath(path) for path in shipped().values()}
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -1,16 +1,26 @@
-"""The mission that `formation new` writes: the request, and its text."""
+"""`formation new`: write a mission from a shape and a number of robots."""
 
 from __future__ import annotations
 
+import argparse
 import cmath
 import math
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from shlex import quote
+from typing import Any, NamedTuple
 
-from formation.mission.model import Collisions
+from formation.deploy.arguments import add_json, add_out, number, parser, tell, whole
+from formation.deploy.mission_files.files import check_out, write_mission
+from formation.deploy.refusal import Refusal
+from formation.mission.file import parse
+from formation.mission.model import Collisions, Mission
 from formation.slots.measuring import measured
-from formation.slots.shapes import SHAPES, polygon
+from formation.slots.shapes import MAX_SIDES, SHAPES, polygon
 
+MAX_ROBOTS = 200
+MIN_SLOT_RADII = 4.5
+"""Least distance between slots [body radii]: from there on the collision filter allows every shape."""
 COLLISIONS = Collisions()
 """Default settings of the collision filter; new missions state them."""
 SETTLED_EDGE_ERROR = 0.0005
@@ -21,6 +31,14 @@ AVOIDED_SPACINGS = 2.1
 """Largest distance of those slots [spacings]: starts are drawn up to half a spacing off slots."""
 GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
 """Angle from one start's offset to the next [rad]: starts look random but are reproducible."""
+EXAMPLES = """\
+  formation new wedge --robots 7                       into wedge_7.toml
+  formation new grid --robots 12 --spacing 0.8 --out field.toml
+  formation new polygon --robots 9 --corners 3         a triangle
+  formation new circle --robots 6 --robot paper        the paper's robots, gains and limits
+
+The robots are robot1, robot2, …; a leader without a body goes ahead of them, or in their middle.
+"""
 
 
 class Profile(NamedTuple):
@@ -118,12 +136,58 @@ class Draft(NamedTuple):
         )
 
 
+def main(arguments: Sequence[str]) -> int:
+    """Write a mission; return the exit code."""
+    options = _options().parse_args(arguments)
+    draft = _draft(options)
+    out = options.out or Path(f"{options.shape}_{options.robots}.toml")
+    check_out(out, force=options.force)
+    written = text(draft)
+    mission = parse(written, str(out))
+    write_mission(out, written)
+    tell(options, words(draft, mission, out), lambda: report(draft, mission, out))
+    return 0
+
+
+def words(draft: Draft, mission: Mission, out: Path) -> str:
+    """Return what was written, and the next commands."""
+    deepest = max(hops or 0 for hops in mission.graph.depths)
+    hops = f"{deepest} hop{'' if deepest == 1 else 's'} to the leader at most"
+    file = quote(str(out))
+    return f"""\
+{out}: {draft.robots} robots in a {draft.shape}, {draft.spacing:g} m apart, {hops}
+
+next:
+  formation check {file}
+  formation simulate {file} --runs 100
+  formation run {file}"""
+
+
+def report(draft: Draft, mission: Mission, out: Path) -> dict[str, Any]:
+    """Return what was written, for a script."""
+    return {
+        "file": str(out),
+        "mission": mission.name,
+        "shape": draft.shape,
+        "robots": draft.robots,
+        "spacing": draft.spacing,
+        "profile": draft.profile,
+        "edges": sum(map(len, mission.graph.neighbours)),
+        "depth": max(hops or 0 for hops in mission.graph.depths),
+    }
+
+
 def text(draft: Draft) -> str:
     """Return the whole mission file."""
     profile, slots = PROFILES[draft.profile], draft.slots
     graph = measured((0j, *slots))
     bound = max(0.05, SETTLED_EDGE_ERROR * sum(map(len, graph.neighbours)))
     where = "round" if draft.shape in {"circle", "polygon"} else "behind"
+    avoids_all = 'avoid = "all"                # every robot that comes near\n'
+    avoided = avoids_all if draft.robots <= AVOID_ALL else ""
+    placed = "".join(
+        f"robot{i} = [{_metres(slot.real)}, {_metres(slot.imag)}]\n" for i, slot in enumerate(slots, 1)
+    )
     spread = min(0.5 * draft.spacing, 1.0)
     return f"""\
 # {draft.robots} robots in a {draft.shape}, {draft.spacing:g} m apart, {where} a leader without a body. From:
@@ -138,7 +202,7 @@ duration = 60                # of `formation run` [s]
 settled = {bound:<18g} # formation error under which it counts as settled, summed over edges [m]
 turning = true               # slots are relative to the leader's heading: x ahead, y to the left
 
-{profile.tables}{_all(draft)}
+{profile.tables}{avoided}
 [collisions]
 margin = {COLLISIONS.margin:<19g} # room that is kept between two bodies [m]
 lag = {profile.lag:<22g} # time constant with which robots follow commands [s]
@@ -150,7 +214,7 @@ delay = {COLLISIONS.delay:<20g} # positions of others may be so late [s]
 # y = [-5.0, 5.0]
 
 [shapes.{draft.shape}]{" " * max(1, 20 - len(draft.shape))}# control points relative to the leader's [m]
-{"".join(_slots(slots))}
+{placed}
 [robots.leader]              # a point that goes along the route
 start = {{ x = 0.0, y = 0.0 }}
 {"".join(_robots(draft, graph.neighbours, graph.fallbacks))}
@@ -161,11 +225,6 @@ heading_deg = 0
 [simulation]
 spread = {spread:<19g} # `formation simulate --runs` draws starts within ± this of each slot [m]
 """
-
-
-def _slots(slots: tuple[complex, ...]) -> Iterator[str]:
-    for place, slot in enumerate(slots, 1):
-        yield f"robot{place} = [{_metres(slot.real)}, {_metres(slot.imag)}]\n"
 
 
 def _robots(
@@ -186,10 +245,6 @@ def _robots(
         yield f"start = {{ x = {x}, y = {y}, heading_deg = {heading} }}\n"
 
 
-def _all(draft: Draft) -> str:
-    return 'avoid = "all"                # every robot that comes near\n' if draft.robots <= AVOID_ALL else ""
-
-
 def _beside(draft: Draft, place: int, measured: set[int]) -> tuple[int, ...]:
     """Return the robots that may come near, besides those that it measures."""
     if draft.robots <= AVOID_ALL:
@@ -205,3 +260,60 @@ def _names(robots: tuple[int, ...]) -> str:
 
 def _metres(value: float) -> str:
     return repr(value + 0.0)  # no -0.0
+
+
+def _draft(options: argparse.Namespace) -> Draft:
+    """Return the checked request."""
+    profile = PROFILES[options.robot]
+    spacing = profile.spacing if options.spacing is None else options.spacing
+    least = MIN_SLOT_RADII * profile.radius
+    if spacing < least:
+        raise Refusal(
+            f"--spacing {spacing:g}: must be at least {least:g} m for robots of radius {profile.radius:g} m"
+        )
+    if options.shape == "polygon" and options.robots < 3:
+        raise Refusal(f"--robots {options.robots}: a polygon needs at least 3")
+    if options.corners is not None:
+        if options.shape != "polygon":
+            raise Refusal(f"--corners {options.corners}: only a polygon has corners, not a {options.shape}")
+        if options.corners > options.robots:
+            raise Refusal(
+                f"--corners {options.corners}: must be from 3 to the number of robots, {options.robots}"
+            )
+    return Draft(options.shape, options.robots, spacing, options.robot, options.corners)
+
+
+def _options() -> argparse.ArgumentParser:
+    options = parser("new", "Write a mission: a shape of so many robots, ready to run.", EXAMPLES)
+    options.add_argument("shape", metavar="SHAPE", choices=SHAPES, help=", ".join(SHAPES))
+    options.add_argument(
+        "--robots",
+        type=whole(2, MAX_ROBOTS),
+        required=True,
+        metavar="N",
+        help=f"how many, 2 to {MAX_ROBOTS}",
+    )
+    spacings = ", ".join(f"{profile.spacing:g} for {name}" for name, profile in PROFILES.items())
+    least = ", ".join(f"{MIN_SLOT_RADII * profile.radius:g}" for profile in PROFILES.values())
+    options.add_argument(
+        "--spacing",
+        type=number(0.0, 100.0, open_below=True),
+        metavar="M",
+        help=f"between neighbouring slots [m] (default {spacings}; at least {least})",
+    )
+    options.add_argument(
+        "--robot",
+        choices=PROFILES,
+        default=next(iter(PROFILES)),
+        help="which robots, with gains and limits that suit them (default %(default)s)",
+    )
+    options.add_argument(
+        "--corners",
+        type=whole(3),
+        metavar="K",
+        help=f"of a polygon (default {MAX_SIDES}, or as many as there are robots)",
+    )
+    add_out(options, "where to (default SHAPE_N.toml, here)")
+    options.add_argument("--force", action="store_true", help="write over a file that is there")
+    add_json(options)
+    return options

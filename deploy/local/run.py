@@ -13,8 +13,6 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from formation.agent.simulated.flags import NEEDED, add_world_flags, unfit, world_flags
 from formation.deploy.arguments import add_json, add_mission, as_json, number, parser, read_mission
@@ -23,9 +21,8 @@ from formation.deploy.local.outcome import Outcome, ended_well, how_it_ended
 from formation.deploy.local.plan import Program, programs
 from formation.deploy.local.ports import Ports
 from formation.deploy.refusal import Refusal, refused
-from formation.deploy.terminal.progress import Progress
-from formation.deploy.terminal.snapshot import Snapshot
-from formation.deploy.terminal.views import LiveTable, PlainLines, View, in_a_terminal
+from formation.deploy.terminal.snapshot import Progress, Snapshot
+from formation.deploy.terminal.views import View, view_for
 from formation.mission.model import Mission
 from formation.monitor.web.flags import add_page_flags
 
@@ -45,14 +42,6 @@ Exit code 0: the formation converged; 1: it did not, or a process failed; 2: not
 """
 
 
-class StartFailed(Exception):  # noqa: N818 - not all got ready
-    """A process did not get ready."""
-
-    def __init__(self, child: Child) -> None:
-        super().__init__(child.name)
-        self.child = child
-
-
 def main(arguments: Sequence[str]) -> int:
     """Run a mission; return the exit code."""
     options = _options().parse_args(arguments)
@@ -66,10 +55,13 @@ def main(arguments: Sequence[str]) -> int:
             raise ModuleNotFoundError(f"No module named {package!r}", name=package)
     record = _recording(mission, options.record)
     duration: float = options.duration or mission.duration
+    say = sys.stderr if options.json else sys.stdout
     with ExitStack() as stack:
         ports = stack.enter_context(Ports(mission))
-        logs = stack.enter_context(Logs())
-        launcher = stack.enter_context(Launcher(logs.folder))
+        logs = Path(tempfile.mkdtemp(prefix="formation-"))
+        removal = stack.enter_context(ExitStack())
+        removal.callback(shutil.rmtree, logs, ignore_errors=True)
+        launcher = stack.enter_context(Launcher(logs))
         plan = programs(
             mission,
             options.mission,
@@ -81,40 +73,20 @@ def main(arguments: Sequence[str]) -> int:
             page=_page_flags(options),
             world=world_flags(options),
         )
-        say = sys.stderr if options.json else sys.stdout
         print(_how_to_order(options.mission, ports), file=say, flush=True)
         progress = Progress(mission, duration, len(plan))
         page = start(launcher, plan)
         if page is not None:
             print(f"Page: {page}", file=say, flush=True)
-        try:
-            with _view(options) as view:
-                conduct(launcher, progress, view)
-        except StartFailed as failure:
-            logs.keep = True
-            return _tell_failed_start(failure.child)
-        outcome = Outcome(
-            mission, launcher.children, progress.elapsed, logs.folder, launcher.interrupted, record
-        )
-        logs.keep = bool(outcome.faults)
+        with view_for(say, table=not (options.json or options.no_table)) as view:
+            failed = conduct(launcher, progress, view)
+        if failed is not None:
+            removal.pop_all()
+            return _tell_failed_start(failed)
+        outcome = Outcome(mission, launcher.children, progress.elapsed, logs, launcher.interrupted, record)
+        if outcome.faults:
+            removal.pop_all()
         return _tell(outcome, as_object=options.json)
-
-
-class Logs:
-    """A folder for the processes' stderr; it is deleted unless it is to be kept."""
-
-    def __init__(self) -> None:
-        self.keep = False
-        self.folder = Path(tempfile.mkdtemp(prefix="formation-"))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if not self.keep:
-            shutil.rmtree(self.folder, ignore_errors=True)
 
 
 def start(launcher: Launcher, plan: Sequence[Program]) -> str | None:
@@ -133,8 +105,8 @@ def start(launcher: Launcher, plan: Sequence[Program]) -> str | None:
     return None
 
 
-def conduct(launcher: Launcher, progress: Progress, view: View) -> None:
-    """Watch the run for its duration or until a signal, and stop it. Raises StartFailed."""
+def conduct(launcher: Launcher, progress: Progress, view: View) -> Child | None:
+    """Watch the run until its end or a signal, and stop it; return a process that failed to get ready."""
     progress.ready = sum(child.ready for child in launcher.children)
     view.show(progress)
     deadline = time.monotonic() + START_TIMEOUT_SECONDS
@@ -143,7 +115,7 @@ def conduct(launcher: Launcher, progress: Progress, view: View) -> None:
         late = [child for child in launcher.children if not child.ready]
         if failed or (late and time.monotonic() > deadline):
             launcher.stop()
-            raise StartFailed((failed or late)[0])
+            return (failed or late)[0]
         _watch(launcher, progress, view, REFRESH_PERIOD)
     begin = time.monotonic()
     progress.phase = "running"
@@ -153,6 +125,7 @@ def conduct(launcher: Launcher, progress: Progress, view: View) -> None:
     progress.phase = "stopping"
     view.show(progress)
     launcher.stop()
+    return None
 
 
 def _watch(launcher: Launcher, progress: Progress, view: View, timeout: float) -> None:
@@ -224,20 +197,9 @@ def _how_to_order(source: str, ports: Ports) -> str:
     return f"Ctrl-C ends it. From another terminal: {command}"
 
 
-def _view(options: argparse.Namespace) -> View:
-    if options.json:
-        return PlainLines(sys.stderr)
-    if options.no_table or not in_a_terminal(sys.stdout):
-        return PlainLines(sys.stdout)
-    return LiveTable(sys.stdout)
-
-
 def _tell_failed_start(child: Child) -> int:
-    how = (
-        how_it_ended(child)
-        if not child.end_requested
-        else f"was not ready within {START_TIMEOUT_SECONDS:g} s"
-    )
+    late = f"was not ready within {START_TIMEOUT_SECONDS:g} s"
+    how = late if child.end_requested else how_it_ended(child)
     print(f"formation: {child.name} {how}; nothing runs", file=sys.stderr)
     for line in child.last_words():
         print(f"  | {line}", file=sys.stderr)

@@ -1,0 +1,298 @@
+"""Examine what an agent depends on: its robot, a watchdog, odometry, clocks and certificates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import UTC, datetime
+
+from formation.control.tracker import FRESH_PERIODS
+from formation.deploy.doctor.facts import Certificate, Examination, Facts, Finding, Stream
+from formation.protocol.status import RobotLink
+from formation.protocol.status_codec import LINKS
+from formation.ros2.tokens import hidden
+from formation.topics import command_topic
+
+OURS = frozenset(map(hidden, ("formation_agent", "formation_watchdog", "formation_doctor")))
+"""ROS nodes that may publish on cmd_vel."""
+KINDS = {"geometry_msgs/msg/Twist": "twist", "geometry_msgs/msg/TwistStamped": "twist_stamped"}
+MIN_RATE_SHARE, MAX_RATE_SHARE = 0.8, 1.4
+"""Lowest and highest share of the mission's rate."""
+IRREGULAR_PAUSES = 2
+"""Number of pauses while listening that counts as irregular; one may happen."""
+CHRONY_LIMIT = 0.02
+"""Offset from NTP time from which on it is reported [s]."""
+EXPIRING_LIFE_SHARE = 0.2
+"""Remaining share of its life at which a certificate counts as about to expire."""
+OTHERS_MODE_BITS = 0o007
+"""File mode bits of all other users."""
+RENEW = "formation deploy certificates MISSION --out DIR --renew, then bundle and push"
+
+
+def _link(facts: Facts) -> Iterator[Finding]:
+    if facts.router_trouble:
+        yield Finding(
+            "router-missing",
+            f"nothing answers at {facts.router}, where the robot's bridge or router should be",
+            "start it: systemctl status zenoh-bridge-ros2dds, or rmw_zenohd",
+        )
+    wrong = [party for party in facts.listeners if party.type != _wanted(facts)]
+    for party in wrong:
+        kind = KINDS.get(party.type)
+        yield Finding(
+            "cmd-vel-type",
+            f"{party.name} takes {_short(party.type)} on cmd_vel, but is sent {_short(_wanted(facts))}",
+            f'say cmd_vel = "{kind}" for {facts.robot} in the mission'
+            if kind
+            else "cmd_vel must be of type Twist or TwistStamped",
+        )
+    robot = facts.mission.robots.get(facts.robot)
+    bridged = robot is not None and robot.ros == "ros2dds"
+    remedy = f"restart the bring-up{' and the bridge together' if bridged else ''}"
+    link = facts.agent.link if facts.agent else RobotLink.UNKNOWN
+    if facts.routed is False and not wrong:
+        yield Finding(
+            "route-lost",
+            f"nothing listens to cmd_vel: {'the bridge has lost its route, or ' if bridged else ''}"
+            "the bring-up is down",
+            remedy,
+        )
+    elif (
+        link not in {RobotLink.UNKNOWN, RobotLink.CONNECTED}
+        and facts.routed is None
+        and not facts.router_trouble
+    ):
+        yield Finding(
+            "route-lost",
+            f"its agent's link to the robot: {LINKS[link]}",
+            remedy,
+        )
+    for party in facts.speakers:
+        if party.name not in OURS:
+            yield Finding(
+                "cmd-vel-contested",
+                f"{party.name} publishes on cmd_vel as well",
+                "end it: two controllers of one robot undo each other's work",
+            )
+
+
+def _link_seen(facts: Facts) -> str:
+    if facts.routed:
+        names = sorted({party.name for party in facts.listeners})
+        return (
+            f"cmd_vel is listened to as {_short(_wanted(facts))}{' by ' if names else ''}{', '.join(names)}"
+        )
+    if facts.agent and facts.agent.link is RobotLink.CONNECTED:
+        return "its agent says: connected"
+    return ""
+
+
+def _watchdog(facts: Facts) -> Iterator[Finding]:
+    if facts.watchdog_unit not in {None, "active"}:
+        yield Finding(
+            "watchdog-down",
+            f"the watchdog does not run: systemd calls it {facts.watchdog_unit}",
+            "sudo systemctl restart formation-watchdog; journalctl -u formation-watchdog says why",
+        )
+    elif facts.watchdog_state == "" and not facts.router_trouble:
+        yield Finding(
+            "watchdog-down",
+            "no watchdog answers: if the agent dies, the robot drives on",
+            f"start it: formation watchdog MISSION --robot {facts.robot}",
+        )
+
+
+def _watchdog_seen(facts: Facts) -> str:
+    if not facts.watchdog_state:
+        return ""
+    return f"answers: {facts.watchdog_state}{', systemd calls it active' if facts.watchdog_unit else ''}"
+
+
+def _wanted(facts: Facts) -> str:
+    """Return the ROS type of the commands that the agent sends."""
+    return command_topic(facts.mission.robots[facts.robot].cmd_vel).type
+
+
+def _short(ros_type: str) -> str:
+    return ros_type.rpartition("/")[2]
+
+
+def _odometry(facts: Facts) -> Iterator[Finding]:
+    if facts.router_trouble:
+        return  # one explains the other
+    if facts.odometry is not None:
+        yield from _stream(facts, "odometry", "odometry", facts.odometry)
+        yield from _frame(facts, facts.odometry)
+    if facts.pose is not None:
+        yield from _stream(facts, "pose", "the external pose", facts.pose)
+
+
+def _odometry_seen(facts: Facts) -> str:
+    stream = facts.odometry
+    if stream is None or not stream.received:
+        return ""
+    return f"{stream.rate:.3g} Hz, frame {', '.join(sorted(stream.frames)) or 'without a name'}"
+
+
+def _stream(facts: Facts, name: str, what: str, stream: Stream) -> Iterator[Finding]:
+    wanted, rate = 1.0 / facts.period, stream.rate
+    limit = FRESH_PERIODS * facts.period
+    pauses = [gap for gap in stream.gaps if gap > limit]
+    if stream.bad:
+        yield Finding(
+            f"{name}-unreadable",
+            f"{len(stream.bad)} messages on {what} cannot be used: {stream.bad[-1]}",
+            "see what publishes there, and with which type",
+        )
+    if not stream.received:
+        if not stream.bad:
+            yield Finding(
+                f"{name}-silent",
+                f"no {what.removeprefix('the ')} in {facts.seconds:g} s",
+                "is the bring-up up, in the namespace and domain that the mission says?",
+            )
+    elif rate < MIN_RATE_SHARE * wanted:
+        yield Finding(
+            f"{name}-slow",
+            f"{what} comes at {rate:.3g} Hz instead of {wanted:.3g} Hz",
+            "is the computer overloaded or hot (vcgencmd get_throttled)? else correct the mission's rate",
+        )
+    elif rate > MAX_RATE_SHARE * wanted:
+        yield Finding(
+            f"{name}-fast",
+            f"{what} comes at {rate:.3g} Hz instead of {wanted:.3g} Hz",
+            "do two processes publish it? else correct the mission's rate",
+        )
+    elif len(pauses) >= IRREGULAR_PAUSES:
+        yield Finding(
+            f"{name}-irregular",
+            f"{what} paused {len(pauses)} times in {facts.seconds:g} s, for up to {max(pauses):.2f} s",
+            "each pause stops the robot: is the computer overloaded, is Wi-Fi power saving on?",
+        )
+
+
+def _frame(facts: Facts, stream: Stream) -> Iterator[Finding]:
+    spec = facts.mission.robots[facts.robot]
+    if len(stream.frames) > 1:
+        yield Finding(
+            "odometry-frames",
+            f"odometry comes in several frames: {', '.join(sorted(stream.frames))}",
+            "two processes publish it: end one of them",
+        )
+    in_world = spec.localisation == "odometry" and spec.odometry_frame == "world"
+    if in_world and any(frame.rpartition("/")[2] == "odom" for frame in stream.frames):
+        yield Finding(
+            "odometry-frame",
+            "odometry counts in its own frame odom, but the mission takes it for the world's",
+            f'say odometry_frame = "start" in [robots.{facts.robot}], and switch it on at its start',
+        )
+
+
+def _clocks(facts: Facts) -> Iterator[Finding]:
+    # an agent takes a larger offset for a long delay, and extrapolates too far: only the doctor reports that
+    limit = 0.5 * FRESH_PERIODS * facts.period  # half the age at which a position counts as stale [s]
+    for what, stream in _streams(facts):
+        offset = _behind(stream)
+        if offset is not None and abs(offset) > limit:
+            yield Finding(
+                "clock-offset",
+                f"{what} is stamped {abs(offset):.3g} s {'ago' if offset > 0 else 'ahead'}, by this clock",
+                "let chrony run on both machines: chronyc tracking",
+            )
+    for name, age in (facts.agent.clock if facts.agent else {}).items():
+        yield Finding(
+            "clock-doubted",
+            f"its agent does not believe the stamps of {name}: {age:.3f} s old when they came",
+            "let chrony run on both machines: chronyc tracking",
+        )
+    if facts.chrony is not None and not facts.chrony.synchronised:
+        yield Finding(
+            "clock-unsynchronised",
+            "chrony has found no time server that it trusts",
+            "see chronyc sources; the desk may be the server of the field",
+        )
+    elif facts.chrony is not None and abs(facts.chrony.offset) > CHRONY_LIMIT:
+        yield Finding(
+            "clock-not-settled",
+            f"this machine's clock is {abs(facts.chrony.offset):.3g} s from its time server's",
+            "wait until chronyc tracking says less, or chronyc makestep while nothing moves",
+        )
+
+
+def _clocks_seen(facts: Facts) -> str:
+    offsets = [abs(offset) for _, stream in _streams(facts) if (offset := _behind(stream)) is not None]
+    seen = [f"stamps within {max(offsets) * 1e3:.0f} ms"] if offsets else []
+    if facts.chrony is not None:
+        seen.append(f"chrony within {abs(facts.chrony.offset) * 1e3:.2g} ms")
+    return ", ".join(seen)
+
+
+def _behind(stream: Stream) -> float | None:
+    """Return how far a sender's clock is behind ours [s]: the least one seen, as delays only add to it."""
+    return min((one.behind for one in stream.received), default=None)
+
+
+def _streams(facts: Facts) -> Iterator[tuple[str, Stream]]:
+    for what, stream in (
+        ("odometry", facts.odometry),
+        ("the external pose", facts.pose),
+        ("its position", facts.position),
+        ("its status", facts.status),
+    ):
+        if stream is not None:
+            yield what, stream
+
+
+def _certificates(facts: Facts) -> Iterator[Finding]:
+    for one in facts.certificates or ():
+        yield from _certificate(one, facts.wall)
+
+
+def _certificates_seen(facts: Facts) -> str:
+    usable = [one for one in facts.certificates or () if not one.problem]
+    if not usable:
+        return ""
+    first = min(usable, key=lambda one: one.ends)
+    return f"{first.name} is valid for {_span(first.ends - facts.wall)}"
+
+
+def _span(seconds: float) -> str:
+    """Return a duration for people."""
+    if abs(seconds) >= 2 * 86_400:
+        return f"{seconds / 86_400:.0f} days"
+    return f"{seconds / 3_600:.1f} hours" if abs(seconds) >= 5_400 else f"{seconds / 60:.0f} minutes"
+
+
+def _certificate(one: Certificate, now: float) -> Iterator[Finding]:
+    if one.problem:
+        yield Finding("certificate-unusable", f"{one.path}: {one.problem}", RENEW)
+        return
+    if one.name != one.wanted:
+        yield Finding(
+            "certificate-name",
+            f"{one.path} is the certificate of {one.name!r}, not of {one.wanted!r}",
+            "each process needs its own: make the bundles again, and push",
+        )
+    if one.mode & OTHERS_MODE_BITS:
+        yield Finding(
+            "key-readable",
+            f"the key of {one.path} is readable by others (mode {one.mode:03o})",
+            "chmod o= the key; if another user may have read it, renew it",
+        )
+    if now >= one.ends:
+        when = f"{datetime.fromtimestamp(one.ends, UTC):%Y-%m-%d %H:%M} UTC"
+        yield Finding("certificate-expired", f"{one.path} has expired on {when}", RENEW)
+    elif now < one.begins:
+        yield Finding(
+            "certificate-not-yet-valid",
+            f"{one.path} becomes valid in {_span(one.begins - now)}, by this machine's clock",
+            "the clock is behind: set it, let chrony run",
+        )
+    elif one.ends - now < EXPIRING_LIFE_SHARE * (one.ends - one.begins):
+        yield Finding("certificate-expires", f"{one.path} expires in {_span(one.ends - now)}", RENEW)
+
+
+ROBOT_LINK = Examination("robot", _link, _link_seen)
+WATCHDOG = Examination("watchdog", _watchdog, _watchdog_seen)
+ODOMETRY = Examination("odometry", _odometry, _odometry_seen)
+CLOCKS = Examination("clock", _clocks, _clocks_seen)
+CERTIFICATES = Examination("certificate", _certificates, _certificates_seen)

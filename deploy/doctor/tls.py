@@ -1,0 +1,183 @@
+"""A process's TLS files: read them, and dial an agent as Zenoh would, up to the handshake.
+
+Only Python's standard library is used, as a robot has no other. No message is sent.
+"""
+
+from __future__ import annotations
+
+import errno
+import socket
+import ssl
+import stat
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from formation.deploy.doctor.facts import Certificate, Outcome, Reached
+from formation.deploy.refusal import Refusal, refusing
+from formation.transport.bus import setting
+from formation.transport.bus_config import BusError
+
+CONNECT_TIMEOUT_SECONDS = 2.0
+"""Time for a connection, and for a handshake [s]."""
+LATE_REFUSAL_TIME = 0.3
+"""Time after our half of a TLS 1.3 handshake in which the other side may still refuse [s]."""
+GONE = {errno.ENETUNREACH, errno.EHOSTUNREACH, errno.EHOSTDOWN, errno.ENETDOWN}
+NO_CHECK_TIME = 0x20_0000
+"""OpenSSL's X509_V_FLAG_NO_CHECK_TIME: read expired certificates too."""
+
+
+class Papers(NamedTuple):
+    """The files of a process's TLS identity, as named in its Zenoh configuration."""
+
+    trusted: Path
+    certificate: Path
+    key: Path
+
+
+def papers_of(config: Path) -> Papers | None:
+    """Return the TLS files of a Zenoh configuration; None if it has no TLS. Raises Refusal."""
+    with refusing(BusError):
+        tls = setting(config, "transport/link/tls")
+    names = "root_ca_certificate", "connect_certificate", "connect_private_key"
+    words = [str((tls or {}).get(name) or "") for name in names]
+    return Papers(*map(Path, words)) if all(words) else None
+
+
+def papers_in(folder: Path, names: Sequence[str]) -> Iterator[tuple[str, Papers]]:
+    """Yield the papers of `names` found in `folder`, as made by `formation deploy certificates`.
+
+    Raises Refusal if there are none.
+    """
+    found = {path.parent.name for path in folder.glob("*/certificate.pem")}
+    if not found:
+        raise Refusal(f"--certificates {folder}: holds none; `formation deploy certificates` makes them")
+    for name in names:
+        if name in found:
+            home = folder / name
+            yield name, Papers(home / "ca.pem", home / "certificate.pem", home / "key.pem")
+
+
+def read(name: str, papers: Papers) -> Certificate | None:
+    """Return the certificate of `name`; None if this user may not read it."""
+    path, wanted = str(papers.certificate), name
+    try:
+        mode = stat.S_IMODE(papers.key.stat().st_mode)
+        shown = _shown(papers)
+    except PermissionError:
+        return None
+    except FileNotFoundError as error:
+        return Certificate(path=path, wanted=wanted, problem=f"{error.filename or 'a file'} is missing")
+    except ssl.SSLError as error:
+        return Certificate(path=path, wanted=wanted, problem=_trouble(error))
+    except OSError as error:
+        return Certificate(path=path, wanted=wanted, problem=error.strerror or str(error))
+    return Certificate(
+        path=path,
+        wanted=wanted,
+        name=_common_name(shown),
+        begins=float(ssl.cert_time_to_seconds(str(shown["notBefore"]))),
+        ends=float(ssl.cert_time_to_seconds(str(shown["notAfter"]))),
+        mode=mode,
+    )
+
+
+def context(papers: Papers, *, server: bool = False) -> ssl.SSLContext:
+    """Return a TLS context like Zenoh's mTLS with these papers. OSError (or SSLError) on failure."""
+    made = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER if server else ssl.PROTOCOL_TLS_CLIENT)
+    made.load_verify_locations(papers.trusted)
+    made.load_cert_chain(papers.certificate, papers.key, password="")
+    made.verify_mode = ssl.CERT_REQUIRED
+    return made
+
+
+def reach(endpoint: str, papers: Papers | None) -> Reached:
+    """Dial `endpoint`; without papers only connect to a TLS endpoint, without a handshake."""
+    protocol, _, place = endpoint.partition("/")
+    host, _, port = place.partition("?")[0].partition("#")[0].rpartition(":")
+    host = host.strip("[]")
+    if protocol not in {"tcp", "tls"}:
+        return Reached(endpoint, "ok", f"{protocol} is not dialled")
+    try:
+        with socket.create_connection((host, int(port)), CONNECT_TIMEOUT_SECONDS) as plain:
+            if protocol == "tcp" or papers is None:
+                return Reached(endpoint, "ok")
+            return _handshake(endpoint, plain, host, papers)
+    except OSError as error:
+        return Reached(endpoint, _outcome(error), str(error))
+
+
+def _shown(papers: Papers) -> dict[str, object]:
+    """Return the certificate's content, after a handshake as a client with a server of the same authority."""
+    server, client = context(papers, server=True), context(papers)
+    server.verify_flags |= NO_CHECK_TIME
+    client.check_hostname = False
+    client.verify_mode = ssl.CERT_NONE  # a process that only dials needs no server certificate
+    one, other = ssl.MemoryBIO(), ssl.MemoryBIO()
+    ends = [
+        server.wrap_bio(one, other, server_side=True),
+        client.wrap_bio(other, one),
+    ]
+    done: set[int] = set()
+    while len(done) < len(ends):
+        for number, end in enumerate(ends):
+            try:
+                end.do_handshake()
+                done.add(number)
+            except ssl.SSLWantReadError:
+                continue
+    return dict(ends[0].getpeercert() or {})
+
+
+def _trouble(error: ssl.SSLError) -> str:
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return f"its authority does not vouch for it: {error.verify_message}"
+    reason = (error.reason or "").replace("_", " ").lower()
+    if "mismatch" in reason:
+        return "the key does not belong to it"
+    if not reason or reason.startswith(("pem", "no start line", "bad ")):
+        return "it, its key or its authority's certificate is damaged"
+    return f"it cannot be used: {reason or error}"
+
+
+def _common_name(certificate: object) -> str:
+    subject = certificate.get("subject", ()) if isinstance(certificate, dict) else ()
+    names = [value for part in subject for key, value in part if key == "commonName"]
+    return str(names[0]) if names else ""
+
+
+def _handshake(endpoint: str, plain: socket.socket, host: str, papers: Papers) -> Reached:
+    try:
+        ours = context(papers)
+    except OSError as error:  # the examination of certificates reports more
+        return Reached(endpoint, "turned away", f"ours cannot be used: {error}")
+    try:
+        with ours.wrap_socket(plain, server_hostname=host) as secure:
+            name = _common_name(secure.getpeercert())
+            secure.settimeout(LATE_REFUSAL_TIME)
+            try:
+                secure.recv(1)
+            except TimeoutError:
+                return Reached(endpoint, "ok", name=name)  # it waits for our first message
+            return Reached(endpoint, "turned away", "it hung up", name)
+    except ssl.SSLCertVerificationError as error:
+        return Reached(endpoint, "untrusted", error.verify_message)
+    except ssl.SSLError as error:
+        return Reached(endpoint, *_alert(error))
+
+
+def _alert(error: ssl.SSLError) -> tuple[Outcome, str]:
+    reason = (error.reason or str(error)).replace("_", " ").lower()
+    if "wrong version" in reason or "record layer" in reason or "http request" in reason:
+        return "no TLS", reason
+    return "turned away", reason.partition("alert ")[2] or reason
+
+
+def _outcome(error: OSError) -> Outcome:
+    if isinstance(error, socket.gaierror):
+        return "unknown name"
+    if isinstance(error, ConnectionRefusedError):
+        return "refused"
+    if error.errno in GONE:
+        return "no route"
+    return "turned away" if isinstance(error, ConnectionResetError) else "no answer"

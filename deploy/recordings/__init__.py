@@ -1,0 +1,1 @@
+"""Commands for recordings: replay and verify, report, recover."""
