@@ -7,7 +7,7 @@ import socket
 from contextlib import closing
 
 from formation.deploy.refusal import Refusal
-from formation.monitor.replay.prefix import DEFAULT
+from formation.monitor.replay.echo import DEFAULT
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError, parse_override
 from formation.transport.runtime.flags import add_zenoh

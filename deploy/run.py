@@ -27,7 +27,7 @@ from formation.deploy.terminal.progress import Progress
 from formation.deploy.terminal.snapshot import Snapshot
 from formation.deploy.terminal.views import LiveTable, PlainLines, View, in_a_terminal
 from formation.mission.model import Mission
-from formation.monitor.web.flags import add_page_flags
+from formation.monitor.web.address import add_page_flags
 
 START_TIMEOUT_SECONDS = 30.0
 """Time for the processes to get ready [s]."""

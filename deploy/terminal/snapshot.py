@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from formation.monitor.metrics.events import Event
-from formation.monitor.metrics.known import KnownError
+from formation.monitor.metrics.settling import KnownError
 
 
 class RobotNow(NamedTuple):
