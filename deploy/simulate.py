@@ -30,7 +30,7 @@ from formation.deploy.terminal.bar import Bar, waiting, warn_if_slow
 from formation.deploy.terminal.units import metres
 from formation.mission.model import MAX_HORIZON, Mission
 from formation.mission.route import Route
-from formation.monitor.report.panels import draw
+from formation.monitor.report.drawing import draw
 from formation.simulation.body import PROFILES, Body
 from formation.simulation.ensemble import Options
 from formation.simulation.simulate import Result, simulate

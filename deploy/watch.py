@@ -27,7 +27,7 @@ from formation.mission.model import Mission
 from formation.mission.rules import VISITORS
 from formation.monitor.core import Monitor
 from formation.monitor.metrics import snapshot as metrics
-from formation.monitor.metrics.stage import usual
+from formation.monitor.metrics.keys import usual_stage
 from formation.monitor.metrics.words import as_json as snapshot_as_json
 from formation.monitor.process import MAX_WAITING_MESSAGES, STEP_PERIOD
 from formation.transport import wiring
@@ -66,7 +66,7 @@ class Watcher:
     def __init__(self, mission: Mission, options: argparse.Namespace, stack: ExitStack) -> None:
         """Link with the fleet until `stack` ends. Raises BusError."""
         implied = not (options.connect or options.config)
-        stage = usual(mission) if implied else {}
+        stage = usual_stage(mission) if implied else {}
         self.mission = mission
         self._monitor = Monitor(mission, stage)
         mailbox = Mailbox(MAX_WAITING_MESSAGES)

@@ -10,27 +10,24 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from datetime import datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
 from formation.control.laws import LAWS
 from formation.mission.file import configuration_of, parse, read
 from formation.mission.model import Mission
 from formation.monitor.core import Monitor
-from formation.monitor.exporters.opening import ExporterError, add_foxglove_flags, served, write_layout
-from formation.monitor.metrics.keys import OWN, watched
-from formation.monitor.metrics.stage import given, usual
-from formation.monitor.process import MAX_WAITING_MESSAGES, NAME, Watch
+from formation.monitor.exporters import layout
+from formation.monitor.metrics.keys import OWN, Watched, given_stage, usual_stage, watched
+from formation.monitor.process import MAX_WAITING_MESSAGES, NAME, Showing, Watch
 from formation.monitor.recording.recorder import Recorder
 from formation.monitor.recording.rotation import Rotation, add_rotation_flags
 from formation.monitor.web import frames
-from formation.monitor.web.address import Bind
+from formation.monitor.web.address import Bind, add_page_flags, bind_flag
 from formation.monitor.web.control import on_the_bus
-from formation.monitor.web.flags import add_page_flags
-from formation.monitor.web.opening import EXPOSED, opened, words
-from formation.monitor.web.server import PageServer
-from formation.monitor.web.showing import Showing
+from formation.monitor.web.server import EXPOSED, PageServer, opened, words
 from formation.monitor.web.source import Source
 from formation.ros2.naming import Naming
 from formation.ros2.ros_names import Ros
@@ -40,9 +37,13 @@ from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError, parse_override
 from formation.transport.mailbox import Mailbox
 from formation.transport.robot_bus import RobotBus
+from formation.transport.runtime.command_line import needs
 from formation.transport.runtime.flags import bus_config, parser
 from formation.transport.runtime.process import BadInput, Stop, clocks, run_process, say
 from formation.transport.runtime.robot_buses import RobotBuses
+
+if TYPE_CHECKING:
+    from formation.monitor.exporters.foxglove import Foxglove
 
 EXAMPLES = """\
   formation monitor six_robots
@@ -52,6 +53,12 @@ EXAMPLES = """\
   formation monitor field --page 0.0.0.0:8460 --control      with what is in this folder of bundles
   formation monitor field.toml --ros tcp/127.0.0.1:7447 --ros-names rmw_zenoh
 """
+READ_ONLY = """\
+Open the address in Foxglove. It only shows: it takes no orders. But any program that can
+reach the address sees everything, unencrypted; by default that is this machine alone.
+"""
+FOXGLOVE = Bind("127.0.0.1", 8765)
+"""Foxglove's default address of a server."""
 NODE = "formation_monitor"
 """The monitor's node name in ROS."""
 SWITCH_INTERVAL = 0.0005
@@ -63,21 +70,14 @@ _log = logging.getLogger(__name__)
 def main(argv: Sequence[str] | None = None) -> int:
     """Watch until told to stop; return the exit code."""
     args = _flags().parse_args(argv)
-    return run_process(NAME, args, lambda stop: _run(args, stop))
-
-
-def _run(args: argparse.Namespace, stop: Stop) -> None:
-    try:
-        _watch(args, stop)
-    except ExporterError as error:
-        raise BadInput(str(error)) from None
+    return run_process(NAME, args, lambda stop: _watch(args, stop))
 
 
 def _watch(args: argparse.Namespace, stop: Stop) -> None:
     text, source = read(args.mission)
     mission = parse(text, source)
     if args.foxglove_layout is not None:
-        write_layout(args.foxglove_layout, mission)
+        _write_layout(args.foxglove_layout, mission)
         return
     args.config = args.config or configuration_of(args.mission, "monitor")
     if args.control:
@@ -85,35 +85,28 @@ def _watch(args: argparse.Namespace, stop: Stop) -> None:
     links = wiring.of_monitor(wiring.endpoints(mission))
     config = bus_config(args, mission, links, NAME)
     stage, ros_naming = _stage(args, mission), _ros_naming(args, mission)
-    _needs_a_page(args)
-    when = datetime.now().astimezone()
-    path = args.record or Path("recordings") / f"{mission.name}-{when:%Y%m%d-%H%M%S}.mcap"
+    keys = (*watched(mission), *OWN)
     mailbox = Mailbox(MAX_WAITING_MESSAGES)
     with ExitStack() as stack:
         monitor = Monitor(mission, stage)
         page = _page(args, mission, monitor, stack)
         bus = stack.enter_context(Bus(config, mailbox))
-        recorder = None
+        recorder = ros = showing = foxglove = None
         if not args.no_record:
-            keys = (*watched(mission), *OWN)
-            rotation = Rotation(args.rotate_size, args.rotate_time)
-            recorder = stack.enter_context(
-                Recorder(path, mission.name, text, args.law or mission.law.kind, keys, rotation)
-            )
+            recorder = stack.enter_context(_recorder(args, mission, text, keys))
         truth = RobotBuses(mission, stage, mailbox, node=NODE, awaited=bool(args.stage))
         stack.callback(truth.close)
-        ros = None
         if args.ros:
             ros = stack.enter_context(RobotBus((args.ros,), ros_naming, mailbox, node=NODE))
-        showing = None
         if page is not None:
             page.source.tell(recording=str(recorder.path) if recorder else None)
             showing = Showing(mission, monitor, page.source)
-        foxglove = None
         if args.foxglove is not None:
-            foxglove = stack.enter_context(served(args.foxglove, mission, (*watched(mission), *OWN)))
+            foxglove = stack.enter_context(_foxglove(args.foxglove, mission, keys))
             _log.info("foxglove: %s", foxglove.address)
-        one = Watch(monitor, bus, recorder, truth, ros, showing, foxglove)
+        one = Watch(
+            monitor, bus, recorder, truth, ros, showing, None if foxglove is None else foxglove.forward_sample
+        )
         one.declare()
         if page is not None:
             page.start()
@@ -133,10 +126,44 @@ def _watch(args: argparse.Namespace, stop: Stop) -> None:
     say("summary", **one.summary())
 
 
+def _recorder(args: argparse.Namespace, mission: Mission, text: str, keys: Sequence[Watched]) -> Recorder:
+    usual = Path("recordings") / f"{mission.name}-{datetime.now().astimezone():%Y%m%d-%H%M%S}.mcap"
+    rotation = Rotation(args.rotate_size, args.rotate_time)
+    law = args.law or mission.law.kind
+    return Recorder(args.record or usual, mission.name, text, law, keys, rotation)
+
+
+def _write_layout(path: Path, mission: Mission) -> None:
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(layout.text(mission))
+    except FileExistsError:
+        raise BadInput(f"--foxglove-layout {path}: exists already") from None
+    except OSError as error:
+        raise BadInput(f"--foxglove-layout {path}: cannot be written: {error.strerror}") from None
+
+
+def _foxglove(bind: Bind, mission: Mission, keys: Sequence[Watched]) -> Foxglove:
+    """Return a server that sends `keys`. Raises BadInput."""
+    try:
+        from formation.monitor.exporters.foxglove import Foxglove  # noqa: PLC0415 - an optional extra
+    except ModuleNotFoundError:
+        text = f"--foxglove {needs('foxglove')}"
+        raise BadInput(text) from None
+    try:
+        return Foxglove(bind.host, bind.port, f"formation: {mission.name}", keys)
+    except OSError as error:
+        raise BadInput(f"--foxglove {bind.host}:{bind.port}: {error}") from None
+
+
 def _page(
     args: argparse.Namespace, mission: Mission, monitor: Monitor, stack: ExitStack
 ) -> PageServer | None:
     """Return the page, not yet served, with its operator. Raises BadInput and BusError."""
+    if args.control and args.no_page:
+        raise BadInput("--control: gives orders by the page, which --no-page leaves out")
+    if args.control_config is not None and not args.control:
+        raise BadInput("--control-config FILE: says how --control gives orders, which is missing")
     if args.no_page:
         return None
     control = None
@@ -166,7 +193,7 @@ def _stage(args: argparse.Namespace, mission: Mission) -> dict[str, str]:
     if args.no_stage:
         return {}
     try:
-        where = given(mission, args.stage) if args.stage else usual(mission)
+        where = given_stage(mission, args.stage) if args.stage else usual_stage(mission)
     except ValueError as error:
         raise BadInput(str(error)) from None
     for endpoint in where.values():
@@ -185,16 +212,7 @@ def _ros_naming(args: argparse.Namespace, mission: Mission) -> Naming:
     return Naming.of_formation(args.ros_names or first.ros, domain)
 
 
-def _needs_a_page(args: argparse.Namespace) -> None:
-    """Raise BadInput for flags about orders if there is no page to give orders from."""
-    if args.control and args.no_page:
-        raise BadInput("--control: gives orders by the page, which --no-page leaves out")
-    if args.control_config is not None and not args.control:
-        raise BadInput("--control-config FILE: says how --control gives orders, which is missing")
-
-
 def _check(flag: str, endpoint: str) -> None:
-    """Raise BadInput, naming `flag`, for an endpoint that cannot be dialled."""
     try:
         BusConfig(connect=(endpoint,))
     except BusError as error:
@@ -225,7 +243,14 @@ def _flags() -> argparse.ArgumentParser:
         "--control-config", metavar="FILE", type=Path,
         help="Zenoh configuration of the operator, with his certificate (default: the monitor's own)",
     )  # fmt: skip
-    add_foxglove_flags(flags)
+    group = flags.add_argument_group("Foxglove, live (extra: foxglove)", READ_ONLY)
+    group.add_argument(
+        "--foxglove", metavar="HOST:PORT", nargs="?", type=partial(bind_flag, port=FOXGLOVE.port),
+        const=FOXGLOVE, help=f"serve every topic to it (default: {FOXGLOVE})",
+    )  # fmt: skip
+    group.add_argument(
+        "--foxglove-layout", metavar="FILE", type=Path, help="write a layout for the mission, and end"
+    )
     truth = flags.add_argument_group(
         "simulated robots (for ground truth; where there are none, none is known)"
     )

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Reversible, Sequence
+from itertools import takewhile
+from typing import Any, NamedTuple, TypeVar
 
 from formation.mission.model import Mission
 from formation.monitor.metrics.events import Event, Events, to_message
-from formation.monitor.metrics.keys import OWN, watched
+from formation.monitor.metrics.keys import watched
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.snapshot import Snapshot
 from formation.monitor.metrics.words import diagnostics
@@ -21,11 +22,19 @@ MAX_EVENTS = 1000
 """Number of newest events that are kept; all are in the recording."""
 
 
+T = TypeVar("T", bound=tuple[Any, ...])
+
+
 class Numbered(NamedTuple):
     """An event and its number in the run, from 1."""
 
     number: int
     event: Event
+
+
+def after(items: Reversible[T], mark: float) -> list[T]:
+    """Return the newest of `items`, in order: those that begin with more than `mark`."""
+    return list(takewhile(lambda one: one[0] > mark, reversed(items)))[::-1]
 
 
 class Monitor:
@@ -44,11 +53,6 @@ class Monitor:
         self._stage = frozenset(stage)
         self._keys = watched(mission)
         self._error_rate, self._diagnostics_rate = Rate(10.0), Rate(1.0)
-
-    @property
-    def publications(self) -> tuple[tuple[Topic, str], ...]:
-        """Every topic and key that it publishes."""
-        return tuple((one.topic, one.key) for one in OWN)
 
     @property
     def subscriptions(self) -> tuple[str, ...]:
@@ -76,18 +80,12 @@ class Monitor:
                 outbox.append(Outgoing(ERROR.key(), encode(Number(error))))
             self.snapshot = self.metrics.snapshot(now)
             self._noted.extend(self._events.collect_events(now, self.snapshot))
-        outbox += self._tell()
-        if self._diagnostics_rate.tick(now.mono):
-            snapshot = self.metrics.snapshot(now)
-            outbox += [Outgoing(DIAGNOSTICS.key(), encode(one)) for one in diagnostics(snapshot, now.wall)]
-        return outbox
-
-    def _tell(self) -> list[Outgoing]:
-        """Number new events, keep and publish them."""
-        outbox = []
         while self._noted:
             event = self._noted.popleft()
             self._happened += 1
             self.events.append(Numbered(self._happened, event))
             outbox.append(Outgoing(EVENTS.key(), encode(to_message(event))))
+        if self._diagnostics_rate.tick(now.mono):
+            snapshot = self.metrics.snapshot(now)
+            outbox += [Outgoing(DIAGNOSTICS.key(), encode(one)) for one in diagnostics(snapshot, now.wall)]
         return outbox

@@ -7,14 +7,19 @@ metrics, and at thousands of messages a second far cheaper than waking for each.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
-from formation.monitor.core import Monitor
+from formation.mission.model import Mission
+from formation.monitor.core import Monitor, after
 from formation.monitor.metrics.events import Event
+from formation.monitor.metrics.keys import OWN
+from formation.monitor.metrics.snapshot import Snapshot
 from formation.monitor.metrics.words import as_json, line
 from formation.monitor.recording.recorder import Recorder
-from formation.monitor.web.showing import Showing
+from formation.monitor.web import frames
+from formation.monitor.web.source import HISTORY_RATE, Source
 from formation.transport.interfaces import FleetSide, RobotSide
 from formation.transport.linger import Linger
 from formation.transport.runtime.loop import Pauses, StopRequest
@@ -31,14 +36,55 @@ QUIET_TIME = 0.2
 """Silence after which, at the end, no more messages are expected [s]."""
 STOP_TIMEOUT_SECONDS = 1.0
 """Longest time to go on after a request to stop while the fleet still sends [s]."""
+COMPLAINT_RATE = 0.1
+"""Highest rate of log entries about a failing page [Hz]."""
 _log = logging.getLogger(__name__)
 
 
-class Exporter(Protocol):
-    """Another receiver of every message."""
+class Showing:
+    """Show one monitor on its page: a frame after every look, and every event.
 
-    def forward_sample(self, sample: Sample, wall: float) -> None:
-        """Take a message, as received, that arrived at `wall` [s, our system clock]. Must not block."""
+    Failures here are logged, and the monitor goes on.
+    """
+
+    def __init__(self, mission: Mission, monitor: Monitor, source: Source) -> None:
+        self._mission, self._monitor, self._source = mission, monitor, source
+        self._history, self._complaints = Rate(HISTORY_RATE), Rate(COMPLAINT_RATE)
+        self._begun = math.inf
+        self._shown: Snapshot | None = None
+        self._reported = 0
+
+    def step(self, now: Now, recorder: Recorder | None) -> None:
+        """Show the news since the last step. Call it right after the monitor's step."""
+        self._begun = min(self._begun, now.mono)
+        try:
+            for number, event in after(self._monitor.events, self._reported):
+                self._reported = number
+                self._source.note(frames.event(number, event))
+            self._frame(now, recorder)
+        except Exception:  # noqa: BLE001 - the monitor must go on without a page
+            if self._complaints.tick(now.mono):
+                _log.exception("the page cannot be shown what is new")
+
+    def _frame(self, now: Now, recorder: Recorder | None) -> None:
+        snapshot = self._monitor.snapshot
+        if snapshot is None or snapshot is self._shown:
+            return
+        self._shown = snapshot
+        if self._history.tick(now.mono):
+            self._source.observe(now.wall, snapshot.formation_error)
+        if self._source.wanted:
+            recording = _recording(recorder, now.mono - self._begun)
+            metrics = self._monitor.metrics
+            frame = frames.frame(self._mission, metrics, now, snapshot=snapshot, recording=recording)
+            self._source.show(frame, snapshot)
+
+
+def _recording(recorder: Recorder | None, seconds: float) -> Mapping[str, Any] | None:
+    if recorder is None:
+        return None
+    path, failure = str(recorder.paths[-1]), recorder.failure
+    return {"path": path, "bytes": recorder.bytes, "seconds": round(seconds, 1), "failure": failure}
 
 
 class Watch:
@@ -52,25 +98,26 @@ class Watch:
         stage: RobotSide,
         ros: RobotSide | None = None,
         page: Showing | None = None,
-        exporter: Exporter | None = None,
+        export: Callable[[Sample, float], None] | None = None,
         clock: Callable[[], Now] = clocks,
         tend: Callable[[float], None] | None = None,
     ) -> None:
-        """`stage` is the bus to simulated robots, `ros` that for metrics in ROS 2, `exporter` an exporter.
+        """`stage` is the bus to simulated robots, `ros` that for metrics in ROS 2.
 
+        `export` takes every message, as received, and its arrival [s, our system clock]. It must not block.
         `tend` does what a process does now and then, at a time [s, monotonic]; by default it tends sockets.
         """
         self._clock, self._tend = clock, tend or Linger().tend
         self._monitor, self._bus, self._recorder = monitor, bus, recorder
-        self._stage, self._ros, self._page, self._exporter = stage, ros, page, exporter
+        self._stage, self._ros, self._page, self._export = stage, ros, page, export
         self._reported = 0  # number of the newest event sent with a snapshot
 
     def declare(self) -> None:
         """Declare all publications and subscriptions. Raises BusError."""
-        for topic, key in self._monitor.publications:
-            self._bus.advertise(topic, key)
+        for one in OWN:
+            self._bus.advertise(one.topic, one.key)
             if self._ros is not None:
-                self._ros.advertise(topic, key)
+                self._ros.advertise(one.topic, one.key)
         for topic, key in self._monitor.truths:
             self._stage.subscribe(topic, key)
         for key in self._monitor.subscriptions:
@@ -141,9 +188,9 @@ class Watch:
         if self._recorder is not None:
             for sample in samples:
                 self._recorder.write(sample, sample.arrived + ahead)
-        if self._exporter is not None:
+        if self._export is not None:
             for sample in samples:
-                self._exporter.forward_sample(sample, sample.arrived + ahead)
+                self._export(sample, sample.arrived + ahead)
 
     def _drain(self) -> Pauses:
         end = received = self._clock().mono
@@ -157,7 +204,7 @@ class Watch:
         snapshot = self._monitor.metrics.snapshot(now)
         failure = self._recorder.failure if self._recorder else None
         if snapshots:
-            news = [one for one in self._monitor.events if one.number > self._reported]
+            news = after(self._monitor.events, self._reported)
             self._reported = news[-1].number if news else self._reported
             say(
                 "snapshot",

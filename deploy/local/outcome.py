@@ -14,8 +14,7 @@ from formation.deploy.local.launch import Child
 from formation.deploy.local.plan import leaders
 from formation.deploy.terminal.units import metres
 from formation.mission.model import Mission
-from formation.monitor.metrics.known import KnownError, KnownVerdict
-from formation.monitor.metrics.settling import DWELL_TIME
+from formation.monitor.metrics.settling import DWELL_TIME, KnownError, KnownVerdict
 from formation.topics import GROUND_TRUTH, POSITION
 
 

@@ -24,7 +24,7 @@ from formation.deploy.refusal import Refusal, refused
 from formation.deploy.terminal.snapshot import Progress, Snapshot
 from formation.deploy.terminal.views import View, view_for
 from formation.mission.model import Mission
-from formation.monitor.web.flags import add_page_flags
+from formation.monitor.web.address import add_page_flags
 
 START_TIMEOUT_SECONDS = 30.0
 """Time for the processes to get ready [s]."""

@@ -19,16 +19,12 @@ from formation.deploy.refusal import Refusal, refused, refusing
 from formation.deploy.terminal.playing import Bar, Keys, Lines, clock, line, press
 from formation.deploy.terminal.views import in_a_terminal
 from formation.monitor.recording.reader import Recording, UnreadableError, read
-from formation.monitor.replay.echo import Echo
-from formation.monitor.replay.film import Film
-from formation.monitor.replay.player import MAX_SPEED, MIN_SPEED, Player
-from formation.monitor.replay.prefix import DEFAULT, checked
+from formation.monitor.replay.echo import DEFAULT, Echo, checked
+from formation.monitor.replay.player import MAX_SPEED, MIN_SPEED, Film, Player
 from formation.monitor.replay.process import Replay
 from formation.monitor.web import frames
-from formation.monitor.web.address import PORT
-from formation.monitor.web.flags import add_page_flags
-from formation.monitor.web.opening import opened
-from formation.monitor.web.server import PageServer
+from formation.monitor.web.address import PORT, add_page_flags
+from formation.monitor.web.server import PageServer, opened
 from formation.monitor.web.source import Source
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError, parse_override

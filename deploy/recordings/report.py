@@ -14,12 +14,11 @@ from formation.deploy.refusal import Refusal, refused, refusing
 from formation.deploy.terminal.bar import Bar
 from formation.monitor.recording.reader import Recording, UnreadableError, read
 from formation.monitor.report import figures
-from formation.monitor.report.compare import differences
 from formation.monitor.report.gather import Run, gather
 from formation.monitor.report.page import ReportedRun, labels, page
+from formation.monitor.report.parts import View
 from formation.monitor.report.summary import as_json as numbers
-from formation.monitor.report.summary import notices, verdict
-from formation.monitor.report.view import View
+from formation.monitor.report.summary import differences, notices, verdict
 from formation.stability.analysis import analyse
 
 READING_SHARE = 0.6

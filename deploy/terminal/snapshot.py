@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from formation.mission.model import Mission
 from formation.monitor.metrics.events import Event
-from formation.monitor.metrics.known import KnownError
+from formation.monitor.metrics.settling import KnownError
 
 MAX_ERRORS = 7200
 """Number of values of the formation error in a picture: half an hour at four a second."""

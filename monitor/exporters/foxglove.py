@@ -8,14 +8,13 @@ messages, and nothing waits for a client.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from types import TracebackType
 from typing import Self
 
 import foxglove
 from foxglove import Channel, Context, Schema
 
 from formation.monitor.metrics.keys import Watched
-from formation.monitor.recording.attached import SUFFIX, TYPE, packed
+from formation.monitor.recording.channels import SUFFIX, TYPE, packed
 from formation.ros2.definitions import definition
 from formation.wire import Sample
 
@@ -58,9 +57,7 @@ class Foxglove:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.stop()
 
     def stop(self) -> None:

@@ -29,12 +29,16 @@ def layout(mission: Mission) -> Config:
     panels = {
         "3D!positions": _top_view(mission),
         "Plot!error": _error(mission),
-        "Plot!speed": _commands(mission, "u [m/s]", "linear.x", max(_limits(mission, "max_speed"))),
-        "Plot!turn_rate": _commands(
-            mission, "ω [rad/s]", "angular.z", max(_limits(mission, "max_turn_rate"))
-        ),
-        "DiagnosticSummary!fleet": _diagnostics(),
-        "RosOut!events": _events(),
+        "Plot!speed": _commands(mission, "u [m/s]", "linear.x", "max_speed"),
+        "Plot!turn_rate": _commands(mission, "ω [rad/s]", "angular.z", "max_turn_rate"),
+        "DiagnosticSummary!fleet": {
+            "minLevel": 0,
+            "pinnedIds": [],
+            "hardwareIdFilter": "",
+            "topicToRender": f"/{DIAGNOSTICS.key()}",
+            "sortByLevel": True,
+        },
+        "RosOut!events": {"searchTerms": [], "minLogLevel": 1, "topicToRender": f"/{EVENTS.key()}"},
     }
     return {
         "configById": panels,
@@ -61,7 +65,6 @@ def text(mission: Mission) -> str:
 
 
 def _top_view(mission: Mission) -> Config:
-    """Return a view from above with positions as arrows, fixed to the world frame."""
     arrow = {"visible": True, "type": "arrow", "arrowScale": list(ARROW)}
     far = max(math.hypot(robot.start.x, robot.start.y) for robot in mission.robots.values())
     return {
@@ -111,13 +114,14 @@ def _error(mission: Mission) -> Config:
     return {**_plot("formation error [m]", series), "minYValue": 0}
 
 
-def _commands(mission: Mission, title: str, field: str, limit: float) -> Config:
+def _commands(mission: Mission, title: str, field: str, limited_by: str) -> Config:
     """Return a plot of one command component of every follower, with its limits."""
     series = []
     for name, colour in _coloured(mission):
         if name != mission.leader:
             path = field if mission.robots[name].cmd_vel == "twist" else f"twist.{field}"
             series.append(_series(f"/{CMD_VEL.key(name)}.{path}", name, colour))
+    limit = max(float(getattr(mission.robots[name], limited_by)) for name in mission.followers)
     bounds = [_series(f"{sign * limit:g}", label, LIMIT) for sign, label in ((1, "limit"), (-1, "−limit"))]
     return _plot(title, series + bounds)
 
@@ -150,29 +154,10 @@ def _series(value: str, label: str, colour: str) -> Config:
     }
 
 
-def _diagnostics() -> Config:
-    return {
-        "minLevel": 0,
-        "pinnedIds": [],
-        "hardwareIdFilter": "",
-        "topicToRender": f"/{DIAGNOSTICS.key()}",
-        "sortByLevel": True,
-    }
-
-
-def _events() -> Config:
-    return {"searchTerms": [], "minLogLevel": 1, "topicToRender": f"/{EVENTS.key()}"}
-
-
 def _split(direction: str, first: Config | str, second: Config | str, percent: float) -> Config:
     return {"direction": direction, "first": first, "second": second, "splitPercentage": percent}
 
 
 def _coloured(mission: Mission) -> list[tuple[str, str]]:
-    """Return every robot and its colour."""
     colours = {name: COLOURS[i % len(COLOURS)] for i, name in enumerate(mission.followers)}
     return [(name, colours.get(name, LEADER)) for name in mission.names]
-
-
-def _limits(mission: Mission, which: str) -> list[float]:
-    return [float(getattr(mission.robots[name], which)) for name in mission.followers]

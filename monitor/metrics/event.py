@@ -1,4 +1,4 @@
-"""An event, and its message."""
+"""An event, its message, and how often a change is reported."""
 
 from __future__ import annotations
 
@@ -13,6 +13,10 @@ MAX_STAMP = 2.0**31 - 2.0
 """Largest stamp of an event [s], however an operator's clock is set."""
 MAX_TEXT_CHARS = 500
 """Longest text of an event [characters]."""
+
+
+BURST_CHANGES, REST_TIME = 6, 10.0
+"""Number of changes reported at once, then the time per reported change [s]."""
 
 
 class Event(NamedTuple):
@@ -41,6 +45,41 @@ def from_message(entry: LogEntry) -> Event:
     return Event(entry.stamp, entry.level, robot, entry.kind, entry.text)
 
 
-def more(before: int) -> str:
-    """Return in words how many events were left out before."""
-    return f" ({before} changes before were not reported)" if before else ""
+class Pace:
+    """Allow `burst` at once, and after that one per `rest` [s]."""
+
+    def __init__(self, burst: int, rest: float) -> None:
+        self._most, self._left, self._rest = float(burst), float(burst), rest
+        self._at: float | None = None
+
+    def may(self, at: float) -> bool:
+        """Return whether a report is allowed at `at` [s, monotonic]; if so, count it."""
+        if self._at is not None:
+            self._left = min(self._most, self._left + (at - self._at) / self._rest)
+        self._at = at
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True
+
+
+class Turns:
+    """Reports of one changing state."""
+
+    def __init__(self, state: str = "") -> None:
+        """`state` is the initial one, which is not reported."""
+        self.state = state
+        self._unreported = 0
+        self._pace = Pace(BURST_CHANGES, REST_TIME)
+
+    def report(self, state: str, at: float) -> str | None:
+        """Return the end of the text if `state` is to be reported `at` [s, monotonic], else None.
+
+        It counts the changes that went unreported; a state that changed back meanwhile is reported for that.
+        """
+        if state != self.state:
+            self.state, self._unreported = state, self._unreported + 1
+        if not self._unreported or not self._pace.may(at):
+            return None
+        before, self._unreported = self._unreported - 1, 0
+        return f" ({before} changes before were not reported)" if before else ""

@@ -8,7 +8,7 @@ readable.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 from formation.mission.model import Mission
 from formation.monitor.metrics.event import (
@@ -19,14 +19,21 @@ from formation.monitor.metrics.event import (
     MAX_TEXT_CHARS,
     WARNING,
     Event,
+    Pace,
+    Turns,
     from_message,
-    more,
     to_message,
 )
 from formation.monitor.metrics.feed import freshness_limit
-from formation.monitor.metrics.leading import Leading
-from formation.monitor.metrics.snapshot import AVOIDING, RobotMetrics, Snapshot
-from formation.monitor.metrics.turns import Pace, Turns
+from formation.monitor.metrics.orders import Lead, Wish
+from formation.monitor.metrics.snapshot import (
+    AVOIDING,
+    CandidateMetrics,
+    ReportedRequest,
+    RobotMetrics,
+    Snapshot,
+)
+from formation.monitor.metrics.statuses import LEADS, SILENT
 from formation.wire import Now
 
 __all__ = [
@@ -55,6 +62,8 @@ CLEAR_TIME = 2.0
 START_TIME = 5.0
 """How long a robot that has not run yet may hold before that is an event [s]: links, odometry and neighbours
 come one after another."""
+STANDBY = "standby"
+"""State of a candidate that does not lead."""
 
 
 class Events:
@@ -62,7 +71,7 @@ class Events:
 
     def __init__(self, mission: Mission) -> None:
         self._robots = [_Robot(name, mission.robots[name].rate) for name in mission.names]
-        self._leading = Leading(mission)
+        self._leading = _Leading(mission)
         self._settled = _Settled(mission.settled)
         self._rejected = _Rejected(mission)
 
@@ -70,8 +79,7 @@ class Events:
         """Return the events since the last look."""
         found = list(self._leading.collect_events(now, snapshot))
         for robot in self._robots:
-            found += robot.collect_events(now, snapshot.robots[robot.name], robot.name in snapshot.contested)
-            found += robot.relaying(now, forges=robot.name in snapshot.forgers)
+            found += robot.collect_events(now, snapshot)
         found += self._settled.collect_events(now, snapshot)
         found += self._rejected.collect_events(now, snapshot)
         return found
@@ -82,58 +90,49 @@ class _Robot:
 
     def __init__(self, name: str, rate: float) -> None:
         self.name = name
-        self._limit = max(LOST_SILENCE, freshness_limit(rate))
+        self._limit = silence_limit(rate)
         self._joined, self._gone_since = False, 0.0
         self._presence, self._state, self._publishers = Turns("lost"), Turns(), Turns("one publisher")
         self._availability, self._fallback, self._process = Turns("follows"), Turns(), Turns("1")
-        self._stuck = Turns("moves")
+        self._stuck, self._deadlocks, self._relays = Turns("moves"), Turns("0"), Turns("true")
         self._avoiding, self._avoided = Turns("clear"), -math.inf  # and when it last did [s, monotonic]
-        self._deadlocks = Turns("0")
-        self._relays = Turns("true")
         self._ran = self._followed = False
         self._holds_since = math.inf
 
-    def collect_events(self, now: Now, robot: RobotMetrics, contested: bool) -> Iterator[Event]:
+    def collect_events(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
+        robot = snapshot.robots[self.name]
         yield from self._there(now, robot)
         yield from self._doing(now, robot)
         yield from self._following(now, robot)
         yield from self._obstacles(now, robot)
-        before = self._publishers.update_state(
-            "a second publisher" if contested else "one publisher", now.mono
-        )
-        if before is not None:
-            level = ERROR if contested else INFO
-            text = f"its neighbours receive messages of {self._publishers.state}{more(before)}"
-            yield Event(now.wall, level, self.name, "contested", text)
-
-    def relaying(self, now: Now, *, forges: bool) -> Iterator[Event]:
-        """Yield events about forged orders that it relays."""
-        before = self._relays.update_state("forged" if forges else "true", now.mono)
-        if before is not None:
-            level, text = (
-                (ERROR, "relays forged orders: others refuse them; take it out of the mission, or stop it")
-                if forges
-                else (INFO, "relays no forged orders any more")
-            )
-            yield Event(now.wall, level, self.name, "forged", f"{text}{more(before)}")
+        contested = self.name in snapshot.contested
+        publishers = "a second publisher" if contested else "one publisher"
+        if (more := self._publishers.report(publishers, now.mono)) is not None:
+            text = f"its neighbours receive messages of {publishers}{more}"
+            yield Event(now.wall, ERROR if contested else INFO, self.name, "contested", text)
+        forges = self.name in snapshot.forgers
+        if (more := self._relays.report("forged" if forges else "true", now.mono)) is not None:
+            text = "relays no forged orders any more"
+            if forges:
+                text = "relays forged orders: others refuse them; take it out of the mission, or stop it"
+            yield Event(now.wall, ERROR if forges else INFO, self.name, "forged", text + more)
 
     def _there(self, now: Now, robot: RobotMetrics) -> Iterator[Event]:
         lost = robot.age is None or robot.age > self._limit
         if lost and robot.age is not None and self._presence.state != "lost":
             self._gone_since = now.mono - robot.age
         away = now.mono - self._gone_since
-        before = self._presence.update_state("lost" if lost else "there", now.mono)
-        if before is None:
+        if (more := self._presence.report("lost" if lost else "there", now.mono)) is None:
             return
         if lost:
             stands = self._state.state in {"hold", "stop"}
             last_state = f"; last state: {self._state.state}" if self._state.state else ""
-            text = f"silent for {robot.age:.1f} s{last_state}{more(before)}"
+            text = f"silent for {robot.age:.1f} s{last_state}{more}"
             yield Event(now.wall, WARNING if stands else ERROR, self.name, "lost", text)
         elif self._joined:
-            yield Event(now.wall, INFO, self.name, "back", f"after {away:.1f} s of silence{more(before)}")
+            yield Event(now.wall, INFO, self.name, "back", f"after {away:.1f} s of silence{more}")
         else:
-            yield Event(now.wall, INFO, self.name, "joined", f"its position is received{more(before)}")
+            yield Event(now.wall, INFO, self.name, "joined", f"its position is received{more}")
         self._joined = True
 
     def _doing(self, now: Now, robot: RobotMetrics) -> Iterator[Event]:
@@ -144,55 +143,49 @@ class _Robot:
         self._holds_since = _since(kind == "held", self._holds_since, now.mono)
         if kind == "held" and not self._ran and now.mono - self._holds_since < START_TIME:
             return  # it is starting
-        before = self._state.update_state(robot.shown, now.mono)
-        if before is not None:
+        if (more := self._state.report(robot.shown, now.mono)) is not None:
             watching = "read only: " if robot.readonly else ""
-            text = f"{watching}{robot.reason or robot.state}{more(before)}"
+            text = f"{watching}{robot.reason or robot.state}{more}"
             yield Event(now.wall, level, self.name, kind, text)
 
     def _following(self, now: Now, robot: RobotMetrics) -> Iterator[Event]:
         """Yield events about whether it is followed, and which robots it measures."""
-        before = self._process.update_state(str(max(robot.publishers, 1)), now.mono)
-        if before is not None:
-            text = f"another process publishes its positions from here on{more(before)}"
+        if (more := self._process.report(str(max(robot.publishers, 1)), now.mono)) is not None:
+            text = f"another process publishes its positions from here on{more}"
             yield Event(now.wall, WARNING, self.name, "restarted", text)
-        before = self._availability.update_state("unavailable" if robot.unavailable else "follows", now.mono)
-        if before is not None:
-            why = "" if robot.state == "run" else f": {robot.reason or robot.state}"
+        available = "unavailable" if robot.unavailable else "follows"
+        if (more := self._availability.report(available, now.mono)) is not None:
             level, text = INFO, "it follows, and is followed, again"
             if robot.unavailable and self._followed:
+                why = "" if robot.state == "run" else f": {robot.reason or robot.state}"
                 level, text = WARNING, f"does not follow, others go on without it{why}"
             elif robot.unavailable:
                 text = "on its way to its slot, others go on without it until it is there"
-            yield Event(now.wall, level, self.name, self._availability.state, f"{text}{more(before)}")
+            yield Event(now.wall, level, self.name, self._availability.state, text + more)
         starting = robot.age is None or robot.state in {"waiting", "hold"}
         self._followed = self._followed or not (starting or robot.unavailable)
-        before = self._stuck.update_state("stuck" if robot.stuck else "moves", now.mono)
-        if before is not None:
+        if (more := self._stuck.report("stuck" if robot.stuck else "moves", now.mono)) is not None:
             level, text = (WARNING, "does not move as commanded") if robot.stuck else (INFO, "moves again")
-            yield Event(now.wall, level, self.name, "stuck", f"{text}{more(before)}")
-        before = self._fallback.update_state(robot.fallback, now.mono)
-        if before is not None:
+            yield Event(now.wall, level, self.name, "stuck", text + more)
+        if (more := self._fallback.report(robot.fallback, now.mono)) is not None:
             level, text = INFO, "its own neighbours are back"
             if robot.fallback:
                 level, text = WARNING, f"none of its own neighbours is left, it follows {robot.fallback}"
-            yield Event(now.wall, level, self.name, "fallback", f"{text}{more(before)}")
+            yield Event(now.wall, level, self.name, "fallback", text + more)
 
     def _obstacles(self, now: Now, robot: RobotMetrics) -> Iterator[Event]:
-        """Yield events about obstacles to its motion."""
         if robot.avoiding:
             self._avoided = now.mono
         state = "blocked" if robot.avoiding == "blocked" else "avoiding" if robot.avoiding else "clear"
         if state == "clear" and now.mono - self._avoided < CLEAR_TIME:
             state = self._avoiding.state
-        before = self._avoiding.update_state(state, now.mono)
-        if before is not None:
-            level = WARNING if state == "blocked" else INFO
+        if (more := self._avoiding.report(state, now.mono)) is not None:
             text = AVOIDING.get(robot.avoiding, "no obstacle limits its command any more")
-            yield Event(now.wall, level, self.name, state, f"{text}{more(before)}")
-        before = self._deadlocks.update_state(str(robot.deadlocks), now.mono)
-        if before is not None and robot.deadlocks:
-            text = f"kept from moving, it goes another way ({robot.deadlocks} so far){more(before)}"
+            level = WARNING if state == "blocked" else INFO
+            yield Event(now.wall, level, self.name, state, text + more)
+        more = self._deadlocks.report(str(robot.deadlocks), now.mono)
+        if more is not None and robot.deadlocks:
+            text = f"kept from moving, it goes another way ({robot.deadlocks} so far){more}"
             yield Event(now.wall, INFO, self.name, "deadlock", text)
 
 
@@ -213,27 +206,24 @@ class _Settled:
             self._stands = True
         elif over >= UNSETTLED_TIME or restless >= RESTLESS_TIME:
             self._stands = False
-        before = self._turns.update_state("settled" if self._stands else "unsettled", now.mono)
-        if before is not None:
-            yield self._event(now, snapshot, more(before))
-
-    def _event(self, now: Now, snapshot: Snapshot, more: str) -> Event:
+        more = self._turns.report("settled" if self._stands else "unsettled", now.mono)
+        if more is None:
+            return
         bound = f"the bound of {self._bound * 1e3:.0f} mm"
-        known = snapshot.known
         if self._stands:
             after = snapshot.settling_time if snapshot.wished_at else None
             wished = "" if after is None else f", {after:.1f} s after what was ordered last"
             # it may touch the bound just when this is reported
             since = "" if snapshot.settled_at is None else f" since {snapshot.settled_at:.1f} s"
-            text = f"under {bound}{since}{wished}{more}"
-            return Event(now.wall, INFO, "", "settled", text)
+            yield Event(now.wall, INFO, "", "settled", f"under {bound}{since}{wished}{more}")
+            return
+        known, level, text = snapshot.known, WARNING, "the error is not known"
         if not snapshot.formed:
-            return Event(now.wall, INFO, "", "unsettled", f"another shape is on its way{more}")
-        is_now = "the error is not known"
-        if known.error is not None:
-            over = "" if known.complete else f" over {known.words}"
-            is_now = f"error {known.error * 1e3:.0f} mm{over}, {bound}"
-        return Event(now.wall, WARNING, "", "unsettled", f"{is_now}{more}")
+            level, text = INFO, "another shape is on its way"
+        elif known.error is not None:
+            which = "" if known.complete else f" over {known.words}"
+            text = f"error {known.error * 1e3:.0f} mm{which}, {bound}"
+        yield Event(now.wall, level, "", "unsettled", text + more)
 
 
 class _Rejected:
@@ -264,3 +254,95 @@ class _Rejected:
 def _since(is_so: bool, since: float, at: float) -> float:
     """Return since when `is_so` holds [s]; infinite while it does not."""
     return min(since, at) if is_so else math.inf
+
+
+def silence_limit(rate: float) -> float:
+    """Return the silence [s] after which a robot of `rate` [Hz] is lost."""
+    return max(LOST_SILENCE, freshness_limit(rate))
+
+
+def described(wish: Wish) -> str:
+    """Return the wish in words; rotation and scale are left out if they are as drawn."""
+    parts = [f"shape {wish.shape}"]
+    if wish.rotation:
+        parts.append(f"turned by {math.degrees(wish.rotation):.4g}°")
+    if wish.scale != 1.0:
+        parts.append(f"{wish.scale:.4g} times as large")
+    if wish.route:
+        parts.append(f"on route {wish.route}")
+    return ", ".join(parts)
+
+
+class _Leading:
+    """Events about orders, the shape and the leader."""
+
+    def __init__(self, mission: Mission) -> None:
+        self._agreed = bool(mission.standbys)
+        self._order, self._formed, self._waits = Turns(), Turns("formed"), Turns("goes on")
+        self._lead: Lead | None = None
+        self._reported = 0  # number of the newest reported request
+        self._candidates = {name: Turns() for name in mission.candidates} if self._agreed else {}
+
+    def collect_events(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
+        yield from self._led(now, snapshot.lead)
+        yield from self._requests(now, snapshot.requests)
+        yield from self._ordered(now, snapshot)
+        yield from self._awaited(now, snapshot)
+        if snapshot.leads is not None:
+            yield from self._standby(now, snapshot.candidates)
+
+    def _led(self, now: Now, lead: Lead | None) -> Iterator[Event]:
+        if lead is None or (self._lead is not None and lead.term == self._lead.term):
+            return
+        self._lead = lead
+        who = lead.name or "a process that the mission does not know"
+        if not lead.before:
+            if self._agreed:
+                yield Event(now.wall, INFO, who, "leader", "leads")
+        elif lead.name == lead.before:
+            text = f"leads anew, after {lead.silent:.1f} s without a leader"
+            yield Event(now.wall, WARNING, who, "leader", text)
+        else:
+            text = f"leads from here on, {lead.before} was silent for {lead.silent:.1f} s"
+            yield Event(now.wall, WARNING, who, "leader", text)
+
+    def _requests(self, now: Now, requests: Sequence[ReportedRequest]) -> Iterator[Event]:
+        for one in requests:
+            if one.number > self._reported:
+                self._reported = one.number
+                answer = "obeys" if one.ok else "refuses"
+                text = f"{one.what}; it {answer}{': ' if one.reason else ''}{one.reason}"
+                yield Event(now.wall, INFO if one.ok else WARNING, one.name, "requested", text)
+
+    def _ordered(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
+        if snapshot.mode is None or snapshot.wish is None:
+            return
+        ordered = f"{snapshot.mode}, {described(snapshot.wish)}"
+        if snapshot.tuned:
+            ordered += f", {snapshot.tuned.words}"
+        if (more := self._order.report(ordered, now.mono)) is not None:
+            level = INFO if snapshot.mode == "run" else WARNING
+            yield Event(now.wall, level, "", "order", f"the leader orders {ordered}{more}")
+        more = self._formed.report("formed" if snapshot.formed else "on its way", now.mono)
+        if more is not None and snapshot.formed:
+            took = snapshot.elapsed - snapshot.wished_at
+            text = f"the slots are where they are wanted, {took:.1f} s after that was ordered{more}"
+            yield Event(now.wall, INFO, "", "formed", text)
+
+    def _awaited(self, now: Now, snapshot: Snapshot) -> Iterator[Event]:
+        if (more := self._waits.report("waits" if snapshot.waits else "goes on", now.mono)) is not None:
+            text = f"waits for {snapshot.waits}" if snapshot.waits else "waits no longer"
+            level = WARNING if snapshot.waits else INFO
+            yield Event(now.wall, level, "", "waits", f"the leader {text}{more}")
+
+    def _standby(self, now: Now, candidates: Mapping[str, CandidateMetrics]) -> Iterator[Event]:
+        for name, one in candidates.items():
+            if one.state not in {STANDBY, SILENT, LEADS}:
+                continue
+            more = self._candidates[name].report(one.state, now.mono)
+            if more is None or one.state == LEADS:
+                continue
+            if one.state == STANDBY:
+                yield Event(now.wall, INFO, name, "standby", f"stands by{more}")
+            else:
+                yield Event(now.wall, WARNING, name, "lost", f"could not take over: {one.reason}{more}")

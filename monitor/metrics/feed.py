@@ -23,6 +23,11 @@ def freshness_limit(rate: float) -> float:
     return max(FRESH_PERIODS / rate, MIN_SILENCE_LIMIT)
 
 
+def clock_agrees(offset: float) -> bool:
+    """Return whether a clock with this median of arrival less stamp [s] agrees with ours."""
+    return CLOCK_AGREES[0] <= offset <= CLOCK_AGREES[1]
+
+
 class Feed:
     """Metrics of one key. Times of arrival are on this process's clocks: monotonic and system [s]."""
 
@@ -43,7 +48,6 @@ class Feed:
         self._arrivals: deque[float] = deque(maxlen=WINDOW_MESSAGES)
         self._offsets: deque[float] = deque(maxlen=WINDOW_MESSAGES)
         self._gaps: deque[int] = deque(maxlen=WINDOW_MESSAGES)
-        self._lately = 0  # the sum of these
         self._stamp = -math.inf
         self._clock = 0.0
 
@@ -62,14 +66,11 @@ class Feed:
         if self._nominal and 0.0 < gap <= self._longest_gap:
             missed = max(round(gap * self._nominal) - 1, 0)
             self.missed += missed
-            if len(self._gaps) == WINDOW_MESSAGES:
-                self._lately -= self._gaps[0]
-            self._lately += missed
             self._gaps.append(missed)
         self._offsets.append(wall - stamp)
         if len(self._offsets) < WINDOW_MESSAGES or self.count % 8 == 0:
             self._clock = sorted(self._offsets)[len(self._offsets) // 2]
-        return stamp if self.clock_agrees else stamp + self._clock
+        return stamp if clock_agrees(self._clock) else stamp + self._clock
 
     def forget_clock(self) -> None:
         """Forget the sender's clock offset, as after our clock was set."""
@@ -84,14 +85,10 @@ class Feed:
         return self._clock if self._offsets else None
 
     @property
-    def clock_agrees(self) -> bool:
-        """Whether the sender's clock agrees with ours."""
-        return CLOCK_AGREES[0] <= self._clock <= CLOCK_AGREES[1]
-
-    @property
     def loss(self) -> float | None:
         """Share of the newest periods that were missed; None before the second stamp."""
-        return self._lately / (self._lately + len(self._gaps)) if self._gaps else None
+        missed = sum(self._gaps)
+        return missed / (missed + len(self._gaps)) if self._gaps else None
 
     def silence(self, mono: float) -> float:
         """Return the time since the last accepted message [s]; infinite before the first."""

@@ -6,7 +6,7 @@ truth comes from the simulated robots themselves, over a separate bus: the stage
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from formation.mission.model import Mission
@@ -26,6 +26,7 @@ from formation.topics import (
     Topic,
     command_topic,
 )
+from formation.transport import wiring
 
 
 class Watched(NamedTuple):
@@ -80,7 +81,33 @@ def _keys(mission: Mission) -> Iterator[Watched]:
 
 
 def _topics(mission: Mission, role: Role) -> Iterator[Topic]:
-    """Return the topics by and about one of this role; ballots and routes only with standbys."""
     for topic in TABLE:
         if role in topic.monitored and (mission.standbys or topic not in {BALLOT, ROUTE}):
             yield topic
+
+
+def usual_stage(mission: Mission) -> dict[str, str]:
+    """Return the endpoints at which `formation robot` simulates robots on this machine, by robot.
+
+    A robot with an endpoint in the mission is taken for a real one: its ROS 2 router is there.
+    """
+    ends = wiring.endpoints(mission).robots
+    return {name: end for name, end in ends.items() if not mission.robots[name].robot_endpoint}
+
+
+def given_stage(mission: Mission, texts: Sequence[str]) -> dict[str, str]:
+    """Return endpoints by robot from flags: ``ENDPOINT`` for all, ``robot2,robot3=ENDPOINT`` for some.
+
+    Raises ValueError for a robot that is no follower of the mission.
+    """
+    ends: dict[str, str] = {}
+    for text in texts:
+        names, equals, end = text.partition("=")
+        if not equals or "/" in names:  # an endpoint may contain an equals sign
+            names, end = ",".join(mission.followers), text
+        for name in names.split(","):
+            if name not in mission.followers:
+                legal = ", ".join(mission.followers)
+                raise ValueError(f"--stage {text!r}: {name!r} must be a follower of {mission.name}: {legal}")
+            ends[name] = end
+    return ends

@@ -8,20 +8,18 @@ edges are summed separately, with their number.
 from __future__ import annotations
 
 import math
+import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from itertools import chain
 
 from formation.mission.model import Mission
-from formation.monitor.metrics.candidates import Candidates
 from formation.monitor.metrics.feed import freshness_limit
 from formation.monitor.metrics.keys import Watched, watched
-from formation.monitor.metrics.known import KnownError, KnownSettling
 from formation.monitor.metrics.orders import Lead, Orders, Wish
-from formation.monitor.metrics.received import ReceivedOfRobot, Tracked
-from formation.monitor.metrics.rejections import Rejections
-from formation.monitor.metrics.requests import Requests
-from formation.monitor.metrics.settling import Settling
+from formation.monitor.metrics.received import Received, ReceivedOfRobot, Tracked
+from formation.monitor.metrics.settling import KnownError, KnownSettling, Settling
 from formation.monitor.metrics.snapshot import Edge, Snapshot
+from formation.monitor.metrics.statuses import Requests
 from formation.monitor.metrics.trajectory import Placed
 from formation.protocol import order
 from formation.protocol.order import Order, PositionAttachment
@@ -32,6 +30,26 @@ from formation.wire import BadMessage, Now, Sample
 Errors = Mapping[Edge, float | None]
 MAX_CLOCK_JUMP = 1.0
 """A larger jump of our system clock means that it was set [s]; a smaller one is ignored."""
+MAX_REASONS = 64
+"""Number of distinct reasons that are counted, as a faulty sender could cause any number."""
+_NUMBER = re.compile(r"\d[\d.e+-]*")
+
+
+class Rejections:
+    """Counts by key and by reason."""
+
+    def __init__(self) -> None:
+        self.by_key: Counter[str] = Counter()
+        self.by_reason: Counter[str] = Counter()
+        """Counts by ``key: reason``."""
+
+    def count(self, key: str, reason: str) -> None:
+        """Count one message on `key`. Reasons that differ only in numbers are one."""
+        self.by_key[key] += 1
+        kind = f"{key}: {_NUMBER.sub('#', reason)[:120]}"
+        if kind not in self.by_reason and len(self.by_reason) >= MAX_REASONS:
+            kind = "other reasons"
+        self.by_reason[kind] += 1
 
 
 class Metrics:
@@ -43,22 +61,22 @@ class Metrics:
         self._edges = tuple(
             Edge(name, other) for name in mission.names for other in mission.robots[name].neighbours
         )
-        self._requests = Requests()
+        self._requests = Requests()  # of operators
         slowest = max(freshness_limit(robot.rate) for robot in mission.robots.values())
         keys: dict[str, list[Watched]] = {}
         for one in watched(mission):
             keys.setdefault(one.robot, []).append(one)
         self._robots = {
-            name: ReceivedOfRobot(mission, name, keys[name], slowest, self._requests)
+            name: ReceivedOfRobot(mission, name, keys[name], self._requests, slowest)
             for name in mission.names
         }
         self._leader = self._robots[mission.leader]
-        self._candidates = Candidates(mission, keys, self._leader.statuses, self._requests)
+        self._standbys = [Received(mission, name, keys[name], self._requests) for name in mission.standbys]
+        self._candidates = {one.name: one.statuses for one in (self._leader, *self._standbys)}
         self._routes = {
             key: (feed, handle)
-            for key, feed, handle in chain(
-                *(robot.routes() for robot in self._robots.values()), self._candidates.routes()
-            )
+            for one in (*self._robots.values(), *self._standbys)
+            for key, feed, handle in one.routes()
         }
         self._orders = Orders(mission, self._leader.place.trajectory.size)
         self._positions = {POSITION.key(name): self._robots[name] for name in mission.names}
@@ -74,7 +92,9 @@ class Metrics:
             return
         ahead = wall - sample.arrived
         if abs(ahead - self._ahead) > MAX_CLOCK_JUMP:
-            self._clock_was_set()
+            self._orders.forget()
+            for one in (*self._robots.values(), *self._standbys):
+                one.clock_was_set()
         self._ahead = ahead
         feed.received(sample.arrived)
         try:
@@ -88,32 +108,28 @@ class Metrics:
             return
         feed.accepted = sample.arrived
 
-    def observe(self, now: Now) -> float | None:
+    def observe(self, now: Now, *, known_only: bool = False) -> float | None:
         """Return the formation error of all robots at one moment [m]; None if unknown.
 
-        Call it steadily: settling is judged only by what it sees.
+        Call it steadily: settling is judged only by what it sees. With `known_only` it judges the known edges
+        alone, for use while it cannot judge all of them.
         """
         moment, errors = self._compare(now, lambda robot: robot.place)
         error, formed = _sum(errors.values()), moment >= self._orders.formed_since
-        at = moment + now.mono - now.wall  # settling runs on the monotonic clock
-        if error is not None and at > (-math.inf if self._settling.last is None else self._settling.last):
+        at, last = moment + now.mono - now.wall, self._settling.last  # settling runs on the monotonic clock
+        if error is not None and not known_only and (last is None or at > last):
             self._settling.observe(at, error, formed=formed)
         self._known.observe(at, self._sum_known(errors, now), formed=formed)
         return error
 
-    def observe_known(self, now: Now) -> None:
-        """Judge only the known edges, for use while `observe` cannot judge all of them."""
-        moment, errors = self._compare(now, lambda robot: robot.place)
-        formed = moment >= self._orders.formed_since
-        self._known.observe(moment + now.mono - now.wall, self._sum_known(errors, now), formed=formed)
-
     def snapshot(self, now: Now) -> Snapshot:
         """Return everything known now, without changing anything."""
         errors = self._compare(now, lambda robot: robot.place)[1]
-        start, until = self._settling.start, self._received_until()
+        start, until = self._settling.start, max(one.place.feed.accepted for one in self._robots.values())
         lead = self._orders.lead
         leads = lead.name if lead and self._leader.place.fresh(now.mono) else None
-        says = self._candidates.state(leads, now) if leads else None
+        says = self._candidates[leads].state(now) if leads else None
+        newest = self._candidates[leads].newest(now) if leads else None
         own: dict[str, list[float | None]] = {}
         for edge, value in errors.items():
             own.setdefault(edge.robot, []).append(value)
@@ -136,8 +152,8 @@ class Metrics:
             },
             edges=errors,
             missed=sum(robot.missed() for robot in self._robots.values()),
-            rejected=self.rejections.by_reason,
-            contested=frozenset(name for robot in self._robots.values() for name in robot.contests(now)),
+            rejected=dict(self.rejections.by_reason),
+            contested=frozenset(name for robot in self._robots.values() for name in robot.contested(now)),
             forgers=frozenset(name for robot in self._robots.values() for name in robot.forgers(now)),
             wish=Wish.of(self.order) if self.order else None,
             wished_at=self._settling.wished_at,
@@ -146,9 +162,12 @@ class Metrics:
             tuned=self.order.tuned if self.order else None,
             lead=lead,
             leads=leads,
-            waits=self._waits(leads, now),
+            waits=", ".join(newest.waits_for) if isinstance(newest, LeaderStatus) else "",
             requests=tuple(self._requests.newest),
-            candidates=self._candidates.metrics(now, leads),
+            candidates={
+                name: one.candidate(now, leads=name == leads)
+                for name, one in (self._candidates if self._standbys else {}).items()
+            },
         )
 
     def placed(self, now: Now, *, truly: bool = False) -> tuple[float, Mapping[str, Placed]]:
@@ -179,34 +198,18 @@ class Metrics:
             if sample.attachment is not None:
                 robot.attachments.process_attachment(sample.attachment)
             return
-        newest_order = (
-            order.decode(PositionAttachment, sample.attachment).order
-            if sample.attachment is not None
-            else None
-        )
+        newest_order = None
+        if sample.attachment is not None:
+            newest_order = order.decode(PositionAttachment, sample.attachment).order
         if newest_order is not None and self._orders.admit(newest_order, sample.arrived, wall):
             robot.clock_was_set()  # another process publishes, perhaps on another machine
         robot.place_it(sample, wall)
+        if newest_order is None:
+            return
         moment = robot.place.trajectory.latest
-        if newest_order is not None and self._orders.process_order(
-            newest_order, moment, sample.arrived, wall
-        ):
+        if self._orders.process_order(newest_order, moment, sample.arrived, wall):
             self._settling.restart(moment - self._ahead)
             self._known.restart(moment - self._ahead)
-
-    def _clock_was_set(self) -> None:
-        self._orders.forget()
-        self._candidates.clock_was_set()
-        for robot in self._robots.values():
-            robot.clock_was_set()
-
-    def _waits(self, leads: str | None, now: Now) -> str:
-        """Return the robots that the leader waits for, by its status."""
-        if leads is None:
-            return ""
-        own = leads == self._mission.leader
-        newest = self._leader.statuses.newest(now) if own else self._candidates.newest(leads, now)
-        return ", ".join(newest.waits_for) if isinstance(newest, LeaderStatus) else ""
 
     def _compare(self, now: Now, which: Callable[[ReceivedOfRobot], Tracked]) -> tuple[float, Errors]:
         """Return the moment of comparison [s, our system clock], and each edge's |z_ij - z*_ij| [m]."""
@@ -239,10 +242,6 @@ class Metrics:
         moment = min((tracked[name].trajectory.latest for name in fresh), default=-math.inf)
         places = {name: tracked[name].trajectory.at(moment) for name in fresh}
         return moment, {name: place for name, place in places.items() if place is not None}
-
-    def _received_until(self) -> float:
-        """When a position last arrived from any robot [s, monotonic]."""
-        return max(robot.place.feed.accepted for robot in self._robots.values())
 
 
 def _sum(values: Iterable[float | None]) -> float | None:

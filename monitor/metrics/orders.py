@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from itertools import pairwise
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 from formation.mission.model import Mission
-from formation.monitor.metrics.terms import leader_of
-from formation.protocol.election import check_term
+from formation.protocol.election import check_term, rank_of
 from formation.protocol.order import Order, newer
 from formation.slots.shape import PlacedShape
 from formation.wire import BadMessage, Now
@@ -66,7 +65,7 @@ class Orders:
         self._mission = mission
         self._first = PlacedShape.first(mission)
         self._placed_shapes: deque[tuple[float, PlacedShape]] = deque(maxlen=size)
-        self._drawn: dict[PlacedShape, dict[str, complex]] = {}  # the newest shapes
+        self._draw = lru_cache(MAX_CACHED_SLOTS)(partial(_slots, mission))
         self._received = -math.inf  # when the leader's position last arrived [s, monotonic]
 
     @property
@@ -121,34 +120,20 @@ class Orders:
 
     def slots(self, moment: float) -> dict[str, complex]:
         """Return all slots at `moment` [s, our system clock], relative to the leader [m; world frame]."""
-        before, after = self._around(moment)
-        here = self._draw(before[1])
+        before = after = math.inf, self.placed_shape
+        for before in reversed(self._placed_shapes):
+            if before[0] <= moment:
+                break
+            after = before
+        here, there = self._draw(before[1]), self._draw(after[1])
         if before[1] == after[1]:
             return here
-        share, there = (moment - before[0]) / (after[0] - before[0]), self._draw(after[1])
+        share = (moment - before[0]) / (after[0] - before[0])
         return {name: slot + share * (there[name] - slot) for name, slot in here.items()}
 
-    def _around(self, moment: float) -> tuple[tuple[float, PlacedShape], tuple[float, PlacedShape]]:
-        """Return the shapes before and after; the same twice if one side has none."""
-        if not self._placed_shapes:
-            only = moment, self.placed_shape
-            return only, only
-        if moment >= self._placed_shapes[-1][0]:
-            return self._placed_shapes[-1], self._placed_shapes[-1]
-        for after, before in pairwise(reversed(self._placed_shapes)):
-            if before[0] <= moment:
-                return before, after
-        return self._placed_shapes[0], self._placed_shapes[0]
 
-    def _draw(self, placed_shape: PlacedShape) -> dict[str, complex]:
-        """Return the shape's slots by name."""
-        if placed_shape not in self._drawn:
-            if len(self._drawn) >= MAX_CACHED_SLOTS:
-                self._drawn.pop(next(iter(self._drawn)))
-            self._drawn[placed_shape] = dict(
-                zip(self._mission.names, placed_shape.slots(self._mission), strict=True)
-            )
-        return self._drawn[placed_shape]
+def _slots(mission: Mission, placed_shape: PlacedShape) -> dict[str, complex]:
+    return dict(zip(mission.names, placed_shape.slots(mission), strict=True))
 
 
 def _there(order: Order, mission: Mission) -> bool:
@@ -162,3 +147,11 @@ def _there(order: Order, mission: Mission) -> bool:
     ahead = order.place.heading if mission.turning and order.place else 0.0
     behind = math.remainder(order.slots.rotation - order.rotation - ahead, math.tau)
     return abs(behind) <= (MAX_HEADING_LAG if mission.turning else WISH_TOLERANCE)
+
+
+def leader_of(mission: Mission, term: int) -> str:
+    """Return the name of the candidate that leads in `term`; empty if the mission has none."""
+    if not mission.standbys:
+        return mission.leader
+    rank = rank_of(term)
+    return mission.candidates[rank] if rank < len(mission.candidates) else ""

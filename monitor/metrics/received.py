@@ -4,38 +4,66 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Iterator, Sequence
-from functools import partial
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 from formation.control.zones import Zone
 from formation.mission.model import Mission
-from formation.monitor.metrics.attachments import PositionAttachments
-from formation.monitor.metrics.candidates import ballots_of
 from formation.monitor.metrics.feed import CLOCK_AGREES, Feed
 from formation.monitor.metrics.keys import Watched
-from formation.monitor.metrics.known import KnownError
-from formation.monitor.metrics.requests import Requests
+from formation.monitor.metrics.settling import KnownError
 from formation.monitor.metrics.snapshot import KeyMetrics, RobotMetrics
-from formation.monitor.metrics.statuses import Handler, Statuses
+from formation.monitor.metrics.statuses import Handler, Requests, Statuses
 from formation.monitor.metrics.trajectory import Placed, Trajectory
+from formation.protocol import order
+from formation.protocol.election import check_ballot
+from formation.protocol.order import Ballot, PositionAttachment
 from formation.protocol.status import AgentState, AgentStatus, CollisionMode, LeaderStatus
-from formation.ros2.messages import (
-    Displacement,
-    Odometry,
-    Pose,
-    Twist,
-    TwistStamped,
-    decode,
-)
-from formation.topics import BALLOT, CMD_VEL, GROUND_TRUTH, ODOM, POSE, POSITION, RELATIVE, STATUS
+from formation.ros2.messages import Displacement, Odometry, Pose, Text, Twist, TwistStamped, decode
+from formation.topics import BALLOT, CMD_VEL, GROUND_TRUTH, ODOM, POSE, POSITION, RELATIVE, STATUS, Topic
 from formation.wire import BadMessage, Now, Sample
+
+UNAVAILABLE = b'"unavailable":true'
+"""As `formation.protocol.order.encode` writes it; left out if false."""
+MAX_PUBLISHER_IDS = 16
+"""Number of publisher ids that are remembered."""
+
 
 MAX_STAMP_LEAD = 0.1
 """Largest lead of a sample's stamp on its arrival [s]; one further ahead would outrank all that follow."""
 ZONES = {Zone.SLOW: "slowed", Zone.STOP: "blocked"}
 """By protective zone, its effect on a robot's command: a key of `snapshot.AVOIDING`."""
+STAMPED: dict[Topic, type[Odometry | Pose | Displacement]] = {
+    ODOM: Odometry, POSE: Pose, RELATIVE: Displacement,
+}  # fmt: skip
+"""Messages of which only the stamp is read."""
 MOST_DEADLOCKS = 1_000_000
+
+
+class PositionAttachments:
+    """What one robot's position attachments contain."""
+
+    def __init__(self) -> None:
+        self.unavailable = False
+        """Whether it is unavailable: it does not follow, or not closely yet."""
+        self.publishers = 0
+        """Number of publishers so far; each start is another."""
+        self._looks: tuple[bytes, bool] | None = None
+        self._known: dict[str, None] = {}
+
+    def process_attachment(self, attachment: bytes) -> None:
+        """Take in one attachment. Raises BadMessage."""
+        looks = attachment.partition(b",")[0], UNAVAILABLE in attachment
+        if looks == self._looks:
+            return
+        decoded = order.decode(PositionAttachment, attachment)
+        self._looks, self.unavailable = looks, decoded.unavailable
+        if decoded.publisher_id in self._known:
+            return
+        self.publishers += 1
+        self._known[decoded.publisher_id] = None
+        if len(self._known) > MAX_PUBLISHER_IDS:
+            self._known.pop(next(iter(self._known)))
 
 
 class Tracked(NamedTuple):
@@ -49,46 +77,61 @@ class Tracked(NamedTuple):
         return self.feed.fresh(mono)
 
 
-class ReceivedOfRobot:
-    """One robot of the mission."""
+class Received:
+    """The messages of one process: those of a standby, or of a robot with its agent."""
 
-    def __init__(
-        self, mission: Mission, name: str, keys: Sequence[Watched], slowest: float, requests: Requests
-    ) -> None:
-        """`keys` are the robot's own; `slowest` [s] is the longest silence of any robot still fresh.
-
-        `requests` takes the operator requests in the leader's statuses.
-        """
+    def __init__(self, mission: Mission, name: str, keys: Sequence[Watched], requests: Requests) -> None:
+        """`keys` are the process's own; `requests` takes the operator requests in a candidate's statuses."""
         self.name = name
-        self._spec = mission.robots[name]
-        self._offset = 0.0 if name == mission.leader else self._spec.control_point_offset
-        self._keys = keys
+        self._mission, self._keys = mission, keys
         self._feeds = {one.key: Feed(one.rate) for one in keys}
-        self._command: tuple[Feed, float, float] | None = None
-        by_topic = {one.topic.name: self._feeds[one.key] for one in keys}
-        kind = LeaderStatus if name == mission.leader else AgentStatus
-        self.statuses = Statuses(kind, by_topic[STATUS.name], partial(requests.add_from_status, name))
-        """The statuses of its process."""
-        self._ballots = ballots_of(mission, name)
-        self.attachments = PositionAttachments()
-        """The attachments of its positions."""
-        self.place = self._tracked(by_topic[POSITION.name], slowest)
-        self.place_it = _placing(self.place, self._offset)
-        """Take in one of its positions. Raises BadMessage."""
-        truth = by_topic.get(GROUND_TRUTH.name)
-        self.truth = self.place if truth is None else self._tracked(truth, slowest)
-        """Its trajectory from ground truth; a virtual leader's is its own."""
+        self._by_topic = {one.topic.name: self._feeds[one.key] for one in keys}
+        kind = AgentStatus if name in mission.followers else LeaderStatus
+        self.statuses = Statuses(kind, self._by_topic[STATUS.name], name, requests)
 
     def routes(self) -> Iterator[tuple[str, Feed, Handler | None]]:
-        """Yield key, feed and handler of every key of this robot."""
+        """Yield key, feed and handler of every key; no handler if it is only counted and recorded."""
         for one in self._keys:
             feed = self._feeds[one.key]
-            yield one.key, feed, self._handler(one, feed)
+            yield one.key, feed, self._handlers(feed).get(one.topic.name)
 
     def clock_was_set(self) -> None:
         """Forget moments and senders' clocks after our system clock was set."""
         for feed in self._feeds.values():
             feed.forget_clock()
+
+    def _handlers(self, _feed: Feed) -> dict[str, Handler]:
+        """Return the handlers of messages by topic, for the key with this feed."""
+        return {STATUS.name: self.statuses.process_status, BALLOT.name: self._check_ballot}
+
+    def _check_ballot(self, sample: Sample, wall: float) -> None:
+        ballot = order.decode(Ballot, decode(Text, sample.payload).text.encode())
+        check_ballot(ballot, self.name, self._mission, Now(sample.arrived, wall))
+
+
+class ReceivedOfRobot(Received):
+    """One robot of the mission."""
+
+    def __init__(
+        self, mission: Mission, name: str, keys: Sequence[Watched], requests: Requests, slowest: float
+    ) -> None:
+        """`slowest` [s] is the longest silence of any robot still fresh."""
+        super().__init__(mission, name, keys, requests)
+        self._spec = mission.robots[name]
+        self._offset = 0.0 if name == mission.leader else self._spec.control_point_offset
+        self._command: tuple[Feed, float, float] | None = None
+        self.attachments = PositionAttachments()
+        """The attachments of its positions."""
+        self.place = self._tracked(self._by_topic[POSITION.name], slowest)
+        self.place_it = _placing(self.place, self._offset)
+        """Take in one of its positions. Raises BadMessage."""
+        truth = self._by_topic.get(GROUND_TRUTH.name)
+        self.truth = self.place if truth is None else self._tracked(truth, slowest)
+        """Its trajectory from ground truth; a virtual leader's is its own."""
+
+    def clock_was_set(self) -> None:
+        """Forget moments and senders' clocks after our system clock was set."""
+        super().clock_was_set()
         for one in (self.place, self.truth):
             one.trajectory.forget()
 
@@ -103,7 +146,9 @@ class ReceivedOfRobot:
         """
         does, reason = state or self.statuses.state(now)
         status = self._agent(now)
-        speed, turn_rate = self._commanded(now)
+        speed = turn_rate = None
+        if self._command is not None and self._command[0].fresh(now.mono):
+            _, speed, turn_rate = self._command
         return RobotMetrics(
             state=does,
             reason=reason,
@@ -132,25 +177,19 @@ class ReceivedOfRobot:
             publishers=self.attachments.publishers,
         )
 
-    def contests(self, now: Now) -> Iterator[str]:
-        """Yield the neighbours with two publishers by this robot's newest status."""
+    def contested(self, now: Now) -> Iterable[str]:
+        """Return the neighbours with two publishers by this robot's newest status."""
         status = self._agent(now)
-        yield from status.contested if status is not None else ()
+        return () if status is None else status.contested
 
-    def forgers(self, now: Now) -> Iterator[str]:
-        """Yield the robots that lately relayed forged orders to this one, by its newest status."""
+    def forgers(self, now: Now) -> Iterable[str]:
+        """Return the robots that lately relayed forged orders to this one, by its newest status."""
         status = self.statuses.newest(now)
-        yield from status.forged if status is not None else ()
+        return () if status is None else status.forged
 
     def _agent(self, now: Now) -> AgentStatus | None:
-        """Return the newest status of a follower's agent; None if it is not fresh."""
         status = self.statuses.newest(now)
         return status if isinstance(status, AgentStatus) else None
-
-    def _commanded(self, now: Now) -> tuple[float | None, float | None]:
-        if self._command is None or not self._command[0].fresh(now.mono):
-            return None, None
-        return self._command[1:]
 
     def _heading_error(self, now: Now) -> float | None:
         if self.truth is self.place or not (self.place.fresh(now.mono) and self.truth.fresh(now.mono)):
@@ -161,31 +200,25 @@ class ReceivedOfRobot:
             return None
         return cmath.phase(estimated.heading * true.heading.conjugate())
 
-    def _handler(self, one: Watched, feed: Feed) -> Handler | None:
-        """Return the handler of a key's messages; None for a key that is only counted and recorded."""
-        handlers: dict[str, Handler] = {
+    def _handlers(self, feed: Feed) -> dict[str, Handler]:
+        return {
+            **super()._handlers(feed),
             POSITION.name: self.place_it,
             GROUND_TRUTH.name: _placing(self.truth, self._offset),
-            CMD_VEL.name: self._take_command(feed),
-            STATUS.name: self.statuses.process_status,
-            BALLOT.name: self._ballots,
-            ODOM.name: lambda s, wall: _note(feed, decode(Odometry, s.payload).stamp, wall),
-            POSE.name: lambda s, wall: _note(feed, decode(Pose, s.payload).stamp, wall),
-            RELATIVE.name: lambda s, wall: _note(feed, decode(Displacement, s.payload).stamp, wall),
+            CMD_VEL.name: self._commanding(feed),
+            **{topic.name: _stamping(feed, kind) for topic, kind in STAMPED.items()},
         }
-        return handlers.get(one.topic.name)
 
-    def _take_command(self, feed: Feed) -> Handler:
-        def twist(sample: Sample, _wall: float) -> None:
-            command = decode(Twist, sample.payload)
+    def _commanding(self, feed: Feed) -> Handler:
+        kind: type[Twist | TwistStamped] = Twist if self._spec.cmd_vel == "twist" else TwistStamped
+
+        def process_command(sample: Sample, wall: float) -> None:
+            command = decode(kind, sample.payload)
+            if isinstance(command, TwistStamped):
+                feed.stamped(command.stamp, wall)
             self._command = feed, command.speed, command.turn_rate
 
-        def stamped(sample: Sample, wall: float) -> None:
-            command = decode(TwistStamped, sample.payload)
-            feed.stamped(command.stamp, wall)
-            self._command = feed, command.speed, command.turn_rate
-
-        return twist if self._spec.cmd_vel == "twist" else stamped
+        return process_command
 
     def _tracked(self, feed: Feed, slowest: float) -> Tracked:
         # All robots are compared at the moment that the slowest fresh robot has reached.
@@ -206,8 +239,11 @@ def _placing(tracked: Tracked, offset: float) -> Handler:
     return process_pose
 
 
-def _note(feed: Feed, stamp: float, wall: float) -> None:
-    feed.stamped(stamp, wall)
+def _stamping(feed: Feed, kind: type[Odometry | Pose | Displacement]) -> Handler:
+    def process_stamp(sample: Sample, wall: float) -> None:
+        feed.stamped(decode(kind, sample.payload).stamp, wall)
+
+    return process_stamp
 
 
 def _metrics(feed: Feed, now: Now) -> KeyMetrics:

@@ -1,8 +1,16 @@
-"""Whether the formation has settled, and since when."""
+"""Whether the formation has settled, and since when: over all edges, and over those that are known.
+
+A partial sum is less than the whole one, so it has its own type and name: `known` always comes with the
+number of edges in the sum.
+"""
 
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple, Self
 
 DWELL_TIME = 2.0
 """A formation has converged when its error has stayed under the threshold for this long [s]."""
@@ -77,3 +85,112 @@ class Settling:
 
     def _known(self, until: float) -> bool:
         return self.last is not None and until - self.last <= max(DWELL_TIME, self._break)
+
+
+class KnownError(NamedTuple):
+    """Σ |z_ij - z*_ij| over the edges that are known."""
+
+    error: float | None
+    """[m]; None if no edge is known."""
+    known_edges: int
+    edges: int
+    """Number of all edges, known or not."""
+    silent: Mapping[str, float | None] = MappingProxyType({})
+    """Robots without a position, and for how long [s]; None for never received. They make edges unknown."""
+
+    @classmethod
+    def of(cls, errors: Iterable[float | None], silent: Mapping[str, float | None] | None = None) -> Self:
+        """Sum the known ones of these edges' errors [m]."""
+        each = list(errors)
+        known = [error for error in each if error is not None]
+        return cls(math.fsum(known) if known else None, len(known), len(each), silent or {})
+
+    @property
+    def complete(self) -> bool:
+        """Whether every edge is known and there is at least one."""
+        return 0 < self.known_edges == self.edges
+
+    @property
+    def words(self) -> str:
+        """``8 of 11 edges; 3 unknown (robot4 silent for 12 s)``."""
+        if self.complete:
+            return f"{self.edges} edges"
+        why = ", ".join(
+            f"nothing from {name} yet" if age is None else f"{name} silent for {age:.0f} s"
+            for name, age in self.silent.items()
+        )
+        unknown = f"{self.edges - self.known_edges} unknown{f' ({why})' if why else ''}"
+        return f"{self.known_edges} of {self.edges} edges; {unknown}"
+
+
+NOTHING = KnownError(None, 0, 0)
+"""Nothing is known, and no robot is watched."""
+
+
+class KnownVerdict(NamedTuple):
+    """Whether the known edges have settled."""
+
+    settled_at: float | None = None
+    """When their error fell below the mission's bound for good, in time of the run [s]."""
+    converged: bool = False
+    """Whether it has stayed there for the dwell time."""
+    final: KnownError | None = None
+    """The newest error over the edges known lately; None if there were none."""
+
+    @classmethod
+    def of_json(cls, data: Mapping[str, Any]) -> Self:
+        """Return the verdict that `as_json` gave."""
+        silent = data.get("silent") or {}
+        final = KnownError(data.get("error"), data.get("known_edges", 0), data.get("edges", 0), silent)
+        return cls(data.get("settled_at"), data.get("converged") is True, final)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it for programs, under the name ``known``."""
+        final = self.final or NOTHING
+        return {
+            "error": None if final.error is None else round(final.error, 6),
+            "known_edges": final.known_edges,
+            "edges": final.edges,
+            "silent": {name: None if age is None else round(age, 1) for name, age in final.silent.items()},
+            "settled_at": None if self.settled_at is None else round(self.settled_at, 3),
+            "converged": self.converged,
+        }
+
+
+UNJUDGED = KnownVerdict()
+"""The verdict before the first edge is known."""
+
+
+class KnownSettling:
+    """Judge the known edges as `Settling` judges all; times are on any one clock [s]."""
+
+    def __init__(self, threshold: float, longest_silence: float) -> None:
+        self._settling = Settling(threshold, longest_silence)
+        self._recent: deque[tuple[float, KnownError]] = deque()
+
+    def restart(self, at: float) -> None:
+        """Start again at `at`: the wish has changed."""
+        self._settling.restart(at)
+
+    def observe(self, at: float, known: KnownError, *, formed: bool) -> None:
+        """Take the error of a moment; ignore one that is not later than the last."""
+        last = self._settling.last
+        if known.error is None or (last is not None and at <= last):
+            return
+        self._settling.observe(at, known.error, formed=formed)
+        self._recent.append((at, known))
+        while at - self._recent[0][0] > DWELL_TIME:
+            self._recent.popleft()
+
+    def verdict(self, until: float, start: float | None) -> KnownVerdict:
+        """Return the verdict as of `until`, when a position last arrived; `start`: all edges first known.
+
+        Robots do not all end at once, so it is over the most edges that were known in the last `DWELL_TIME`.
+        """
+        settled = self._settling.settled_at(until)
+        if settled is not None and start is not None and self._settling.start is not None:
+            settled = max(self._settling.start + settled - start, 0.0)
+        final = None
+        if self._settling.final(until) is not None:
+            final = max(self._recent, key=lambda one: (one[1].known_edges, one[0]))[1]
+        return KnownVerdict(settled, self._settling.converged(until), final)

@@ -6,11 +6,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from formation.monitor.metrics.known import NOTHING, UNJUDGED, KnownError, KnownVerdict
 from formation.monitor.metrics.orders import Lead, Wish
-from formation.monitor.metrics.requests import ReportedRequest
+from formation.monitor.metrics.settling import NOTHING, UNJUDGED, KnownError, KnownVerdict
 from formation.protocol.order import Mode, Tuned
 from formation.slots.shape import PlacedShape
+
+AVOIDING = {
+    "avoids": "avoids a collision",
+    "slowed": "slowed by its protective zone",
+    "blocked": "stopped by its protective zone",
+}
+"""Limits on a robot's command: a word for a table, and a longer text."""
 
 
 class Edge(NamedTuple):
@@ -46,12 +52,17 @@ class CandidateMetrics(NamedTuple):
     """Age of its last status [s]."""
 
 
-AVOIDING = {
-    "avoids": "avoids a collision",
-    "slowed": "slowed by its protective zone",
-    "blocked": "stopped by its protective zone",
-}
-"""Limits on a robot's command: a word for a table, and a longer text."""
+class ReportedRequest(NamedTuple):
+    """One operator request to a candidate, and its answer."""
+
+    number: int
+    """Its number, from 1."""
+    name: str
+    """The candidate asked."""
+    what: str
+    """The request as typed."""
+    ok: bool
+    reason: str
 
 
 @dataclass(frozen=True, slots=True)

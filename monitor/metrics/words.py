@@ -143,31 +143,20 @@ def _wanted(snapshot: Snapshot) -> dict[str, str]:
 
 
 def _leading(snapshot: Snapshot) -> dict[str, str]:
-    return {
-        **({"leader": snapshot.leads or ""} if snapshot.lead else {}),
-        **({"term": str(snapshot.lead.term)} if snapshot.lead else {}),
-        **({"waits_for": snapshot.waits} if snapshot.waits else {}),
-        **{f"candidate.{name}": one.state for name, one in snapshot.candidates.items()},
-    }
+    lead = {"leader": snapshot.leads or "", "term": str(snapshot.lead.term)} if snapshot.lead else {}
+    waits = {"waits_for": snapshot.waits} if snapshot.waits else {}
+    candidates = {f"candidate.{name}": one.state for name, one in snapshot.candidates.items()}
+    return lead | waits | candidates
 
 
 def _robot_status(name: str, robot: RobotMetrics, errors: Mapping[str, float | None]) -> Status:
-    values = {
-        **{f"error.{neighbour}": _text(error) for neighbour, error in errors.items()},
-        "heading_error": _text(robot.heading_error),
-        "speed": _text(robot.speed),
-        "turn_rate": _text(robot.turn_rate),
-        **({"unavailable": "true"} if robot.unavailable else {}),
-        **({"stuck": "true"} if robot.stuck else {}),
-        **({"avoiding": robot.avoiding} if robot.avoiding else {}),
-        **({"deadlocks": str(robot.deadlocks)} if robot.deadlocks else {}),
-        **({"fallback": robot.fallback} if robot.fallback else {}),
-        **{
-            f"{what}.{key.partition('/')[2]}": text
-            for key, metrics in robot.keys.items()
-            for what, text in _key(metrics)
-        },
-    }
+    values = {f"error.{neighbour}": _text(error) for neighbour, error in errors.items()}
+    values |= {field: _text(getattr(robot, field)) for field in ("heading_error", "speed", "turn_rate")}
+    for field in ("unavailable", "stuck", "avoiding", "deadlocks", "fallback"):
+        if value := getattr(robot, field):
+            values[field] = "true" if value is True else str(value)
+    for key, metrics in robot.keys.items():
+        values |= {f"{what}.{key.partition('/')[2]}": text for what, text in _key(metrics)}
     fresh = robot.age is not None and robot.age <= 1.0
     level = (OK if robot.shown == "run" else WARNING) if fresh else STALE
     return Status(f"{name}: monitor", level, f"{robot.shown}: {robot.reason}", name, values)
@@ -208,7 +197,6 @@ def _robot(robot: RobotMetrics) -> dict[str, Any]:
 
 
 def _placed_shape(placed_shape: PlacedShape | None) -> dict[str, Any] | None:
-    """Return the current shape with rotation and scale."""
     if placed_shape is None:
         return None
     mix = {shape: _round(share, 4) for shape, share in placed_shape.mix}

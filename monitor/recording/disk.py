@@ -1,7 +1,8 @@
-"""The thread that writes a recording, so that the monitor never waits for a slow or full disk.
+"""The threads that write a recording, so that the monitor never waits for a slow or full disk.
 
-It receives only chunks; another thread forces what it has written to the disk. A refused write is reported,
-and tried again later.
+One receives chunks and writes them: what it has written is safe from a kill. The other forces that to the
+disk, where it is safe from a power cut: a slow card takes seconds for that. A refused write is reported, and
+tried again later.
 """
 
 from __future__ import annotations
@@ -9,23 +10,85 @@ from __future__ import annotations
 import errno
 import logging
 import threading
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping
 from contextlib import suppress
-from itertools import count
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from formation.monitor.recording.channels import Channels
-from formation.monitor.recording.chunk import Chunk
-from formation.monitor.recording.forcing import NOTHING, Forcer, Mark
-from formation.monitor.recording.part import Part
+from formation.monitor.recording.part import Chunk, Part
 from formation.monitor.recording.rotation import Room, Rotation, need_room, part_path
 
+T = TypeVar("T")
 RETRY_DELAY = 10.0
 """Time after a failure until the next try [s]."""
 _log = logging.getLogger(__name__)
+
+
+class Mark(NamedTuple):
+    """Progress of a recording."""
+
+    number: int
+    """Number of chunks processed, written or lost."""
+    counts: Counter[int]
+    """Messages in all parts, by channel."""
+    size: int
+    """Size of all parts together [bytes]."""
+
+
+NOTHING = Mark(0, Counter(), 0)
+
+
+def _taken(queue: SimpleQueue[T]) -> list[T]:
+    """Take everything that waits, at least one thing, up to None, which ends the queue."""
+    batch = [queue.get()]
+    with suppress(Empty):
+        while batch[-1] is not None:
+            batch.append(queue.get_nowait())
+    return batch
+
+
+class Forcer:
+    """Force the newest requested part to the disk."""
+
+    def __init__(self) -> None:
+        self.safe = NOTHING
+        """Up to where everything is on the disk itself."""
+        self._error: OSError | None = None
+        self._lock = threading.Lock()
+        self._queue: SimpleQueue[tuple[Part, Mark] | None] = SimpleQueue()
+        self._thread = threading.Thread(target=self._work, name="forcing", daemon=True)
+        self._thread.start()
+
+    def request(self, part: Part, mark: Mark) -> None:
+        """Request forcing `part`, after which `mark` is safe. Raises OSError if an earlier one failed."""
+        if self._error is not None:
+            error, self._error = self._error, None
+            raise error
+        self._queue.put((part, mark))
+
+    def confirm(self, mark: Mark) -> None:
+        """Note that `mark` is safe already."""
+        with self._lock:
+            if mark.number >= self.safe.number:
+                self.safe = mark
+
+    def close(self) -> None:
+        """End after all requests are done."""
+        self._queue.put(None)
+
+    def _work(self) -> None:
+        # the newest request includes the earlier ones, as an ended part has been forced
+        while (newest := _taken(self._queue)[-1]) is not None:
+            part, mark = newest
+            try:
+                part.sync()
+            except OSError as error:
+                self._error = error
+            else:
+                self.confirm(mark)
 
 
 class Notice(NamedTuple):
@@ -72,7 +135,7 @@ class Disk:
         self._name = 0  # the number in the newest part's name
         self._part: Part | None = None
         self._begin()
-        self._tell(logging.INFO, f"recording into {path}")
+        self.tell(logging.INFO, f"recording into {path}")
         self._thread = threading.Thread(target=self._work, name="recording", daemon=True)
         self._thread.start()
 
@@ -105,7 +168,7 @@ class Disk:
     def _work(self) -> None:
         more = True
         while more:
-            batch = self._next()
+            batch = _taken(self._queue)
             more = batch[-1] is not None
             chunks = [one for one in batch if isinstance(one, Chunk)]
             for chunk in chunks:
@@ -118,38 +181,26 @@ class Disk:
         self._end()
         self._forcer.close()
 
-    def _next(self) -> list[Chunk | threading.Event | None]:
-        """Return everything that waits, at least one thing."""
-        batch = [self._queue.get()]
-        with suppress(Empty):
-            while batch[-1] is not None:
-                batch.append(self._queue.get_nowait())
-        return batch
-
     def _keep(self, chunk: Chunk) -> None:
-        """Write a chunk to its part: the current or the next one."""
+        """Write a chunk to its part: the current or the next one. Every part gets at least one."""
         try:
             if self._part is not None and self._part.is_gone:
                 self._lose(self._part)
             if self._part is None:
-                self._resume(chunk.handed)
-            elif self._is_due(self._part, chunk):
+                if chunk.handed >= self._retry:
+                    self._begin(self._room.resume if self.failure else None)
+            elif self._begun is not None and self._rotation.is_due(
+                self._part.whole_size + len(chunk.raw), chunk.handed - self._begun
+            ):
                 self._end()
                 self._begin()
             self._append(chunk)
-        except OSError as error:
+        except Exception as error:  # noqa: BLE001 - one odd chunk must not end the recording
+            if not isinstance(error, OSError):
+                _log.exception("a chunk cannot be written")
+                error = OSError(str(error))
             self.lost += chunk.total
             self._fail(error, chunk.handed)
-        except Exception as error:  # noqa: BLE001 - one odd chunk must not end the recording
-            _log.exception("a chunk cannot be written")
-            self.lost += chunk.total
-            self._fail(OSError(str(error)), chunk.handed)
-
-    def _is_due(self, part: Part, chunk: Chunk) -> bool:
-        """Return whether a chunk belongs to the next part; every part gets at least one."""
-        if self._begun is None:
-            return False
-        return self._rotation.is_due(part.whole_size + len(chunk.raw), chunk.handed - self._begun)
 
     def _append(self, chunk: Chunk) -> None:
         if self._part is None:  # too early to try again
@@ -167,13 +218,21 @@ class Disk:
         if self._begun is None:
             self._begun, self.failure = chunk.handed, None
             if len(self.paths) > 1:
-                self._tell(logging.INFO, f"recording goes on in {self._part.path}")
+                self.tell(logging.INFO, f"recording goes on in {self._part.path}")
 
     def _begin(self, room: int | None = None) -> None:
         """Begin a part; after a failure `room` must be free for it [bytes]. Raises OSError."""
         previous = self.paths[-1].name if self.paths else ""
         about = {**self._about, "part": str(len(self.paths) + 1), "previous": previous}
-        part, name = self._create(about)
+        name = self._name + 1
+        while True:
+            try:
+                part = Part(part_path(self._first, name), about, self._channels)
+                break
+            except FileExistsError:
+                if not self.paths:  # the first part's name is fixed
+                    raise
+                name += 1
         try:
             need_room(part.path.parent, self._room.stop if room is None else room)
             if room is not None:
@@ -184,29 +243,10 @@ class Disk:
         self._part, self._name, self._begun = part, name, None
         self.paths = (*self.paths, part.path)
 
-    def _create(self, about: Mapping[str, str]) -> tuple[Part, int]:
-        """Create the next part under the next free name; the first part's name is fixed."""
-        for name in count(self._name + 1):
-            try:
-                return Part(part_path(self._first, name), about, self._channels), name
-            except FileExistsError:
-                if not self.paths:
-                    raise
-        raise AssertionError
-
-    def _resume(self, now: float) -> None:
-        """Go on in a new part if there is none and the time has come."""
-        if now >= self._retry:
-            self._begin(self._room.resume if self.failure else None)
-
     def _force(self, chunks: list[Chunk]) -> None:
         """Force what was written to the disk; only then it counts as recorded."""
-        if self._part is None:
-            self._forcer.confirm(self._ended._replace(number=self.written))
-            return
-        counts, size = self._ended.counts + self._part.counts, self._ended.size + self._part.size
-        mark = Mark(self.written, counts, size)
-        if not self._forces:
+        mark = self._mark(self._part)
+        if self._part is None or not self._forces:
             self._forcer.confirm(mark)
             return
         try:
@@ -214,8 +254,13 @@ class Disk:
         except OSError as error:  # unknown what of it was written: new messages go to another part
             self._fail(error, chunks[-1].handed if chunks else 0.0)
 
+    def _mark(self, part: Part | None) -> Mark:
+        """Return the progress with `part` and those before it."""
+        if part is None:
+            return self._ended._replace(number=self.written)
+        return Mark(self.written, self._ended.counts + part.counts, self._ended.size + part.size)
+
     def _end(self) -> None:
-        """End this part, whole if possible."""
         if self._part is None:
             return
         part, self._part = self._part, None
@@ -223,11 +268,10 @@ class Disk:
             part.finish()
         except OSError as error:
             if self.failure is None:
-                self._tell(
+                self.tell(
                     logging.WARNING, f"{part.path} has no index, for it cannot be ended: {error.strerror}"
                 )
-        counts, size = self._ended.counts + part.counts, self._ended.size + part.size
-        self._ended = Mark(self.written, counts, size)
+        self._ended = self._mark(part)
         self._forcer.confirm(self._ended)
 
     def _lose(self, part: Part) -> None:
@@ -237,8 +281,8 @@ class Disk:
             part.finish()
         self.lost += part.counts.total()
         self._retry = 0.0
-        self._forcer.confirm(self._ended._replace(number=self.written))
-        self._tell(logging.ERROR, f"{part.path} was deleted, with the {part.counts.total()} messages in it")
+        self._forcer.confirm(self._mark(None))
+        self.tell(logging.ERROR, f"{part.path} was deleted, with the {part.counts.total()} messages in it")
 
     def _fail(self, error: OSError, now: float) -> None:
         """Close the part with what is whole, and report once that recording pauses."""
@@ -251,10 +295,11 @@ class Disk:
         self._end()
         if fresh:
             again = f"it is tried again every {RETRY_DELAY:g} s"
-            self._tell(
+            self.tell(
                 logging.ERROR, f"{self.paths[-1]}: nothing is recorded any more: {self.failure}; {again}"
             )
 
-    def _tell(self, level: int, text: str) -> None:
+    def tell(self, level: int, text: str) -> None:
+        """Log a message about the recording, and leave it as a notice."""
         _log.log(level, "%s", text)
         self.notices.append(Notice(level, text))

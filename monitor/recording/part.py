@@ -14,10 +14,13 @@ import os
 import struct
 import threading
 import zlib
+from array import array
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
+from typing import NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
@@ -35,10 +38,15 @@ from mcap.records import (
 )
 
 from formation.monitor.recording.channels import ABOUT, Channels
-from formation.monitor.recording.chunk import Chunk
-from formation.monitor.recording.index import Entry, Index
-from formation.monitor.recording.scan import MAGIC
+from formation.monitor.recording.scan import MAGIC, MESSAGE
 
+BLOCK_BYTES = 64 * 1024
+"""Size of the index that is compressed at a time [bytes]."""
+_HEAD = struct.Struct("<QQQQQHH")
+_FRONT, _BACK = struct.Struct("<BQQQQQI"), struct.Struct("<QI")
+_FIXED_BYTES = _FRONT.size + _BACK.size + 16
+"""Fixed size of a ChunkIndex record, without the codec's name and its places [bytes]."""
+_PLACE = np.dtype([("channel", "<u2"), ("at", "<u8")])
 PROFILE = "ros2"
 CODEC = b"lz4"
 _CHUNK_HEAD = struct.Struct("<BQQQQII3sQ")
@@ -47,6 +55,128 @@ CHUNK_HEAD_BYTES = _CHUNK_HEAD.size - len(CODEC)
 _INDEX_HEAD = struct.Struct("<BQHI")
 _FOOTER_HEAD = struct.Struct("<BQQQ")
 _sync = getattr(os, "fdatasync", os.fsync)
+
+
+@dataclass(slots=True)
+class Chunk:
+    """Messages in the order of recording. One thread fills it; another writes it once it is handed over."""
+
+    raw: bytearray = field(default_factory=bytearray)
+    index: dict[int, array[int]] = field(default_factory=dict)
+    """By channel: log time [ns] and offset in `raw`, alternating."""
+    start: int = 0
+    """Earliest log time [ns]."""
+    end: int = 0
+    """Latest log time [ns]."""
+    channels: int = 0
+    """Number of channels when it was handed over."""
+    handed: float = 0.0
+    """When it was handed over [s, monotonic]."""
+
+    def add(self, channel: int, sequence: int, logged: int, published: int, data: bytes) -> None:
+        """Append a message; times in ns."""
+        raw, entries = self.raw, self.index.get(channel)
+        if entries is None:
+            entries = self.index[channel] = array("Q")
+        if not raw:
+            self.start = self.end = logged
+        elif logged > self.end:
+            self.end = logged
+        elif logged < self.start:
+            self.start = logged
+        entries.append(logged)
+        entries.append(len(raw))
+        raw += MESSAGE.pack(
+            Opcode.MESSAGE, MESSAGE.size - 9 + len(data), channel, sequence, logged, published
+        )
+        raw += data
+
+    def count(self, channel: int) -> int:
+        """Return the number of messages of one channel."""
+        return len(self.index[channel]) // 2
+
+    @property
+    def total(self) -> int:
+        """Number of messages of all channels."""
+        return sum(map(self.count, self.index))
+
+
+class Entry(NamedTuple):
+    """One chunk."""
+
+    start: int
+    """Earliest log time [ns]."""
+    end: int
+    """Latest log time [ns]."""
+    offset: int
+    """Offset of its record in the file [bytes]."""
+    length: int
+    """Length of its record [bytes]."""
+    unpacked: int
+    """Uncompressed length of its content [bytes]."""
+    codec: str
+    lengths: Mapping[int, int]
+    """Lengths of the message indexes that follow it, by channel in their order [bytes]."""
+
+    def record(self, head: int) -> bytes:
+        """Return a ChunkIndex; `head`: bytes of the chunk's record besides codec and compressed data."""
+        channels, lengths = array("H", self.lengths), np.fromiter(self.lengths.values(), np.uint64)
+        places = np.empty(len(channels), _PLACE)
+        places["channel"], places["at"] = channels, self.offset + self.length + lengths.cumsum() - lengths
+        codec, compressed = self.codec.encode(), self.length - head - len(self.codec)
+        return b"".join((
+            _FRONT.pack(
+                Opcode.CHUNK_INDEX, _FIXED_BYTES - 9 + places.nbytes + len(codec), *self[:4], places.nbytes
+            ),
+            places.tobytes(),
+            _BACK.pack(int(lengths.sum()), len(codec)), codec, struct.pack("<QQ", compressed, self.unpacked),
+        ))  # fmt: skip
+
+
+class Index:
+    """All chunks of a file, kept compressed until they are written at its end.
+
+    In MCAP's form, an hour of a hundred robots takes some forty megabytes. Most of that is the lengths of
+    each chunk's message indexes, which hardly change from one to the next and compress well.
+    """
+
+    def __init__(self, head: int) -> None:
+        """`head` as in `Entry.record`."""
+        self.count, self.size = 0, 0
+        """Number of chunks, and length of `records()` [bytes]."""
+        self._head = head
+        self._packed: list[bytes] = []
+        self._newest = bytearray()
+
+    def add(self, entry: Entry) -> None:
+        """Add a chunk."""
+        codec = entry.codec.encode()
+        self.count += 1
+        self.size += _FIXED_BYTES + len(codec) + _PLACE.itemsize * len(entry.lengths)
+        numbers = entry[:5]
+        self._newest += _HEAD.pack(*numbers, len(codec), len(entry.lengths)) + codec
+        self._newest += array("H", entry.lengths).tobytes() + array("I", entry.lengths.values()).tobytes()
+        if len(self._newest) >= BLOCK_BYTES:
+            self._packed.append(zlib.compress(self._newest))
+            self._newest.clear()
+
+    def records(self) -> bytes:
+        """Return the chunk records of the file's summary."""
+        return b"".join(entry.record(self._head) for entry in self._entries())
+
+    def _entries(self) -> Iterator[Entry]:
+        for block in (*map(zlib.decompress, self._packed), bytes(self._newest)):
+            at = 0
+            while at < len(block):
+                start, end, offset, length, unpacked, name, count = _HEAD.unpack_from(block, at)
+                at += _HEAD.size
+                codec, channels, lengths = block[at : at + name].decode(), array("H"), array("I")
+                at += name
+                channels.frombytes(block[at : at + 2 * count])
+                lengths.frombytes(block[at + 2 * count : at + 6 * count])
+                at += 6 * count
+                places = dict(zip(channels, lengths, strict=True))
+                yield Entry(start, end, offset, length, unpacked, codec, places)
 
 
 class Part:

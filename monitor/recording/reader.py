@@ -1,25 +1,53 @@
-"""Read a recording message by message: all its parts in order, a truncated one up to its end."""
+"""Read a recording message by message: all its parts in order, a truncated one up to its end; its metrics."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, NamedTuple
 
 from mcap.opcode import Opcode
-from mcap.records import Channel, Metadata
+from mcap.records import Channel, Metadata, Statistics
 
 from formation.control.laws import LAWS
 from formation.mission.file import MissionError, parse
 from formation.mission.model import Mission
-from formation.monitor.recording.attached import SUFFIX, unpacked
-from formation.monitor.recording.channels import ABOUT
-from formation.monitor.recording.extent import Extent, extent_of
+from formation.monitor.metrics.keys import OWN
+from formation.monitor.metrics.metrics import Metrics
+from formation.monitor.recording.channels import ABOUT, SUFFIX, unpacked
 from formation.monitor.recording.rotation import siblings
 from formation.monitor.recording.scan import contents, ends_before, footer, records, summary, understood
-from formation.wire import Sample
+from formation.topics import ERROR
+from formation.wire import Now, Sample
+
+LOOK_PERIOD = 0.1
+"""Time between two looks of a live monitor [s]."""
+_OWN = frozenset(one.key for one in OWN)
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Time span and message counts. Extents of parts add up."""
+
+    start: float | None = None
+    """When the first message arrived [s, system clock of the recorder]; None if there is none."""
+    end: float | None = None
+    """When the last message arrived [s]."""
+    counts: Counter[str] = field(default_factory=Counter)
+    """Messages by key, without attachments."""
+
+    @property
+    def duration(self) -> float:
+        """Duration [s]."""
+        return 0.0 if self.start is None or self.end is None else self.end - self.start
+
+    def __add__(self, other: Extent) -> Extent:
+        starts = [one for one in (self.start, other.start) if one is not None]
+        ends = [one for one in (self.end, other.end) if one is not None]
+        return Extent(min(starts, default=None), max(ends, default=None), self.counts + other.counts)
 
 
 class UnreadableError(ValueError):
@@ -127,18 +155,42 @@ def _number(about: Mapping[str, str]) -> int:
     return int(text) if text.isdecimal() and len(text) < 10 else 1
 
 
+def extent_of(path: Path) -> Extent:
+    """Return the extent of one file, from its index if it has one, else from its messages. Raises OSError."""
+    numbers: Counter[int] = Counter()
+    times: list[int] = []
+    with path.open("rb") as file:
+        keys, statistics = _indexed(file)
+        if statistics is not None and statistics.message_start_time <= statistics.message_end_time:
+            numbers.update(statistics.channel_message_counts)
+            if statistics.message_count:
+                times = [statistics.message_start_time, statistics.message_end_time]
+        else:
+            for record in records(file):
+                if record.opcode == Opcode.CHUNK and (chunk := contents(record.body)) and chunk.messages:
+                    _learn(keys, *chunk.declared)
+                    numbers.update(message.channel for message in chunk.messages)
+                    logged = [message.logged for message in chunk.messages]
+                    times += [min(logged), max(logged)]
+    counts: Counter[str] = Counter()
+    for number, n in numbers.items():
+        if (key := keys.get(number, "")) and not key.endswith(SUFFIX):
+            counts[key] += n
+    return Extent(min(times) / 1e9, max(times) / 1e9, counts) if times else Extent(counts=counts)
+
+
 def _messages(file: IO[bytes], since: float) -> Iterator[Recorded]:
-    keys = {} if since == -math.inf else _indexed(file)
+    keys = {} if since == -math.inf else _indexed(file)[0]
     indexed = bool(keys)
     attachments: dict[str, bytes] = {}
     for record in records(file):
         if record.opcode == Opcode.CHANNEL:
-            _learn(keys, [understood(Channel.read, record.body)])
+            _learn(keys, understood(Channel.read, record.body))
         if record.opcode != Opcode.CHUNK or (indexed and ends_before(record, since)):
             continue
         if (chunk := contents(record.body)) is None:
             continue
-        _learn(keys, chunk.declared)
+        _learn(keys, *chunk.declared)
         if ends_before(record, since):
             continue
         for message in chunk.messages:
@@ -151,16 +203,44 @@ def _messages(file: IO[bytes], since: float) -> Iterator[Recorded]:
                 yield Recorded(sample, wall, message.logged)
 
 
-def _indexed(file: IO[bytes]) -> dict[int, str]:
-    """Return the keys of all channels, from the index at the end; empty if there is none."""
+def _indexed(file: IO[bytes]) -> tuple[dict[int, str], Statistics | None]:
+    """Return the keys of all channels, and the statistics, from the index at the end if there is one."""
     keys: dict[int, str] = {}
+    statistics = None
     for record in summary(file):
         if record.opcode == Opcode.CHANNEL:
-            _learn(keys, [understood(Channel.read, record.body)])
-    return keys
+            _learn(keys, understood(Channel.read, record.body))
+        elif record.opcode == Opcode.STATISTICS:
+            statistics = understood(Statistics.read, record.body)
+    return keys, statistics
 
 
-def _learn(keys: dict[int, str], channels: list[Channel] | list[Channel | None]) -> None:
+def _learn(keys: dict[int, str], *channels: Channel | None) -> None:
     for channel in channels:
         if channel is not None:
             keys[channel.id] = channel.topic.removeprefix("/")
+
+
+class Rerun:
+    """A recording's metrics up to the newest message taken, as the monitor's own were fed live.
+
+    The live monitor judged the formation error at the moments of its publication, which are recorded, so
+    settling and the final error come out the same. While an edge is unknown nothing is published; the known
+    edges are then judged every `LOOK_PERIOD`. There is one clock: the recorder's system clock.
+    """
+
+    def __init__(self, mission: Mission) -> None:
+        self.metrics = Metrics(mission)
+        self._looked = -math.inf  # [s, the recorder's system clock]
+
+    def process_message(self, message: Recorded) -> None:
+        """Take the next message of the file."""
+        now = Now(message.wall, message.wall)
+        if message.sample.key not in _OWN:
+            self.metrics.process_sample(message.sample, message.wall)
+        elif message.sample.key == ERROR.key():
+            self.metrics.observe(now)
+            self._looked = message.wall
+        if message.wall - self._looked > 1.5 * LOOK_PERIOD:
+            self.metrics.observe(now, known_only=True)
+            self._looked = message.wall

@@ -12,14 +12,13 @@ import struct
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 from typing import Self
 
 from formation.monitor.metrics.keys import Watched
-from formation.monitor.recording.attached import SUFFIX, TYPE, packed
-from formation.monitor.recording.channels import Channels, about
-from formation.monitor.recording.chunk import Chunk
+from formation.monitor.recording.channels import SUFFIX, TYPE, Channels, about, packed
 from formation.monitor.recording.disk import Disk, Notice
+from formation.monitor.recording.part import Chunk
 from formation.monitor.recording.rotation import ROOM, ROTATION, Room, Rotation
 from formation.ros2.definitions import definition
 from formation.transport.runtime.process import BadInput
@@ -68,7 +67,11 @@ class Recorder:
         self.path = path
         """The first part."""
         self._channels = Channels()
-        self._keys = {one.key: self._declare(one) for one in keys}
+        self._keys = {
+            one.key: (self._channels.register(one.key, one.topic.type), is_stamped(one.topic.type))
+            for one in keys
+        }
+        """Number of its channel, and whether its messages begin with a stamp, by key."""
         self._attached: dict[str, int] = {}
         self._sequence: Counter[str] = Counter()
         self._in_step = in_step
@@ -93,9 +96,7 @@ class Recorder:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     @property
@@ -160,12 +161,8 @@ class Recorder:
             self._flush_due = mono + FLUSH_PERIOD
             self._hand_over(mono)
             if self._in_step:
-                self.catch_up()
+                self._disk.catch_up(STOP_TIMEOUT_SECONDS)
             self._look(mono)
-
-    def catch_up(self) -> None:
-        """Wait for the disk, so that a simulated clock does not run ahead of it."""
-        self._disk.catch_up(STOP_TIMEOUT_SECONDS)
 
     def close(self) -> None:
         """Write the index and end the file. May be called twice."""
@@ -176,13 +173,7 @@ class Recorder:
         if not self._disk.close(STOP_TIMEOUT_SECONDS):
             _log.error("%s: the disk does not answer, the end of the recording is missing", self.paths[-1])
 
-    def _declare(self, one: Watched) -> tuple[int, bool]:
-        """Return its channel's number, and whether its messages begin with a stamp."""
-        number = self._channels.register(one.key, one.topic.type)
-        return number, definition(one.topic.type).lstrip().startswith("std_msgs/Header ")
-
     def _beside(self, key: str) -> int:
-        """Return the channel of attachments on `key`, made when first needed."""
         number = self._attached.get(key)
         if number is None:
             number = self._attached[key] = self._channels.register(key + SUFFIX, TYPE)
@@ -203,7 +194,6 @@ class Recorder:
         self._disk.put(chunk)
 
     def _look(self, mono: float) -> None:
-        """Check how far the disk is behind."""
         while len(self._waiting) > self._handed - self._disk.written:
             self._waiting.popleft()
         while len(self._unsafe) > self._handed - self._disk.safe.number:
@@ -211,18 +201,19 @@ class Recorder:
         behind = mono - self._unsafe[0] if self._unsafe else 0.0
         if behind > MIN_REPORTED_DELAY and not self._is_late:
             lost = f"a power cut would take the last {behind:.1f} s"
-            self._tell(logging.WARNING, f"the disk is slow: {lost}")
+            self._disk.tell(logging.WARNING, f"the disk is slow: {lost}")
         self._is_late = behind > MIN_REPORTED_DELAY
         full = sum(self._waiting) > (MAX_WAITING_BYTES // 2 if self._is_full else MAX_WAITING_BYTES)
         if full and not self._is_full:
-            self._tell(logging.ERROR, f"nothing is recorded any more: the disk is {behind:.0f} s behind")
+            self._disk.tell(logging.ERROR, f"nothing is recorded any more: the disk is {behind:.0f} s behind")
         elif self._is_full and not full:
-            self._tell(logging.WARNING, "recording goes on: the disk has caught up")
+            self._disk.tell(logging.WARNING, "recording goes on: the disk has caught up")
         self._is_full = full
 
-    def _tell(self, level: int, text: str) -> None:
-        _log.log(level, "%s", text)
-        self._disk.notices.append(Notice(level, text))
+
+def is_stamped(ros_type: str) -> bool:
+    """Return whether messages of this type begin with a std_msgs/Header."""
+    return definition(ros_type).lstrip().startswith("std_msgs/Header ")
 
 
 def stamp_of(payload: bytes) -> int | None:

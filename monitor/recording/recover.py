@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
 from mcap.records import Chunk as ChunkRecord
 
 from formation.monitor.recording.channels import Channels
-from formation.monitor.recording.chunk import Chunk
-from formation.monitor.recording.extent import Extent, extent_of
-from formation.monitor.recording.part import Part
-from formation.monitor.recording.reader import about_of
+from formation.monitor.recording.part import Chunk, Part
+from formation.monitor.recording.reader import Extent, about_of, extent_of
 from formation.monitor.recording.scan import Contents, Record, contents, footer, records, understood
 
 Tell = Callable[[float], None]
@@ -87,13 +86,12 @@ def _copy(path: Path, part: Part, channels: Channels, tell: Tell) -> tuple[int, 
 
 
 def _append(part: Part, channels: Channels, record: Record, found: Contents) -> None:
-    for schema in found.schemas:
-        channels.adopt_schema(schema)
-    for channel in found.declared:
-        channels.adopt(channel)
+    kinds: list[Schema | Channel] = [*found.schemas, *found.declared]
+    for kind in kinds:
+        channels.adopt(kind)
     chunk = Chunk(channels=len(channels.channels))
-    for message, place in zip(found.messages, found.places, strict=True):
-        chunk.index.setdefault(message.channel, array("Q")).extend((message.logged, place))
+    for message in found.messages:
+        chunk.index.setdefault(message.channel, array("Q")).extend((message.logged, message.at))
     times = [message.logged for message in found.messages]
     chunk.start, chunk.end = min(times, default=0), max(times, default=0)
     whole = understood(ChunkRecord.read, record.body)

@@ -19,8 +19,8 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, Schema
 
-from formation.monitor.recording.chunk import MESSAGE
-
+MESSAGE = struct.Struct("<BQHIQQ")
+"""Head of a message: opcode, length of the rest, channel, sequence, log time, publish time."""
 MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_BYTES = 64 * 1024 * 1024
 """Longest record that is read [bytes]. The recorder's own are chunks of a megabyte and one message."""
@@ -61,11 +61,10 @@ class Entry(NamedTuple):
     """One message of a chunk."""
 
     channel: int
-    sequence: int
     logged: int
     """[ns]"""
-    published: int
-    """[ns]"""
+    at: int
+    """Its offset in the unpacked chunk [bytes]."""
     data: bytes
 
 
@@ -75,8 +74,6 @@ class Contents(NamedTuple):
     declared: list[Channel]
     schemas: list[Schema]
     messages: list[Entry]
-    places: list[int]
-    """Offset of each message in the unpacked chunk [bytes]."""
     unpacked: int
     """Length of the unpacked chunk [bytes]."""
 
@@ -170,7 +167,7 @@ def _unpacked(chunk: Chunk) -> bytes:
 
 def _contents(raw: bytes) -> Contents:
     """Parse the records in `raw`. Raises ValueError or struct.error if it is no sequence of records."""
-    found = Contents([], [], [], [], len(raw))
+    found = Contents([], [], [], len(raw))
     message = int(Opcode.MESSAGE)  # of which there are thousands
     at = 0
     while at < len(raw):
@@ -179,10 +176,8 @@ def _contents(raw: bytes) -> Contents:
         if opcode == 0 or end > len(raw):
             raise ValueError("no record, or one that is longer than its chunk")
         if opcode == message:
-            _, _, channel, sequence, logged, published = MESSAGE.unpack_from(raw, at)
-            data = raw[at + MESSAGE.size : end]
-            found.messages.append(Entry(channel, sequence, logged, published, data))
-            found.places.append(at)
+            _, _, channel, _, logged, _ = MESSAGE.unpack_from(raw, at)
+            found.messages.append(Entry(channel, logged, at, raw[at + MESSAGE.size : end]))
         elif opcode == Opcode.CHANNEL:
             found.declared.append(_sure(Channel.read, raw[at + _HEAD.size : end]))
         elif opcode == Opcode.SCHEMA:

@@ -11,18 +11,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import dropwhile
 from typing import NamedTuple, Protocol
 
-from formation.monitor.recording.reader import Recorded
+from formation.monitor.recording.reader import Recorded, Recording, UnreadableError
 
+MAX_REBUILT_MESSAGES = 50_000
+"""Number of messages that can be skipped without a long wait: in one to three seconds."""
+MIN_RECORDING_TIME = 8.0
+"""Least recording time from which a moment's metrics are computed, except settling and counts [s]."""
 MIN_SPEED, MAX_SPEED = 0.1, 100.0
 """Speeds [s of the recording per s]."""
 MAX_CATCH_UP_TIME = 0.5
 """Longest lag that the player tries to catch up [s, real]; more is time lost."""
 
 
-class Film(Protocol):
-    """A recording to play."""
+class Playable(Protocol):
+    """What a player plays."""
 
     @property
     def start(self) -> float:
@@ -34,6 +39,28 @@ class Film(Protocol):
 
     def messages(self, since: float) -> Iterator[Recorded]:
         """Yield every message from the first one at or after `since` [s], in the order of the file."""
+
+
+class Film:
+    """One recording for playing: a `Playable`."""
+
+    def __init__(self, recording: Recording) -> None:
+        """Raises UnreadableError for a recording without any messages."""
+        extent = recording.extent()
+        if extent.start is None or extent.end is None:
+            raise UnreadableError(f"{recording.path}: has no messages")
+        self.start = extent.start
+        """Time of the first message [s, the recorder's system clock]."""
+        self.end = extent.end
+        """Time of the last message [s]."""
+        share = min(1.0, MAX_REBUILT_MESSAGES / max(extent.counts.total(), 1))
+        self.stretch = max(MIN_RECORDING_TIME, share * (self.end - self.start))
+        """Longest time of it that may be skipped at once [s]."""
+        self._recording = recording
+
+    def messages(self, since: float) -> Iterator[Recorded]:
+        """Yield messages as a `Playable` does."""
+        return dropwhile(lambda message: message.wall < since, self._recording.messages(since))
 
 
 class Due(NamedTuple):
@@ -57,7 +84,7 @@ class Player:
 
     def __init__(
         self,
-        film: Film,
+        film: Playable,
         mono: float,
         *,
         speed: float = 1.0,

@@ -7,7 +7,9 @@ published.
 
 from __future__ import annotations
 
+import math
 import time
+from collections import deque
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass
@@ -15,14 +17,18 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from formation.mission.model import Mission
+from formation.monitor.core import after
+from formation.monitor.metrics.events import Event, from_message
 from formation.monitor.metrics.snapshot import Snapshot
+from formation.monitor.recording.reader import Recorded, Rerun
 from formation.monitor.replay.echo import Echo
-from formation.monitor.replay.picture import Picture
 from formation.monitor.replay.player import MAX_SPEED, MIN_SPEED, Player
 from formation.monitor.web import frames
-from formation.monitor.web.source import Source
+from formation.monitor.web.source import HISTORY_RATE, HISTORY_VALUES, MAX_EVENTS, Source
+from formation.ros2.messages import LogEntry, Number, decode
+from formation.topics import ERROR, EVENTS
 from formation.transport.runtime.rate import Rate
-from formation.wire import Now
+from formation.wire import BadMessage, Now
 
 MAX_TURN_TIME = 0.05
 """Longest time for taking messages in one turn [s]."""
@@ -37,6 +43,46 @@ FRAME_RATE = 10.0
 STEERING_TIMEOUT_SECONDS = 2.0
 """How long a steering request waits for its turn [s]."""
 Order = tuple[str, float | None, "Future[dict[str, Any]]"]
+
+
+class Picture:
+    """The metrics, the error so far and the events of all messages since a beginning."""
+
+    def __init__(self, mission: Mission) -> None:
+        self.rerun = Rerun(mission)
+        self.history: deque[tuple[float, float]] = deque(maxlen=HISTORY_VALUES)
+        """The formation error [m] of moments [s, the recorder's system clock], two a second."""
+        self.events: deque[tuple[int, Event]] = deque(maxlen=MAX_EVENTS)
+        """The newest events with their numbers, oldest first."""
+        self.shown_at, self.shown_event = -math.inf, 0
+        """The newest moment of the history and the newest event that the page has."""
+        self._happened = 0
+        self._rate = Rate(HISTORY_RATE)
+
+    def process_message(self, message: Recorded) -> None:
+        """Take in the next message."""
+        self.rerun.process_message(message)
+        sample = message.sample
+        try:
+            if sample.key == ERROR.key() and self._rate.tick(message.wall):
+                self.history.append((message.wall, decode(Number, sample.payload).value))
+            elif sample.key == EVENTS.key():
+                self._happened += 1
+                self.events.append((self._happened, from_message(decode(LogEntry, sample.payload))))
+        except BadMessage:
+            return  # of the monitor's own messages, which the metrics do not use either
+
+    def show(self, source: Source, *, anew: bool) -> None:
+        """Tell the page what is new, or everything if it has another picture."""
+        if anew:
+            source.restart(self.history, (frames.event(*one) for one in self.events))
+        else:
+            for error in after(self.history, self.shown_at):
+                source.observe(*error)
+            for event in after(self.events, self.shown_event):
+                source.note(frames.event(*event))
+        self.shown_at = self.history[-1][0] if self.history else -math.inf
+        self.shown_event = self._happened
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,15 +111,8 @@ class Standing:
         """Return it for a frame, or as the answer to steering."""
         return {
             "t": round(self.position, 3),
-            "start": round(self.start, 3),
-            "end": round(self.end, 3),
-            "speed": self.speed,
-            "paused": self.paused,
-            "seeking": self.seeking,
-            "finished": self.finished,
-            "counted_from": round(self.counted_from, 3),
-            "drift": round(self.drift, 3),
-            "skipped": self.skipped,
+            **{name: round(getattr(self, name), 3) for name in ("start", "end", "counted_from", "drift")},
+            **{name: getattr(self, name) for name in ("speed", "paused", "seeking", "finished", "skipped")},
         }
 
 
@@ -98,7 +137,6 @@ class Replay:
         self._orders: SimpleQueue[Order] = SimpleQueue()
         self._frames = Rate(FRAME_RATE)
         self._played = self._skipped = 0
-        self._shown = self._picture.end
 
     @property
     def standing(self) -> Standing:
@@ -112,7 +150,8 @@ class Replay:
     @property
     def snapshot(self) -> Snapshot:
         """The metrics at the position."""
-        return self._picture.snapshot(self._player.position)
+        at = self._player.position
+        return self._picture.rerun.metrics.snapshot(Now(at, at))
 
     def steer(self, do: str, to: float | None) -> dict[str, Any]:
         """Pause, play, seek to a time [s, recorder's system clock] or set the speed; return the new state.
@@ -197,21 +236,11 @@ class Replay:
             source.show({**last.frame, "replay": self.standing.as_json()}, last.snapshot)
 
     def _show(self, source: Source, *, anew: bool) -> None:
-        picture = self._picture
-        if anew:
-            source.restart(picture.history, (frames.event(*one) for one in picture.events))
-        else:
-            events, errors = picture.news(self._shown)
-            for error in errors:
-                source.observe(*error)
-            for event in events:
-                source.note(frames.event(*event))
-        self._shown = picture.end
+        self._picture.show(source, anew=anew)
         if source.wanted and self._frames.tick(time.monotonic()):
-            at = self._player.position
-            snapshot = picture.snapshot(at)
+            at, snapshot = self._player.position, self.snapshot
             frame = frames.frame(
-                self._mission, picture.metrics, Now(at, at),
+                self._mission, self._picture.rerun.metrics, Now(at, at),
                 snapshot=snapshot, replay=self.standing.as_json(),
             )  # fmt: skip
             source.show(frame, snapshot)

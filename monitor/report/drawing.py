@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,9 +16,12 @@ import numpy as np
 from formation.control.arrays import ComplexArray, FloatArray
 from formation.control.plane import unit
 from formation.mission.model import SimulationSpec
+from formation.simulation.history import History
+from formation.transport.runtime.command_line import needs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C6D1F")
 DASHES: tuple[Any, ...] = (
@@ -49,6 +53,10 @@ STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "pdf.fonttype": 42,
 }
+
+
+WIDTH, HEIGHT = 7.1, 7.4
+"""Size of a page with two columns [inches]; letters are 8 pt on it."""
 
 
 class Look(NamedTuple):
@@ -222,3 +230,60 @@ def legend(names: Sequence[str], robots: Sequence[Look]) -> list[Any]:
 def xy(point: complex) -> tuple[float, float]:
     """Return a point's coordinates for matplotlib."""
     return float(point.real), float(point.imag)
+
+
+def draw(history: History, path: Path | str, until: float | None = None) -> None:
+    """Write the panels of the paper's Fig. 2 of a simulation, in the format of `path`'s suffix.
+
+    `until` [s] is the last moment shown; by default until the formation has formed. Raises
+    ModuleNotFoundError without matplotlib, OSError if the file cannot be written.
+    """
+    try:
+        import matplotlib as mpl  # noqa: PLC0415 - only needed for drawing
+        from matplotlib.figure import Figure  # noqa: PLC0415
+    except ModuleNotFoundError as missing:
+        text = f"a figure {needs('matplotlib')}"
+        raise ModuleNotFoundError(text, name=missing.name) from None
+    last = span(history.time, history.error) if until is None else until
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH, HEIGHT), layout="constrained")
+        _panels(figure, history, history.time <= last + 1e-9)
+        figure.savefig(path, dpi=200)
+
+
+def _panels(figure: Figure, history: History, shown: Any) -> None:
+    grid: Any = figure.subplots(3, 2, height_ratios=(1.35, 1.0, 1.0))
+    layout, tracks, angles, errors, speeds, turn_rates = grid.flat
+    robots, time, points = looks(len(history.names) - 1), history.time[shown], history.points[shown]
+    graph(layout, history.names, history.edges, history.points[-1] - history.points[-1, 0], robots)
+    layout.set(title="(a) Measurement graph")
+    four = np.linspace(0, len(points) - 1, 4).astype(int)
+    draw_paths(tracks, history.position[shown], history.names, robots)
+    formations(tracks, points[four], history.edges)
+    tracks.set(title=f"(b) Trajectories; formation at {moments(time[four])}")
+    _over_time(angles, time, np.rad2deg(unjoined(history.heading_error[shown])), robots)
+    angles.set(title="(c) Heading errors", ylabel="estimate less truth [°]", ylim=(-190.0, 190.0))
+    angles.set_yticks([-180, -90, 0, 90, 180])
+    positive = np.where(history.error[shown] > 0.0, history.error[shown], np.nan)
+    errors.plot(time, positive, color="black")
+    if (finite := positive[np.isfinite(positive)]).size:
+        falling(errors, float(finite.min()), float(finite.max()))
+    errors.set(title="(d) Formation error", ylabel="$\\Sigma\\,|z_{ij}-z_{ij}^*|$ [m]")
+    _over_time(speeds, time, history.speed[shown], robots)
+    limits(speeds, history.max_speed)
+    leader = np.abs(np.gradient(history.position[:, 0], history.time))[shown]
+    speeds.plot(time, leader, color="black", linewidth=0.8, linestyle=":")
+    speeds.set(title="(e) Forward speeds (leader dotted)", ylabel="$u$ [m/s]")
+    _over_time(turn_rates, time, history.turn_rate[shown], robots)
+    limits(turn_rates, history.max_turn_rate)
+    turn_rates.set(title="(f) Turn rates", ylabel="$\\omega$ [rad/s]")
+    for axes in (angles, errors, speeds, turn_rates):
+        axes.set(xlabel="time [s]", xlim=(time[0], time[-1]))
+    handles = legend(history.names, robots)
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 7), handlelength=2.2)
+    figure.suptitle(history.title, fontsize=9)
+
+
+def _over_time(axes: Axes, time: FloatArray, values: FloatArray, robots: Sequence[Look]) -> None:
+    for column, look in zip(values.T, robots, strict=True):
+        axes.plot(time, column, color=look.colour, linestyle=look.dashes)

@@ -7,17 +7,16 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import wraps
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any
 
 from formation.monitor.report import drawing, parts
 from formation.monitor.report.drawing import FAINT, STYLE
 from formation.monitor.report.gather import Run
-from formation.monitor.report.parts import PANELS, Panel
+from formation.monitor.report.parts import PANELS, Panel, View
 from formation.monitor.report.story import Ordered
-from formation.monitor.report.view import View
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,26 +29,20 @@ DPI = 300
 MAX_MARKS = 40
 """Most orders and changes of the leader marked in the figure of a whole recording."""
 CHANGED = "#D55E00"
-Made = TypeVar("Made", bound="Callable[..., Figure]")
 
 
-def _styled(make: Made) -> Made:
-    """Decorate a function that makes a figure, to use exactly our style."""
+@contextmanager
+def _style() -> Iterator[None]:
+    import matplotlib as mpl  # noqa: PLC0415 - only who draws needs it
 
-    @wraps(make)
-    def styled(*args: Any, **kwargs: Any) -> Figure:
-        import matplotlib as mpl  # noqa: PLC0415 - only who draws needs it
-
-        with mpl.rc_context(STYLE):
-            return make(*args, **kwargs)
-
-    return cast("Made", styled)
+    with mpl.rc_context(STYLE):
+        yield
 
 
-@_styled
-def panel(run: Run, view: View, which: Panel, width: float = COLUMN_WIDTH) -> Figure:
+@_style()
+def panel(run: Run, view: View, which: Panel) -> Figure:
     """Return one panel with the names of its lines."""
-    figure = _figure(width, which.height)
+    figure = _figure(COLUMN_WIDTH, which.height)
     axes = figure.subplots()
     axes.set_title(which.title)
     which.draw(axes, run, view)
@@ -58,7 +51,7 @@ def panel(run: Run, view: View, which: Panel, width: float = COLUMN_WIDTH) -> Fi
     return figure
 
 
-@_styled
+@_style()
 def fig2(run: Run, view: View) -> Figure:
     """Return six panels over both columns, as the paper's Fig. 2."""
     figure = _figure(PAGE_WIDTH, 7.4)
@@ -70,7 +63,7 @@ def fig2(run: Run, view: View) -> Figure:
     return figure
 
 
-@_styled
+@_style()
 def fig3(run: Run, view: View) -> Figure:
     """Return trajectories, heading errors and formation error in one column, as the paper's Fig. 3."""
     figure = _figure(COLUMN_WIDTH, 6.6)
@@ -82,7 +75,7 @@ def fig3(run: Run, view: View) -> Figure:
     return figure
 
 
-@_styled
+@_style()
 def whole(run: Run) -> Figure:
     """Return the formation error from the first message to the last, with the leader's orders."""
     figure = _figure(PAGE_WIDTH, 2.1)
@@ -113,7 +106,6 @@ def _marks(run: Run) -> Iterator[tuple[float, str, str, bool]]:
 
 
 def _change(before: Ordered | None, order: Ordered) -> str:
-    """Return the changes from the order before."""
     wish = order.wish
     old = before.wish if before else wish._replace(shape="", rotation=0.0, scale=1.0, route="")
     return ", ".join(
@@ -129,7 +121,7 @@ def _change(before: Ordered | None, order: Ordered) -> str:
     )
 
 
-@_styled
+@_style()
 def overlay(runs: Mapping[str, Run], view: View) -> Figure:
     """Return the formation errors of several runs on the same axes; `runs` is by name."""
     figure = _figure(PAGE_WIDTH, 2.7)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -19,15 +20,20 @@ from formation.mission.model import Mission
 from formation.monitor.metrics.events import Event
 from formation.monitor.metrics.snapshot import RobotMetrics, Snapshot
 from formation.monitor.metrics.trajectory import Placed
-from formation.monitor.recording.reader import Recorded, Recording
-from formation.monitor.recording.rerun import Rerun
-from formation.monitor.report.doing import Doing, Doings
-from formation.monitor.report.judging import MAX_LINE_GAP, Commands, Judge, Measured, Robot
-from formation.monitor.report.latency import Late, Latencies
+from formation.monitor.recording.reader import Recorded, Recording, Rerun
 from formation.monitor.report.leader_terms import LeaderTerm, LeaderTerms
-from formation.monitor.report.story import Ordered, Story
-from formation.monitor.report.thin import Curves, Extremes, Samples
-from formation.monitor.report.traffic import Key, Traffic
+from formation.monitor.report.story import Doing, Doings, Ordered, Story
+from formation.monitor.report.thin import (
+    MAX_LINE_GAP,
+    Commands,
+    Curves,
+    Extremes,
+    Judge,
+    Measured,
+    Robot,
+    Samples,
+)
+from formation.monitor.report.traffic import Key, Late, Latencies, Traffic
 from formation.topics import CMD_VEL, ERROR
 from formation.wire import Now
 
@@ -124,17 +130,7 @@ def gather(recording: Recording, progress: Callable[[int, float], None] = lambda
     return one.run(recording)
 
 
-class Known(NamedTuple):
-    """The values known at one moment."""
-
-    followers: Mapping[str, RobotMetrics]
-    errors: tuple[float | None, float | None]
-    """The formation error, and the true one [m]."""
-
-
 class _Gatherer:
-    """Take one message after the other."""
-
     def __init__(self, mission: Mission) -> None:
         self.messages = 0
         self._mission = mission
@@ -145,8 +141,8 @@ class _Gatherer:
         count = len(mission.followers)
         self._paths = Samples(2 * (count + 1))
         self._formation, self._errors, self._headings = Extremes(2), Extremes(count), Extremes(count)
-        self._judges = {name: (Judge(), Judge()) for name in mission.followers}
         self._judge, self._true_judge = Judge(), Judge()
+        self._judges = {name: (Judge(), Judge()) for name in mission.followers}  # of error and heading
         self._offsets = np.array(
             [0.0, *(mission.robots[name].control_point_offset for name in mission.followers)]
         )
@@ -202,7 +198,15 @@ class _Gatherer:
             },
             error=self._judge.measured(settled=settled),
             true_error=self._true_judge.measured(settled=settled),
-            robots={name: self._robot(name, settled=settled) for name in self._mission.followers},
+            robots={
+                name: Robot(
+                    error.measured(settled=settled),
+                    heading.measured(settled=settled),
+                    self._commands[CMD_VEL.key(name)].count,
+                    self._commands[CMD_VEL.key(name)].shares,
+                )
+                for name, (error, heading) in self._judges.items()
+            },
             keys=tuple(self._traffic.keys(snapshot, rejected, start, end)),
             late=self._late.by_topic,
             answers=self._late.answers,
@@ -214,18 +218,7 @@ class _Gatherer:
             apart=self._story.apart,
         )
 
-    def _robot(self, name: str, *, settled: bool) -> Robot:
-        commands = self._commands[CMD_VEL.key(name)]
-        error, heading = self._judges[name]
-        return Robot(
-            error.measured(settled=settled),
-            heading.measured(settled=settled),
-            commands.count,
-            (commands.share(0), commands.share(1)),
-        )
-
     def _look(self, now: Now) -> None:
-        """Look at the state, as the monitor did at this moment."""
         metrics = self._rerun.metrics
         snapshot = metrics.snapshot(now)
         self._looked = now.wall
@@ -236,48 +229,39 @@ class _Gatherer:
         self._now_settled = snapshot.settled_at
         if snapshot.settled_at is not None and snapshot.settled_at != self._settled_at:
             self._settled_at = snapshot.settled_at
-            for judge in self._all_judges():
+            for judge in (self._judge, self._true_judge, *chain.from_iterable(self._judges.values())):
                 judge.restart()
         moment, placed = metrics.placed(now)
         if not placed:
             moment = now.wall
         if moment <= self._shown:
             return  # no new positions since the last look
-        true_error = self._true_error(now, moment, snapshot)
-        self._judge_all(snapshot, true_error)
-        if moment - self._shown > MAX_LINE_GAP and self._shown > 0.0:
-            self._row(self._shown, {}, Known({}, (None, None)))
-        followers = {name: snapshot.robots[name] for name in self._mission.followers}
-        self._row(moment, placed, Known(followers, (snapshot.formation_error, true_error)))
-        self._shown = moment
-
-    def _all_judges(self) -> list[Judge]:
-        return [self._judge, self._true_judge, *(one for both in self._judges.values() for one in both)]
-
-    def _true_error(self, now: Now, moment: float, snapshot: Snapshot) -> float | None:
-        """Return the true formation error [m], if of the same `moment` [s] as the published error."""
-        of = self._rerun.metrics.placed(now, truly=True)[0]
+        of = metrics.placed(now, truly=True)[0]  # the true error counts if it is of the same moment
         same = snapshot.formation_error is not None and abs(of - moment) < self._same
-        return snapshot.formation_error_true if same else None
-
-    def _judge_all(self, snapshot: Snapshot, true_error: float | None) -> None:
+        true_error = snapshot.formation_error_true if same else None
         self._judge.add(snapshot.formation_error)
         self._true_judge.add(true_error)
         for name, (error, heading) in self._judges.items():
             error.add(snapshot.robots[name].error)
             heading.add(snapshot.robots[name].heading_error)
+        if moment - self._shown > MAX_LINE_GAP and self._shown > 0.0:
+            self._row(self._shown, {}, {}, (None, None))
+        self._row(moment, placed, snapshot.robots, (snapshot.formation_error, true_error))
+        self._shown = moment
 
-    def _row(self, moment: float, placed: Mapping[str, Placed], known: Known) -> None:
+    def _row(
+        self,
+        moment: float,
+        placed: Mapping[str, Placed],
+        robots: Mapping[str, RobotMetrics],
+        errors: tuple[float | None, float | None],
+    ) -> None:
         """Add a row to every curve; unknown values leave a gap in the line."""
         names = self._mission.names
         points = np.array([placed[name].point if name in placed else NOWHERE for name in names])
         headings = np.array([placed[name].heading if name in placed else NOWHERE for name in names])
-        robots = [known.followers.get(name) for name in self._mission.followers]
         self._paths.add(moment, np.concatenate([points - self._offsets * headings, points]))
-        self._formation.add(moment, [_or_nan(error) for error in known.errors])
-        self._errors.add(moment, [_or_nan(robot.error if robot else None) for robot in robots])
-        self._headings.add(moment, [_or_nan(robot.heading_error if robot else None) for robot in robots])
-
-
-def _or_nan(value: float | None) -> float:
-    return math.nan if value is None else value
+        self._formation.add(moment, np.array(errors, float))
+        followers = [robots.get(name) for name in self._mission.followers]
+        self._errors.add(moment, np.array([one and one.error for one in followers], float))
+        self._headings.add(moment, np.array([one and one.heading_error for one in followers], float))

@@ -8,14 +8,13 @@ in, leader terms out.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 from formation.mission.model import Mission
-from formation.monitor.metrics.terms import leader_of
-from formation.monitor.recording.reader import Recorded
+from formation.monitor.metrics.orders import leader_of
 from formation.protocol import order
 from formation.protocol.order import Ballot, PositionAttachment
 from formation.ros2.messages import Pose, Text, decode
@@ -24,7 +23,6 @@ from formation.wire import BadMessage, Sample
 
 MAX_TERMS = 2000
 """Largest number of leader terms kept; a faulty sender could cause any number."""
-Clock = Literal["published", "received"]
 
 
 class Span(NamedTuple):
@@ -52,10 +50,6 @@ class LeaderTerm:
     """From the first of its positions and ballots to the last, by the recorder's clock."""
     positions: int = 0
     ballots: int = 0
-
-    def span(self, clock: Clock) -> Span:
-        """Return the span by one of the two clocks."""
-        return self.published if clock == "published" else self.received
 
 
 class Overlap(NamedTuple):
@@ -98,10 +92,8 @@ class LeaderTerms:
         stamp = decode(Pose, payload).stamp
         self._publisher_ids[decoded.order.term] = decoded.publisher_id
         leader_term = self._leader_term(decoded.order.term, decoded.publisher_id)
-        leader_term.published, leader_term.received = (
-            _widened(leader_term.published, stamp),
-            _widened(leader_term.received, wall),
-        )
+        leader_term.published = _widened(leader_term.published, stamp)
+        leader_term.received = _widened(leader_term.received, wall)
         leader_term.positions += 1
 
     def _take_ballot(self, payload: bytes, wall: float) -> None:
@@ -120,50 +112,20 @@ class LeaderTerms:
         if (term, publisher_id) not in self._leader_terms:
             if len(self._leader_terms) >= MAX_TERMS:
                 raise BadMessage("too many leaders")
-            self._leader_terms[term, publisher_id] = LeaderTerm(
-                leader_of(self._mission, term), term, publisher_id
-            )
+            name = leader_of(self._mission, term)
+            self._leader_terms[term, publisher_id] = LeaderTerm(name, term, publisher_id)
         return self._leader_terms[term, publisher_id]
 
 
-def leader_terms_of(mission: Mission, messages: Iterable[Recorded]) -> list[LeaderTerm]:
-    """Return all leader terms in a recording, in the order in which they began."""
-    one = LeaderTerms(mission)
-    for message in messages:
-        one.process_sample(message.sample, message.wall)
-    return one.all
-
-
-def at(leader_terms: Sequence[LeaderTerm], moment: float, clock: Clock = "published") -> list[LeaderTerm]:
-    """Return the leaders at `moment` [s, of that clock]: none, one, or, wrongly, more."""
-    return [one for one in leader_terms if one.span(clock).begin <= moment <= one.span(clock).end]
-
-
-def overlaps(leader_terms: Sequence[LeaderTerm], clock: Clock = "published") -> list[Overlap]:
-    """Return every two leaders that overlapped.
-
-    By stamps, on machines with one clock, that is exact; on the recorder's clock a delayed message may seem
-    to come after another leader's first.
-    """
+def overlaps(leader_terms: Sequence[LeaderTerm]) -> list[Overlap]:
+    """Return every two leaders that overlapped by their stamps, which is exact on machines with one clock."""
     found = []
-    for one, other in combinations(sorted(leader_terms, key=lambda one: one.span(clock).begin), 2):
-        begin = max(one.span(clock).begin, other.span(clock).begin)
-        end = min(one.span(clock).end, other.span(clock).end)
+    for one, other in combinations(sorted(leader_terms, key=lambda one: one.published.begin), 2):
+        begin = max(one.published.begin, other.published.begin)
+        end = min(one.published.end, other.published.end)
         if begin <= end:
             found.append(Overlap(one, other, Span(begin, end)))
     return found
-
-
-def gaps(leader_terms: Sequence[LeaderTerm], clock: Clock = "published") -> Iterator[Span]:
-    """Yield the spans without a leader, between the first message of all and the last."""
-    until = math.nan
-    for one in sorted(leader_terms, key=lambda one: one.span(clock).begin):
-        begin, end = one.span(clock)
-        if end < begin:
-            continue  # which has no time on that clock
-        if begin > until:
-            yield Span(until, begin)
-        until = end if math.isnan(until) else max(until, end)
 
 
 def _widened(span: Span, moment: float) -> Span:

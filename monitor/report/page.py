@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
+from html import escape
 from importlib.metadata import version
 from importlib.resources import files
 from typing import Any, NamedTuple
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from formation.monitor.report import compare, drawing, figures, happened, svg, tables, words
+from formation.monitor.report import drawing, figures, summary, tables, words
 from formation.monitor.report.gather import Run
-from formation.monitor.report.parts import PANELS, Panel
-from formation.monitor.report.summary import Item, items, notices, verdict
-from formation.monitor.report.view import View
+from formation.monitor.report.parts import PANELS, Panel, View
+from formation.monitor.report.summary import items, notices, verdict
 
 CARDS = (
     "settling_time", "formation_error", "formation_error_true", "error_rms_settled", "error_max_settled",
@@ -24,7 +25,31 @@ CARDS = (
 """Numbers shown at the top."""
 MAX_RECOLOURED_FOLLOWERS = len(drawing.PALETTE)
 """Most followers with colours for a dark page; with more, the figure's background stays white."""
+MAX_DIFFERENCES = 12
+"""Number of differences of two missions that are listed."""
 _PACKAGES = ("formation", "python", "eclipse-zenoh", "mcap", "numpy", "pydantic")
+
+
+CAPTIONS = {
+    "graph": "Measurements: an arrow from each robot to its neighbours, in the formation's shape.",
+    "trajectories": "Ways of the axle centres, the leader's dotted; the formation at four moments.",
+    "heading_errors": "Estimated less true heading of each follower.",
+    "formation_error": "Sum over all edges of |z_ij − z*_ij|, with the mission's bound.",
+    "forward_speeds": "Commanded forward speeds and their limits (dashed); how fast the leader was, dotted.",
+    "turn_rates": "Commanded turn rates and their limits (dashed).",
+    "robot_errors": "What each follower contributes to the formation error.",
+}
+COLOURS = {
+    "#000000": "var(--ink)",
+    "#ffffff": "var(--sheet)",
+    "#e4e4e4": "var(--grid)",
+    "#707070": "var(--faint)",
+    "#606060": "var(--faint)",
+    "#1f4e79": "var(--formation)",
+}
+"""Colours of a figure on paper, and those on a page that may be dark."""
+_ID = re.compile(r'\sid="([^"]*)"')
+_USE = re.compile(r'(?:xlink:href="|href="|url\()#([^")]+)')
 
 
 class ReportedRun(NamedTuple):
@@ -53,25 +78,22 @@ def page(reported: Sequence[ReportedRun], until: float | None = None, made: str 
     """
     runs = [one.run for one in reported]
     view = View.of(runs, until)
+    here = files("formation.monitor.report")
     environment = Environment(
-        loader=PackageLoader("monitor", "report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     names = labels(runs)
     several = len(runs) > 1
-    return environment.get_template("page.html").render(
+    return environment.from_string(here.joinpath("page.html").read_text("utf-8")).render(
         title=f"{' and '.join(names)}: report",
         heading=" and ".join(names) if several else names[0],
-        lead=compare.verdict(*runs) if several else verdict(runs[0]),
-        subtitle=_subtitle(runs),
+        lead=summary.comparison(*runs) if several else verdict(runs[0]),
+        subtitle="; ".join(f"recorded {_when(run)}, {words.lasting(run.duration)}" for run in runs),
         notices=[] if several else list(notices(runs[0], cut=runs[0].recording.is_cut())),
         compared=_compared(runs, names, view) if several else None,
         runs=[_run(one, name, view, several) for one, name in zip(reported, names, strict=True)],
         terms=tables.TERMS,
-        style=Markup(files("formation.monitor.report").joinpath("page.css").read_text("utf-8")),  # noqa: S704 - ours
+        style=Markup(here.joinpath("page.css").read_text("utf-8")),  # noqa: S704 - ours
         version=version("zenoh-formation"),
         made=made,
     )
@@ -85,10 +107,6 @@ def labels(runs: Sequence[Run]) -> list[str]:
     return [f"{letter}: {name}" for letter, name in zip("AB", names, strict=True)]
 
 
-def _subtitle(runs: Sequence[Run]) -> str:
-    return "; ".join(f"recorded {_when(run)}, {words.lasting(run.duration)}" for run in runs)
-
-
 def _when(run: Run) -> str:
     if not run.messages:
         return run.recording.about.get("recorded_at", "at an unknown time")
@@ -97,25 +115,20 @@ def _when(run: Run) -> str:
 
 def _compared(runs: Sequence[Run], names: Sequence[str], view: View) -> dict[str, Any]:
     first, second = runs
-    different = compare.differences(first.mission, second.mission)
-    heads = ("", names[0], names[1], "ratio B : A")
-    overlay = _drawn(
-        figures.overlay(dict(zip(names, runs, strict=True)), view),
-        "overlay",
-        _overlay_alt(runs, names),
-        "Both formation errors on the same axes.",
-        runs[0],
-        wide=True,
-    )
+    by_name = dict(zip(names, runs, strict=True))
+    verdicts = " ".join(f"{name}: {verdict(run)}" for name, run in by_name.items())
+    text = f"Formation errors of both runs on a logarithmic scale. {verdicts}"
+    caption = "Both formation errors on the same axes."
+    different = summary.differences(first.mission, second.mission)
+    if (more := len(different) - MAX_DIFFERENCES) > 0:
+        different = [*different[:MAX_DIFFERENCES], f"… and {more} more"]
+    heads = ("", *names, "ratio B : A")
+    robots = list(summary.compared_robots(first, second))
     return {
-        "different": compare.shortened(different),
-        "overlay": overlay,
-        "numbers": tables.Table("In numbers", heads, [tuple(row) for row in compare.rows(first, second)]),
-        "robots": tables.Table(
-            "RMS error of each robot, whole run",
-            heads,
-            [tuple(row) for row in compare.robot_rows(first, second)],
-        ),
+        "different": different,
+        "overlay": _drawn(figures.overlay(by_name, view), "overlay", text, caption, first, wide=True),
+        "numbers": tables.Table("In numbers", heads, list(summary.compared_items(first, second))),
+        "robots": tables.Table("RMS error of each robot, whole run", heads, robots),
         "panels": [
             [
                 _panel(run, view, which, f"{letter.lower()}-{which.name}", f"{letter}: ")
@@ -136,7 +149,9 @@ def _run(reported: ReportedRun, name: str, view: View, several: bool) -> dict[st
         "mark": f"{letter.upper()}: " if several else "",
         "verdict": verdict(run),
         "notices": list(notices(run, cut=cut)),
-        "cards": list(_cards(run, numbers)),
+        "cards": [
+            numbers[name] for name in CARDS if name != "formation_error_true" or run.true_error.whole.count
+        ],
         "panels": [] if several else [_panel(run, view, which, which.name) for which in PANELS],
         "whole": _whole(run, letter),
         "robots": tables.robots(run),
@@ -144,24 +159,17 @@ def _run(reported: ReportedRun, name: str, view: View, several: bool) -> dict[st
         "answers": tables.answers(run),
         "rejected": tables.rejected(run),
         "each_key": tables.keys(run),
-        "orders": happened.orders(run),
-        "leader_terms": happened.leader_terms(run),
-        "doings": happened.doings(run),
-        "events": happened.events(run),
+        "orders": tables.orders(run),
+        "leader_terms": tables.leader_terms(run),
+        "doings": tables.doings(run),
+        "events": tables.events(run),
         "check": reported.check,
         "file": run.recording.about["mission_file"],
         "facts": list(_facts(run, cut=cut)),
     }
 
 
-def _cards(run: Run, numbers: Mapping[str, Item]) -> Iterator[Item]:
-    for name in CARDS:
-        if name != "formation_error_true" or run.true_error.whole.count:
-            yield numbers[name]
-
-
 def _facts(run: Run, *, cut: bool) -> Iterator[tuple[str, str]]:
-    """Yield the facts about the file."""
     recording, about = run.recording, run.recording.about
     parts = recording.parts
     yield ("file" if len(parts) == 1 else f"{len(parts)} parts"), ", ".join(part.name for part in parts)
@@ -195,29 +203,16 @@ def _whole(run: Run, letter: str) -> Drawn | None:
 def _drawn(figure: Any, name: str, text: str, caption: str, run: Run, *, wide: bool = False) -> Drawn:
     plain = len(run.mission.followers) > MAX_RECOLOURED_FOLLOWERS
     source = figures.written(figure, "svg").decode()
-    return Drawn(Markup(svg.inline(source, name, text, recolour=not plain)), caption, wide, plain)  # noqa: S704 - ours
-
-
-CAPTIONS = {
-    "graph": "Measurements: an arrow from each robot to its neighbours, in the formation's shape.",
-    "trajectories": "Ways of the axle centres, the leader's dotted; the formation at four moments.",
-    "heading_errors": "Estimated less true heading of each follower.",
-    "formation_error": "Sum over all edges of |z_ij − z*_ij|, with the mission's bound.",
-    "forward_speeds": "Commanded forward speeds and their limits (dashed); how fast the leader was, dotted.",
-    "turn_rates": "Commanded turn rates and their limits (dashed).",
-    "robot_errors": "What each follower contributes to the formation error.",
-}
+    return Drawn(Markup(inline(source, name, text, recolour=not plain)), caption, wide, plain)  # noqa: S704 - ours
 
 
 def _alt(run: Run, view: View, which: Panel) -> str:
     """Return the text alternative of a panel."""
     over = f"over {view.until:g} s"
     if which.name == "graph":
-        edges = [
-            f"{name} measures {', '.join(run.mission.robots[name].neighbours)}"
-            for name in run.mission.followers[:12]
-        ]
-        return f"Graph of {len(run.mission.names)} robots. {'; '.join(edges)}."
+        names, robots = run.mission.followers[:12], run.mission.robots
+        edges = "; ".join(f"{name} measures {', '.join(robots[name].neighbours)}" for name in names)
+        return f"Graph of {len(run.mission.names)} robots. {edges}."
     if which.name == "heading_errors" and not run.truth:
         return "Heading errors are not known: no ground truth was recorded."
     if which.name == "formation_error":
@@ -232,6 +227,15 @@ def _alt(run: Run, view: View, which: Panel) -> str:
     return f"{CAPTIONS[which.name]} {over.capitalize()}."
 
 
-def _overlay_alt(runs: Sequence[Run], names: Sequence[str]) -> str:
-    reported = " ".join(f"{name}: {verdict(run)}" for name, run in zip(names, runs, strict=True))
-    return f"Formation errors of both runs on a logarithmic scale. {reported}"
+def inline(svg: str, name: str, text: str, *, recolour: bool = True) -> str:
+    """Return an SVG file as an element of a page; `name` is unique on it, `text` describes the figure."""
+    body = svg[svg.index("<svg") :]
+    body = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>", "", body, flags=re.DOTALL)
+    used = set(_USE.findall(body))
+    body = _ID.sub(lambda found: f' id="{name}-{found[1]}"' if found[1] in used else "", body)
+    body = re.sub(r'((?:xlink:href="|href="|url\()#)', rf"\g<1>{name}-", body)
+    if recolour:
+        body = re.sub("|".join(COLOURS), lambda found: COLOURS[found[0]], body)
+    box = re.search(r'viewBox="[^"]*"', body)
+    opening = f'<svg {box[0] if box else ""} role="img" aria-label="{escape(text)}">'
+    return re.sub(r"<svg[^>]*>", lambda _: opening, body, count=1)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -11,11 +12,80 @@ from formation.control.arrays import FloatArray
 from formation.monitor.report import drawing, words
 from formation.monitor.report.drawing import FAINT, INK, MANY_ROBOTS
 from formation.monitor.report.gather import Run
-from formation.monitor.report.view import View
 from formation.slots.shape import PlacedShape
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+ANGLES = (2.0, 5.0, 10.0, 20.0, 45.0, 90.0, 180.0)
+"""Possible ends of the scale of heading errors [°]."""
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """The common axes of several runs."""
+
+    until: float
+    """Last moment [s]."""
+    error: tuple[float, float]
+    """Least and greatest formation error [m]."""
+    heading: float
+    """Greatest heading error [°]."""
+    inputs: tuple[float, float]
+    """Greatest limit of speed [m/s] and turn rate [rad/s]."""
+    box: tuple[complex, complex] | None
+    """Lower left and upper right corner of all paths [m; world frame]."""
+
+    @classmethod
+    def of(cls, runs: Sequence[Run], until: float | None = None) -> View:
+        """Return the axes that show the relevant part of all `runs`; `until` [s] overrides their end."""
+        last = max((_until(run) for run in runs), default=0.0) if until is None else until
+        specs = [run.mission.robots[name] for run in runs for name in run.mission.followers]
+        return cls(
+            until=max(last, 0.1),
+            error=_error_range(runs, last),
+            heading=_heading_range(runs, last),
+            inputs=(max(spec.max_speed for spec in specs), max(spec.max_turn_rate for spec in specs)),
+            box=_box(runs, last),
+        )
+
+
+def _until(run: Run) -> float:
+    """Return the end of a run's interesting part [s]: after settling, or all if it did not settle."""
+    seen = run.paths.time[np.isfinite(run.paths.points).any(axis=1)]
+    last, settled = float(seen[-1]) if seen.size else 0.0, run.snapshot.settled_at
+    if settled is None or not run.known:
+        return last
+    time, values = run.formation.line(0)
+    shown = time >= 0.0
+    return min(max(drawing.span(time[shown], values[shown]), float(np.ceil(1.4 * settled))), last)
+
+
+def _error_range(runs: Sequence[Run], until: float) -> tuple[float, float]:
+    values = np.concatenate([np.empty(0), *(run.formation.until(until)[:, 0] for run in runs)])
+    values = values[np.isfinite(values) & (values > 0.0)]
+    return (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
+
+
+def _heading_range(runs: Sequence[Run], until: float) -> float:
+    values = np.concatenate([np.zeros(1), *(np.abs(run.headings.until(until)).ravel() for run in runs)])
+    most = values[np.isfinite(values)].max()
+    return next((angle for angle in ANGLES if np.rad2deg(most) <= angle), ANGLES[-1])
+
+
+def _box(runs: Sequence[Run], until: float) -> tuple[complex, complex] | None:
+    parts = []
+    for run in runs:
+        shown = (run.paths.time >= 0.0) & (run.paths.time <= until)
+        both = np.concatenate([run.paths.centres[shown].ravel(), run.paths.points[shown].ravel()])
+        parts.append(both[np.isfinite(both)])
+    if len(runs) < 2 or not all(part.size for part in parts):
+        return None
+    points = np.concatenate(parts)
+    low = complex(points.real.min(), points.imag.min())
+    high = complex(points.real.max(), points.imag.max())
+    margin = 0.06 * abs(high - low) * (1 + 1j)
+    return low - margin, high + margin
 
 
 class Panel(NamedTuple):
@@ -63,8 +133,12 @@ def headings(axes: Axes, run: Run, view: View) -> None:
     if not run.truth:
         _unknown(axes, "not known: no ground truth was recorded")
         return
-    degrees = run.headings._replace(low=np.rad2deg(run.headings.low), high=np.rad2deg(run.headings.high))
-    _lines(axes, run, lambda i: _unjoined(*degrees.line(i)), view)
+
+    def degrees(i: int) -> tuple[FloatArray, FloatArray]:
+        time, angles = run.headings.line(i)
+        return time, np.rad2deg(drawing.unjoined(angles))
+
+    _lines(axes, run, degrees, view)
     axes.set_ylim(-1.06 * view.heading, 1.06 * view.heading)
     axes.set_yticks([share * view.heading for share in (-1.0, -0.5, 0.0, 0.5, 1.0)])
 
@@ -149,11 +223,7 @@ def overlaid(axes: Axes, runs: Mapping[str, Run], view: View) -> None:
 def edges(run: Run) -> list[tuple[int, int]]:
     """Return (i, j) by index into the mission's names: robot i measures robot j."""
     index = {name: i for i, name in enumerate(run.mission.names)}
-    return [
-        (index[name], index[other])
-        for name in run.mission.names
-        for other in run.mission.robots[name].neighbours
-    ]
+    return [(index[robot], index[other]) for robot, other in run.snapshot.edges]
 
 
 def _commands(axes: Axes, run: Run, view: View, column: int) -> None:
@@ -181,18 +251,10 @@ def _lines(axes: Axes, run: Run, line: Callable[[int], tuple[FloatArray, FloatAr
 
 
 def _unknown(axes: Axes, why: str) -> None:
-    """State in an empty panel why it is empty."""
     axes.grid(visible=False)
     axes.set(xticks=[], yticks=[])
     axes.text(0.5, 0.5, why, transform=axes.transAxes, ha="center", va="center", color=FAINT)
 
 
 def _positive(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the values for a logarithmic scale."""
     return time, np.where(values > 0.0, values, np.nan)
-
-
-def _unjoined(time: FloatArray, degrees: FloatArray) -> tuple[FloatArray, FloatArray]:
-    apart = degrees.copy()
-    apart[1:][np.abs(np.diff(degrees)) > 180.0] = np.nan
-    return time, apart

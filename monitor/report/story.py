@@ -1,13 +1,17 @@
-"""The history in a recording: the monitor's events, and the leader's orders."""
+"""The history in a recording: the monitor's events, the leader's orders, and what each robot did."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from formation.monitor.metrics.events import Event, from_message
+from formation.mission.model import Mission
+from formation.monitor.metrics.events import Event, from_message, silence_limit
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.orders import Wish
+from formation.monitor.metrics.snapshot import RobotMetrics
 from formation.protocol.order import Mode
 from formation.ros2.messages import Diagnostics, LogEntry, decode
 from formation.topics import DIAGNOSTICS, EVENTS
@@ -16,6 +20,12 @@ from formation.wire import BadMessage
 SETTLED = b"settled_at"
 MAX_EVENTS = 2000
 """Most events, and changes of the order, that are kept; more are only counted."""
+
+
+MAX_LOOK_GAP = 1.0
+"""Longest time between two looks that is attributed to a state [s]."""
+STATES = ("run", "hold", "stop", "waiting")
+LOST_STATE, OTHER = "lost", "other"
 
 
 class Ordered(NamedTuple):
@@ -27,11 +37,6 @@ class Ordered(NamedTuple):
     wish: Wish
     leads: str
     """Name of the candidate that gave it."""
-
-    @property
-    def shape(self) -> str:
-        """The requested shape."""
-        return self.wish.shape
 
 
 class Story:
@@ -79,3 +84,62 @@ class Story:
         wanted = order.mode, Wish.of(order), metrics.lead.name if metrics.lead else ""
         if not self.orders or self.orders[-1][1:] != wanted:
             self.orders.append(Ordered(wall, *wanted))
+
+
+@dataclass(slots=True)
+class Doing:
+    """One robot's times by activity."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    """Time by state [s]: one of `STATES`, ``lost`` while it was not received, ``other``."""
+    unavailable: float = 0.0
+    """Time in which it was unavailable, and others went on without it [s]."""
+    fallback: float = 0.0
+    """Time in which it measured fallback neighbours [s]."""
+    avoiding: float = 0.0
+    """Time in which it avoided others, or its protective zone slowed it [s]."""
+    blocked: float = 0.0
+    """Time in which its protective zone stopped it [s]."""
+    deadlocks: int = 0
+    """Number of deadlocks that it resolved."""
+    times_unavailable: int = 0
+    """Number of times that it became unavailable."""
+    starts: int = 0
+    """Number of publishers of its positions after the first."""
+
+
+class Doings:
+    """Times of all robots. Call `look` steadily."""
+
+    def __init__(self, mission: Mission) -> None:
+        self.each = {name: Doing() for name in mission.followers}
+        self._limits = {name: silence_limit(mission.robots[name].rate) for name in mission.followers}
+        self._unavailable = dict.fromkeys(mission.followers, False)
+        self._deadlocks = dict.fromkeys(mission.followers, 0)
+        self._looked = float("inf")
+
+    def look(self, wall: float, robots: Mapping[str, RobotMetrics]) -> None:
+        """Account for the states of all robots at `wall` [s]."""
+        passed = wall - self._looked
+        self._looked = wall
+        if all(self._lost(name, robots[name]) for name in self.each):
+            passed = 0.0  # before the run, or after it
+        for name, doing in self.each.items():
+            robot = robots[name]
+            doing.starts = max(robot.publishers - 1, 0)
+            doing.times_unavailable += robot.unavailable and not self._unavailable[name]
+            self._unavailable[name] = robot.unavailable
+            doing.deadlocks += max(0, robot.deadlocks - self._deadlocks[name])
+            self._deadlocks[name] = robot.deadlocks
+            if robot.age is None or not 0.0 < passed <= MAX_LOOK_GAP:
+                continue
+            state = robot.state if robot.state in STATES else OTHER
+            state = LOST_STATE if self._lost(name, robot) else state
+            doing.seconds[state] = doing.seconds.get(state, 0.0) + passed
+            doing.unavailable += passed * robot.unavailable
+            doing.fallback += passed * bool(robot.fallback)
+            doing.avoiding += passed * (robot.avoiding in {"avoids", "slowed"})
+            doing.blocked += passed * (robot.avoiding == "blocked")
+
+    def _lost(self, name: str, robot: RobotMetrics) -> bool:
+        return robot.age is None or robot.age > self._limits[name]

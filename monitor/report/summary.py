@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
-from formation.monitor.metrics.feed import CLOCK_AGREES
-from formation.monitor.metrics.known import NOTHING
-from formation.monitor.metrics.settling import DWELL_TIME
+from formation.mission.model import Mission
+from formation.monitor.metrics.feed import clock_agrees
+from formation.monitor.metrics.settling import DWELL_TIME, NOTHING
 from formation.monitor.report import words
 from formation.monitor.report.gather import Run
-from formation.monitor.report.judging import Measured
 from formation.monitor.report.leader_terms import overlaps
+from formation.monitor.report.thin import Measured
 from formation.monitor.report.traffic import Key
 
 MIN_SETTLING_DIFFERENCE = 0.01
@@ -146,7 +147,7 @@ def notices(run: Run, *, cut: bool) -> Iterator[str]:
         yield f"Fell silent and did not come back: {_listed(silences)}."
     if not run.truth:
         yield "No ground truth was recorded, as in the field: true errors and heading errors are not known."
-    wrong = sorted({key.robot for key in run.keys if key.clock is not None and not _agrees(key.clock)})
+    wrong = sorted({key.robot for key in run.keys if key.clock is not None and not clock_agrees(key.clock)})
     if wrong:
         yield f"Clocks differ from the recorder's: {_listed(wrong)}. Their delays contain the difference."
     if abs(run.apart) > MIN_SETTLING_DIFFERENCE:
@@ -171,14 +172,66 @@ def _measured(
     whole, after = measured.whole, measured.after
     yield Item(f"{name}_rms", f"RMS {title}", whole.rms, write)
     yield Item(f"{name}_max", f"greatest {title}", whole.maximum, write)
-    yield Item(f"{name}_rms_settled", f"RMS {title}, settled", after.rms if after else None, write)
-    yield Item(f"{name}_max_settled", f"greatest {title}, settled", after.maximum if after else None, write)
-
-
-def _agrees(clock: float) -> bool:
-    return CLOCK_AGREES[0] <= clock <= CLOCK_AGREES[1]
+    yield Item(f"{name}_rms_settled", f"RMS {title}, settled", after.rms, write)
+    yield Item(f"{name}_max_settled", f"greatest {title}, settled", after.maximum, write)
 
 
 def _listed(names: Sequence[str]) -> str:
     shown = ", ".join(names[:8])
     return shown if len(names) <= 8 else f"{shown} and {len(names) - 8} more"
+
+
+def comparison(first: Run, second: Run) -> str:
+    """Return in a sentence which run settled sooner."""
+    a, b = first.snapshot.settled_at, second.snapshot.settled_at
+    if a is None or b is None:
+        times = [words.seconds(time) if time is not None else "never" for time in (a, b)]
+        return f"Settled for good: A {times[0]}, B {times[1]}."
+    by = f" ({words.ratio(max(a, b) / min(a, b))})" if min(a, b) > 0.0 else ""
+    sooner, later = ("A", "B") if a <= b else ("B", "A")
+    return f"{sooner} settled after {words.seconds(min(a, b))}, {later} after {words.seconds(max(a, b))}{by}."
+
+
+def compared_items(first: Run, second: Run) -> Iterator[tuple[str, str, str, str]]:
+    """Yield every number of either run: its title, both values, and the ratio of the second to the first."""
+    for a, b in zip(items(first), items(second), strict=True):
+        if a.value is not None or b.value is not None:
+            yield a.title, a.write(a.value), b.write(b.value), _ratio(a.value, b.value)
+
+
+def compared_robots(first: Run, second: Run) -> Iterator[tuple[str, str, str, str]]:
+    """Yield the RMS error of every follower in both runs, likewise."""
+    for name in first.mission.followers:
+        if name in second.robots:
+            a, b = first.robots[name].error.whole.rms, second.robots[name].error.whole.rms
+            yield name, words.length(a), words.length(b), _ratio(a, b)
+
+
+def differences(first: Mission, second: Mission) -> list[str]:
+    """Return the differences of two missions except law and name, as `key: one, other`."""
+    a, b = first.model_dump(mode="json"), second.model_dump(mode="json")
+    for one in (a, b):
+        one["law"].pop("kind")
+        one.pop("name")
+    return list(_differ("", a, b))
+
+
+def _differ(where: str, a: Any, b: Any) -> Iterator[str]:
+    if isinstance(a, dict) and isinstance(b, dict):
+        for key in [*a, *(key for key in b if key not in a)]:
+            below = f"{where}.{key}" if where else key
+            if key not in a or key not in b:
+                yield f"{below}: only in {'A' if key in a else 'B'}"
+            else:
+                yield from _differ(below, a[key], b[key])
+    elif a != b:
+        yield f"{where}: {_short(a)} in A, {_short(b)} in B"
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= 60 else f"{text[:59]}…"
+
+
+def _ratio(a: float | None, b: float | None) -> str:
+    return words.ratio(b / a if a and b is not None else None)

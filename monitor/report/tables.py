@@ -1,16 +1,19 @@
-"""The tables of a run's page: robots, topics, answers, keys."""
+"""The tables of a run's page: robots, topics, answers, keys, and what happened."""
 
 from __future__ import annotations
 
+import math
 import statistics
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
+from formation.monitor.metrics.events import described
 from formation.monitor.report import words
 from formation.monitor.report.gather import Run
-from formation.monitor.report.judging import Measured
-from formation.monitor.report.latency import Late
-from formation.monitor.report.traffic import Key
+from formation.monitor.report.leader_terms import overlaps
+from formation.monitor.report.story import LOST_STATE, STATES
+from formation.monitor.report.thin import Measured
+from formation.monitor.report.traffic import Key, Late
 
 TERMS = (
     (
@@ -40,6 +43,19 @@ ANSWERS = (
 )
 
 
+ORDERS = "With another shape or route settling begins anew: the settling time counts from the newest."
+LEADERS = (
+    "By the terms of the orders and the publisher ids, as they arrived; whether two led at once is"
+    " judged by the leaders' own stamps."
+)
+DOINGS = (
+    "By their own words, as received by the monitor. Lost: silent for a second. Unavailable: it did"
+    " not follow, and the robots that measure it continued without it. Avoiding: the collision filter"
+    " turned or slowed it, or its protective zone slowed it. Blocked: that stopped it. Deadlocks: it was"
+    " kept from moving, and went another way for a while."
+)
+
+
 class Table(NamedTuple):
     """Rows of text; the first cell of each is its name."""
 
@@ -55,28 +71,21 @@ def robots(run: Run) -> Table:
     """Return errors and saturation of every follower."""
     heads = (
         "robot", "RMS error", "greatest", "RMS, settled", "greatest, settled", "final", "u at its limit",
-        "ω at its limit",
+        "ω at its limit", *(("RMS heading error", "greatest, settled") if run.truth else ()),
     )  # fmt: skip
     rows = []
     for name, robot in run.robots.items():
-        cells = [
-            name,
-            *_measured(robot.error),
-            *map(words.share, robot.saturated),
-        ]
-        rows.append((*cells, *_heading(robot.heading)) if run.truth else tuple(cells))
-    everybody = ["formation", *_measured(run.error)][:-1]  # a robot lost before the end leaves it unknown
-    everybody += [words.length(run.snapshot.final_error), "", ""]
-    rows.append((*everybody, "", "") if run.truth else tuple(everybody))
+        heading = words.degrees(robot.heading.whole.rms), words.degrees(robot.heading.after.maximum)
+        shares = map(words.share, robot.saturated)
+        rows.append((name, *_measured(robot.error), *shares, *(heading if run.truth else ())))
+    blank = ("",) * (len(heads) - 6)
+    final, true = run.snapshot.final_error, run.true_error.final
+    # a robot lost before the end leaves it unknown
+    rows.append(("formation", *_measured(run.error)[:-1], words.length(final), *blank))
     if run.true_error.whole.count:
-        true = None if run.snapshot.final_error is None else run.true_error.final
-        measured = [*_measured(run.true_error)][:-1]
-        rows.append(("formation, in truth", *measured, words.length(true), "", "", "", ""))
-    return Table(
-        "Errors and saturation",
-        (*heads, "RMS heading error", "greatest, settled") if run.truth else heads,
-        rows,
-    )
+        last = words.length(None if final is None else true)
+        rows.append(("formation, in truth", *_measured(run.true_error)[:-1], last, *blank))
+    return Table("Errors and saturation", heads, rows)
 
 
 def topics(run: Run) -> Table:
@@ -145,23 +154,13 @@ def rejected(run: Run) -> Table:
     return Table("Rejected messages", ("key: reason", "messages"), rows)
 
 
-def _measured(one: Measured) -> Iterator[str]:
-    yield words.length(one.whole.rms)
-    yield words.length(one.whole.maximum)
-    yield words.length(one.after.rms if one.after else None)
-    yield words.length(one.after.maximum if one.after else None)
-    yield words.length(one.final)
+def _measured(one: Measured) -> list[str]:
+    values = one.whole.rms, one.whole.maximum, one.after.rms, one.after.maximum, one.final
+    return [words.length(value) for value in values]
 
 
-def _heading(one: Measured) -> Iterator[str]:
-    yield words.degrees(one.whole.rms)
-    yield words.degrees(one.after.maximum if one.after else None)
-
-
-def _late(late: Late) -> Iterator[str]:
-    yield words.milliseconds(late.median)
-    yield words.milliseconds(late.p99)
-    yield words.milliseconds(late.maximum)
+def _late(late: Late) -> list[str]:
+    return [words.milliseconds(value) for value in (late.median, late.p99, late.maximum)]
 
 
 def _span(rates: Sequence[float | None]) -> str:
@@ -181,15 +180,77 @@ def _missed(received: Sequence[Key]) -> str:
 
 
 def _longest(received: Sequence[Key]) -> str:
-    gaps = [(key.gap, key) for key in received if key.gap is not None and key.promised]
-    if not gaps:
-        return words.UNKNOWN
-    gap, key = max(gaps, key=lambda both: both[0])
-    where = f", {key.robot}" if key.robot else ""
-    return f"{words.milliseconds(gap)} at {words.seconds(key.gap_at)}{where}"
+    key = max(received, key=lambda one: (one.gap or 0.0) if one.promised else -1.0)
+    silence = _silence(key)
+    return f"{silence}, {key.robot}" if key.robot and silence != words.UNKNOWN else silence
 
 
 def _silence(key: Key) -> str:
     if key.gap is None or not key.promised:
         return words.UNKNOWN
     return f"{words.milliseconds(key.gap)} at {words.seconds(key.gap_at)}"
+
+
+def orders(run: Run) -> Table:
+    """Return the leader's orders, with their times."""
+    several = len({order.leads for order in run.orders}) > 1
+    heads = ("time", "mode", "shape", "leader") if several else ("time", "mode", "shape")
+    rows = [
+        (words.seconds(one.at - run.start), one.mode, described(one.wish), one.leads or "unknown")[
+            : len(heads)
+        ]
+        for one in run.orders
+    ]
+    return Table("The leader's orders", heads, rows, ORDERS, words=True)
+
+
+def leader_terms(run: Run) -> Table:
+    """Return the leader terms; empty if the leader had no standbys and was never replaced."""
+    rows = []
+    both = {id(one) for pair in overlaps(run.leader_terms) for one in pair[:2]}
+    for number, one in enumerate(run.leader_terms):
+        before = run.leader_terms[number - 1].received.end if number else math.nan
+        rows.append(
+            (
+                one.name or "unknown",
+                words.seconds(one.received.begin - run.start),
+                words.seconds(one.received.end - run.start),
+                words.lasting(one.received.begin - before),
+                words.whole(one.positions),
+                words.whole(one.ballots),
+                "no: two led at once" if id(one) in both else "yes",
+            )
+        )
+    heads = ("leader", "from", "to", "no leader before, for", "positions", "ballots", "alone")
+    return Table("Leaders", heads, rows if run.mission.standbys or len(rows) > 1 else [], LEADERS)
+
+
+def doings(run: Run) -> Table:
+    """Return followers' times by activity."""
+    heads = (
+        "robot", "ran", "held", "stopped", "waited", "lost", "unavailable", "avoiding",
+        "blocked", "deadlocks", "with fallback neighbours", "started anew",
+    )  # fmt: skip
+    rows = []
+    for name, one in run.doings.items():
+        times = [one.seconds.get(state, 0.0) for state in (*STATES, LOST_STATE)]
+        times += [one.avoiding, one.blocked, one.fallback]
+        *lasting, avoiding, blocked, fallback = (words.lasting(time) if time else "" for time in times)
+        unavailable = words.lasting(one.unavailable) if one.times_unavailable else ""
+        if one.times_unavailable > 1:
+            unavailable += f", {one.times_unavailable} times"
+        deadlocks, starts = (words.whole(n) if n else "" for n in (one.deadlocks, one.starts))
+        rows.append((name, *lasting, unavailable, avoiding, blocked, deadlocks, fallback, starts))
+    filled = [n for n in range(len(heads)) if any(row[n] for row in rows)]
+    short = [tuple(row[n] for n in filled) for row in (heads, *rows)]
+    return Table("What robots did", short[0], short[1:], DOINGS)
+
+
+def events(run: Run) -> Table:
+    """Return the monitor's list of events."""
+    levels = {20: "", 30: "warning", 40: "error"}
+    rows = [
+        (words.seconds(at - run.start), robot or "formation", kind, levels.get(level, ""), text)
+        for at, level, robot, kind, text in run.events
+    ]
+    return Table("Events", ("time", "robot", "what", "level", "in words"), rows, words=True)

@@ -1,4 +1,4 @@
-"""Series in bounded memory: long runs are thinned as they are read, and extremes are kept.
+"""Series and statistics in bounded memory: long runs are thinned as they are read, and extremes are kept.
 
 The beginning, in which a formation forms, is kept whole. The rest shares a fixed number of rows: whenever
 they are full, each two become one.
@@ -8,18 +8,30 @@ from __future__ import annotations
 
 import math
 from array import array
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from formation.control.arrays import FloatArray
+from formation.mission.model import Mission
+from formation.ros2.messages import Twist, TwistStamped, decode
+from formation.wire import BadMessage
 
+Merge = Callable[[Any, Any], Any]
 MAX_ROWS = 4096
 """Rows of one series: more than a printed column has dots."""
 HEAD_ROWS = 1200
 """Of these, the first ones that are never thinned: a minute of commands at 20 Hz."""
 MAX_SAMPLED_VALUES = 1 << 16
 """Number of values from which percentiles are taken."""
+
+
+SATURATED_SHARE = 0.995
+"""Share of a limit from which a command counts as at its limit."""
+MAX_LINE_GAP = 1.0
+"""Longest silence across which a line is drawn [s]."""
 
 
 class Curves(NamedTuple):
@@ -30,6 +42,11 @@ class Curves(NamedTuple):
     low: FloatArray
     """Shape (T, C); NaN where nothing is known."""
     high: FloatArray
+
+    def until(self, end: float) -> FloatArray:
+        """Return the least and the greatest values of all rows from 0 to `end` [s]; shape (2 T, C)."""
+        shown = (self.time >= 0.0) & (self.time <= end)
+        return np.concatenate([self.low[shown], self.high[shown]])
 
     def line(self, column: int) -> tuple[FloatArray, FloatArray]:
         """Return time and values to draw: through the least and the greatest of a merged row."""
@@ -42,92 +59,72 @@ class Curves(NamedTuple):
 
 
 class _Rows:
-    """Times, and rows that a subclass merges."""
+    """Times, and rows of values; of two rows that become one, each of `merges` keeps something."""
 
-    def __init__(self, most: int, head: int) -> None:
-        self._most, self._head = most, head
-        self._count = 0
-        self._stride = 1
-        self._pending = 0
+    def __init__(
+        self, columns: int, most: int, head: int, merges: Sequence[Merge], dtype: type = np.float64
+    ) -> None:
+        self._most, self._head, self._merges = most, head, merges
+        self._count, self._stride, self._pending = 0, 1, 0
         self._time = np.empty(most)
+        self._rows: list[Any] = [np.empty((most, columns), dtype) for _ in merges]
 
-    def _begun(self, time: float) -> bool:
-        """Return whether a new row begins at `time` [s]; else the newest one goes on."""
+    def add(self, time: float, values: Any) -> None:
+        """Take one row [time in s]; NaN for unknown values."""
         if self._pending > 0:
             self._pending -= 1
-            return False
+            for rows, merge in zip(self._rows, self._merges, strict=True):
+                rows[self._count - 1] = merge(rows[self._count - 1], values)
+            return
         if self._count == self._most:
             self._halve()
         self._time[self._count] = time
+        for rows in self._rows:
+            rows[self._count] = values
         self._count += 1
         self._pending = self._stride - 1 if self._count > self._head else 0
-        return True
 
     def _halve(self) -> None:
         """Merge each two rows after the head."""
         pairs = (self._most - self._head) // 2
         into, first = slice(self._head, self._head + pairs), slice(self._head, self._head + 2 * pairs, 2)
+        second = slice(self._head + 1, self._head + 2 * pairs, 2)
         self._time[into] = self._time[first]
-        self._merge(into, first, slice(self._head + 1, self._head + 2 * pairs, 2))
+        for rows, merge in zip(self._rows, self._merges, strict=True):
+            rows[into] = merge(rows[first], rows[second])
         self._count = self._head + pairs
         self._stride *= 2
-
-    def _merge(self, into: slice, first: slice, second: slice) -> None:
-        raise NotImplementedError
 
 
 class Extremes(_Rows):
     """Rows of numbers; a thinned row keeps the least and the greatest of each."""
 
     def __init__(self, columns: int, most: int = MAX_ROWS, head: int = HEAD_ROWS) -> None:
-        super().__init__(most, head)
-        self._low, self._high = np.empty((most, columns)), np.empty((most, columns))
-
-    def add(self, time: float, values: Any) -> None:
-        """Take one row [time in s]; NaN is: not known."""
-        if self._begun(time):
-            self._low[self._count - 1] = self._high[self._count - 1] = values
-            return
-        low, high = self._low[self._count - 1], self._high[self._count - 1]
-        np.fmin(low, values, out=low)
-        np.fmax(high, values, out=high)
+        super().__init__(columns, most, head, (np.fmin, np.fmax))
 
     def curves(self, start: float) -> Curves:
         """Return all rows, in time since `start`."""
-        n = self._count
-        return Curves(self._time[:n] - start, self._low[:n].copy(), self._high[:n].copy())
-
-    def _merge(self, into: slice, first: slice, second: slice) -> None:
-        self._low[into] = np.fmin(self._low[first], self._low[second])
-        self._high[into] = np.fmax(self._high[first], self._high[second])
+        low, high = (rows[: self._count].copy() for rows in self._rows)
+        return Curves(self._time[: self._count] - start, low, high)
 
 
 class Samples(_Rows):
     """Rows of vectors (complex); of merged rows the first one stays."""
 
     def __init__(self, columns: int, most: int = MAX_ROWS, head: int = HEAD_ROWS) -> None:
-        super().__init__(most, head)
-        self._rows = np.empty((most, columns), dtype=np.complex128)
-
-    def add(self, time: float, values: Any) -> None:
-        """Take one row [time in s]; NaN is: not known."""
-        if self._begun(time):
-            self._rows[self._count - 1] = values
+        super().__init__(columns, most, head, (lambda first, _second: first,), np.complex128)
 
     def taken(self, start: float) -> tuple[FloatArray, Any]:
         """Times since `start` [s], and the rows."""
-        return self._time[: self._count] - start, self._rows[: self._count].copy()
-
-    def _merge(self, into: slice, first: slice, second: slice) -> None:  # noqa: ARG002 - the second ones go
-        self._rows[into] = self._rows[first]
+        return self._time[: self._count] - start, self._rows[0][: self._count].copy()
 
 
 class Spread:
-    """Distribution of a quantity: median and 99th percentile of evenly drawn values, and true extremes."""
+    """Distribution of a quantity: percentiles of evenly drawn values, and the true maximum."""
 
     def __init__(self, drawn: int = MAX_SAMPLED_VALUES) -> None:
         self.count = 0
-        self.least, self.most = math.inf, -math.inf
+        self.most = -math.inf
         self._drawn, self._stride = drawn, 1
         self._values = array("d")
 
@@ -140,7 +137,7 @@ class Spread:
             if self.count % self._stride == 0:
                 self._values.append(value)
         self.count += 1
-        self.least, self.most = min(self.least, value), max(self.most, value)
+        self.most = max(self.most, value)
 
     def percentile(self, share: float) -> float | None:
         """Return the value that `share` (0 to 1) of all do not exceed; None without any."""
@@ -155,13 +152,14 @@ class Size:
 
     def __init__(self) -> None:
         self.count = 0
-        self.greatest = 0.0
+        self.maximum: float | None = None
+        """The greatest magnitude; None without a value."""
         self._squares = 0.0
 
     def add(self, value: float) -> None:
         """Take one finite value."""
         self.count += 1
-        self.greatest = max(self.greatest, abs(value))
+        self.maximum = max(self.maximum or 0.0, abs(value))
         self._squares += value * value
 
     @property
@@ -169,7 +167,82 @@ class Size:
         """Root of the mean square; None without a value."""
         return math.sqrt(self._squares / self.count) if self.count else None
 
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """RMS and maximum of one quantity: over the whole run, and since the formation has settled."""
+
+    whole: Size
+    after: Size
+    """Empty if it has not settled."""
+    final: float | None
+    """The newest known value."""
+
+
+class Robot(NamedTuple):
+    """One follower over the run."""
+
+    error: Measured
+    """Σ over its neighbours of |z_ij - z*_ij| [m]."""
+    heading: Measured
+    """Estimated less true heading [rad]; empty without ground truth."""
+    commands: int
+    saturated: tuple[float | None, float | None]
+    """Shares of its commands at the limit of the speed and of the turn rate; None without a command."""
+
+
+class Judge:
+    """Statistics of one quantity, before and after settling."""
+
+    def __init__(self) -> None:
+        self._whole, self._after = Size(), Size()
+        self._final: float | None = None
+
+    def add(self, value: float | None) -> None:
+        """Take one value; None means unknown."""
+        if value is not None:
+            self._whole.add(value)
+            self._after.add(value)
+            self._final = value
+
+    def restart(self) -> None:
+        """Start the second half: from now on it may be settled for good."""
+        self._after = Size()
+
+    def measured(self, *, settled: bool) -> Measured:
+        """Return the statistics; the second half only if it has `settled`."""
+        return Measured(self._whole, self._after if settled else Size(), self._final)
+
+
+class Commands:
+    """Commands of one follower."""
+
+    def __init__(self, mission: Mission, name: str) -> None:
+        spec = mission.robots[name]
+        self._stamped = spec.cmd_vel == "twist_stamped"
+        self.curves = Extremes(2)
+        self.count = 0
+        self._saturated = [0, 0]
+        self._limits = SATURATED_SHARE * spec.max_speed, SATURATED_SHARE * spec.max_turn_rate
+        self._last = -math.inf
+
+    def process_command(self, payload: bytes, wall: float) -> None:
+        """Take one command that arrived at `wall` [s]."""
+        try:
+            command = decode(TwistStamped, payload) if self._stamped else decode(Twist, payload)
+        except BadMessage:
+            return
+        values = command.speed, command.turn_rate
+        self.count += 1
+        for i in range(2):
+            self._saturated[i] += abs(values[i]) >= self._limits[i]
+        if wall - self._last > MAX_LINE_GAP and self.count > 1:
+            self.curves.add(self._last, (math.nan, math.nan))
+        self._last = wall
+        self.curves.add(wall, values)
+
     @property
-    def maximum(self) -> float | None:
-        """The greatest magnitude; None without a value."""
-        return self.greatest if self.count else None
+    def shares(self) -> tuple[float | None, float | None]:
+        """Shares of commands at the limit of the speed and of the turn rate; None without a command."""
+        speed, turn_rate = self._saturated
+        return (speed / self.count, turn_rate / self.count) if self.count else (None, None)

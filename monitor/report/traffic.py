@@ -1,4 +1,8 @@
-"""Messages on each key: count, rate, longest silence."""
+"""Messages on each key: count, rate, longest silence and latency; and from a robot's odometry to its command.
+
+Latencies are differences between a stamp, on its sender's clock, and an arrival, on the recorder's: they
+contain the offset of the two clocks.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,9 @@ from dataclasses import dataclass
 from formation.mission.model import Mission
 from formation.monitor.metrics.keys import OWN, Watched, watched
 from formation.monitor.metrics.snapshot import Snapshot
-from formation.topics import TABLE
+from formation.monitor.recording.recorder import is_stamped, stamp_of
+from formation.monitor.report.thin import Spread
+from formation.topics import CMD_VEL, ODOM, POSE, TABLE
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +42,6 @@ class Key:
     """From the last message to the end of the recording [s]; None without a message."""
     clock: float | None
     """Median of arrival less stamp of the newest messages [s]."""
-
-    @property
-    def missed_share(self) -> float | None:
-        """Share of the expected messages that were missed."""
-        return self.missed / (self.missed + self.count) if self.count else None
 
 
 class _Tally:
@@ -97,3 +98,68 @@ class Traffic:
 
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+@dataclass(frozen=True, slots=True)
+class Late:
+    """Distribution of times [s]."""
+
+    count: int
+    median: float | None
+    p99: float | None
+    maximum: float | None
+
+    @classmethod
+    def of(cls, spread: Spread) -> Late:
+        """Return the distribution of `spread`; the maximum is over every value."""
+        most = spread.most if spread.count else None
+        return cls(spread.count, spread.percentile(0.5), spread.percentile(0.99), most)
+
+
+class Latencies:
+    """Arrival less stamp by topic, and odometry to command by robot."""
+
+    def __init__(self, mission: Mission) -> None:
+        keys = watched(mission)
+        self._topics = {one.key: one.topic.name for one in keys if is_stamped(one.topic.type)}
+        self._spreads: dict[str, Spread] = {}
+        self._answers = {name: Spread() for name in mission.followers}
+        self._inputs = {
+            (POSE if spec.localisation == "external" else ODOM).key(name): name
+            for name, spec in mission.robots.items()
+            if name != mission.leader
+        }
+        self._commands = {CMD_VEL.key(name): name for name in mission.followers}
+        self._period = {name: 1.0 / mission.robots[name].rate for name in mission.followers}
+        self._sent: dict[str, float] = {}
+
+    def process_message(self, key: str, payload: bytes, wall: float) -> None:
+        """Take one accepted message that arrived at `wall` [s, the recorder's clock]."""
+        if key in self._commands:
+            self._sent[self._commands[key]] = wall
+        topic = self._topics.get(key)
+        stamp = None if topic is None else stamp_of(payload)
+        if topic is None or stamp is None:
+            return
+        late = wall - stamp / 1e9
+        self._spreads.setdefault(topic, Spread()).add(late)
+        if key in self._inputs:
+            self._answer(self._inputs[key], wall, late)
+
+    @property
+    def by_topic(self) -> Mapping[str, Late]:
+        """Return arrival less stamp by topic, in the order of the topic table."""
+        return {
+            topic.name: Late.of(self._spreads[topic.name]) for topic in TABLE if topic.name in self._spreads
+        }
+
+    @property
+    def answers(self) -> Mapping[str, Late]:
+        """Return times from the stamp of an odometry (or pose) message to the arrival of its command."""
+        return {name: Late.of(spread) for name, spread in self._answers.items() if spread.count}
+
+    def _answer(self, robot: str, wall: float, late: float) -> None:
+        """Take an odometry message, which an agent repeats after its answer: the command precedes it."""
+        sent = self._sent.pop(robot, None)
+        if sent is not None and wall - sent < 0.5 * self._period[robot]:
+            self._answers[robot].add(late - (wall - sent))

@@ -1,7 +1,8 @@
-"""The page's address on this machine, and its listening socket."""
+"""The page's address on this machine, its listening socket, and the flags for them."""
 
 from __future__ import annotations
 
+import argparse
 import errno
 import ipaddress
 import socket
@@ -15,6 +16,18 @@ BACKLOG_CONNECTIONS = 64
 EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104 - only on request
 ELSEWHERE = ("192.0.2.1", 9)
 """An address reserved for examples."""
+EVERYBODY = """\
+For this machine alone, unless --page names another address. --page 0.0.0.0:8460 shows it to every
+machine that can reach this one: they see all robots, over plain HTTP that can be read on the way.
+"""
+ORDERS = """\
+With --control they need the token to give orders, but plain HTTP carries the token, too. Do
+that only in a network where every member may stop and drive the robots.
+"""
+CONTROL = """\
+buttons for stop, hold, run and shape, shown if the page is opened by its whole address: the token in it is
+new at every start\
+"""
 
 
 class Bind(NamedTuple):
@@ -62,9 +75,8 @@ def listening(bind: Bind) -> socket.socket:
     try:
         if bind.port:  # connections of the last run may linger; port 0 must give an unused port
             one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        one.setsockopt(
-            socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES
-        )  # accepted connections inherit it
+        # accepted connections inherit it
+        one.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         one.bind(address)
         one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # nor may ours block the next run
         one.listen(BACKLOG_CONNECTIONS)
@@ -88,3 +100,25 @@ def _outward() -> str:
         except OSError:
             return HOST
         return str(probe.getsockname()[0])
+
+
+def add_page_flags(flags: argparse.ArgumentParser, *, control: bool = True) -> argparse._ArgumentGroup:
+    """Add ``--page``, ``--no-page`` and, for a page that gives orders, ``--control``; return their group."""
+    page = flags.add_argument_group("the live page", EVERYBODY + (ORDERS if control else ""))
+    where = page.add_mutually_exclusive_group()
+    where.add_argument(
+        "--page", metavar="HOST:PORT", type=bind_flag,
+        help=f"where to serve it (default: {HOST}:{PORT}, or any other port if that is taken)",
+    )  # fmt: skip
+    where.add_argument("--no-page", action="store_true", help="serve none, and no metrics for Prometheus")
+    if control:
+        page.add_argument("--control", action="store_true", help=CONTROL)
+    return page
+
+
+def bind_flag(text: str, port: int = PORT) -> Bind:
+    """Return the address that a flag names; `port` is that of the example if it is no address."""
+    try:
+        return Bind.of(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error).replace(f":{PORT}", f":{port}")) from None

@@ -1,14 +1,20 @@
 """The operator behind the page's buttons: orders as from the command line, on a separate bus.
 
-The bus stays linked with all robots while the page is served, so a stop goes out at once. `precedence`
-decides which of several orders counts.
+The bus stays linked with all robots while the page is served, so a stop goes out at once. An order is sent
+repeatedly until all robots have answered, for a few seconds. Meanwhile another may come, from this page or
+from one that lags. The newest wins, but no order starts robots against a stop or a hold that its page cannot
+have shown yet. A stop is always sent, at once.
 """
 
 from __future__ import annotations
 
+import math
 import secrets
 import time
+from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from threading import Lock
@@ -16,7 +22,8 @@ from typing import Any, Protocol
 
 from formation.mission.model import Mission
 from formation.monitor.metrics.events import INFO, WARNING, Event
-from formation.monitor.web.precedence import Given, Precedence
+from formation.protocol.once import MAX_REMEMBERED_REQUESTS, RESTS
+from formation.protocol.order import Do, OperatorRequest
 from formation.protocol.outcome import Outcome
 from formation.transport import asking, wiring
 from formation.transport.asking import OPERATOR
@@ -25,12 +32,104 @@ from formation.transport.bus_config import BusConfig, BusError
 from formation.transport.question import Reply
 from formation.transport.wiring import Links
 
+DOUBLE_CLICK_TIME = 1.0
+"""The same order again within this time counts as a double click [s]."""
+UNSEEN_STOP_TIME = 1.0
+"""An order within this time after a stop or a hold counts as given without seeing it [s]."""
+MAX_SHOWN_AGE = 3.0
+"""Age of the shown moment from which on a page is too old for orders [s]."""
+LONG_AGO_AGE = 3600.0
+"""Age reported as "long ago" [s]: a page that has shown nothing yet reports the year 1970."""
+
+
 ANSWER_TIMEOUT_SECONDS = 3.0
 """Time for all robots to answer [s]."""
 NO_PAPERS = "robots under certificates obey the operator alone: --control-config FILE names his configuration"
 OTHERS_PAPERS = (
     "robots under certificates obey the operator alone: is the certificate in --control-config his?"
 )
+
+
+class Overruled(ValueError):  # noqa: N818 - the order is valid, but comes at the wrong moment
+    """An order is refused; the text states the cause and what to do."""
+
+
+@dataclass(eq=False)
+class Given:
+    """An accepted order."""
+
+    request: OperatorRequest
+    at: float
+    """When it was given [s, monotonic]."""
+    going: bool = True
+    """Whether it is still being sent."""
+    over: bool = False
+    """Whether it must not be sent any more because a newer one counts."""
+    report: Future[dict[str, Any]] = field(default_factory=Future)
+    """Its result."""
+
+    def same_as(self, request: OperatorRequest) -> bool:
+        """Return whether `request` asks for the same. Each stop is a new one, as repeats do no harm."""
+        one_time = {"id": "", "age": 0.0}
+        mine, other = (one.model_copy(update=one_time) for one in (self.request, request))
+        return request.do != "stop" and mine == other
+
+
+class Precedence:
+    """The orders of one operator, from any number of pages."""
+
+    def __init__(self) -> None:
+        self._given: list[Given] = []  # orders still being sent, and the newest
+        self._rested = -math.inf  # when a stop or a hold was given last
+        self._clicks: OrderedDict[str, Given] = OrderedDict()
+
+    def give(
+        self, request: OperatorRequest, now: float, *, click: str = "", behind: float | None = None
+    ) -> tuple[Given, bool]:
+        """Return the accepted order, and whether it is new or an earlier one. Raises Overruled.
+
+        `click` is the page's own id of the click, so that one sent twice is recognised; `behind` is the age
+        of the moment that the page showed [s].
+        """
+        newest = self._given[-1] if self._given else None
+        clicked_twice = newest is not None and now - newest.at <= DOUBLE_CLICK_TIME
+        known = self._clicks.get(click) or (newest if clicked_twice else None)
+        if known is not None and known.same_as(request):
+            return known, False
+        if request.do not in RESTS:
+            self._seen(request.do, now, behind)
+        given = Given(request, now)
+        self._overrule(given)
+        if request.do in RESTS:
+            self._rested = now
+        if click:
+            self._clicks[click] = given
+            if len(self._clicks) > MAX_REMEMBERED_REQUESTS:
+                self._clicks.popitem(last=False)
+        return given, True
+
+    def close(self) -> None:
+        """End all sending."""
+        for one in self._given:
+            one.over = True
+
+    def _seen(self, wanted: Do, now: float, behind: float | None) -> None:
+        """Refuse an order that may start robots if its page does not show their present state."""
+        if behind is not None and behind > MAX_SHOWN_AGE:
+            ago = f"{behind:.0f} s ago" if behind < LONG_AGO_AGE else "long ago"
+            raise Overruled(f"{wanted}: this page shows what was {ago}; look again first")
+        for one in self._given:
+            if one.going and one.request.do == "stop":
+                raise Overruled(f"{wanted}: a stop is being given, and not every robot has answered it yet")
+        if now - self._rested < UNSEEN_STOP_TIME + (behind or 0.0):
+            raise Overruled(f"{wanted}: a stop or a hold was given just now; look, then ask again")
+
+    def _overrule(self, given: Given) -> None:
+        """End all older orders except stops."""
+        for one in self._given:
+            one.over = one.over or one.request.do != "stop"
+        self._given = [one for one in self._given if one.going and not one.over]
+        self._given.append(given)
 
 
 def on_the_bus(
@@ -121,7 +220,10 @@ class Operator:
                 put, recipients, given.request, ANSWER_TIMEOUT_SECONDS, over=lambda: given.over
             )
             self._note(_event(time.time(), given, outcome))
-            given.report.set_result(self._report(outcome))
+            report = outcome.report()
+            given.report.set_result(
+                report | {"why": self._why} if report["missing"] and self._why else report
+            )
         except Exception as error:  # noqa: BLE001 - must reach the thread waiting for the report
             given.report.set_exception(error)
         finally:
@@ -131,10 +233,6 @@ class Operator:
         """Send the question unless overruled: nothing older may be sent after a newer order."""
         with self._lock:
             return NOT_PUT if given.over else self._line.question(key, payload, timeout)
-
-    def _report(self, outcome: Outcome) -> dict[str, Any]:
-        report = outcome.report()
-        return {**report, "why": self._why} if report["missing"] and self._why else report
 
 
 class NotPut:
@@ -148,7 +246,6 @@ NOT_PUT = NotPut()
 
 
 def _event(at: float, given: Given, outcome: Outcome) -> Event:
-    """Return an order's result for the list of events."""
     text = outcome.summary()
     for name in outcome.refused:
         text += f"; {name} refuses: {outcome.answers[name].reply.reason}"

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
 from formation.mission.model import Mission
-from formation.monitor.metrics.events import Event
-from formation.monitor.metrics.health import Health, health
+from formation.mission.robot import RobotSpec
+from formation.monitor.metrics.events import LOST_SILENCE, Event
+from formation.monitor.metrics.feed import clock_agrees, freshness_limit
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.snapshot import AVOIDING, RobotMetrics, Snapshot
 from formation.monitor.metrics.trajectory import Placed
@@ -31,6 +32,20 @@ MILLI, TENTH_MILLI = 3, 4
 """Decimals shown on a page; the finer one is only for a formation error."""
 
 
+MIN_RATE_SHARE = 0.9
+"""Share of the promised rate that counts as full."""
+LOSS_BEARABLE, LOSS_WEIGHT = 0.01, 3.0
+"""Share of missed periods that is tolerated; health lost per share beyond it."""
+CLOCK_OFF, REJECTED, SECOND_PUBLISHER, UNAVAILABLE = 0.6, 0.6, 0.3, 0.6
+"""Health left to a robot with a wrong clock, with rejected messages, with a second publisher, and to one that
+is unavailable."""
+REJECTION_TIME = 10.0
+"""How long a rejected message counts [s]."""
+HEALTH_OF_STATE = {"run": 1.0, "waiting": 0.7, "hold": 0.6, "stop": 0.5}
+STATUSLESS_HEALTH = 0.5
+"""Health of a robot that moves along but publishes no status."""
+
+
 def hello(
     mission: Mission, *, live: bool, control: bool, version: str, law: str | None = None
 ) -> dict[str, Any]:
@@ -46,7 +61,17 @@ def hello(
         "settled": mission.settled,
         "control": control,
         "version": version,
-        "robots": [_spec(mission, name) for name in mission.names],
+        "robots": [
+            {
+                "name": name,
+                "leader": name == mission.leader,
+                "max_speed": robot.max_speed,
+                "max_turn_rate": robot.max_turn_rate,
+                "offset": _offset(mission, name),
+                "rate": robot.rate,
+            }
+            for name, robot in ((name, mission.robots[name]) for name in mission.names)
+        ],
         "edges": [
             [index[name], index[other]] for name in mission.names for other in mission.robots[name].neighbours
         ],
@@ -86,7 +111,8 @@ def frame(
     for name in mission.names:
         slot = None if leader is None else leader.point + slots[name]
         well = health(name, seen.robots[name], mission.robots[name], contested=name in seen.contested)
-        rows.append(_row(mission, name, seen.robots[name], placed.get(name), truly.get(name), slot, well))
+        places = placed.get(name), truly.get(name)
+        rows.append(_row(name, seen.robots[name], _offset(mission, name), places, slot, well))
     return {
         "t": round(now.wall, MILLI),
         "elapsed": _round(seen.elapsed),
@@ -118,7 +144,6 @@ def _known(seen: Snapshot) -> dict[str, Any]:
 
 
 def _wished(seen: Snapshot) -> dict[str, Any]:
-    """Return the wish except its shape; values as drawn are left out."""
     if seen.wish is None:
         return {}
     return {
@@ -130,7 +155,6 @@ def _wished(seen: Snapshot) -> dict[str, Any]:
 
 
 def _leading(seen: Snapshot) -> dict[str, Any]:
-    """Return the leader, since when, and a row for each candidate, in the order of the mission."""
     if not seen.candidates:
         return {}
     return {
@@ -140,28 +164,12 @@ def _leading(seen: Snapshot) -> dict[str, Any]:
     }
 
 
-def _spec(mission: Mission, name: str) -> dict[str, Any]:
-    robot = mission.robots[name]
-    return {
-        "name": name,
-        "leader": name == mission.leader,
-        "max_speed": robot.max_speed,
-        "max_turn_rate": robot.max_turn_rate,
-        "offset": _offset(mission, name),
-        "rate": robot.rate,
-    }
-
-
 def _row(
-    mission: Mission,
-    name: str,
-    robot: RobotMetrics,
-    place: Placed | None,
-    truth: Placed | None,
-    slot: complex | None,
-    well: Health,
-) -> list[Any]:
-    offset = _offset(mission, name)
+    name: str, robot: RobotMetrics, offset: float, places: tuple[Placed | None, Placed | None],
+    slot: complex | None, well: Health,
+) -> list[Any]:  # fmt: skip
+    """Return the values of `FIELDS`; `places` by its own positions and in truth."""
+    place, truth = places
     return [
         *_xy(_centre(place, offset)),
         None if place is None else _round(cmath.phase(place.heading)),
@@ -202,3 +210,53 @@ def _xy(point: complex | None) -> list[float | None]:
 
 def _round(value: float | None, digits: int = MILLI) -> float | None:
     return None if value is None or not math.isfinite(value) else round(value, digits)
+
+
+class Health(NamedTuple):
+    """The health of one robot."""
+
+    share: float
+    """From 0 (lost) to 1 (no fault)."""
+    why: str
+    """The worst fault; empty if there is none."""
+
+
+def health(name: str, metrics: RobotMetrics, spec: RobotSpec, *, contested: bool = False) -> Health:
+    """Return the health of robot `name`; `contested` if a second publisher sends its positions.
+
+    Every fault leaves a share of it; the shares multiply, so two half faults are worse than one. It is for
+    display: it shows where to look first, and its words say why. Nothing is decided by it.
+    """
+    share, worst, why = 1.0, 1.0, ""
+    for part, reason in _parts(name, metrics, spec, contested=contested):
+        share *= part
+        if part < worst:
+            worst, why = part, reason
+    return Health(share, why)
+
+
+def _parts(
+    name: str, metrics: RobotMetrics, spec: RobotSpec, *, contested: bool
+) -> Iterator[tuple[float, str]]:
+    if metrics.age is None:
+        yield 0.0, "nothing received yet"
+        return
+    fresh = freshness_limit(spec.rate)
+    lost = max(LOST_SILENCE, 2.0 * fresh)
+    yield min(max((lost - metrics.age) / (lost - fresh), 0.0), 1.0), f"silent for {metrics.age:.1f} s"
+    if metrics.rate is not None:
+        rate_share = metrics.rate / (MIN_RATE_SHARE * spec.rate)
+        yield min(rate_share, 1.0), f"{metrics.rate:.1f} Hz of {spec.rate:g} Hz"
+    position = metrics.keys[POSITION.key(name)]
+    if position.loss is not None:
+        left = 1.0 - LOSS_WEIGHT * max(0.0, position.loss - LOSS_BEARABLE)
+        yield max(left, 0.1), f"{position.loss:.0%} of its positions missed"
+    if position.clock is not None and not clock_agrees(position.clock):
+        yield CLOCK_OFF, f"its clock is {position.clock:.1f} s off"
+    if metrics.rejected_age is not None and metrics.rejected_age < REJECTION_TIME:
+        yield REJECTED, "messages rejected"
+    if contested:
+        yield SECOND_PUBLISHER, "it has a second publisher"
+    if metrics.unavailable:
+        yield UNAVAILABLE, "unavailable: others go on without it"
+    yield HEALTH_OF_STATE.get(metrics.state, STATUSLESS_HEALTH), f"{metrics.state}: {metrics.reason}"

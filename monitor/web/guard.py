@@ -7,15 +7,15 @@ only what we serve ourselves.
 
 from __future__ import annotations
 
+import asyncio
 import ipaddress
-from collections.abc import Awaitable, Callable, Collection, MutableMapping
-from typing import Any
+from collections.abc import Collection
+from contextlib import suppress
 from urllib.parse import urlsplit
 
-Message = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[Message]]
-Send = Callable[[Message], Awaitable[None]]
-App = Callable[[Message, Receive, Send], Awaitable[None]]
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
 POLICY = (
     b"default-src 'self'; img-src 'self' data:; object-src 'none'; base-uri 'none'; form-action 'none';"
     b" frame-ancestors 'none'"
@@ -59,11 +59,11 @@ def names_of(hostname: str, bound: str) -> frozenset[str]:
 class Guard:
     """A gate in front of an application."""
 
-    def __init__(self, app: App, names: Collection[str]) -> None:
+    def __init__(self, app: ASGIApp, names: Collection[str]) -> None:
         """`names` are ours, in lower case."""
         self._app, self._names = app, names
 
-    async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Refuse a request, or let it through."""
         if scope["type"] != "http":
             return
@@ -73,13 +73,14 @@ class Guard:
                 message["headers"] = [*message.get("headers", ()), *HEADERS]
             await send(message)
 
-        refusal = self._refusal(scope)
-        if refusal is None:
-            await self._app(scope, receive, answer)
-        else:
-            await _refuse(answer, *refusal)
+        app: ASGIApp = self._app
+        if (refusal := self._refusal(scope)) is not None:
+            status, text = refusal
+            app = PlainTextResponse(f"{text}\n", status, {"cache-control": "no-store"})
+        with suppress(asyncio.CancelledError):  # a request under way when the server ends is no error
+            await app(scope, receive, answer)
 
-    def _refusal(self, scope: Message) -> tuple[int, str] | None:
+    def _refusal(self, scope: Scope) -> tuple[int, str] | None:
         headers: dict[bytes, bytes] = dict(scope["headers"])
         host = headers.get(b"host", b"").decode("latin-1")
         if len(scope["raw_path"]) + len(scope["query_string"]) > MAX_PATH_BYTES:
@@ -101,14 +102,3 @@ def _name(host: str) -> str | None:
     except ValueError:
         return None
     return parts.hostname if parts.netloc == host and "@" not in host else None
-
-
-async def _refuse(send: Send, status: int, text: str) -> None:
-    body = f"{text}\n".encode()
-    headers = [
-        (b"content-type", b"text/plain; charset=utf-8"),
-        (b"content-length", str(len(body)).encode()),
-        (b"cache-control", b"no-store"),
-    ]
-    await send({"type": "http.response.start", "status": status, "headers": headers})
-    await send({"type": "http.response.body", "body": body})

@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Protocol, get_args
 
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
@@ -19,12 +19,11 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
+from starlette.types import Scope
 
 from formation.monitor.exporters.prometheus import exposition
 from formation.monitor.metrics.words import as_json
 from formation.monitor.web.connection import OPERATOR
-from formation.monitor.web.guard import Message
-from formation.monitor.web.interfaces import Control, Replay
 from formation.monitor.web.source import Look, Source
 from formation.monitor.web.stream import Streams
 from formation.protocol.order import TAKES, Do
@@ -42,6 +41,33 @@ MAX_ORDERS, MAX_EXTRA_STOPS = 16, 16
 SITE = Path(str(files("formation.monitor.web").joinpath("site")))
 NO_STORE = {"cache-control": "no-store"}
 _log = logging.getLogger(__name__)
+
+
+class Control(Protocol):
+    """Carries an operator's orders to the fleet."""
+
+    @property
+    def token(self) -> str:
+        """The token required in a request for an order."""
+
+    def order(self, do: str, *, click: str = "", seen: float | None = None, **what: Any) -> dict[str, Any]:
+        """Give an order and return the answers, as in `formation order --json`.
+
+        `what` are its values: a ``shape``, ``degrees`` and so on, see `formation.protocol.order.TAKES`.
+        `click` is the page's own id of the click, the same if it is sent twice; `seen` is the moment that
+        the page showed [s, our system clock]. Called in threads of the server, perhaps in several at once.
+        ValueError if the order is not possible now.
+        """
+
+
+class Replay(Protocol):
+    """Plays a recording."""
+
+    def steer(self, do: str, to: float | None) -> dict[str, Any]:
+        """Pause, play, seek to a time [s, system clock], or set the speed; return the new state.
+
+        Called in threads of the server. ValueError for an invalid request.
+        """
 
 
 def application(
@@ -170,7 +196,7 @@ class Steering:
 class Site(StaticFiles):
     """The page's own files; a browser checks each time whether they have changed."""
 
-    async def get_response(self, path: str, scope: Message) -> Response:
+    async def get_response(self, path: str, scope: Scope) -> Response:
         """Answer with one file."""
         response = await super().get_response(path, scope)
         response.headers["cache-control"] = "no-cache"
@@ -178,7 +204,6 @@ class Site(StaticFiles):
 
 
 async def _body(request: Request) -> dict[str, Any]:
-    """Return a request's JSON object."""
     kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if kind != "application/json":  # a form of a foreign page cannot send this
         raise HTTPException(415, "the body must be application/json")

@@ -12,16 +12,15 @@ import socket
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from types import TracebackType
 from typing import Self
 
 import uvicorn
+from starlette.types import Scope
 
-from formation.monitor.web.address import Bind, listening
+from formation.monitor.web.address import PORT, Bind, is_taken, listening
 from formation.monitor.web.connection import Connection
-from formation.monitor.web.guard import App, Guard, Message, Receive, Send, names_of
-from formation.monitor.web.interfaces import Control, Replay
-from formation.monitor.web.routes import application
+from formation.monitor.web.guard import Guard, names_of
+from formation.monitor.web.routes import Control, Replay, application
 from formation.monitor.web.source import Source
 from formation.monitor.web.stream import Streams
 
@@ -34,6 +33,10 @@ IDLE_TIMEOUT_SECONDS = 5
 MAX_HEAD_BYTES = 16 * 1024
 """Longest head of a request [bytes]."""
 _log = logging.getLogger(__name__)
+
+
+EXPOSED = "this page's token can be read by any machine on the way, which can then stop and drive the robots"
+"""Warning about orders from a page that others can reach."""
 
 
 class PageServer:
@@ -53,7 +56,7 @@ class PageServer:
         self._streams = Streams(source, self._hang_up)
         app = application(source, self._streams, control, replay)
         config = uvicorn.Config(
-            _cut_off_quietly(Guard(app, names_of(socket.gethostname(), bind.host))),
+            Guard(app, names_of(socket.gethostname(), bind.host)),
             log_config=None, log_level="error", access_log=False, lifespan="off", ws="none",
             http=Connection, loop="asyncio", server_header=False, proxy_headers=False,
             timeout_keep_alive=IDLE_TIMEOUT_SECONDS, h11_max_incomplete_event_size=MAX_HEAD_BYTES,
@@ -67,9 +70,7 @@ class PageServer:
         self.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.stop()
 
     def start(self) -> None:
@@ -112,7 +113,7 @@ class PageServer:
         for one in list(self._server.server_state.connections):
             one.transport.abort()
 
-    def _hang_up(self, request: Message) -> None:
+    def _hang_up(self, request: Scope) -> None:
         for one in list(self._server.server_state.connections):
             if isinstance(one, Connection) and one.client == request["client"]:
                 one.transport.abort()
@@ -124,11 +125,24 @@ class PageServer:
                 loop.call_soon_threadsafe(do)
 
 
-def _cut_off_quietly(app: App) -> App:
-    """Wrap `app` so that requests under way when the server ends are no errors."""
+def opened(
+    requested: Bind | None, source: Source, control: Control | None = None, replay: Replay | None = None
+) -> PageServer:
+    """Return a server at the `requested` address, by default at the usual port or, if that is taken, at any.
 
-    async def serve(scope: Message, receive: Receive, send: Send) -> None:
-        with suppress(asyncio.CancelledError):
-            await app(scope, receive, send)
+    It has the port and does not serve yet. Raises OSError if the requested address cannot be had.
+    """
+    try:
+        return PageServer(requested or Bind(), source, control, replay)
+    except OSError as error:
+        if requested is not None or not is_taken(error):
+            raise
+    return PageServer(Bind(port=0), source, control, replay)
 
-    return serve
+
+def words(requested: Bind | None, server: PageServer) -> str:
+    """Return the page's address for a log: without the token, but with the place to read it."""
+    usual = requested is not None or server.address == Bind().url(PORT)
+    where = server.address if usual else f"{server.address} (port {PORT} is taken)"
+    invites = server.invitation != server.address
+    return f"{where}; to give orders, the one in the ready line" if invites else where

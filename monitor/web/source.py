@@ -14,8 +14,10 @@ from typing import Any, NamedTuple
 
 from formation.monitor.metrics.snapshot import Snapshot
 
+HISTORY_RATE = 2.0
+"""Rate of the formation error's history for new pages [Hz]."""
 HISTORY_VALUES = 1200
-"""Number of values of the formation error for a new page: ten minutes at two a second."""
+"""Number of its values: ten minutes."""
 MAX_EVENTS = 500
 """Number of newest events for a new page."""
 
@@ -58,7 +60,7 @@ class Source:
         self._lock = Lock()
         self._number = 0
         self._looking = 0
-        self._wake: Callable[[], None] = _nobody
+        self._wake: Callable[[], None] = lambda: None
 
     # news from the watching thread
 
@@ -93,9 +95,7 @@ class Source:
             self._about.update(about)
 
     def restart(
-        self,
-        history: Iterable[tuple[float, float | None]] = (),
-        events: Iterable[Mapping[str, Any]] = (),
+        self, history: Iterable[tuple[float, float | None]] = (), events: Iterable[Mapping[str, Any]] = ()
     ) -> None:
         """Replace the history and the events; all clients are greeted again."""
         points = [_point(*point) for point in history]
@@ -113,7 +113,7 @@ class Source:
 
     def wakes(self, wake: Callable[[], None] | None) -> None:
         """Call `wake`, from the watching thread, whenever there is news."""
-        self._wake = wake or _nobody
+        self._wake = wake or (lambda: None)
 
     def looking(self, people: int) -> None:
         """Set the number of clients that look, or wait for one frame."""
@@ -140,14 +140,6 @@ class Source:
         return (news[-1][0] if news else after), b"".join(chunk for _, chunk in news)
 
 
-def _nobody() -> None:
-    """Do nothing, as there is no server."""
-
-
-def _json(value: Mapping[str, Any]) -> bytes:
-    return json.dumps(value, separators=(",", ":"), allow_nan=False).encode()
-
-
 def _point(at: float, error: float | None) -> tuple[float, float | None]:
     return round(at, 2), None if error is None else round(error, 4)
 
@@ -156,6 +148,9 @@ def _event_chunk(event: Mapping[str, Any]) -> bytes:
     return _chunk("event", f"event-{event['n']}", _json(event))
 
 
-def _chunk(kind: str, number: int | str, data: bytes) -> bytes:
-    """Return one server-sent event."""
-    return b"id: %s\nevent: %s\ndata: %s\n\n" % (str(number).encode(), kind.encode(), data)
+def _json(value: Mapping[str, Any]) -> str:
+    return json.dumps(value, separators=(",", ":"), allow_nan=False)
+
+
+def _chunk(kind: str, number: int | str, data: str) -> bytes:
+    return f"id: {number}\nevent: {kind}\ndata: {data}\n\n".encode()

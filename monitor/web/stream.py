@@ -10,7 +10,8 @@ import asyncio
 from collections.abc import Callable
 from contextlib import suppress
 
-from formation.monitor.web.guard import Message, Receive, Send
+from starlette.types import Receive, Scope, Send
+
 from formation.monitor.web.source import Look, Source
 
 MAX_STREAMS = 64
@@ -26,7 +27,7 @@ HEADERS = [
     (b"cache-control", b"no-store"),
     (b"x-accel-buffering", b"no"),
 ]
-HangUp = Callable[[Message], None]
+HangUp = Callable[[Scope], None]
 
 
 class Streams:
@@ -49,7 +50,7 @@ class Streams:
         self._closed = True
         self.wake()
 
-    async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one client until it goes."""
         if scope["method"] == "HEAD":
             await _answer(send, 200, HEADERS)

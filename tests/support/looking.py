@@ -17,7 +17,7 @@ from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.snapshot import Snapshot
 from formation.monitor.web import frames
 from formation.monitor.web.address import Bind
-from formation.monitor.web.interfaces import Control, Replay
+from formation.monitor.web.routes import Control, Replay
 from formation.monitor.web.server import PageServer
 from formation.monitor.web.source import Source
 from tests.support.child import PATIENCE

@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
 
 from formation.monitor.metrics.snapshot import Snapshot
 from formation.monitor.web.address import Bind
-from formation.monitor.web.interfaces import Control, Replay
+from formation.monitor.web.routes import Control, Replay
 from formation.monitor.web.server import PageServer
 from formation.monitor.web.source import Source
 from tests.processes.page.scene import Scene

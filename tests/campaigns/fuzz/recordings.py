@@ -29,8 +29,8 @@ from formation.mission.file import read as mission_text
 from formation.monitor.recording.part import packed
 from formation.monitor.recording.reader import Recording, UnreadableError
 from formation.monitor.recording.scan import MAGIC, records, understood
-from formation.monitor.replay.picture import Picture
 from formation.monitor.replay.player import MAX_SPEED, Player
+from formation.monitor.replay.process import Picture
 from formation.monitor.web import frames
 from formation.wire import Now
 from tests.campaigns.fuzz.mutate import NUMBERS, changed, damaged
@@ -244,8 +244,7 @@ def _played(recording: Recording, film: Any) -> None:
         idle = player.idle(mono)
         mono += max(idle, 0.4 if not batch.due else 0.0)
     at = player.position
-    snapshot = picture.snapshot(at)
-    frames.frame(recording.mission, picture.metrics, Now(at, at), snapshot=snapshot)
+    frames.frame(recording.mission, picture.rerun.metrics, Now(at, at))
 
 
 def tried(folder: Path, seeds: range) -> Iterator[Tried]:

@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 
 from formation.mission.file import load
 from formation.monitor.metrics.keys import watched
-from formation.monitor.recording.attached import SUFFIX
+from formation.monitor.recording.channels import SUFFIX
 from formation.topics import GROUND_TRUTH, STATUS
 from formation.transport.bus import Bus, BusConfig
 from formation.wire import Sample

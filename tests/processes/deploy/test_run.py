@@ -21,7 +21,7 @@ from mcap.reader import make_reader
 from formation.control.ramp import FIRST_CHANGE_SHARE
 from formation.mission.file import load, read
 from formation.mission.model import Mission
-from formation.monitor.recording.attached import SUFFIX
+from formation.monitor.recording.channels import SUFFIX
 from formation.ros2.messages import Diagnostics, Pose, Twist, TwistStamped, decode
 from formation.topics import (
     CMD_VEL,

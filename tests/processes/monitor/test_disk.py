@@ -12,7 +12,7 @@ import pytest
 from mcap.reader import make_reader
 
 from formation.monitor.recording import recorder as recorder_module
-from formation.monitor.recording.forcing import NOTHING, Forcer
+from formation.monitor.recording.disk import NOTHING, Forcer
 from formation.monitor.recording.part import Part
 from formation.monitor.recording.reader import is_whole, read
 from formation.monitor.recording.recorder import Recorder, RecordingError

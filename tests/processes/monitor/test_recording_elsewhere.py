@@ -13,9 +13,8 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from formation.monitor.recording.attached import SUFFIX
-from formation.monitor.recording.extent import extent_of
-from formation.monitor.recording.reader import is_whole, read
+from formation.monitor.recording.channels import SUFFIX
+from formation.monitor.recording.reader import extent_of, is_whole, read
 from formation.monitor.recording.recover import recover
 from tests.processes.agent.actor import events, watching
 from tests.support.launched import result_of

@@ -14,9 +14,8 @@ import pytest
 from formation.agent.safety.latch import Latch
 from formation.mission.file import load
 from formation.monitor.metrics.events import INFO, WARNING, Event
-from formation.monitor.web import control, precedence
-from formation.monitor.web.control import Operator
-from formation.monitor.web.precedence import Overruled
+from formation.monitor.web import control
+from formation.monitor.web.control import Operator, Overruled
 from formation.protocol.order import Mode, OperatorRequest, decode
 from formation.topics import ORDER
 from formation.transport import asking
@@ -81,8 +80,8 @@ def events() -> list[Event]:
 
 @pytest.fixture
 def operator(team: Team, events: list[Event], monkeypatch: pytest.MonkeyPatch) -> Operator:
-    monkeypatch.setattr(precedence, "UNSEEN_STOP_TIME", 0.0)  # these tests look before they click
-    monkeypatch.setattr(precedence, "DOUBLE_CLICK_TIME", 0.0)
+    monkeypatch.setattr(control, "UNSEEN_STOP_TIME", 0.0)  # these tests look before they click
+    monkeypatch.setattr(control, "DOUBLE_CLICK_TIME", 0.0)
     return Operator(SIX, team, events.append)
 
 
@@ -192,7 +191,7 @@ def test_release_is_refused_while_stop_is_being_sent(
 def test_a_double_click_on_release_leaves_the_team_held(
     team: Team, events: list[Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(precedence, "UNSEEN_STOP_TIME", 0.0)
+    monkeypatch.setattr(control, "UNSEEN_STOP_TIME", 0.0)
     operator = Operator(SIX, team, events.append)
     operator.order("hold")
     operator.order("stop")
@@ -217,7 +216,7 @@ def test_release_keeps_hold_of_leader_that_missed_stop(
 def test_two_pages_that_click_at_once_wait_for_the_same_answers(
     team: Team, pages: ThreadPoolExecutor, events: list[Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(precedence, "DOUBLE_CLICK_TIME", 60.0)
+    monkeypatch.setattr(control, "DOUBLE_CLICK_TIME", 60.0)
     operator = Operator(SIX, team, events.append)
     team.away = {SIX.leader}
     first = begun(pages, operator, team, "run")

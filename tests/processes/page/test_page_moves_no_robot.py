@@ -9,7 +9,7 @@ from contextlib import contextmanager
 import pytest
 from playwright.sync_api import Browser, Page
 
-from formation.monitor.web import precedence
+from formation.monitor.web import control
 from formation.monitor.web.control import Operator
 from tests.processes.page.scene import Scene
 from tests.processes.page.test_control import SIX, Team
@@ -82,7 +82,7 @@ def test_double_click_does_not_confirm(
 def test_hanging_page_stops_and_releases_no_robot(
     browser: Browser, desk: Served, team: Team, operator: Operator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(precedence, "MAX_SHOWN_AGE", 0.5)
+    monkeypatch.setattr(control, "MAX_SHOWN_AGE", 0.5)
     desk.feed(3)
     with opened(browser, desk, operator.token) as page:
         desk.feed()

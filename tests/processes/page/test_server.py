@@ -9,8 +9,7 @@ import time
 import pytest
 
 from formation.monitor.web.address import Bind
-from formation.monitor.web.opening import opened, words
-from formation.monitor.web.server import PageServer
+from formation.monitor.web.server import PageServer, opened, words
 from tests.processes.page.asking import requested
 from tests.support.looking import ANY, SEEN, looking, serving, source, until
 
@@ -105,8 +104,8 @@ def test_page_is_served_with_revalidation() -> None:
 def test_two_pages_side_by_side_have_ports_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
     with serving() as first:
         port = int(first.address.rstrip("/").rpartition(":")[2])
-        monkeypatch.setattr("formation.monitor.web.opening.PORT", port)
-        monkeypatch.setattr("formation.monitor.web.opening.Bind", lambda port=port: Bind(port=port))
+        monkeypatch.setattr("formation.monitor.web.server.PORT", port)
+        monkeypatch.setattr("formation.monitor.web.server.Bind", lambda port=port: Bind(port=port))
         assert words(None, first) == first.address
         with opened(None, source()) as second:
             assert requested(second, "healthz").status_code == 200

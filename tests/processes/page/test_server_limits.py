@@ -293,7 +293,7 @@ def test_shared_frame_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
     made = []
     whole = module._json
 
-    def making(value: Mapping[str, Any]) -> bytes:
+    def making(value: Mapping[str, Any]) -> str:
         made.append(1)
         return whole(value)
 

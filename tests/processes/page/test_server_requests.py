@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from formation.monitor.web.address import Bind
-from formation.monitor.web.opening import words
+from formation.monitor.web.server import words
 from tests.processes.page.asking import BEARER, JSON, TOKEN, Orders, Player, requested
 from tests.support.looking import serving, until
 

@@ -4,7 +4,7 @@ import pytest
 
 from formation.mission.file import load, parse, read
 from formation.monitor.core import Monitor
-from formation.monitor.metrics.keys import watched
+from formation.monitor.metrics.keys import OWN, watched
 from formation.monitor.metrics.words import line
 from formation.ros2.messages import Diagnostics, Number, decode
 from formation.topics import (
@@ -48,11 +48,7 @@ def test_an_error_that_is_not_known_is_not_published() -> None:
 
 
 def test_no_key_that_it_publishes_is_a_robots() -> None:
-    assert [key for _, key in Monitor(load("six_robots")).publications] == [
-        "formation/error",
-        "formation/diagnostics",
-        "formation/events",
-    ]
+    assert [one.key for one in OWN] == ["formation/error", "formation/diagnostics", "formation/events"]
 
 
 def test_status_and_ground_truth_are_subscribed_to_last() -> None:

@@ -10,7 +10,7 @@ from formation.deploy.local.launch import GRACE, STOP_ORDER
 from formation.deploy.local.plan import Part, programs
 from formation.deploy.local.ports import Ports
 from formation.mission.file import load
-from formation.monitor.metrics.stage import given
+from formation.monitor.metrics.keys import given_stage
 
 
 def flags_of(argv: Sequence[str], flag: str) -> list[str]:
@@ -32,7 +32,7 @@ def test_plan_has_one_process_per_agent() -> None:
     assert flags_of(table["robots"], "-l") == list(where.robots.values())
     assert flags_of(table["robots"], "-e") == []
     assert set(flags_of(table["monitor"], "-e")) == set(where.agents.values())
-    stage = given(mission, flags_of(table["monitor"], "--stage"))
+    stage = given_stage(mission, flags_of(table["monitor"], "--stage"))
     assert stage == where.robots
     assert all(flags_of(one.argv, "--parent") == ["4711"] for one in plan)
     assert all("--await-monitor" in one.argv for one in plan if one.name != "monitor")

@@ -10,7 +10,7 @@ import pytest
 from formation.control.zones import Zone
 from formation.monitor.metrics.events import CLEAR_TIME
 from formation.monitor.metrics.words import as_json, diagnostics
-from formation.monitor.report import happened
+from formation.monitor.report import tables
 from formation.protocol.status import CollisionMode
 from formation.ros2.messages import Diagnostics, Status
 from formation.topics import STATUS
@@ -120,7 +120,7 @@ def test_a_report_says_for_how_long_and_how_often(tmp_path: Path) -> None:
     assert did.avoiding == pytest.approx(1.0, abs=0.4)
     assert did.blocked == pytest.approx(1.5, abs=0.4)
     assert did.deadlocks == 1
-    table = happened.doings(run)
+    table = tables.doings(run)
     (row,) = (row for row in table.rows if row[0] == "robot4")
     assert row[table.heads.index("deadlocks")] == "1"
     assert {"avoiding", "blocked"} <= set(table.heads)

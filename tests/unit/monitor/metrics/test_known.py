@@ -7,8 +7,8 @@ import math
 
 import pytest
 
-from formation.monitor.metrics.known import KnownError, KnownSettling, KnownVerdict
 from formation.monitor.metrics.metrics import Metrics
+from formation.monitor.metrics.settling import KnownError, KnownSettling, KnownVerdict
 from formation.monitor.metrics.snapshot import Snapshot
 from formation.monitor.metrics.words import as_json, diagnostics, line
 from tests.support.monitored import Fleet, now, receive
@@ -128,7 +128,7 @@ def test_known_edges_are_judged_alone() -> None:
     for tick in range(1, 51):
         end = 10.0 + tick / 10
         receive(metrics, fleet.positions(end - 0.1, end, without="robot6"))
-        metrics.observe_known(now(end))
+        metrics.observe(now(end), known_only=True)
     seen = metrics.snapshot(now(15.0))
     assert seen.known_verdict.converged
     assert (seen.settled_at, seen.final_error) == (None, None)

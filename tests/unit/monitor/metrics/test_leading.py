@@ -8,8 +8,8 @@ import pytest
 from formation.monitor.core import Monitor
 from formation.monitor.metrics.event import Event
 from formation.monitor.metrics.keys import watched
+from formation.monitor.metrics.orders import leader_of
 from formation.monitor.metrics.snapshot import Snapshot
-from formation.monitor.metrics.terms import leader_of
 from formation.monitor.metrics.words import line
 from formation.protocol import order
 from formation.protocol.order import Ballot, Slots

@@ -8,7 +8,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from formation.mission.file import load
-from formation.monitor.recording.attached import packed, unpacked
+from formation.monitor.recording.channels import packed, unpacked
 from formation.monitor.recording.reader import read
 from formation.ros2.messages import Text, decode, encode
 from formation.topics import CMD_VEL, POSITION

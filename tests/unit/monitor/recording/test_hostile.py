@@ -13,9 +13,8 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk, Footer, Header, Metadata, Statistics
 
 from formation.mission.file import read as mission_text
-from formation.monitor.recording.extent import Extent
 from formation.monitor.recording.part import packed
-from formation.monitor.recording.reader import UnreadableError, read
+from formation.monitor.recording.reader import Extent, UnreadableError, read
 from formation.monitor.recording.recover import recover
 from formation.monitor.recording.scan import MAGIC, MAX_CHUNK_BYTES, MAX_EXPANSION_RATIO, contents, records
 

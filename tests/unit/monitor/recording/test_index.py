@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.records import ChunkIndex
 
-from formation.monitor.recording.index import BLOCK_BYTES, Entry, Index
-from formation.monitor.recording.part import packed
+from formation.monitor.recording.part import BLOCK_BYTES, Entry, Index, packed
 
 HEAD = 56
 TIMES = st.integers(0, 2**62)

@@ -17,10 +17,9 @@ from mcap.records import MessageIndex
 
 from formation.monitor.recording import recorder as recorder_module
 from formation.monitor.recording.channels import Channels
-from formation.monitor.recording.chunk import MESSAGE, Chunk
-from formation.monitor.recording.part import Part
+from formation.monitor.recording.part import Chunk, Part
 from formation.monitor.recording.reader import is_whole
-from formation.monitor.recording.scan import contents, records
+from formation.monitor.recording.scan import MESSAGE, contents, records
 from formation.ros2.messages import Number
 from tests.support.monitored import EPOCH, odometry
 from tests.unit.monitor.recording.test_recorder import a_bit_of_everything, recorder

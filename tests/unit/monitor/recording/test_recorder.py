@@ -10,7 +10,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from formation.mission.file import load, parse, read
 from formation.mission.model import Mission
 from formation.monitor.metrics.keys import OWN, watched
-from formation.monitor.recording.attached import SUFFIX
+from formation.monitor.recording.channels import SUFFIX
 from formation.monitor.recording.reader import read as read_back
 from formation.monitor.recording.recorder import Recorder, RecordingError, stamp_of
 from formation.monitor.recording.rotation import ROOM, ROTATION, Room, Rotation

@@ -8,8 +8,8 @@ import pytest
 
 from formation.monitor.recording.reader import Recording, UnreadableError, read
 from formation.monitor.recording.rotation import Rotation
-from formation.monitor.replay import film
-from formation.monitor.replay.film import MIN_RECORDING_TIME, Film
+from formation.monitor.replay import player
+from formation.monitor.replay.player import MIN_RECORDING_TIME, Film
 from tests.support.monitored import EPOCH, Fleet
 from tests.unit.monitor.recording.test_recorder import recorder
 
@@ -60,9 +60,9 @@ def test_short_recording_is_rebuilt_completely_and_long_partly(
     one = Film(recording)
     assert one.stretch == one.end - one.start
     messages = sum(1 for _ in recording.messages())
-    monkeypatch.setattr(film, "MAX_REBUILT_MESSAGES", messages * 3 // 4)
+    monkeypatch.setattr(player, "MAX_REBUILT_MESSAGES", messages * 3 // 4)
     assert Film(recording).stretch == pytest.approx(30.0, rel=0.01)
-    monkeypatch.setattr(film, "MAX_REBUILT_MESSAGES", 1)
+    monkeypatch.setattr(player, "MAX_REBUILT_MESSAGES", 1)
     assert Film(recording).stretch == MIN_RECORDING_TIME
 
 

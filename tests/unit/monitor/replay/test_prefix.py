@@ -6,7 +6,7 @@ import pytest
 
 from formation.mission.file import load, shipped
 from formation.mission.model import Mission
-from formation.monitor.replay.prefix import DEFAULT, checked
+from formation.monitor.replay.echo import DEFAULT, checked
 
 SIX = load("six_robots")
 RED = SIX.model_copy(update={"team": "red"})

@@ -12,7 +12,7 @@ from matplotlib.patches import Circle
 from formation.mission.file import read
 from formation.monitor.report import drawing, figures, parts
 from formation.monitor.report.gather import Run
-from formation.monitor.report.view import View
+from formation.monitor.report.parts import View
 from formation.slots.shape import PlacedShape
 from tests.support.monitored import Fleet
 from tests.support.recordings import coming_in, gathered, record, talk

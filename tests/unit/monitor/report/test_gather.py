@@ -9,7 +9,7 @@ import pytest
 from formation.mission.file import parse, read
 from formation.monitor.report import summary
 from formation.monitor.report.gather import Run
-from formation.monitor.report.view import View
+from formation.monitor.report.parts import View
 from formation.topics import CMD_VEL, POSITION
 from tests.support.monitored import Fleet, command
 from tests.support.recordings import START, coming_in, gathered, record, talk
@@ -42,7 +42,6 @@ def test_settling_time_of_monitor_equals_that_of_report(run: Run) -> None:
 
 def test_rms_and_maximum_cover_whole_and_settled_run(run: Run) -> None:
     whole, after = run.error.whole, run.error.after
-    assert after is not None
     # nine edges; robots that are off alike do not count: only the two edges to the leader do
     first = 2.0 * abs(coming_in("robot2", START))
     assert whole.maximum == pytest.approx(first, rel=0.05)
@@ -179,7 +178,7 @@ def test_orders_and_events_are_told_in_time(tmp_path: Path) -> None:
     later = [sample for sample in talk(fleet, 6.0) if sample.arrived > first[-1].arrived + 0.05]
     record(tmp_path / "run.mcap", [*first, *later])
     run = gathered(tmp_path / "run.mcap")
-    assert [(order.mode, order.shape) for order in run.orders] == [("run", "hexagon"), ("run", "wedge")]
+    assert [(order.mode, order.wish.shape) for order in run.orders] == [("run", "hexagon"), ("run", "wedge")]
     assert run.orders[1].at - run.start == pytest.approx(3.0, abs=0.3)
     assert {"joined", "order"} <= {event.kind for event in run.events}
 

@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formation.mission.file import read
-from formation.monitor.recording.reader import Recorded
-from formation.monitor.report import happened
-from formation.monitor.report.leader_terms import LeaderTerm, Span, at, gaps, leader_terms_of, overlaps
+from formation.monitor.report import tables
+from formation.monitor.report.leader_terms import LeaderTerm, LeaderTerms, overlaps
 from formation.monitor.report.summary import notices
 from formation.protocol import order
 from formation.protocol.order import Ballot
@@ -41,11 +40,10 @@ def leading(
 
 def received(samples: Iterable[Sample]) -> list[LeaderTerm]:
     inbox = sorted(samples, key=lambda sample: sample.arrived)
-    walls = [sample.arrived + EPOCH for sample in inbox]
-    return leader_terms_of(
-        MISSION,
-        [Recorded(s._replace(arrived=w), w, round(w * 1e9)) for s, w in zip(inbox, walls, strict=True)],
-    )
+    found = LeaderTerms(MISSION)
+    for sample in inbox:
+        found.process_sample(sample, sample.arrived + EPOCH)
+    return found.all
 
 
 def ballot(name: str, term: int, number: int, time: float, candidacy: str = "leader") -> Sample:
@@ -64,15 +62,9 @@ def test_no_candidate_leads_between_two_leader_terms() -> None:
     ]
     assert [one.positions for one in leader_terms] == [41, 43, 15]
     assert not overlaps(leader_terms)
-    first, second = gaps(leader_terms)
-    assert first == pytest.approx(Span(EPOCH + 12.0, EPOCH + 12.9))
-    assert second.end - second.begin == pytest.approx(0.3, abs=0.051)
-
-
-def test_leader_is_known_for_every_moment() -> None:
-    leader_terms = received([*leading(FIRST, 10.0, 12.0), *leading(SECOND, 12.9, 15.0)])
-    names = [[one.name for one in at(leader_terms, EPOCH + time)] for time in (9.9, 11.0, 12.5, 13.0, 15.1)]
-    assert names == [[], ["robot1"], [], ["spare1"], []]
+    first, second, third = (one.published for one in leader_terms)
+    assert (first.end, second.begin) == pytest.approx((EPOCH + 12.0, EPOCH + 12.9))
+    assert third.begin - second.end == pytest.approx(0.3, abs=0.051)
 
 
 def test_a_leader_that_goes_on_beside_its_successor_is_found() -> None:
@@ -80,7 +72,6 @@ def test_a_leader_that_goes_on_beside_its_successor_is_found() -> None:
     (both,) = overlaps(leader_terms)
     assert (both.former.name, both.latter.name) == ("robot1", "spare1")
     assert both.span.end - both.span.begin == pytest.approx(0.6, abs=0.051)
-    assert [one.name for one in at(leader_terms, EPOCH + 13.0)] == ["robot1", "spare1"]
 
 
 def test_single_late_message_of_former_leader_is_found() -> None:
@@ -97,15 +88,16 @@ def test_two_processes_in_one_term_are_two_leaders() -> None:
 def test_delayed_messages_are_no_second_leader_by_stamp() -> None:
     leader_terms = received([*leading(FIRST, 10.0, 12.0, late=0.8), *leading(SECOND, 12.5, 15.0)])
     assert not overlaps(leader_terms)
-    assert overlaps(leader_terms, "received")
+    assert leader_terms[0].received.end > leader_terms[1].received.begin
 
 
 def test_leader_without_positions_is_known_by_ballots() -> None:
     ballots = [ballot("spare1", SECOND, n, 13.0 + n / 10) for n in range(10)]
     (one,) = received(ballots)
     assert (one.name, one.positions, one.ballots) == ("spare1", 0, 10)
-    assert not list(gaps([one]))
-    assert overlaps(received([*leading(FIRST, 10.0, 13.5), *ballots]), "received")
+    assert one.published.end < one.published.begin  # none has come with a position
+    former, latter = received([*leading(FIRST, 10.0, 13.5), *ballots])
+    assert latter.received.begin < former.received.end
 
 
 def test_candidate_without_lease_does_not_lead() -> None:
@@ -150,11 +142,11 @@ def test_report_shows_failover_and_robot_states(tmp_path: Path) -> None:
     )
     run = gathered(tmp_path / "run.mcap")
     assert [one.name for one in run.leader_terms] == ["robot1", "spare1"]
-    table = happened.leader_terms(run)
+    table = tables.leader_terms(run)
     assert [row[0] for row in table.rows] == ["robot1", "spare1"]
     assert table.rows[1][3] == "0.9 s"
     assert {row[-1] for row in table.rows} == {"yes"}
-    assert [row[-1] for row in happened.orders(run).rows] == ["robot1", "spare1"]
+    assert [row[-1] for row in tables.orders(run).rows] == ["robot1", "spare1"]
     assert any(one.kind == "leader" and one.robot == "spare1" for one in run.events)
     assert not any("at once" in notice for notice in notices(run, cut=False))
     ran = {name: one.seconds["run"] for name, one in run.doings.items()}
@@ -173,4 +165,4 @@ def test_a_report_says_first_if_two_led_at_once(tmp_path: Path) -> None:
 
 def test_a_report_without_standbys_has_no_table_of_leaders(tmp_path: Path) -> None:
     record(tmp_path / "run.mcap", talk(Fleet(), 2.0))
-    assert not happened.leader_terms(gathered(tmp_path / "run.mcap")).rows
+    assert not tables.leader_terms(gathered(tmp_path / "run.mcap")).rows

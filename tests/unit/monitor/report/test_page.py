@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from formation.mission.file import read
-from formation.monitor.report import compare, svg
-from formation.monitor.report.page import ReportedRun, page
+from formation.monitor.report.page import ReportedRun, inline, page
+from formation.monitor.report.summary import differences
 from tests.support.edited import edited
 from tests.support.monitored import Fleet
 from tests.support.recordings import coming_in, gathered, record, talk
@@ -127,7 +127,7 @@ def test_two_runs_stand_beside_each_other_with_their_ratio(two: str) -> None:
 def test_other_missions_are_named_where_they_differ(folder: Path, tmp_path: Path) -> None:
     record(tmp_path / "other.mcap", talk(Fleet(), 2.0), edited(TEXT, "law", "k_p = 3.0"))
     runs = [gathered(folder / "field.mcap"), gathered(tmp_path / "other.mcap")]
-    assert compare.differences(runs[0].mission, runs[1].mission) == ["law.k_p: 2.0 in A, 3.0 in B"]
+    assert differences(runs[0].mission, runs[1].mission) == ["law.k_p: 2.0 in A, 3.0 in B"]
     text = page([ReportedRun(run, "") for run in runs])
     assert "different missions" in text
     assert "law.k_p: 2.0 in A, 3.0 in B" in text
@@ -136,7 +136,7 @@ def test_other_missions_are_named_where_they_differ(folder: Path, tmp_path: Path
 def test_a_law_alone_makes_no_other_mission(folder: Path) -> None:
     field, paper = (gathered(folder / f"{law}.mcap").mission for law in ("field", "paper"))
     assert field != paper
-    assert compare.differences(field, paper) == []
+    assert differences(field, paper) == []
 
 
 def test_what_a_robot_says_cannot_become_part_of_the_page(tmp_path: Path) -> None:
@@ -164,7 +164,7 @@ def test_pages_of_runs_of_which_little_is_known_are_made(tmp_path: Path) -> None
 
 def test_an_inlined_figure_has_ids_of_its_own() -> None:
     source = '<?xml?><svg width="1"viewBox="0 0 9 9"><g id="a"/><g id="b"/><use xlink:href="#a"/></svg>'
-    assert svg.inline(source, "x", 'a "b"') == (
+    assert inline(source, "x", 'a "b"') == (
         '<svg viewBox="0 0 9 9" role="img" aria-label="a &quot;b&quot;">'
         '<g id="x-a"/><g/><use xlink:href="#x-a"/></svg>'
     )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from formation.mission.file import load
-from formation.monitor.report import drawing, panels
+from formation.monitor.report import drawing
 from formation.simulation.history import History
 from formation.simulation.simulate import simulate
 
@@ -25,13 +25,13 @@ def test_the_suffix_says_how_the_figure_is_written(
     history: History, tmp_path: Path, suffix: str, start: bytes
 ) -> None:
     path = tmp_path / f"figure.{suffix}"
-    panels.draw(history, path)
+    drawing.draw(history, path)
     assert path.read_bytes().startswith(start)
 
 
 def test_every_panel_names_its_quantity_and_unit(history: History, tmp_path: Path) -> None:
     path = tmp_path / "figure.svg"
-    panels.draw(history, path)
+    drawing.draw(history, path)
     text = path.read_text(encoding="utf-8")
     for letter, quantity in zip(
         "abcdef", ("Measurement", "Trajectories", "Heading", "error", "speeds", "Turn"), strict=True
@@ -51,13 +51,13 @@ def test_what_is_not_known_is_left_out_of_the_figure(history: History, tmp_path:
         position=np.where(history.time[:, None] < 5.0, history.position, np.nan),
     )
     path = tmp_path / "figure.png"
-    panels.draw(unknown, path)
+    drawing.draw(unknown, path)
     assert path.stat().st_size > 10_000
 
 
 def test_a_run_that_left_the_numbers_can_still_be_drawn(history: History, tmp_path: Path) -> None:
     lost = replace(history, error=np.full_like(history.error, np.inf))
-    panels.draw(lost, tmp_path / "figure.png")
+    drawing.draw(lost, tmp_path / "figure.png")
 
 
 def test_without_matplotlib_the_error_says_what_to_install(
@@ -65,7 +65,7 @@ def test_without_matplotlib_the_error_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(ModuleNotFoundError, match=r"pip install '\.\[plot\]'"):
-        panels.draw(history, tmp_path / "figure.png")
+        drawing.draw(history, tmp_path / "figure.png")
 
 
 def test_the_figure_ends_well_after_the_formation_has_formed(history: History) -> None:

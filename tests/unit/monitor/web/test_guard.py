@@ -6,8 +6,9 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from starlette.types import Message, Receive, Scope, Send
 
-from formation.monitor.web.guard import Guard, Message, Receive, Send, host_is_ours, names_of, origin_is_ours
+from formation.monitor.web.guard import Guard, host_is_ours, names_of, origin_is_ours
 
 NAMES = names_of("Desk.example.org", "127.0.0.1")
 
@@ -66,7 +67,7 @@ def answered(method: str = "GET", path: str = "/", **headers: str) -> tuple[int,
     """Status and headers of what comes through the gate, 299 if it was let through."""
     sent: list[Message] = []
 
-    async def app(_scope: Message, _receive: Receive, send: Send) -> None:
+    async def app(_scope: Scope, _receive: Receive, send: Send) -> None:
         await send({"type": "http.response.start", "status": 299, "headers": []})
         await send({"type": "http.response.body", "body": b""})
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formation.mission.legs import Straight
-from formation.monitor.web.precedence import (
+from formation.monitor.web.control import (
     DOUBLE_CLICK_TIME,
     MAX_SHOWN_AGE,
     UNSEEN_STOP_TIME,

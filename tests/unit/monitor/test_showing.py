@@ -9,8 +9,8 @@ import pytest
 
 from formation.monitor.core import Monitor
 from formation.monitor.metrics.events import INFO, Event
+from formation.monitor.process import Showing
 from formation.monitor.recording.recorder import Recorder
-from formation.monitor.web.showing import Showing
 from formation.monitor.web.source import Source
 from tests.support.looking import source
 from tests.support.monitored import EPOCH, Fleet, now

@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 
 from formation.monitor.metrics.feed import freshness_limit
-from formation.monitor.metrics.health import Health, health
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.snapshot import RobotMetrics
+from formation.monitor.web.frames import Health, health
 from formation.topics import POSITION
 from tests.support.monitored import EPOCH, Fleet, command, now, odometry, receive, status
 
