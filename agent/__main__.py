@@ -18,7 +18,7 @@ from formation.mission.file import load
 from formation.transport import wiring
 from formation.transport.runtime.flags import add_robot_connect, bus_config, parser, robot_bus
 from formation.transport.runtime.process import BadInput, Process, Stop, one_of, run_process
-from formation.transport.security.certified import verifier_of
+from formation.transport.security.verifying import verifier_of
 
 EXAMPLES = """\
   formation agent six_robots --robot robot2

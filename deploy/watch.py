@@ -36,10 +36,10 @@ from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError
 from formation.transport.linger import Linger
 from formation.transport.mailbox import Mailbox
+from formation.transport.robot_bus import RobotBuses
 from formation.transport.runtime.flags import add_zenoh, bus_config
 from formation.transport.runtime.process import Stop, clocks
 from formation.transport.runtime.rate import Rate
-from formation.transport.runtime.robot_buses import RobotBuses
 
 REFRESH_RATE, JSON_RATE = 4.0, 1.0
 """Rates of the table and of JSON lines [Hz]."""

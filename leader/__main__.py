@@ -16,7 +16,7 @@ from formation.mission.model import Mission
 from formation.transport import wiring
 from formation.transport.runtime import flags
 from formation.transport.runtime.process import BadInput, Process, Stop, one_of, run_process
-from formation.transport.security.certified import signer_of
+from formation.transport.security.verifying import signer_of
 
 EXAMPLES = """\
   formation leader six_robots

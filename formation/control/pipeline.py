@@ -9,7 +9,7 @@ unchanged.
 | stage | module | limits |
 |---|---|---|
 | law | `formation.control.laws` | to the limits of the body |
-| collision filter | `formation.control.avoidance`, `.deadlock` | how fast obstacles come nearer |
+| collision filter | `formation.control.avoidance` | how fast obstacles come nearer |
 | ramp | `formation.control.ramp` | the change from the command before |
 | brake | `formation.control.avoidance` | again, after the ramp |
 | protective zones | `formation.control.zones` | speed towards what a scanner sees |
@@ -22,9 +22,8 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from formation.control.avoidance import AvoidanceParameters, Obstacle, brake
+from formation.control.avoidance import Avoidance, AvoidanceParameters, Obstacle, avoid, brake
 from formation.control.controller import Controller, Gains, Limits, Measured, Step, unwound
-from formation.control.deadlock import Avoidance, avoid
 from formation.control.quantiser import Quantiser, quantise
 from formation.control.ramp import STARTING, Ramp, RampLimits, ramped
 from formation.control.unicycle import AT_REST, Command

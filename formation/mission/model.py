@@ -23,12 +23,10 @@ from formation.control.quantiser import Quantiser
 from formation.control.ramp import ramp_limits
 from formation.control.unicycle import Command
 from formation.mission import rules as mission_rules
-from formation.mission.endpoint import Endpoint
 from formation.mission.graph import Graph
-from formation.mission.legs import Leg, Waypoints
-from formation.mission.robot import RobotDefaults, RobotSpec
-from formation.mission.scanner import Post, SimulatedScanner, Wall
-from formation.mission.tables import Name, NotNegative, Point, Positive, Table, Title, as_tuple
+from formation.mission.robot import Post, RobotDefaults, RobotSpec, SimulatedScanner, Wall
+from formation.mission.route import Leg, Waypoints
+from formation.mission.tables import Endpoint, Name, NotNegative, Point, Positive, Table, Title, as_tuple
 
 TAG_CHARS = 8
 """Length of a mission's tag [characters]: 32 bits, against accidents."""

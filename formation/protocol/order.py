@@ -29,7 +29,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError, to_json
 
-from formation.mission.legs import Leg
+from formation.mission.route import Leg
 from formation.mission.tables import as_tuple
 from formation.protocol.reasons import Code as ReasonCode
 from formation.protocol.reasons import Reason

@@ -14,7 +14,7 @@ from typing import ClassVar, Self
 
 from formation.ros2 import ros
 from formation.ros2.cdr import Reader, Writer, singles
-from formation.ros2.message import Message
+from formation.ros2.ros import Message
 from formation.wire import BadMessage
 
 MAX_BEAMS = 4096

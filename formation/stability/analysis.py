@@ -17,7 +17,7 @@ from formation.mission.graph import cyclic_core
 from formation.mission.model import Mission
 from formation.mission.route import Route
 from formation.simulation.simulate import simulate
-from formation.stability import bounding, crowding, feasibility, meeting, spectrum
+from formation.stability import crowding, feasibility, spectrum
 from formation.stability.losses import useless_fallbacks
 
 MAX_AMPLIFICATION_RATIO = 2.0
@@ -99,16 +99,15 @@ def analyse(mission: Mission, law: str | None = None) -> Analysis:
     settling = settling_time(mission, law)
     warnings = [
         *feasibility.warnings(mission),
-        *bounding.warnings(mission),
         *useless_fallbacks(mission),
         *_shaky(mission, margin, peaks),
     ]
     problems = [*faults, *_sampling(mission, mu, stable=not faults), *feasibility.problems(mission)]
     if controller.collision_filter:
         problems += crowding.problems(mission)
-        warnings += [*meeting.warnings(mission), *crowding.warnings(mission), *crowding.starts(mission)]
+        warnings += [*crowding.could_meet(mission), *crowding.warnings(mission), *crowding.starts(mission)]
     else:
-        warnings += meeting.unfiltered(mission)
+        warnings += crowding.unfiltered(mission)
     if settling is None:
         horizon = mission.simulation.horizon
         warnings.append(f"from its own starts the formation does not settle within {horizon:g} s ({law} law)")

@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from formation.control.arrays import ComplexArray
-from formation.mission.legs import Circle, Leg, Straight
 from formation.mission.model import Mission
-from formation.mission.route import Route
+from formation.mission.route import Circle, Leg, Route, Straight
 from formation.protocol.order import TAKES, OperatorRequest, Tuned
 from formation.slots.geofence import Geofence
 from formation.slots.shape import PlacedShape

@@ -22,7 +22,7 @@ from formation.protocol.order import MAX_ENDED, MAX_REQUEST_BYTES, TAKES, Do, Op
 from formation.protocol.outcome import Answer, Outcome, Recipients
 from formation.stability import intent
 from formation.topics import ORDER
-from formation.transport.question import Reply
+from formation.transport.mailbox import Reply
 from formation.wire import BadMessage
 
 OPERATOR = "operator"
@@ -52,7 +52,7 @@ _CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
 
 
 class Question(Protocol):
-    """A question that was sent: `formation.transport.question.Question`."""
+    """A question that was sent: `formation.transport.mailbox.Question`."""
 
     @property
     def replies(self) -> Sequence[Reply]:

@@ -9,7 +9,7 @@ from uuid import uuid4
 
 from mcap.records import Channel, Schema
 
-from formation.ros2.definitions import definition, type_hash
+from formation.ros2.messages import definition, type_hash
 
 ABOUT = "formation"
 """Name of the metadata record about the recording."""

@@ -13,7 +13,7 @@ from formation.mission.model import Mission
 from formation.monitor.metrics.keys import watched
 from formation.monitor.recording.recorder import stamp_of
 from formation.monitor.report.thin import Spread
-from formation.ros2.definitions import definition
+from formation.ros2.messages import definition
 from formation.topics import CMD_VEL, ODOM, POSE, TABLE
 
 HEADER = "std_msgs/Header "

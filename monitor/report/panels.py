@@ -13,7 +13,7 @@ import numpy as np
 from formation.control.arrays import FloatArray
 from formation.monitor.report import drawing
 from formation.monitor.report.drawing import STYLE, Look
-from formation.simulation.history import History
+from formation.simulation.simulate import History
 from formation.transport.runtime.command_line import needs
 
 if TYPE_CHECKING:

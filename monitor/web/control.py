@@ -22,7 +22,7 @@ from formation.transport import asking, wiring
 from formation.transport.asking import OPERATOR
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError
-from formation.transport.question import Reply
+from formation.transport.mailbox import Reply
 from formation.transport.wiring import Links
 
 ANSWER_TIMEOUT_SECONDS = 3.0

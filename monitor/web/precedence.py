@@ -13,8 +13,8 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any
 
-from formation.protocol.once import MAX_REMEMBERED_REQUESTS, RESTS
 from formation.protocol.order import Do, OperatorRequest
+from formation.protocol.stops import MAX_REMEMBERED_REQUESTS, RESTS
 
 DOUBLE_CLICK_TIME = 1.0
 """The same order again within this time counts as a double click [s]."""
