@@ -18,7 +18,7 @@ from pydantic_core import PydanticCustomError
 from formation.control.avoidance import LAG_WEIGHT, NOISE_DEVIATIONS, AvoidanceParameters, margin_kept
 from formation.control.controller import Controller, Gains
 from formation.control.laws import DEFAULT, LAWS
-from formation.control.pipeline import ControlParams, params_of
+from formation.control.pipeline import ControlParams, protected, unprotected
 from formation.control.quantiser import Quantiser
 from formation.control.ramp import ramp_limits
 from formation.control.unicycle import Command
@@ -312,14 +312,15 @@ class Mission(Table):
         spec, rules = self.robots[robot], self.collisions
         hold = max(spec.longest_command, step) + LAG_WEIGHT * rules.lag
         rate = min(spec.rate, 1.0 / step) if step > 0.0 else spec.rate
-        return params_of(
-            controller,
+        return ControlParams(
+            controller.step,
+            controller.integral,
             spec.limits,
             AvoidanceParameters(spec.radius, rules.room, hold, rules.blind),
+            rules.mode == "on" and controller.collision_filter,
             ramp_limits(spec.ramp if controller.ramp else 0.0, rate),
+            unprotected if spec.scanner == "none" else protected,
             Quantiser.of(Command(spec.speed_step, spec.turn_rate_step), spec.limits),
-            avoids=rules.mode == "on" and controller.collision_filter,
-            scans=spec.scanner != "none",
         )
 
     @property

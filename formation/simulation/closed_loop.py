@@ -17,14 +17,7 @@ from formation.control.controller import Gains, Limits, Measured
 from formation.control.laws.field import field as law  # or whichever law this is compiled with
 from formation.control.observer import Travel, innovation
 from formation.control.observer import innovation as observe  # or the observer that this is compiled with
-from formation.control.pipeline import (
-    ControlParams,
-    ControlState,
-    Inputs,
-    at_rest,
-    control_step,
-    unprotected,
-)
+from formation.control.pipeline import ControlParams, ControlState, Inputs, at_rest, control_step, unprotected
 from formation.control.plane import unit
 from formation.control.quantiser import Grid, Quantiser
 from formation.control.ramp import Ramp, RampLimits

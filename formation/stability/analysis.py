@@ -7,7 +7,7 @@ and the settling time comes from the closed loop itself, simulated once from the
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -30,16 +30,10 @@ MIN_DELAY_MARGIN_PERIODS = 3.0
 class Analysis:
     """Result of checking a mission. Mappings are by robot."""
 
-    law: str
-    robots: int
-    """Number of robots, the leader included."""
-    edges: int
-    depth: dict[str, int | None]
-    """Hops to the leader; None if there is no path."""
-    unreachable: dict[str, str]
-    """Robots without a path to the leader, and why."""
-    laplacian_eigenvalues: tuple[complex, ...]
-    """μ of L_ff."""
+    problems: tuple[str, ...]
+    """Faults with which the mission cannot work."""
+    warnings: tuple[str, ...]
+    """Faults with which it will not work well."""
     eigenvalues: tuple[complex, ...]
     """Closed-loop poles of the PI loop (7) [1/s]."""
     stable: bool
@@ -50,12 +44,18 @@ class Analysis:
     """When the formation settles from the mission's own starts [s]; None if not within its horizon."""
     delay_margin: float
     """Greatest delay of the PI loop's whole measurement [s]; 0 if unstable."""
+    depth: dict[str, int | None]
+    """Hops to the leader; None if there is no path."""
     amplification: dict[str, float]
     """Peak over frequency of a robot's mean edge error per leader velocity [s]; infinite if unstable."""
-    problems: tuple[str, ...]
-    """Faults with which the mission cannot work."""
-    warnings: tuple[str, ...]
-    """Faults with which it will not work well."""
+    laplacian_eigenvalues: tuple[complex, ...]
+    """μ of L_ff."""
+    law: str
+    robots: int
+    """Number of robots, the leader included."""
+    edges: int
+    unreachable: dict[str, str]
+    """Robots without a path to the leader, and why."""
 
     @property
     def ok(self) -> bool:
@@ -64,23 +64,7 @@ class Analysis:
 
     def as_json(self) -> dict[str, Any]:
         """The results for JSON; None instead of NaN and infinity."""
-        return {
-            "ok": self.ok,
-            "problems": list(self.problems),
-            "warnings": list(self.warnings),
-            "eigenvalues": [[value.real, value.imag] for value in self.eigenvalues],
-            "stable": self.stable,
-            "slowest_mode": _number(self.slowest_mode),
-            "settling_time_estimate": _number(self.settling_time_estimate),
-            "delay_margin": _number(self.delay_margin),
-            "depth": dict(self.depth),
-            "amplification": {name: _number(value) for name, value in self.amplification.items()},
-            "laplacian_eigenvalues": [[value.real, value.imag] for value in self.laplacian_eigenvalues],
-            "law": self.law,
-            "robots": self.robots,
-            "edges": self.edges,
-            "unreachable": dict(self.unreachable),
-        }
+        return {"ok": self.ok, **{one.name: _plain(getattr(self, one.name)) for one in fields(self)}}
 
 
 def analyse(mission: Mission, law: str | None = None) -> Analysis:
@@ -97,11 +81,7 @@ def analyse(mission: Mission, law: str | None = None) -> Analysis:
         peaks = spectrum.amplification(graph, gains.k_p, gains.k_i, forward)
     margin = spectrum.delay_margin(mu, gains.k_p, gains.k_i)
     settling = settling_time(mission, law)
-    warnings = [
-        *feasibility.warnings(mission),
-        *useless_fallbacks(mission),
-        *_shaky(mission, margin, peaks),
-    ]
+    warnings = [*feasibility.warnings(mission), *useless_fallbacks(mission), *_shaky(mission, margin, peaks)]
     problems = [*faults, *_sampling(mission, mu, stable=not faults), *feasibility.problems(mission)]
     if controller.collision_filter:
         problems += crowding.problems(mission)
@@ -214,5 +194,15 @@ def _shaky(mission: Mission, margin: float, peaks: Any) -> list[str]:
     return found
 
 
-def _number(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None
+def _plain(value: Any) -> Any:
+    """A value for JSON."""
+    match value:
+        case dict():
+            return {name: _plain(one) for name, one in value.items()}
+        case tuple():
+            return [_plain(one) for one in value]
+        case complex():
+            return [value.real, value.imag]
+        case float():
+            return value if math.isfinite(value) else None
+    return value

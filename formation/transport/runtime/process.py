@@ -297,8 +297,5 @@ def say(event: str, **fields: Any) -> None:
 def log_to_stderr(name: str, level: str) -> None:
     """Log as ``12:34:56 robot2: message``."""
     logging.basicConfig(
-        stream=sys.stderr,
-        level=level.upper(),
-        format=f"%(asctime)s {name}: %(message)s",
-        datefmt="%H:%M:%S",
+        stream=sys.stderr, level=level.upper(), format=f"%(asctime)s {name}: %(message)s", datefmt="%H:%M:%S"
     )
