@@ -1,12 +1,10 @@
 """The edges of a formation's graph as arrays: sums over neighbours, formation errors, the Laplacian.
 
-For computations with many robots at once. Sums over neighbours are sparse; only eigenvalues and Eq. (6) of
-the paper need a matrix.
+For computations with many robots at once. Sums over neighbours are sparse; only eigenvalues need a matrix.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
@@ -56,18 +54,6 @@ class Edges:
     def follower_laplacian(self) -> FloatArray:
         """L_ff, the followers' block of the Laplacian; shape (n-1, n-1)."""
         return self.laplacian()[1:, 1:]
-
-    def desired_positions(self, leader: complex, slots: Sequence[complex] | ComplexArray) -> ComplexArray:
-        """Followers' control points in formation [m; world frame], shape (n-1,): Eq. (6).
-
-        `leader` is the leader's control point, `slots` the shape, the leader's own slot first; shape (n,).
-        Raises numpy.linalg.LinAlgError where a follower has no path to the leader.
-        """
-        laplacian = self.laplacian()
-        to_leader, among = laplacian[1:, :1], laplacian[1:, 1:]
-        wanted = laplacian[1:, :] @ np.asarray(slots, dtype=np.complex128)
-        held = wanted - to_leader[:, 0] * leader
-        return np.linalg.solve(among.astype(np.complex128), held).astype(np.complex128)
 
 
 def edge_errors(edges: Edges, points: ComplexArray, slots: ComplexArray) -> FloatArray:

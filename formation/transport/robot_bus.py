@@ -12,6 +12,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Literal, Self
 
@@ -57,8 +58,6 @@ class RobotBus:
         """
         self.published: Counter[str] = Counter()
         """Messages handed to Zenoh, by logical key."""
-        self.unsent: Counter[str] = Counter()
-        """Messages published before the session was open, by logical key: they are lost."""
         self.received: Counter[str] = Counter()
         """Messages that arrived, by logical key."""
         ends = tuple(dict.fromkeys(endpoints))
@@ -67,9 +66,8 @@ class RobotBus:
         self._config = BusConfig(listen=listen, connect=connect, mode=mode, name=node)
         self._naming, self._mailbox, self._node = naming, mailbox, node
         self._advertised: dict[str, _Line] = {}
-        self._subscribed: dict[str, str] = {}
+        self._subscribed: dict[str, tuple[str, bool]] = {}  # wire key, and whether from others only
         self._answered: dict[str, Handler] = {}
-        self._from_others: set[str] = set()
         self._zid = ""
         self._level = logging.INFO if awaited else logging.DEBUG
         self._bus: Bus | None = None
@@ -105,8 +103,8 @@ class RobotBus:
             raise BusError(f"{key!r} is advertised already")
         if topic.qos is None:
             raise BusError(f"topic {topic.name!r} is a queryable: it is answered, not published")
-        line = _Line(topic, self._naming.wire(key, _type(topic)))
-        line.attached = self._naming.attachment(key, 1, 0.0) is not None
+        attached = self._naming.attachment(key, 1, 0.0) is not None
+        line = _Line(topic, self._naming.wire(key, _type(topic)), attached)
         with self._changing:
             self._advertised[key] = line
             if self._bus is not None:
@@ -123,9 +121,7 @@ class RobotBus:
             raise BusError(f"{key!r} is subscribed to already")
         wire = self._naming.wire(key, _type(topic))
         with self._changing:
-            self._subscribed[key] = wire
-            if from_others:
-                self._from_others.add(key)
+            self._subscribed[key] = wire, from_others
             if self._bus is not None:
                 self._bus.subscribe(wire, key, wakes=not from_others, others_only=from_others)
                 self._claim(self._bus)
@@ -139,7 +135,7 @@ class RobotBus:
                 self._bus.answer(wire, handler)
 
     def publish(self, key: str, payload: bytes) -> None:
-        """Publish on an advertised key; before the session is open this does nothing (counted in `unsent`).
+        """Publish on an advertised key; before the session is open this does nothing.
 
         Raises BadMessage for a payload that would block a bridge's route for good: one that is empty or
         has no CDR header.
@@ -151,7 +147,6 @@ class RobotBus:
             )
         bus = self._bus
         if bus is None:
-            self.unsent[key] += 1
             return
         attachment = None
         if line.attached:
@@ -215,8 +210,7 @@ class RobotBus:
         self._zid, self.received = bus.zid, bus.received
         for line in self._advertised.values():
             bus.advertise(line.topic, line.wire)
-        for key, wire in self._subscribed.items():
-            from_others = key in self._from_others
+        for key, (wire, from_others) in self._subscribed.items():
             bus.subscribe(wire, key, wakes=not from_others, others_only=from_others)
         for wire, handler in self._answered.items():
             bus.answer(wire, handler)
@@ -308,16 +302,15 @@ class RobotBuses:
         return self._by_robot[address(key).robot]
 
 
+@dataclass(slots=True)
 class _Line:
     """A publication: its destination and its progress."""
 
-    __slots__ = ("attached", "sequence", "topic", "wire")
-
-    def __init__(self, topic: Topic, wire: str) -> None:
-        self.topic, self.wire = topic, wire
-        self.attached = False
-        """Whether ROS needs an attachment on each sample."""
-        self.sequence = 0
+    topic: Topic
+    wire: str
+    attached: bool
+    """Whether ROS needs an attachment on each sample."""
+    sequence: int = 0
 
 
 def _type(topic: Topic) -> str | None:
