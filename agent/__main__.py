@@ -58,7 +58,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(args: argparse.Namespace, stop: Stop) -> None:
     mission = load(args.mission)
     name = one_of("--robot", args.robot, mission.followers)
-    links = wiring.of_agent(mission, name, wiring.endpoints(mission))
+    links = wiring.of_member(mission, name, wiring.endpoints(mission))
     config = bus_config(args, mission, links, f"agent {name}")
     verifier = verifier_of(config, mission)
     carried = {} if verifier is None else {"certificate": verifier.carry}

@@ -1,6 +1,6 @@
 """A mission: its robots, the measurement graph, the shapes, the law and the leader's route.
 
-Frozen pydantic models, shaped like the mission file (`formation.mission.file`). A Mission that exists is legal:
+Frozen pydantic models, shaped like the mission file (`formation.mission.file`). An existing Mission is legal:
 what the types cannot say is checked on construction, and a violation names key, value and what is legal.
 """
 

@@ -65,16 +65,26 @@ class StopRequest(Protocol):
         """Whether to stop."""
 
 
-class FleetSide(Protocol):
-    """The part of `formation.transport.bus.Bus` that a process's main function uses."""
+class Side(Protocol):
+    """What both sides of a process have in common."""
 
     @property
     def published(self) -> Counter[str]:
-        """Messages published, by key."""
+        """Messages handed to Zenoh, by (logical) key."""
 
     @property
     def received(self) -> Counter[str]:
-        """Messages that arrived, by key."""
+        """Messages that arrived, by (logical) key."""
+
+    def advertise(self, topic: Topic, key: str) -> None:
+        """Declare that this process will publish `key`."""
+
+    def answer(self, key: str, handler: Handler) -> None:
+        """Answer queries on `key`."""
+
+
+class FleetSide(Side, Protocol):
+    """The part of `formation.transport.bus.Bus` that a process's main function uses."""
 
     @property
     def refused(self) -> Counter[str]:
@@ -88,9 +98,6 @@ class FleetSide(Protocol):
     def overflowed(self) -> int:
         """Messages that newer ones pushed out of the mailbox before they were drained."""
 
-    def advertise(self, topic: Topic, key: str) -> None:
-        """As `Bus.advertise`."""
-
     def publish(self, key: str, payload: bytes, attachment: bytes | None = None) -> None:
         """As `Bus.publish`."""
 
@@ -102,36 +109,19 @@ class FleetSide(Protocol):
     ) -> None:
         """As `Bus.subscribe`."""
 
-    def answer(self, key: str, handler: Handler) -> None:
-        """As `Bus.answer`."""
-
     def drain(self) -> list[Sample]:
         """As `Bus.drain`."""
 
 
-class RobotSide(Protocol):
+class RobotSide(Side, Protocol):
     """A `formation.transport.robot_bus.RobotBus`, or several as one."""
-
-    @property
-    def published(self) -> Counter[str]:
-        """Messages handed to Zenoh, by logical key."""
-
-    @property
-    def received(self) -> Counter[str]:
-        """Messages that arrived, by logical key."""
 
     @property
     def connected(self) -> bool:
         """Whether every router is linked."""
 
-    def advertise(self, topic: Topic, key: str) -> None:
-        """As `RobotBus.advertise`."""
-
     def subscribe(self, topic: Topic, key: str, *, from_others: bool = False) -> None:
         """As `RobotBus.subscribe`."""
-
-    def answer(self, key: str, handler: Handler) -> None:
-        """As `RobotBus.answer`."""
 
     def publish(self, key: str, payload: bytes) -> None:
         """As `RobotBus.publish`."""
