@@ -186,17 +186,13 @@ def _validated(cls: type[T], data: dict[str, Any], name: str) -> T:
     try:
         return cls.model_validate(data)
     except ValidationError as error:
-        raise MissionError(f"{name}: {_sentence(error, cls)}") from None
-
-
-def _sentence(error: ValidationError, whole: type[BaseModel]) -> str:
-    details = error.errors(include_url=False)
+        details = error.errors(include_url=False)
     # an unknown key explains the missing one beside it, so it comes first
     first = min(details, key=lambda detail: detail["type"] != "extra_forbidden")
     # a wrong default is wrong again in every robot that inherits it: that is one mistake
     distinct = {(detail["loc"][-1:], _value(detail["input"])) for detail in details}
     others = f" (and {len(distinct) - 1} more)" if len(distinct) > 1 else ""
-    return f"{_explain(first, whole)}{others}"
+    raise MissionError(f"{name}: {_explain(first, cls)}{others}")
 
 
 def _explain(detail: ErrorDetails, whole: type[BaseModel]) -> str:

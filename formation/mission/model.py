@@ -84,10 +84,6 @@ class LawSpec(Table):
         k_i = self.k_i if controller.integral else 0.0
         return Gains(self.k_p, k_i, self.anti_windup, self.integral_band, self.integral_decay)
 
-    def under(self, law: str) -> LawSpec:
-        """The same parameters under another law."""
-        return self.model_copy(update={"kind": law})
-
 
 class SimulatedRobot(Table):
     """[simulated_robot]: drive and odometry of simulated robots: a profile, and values that replace it."""
@@ -297,7 +293,7 @@ class Mission(Table):
 
     def under(self, law: str) -> Mission:
         """The same mission under another law."""
-        return self.changed(law=self.law.under(law))
+        return self.changed(law=self.law.model_copy(update={"kind": law}))
 
     def changed(self, **values: Any) -> Mission:
         """The same mission with other values of some keys, which are not checked."""

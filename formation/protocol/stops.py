@@ -129,7 +129,10 @@ class Once:
         known = f"{request.do} {request.id}"
         if known in self.answers and not (request.do in RESTS and request.age == 0.0):
             return self.answers[known].encode()
-        overtaken = self._overtaken(request, received)
+        overtaken = request.age > 0.0 and received - request.age < self.rested + TRAVEL_TIME
+        if request.do in RESTS:
+            self.rest(received)
+            overtaken = False
         reply = refuse("asked for before the newest stop or hold: ask again") if overtaken else obey()
         if request.id:
             self.answers.pop(known, None)  # the newest are remembered longest
@@ -137,9 +140,3 @@ class Once:
             if len(self.answers) > MAX_REMEMBERED_REQUESTS:
                 self.answers.pop(next(iter(self.answers)))
         return reply
-
-    def _overtaken(self, request: OperatorRequest, received: float) -> bool:
-        if request.do in RESTS:
-            self.rest(received)
-            return False
-        return request.age > 0.0 and received - request.age < self.rested + TRAVEL_TIME

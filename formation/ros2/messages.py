@@ -13,6 +13,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import chain
 from types import MappingProxyType
 from typing import ClassVar, Self, TypeVar
 
@@ -220,12 +221,23 @@ class Diagnostics(Message):
         ros.write_header(to, self.stamp, "")
         to.count(len(self.statuses))
         for status in self.statuses:
-            _write_status(to, status)
+            to.octet(_level(status.level))
+            for text in (status.name, status.message, status.hardware_id):
+                ros.write_text(to, text)
+            to.count(len(status.values))
+            for text in chain.from_iterable(status.values.items()):
+                ros.write_text(to, text)
 
     @classmethod
     def _read(cls, source: Reader) -> Self:
         stamp, _ = ros.read_header(source)
-        return cls(stamp, tuple(_read_status(source) for _ in range(source.count())))
+        statuses = []
+        for _ in range(source.count()):
+            level = _level(source.octet())
+            name, message, hardware_id = (ros.read_text(source) for _ in range(3))
+            values = {ros.read_text(source): ros.read_text(source) for _ in range(source.count())}
+            statuses.append(Status(name, level, message, hardware_id, values))
+        return cls(stamp, tuple(statuses))
 
 
 @dataclass(frozen=True, slots=True)
@@ -307,23 +319,6 @@ def decode(cls: type[M], payload: bytes) -> M:
     except BadMessage as error:
         raise BadMessage(f"{cls.ROS_TYPE}: {error}") from None
     return message
-
-
-def _write_status(to: Writer, status: Status) -> None:
-    to.octet(_level(status.level))
-    for text in (status.name, status.message, status.hardware_id):
-        ros.write_text(to, text)
-    to.count(len(status.values))
-    for pair in status.values.items():
-        for text in pair:
-            ros.write_text(to, text)
-
-
-def _read_status(source: Reader) -> Status:
-    level = _level(source.octet())
-    name, message, hardware_id = (ros.read_text(source) for _ in range(3))
-    values = {ros.read_text(source): ros.read_text(source) for _ in range(source.count())}
-    return Status(name, level, message, hardware_id, values)
 
 
 def _level(level: int) -> int:

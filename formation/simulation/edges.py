@@ -5,7 +5,6 @@ For computations with many robots at once. Sums over neighbours are sparse; only
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -30,13 +29,10 @@ class Edges:
         self.degrees: FloatArray = np.array([len(js) for js in graph.neighbours[1:]], dtype=np.float64)
         """Number of neighbours of each follower; shape (n-1,)."""
 
-    @cached_property
-    def _first_edges(self) -> Indices:
-        return np.concatenate(([0], np.cumsum(self.degrees[:-1]))).astype(np.intp)
-
     def sum_per_follower(self, per_edge: NDArray[Any]) -> NDArray[Any]:
         """Σ_j over each follower's edges: shape (..., edges) -> (..., n-1). Each needs a neighbour."""
-        sums: NDArray[Any] = np.add.reduceat(per_edge, self._first_edges, axis=-1)
+        first_edges = np.concatenate(([0], np.cumsum(self.degrees[:-1]))).astype(np.intp)
+        sums: NDArray[Any] = np.add.reduceat(per_edge, first_edges, axis=-1)
         return sums
 
     def along_edges(self, per_robot: NDArray[Any]) -> NDArray[Any]:

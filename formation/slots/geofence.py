@@ -281,7 +281,9 @@ def _looks(route: Route, since: float, heading: complex | None = None) -> Iterat
             continue
         for look in _arc_looks(arc, begin, max(since - begin, 0.0)):
             if heading is not None and look.heading != heading:
-                yield from _corner(look, heading)
+                turn = cmath.phase(look.heading / heading)
+                for part in range(CORNER_SAMPLES):
+                    yield look._replace(heading=heading * rotation(turn * part / CORNER_SAMPLES))
             yield look
             heading = look.heading
 
@@ -299,9 +301,3 @@ def _arc_looks(arc: Arc, begin: float, since: float) -> Iterator[_Look]:
     for part in range(parts + 1):
         time = since + (end - since) * part / parts
         yield _Look(begin + time, *advance(arc.position, arc.heading, arc.speed, arc.turn_rate, time))
-
-
-def _corner(look: _Look, heading: complex) -> Iterator[_Look]:
-    turn = cmath.phase(look.heading / heading)
-    for part in range(CORNER_SAMPLES):
-        yield look._replace(heading=heading * rotation(turn * part / CORNER_SAMPLES))

@@ -131,7 +131,9 @@ def settling_time(mission: Mission, law: str) -> float | None:
 def _instability(mission: Mission, mu: ComplexArray, poles: ComplexArray, forward: float | None) -> list[str]:
     k_p, k_i, *_ = mission.law.gains
     if not spectrum.stable(mu, k_p, k_i):
-        bound = _largest_integral_gain(mu, k_p)
+        # k_P² Re(μ)|μ|² / Im(μ)²
+        turning = mu[np.abs(mu.imag) > 1e-12 * np.abs(mu)]
+        bound = float((k_p**2 * turning.real * np.abs(turning) ** 2 / turning.imag**2).min())
         what = f"law.k_p = {k_p:g}, law.k_i = {k_i:g} on this graph"
         return [_unstable(what, poles, f"k_i must be below {bound:.3g} 1/s²")]
     if forward is not None and cyclic_core(mission.graph):
@@ -144,12 +146,6 @@ def _instability(mission: Mission, mu: ComplexArray, poles: ComplexArray, forwar
 
 def _unstable(what: str, poles: ComplexArray, legal: str) -> str:
     return f"unstable: {what}, slowest mode {poles.real.max():+.3g} 1/s; {legal}"
-
-
-def _largest_integral_gain(mu: ComplexArray, k_p: float) -> float:
-    """k_I up to which the PI loop is stable [1/s²]: k_P² Re(μ)|μ|² / Im(μ)²."""
-    turning = mu[np.abs(mu.imag) > 1e-12 * np.abs(mu)]
-    return float((k_p**2 * turning.real * np.abs(turning) ** 2 / turning.imag**2).min())
 
 
 def _sampling(mission: Mission, mu: ComplexArray, *, stable: bool) -> list[str]:

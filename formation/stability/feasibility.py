@@ -27,7 +27,10 @@ def problems(mission: Mission) -> Iterator[str]:
     yield from _too_fast(mission)
     yield from _too_tight(mission)
     yield from _slots_touch(mission)
-    yield from _swing_too_fast(mission)
+    for shape in mission.shapes:
+        why = swings_too_fast(mission, PlacedShape(((shape, 1.0),)), mission.route)
+        if why is not None:
+            yield f"shapes.{shape}: {why}"
 
 
 def warnings(mission: Mission) -> Iterator[str]:
@@ -101,14 +104,6 @@ def _slots_touch(mission: Mission) -> Iterator[str]:
                 f"shapes.{shape}: the slots of {first} and {second} are {distance:.3g} m apart; "
                 f"must be over {radii[i] + radii[j]:g} m (both radii)"
             )
-
-
-def _swing_too_fast(mission: Mission) -> Iterator[str]:
-    """Shapes that turn with the leader, on the circles of its route."""
-    for shape in mission.shapes:
-        why = swings_too_fast(mission, PlacedShape(((shape, 1.0),)), mission.route)
-        if why is not None:
-            yield f"shapes.{shape}: {why}"
 
 
 def _little_reserve(mission: Mission) -> Iterator[str]:

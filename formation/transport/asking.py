@@ -157,7 +157,10 @@ def ask(
         wanted = _keys(recipients, outcome.unsettled)
         for key, talk in talks.items():
             if key in wanted and talk.due(age):
-                talk.put(put(key, _aged(request, age), min(seconds - age, MAX_ROUND_TIME)), age)
+                # a repeated request is older than 0, by `REPEAT_PAUSE` at least: a robot that has obeyed a
+                # stop does so again only if it is new; another one, however old it is
+                aged = order.encode(request.model_copy(update={"age": round(age, 2)}))
+                talk.put(put(key, aged, min(seconds - age, MAX_ROUND_TIME)), age)
         time.sleep(CHECK_PERIOD)
 
 
@@ -251,11 +254,3 @@ def _plain(error: ValidationError) -> str:
 
 def _now() -> float:
     return time.clock_gettime(_CLOCK)
-
-
-def _aged(request: OperatorRequest, age: float) -> bytes:
-    """Encode the request with its age [s]: a repeated one is older than 0, by `REPEAT_PAUSE` at least.
-
-    A robot that has obeyed a stop does so again only if it is new; another one, however old it is.
-    """
-    return order.encode(request.model_copy(update={"age": round(age, 2)}))
