@@ -353,7 +353,6 @@ def _standing(
 def _updated(
     want: complex, done: Command, near: complex, along: complex, limits: Limits, before: Avoidance, dt: float
 ) -> Avoidance:
-    """Update how long the robot has been blocked, or its detour lasts."""
     velocity = body_velocity(done.speed, done.turn_rate, limits.offset)
     share = min(1.0, dt / PROGRESS_TIME)
     went = before.went + share * (velocity - before.went)

@@ -33,7 +33,6 @@ TAG_CHARS = 8
 
 
 def _known_law(value: Any) -> Any:
-    """The name of a law. Raises PydanticCustomError for anything else."""
     if isinstance(value, str) and value in LAWS:
         return value
     *others, last = map(repr, LAWS)

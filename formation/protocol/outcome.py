@@ -135,7 +135,6 @@ class Outcome(NamedTuple):
         return "; ".join([line, *self._advice()])
 
     def _advice(self) -> Iterator[str]:
-        """Advice for the operator, clause by clause."""
         do, robots = self.request.do, [name for name in self.missing if name in self.recipients.each]
         if do == "stop" and not self.leader and self._counting:
             yield "robots that obey stand, with a leader or without"

@@ -193,7 +193,6 @@ def _check(runs: int, law: str | Controller, horizon: float, step: float, spread
 def _result(
     mission: Mission, law: str, ensemble: Ensemble, stride: int, wall_time: float, film: _Film | None
 ) -> Result:
-    """Collect the results at the end."""
     steps, step = ensemble.steps, ensemble.time / ensemble.steps
     converged = ensemble.last_out + round(min(DWELL_TIME, 0.5 * steps * step) / step) < steps
     return Result(

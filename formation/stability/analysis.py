@@ -191,7 +191,6 @@ def _shaky(mission: Mission, margin: float, peaks: Any) -> list[str]:
 
 
 def _plain(value: Any) -> Any:
-    """A value for JSON."""
     match value:
         case dict():
             return {name: _plain(one) for name, one in value.items()}

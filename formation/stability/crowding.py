@@ -235,7 +235,6 @@ def _needed(mission: Mission, one: str, other: str) -> float:
 
 
 def _apart(line: Segment, segment: Segment) -> bool:
-    """Whether the ends of a path lie on different sides of a line."""
     along = (line.end - line.begin).conjugate()
     return (along * (segment.begin - line.begin)).imag * (along * (segment.end - line.begin)).imag < 0.0
 

@@ -257,7 +257,6 @@ def _between(mission: Mission, placed_shape: PlacedShape) -> ComplexArray:
 
 
 def _small_in_any_shape(mission: Mission, factor: float | None) -> str | None:
-    """Why a scale is too small for every shape."""
     if factor is None:
         return None
     whys = [_touches(mission, PlacedShape(((shape, 1.0),), 0.0, factor)) for shape in mission.shapes]

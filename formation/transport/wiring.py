@@ -126,7 +126,6 @@ def _endpoints(names: Iterable[str], where: Endpoints) -> tuple[str, ...]:
 
 
 def _linked(mission: Mission, pair: frozenset[str]) -> bool:
-    """Whether these two exchange messages."""
     for name in pair & mission.robots.keys():
         if not pair.isdisjoint(mission.received_by(name)):
             return True

@@ -247,7 +247,6 @@ class Process(Runtime):
                 self.mailbox.wait(pause)
 
     def _watched(self, key: str) -> bool:
-        """Whether a key of either side has a subscriber."""
         if self._bus is not None and key in self._bus.advertised:
             return self._bus.watched(key)
         return bool(self.robot.routed(key))
