@@ -191,7 +191,7 @@ class Outcome(NamedTuple):
 
 def called(request: OperatorRequest) -> str:
     """A request in words, as it is typed."""
-    words = [request.do]
+    words: list[str] = [request.do]
     for name in TAKES.get(request.do, ()):
         value = getattr(request, name)
         if name == "legs":

@@ -19,7 +19,7 @@ from typing import Self
 
 from formation.ros2.messages import type_hash
 from formation.ros2.ros_names import Ros, RosNames, RosRobot, address
-from formation.ros2.tokens import QOS, SENSOR_QOS, Token, dds_type
+from formation.ros2.tokens import QOS, SENSOR_QOS, Token, dds_type, hidden
 from formation.topics import SCAN, Topic
 
 _ATTACHMENT = struct.Struct("<qqB16s")
@@ -128,10 +128,7 @@ def _tokens(node: str, zid: str, kept: Iterable[tuple[RosNames, list[tuple[str, 
         if place.ros == "ros2dds":
             continue
         node_id = next(ids)
-        # ROS tools do not list such names by default: `ros2 param list` waits 5 s for each listed node that
-        # has no parameter services
-        hidden = f"_{node}"
-        this = Token(place.domain, zid, node_id, node_id, "NN", place.namespace, hidden)
+        this = Token(place.domain, zid, node_id, node_id, "NN", place.namespace, hidden(node))
         yield this
         for kind, key in keys:
             topic = address(key).topic

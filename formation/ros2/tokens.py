@@ -60,6 +60,14 @@ class Token(NamedTuple):
         return "/".join((*head, _mangled(f"/{self.topic}"), dds_type(self.type), self.type_hash, self.qos))
 
 
+def hidden(node: str) -> str:
+    """Return the name of a node that ROS tools do not list by default: one without parameter services.
+
+    `ros2 param list` waits 5 s for each listed node that has none.
+    """
+    return f"_{node}"
+
+
 def all_tokens(domain: int) -> str:
     """Key expression of all tokens in a ROS domain."""
     return f"{SPACE}/{domain}/**"
