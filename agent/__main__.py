@@ -18,7 +18,7 @@ from formation.mission.file import load
 from formation.transport import wiring
 from formation.transport.runtime.flags import add_robot_connect, bus_config, parser, robot_bus
 from formation.transport.runtime.process import BadInput, Process, Stop, one_of, run_process
-from formation.transport.security.certified import verifier_of
+from formation.transport.security.verifying import verifier_of
 
 EXAMPLES = """\
   formation agent six_robots --robot robot2
@@ -58,7 +58,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(args: argparse.Namespace, stop: Stop) -> None:
     mission = load(args.mission)
     name = one_of("--robot", args.robot, mission.followers)
-    links = wiring.of_agent(mission, name, wiring.endpoints(mission))
+    links = wiring.of_member(mission, name, wiring.endpoints(mission))
     config = bus_config(args, mission, links, f"agent {name}")
     verifier = verifier_of(config, mission)
     carried = {} if verifier is None else {"certificate": verifier.carry}

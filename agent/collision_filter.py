@@ -15,9 +15,8 @@ from dataclasses import dataclass, field
 from formation.agent.following.neighbours import Neighbour, Neighbourhood, NeighbourState, answers
 from formation.agent.pose.estimator import Localisation
 from formation.agent.safety.scanner import MAX_OBSTACLE_DISTANCE, Scanner, ScannerState
-from formation.control.avoidance import Obstacle
+from formation.control.avoidance import Avoidance, Obstacle
 from formation.control.controller import Controller
-from formation.control.deadlock import Avoidance
 from formation.control.pipeline import ControlState, Outcome
 from formation.control.tracker import unknown
 from formation.control.zones import Sight, Zone

@@ -38,7 +38,6 @@ from formation.transport.mailbox import Mailbox
 from formation.transport.runtime.flags import bus_config
 from formation.transport.runtime.process import Stop, clocks
 from formation.transport.runtime.rate import Rate
-from formation.transport.runtime.robot_buses import RobotBuses
 
 MONITOR, _ = VISITORS
 """Watching takes the monitor's configuration."""

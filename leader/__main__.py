@@ -16,7 +16,7 @@ from formation.mission.model import Mission
 from formation.transport import wiring
 from formation.transport.runtime import flags
 from formation.transport.runtime.process import BadInput, Process, Stop, one_of, run_process
-from formation.transport.security.certified import signer_of
+from formation.transport.security.verifying import signer_of
 
 EXAMPLES = """\
   formation leader six_robots
@@ -61,7 +61,7 @@ def _run(args: argparse.Namespace, stop: Stop) -> None:
     name = _name(mission, args.standby)
     part = "leader" if name == mission.leader else name
     args.config = args.config or configuration_of(args.mission, part)
-    links = wiring.of_leader(mission, wiring.endpoints(mission), name)
+    links = wiring.of_member(mission, name, wiring.endpoints(mission))
     called = f"leader {name}"
     config = flags.bus_config(args, mission, links, called)
     signer, verifier = signer_of(config, mission, name) or (None, None)

@@ -9,10 +9,9 @@ from typing import NamedTuple
 from formation.leader.plan import Plan
 from formation.protocol import order
 from formation.protocol.election import CandidacyState
-from formation.protocol.once import Once
 from formation.protocol.order import Code, Mode, OperatorReply, OperatorRequest
 from formation.protocol.status import AnsweredRequest
-from formation.protocol.stops import Result
+from formation.protocol.stops import Once, Result
 
 STATUS_REPEATS = 3
 """Number of statuses after the first that repeat an operator's request."""

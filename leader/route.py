@@ -15,9 +15,8 @@ from typing import Annotated, Self
 
 from pydantic import BaseModel, ConfigDict, StringConstraints, ValidationError
 
-from formation.mission.legs import Leg, Straight
 from formation.mission.model import Mission
-from formation.mission.route import Route
+from formation.mission.route import Leg, Route, Straight
 from formation.protocol.order import Legs, Number, Place
 from formation.ros2.messages import Text, decode, encode
 from formation.wire import BadMessage

@@ -40,7 +40,6 @@ from formation.transport.robot_bus import RobotBus
 from formation.transport.runtime.command_line import needs
 from formation.transport.runtime.flags import bus_config, parser
 from formation.transport.runtime.process import BadInput, Stop, clocks, run_process, say
-from formation.transport.runtime.robot_buses import RobotBuses
 
 if TYPE_CHECKING:
     from formation.monitor.exporters.foxglove import Foxglove

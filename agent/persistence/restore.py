@@ -37,10 +37,9 @@ from formation.agent.pose.estimator import Localisation, LocalisationState
 from formation.agent.pose.external_pose import ExternalPoseState
 from formation.agent.safety.latch import LatchState
 from formation.protocol.election import check_term
-from formation.protocol.once import Once
 from formation.protocol.order import MAX_GAIN, MIN_GAIN, Id, Mode, Name
 from formation.protocol.reasons import Code, Reason
-from formation.protocol.stops import Rest
+from formation.protocol.stops import Once, Rest
 from formation.ros2.messages import Odometry, Pose, decode
 from formation.topics import ODOM, POSE
 from formation.wire import BadMessage, Now, Sample

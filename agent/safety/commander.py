@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from formation.agent.safety.alive import FAREWELL
-from formation.control.deadlock import Avoidance
+from formation.control.avoidance import Avoidance
 from formation.control.pipeline import ControlState, at_rest
 from formation.control.ramp import STARTING, Ramp
 from formation.control.unicycle import AT_REST, Command

@@ -8,10 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from formation.protocol import order
-from formation.protocol.once import RESTS, Once
 from formation.protocol.order import Code, Mode, OperatorReply, OperatorRequest, shortened
 from formation.protocol.reasons import Reason
-from formation.protocol.stops import MOTION, Rest
+from formation.protocol.stops import MOTION, RESTS, Once, Rest
 
 HALTED = "halted"
 """Id of the stop that an ending agent leaves in its own state."""

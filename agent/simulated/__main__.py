@@ -17,10 +17,10 @@ from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.transport import wiring
 from formation.transport.mailbox import Mailbox
+from formation.transport.robot_bus import RobotBuses
 from formation.transport.runtime import flags
 from formation.transport.runtime.command_line import needs
 from formation.transport.runtime.process import BadInput, Process, Stop, run_process
-from formation.transport.runtime.robot_buses import RobotBuses
 from formation.transport.wiring import Endpoints
 
 EXAMPLES = """\

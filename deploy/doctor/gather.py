@@ -214,7 +214,7 @@ def _watchdog(bus: Bus, naming: Naming, robot: str) -> str:
 
 def _parties(bus: Bus, mission: Mission, naming: Naming, robot: str) -> Iterator[tuple[str, Party]]:
     """Yield the ROS nodes with cmd_vel: MS subscribes, MP publishes."""
-    name = naming.robots[robot].names.name(CMD_VEL)
+    name = naming.robots[robot].spelled(CMD_VEL.key(robot))
     spec = mission.robots[robot]
     if spec.ros == "rmw_zenoh":
         for key in bus.tokens(tokens.all_tokens(spec.domain), TOKEN_TIME):

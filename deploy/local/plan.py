@@ -61,7 +61,7 @@ def programs(
         return Program(name, part, (*command, "--parent", str(parent)))
 
     def agent(name: str) -> Program:
-        links = wiring.of_agent(mission, name, where)
+        links = wiring.of_member(mission, name, where)
         one = program(
             f"agent {name}", "control", "formation.agent", *robot(name), *law_flag, *wait, links=links
         )
@@ -69,7 +69,7 @@ def programs(
 
     def leader(name: str) -> Program:
         flags = ("--standby", name) if name in mission.standbys else ()
-        links = wiring.of_leader(mission, where, name)
+        links = wiring.of_member(mission, name, where)
         return program(leaders(mission)[name], "control", "formation.leader", *flags, *wait, links=links)
 
     def watchdog(name: str) -> Program:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from formation.topics import Topic
 from formation.transport.bus_config import BusError
-from formation.transport.interfaces import Handler
+from formation.transport.mailbox import Handler
 from formation.wire import Outgoing, Sample
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ unchanged.
 | stage | module | limits |
 |---|---|---|
 | law | `formation.control.laws` | to the limits of the body |
-| collision filter | `formation.control.avoidance`, `.deadlock` | how fast obstacles come nearer |
+| collision filter | `formation.control.avoidance` | how fast obstacles come nearer |
 | ramp | `formation.control.ramp` | the change from the command before |
 | brake | `formation.control.avoidance` | again, after the ramp |
 | protective zones | `formation.control.zones` | speed towards what a scanner sees |
@@ -22,9 +22,8 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from formation.control.avoidance import AvoidanceParameters, Obstacle, brake
-from formation.control.controller import Controller, Gains, Limits, Measured, Step, unwound
-from formation.control.deadlock import Avoidance, avoid
+from formation.control.avoidance import Avoidance, AvoidanceParameters, Obstacle, avoid, brake
+from formation.control.controller import Gains, Limits, Measured, Step, unwound
 from formation.control.quantiser import Quantiser, quantise
 from formation.control.ramp import STARTING, Ramp, RampLimits, ramped
 from formation.control.unicycle import AT_REST, Command
@@ -126,11 +125,7 @@ def law_command(state: ControlState, inputs: Inputs, params: ControlParams) -> t
 
 
 def constrained(
-    state: ControlState,
-    wanted: Command,
-    inputs: Inputs,
-    obstacles: Sequence[Obstacle],
-    params: ControlParams,
+    state: ControlState, wanted: Command, inputs: Inputs, obstacles: Sequence[Obstacle], params: ControlParams
 ) -> tuple[ControlState, Outcome]:
     """Every stage after the law, for a `wanted` command within limits; the integral stays as it is."""
     limits, parameters = params.limits, params.avoidance
@@ -142,11 +137,7 @@ def constrained(
 
 
 def slowed(
-    state: ControlState,
-    wanted: Command,
-    inputs: Inputs,
-    obstacles: Sequence[Obstacle],
-    params: ControlParams,
+    state: ControlState, wanted: Command, inputs: Inputs, obstacles: Sequence[Obstacle], params: ControlParams
 ) -> tuple[ControlState, Outcome]:
     """As `constrained`, but the filter only brakes: for a robot that may not evade."""
     clear = brake(wanted, obstacles, params.avoidance)
@@ -155,11 +146,7 @@ def slowed(
 
 
 def _sent(
-    state: ControlState,
-    target: Command,
-    inputs: Inputs,
-    obstacles: Sequence[Obstacle],
-    params: ControlParams,
+    state: ControlState, target: Command, inputs: Inputs, obstacles: Sequence[Obstacle], params: ControlParams
 ) -> tuple[ControlState, Outcome]:
     """Ramp, brake, protective zones and quantiser, for a `target` command within limits."""
     command, gentle_until = ramped(state.ramp, target, inputs.now, params.limits, params.ramp)
@@ -194,26 +181,3 @@ def protected(command: Command, sight: Sight) -> tuple[Command, Zone | None]:
 def unprotected(command: Command, _sight: None) -> tuple[Command, Zone | None]:
     """Apply no protective zones, for a robot without a scanner."""
     return command, None
-
-
-def params_of(
-    controller: Controller,
-    limits: Limits,
-    avoidance: AvoidanceParameters,
-    ramp: RampLimits,
-    quantiser: Quantiser,
-    *,
-    avoids: bool,
-    scans: bool,
-) -> ControlParams:
-    """The parameters of a robot under a control law; `scans`: whether it has a scanner."""
-    return ControlParams(
-        controller.step,
-        controller.integral,
-        limits,
-        avoidance,
-        avoids,
-        ramp,
-        protected if scans else unprotected,
-        quantiser,
-    )

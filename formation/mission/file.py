@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import tomllib
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
@@ -10,7 +12,6 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError
 from pydantic_core import ErrorDetails
 
-from formation.mission.legs import Circle, Leg, Straight, Waypoints
 from formation.mission.model import (
     Bounds,
     Cohesion,
@@ -21,10 +22,9 @@ from formation.mission.model import (
     SimulationSpec,
     Standby,
 )
-from formation.mission.robot import RobotDefaults, RobotSpec, Start
-from formation.mission.scanner import Post, ScanSpec, SimulatedScanner, Wall
+from formation.mission.robot import Post, RobotDefaults, RobotSpec, ScanSpec, SimulatedScanner, Start, Wall
+from formation.mission.route import Circle, Leg, Straight, Waypoints
 from formation.mission.tables import NAME, TITLE, Table, as_tuple
-from formation.mission.toml_text import MAX_MISSION_BYTES, TomlError, loads
 
 SPELLINGS = {
     NAME: "a small letter, and then small letters, digits and _ only",
@@ -33,25 +33,37 @@ SPELLINGS = {
 """What a pattern asks for, in words."""
 
 
-class RouteFile(Table):
-    """A file that holds a route and nothing else."""
-
-    route: Annotated[tuple[Leg, ...], BeforeValidator(as_tuple), Field(min_length=1)]
-
-
+MAX_MISSION_BYTES = 1024 * 1024
+"""Longest mission file that is read [bytes]. A mission of 200 robots has a tenth of that."""
+MAX_KEY_PARTS = 32
+"""Parts of a dotted key, as `a.b.c` has three. No key of a mission has more than four."""
+_PIECES = re.compile(
+    r'"""(?:[^\\]|\\.)*?"""|\'\'\'.*?\'\'\'|"(?:[^"\\\n]|\\.)*"|\'[^\'\n]*\'|#[^\n]*|[\w+-]+|[ \t]+|.',
+    re.DOTALL,
+)
 MAX_ROBOTS = 500
 """Robots of a mission file, the leader among them: analysis and rules compare each with each."""
-T = TypeVar("T", Mission, RouteFile)
-
-
 MISSION_HELP = "a TOML file, a folder of bundles, or the name of a shipped mission"
 """What a command line takes as MISSION."""
 MISSION_NAME, DESK = "mission.toml", "desk"
 """In a folder of bundles: a mission's file, and the folder of what the desk needs."""
 
 
+class RouteFile(Table):
+    """A file that holds a route and nothing else."""
+
+    route: Annotated[tuple[Leg, ...], BeforeValidator(as_tuple), Field(min_length=1)]
+
+
+T = TypeVar("T", Mission, RouteFile)
+
+
 class MissionError(ValueError):
     """A mission that is not legal; the text names file, key, value and what is legal."""
+
+
+class TomlError(ValueError):
+    """Text that is no TOML, or beyond the limits; a sentence says which."""
 
 
 def shipped() -> dict[str, Path]:
@@ -92,9 +104,8 @@ def read(mission: str | Path) -> tuple[str, str]:
     """Text of a mission file and the name to call it by. Raises MissionError."""
     try:
         path = file_of(mission)
-        if path.exists() and not (
-            path.is_file() or path.is_dir()
-        ):  # a pipe is waited for, a device has no end
+        # a pipe is waited for, a device has no end
+        if path.exists() and not (path.is_file() or path.is_dir()):
             raise MissionError(f"{mission}: must be a file, is a pipe or a device")
         with path.open("rb") as file:
             data = file.read(MAX_MISSION_BYTES + 1)
@@ -130,6 +141,40 @@ def parse_route(text: str, name: str = "route") -> tuple[Leg, ...]:
     return _validated(RouteFile, data, name).route
 
 
+def loads(text: str) -> dict[str, Any]:
+    """The tables in TOML from a stranger, within limits of length, depth and time. Raises TomlError.
+
+    `tomllib` takes minutes for a key of ten thousand parts, fails in its own ways on long numbers and deep
+    lists, and has no limit of its own.
+    """
+    if len(text) > MAX_MISSION_BYTES:
+        raise TomlError(f"is longer than {MAX_MISSION_BYTES} bytes, the most that is read")
+    if _longest_key(text) > MAX_KEY_PARTS:
+        raise TomlError(f"not a mission: a key of over {MAX_KEY_PARTS} parts")
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise TomlError(f"not valid TOML: {error}") from None
+    except RecursionError:
+        raise TomlError("not a mission: lists or tables a thousand deep") from None
+    except ValueError:  # of Python's own int()
+        raise TomlError("not a mission: a number of over 4300 digits") from None
+
+
+def _longest_key(text: str) -> int:
+    """Most names in a row with dots between them."""
+    longest, names, dotted = 0, 0, True
+    for piece in _PIECES.findall(text):
+        if piece == ".":
+            dotted = True
+        elif piece[0] in "\"'" or piece[0].isalnum() or piece[0] in "_+-":
+            names = names + 1 if dotted else 1
+            dotted, longest = False, max(longest, names)
+        elif not piece.isspace() or "\n" in piece:
+            names, dotted = 0, False
+    return longest
+
+
 def _toml(text: str, name: str) -> dict[str, Any]:
     try:
         return loads(text)
@@ -141,17 +186,13 @@ def _validated(cls: type[T], data: dict[str, Any], name: str) -> T:
     try:
         return cls.model_validate(data)
     except ValidationError as error:
-        raise MissionError(f"{name}: {_sentence(error, cls)}") from None
-
-
-def _sentence(error: ValidationError, whole: type[BaseModel]) -> str:
-    details = error.errors(include_url=False)
+        details = error.errors(include_url=False)
     # an unknown key explains the missing one beside it, so it comes first
     first = min(details, key=lambda detail: detail["type"] != "extra_forbidden")
     # a wrong default is wrong again in every robot that inherits it: that is one mistake
     distinct = {(detail["loc"][-1:], _value(detail["input"])) for detail in details}
     others = f" (and {len(distinct) - 1} more)" if len(distinct) > 1 else ""
-    return f"{_explain(first, whole)}{others}"
+    raise MissionError(f"{name}: {_explain(first, cls)}{others}")
 
 
 def _explain(detail: ErrorDetails, whole: type[BaseModel]) -> str:
@@ -183,12 +224,14 @@ def _value(value: Any) -> str:
         text = "nothing" if value is None else repr(list(value) if isinstance(value, tuple) else value)
     except ValueError:  # Python does not write a number of over 4300 digits
         text = "a number of over 4300 digits"
-    return text if len(text) <= 80 else text[:77] + "..."
+    return _cut(text)
 
 
 def _printable(key: str) -> str:
-    """A key in one line, and of a length that can be read."""
-    text = key if key.isprintable() else repr(key)[1:-1]
+    return _cut(key if key.isprintable() else repr(key)[1:-1])
+
+
+def _cut(text: str) -> str:
     return text if len(text) <= 80 else text[:77] + "..."
 
 

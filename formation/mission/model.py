@@ -1,6 +1,6 @@
 """A mission: its robots, the measurement graph, the shapes, the law and the leader's route.
 
-Frozen pydantic models, shaped like the mission file (see `mission_file`). A Mission that exists is legal:
+Frozen pydantic models, shaped like the mission file (`formation.mission.file`). An existing Mission is legal:
 what the types cannot say is checked on construction, and a violation names key, value and what is legal.
 """
 
@@ -18,24 +18,21 @@ from pydantic_core import PydanticCustomError
 from formation.control.avoidance import LAG_WEIGHT, NOISE_DEVIATIONS, AvoidanceParameters, margin_kept
 from formation.control.controller import Controller, Gains
 from formation.control.laws import DEFAULT, LAWS
-from formation.control.pipeline import ControlParams, params_of
+from formation.control.pipeline import ControlParams, protected, unprotected
 from formation.control.quantiser import Quantiser
 from formation.control.ramp import ramp_limits
 from formation.control.unicycle import Command
 from formation.mission import rules as mission_rules
-from formation.mission.endpoint import Endpoint
 from formation.mission.graph import Graph
-from formation.mission.legs import Leg, Waypoints
-from formation.mission.robot import RobotDefaults, RobotSpec
-from formation.mission.scanner import Post, SimulatedScanner, Wall
-from formation.mission.tables import Name, NotNegative, Point, Positive, Table, Title, as_tuple
+from formation.mission.robot import Post, RobotDefaults, RobotSpec, SimulatedScanner, Wall
+from formation.mission.route import Leg, Waypoints
+from formation.mission.tables import Endpoint, Name, NotNegative, Point, Positive, Table, Title, as_tuple
 
 TAG_CHARS = 8
 """Length of a mission's tag [characters]: 32 bits, against accidents."""
 
 
 def _known_law(value: Any) -> Any:
-    """The name of a law. Raises PydanticCustomError for anything else."""
     if isinstance(value, str) and value in LAWS:
         return value
     *others, last = map(repr, LAWS)
@@ -85,10 +82,6 @@ class LawSpec(Table):
         """The parameters as another law takes them."""
         k_i = self.k_i if controller.integral else 0.0
         return Gains(self.k_p, k_i, self.anti_windup, self.integral_band, self.integral_decay)
-
-    def under(self, law: str) -> LawSpec:
-        """The same parameters under another law."""
-        return self.model_copy(update={"kind": law})
 
 
 class SimulatedRobot(Table):
@@ -299,7 +292,7 @@ class Mission(Table):
 
     def under(self, law: str) -> Mission:
         """The same mission under another law."""
-        return self.changed(law=self.law.under(law))
+        return self.changed(law=self.law.model_copy(update={"kind": law}))
 
     def changed(self, **values: Any) -> Mission:
         """The same mission with other values of some keys, which are not checked."""
@@ -314,14 +307,15 @@ class Mission(Table):
         spec, rules = self.robots[robot], self.collisions
         hold = max(spec.longest_command, step) + LAG_WEIGHT * rules.lag
         rate = min(spec.rate, 1.0 / step) if step > 0.0 else spec.rate
-        return params_of(
-            controller,
+        return ControlParams(
+            controller.step,
+            controller.integral,
             spec.limits,
             AvoidanceParameters(spec.radius, rules.room, hold, rules.blind),
+            rules.mode == "on" and controller.collision_filter,
             ramp_limits(spec.ramp if controller.ramp else 0.0, rate),
+            unprotected if spec.scanner == "none" else protected,
             Quantiser.of(Command(spec.speed_step, spec.turn_rate_step), spec.limits),
-            avoids=rules.mode == "on" and controller.collision_filter,
-            scans=spec.scanner != "none",
         )
 
     @property

@@ -1,5 +1,7 @@
 """The leader's route: straight legs, circles and waypoints, piecewise exact in time.
 
+Its legs are models, as a mission file and an operator spell them.
+
 The leader is a point that goes along its route (section 2.2 of the paper: piecewise constant velocity;
 circles and waypoints are not in the paper). Its control point is its position. Before the start and after
 the end it stands still.
@@ -18,12 +20,65 @@ import math
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator
 from itertools import accumulate
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+
+from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from formation.control.plane import rotation
 from formation.control.unicycle import advance
-from formation.mission.legs import Circle, Straight, Waypoints
-from formation.mission.model import Mission
+from formation.mission.tables import NotNegative, Point, Positive, Table, as_tuple
+
+if TYPE_CHECKING:
+    from formation.mission.model import Mission
+
+
+class Straight(Table):
+    """A leg of constant velocity."""
+
+    speed: NotNegative
+    """Speed of the leader [m/s]."""
+    heading_deg: float
+    """Direction of travel, counter-clockwise from x [°; world frame]."""
+    duration: Positive | None = None
+    """How long the leg takes; without this key it never ends [s]."""
+
+
+class Circle(Table):
+    """A leg along a circle, to the left or to the right."""
+
+    radius: Annotated[float, Field(ge=0.001, le=1e6)]
+    """Radius of the circle [m]."""
+    speed: Positive
+    """Speed of the leader [m/s]."""
+    heading_deg: float | None = None
+    """Direction of travel at the start of the leg; by default that at the end of the leg before, and the
+    leader's start heading for the first leg [°; world frame]."""
+    turn: Literal["left", "right"] = "left"
+    """Side to which the leader turns."""
+    duration: Positive | None = None
+    """How long the leg takes; without this key it never ends [s]."""
+
+
+class Waypoints(Table):
+    """Straight legs from where the leader is through each point."""
+
+    waypoints: Annotated[tuple[Point, ...], BeforeValidator(as_tuple), Field(min_length=1)]
+    """x, y of each point [m; world frame]."""
+    speed: Positive
+    """Speed of the leader [m/s]."""
+
+
+def _kind_of_leg(leg: Any) -> str:
+    keys = leg if isinstance(leg, dict) else vars(leg)
+    return "waypoints" if "waypoints" in keys else "circle" if "radius" in keys else "straight"
+
+
+Leg = Annotated[
+    Annotated[Straight, Tag("straight")]
+    | Annotated[Circle, Tag("circle")]
+    | Annotated[Waypoints, Tag("waypoints")],
+    Discriminator(_kind_of_leg),
+]
 
 
 class Arc(NamedTuple):
@@ -49,12 +104,7 @@ class Arc(NamedTuple):
 class Route:
     """Where the leader is at any time [s since the start]."""
 
-    def __init__(
-        self,
-        legs: Iterable[Straight | Circle | Waypoints],
-        start: complex,
-        start_heading: complex = 1.0 + 0.0j,
-    ) -> None:
+    def __init__(self, legs: Iterable[Leg], start: complex, start_heading: complex = 1.0 + 0.0j) -> None:
         arcs = tuple(_arcs(legs, start, start_heading))
         self.total: float = math.fsum(arc.duration for arc in arcs)
         """How long the route takes [s]; infinite if its last leg never ends."""
@@ -105,9 +155,7 @@ class Route:
         return self.arcs[place], since_start - self.begins[place]
 
 
-def _arcs(
-    legs: Iterable[Straight | Circle | Waypoints], position: complex, heading: complex
-) -> Iterator[Arc]:
+def _arcs(legs: Iterable[Leg], position: complex, heading: complex) -> Iterator[Arc]:
     """The legs as arcs, each beginning where the one before ended."""
     for leg in legs:
         for arc in _arcs_of_leg(leg, position, heading):
@@ -117,7 +165,7 @@ def _arcs(
             position, heading = arc.end
 
 
-def _arcs_of_leg(leg: Straight | Circle | Waypoints, position: complex, heading: complex) -> Iterator[Arc]:
+def _arcs_of_leg(leg: Leg, position: complex, heading: complex) -> Iterator[Arc]:
     if isinstance(leg, (Straight, Circle)):
         if leg.heading_deg is not None:
             heading = cmath.rect(1.0, math.radians(leg.heading_deg))

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pydantic_core import PydanticCustomError
 
-from formation.mission.spacing import too_close
 from formation.ros2.ros_names import RosNames, clash, is_namespace
 
 if TYPE_CHECKING:
     from formation.mission.model import Mission
-
 
 VISITORS = ("monitor", "operator")
 """What the processes are called that belong to no robot."""
@@ -41,26 +39,17 @@ def leader_is_a_robot(mission: Mission) -> Iterator[Violation]:
     if mission.leader not in mission.robots:
         yield Violation("leader", mission.leader, f"must be one of the robots: {_list(mission.robots)}")
         return
-    leader = mission.robots[mission.leader]
-    for key, others in (
-        ("neighbours", leader.neighbours),
-        ("fallback_neighbours", leader.fallback_neighbours),
-    ):
-        if others:
-            yield Violation(
-                f"robots.{mission.leader}.{key}",
-                list(others),
-                "must be empty: the leader follows its route, not a neighbour",
-            )
+    for key in ("neighbours", "fallback_neighbours"):
+        if others := getattr(mission.robots[mission.leader], key):
+            legal = "must be empty: the leader follows its route, not a neighbour"
+            yield Violation(f"robots.{mission.leader}.{key}", list(others), legal)
 
 
 def neighbours_exist(mission: Mission) -> Iterator[Violation]:
     """Each neighbour and fallback neighbour is another robot of the mission, listed once."""
     for name, robot in mission.robots.items():
-        for key, others in (
-            ("neighbours", robot.neighbours),
-            ("fallback_neighbours", robot.fallback_neighbours),
-        ):
+        for key in ("neighbours", "fallback_neighbours"):
+            others = getattr(robot, key)
             for position, other in enumerate(others):
                 problem = None
                 if other == name:
@@ -69,7 +58,7 @@ def neighbours_exist(mission: Mission) -> Iterator[Violation]:
                     problem = f"unknown robot; choose from {_others(mission, name)}"
                 elif other in others[:position]:
                     problem = "listed twice; each neighbour counts once"
-                elif others is not robot.neighbours and other in robot.neighbours:
+                elif key != "neighbours" and other in robot.neighbours:
                     problem = "is a neighbour already; fallback_neighbours are for when all of those are lost"
                 if problem is not None:
                     yield Violation(f"robots.{name}.{key}", other, problem)
@@ -108,16 +97,12 @@ def shapes_are_complete(mission: Mission) -> Iterator[Violation]:
     for shape, slots in mission.shapes.items():
         for name in slots:
             if name not in followers:
-                yield Violation(
-                    f"shapes.{shape}.{name}",
-                    list(slots[name]),
-                    f"must be a follower: {_list(mission.followers)}",
-                )
+                legal = f"must be a follower: {_list(mission.followers)}"
+                yield Violation(f"shapes.{shape}.{name}", list(slots[name]), legal)
         missing = [name for name in mission.followers if name not in slots]
         if missing:
-            yield Violation(
-                f"shapes.{shape}", _list(slots), f"has no slot for {_list(missing)}; every follower needs one"
-            )
+            legal = f"has no slot for {_list(missing)}; every follower needs one"
+            yield Violation(f"shapes.{shape}", _list(slots), legal)
     if mission.shape is not None and mission.shape not in mission.shapes:
         yield Violation("shape", mission.shape, f"must be one of the shapes: {_list(mission.shapes)}")
 
@@ -128,18 +113,16 @@ def leader_slower_than_followers(mission: Mission) -> Iterator[Violation]:
     limit = mission.robots[slowest].max_speed
     for number, leg in enumerate(mission.route):
         if leg.speed >= limit:
-            yield Violation(
-                f"route.{number}.speed", leg.speed, f"must be below {slowest}'s max_speed of {limit:g} m/s"
-            )
+            legal = f"must be below {slowest}'s max_speed of {limit:g} m/s"
+            yield Violation(f"route.{number}.speed", leg.speed, legal)
 
 
 def only_the_last_leg_is_endless(mission: Mission) -> Iterator[Violation]:
     """Every leg except the last has an end: a straight or circle leg needs a `duration`."""
     for number, leg in enumerate(mission.route[:-1]):
         if getattr(leg, "duration", 0.0) is None:
-            yield Violation(
-                f"route.{number}.duration", None, "only the last leg may go without a duration [s]"
-            )
+            legal = "only the last leg may go without a duration [s]"
+            yield Violation(f"route.{number}.duration", None, legal)
 
 
 def starts_do_not_touch(mission: Mission) -> Iterator[Violation]:
@@ -160,9 +143,8 @@ def standbys_have_names_of_their_own(mission: Mission) -> Iterator[Violation]:
     """A standby has a name of its own: not a robot's, not `monitor` and not `operator`."""
     for name in mission.standbys:
         if name in mission.robots:
-            yield Violation(
-                f"standbys.{name}", name, "is a robot's name; a standby is no robot and has its own"
-            )
+            legal = "is a robot's name; a standby is no robot and has its own"
+            yield Violation(f"standbys.{name}", name, legal)
         if name in VISITORS:
             yield Violation(f"standbys.{name}", name, f"must be another name: the {name} goes by this one")
 
@@ -172,12 +154,8 @@ def followers_answer_within_a_takeover(mission: Mission) -> Iterator[Violation]:
     slowest = min(mission.followers, key=lambda name: mission.robots[name].rate)
     least = MIN_POSITIONS / mission.robots[slowest].rate
     if mission.standbys and mission.takeover < least:
-        yield Violation(
-            "takeover",
-            mission.takeover,
-            f"must be at least {least:.3g} s, in which {slowest} publishes its position"
-            f" {MIN_POSITIONS} times",
-        )
+        legal = f"must be at least {least:.3g} s, in which {slowest} publishes its position"
+        yield Violation("takeover", mission.takeover, f"{legal} {MIN_POSITIONS} times")
 
 
 def agents_listen_apart(mission: Mission) -> Iterator[Violation]:
@@ -224,12 +202,9 @@ def ros_names_are_a_robots_own(mission: Mission) -> Iterator[Violation]:
         shared = clash(robots)
         if shared is not None:
             first, second, topic = shared
-            yield Violation(
-                f"robots.{second}.namespace",
-                robots[second].namespace,
-                f"must keep its topics apart from {first}'s, which has the same robot_endpoint: both have "
-                f"/{topic}",
-            )
+            legal = f"must keep its topics apart from {first}'s, which has the same robot_endpoint"
+            key = f"robots.{second}.namespace"
+            yield Violation(key, robots[second].namespace, f"{legal}: both have /{topic}")
 
 
 def steps_leave_room(mission: Mission) -> Iterator[Violation]:
@@ -237,12 +212,10 @@ def steps_leave_room(mission: Mission) -> Iterator[Violation]:
     for name in mission.followers:
         robot = mission.robots[name]
         for step, limit in (("speed_step", "max_speed"), ("turn_rate_step", "max_turn_rate")):
-            if getattr(robot, step) >= getattr(robot, limit):
-                yield Violation(
-                    f"robots.{name}.{step}",
-                    getattr(robot, step),
-                    f"must be less than its {limit} of {getattr(robot, limit):g}, or all commands are zero",
-                )
+            value, most = getattr(robot, step), getattr(robot, limit)
+            if value >= most:
+                legal = f"must be less than its {limit} of {most:g}, or all commands are zero"
+                yield Violation(f"robots.{name}.{step}", value, legal)
 
 
 def a_scanner_sees_something(mission: Mission) -> Iterator[Violation]:
@@ -301,3 +274,23 @@ def _list(names: Any) -> str:
 
 def _others(mission: Mission, name: str) -> str:
     return _list(other for other in mission.robots if other != name)
+
+
+def too_close(centres: Sequence[complex], radii: Sequence[float]) -> Iterator[tuple[int, int, float]]:
+    """(i, j, distance [m]) of any discs i < j not further apart than their radii, by j, then by i.
+
+    A sweep along x: only discs within reach are compared, so thousands of them take no time.
+    """
+    order = sorted(range(len(centres)), key=lambda i: centres[i].real)
+    widest = 2.0 * max(radii, default=0.0)
+    found = []
+    for place, i in enumerate(order):
+        for after in range(place + 1, len(order)):
+            j = order[after]
+            if centres[j].real - centres[i].real > widest:
+                break
+            distance = abs(centres[j] - centres[i])
+            if distance <= radii[i] + radii[j]:
+                found.append((max(i, j), min(i, j), distance))
+    for j, i, distance in sorted(found):
+        yield i, j, distance

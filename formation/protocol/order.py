@@ -29,7 +29,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError, to_json
 
-from formation.mission.legs import Leg
+from formation.mission.route import Leg
 from formation.mission.tables import as_tuple
 from formation.protocol.reasons import Code as ReasonCode
 from formation.protocol.reasons import Reason
@@ -259,9 +259,7 @@ class OperatorRequest(_Json):
     """With ``scale``: scale of the shape."""
     speed: Annotated[float, Field(ge=0.0, le=1e3, allow_inf_nan=False)] | None = None
     """With ``speed``: the leader's new speed, from its present position [m/s]."""
-    legs: (
-        Annotated[tuple[Leg, ...], BeforeValidator(as_tuple), Field(min_length=1, max_length=500)] | None
-    ) = None
+    legs: Legs | None = None
     """With ``route``: the leader's new route from its present position."""
     k_p: Proportional | None = None
     """With ``tune``: the law's proportional gain [1/s]; unchanged if missing."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from formation.protocol.order import UNREACHED, OperatorReply, OperatorRequest
+from formation.protocol.order import TAKES, UNREACHED, OperatorReply, OperatorRequest
 
 UNDONE = {"stop": "NOT STOPPED", "hold": "NOT HELD"}
 """Description of a robot that a request does not reach."""
@@ -135,7 +135,6 @@ class Outcome(NamedTuple):
         return "; ".join([line, *self._advice()])
 
     def _advice(self) -> Iterator[str]:
-        """Advice for the operator, clause by clause."""
         do, robots = self.request.do, [name for name in self.missing if name in self.recipients.each]
         if do == "stop" and not self.leader and self._counting:
             yield "robots that obey stand, with a leader or without"
@@ -192,20 +191,12 @@ class Outcome(NamedTuple):
 
 def called(request: OperatorRequest) -> str:
     """A request in words, as it is typed."""
-    what: tuple[Any, ...] = ()
-    match request.do:
-        case "shape":
-            what = (request.shape,)
-        case "rotate":
-            what = (f"{request.degrees:g}",)
-        case "scale":
-            what = (f"{request.factor:g}",)
-        case "speed":
-            what = (f"{request.speed:g}", f"{request.degrees:g}")
-        case "route":
-            legs = len(request.legs or ())
-            what = ("of one leg" if legs == 1 else f"of {legs} legs",)
-        case "tune":
-            gains = {"k_p": request.k_p, "k_i": request.k_i}
-            what = tuple(f"{name}={value:g}" for name, value in gains.items() if value is not None)
-    return " ".join([request.do, *map(str, what)])
+    words: list[str] = [request.do]
+    for name in TAKES.get(request.do, ()):
+        value = getattr(request, name)
+        if name == "legs":
+            words.append("of one leg" if len(value) == 1 else f"of {len(value)} legs")
+        elif value is not None:
+            text = value if isinstance(value, str) else f"{value:g}"
+            words.append(f"{name}={text}" if request.do == "tune" else text)
+    return " ".join(words)

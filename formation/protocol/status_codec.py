@@ -125,20 +125,10 @@ def sound(status: AnyStatus) -> bool:
         return status.state in {LeaderState.RUN, LeaderState.STANDBY} and not doubts
     if isinstance(status, WatchdogStatus):
         return status.state is not WatchdogState.BRAKING
-    return _agent_sound(status)
-
-
-def _agent_sound(status: AgentStatus) -> bool:
-    doubts = (
-        status.clock
-        or status.scan_fault
-        or status.relative_fault
-        or status.contested
-        or status.motion
-        or status.forged
-    )
+    faults = status.clock or status.scan_fault or status.relative_fault or status.motion
+    others = status.contested or status.forged
     linked = status.link in {RobotLink.UNKNOWN, RobotLink.CONNECTED}
-    return status.state is AgentState.RUN and not status.readonly and not doubts and linked
+    return status.state is AgentState.RUN and linked and not (status.readonly or faults or others)
 
 
 def shown_state(status: AnyStatus) -> str:
@@ -216,30 +206,25 @@ def _spelled(requests: tuple[AnsweredRequest, ...]) -> str:
 
 
 def _grouped(known: frozenset[str], values: Mapping[str, str]) -> dict[str, Any]:
-    """Values of dotted keys grouped by their first word; a reason has its code beside its values."""
+    """Values of dotted keys grouped by their first word; a reason has its code beside its values.
+
+    A value of a reason may itself be a mapping, by robot.
+    """
     found = dict[str, Any]()
     for key, value in values.items():
         name, dot, rest = key.partition(".")
         if name not in known:
             continue
         if name in REASONS:
-            _put(found.setdefault(name, {}), rest if dot else "code", value)
-        elif dot:
-            group = found.setdefault(name, {})
-            if isinstance(group, dict):
-                group[rest] = value
+            place = [name, *(rest.split(".", 1) if dot else ["code"])]
         else:
-            found[name] = value
+            place = [name, rest] if dot else [name]
+        group: Any = found
+        for part in place[:-1]:
+            group = group.setdefault(part, {}) if isinstance(group, dict) else None
+        if isinstance(group, dict):
+            group[place[-1]] = value
     return found
-
-
-def _put(reason: dict[str, Any], name: str, value: str) -> None:
-    """Store a value of a reason, which may be a mapping by robot."""
-    name, dot, robot = name.partition(".")
-    if not dot:
-        reason[name] = value
-    elif isinstance(group := reason.setdefault(name, {}), dict):
-        group[robot] = value
 
 
 @cache

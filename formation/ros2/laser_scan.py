@@ -9,12 +9,13 @@ one with beams of unknown direction is not.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
 from formation.ros2 import ros
 from formation.ros2.cdr import Reader, Writer, singles
-from formation.ros2.message import Message
+from formation.ros2.ros import Message
 from formation.wire import BadMessage
 
 MAX_BEAMS = 4096
@@ -65,7 +66,7 @@ class LaserScan(Message):
         last = self.angle_min + self.angle_increment * (len(self.ranges) - 1)
         times, limits = (self.time_increment, self.scan_time), (self.range_min, self.range_max)
         numbers = singles((self.angle_min, last, self.angle_increment, *times, *limits))
-        _check(*numbers)
+        _check(numbers)
         _check_beams(len(self.ranges), numbers[2])
         to.floats(numbers)
         to.count(len(self.ranges))
@@ -76,7 +77,7 @@ class LaserScan(Message):
     def _read(cls, source: Reader) -> Self:
         stamp, frame = ros.read_header(source)
         numbers = source.floats(7)
-        _check(*numbers)
+        _check(numbers)
         first, _, increment, time_increment, scan_time, range_min, range_max = numbers
         beams = source.count()
         _check_beams(beams, increment)
@@ -88,16 +89,9 @@ class LaserScan(Message):
         return cls(stamp, first, increment, range_min, range_max, ranges, time_increment, scan_time, frame)
 
 
-def _check(
-    first: float,
-    last: float,
-    increment: float,
-    time_increment: float,
-    scan_time: float,
-    range_min: float,
-    range_max: float,
-) -> None:
+def _check(numbers: Sequence[float]) -> None:
     """Refuse numbers that no scanner can mean. The last angle need only be a number: drivers differ in it."""
+    first, last, increment, time_increment, scan_time, range_min, range_max = numbers
     ros.within("angle", MAX_ANGLE, first, last)
     if not MIN_BEAM_ANGLE <= abs(increment) <= MAX_ANGLE:
         raise BadMessage(f"angle increment is {increment:g}, must be ±{MIN_BEAM_ANGLE:g} rad at least")

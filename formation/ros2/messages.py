@@ -3,23 +3,29 @@
 Messages are converted only by `encode` and `decode`. `decode` accepts exactly what a controller can use:
 any fault in the bytes (length, header, type, numbers that are not finite or not physical, a robot that is
 not upright) is one BadMessage.
+
+Definitions and hashes of the types are for recordings, keys and the programs that show them.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cache
+from itertools import chain
+from types import MappingProxyType
 from typing import ClassVar, Self, TypeVar
 
 from formation.ros2 import ros
 from formation.ros2.cdr import Reader, Writer
 from formation.ros2.laser_scan import LaserScan
-from formation.ros2.message import Message
+from formation.ros2.ros import BY_TYPE, Message
 from formation.wire import BadMessage
 
 __all__ = [
     "MAX_PAYLOAD_BYTES",
+    "NESTED",
     "BadMessage",
     "Diagnostics",
     "Displacement",
@@ -34,7 +40,10 @@ __all__ = [
     "Twist",
     "TwistStamped",
     "decode",
+    "definition",
     "encode",
+    "message_class",
+    "type_hash",
 ]
 
 MAX_PAYLOAD_BYTES = 64 * 1024
@@ -212,12 +221,23 @@ class Diagnostics(Message):
         ros.write_header(to, self.stamp, "")
         to.count(len(self.statuses))
         for status in self.statuses:
-            _write_status(to, status)
+            to.octet(_level(status.level))
+            for text in (status.name, status.message, status.hardware_id):
+                ros.write_text(to, text)
+            to.count(len(status.values))
+            for text in chain.from_iterable(status.values.items()):
+                ros.write_text(to, text)
 
     @classmethod
     def _read(cls, source: Reader) -> Self:
         stamp, _ = ros.read_header(source)
-        return cls(stamp, tuple(_read_status(source) for _ in range(source.count())))
+        statuses = []
+        for _ in range(source.count()):
+            level = _level(source.octet())
+            name, message, hardware_id = (ros.read_text(source) for _ in range(3))
+            values = {ros.read_text(source): ros.read_text(source) for _ in range(source.count())}
+            statuses.append(Status(name, level, message, hardware_id, values))
+        return cls(stamp, tuple(statuses))
 
 
 @dataclass(frozen=True, slots=True)
@@ -301,23 +321,6 @@ def decode(cls: type[M], payload: bytes) -> M:
     return message
 
 
-def _write_status(to: Writer, status: Status) -> None:
-    to.octet(_level(status.level))
-    for text in (status.name, status.message, status.hardware_id):
-        ros.write_text(to, text)
-    to.count(len(status.values))
-    for pair in status.values.items():
-        for text in pair:
-            ros.write_text(to, text)
-
-
-def _read_status(source: Reader) -> Status:
-    level = _level(source.octet())
-    name, message, hardware_id = (ros.read_text(source) for _ in range(3))
-    values = {ros.read_text(source): ros.read_text(source) for _ in range(source.count())}
-    return Status(name, level, message, hardware_id, values)
-
-
 def _level(level: int) -> int:
     if level not in range(4):
         raise BadMessage(f"level is {level}, must be 0 (ok), 1 (warning), 2 (error) or 3 (stale)")
@@ -328,3 +331,60 @@ def _log_level(level: int) -> int:
     if level not in {10, 20, 30, 40, 50}:
         raise BadMessage(f"level is {level}, must be 10 (debug), 20, 30, 40 or 50 (fatal)")
     return level
+
+
+NESTED = MappingProxyType(
+    {
+        "builtin_interfaces/Time": "int32 sec\nuint32 nanosec\n",
+        "diagnostic_msgs/DiagnosticStatus": (
+            "byte OK=0\nbyte WARN=1\nbyte ERROR=2\nbyte STALE=3\nbyte level\nstring name\n"
+            "string message\nstring hardware_id\ndiagnostic_msgs/KeyValue[] values\n"
+        ),
+        "diagnostic_msgs/KeyValue": "string key\nstring value\n",
+        "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z\n",
+        "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
+        "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose\nfloat64[36] covariance\n",
+        "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n",
+        "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist\nfloat64[36] covariance\n",
+        "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z\n",
+        "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
+    }
+)
+"""Fields and constants in ROS 2 Jazzy of the types that occur only within messages."""
+BETWEEN = "=" * 80
+"""A line between one type and the next."""
+
+
+@cache
+def definition(ros_type: str) -> str:
+    """The type with its nested types, as MCAP's ``ros2msg`` schemas need it. KeyError for an unknown type."""
+    whole = message_class(ros_type).DEFINITION
+    others = dict.fromkeys(_within(whole))  # each once, at its first occurrence
+    return whole + "".join(f"{BETWEEN}\nMSG: {one}\n{_fields(one)}" for one in others)
+
+
+def type_hash(ros_type: str) -> str:
+    """The type's ``RIHS01_…`` hash. KeyError for an unknown type."""
+    return f"RIHS01_{message_class(ros_type).TYPE_HASH}"
+
+
+def message_class(ros_type: str) -> type[Message]:
+    """The class of a ROS 2 type. KeyError for an unknown type."""
+    if ros_type not in BY_TYPE:
+        one = Odometry.ROS_TYPE
+        raise KeyError(f"{ros_type!r} is no ROS 2 type known here; one would be {one!r}")
+    return BY_TYPE[ros_type]
+
+
+def _fields(nested: str) -> str:
+    """The definition of a field's type, ``package/Name``."""
+    return NESTED[nested] if nested in NESTED else message_class(nested.replace("/", "/msg/")).DEFINITION
+
+
+def _within(fields: str) -> Iterator[str]:
+    """The types of the fields, in sequence, each with its nested types."""
+    for line in fields.splitlines():
+        of = line.split()[0].removesuffix("[]").partition("[")[0]
+        if "/" in of:
+            yield of
+            yield from _within(_fields(of))

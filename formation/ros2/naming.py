@@ -15,50 +15,22 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import count
-from typing import Literal, Self
+from typing import Self
 
-from formation.ros2.definitions import type_hash
+from formation.ros2.messages import type_hash
 from formation.ros2.ros_names import Ros, RosNames, RosRobot, address
 from formation.ros2.tokens import QOS, SENSOR_QOS, Token, dds_type, hidden
-from formation.topics import CMD_VEL, SCAN, TABLE, Topic, command_topic
+from formation.topics import SCAN, Topic
 
 _ATTACHMENT = struct.Struct("<qqB16s")
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """The place in ROS of a robot, or of the formation as a whole."""
-
-    names: RosNames
-    ros: Ros = "ros2dds"
-    domain: int = 0
-    cmd_vel: Literal["twist", "twist_stamped"] = "twist"
-
-    def logical_keys(self) -> Iterator[str]:
-        """Every logical key of this place."""
-        if self.names.robot:
-            yield from (one.key for one in self.names.addresses())
-        else:
-            yield from (topic.key() for topic in TABLE if "{" not in topic.pattern)
-
-    def type(self, topic: Topic) -> str:
-        """ROS type of a `topic` here; empty for a queryable."""
-        return command_topic(self.cmd_vel).type if topic is CMD_VEL else topic.type
-
-    def wire(self, logical: str, ros_type: str) -> str:
-        """Name on Zenoh of a logical key of this place."""
-        name = self.names.spelled(logical)
-        if self.ros == "ros2dds" or not ros_type:
-            return name
-        return f"{self.domain}/{name}/{dds_type(ros_type)}/{type_hash(ros_type)}"
 
 
 @dataclass(frozen=True, slots=True)
 class Naming:
     """ROS 2 names of the topics of some robots, and of the formation as a whole."""
 
-    robots: Mapping[str, Place]
-    formation: Place
+    robots: Mapping[str, RosNames]
+    formation: RosNames
     """Of the topics that belong to no robot."""
     _logical: Mapping[str, str] = field(init=False, repr=False, compare=False)
 
@@ -69,7 +41,7 @@ class Naming:
                 if (other := logical.setdefault(self.wire(key), key)) != key:
                     raise ValueError(
                         f"{other} and {key} cannot share a session: ROS calls both "
-                        f"/{place.names.spelled(key)}; one of the robots needs another namespace"
+                        f"/{place.spelled(key)}; one of the robots needs another namespace"
                     )
         object.__setattr__(self, "_logical", logical)
 
@@ -81,18 +53,14 @@ class Naming:
 
         Topics of the formation as a whole are named as the first robot's are.
         """
-        places = {
-            name: Place(RosNames.of(name, spec), spec.ros, spec.domain, spec.cmd_vel)
-            for name in robots
-            for spec in (known[name],)
-        }
-        first = next(iter(places.values()), Place(RosNames("", "")))
-        return cls(places, Place(RosNames("", ""), first.ros, first.domain))
+        places = {name: RosNames.of(name, known[name]) for name in robots}
+        first = next(iter(places.values()), RosNames())
+        return cls(places, RosNames(ros=first.ros, domain=first.domain))
 
     @classmethod
     def of_formation(cls, ros: Ros = "ros2dds", domain: int = 0) -> Self:
         """Names of the topics that belong to no robot, for the monitor."""
-        return cls({}, Place(RosNames("", ""), ros, domain))
+        return cls({}, RosNames(ros=ros, domain=domain))
 
     def key(self, topic: Topic, robot: str = "", other: str = "") -> str:
         """The wire key of a robot's `topic`, with the type that this robot uses."""
@@ -105,7 +73,12 @@ class Naming:
         """
         one = address(logical)
         place = self._place(one.robot)
-        return place.wire(logical, place.type(one.topic) if ros_type is None else ros_type)
+        name = place.spelled(logical)
+        if ros_type is None:
+            ros_type = place.type(one.topic)
+        if place.ros == "ros2dds" or not ros_type:
+            return name
+        return f"{place.domain}/{name}/{dds_type(ros_type)}/{type_hash(ros_type)}"
 
     def logical(self, wire: str) -> str | None:
         """The logical key of `wire`; None for a key of others."""
@@ -139,7 +112,7 @@ class Naming:
             for token in _tokens(node, zid, ((self._place(robot), keys) for robot, keys in kept.items()))
         )
 
-    def _place(self, robot: str) -> Place:
+    def _place(self, robot: str) -> RosNames:
         return self.robots[robot] if robot else self.formation
 
 
@@ -149,13 +122,13 @@ def _gid(zid: str, wire: str) -> bytes:
     return hashlib.blake2b(f"{zid}/{wire}".encode(), digest_size=16).digest()
 
 
-def _tokens(node: str, zid: str, kept: Iterable[tuple[Place, list[tuple[str, str]]]]) -> Iterator[Token]:
+def _tokens(node: str, zid: str, kept: Iterable[tuple[RosNames, list[tuple[str, str]]]]) -> Iterator[Token]:
     ids = count()
     for place, keys in kept:
         if place.ros == "ros2dds":
             continue
         node_id = next(ids)
-        this = Token(place.domain, zid, node_id, node_id, "NN", place.names.namespace, hidden(node))
+        this = Token(place.domain, zid, node_id, node_id, "NN", place.namespace, hidden(node))
         yield this
         for kind, key in keys:
             topic = address(key).topic
@@ -163,7 +136,7 @@ def _tokens(node: str, zid: str, kept: Iterable[tuple[Place, list[tuple[str, str
             yield this._replace(
                 id=next(ids),
                 kind=kind,
-                topic=place.names.spelled(key),
+                topic=place.spelled(key),
                 type=ros_type,
                 type_hash=type_hash(ros_type),
                 qos=SENSOR_QOS if topic.name == SCAN.name else QOS,

@@ -1,4 +1,6 @@
-"""The parts of ROS 2 messages, encoded for a planar robot, with limits for both directions.
+"""What all ROS 2 messages have in common: their table by ROS 2 type, and their parts.
+
+Parts are encoded for a planar robot, with limits for both directions.
 
 ``write_*`` writes a part, ``read_*`` reads it; both raise BadMessage for what is not finite, not physical
 or not planar.
@@ -7,6 +9,8 @@ or not planar.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
+from typing import ClassVar, Self
 
 from formation.ros2.cdr import Reader, Writer
 from formation.wire import BadMessage
@@ -22,6 +26,35 @@ UNIT_TOLERANCE = 0.01
 """How far the length of a heading or a quaternion may be from 1."""
 COVARIANCE_LENGTH = 36
 """Length of a covariance; formation neither fills nor reads it, and the TurtleBot3 sends zeros as well."""
+
+
+class Message(ABC):
+    """A message on the wire; a subclass is one ROS 2 type."""
+
+    __slots__ = ()
+    ROS_TYPE: ClassVar[str]
+    """``package/msg/Name``."""
+    DEFINITION: ClassVar[str]
+    """Its fields and constants in ROS 2 Jazzy; `messages.NESTED` has the types of its fields."""
+    TYPE_HASH: ClassVar[str]
+    """RIHS01 in ROS 2 Jazzy, as rmw_zenoh writes it into keys."""
+
+    def __init_subclass__(cls) -> None:
+        """Enter the class in the table."""
+        BY_TYPE[cls.ROS_TYPE] = cls
+
+    @abstractmethod
+    def _write(self, to: Writer) -> None:
+        """Write the fields. Raises BadMessage for values that no receiver would accept."""
+
+    @classmethod
+    @abstractmethod
+    def _read(cls, source: Reader) -> Self:
+        """Read the fields. Raises BadMessage."""
+
+
+BY_TYPE: dict[str, type[Message]] = {}
+"""Every message class, by its ROS 2 type."""
 
 
 def within(what: str, limit: float, *numbers: float) -> None:

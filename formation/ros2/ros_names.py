@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, Protocol
 
-from formation.topics import TABLE, Topic
+from formation.topics import CMD_VEL, TABLE, Topic, command_topic
 
 _NAMESPACE = re.compile(r"(?:[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z_][A-Za-z0-9_]*)*)?")
 
@@ -28,25 +28,18 @@ Ros = Literal["ros2dds", "rmw_zenoh"]
 class RosRobot(Protocol):
     """The part of a robot's mission entry that defines its ROS 2 names."""
 
-    @property
-    def namespace(self) -> str | None:
-        """ROS namespace without its leading slash; None for the robot's own name."""
+    namespace: str | None
+    """ROS namespace without its leading slash; None for the robot's own name."""
+    ros: Ros
+    """Its route from ROS 2 to Zenoh."""
+    domain: int
+    """ROS domain id."""
+    cmd_vel: Literal["twist", "twist_stamped"]
+    """Message type of its commands."""
 
     @property
     def measurable(self) -> tuple[str, ...]:
         """Robots that its sensors may measure."""
-
-    @property
-    def ros(self) -> Ros:
-        """Its route from ROS 2 to Zenoh."""
-
-    @property
-    def domain(self) -> int:
-        """ROS domain id."""
-
-    @property
-    def cmd_vel(self) -> Literal["twist", "twist_stamped"]:
-        """Message type of its commands."""
 
 
 class Address(NamedTuple):
@@ -81,35 +74,44 @@ def address(logical: str) -> Address:
 
 @dataclass(frozen=True, slots=True)
 class RosNames:
-    """ROS names of one robot's topics."""
+    """The place in ROS of a robot, or of the formation as a whole, and the names of its topics."""
 
-    robot: str
-    namespace: str
+    robot: str = ""
+    """Empty for the formation as a whole."""
+    namespace: str = ""
     """Without leading slash; empty for the root."""
     sees: tuple[str, ...] = ()
     """Others that its sensors may measure."""
+    ros: Ros = "ros2dds"
+    domain: int = 0
+    cmd_vel: Literal["twist", "twist_stamped"] = "twist"
 
     @classmethod
     def of(cls, name: str, robot: RosRobot) -> RosNames:
         """Return the names of the robot called `name`."""
-        return cls(name, name if robot.namespace is None else robot.namespace, robot.measurable)
-
-    def name(self, topic: Topic, other: str = "") -> str:
-        """ROS name of one of this robot's topics, without leading slash."""
-        return self.spelled(topic.key(self.robot, other))
+        namespace = name if robot.namespace is None else robot.namespace
+        return cls(name, namespace, robot.measurable, robot.ros, robot.domain, robot.cmd_vel)
 
     def spelled(self, logical: str) -> str:
-        """ROS name of one of this robot's logical keys."""
+        """ROS name of one of its logical keys, without leading slash."""
         own = logical.removeprefix(f"{self.robot}/")
         return f"{self.namespace}/{own}" if self.namespace else own
 
+    def type(self, topic: Topic) -> str:
+        """ROS type of a `topic` here; empty for a queryable."""
+        return command_topic(self.cmd_vel).type if topic is CMD_VEL else topic.type
+
     def addresses(self) -> Iterator[Address]:
-        """Every topic of this robot."""
+        """Every topic of this robot, or of the formation."""
         for topic in TABLE:
             if "{other}" in topic.pattern:
                 yield from (Address(topic, self.robot, other) for other in self.sees)
-            elif "{robot}" in topic.pattern:
+            elif ("{robot}" in topic.pattern) == bool(self.robot):
                 yield Address(topic, self.robot)
+
+    def logical_keys(self) -> Iterator[str]:
+        """Every logical key of this robot, or of the formation."""
+        return (one.key for one in self.addresses())
 
 
 def clash(robots: Mapping[str, RosNames]) -> tuple[str, str, str] | None:

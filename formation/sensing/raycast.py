@@ -65,15 +65,14 @@ def measured(
     distances: Iterable[float], scanner: Scanner, normal: Sequence[float], uniform: Sequence[float]
 ) -> tuple[float, ...]:
     """Add a scanner's errors to true distances [m], with a normal and a uniform random number per beam."""
-    return tuple(_measured(*beam, scanner) for beam in zip(distances, normal, uniform, strict=True))
-
-
-def _measured(distance: float, normal: float, uniform: float, scanner: Scanner) -> float:
-    if uniform < scanner.lost or distance == math.inf:
-        return LOST_RANGE
-    share = scanner.relative_noise if distance > NOISE_GROWTH_DISTANCE else 0.0
-    reading = distance + max(scanner.noise, share * distance) * normal
-    return reading if scanner.range_min <= reading <= scanner.range_max else LOST_RANGE
+    readings = []
+    for distance, deviation, chance in zip(distances, normal, uniform, strict=True):
+        share = scanner.relative_noise if distance > NOISE_GROWTH_DISTANCE else 0.0
+        reading = distance + max(scanner.noise, share * distance) * deviation
+        lost = chance < scanner.lost or distance == math.inf
+        in_range = scanner.range_min <= reading <= scanner.range_max
+        readings.append(reading if in_range and not lost else LOST_RANGE)
+    return tuple(readings)
 
 
 def _meet_disc(found: list[float], centre: complex, radius: float) -> None:

@@ -183,7 +183,6 @@ def _chunks(found: Iterable[complex]) -> Iterator[list[complex]]:
 
 
 def _around(chunk: Sequence[complex], half: float) -> Circle:
-    """A circle around the middle of the points' bounding box."""
     xs, ys = [point.real for point in chunk], [point.imag for point in chunk]
     centre = complex(0.5 * (min(xs) + max(xs)), 0.5 * (min(ys) + max(ys)))
     reach = max([abs(point - centre) for point in chunk])

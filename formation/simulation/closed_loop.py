@@ -12,28 +12,28 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from formation.control.avoidance import AvoidanceParameters, course_gain
+from formation.control.avoidance import Avoidance, AvoidanceParameters, course_gain
 from formation.control.controller import Gains, Limits, Measured
-from formation.control.deadlock import Avoidance
 from formation.control.laws.field import field as law  # or whichever law this is compiled with
 from formation.control.observer import Travel, innovation
 from formation.control.observer import innovation as observe  # or the observer that this is compiled with
-from formation.control.pipeline import (
-    ControlParams,
-    ControlState,
-    Inputs,
-    at_rest,
-    control_step,
-    unprotected,
-)
+from formation.control.pipeline import ControlParams, ControlState, Inputs, at_rest, control_step, unprotected
 from formation.control.plane import unit
 from formation.control.quantiser import Grid, Quantiser
 from formation.control.ramp import Ramp, RampLimits
 from formation.control.tracker import Track, learned
 from formation.control.unicycle import AT_REST, Command, along, control_point, driven
-from formation.simulation.avoiding import Avoided, avoided_of, clearance, look
 from formation.simulation.body import Body, obeyed
-from formation.simulation.links import Link, arrived, carried, is_fresh
+from formation.simulation.neighbours import (
+    Avoided,
+    Link,
+    arrived,
+    avoided_of,
+    carried,
+    clearance,
+    is_fresh,
+    look,
+)
 
 
 class World(NamedTuple):

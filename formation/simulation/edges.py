@@ -1,13 +1,10 @@
 """The edges of a formation's graph as arrays: sums over neighbours, formation errors, the Laplacian.
 
-For computations with many robots at once. Sums over neighbours are sparse; only eigenvalues and Eq. (6) of
-the paper need a matrix.
+For computations with many robots at once. Sums over neighbours are sparse; only eigenvalues need a matrix.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -32,13 +29,10 @@ class Edges:
         self.degrees: FloatArray = np.array([len(js) for js in graph.neighbours[1:]], dtype=np.float64)
         """Number of neighbours of each follower; shape (n-1,)."""
 
-    @cached_property
-    def _first_edges(self) -> Indices:
-        return np.concatenate(([0], np.cumsum(self.degrees[:-1]))).astype(np.intp)
-
     def sum_per_follower(self, per_edge: NDArray[Any]) -> NDArray[Any]:
         """Σ_j over each follower's edges: shape (..., edges) -> (..., n-1). Each needs a neighbour."""
-        sums: NDArray[Any] = np.add.reduceat(per_edge, self._first_edges, axis=-1)
+        first_edges = np.concatenate(([0], np.cumsum(self.degrees[:-1]))).astype(np.intp)
+        sums: NDArray[Any] = np.add.reduceat(per_edge, first_edges, axis=-1)
         return sums
 
     def along_edges(self, per_robot: NDArray[Any]) -> NDArray[Any]:
@@ -56,18 +50,6 @@ class Edges:
     def follower_laplacian(self) -> FloatArray:
         """L_ff, the followers' block of the Laplacian; shape (n-1, n-1)."""
         return self.laplacian()[1:, 1:]
-
-    def desired_positions(self, leader: complex, slots: Sequence[complex] | ComplexArray) -> ComplexArray:
-        """Followers' control points in formation [m; world frame], shape (n-1,): Eq. (6).
-
-        `leader` is the leader's control point, `slots` the shape, the leader's own slot first; shape (n,).
-        Raises numpy.linalg.LinAlgError where a follower has no path to the leader.
-        """
-        laplacian = self.laplacian()
-        to_leader, among = laplacian[1:, :1], laplacian[1:, 1:]
-        wanted = laplacian[1:, :] @ np.asarray(slots, dtype=np.complex128)
-        held = wanted - to_leader[:, 0] * leader
-        return np.linalg.solve(among.astype(np.complex128), held).astype(np.complex128)
 
 
 def edge_errors(edges: Edges, points: ComplexArray, slots: ComplexArray) -> FloatArray:

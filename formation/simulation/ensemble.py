@@ -20,18 +20,66 @@ from formation.control.avoidance import HEADING_GAIN_RATIO
 from formation.control.controller import Controller
 from formation.control.observer import Observer
 from formation.control.tracker import FRESH_PERIODS, longest_delay
+from formation.control.unicycle import along
 from formation.mission.model import Mission
 from formation.mission.route import Route
 from formation.simulation import closed_loop as loop
-from formation.simulation.avoiding import avoided_in, avoided_of
 from formation.simulation.body import Body
 from formation.simulation.compiled import AVAILABLE, compiled
 from formation.simulation.edges import Edges
-from formation.simulation.leader import positions
-from formation.simulation.links import TRACK
-from formation.simulation.records import EDGE, FOLLOWER, ROBOT
-from formation.simulation.starts import Starts
+from formation.simulation.neighbours import TRACK, avoided_in, avoided_of
 from formation.slots.shape import PlacedShape
+
+ROBOT = np.dtype(
+    [
+        ("offset", "f8"), ("max_speed", "f8"), ("max_turn_rate", "f8"),
+        ("speed_step", "f8"), ("speed_most", "f8"), ("turn_rate_step", "f8"), ("turn_rate_most", "f8"),
+        ("first", "i8"), ("last", "i8"),
+        ("local", "b1"),
+        ("radius", "f8"), ("hold", "f8"), ("avoided", "i8"), ("avoided_end", "i8"),
+        ("ramp_time", "f8"), ("ramp_longest", "f8"), ("ramp_gap", "f8"), ("ramp_gentle", "f8"),
+    ],
+    align=True,
+)  # fmt: skip
+"""Constants of a follower: limits, `Grid` of both numbers, its edges, whether it has a sensor of its own;
+its body, the longest time that a command may last, indices of its obstacles; `RampLimits`."""
+EDGE = np.dtype(
+    [
+        ("head", "i8"), ("desired", "c16"),
+        ("late", "f8"), ("limit", "f8"), ("longest_delay", "f8"), ("top_speed", "f8"),
+    ],
+    align=True,
+)  # fmt: skip
+"""An edge: index of the neighbour, z*_ij [m; world frame], `Link`."""
+FOLLOWER = np.dtype(
+    [
+        ("position", "c16"), ("heading", "c16"),
+        ("odometry", "c16"), ("estimate", "c16"), ("facing", "c16"), ("integral", "c16"),
+        ("speed", "f8"), ("turn_rate", "f8"), ("wanted_speed", "f8"), ("wanted_turn_rate", "f8"),
+        ("wheel_speed", "f8"), ("wheel_turn_rate", "f8"), ("owed_speed", "f8"), ("owed_turn_rate", "f8"),
+        ("ramped_speed", "f8"), ("ramped_turn_rate", "f8"), ("commanded", "f8"), ("gentle_until", "f8"),
+        ("drift", "c16"),
+        ("course", "c16"), ("travelled", "f8"), ("kept", "f8"), ("detour", "f8"),
+        ("deadlocks", "i8"), ("went", "c16"), ("again", "f8"), ("side", "f8"), ("slow", "f8"),
+    ],
+    align=True,
+)  # fmt: skip
+"""State of a follower: pose without noise; its measurements and estimates; mean motion over the last step,
+the command, the wheels at its end, remainder of the quantiser; `Ramp`; direction of its odometry's drift,
+a share of the path; the filter's own estimate of the heading, its path length, `Avoidance`."""
+MIN_START_CLEARANCE = 0.05
+"""Least distance between the bodies at random starts [m]."""
+MAX_TRIES = 100
+"""Number of tries for a start that is far enough from others; then it stays."""
+
+
+class Starts(NamedTuple):
+    """Initial poses of followers; shapes (R, F)."""
+
+    position: ComplexArray
+    """Centres [m; world frame]."""
+    heading: ComplexArray
+    """Unit complex [world frame]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,15 +112,6 @@ class Options:
         return int(np.ceil(self.delay / step - 1e-9))
 
 
-class Plan(NamedTuple):
-    """Length of the runs, and of the stored errors."""
-
-    steps: int
-    """Number of steps."""
-    stride: int
-    """Steps between stored moments of every run's error."""
-
-
 class Ensemble:
     """R runs of a mission; `run_on` advances all of them."""
 
@@ -84,9 +123,10 @@ class Ensemble:
         starts: Starts,
         step: float,
         rng: np.random.Generator,
-        plan: Plan,
+        steps: int,
+        stride: int,
     ) -> None:
-        """`step` is the control period [s]."""
+        """`step` is the control period [s]; of `steps` steps every `stride`-th error is stored."""
         law, observer = mission.law, options.observer or controller.observer
         self.steps = 0
         """Taken so far."""
@@ -109,26 +149,28 @@ class Ensemble:
             time_constant=law.velocity_filter if velocities else 0.0,
             loss=options.loss,
             settled=mission.settled,
-            stride=plan.stride,
+            stride=stride,
         )
-        self._robots = _robots(mission, controller, options, step)
+        self.robots = _robots(mission, controller, options, step)
+        """Constants of the followers, records of `ROBOT`; shape (F,)."""
         self._edges = _edges(mission, options, step)
-        self._followers = _followers(starts, self._world.body, rng)
-        self._followers["commanded"] = -step  # zero velocity, as until then
-        self._followers["gentle_until"] = -np.inf
-        self._tracks = np.zeros((len(self._followers), len(self._edges)), TRACK)
+        self.followers = _followers(starts, self._world.body, rng)
+        """All of them, records of `FOLLOWER`; shape (R, F)."""
+        self.followers["commanded"] = -step  # zero velocity, as until then
+        self.followers["gentle_until"] = -np.inf
+        self._tracks = np.zeros((len(self.followers), len(self._edges)), TRACK)
         self._tracks["stamp"] = -np.inf
         ring = options.delay_steps(step) + 1
-        self._published = np.zeros((len(self._followers), ring, len(mission.names)), dtype=np.complex128)
+        self._published = np.zeros((len(self.followers), ring, len(mission.names)), dtype=np.complex128)
         late = options.delay_steps(step) * step
         self._avoided = avoided_in(
             mission, options.measurement, late, self._published.shape, starts.position, avoids=avoids
         )
         guesses = [mission.first_heading(name) for name in mission.followers]
-        self._followers["estimate"] = self._followers["course"] = guesses
+        self.followers["estimate"] = self.followers["course"] = guesses
         if observer.start is not None:
-            positions: Any = self._followers["odometry"]
-            self._followers["estimate"] = observer.start(positions, law.observer_gain)
+            centres: Any = self.followers["odometry"]
+            self.followers["estimate"] = observer.start(centres, law.observer_gain)
         self._run_on = compiled(loop.run_on, law=controller.step, observe=observer.step)
         self._all_run_on = compiled(loop.all_run_on, law=controller.step, observe=observer.step)
         self.error: FloatArray = self._error_now()
@@ -138,8 +180,8 @@ class Ensemble:
         detected."""
         self.last_out = np.where(self.error >= mission.settled, 0, -1)
         """Last step at which it was not under the mission's bound, -1 for never; shape (R,)."""
-        self.errors: FloatArray = np.full((plan.steps // plan.stride + 1, len(self.error)), np.inf)
-        """Formation error every `Plan.stride` steps [m]; shape (moments, R)."""
+        self.errors: FloatArray = np.full((steps // stride + 1, len(self.error)), np.inf)
+        """Formation error every `stride` steps [m]; shape (moments, R)."""
         self.errors[0] = self.error
 
     @property
@@ -147,45 +189,30 @@ class Ensemble:
         """Since the start [s]."""
         return self.steps * self._world.step
 
-    @property
-    def followers(self) -> NDArray[Any]:
-        """All of them, records of `records.FOLLOWER`; shape (R, F)."""
-        return self._followers
-
-    @property
-    def robots(self) -> NDArray[Any]:
-        """Constants of the followers, records of `records.ROBOT`; shape (F,)."""
-        return self._robots
-
     def run_on(self, steps: int) -> None:
         """Take that many steps. Random numbers are drawn run by run, in an order that depends on `steps`."""
         begin, leader = self.steps, self._leader(steps + 1)
         self.steps += steps
         if AVAILABLE:
             self._all_run_on(
-                begin, leader, self._world, self._robots, self._edges, self._followers, self._tracks,
+                begin, leader, self._world, self.robots, self._edges, self.followers, self._tracks,
                 self._published, self._draw, self.errors, self.last_out, self.error, self.nearest,
                 self._avoided,
             )  # fmt: skip
             return
-        robots, edges = self._robots.view(np.recarray), self._edges.view(np.recarray)
-        followers, tracks = self._followers.view(np.recarray), self._tracks.view(np.recarray)
+        robots, edges = self.robots.view(np.recarray), self._edges.view(np.recarray)
+        followers, tracks = self.followers.view(np.recarray), self._tracks.view(np.recarray)
         avoided = self._avoided._replace(
             whom=self._avoided.whom.view(np.recarray),
             tracks=self._avoided.tracks.view(np.recarray),
             around=self._avoided.around.view(np.recarray),
         )
         for r in np.flatnonzero(np.isfinite(self.error)):
-            one = (
-                followers[r],
-                tracks[r],
-                self._published[r],
-                self._draw,
-                self.errors[:, r],
-                avoided_of(avoided, int(r)),
-            )
             try:
-                out, self.error[r], room = self._run_on(begin, leader, self._world, robots, edges, *one)
+                out, self.error[r], room = self._run_on(
+                    begin, leader, self._world, robots, edges, followers[r], tracks[r], self._published[r],
+                    self._draw, self.errors[:, r], avoided_of(avoided, int(r)),
+                )  # fmt: skip
             except (ArithmeticError, ValueError):  # raised by Python for a run that overflows
                 out, self.error[r], room = self.steps, np.inf, np.inf
             self.last_out[r] = max(self.last_out[r], out)
@@ -193,8 +220,8 @@ class Ensemble:
 
     def _error_now(self) -> FloatArray:
         error, here = compiled(loop.formation_error), self._leader(1)[0]
-        robots, edges = self._robots.view(np.recarray), self._edges.view(np.recarray)
-        runs = self._followers.view(np.recarray)
+        robots, edges = self.robots.view(np.recarray), self._edges.view(np.recarray)
+        runs = self.followers.view(np.recarray)
         return np.array([error(run, robots, edges, here) for run in runs])
 
     def _leader(self, count: int) -> ComplexArray:
@@ -202,6 +229,52 @@ class Ensemble:
         return positions(
             self.route, self._world.step * np.arange(self.steps, self.steps + count, dtype=np.float64)
         )
+
+
+def own_starts(mission: Mission, runs: int) -> Starts:
+    """The starts of the mission itself, the same in every run."""
+    starts = [mission.robots[name].start for name in mission.followers]
+    position = np.array([start.position for start in starts], dtype=np.complex128)
+    heading = np.array([start.heading for start in starts], dtype=np.complex128)
+    return Starts(np.tile(position, (runs, 1)), np.tile(heading, (runs, 1)))
+
+
+def random_starts(mission: Mission, runs: int, spread: float, rng: np.random.Generator) -> Starts:
+    """Control points uniformly within ± `spread` [m] of their slots on each axis, headings uniformly.
+
+    If two bodies would overlap the later one of them is drawn again.
+    """
+    shape = (runs, len(mission.followers))
+    heading = np.exp(1j * rng.uniform(-np.pi, np.pi, shape))
+    away = rng.uniform(-spread, spread, shape) + 1j * rng.uniform(-spread, spread, shape)
+    offset = np.array([mission.robots[name].control_point_offset for name in mission.followers])
+    slots = mission.robots[mission.leader].start.position + np.array(
+        PlacedShape.first(mission).slots(mission)[1:]
+    )
+    position = slots + away - offset * heading
+    radii = np.array([mission.robots[name].radius for name in mission.followers])
+    for j in range(1, len(radii)):
+        for _ in range(MAX_TRIES):
+            distance = np.abs(position[:, :j] - position[:, j : j + 1])
+            crowded = np.flatnonzero((distance < radii[:j] + radii[j] + MIN_START_CLEARANCE).any(axis=1))
+            if not len(crowded):
+                break
+            again = rng.uniform(-spread, spread, (2, len(crowded)))
+            position[crowded, j] = slots[j] + again[0] + 1j * again[1] - offset[j] * heading[crowded, j]
+    return Starts(position, heading)
+
+
+def positions(route: Route, times: FloatArray) -> ComplexArray:
+    """Control points [m; world frame] at `times` [s since the start], which ascend; of their shape."""
+    arcs = route.arcs
+    starts = np.array(route.begins)
+    position = np.array([arc.position for arc in arcs], dtype=np.complex128)
+    heading = np.array([arc.heading for arc in arcs], dtype=np.complex128)
+    speed = np.array([arc.speed for arc in arcs])
+    turn_rate = np.array([arc.turn_rate for arc in arcs])
+    found = np.empty(len(times), dtype=np.complex128)
+    compiled(_fill)(found, times, starts, position, heading, speed, turn_rate)
+    return found
 
 
 def _robots(mission: Mission, controller: Controller, options: Options, step: float) -> NDArray[Any]:
@@ -242,3 +315,14 @@ def _followers(starts: Starts, body: Body, rng: np.random.Generator) -> NDArray[
         x, y = rng.normal(0.0, body.position_noise, (2, *followers.shape))
         followers["odometry"] += x + 1j * y
     return followers
+
+
+def _fill(
+    found: Any, times: Any, starts: Any, position: Any, heading: Any, speed: Any, turn_rate: Any
+) -> None:
+    arc = 0
+    for k in range(len(times)):
+        while arc + 1 < len(starts) and starts[arc + 1] <= times[k]:
+            arc += 1
+        elapsed = max(times[k] - starts[arc], 0.0)
+        found[k], _ = along(position[arc], heading[arc], speed[arc] * elapsed, turn_rate[arc] * elapsed)

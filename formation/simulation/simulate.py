@@ -17,14 +17,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from formation.control.arrays import FloatArray
+from formation.control.arrays import ComplexArray, FloatArray
 from formation.control.controller import Controller
 from formation.control.laws import LAWS
 from formation.mission.model import Mission
-from formation.simulation.ensemble import Ensemble, Options, Plan
-from formation.simulation.history import History
-from formation.simulation.leader import positions
-from formation.simulation.starts import own_starts, random_starts
+from formation.simulation.ensemble import Ensemble, Options, own_starts, positions, random_starts
 
 DWELL_TIME = 10.0
 """Time under the bound after which a run counts as converged [s]; half of a short horizon."""
@@ -34,6 +31,47 @@ MAX_RUN_MOMENTS, MAX_ALL_MOMENTS = 1000, 25_000_000
 """Most stored moments of the error of each run, and of all runs together."""
 MAX_MOMENTS = 2_000_000
 """Most robot poses in a history; a longer run is thinned evenly."""
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """One run over time, from a simulation or a recording, ready to be plotted.
+
+    T moments of N robots, the leader first; F = N-1 followers. Unknown values are NaN.
+    """
+
+    title: str
+    names: tuple[str, ...]
+    """All robots, leader first."""
+    edges: tuple[tuple[int, int], ...]
+    """(i, j) by index into `names`: robot i measures robot j."""
+    offset: FloatArray
+    """Control-point offset of each follower [m]; shape (F,)."""
+    max_speed: FloatArray
+    """Limit of each follower [m/s]; shape (F,)."""
+    max_turn_rate: FloatArray
+    """Limit of each follower [rad/s]; shape (F,)."""
+    time: FloatArray
+    """[s]; shape (T,)."""
+    position: ComplexArray
+    """Centres [m; world frame]; shape (T, N)."""
+    heading: ComplexArray
+    """Unit complex [world frame]; shape (T, N)."""
+    heading_error: FloatArray
+    """Signed angle from the true heading to the estimated one [rad]; shape (T, F)."""
+    error: FloatArray
+    """Formation error, summed over edges [m]; shape (T,)."""
+    speed: FloatArray
+    """Forward speed of each follower [m/s]; shape (T, F)."""
+    turn_rate: FloatArray
+    """Turn rate of each follower [rad/s]; shape (T, F)."""
+
+    @property
+    def points(self) -> ComplexArray:
+        """Control points, the leader's being its position [m; world frame]; shape (T, N)."""
+        points = self.position.copy()
+        points[:, 1:] += self.offset * self.heading[:, 1:]
+        return points
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +161,7 @@ def simulate(
     steps = round(horizon / step)
     stride = math.ceil(steps / max(1, min(MAX_RUN_MOMENTS, MAX_ALL_MOMENTS // runs)))
     controller = LAWS[law] if isinstance(law, str) else law
-    ensemble = Ensemble(mission, controller, options or Options(), first, step, noise, Plan(steps, stride))
+    ensemble = Ensemble(mission, controller, options or Options(), first, step, noise, steps, stride)
     ensemble.run_on(0)  # compiles, if not done before
     if progress is not None:
         progress(0.0)
@@ -155,7 +193,6 @@ def _check(runs: int, law: str | Controller, horizon: float, step: float, spread
 def _result(
     mission: Mission, law: str, ensemble: Ensemble, stride: int, wall_time: float, film: _Film | None
 ) -> Result:
-    """Collect the results at the end."""
     steps, step = ensemble.steps, ensemble.time / ensemble.steps
     converged = ensemble.last_out + round(min(DWELL_TIME, 0.5 * steps * step) / step) < steps
     return Result(

@@ -9,7 +9,8 @@ Source: R. Burkard, M. Dell'Amico, S. Martello, Assignment Problems, SIAM 2009, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from bisect import bisect_left
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -58,15 +59,9 @@ def least_total(costs: FloatArray) -> tuple[int, ...]:
 
 def least_longest(costs: FloatArray) -> tuple[int, ...]:
     """The place of each robot with the least largest cost and, of these, the least sum; `costs` as above."""
-    bounds = np.unique(costs)
-    low, high = 0, len(bounds) - 1
-    while low < high:
-        middle = (low + high) // 2
-        if _matched(costs <= bounds[middle]):
-            high = middle
-        else:
-            low = middle + 1
-    longest = float(bounds[low])
+    bounds = np.unique(costs).tolist()  # under the greatest one every place is allowed
+    enough = bisect_left(bounds, True, hi=len(bounds) - 1, key=lambda bound: _matched(costs <= bound))
+    longest: float = bounds[enough]
     beyond = (len(costs) + 1.0) * (longest + 1.0)  # more than all allowed costs together
     return least_total(np.where(costs <= longest, costs, beyond))
 
@@ -86,34 +81,18 @@ AIMS = {"total": Aim(least_total, total), "longest": Aim(least_longest, longest_
 
 
 def _matched(allowed: NDArray[np.bool_]) -> bool:
-    """Whether each robot can have an allowed place of its own: by augmenting paths, breadth first."""
+    """Whether each robot can have an allowed place of its own: by augmenting paths."""
     choices: list[list[int]] = [np.flatnonzero(row).tolist() for row in allowed]
     taken_by: dict[int, int] = {}
-    has: dict[int, int] = {}
-    for robot in range(len(choices)):
-        found, came_from = _free_place(robot, choices, taken_by)
-        if found is None:
-            return False
-        place: int | None = found
-        while place is not None:  # every robot on the path moves to the next place
-            mover = came_from[place]
-            before = has.get(mover)
-            has[mover], taken_by[place] = place, mover
-            place = before
-    return True
 
+    def placed(robot: int, tried: set[int]) -> bool:
+        """Give the robot a place, even if others have to move to another."""
+        for place in sorted(choices[robot], key=taken_by.__contains__):  # free ones first
+            if place not in tried:
+                tried.add(place)
+                if place not in taken_by or placed(taken_by[place], tried):
+                    taken_by[place] = robot
+                    return True
+        return False
 
-def _free_place(
-    robot: int, choices: Sequence[Sequence[int]], taken_by: Mapping[int, int]
-) -> tuple[int | None, dict[int, int]]:
-    """A place that is free after others have moved, None if there is none; and the robot for each place."""
-    came_from: dict[int, int] = {}
-    waiting = [robot]
-    for mover in waiting:  # grows meanwhile
-        for place in choices[mover]:
-            if place not in came_from:
-                came_from[place] = mover
-                if place not in taken_by:
-                    return place, came_from
-                waiting.append(taken_by[place])
-    return None, came_from
+    return all(placed(robot, set()) for robot in range(len(choices)))

@@ -109,14 +109,14 @@ class Area(NamedTuple):
         route, until = Route.of(mission), max(HORIZON_TIME, mission.duration)
         places = [look.place for look in _looks(route, 0.0) if look.time < until]
         places.append(route.position(until))
-        near, far = (*starts, *places), size + room
-        return cls(
-            min(point.real for point in near) - far,
-            max(point.real for point in near) + far,
-            min(point.imag for point in near) - far,
-            max(point.imag for point in near) + far,
-            max(room, size),
-        )
+        near, far = cls.around((*starts, *places)), size + room
+        return cls(near.x_min - far, near.x_max + far, near.y_min - far, near.y_max + far, max(room, size))
+
+    @classmethod
+    def around(cls, points: Sequence[complex]) -> Self:
+        """The bounding box of some points, and the greatest of their distances from 0."""
+        x, y = [point.real for point in points], [point.imag for point in points]
+        return cls(min(x), max(x), min(y), max(y), max(map(abs, points)))
 
     def breach(self, point: complex, what: str, clearance: float = 0.0) -> Breach:
         """The relation of a point to the limit that it is furthest beyond, or nearest to."""
@@ -149,7 +149,7 @@ class Geofence:
         )
         """Distance from the bounds that slots of a leader's orders keep [m]."""
         self._mission, self._size = mission, size_of(mission)
-        self._boxes: dict[PlacedShape, _Box] = {}  # of the newest shapes
+        self._boxes: dict[PlacedShape, Area] = {}  # of the newest shapes
 
     def __eq__(self, other: object) -> bool:
         """Equal if of the same mission; cached boxes do not matter."""
@@ -192,11 +192,8 @@ class Geofence:
         """
         now = self.breach(placed_shapes[:1], place, self.clearance)
         worst = self.breach(placed_shapes, place, self.clearance)
-        return (
-            None
-            if worst.excess <= max(now.excess, 0.0) + LENGTH_TOLERANCE
-            else f"out of bounds: {worst.words}"
-        )
+        further = worst.excess > max(now.excess, 0.0) + LENGTH_TOLERANCE
+        return f"out of bounds: {worst.words}" if further else None
 
     def check(self, order: Order) -> None:
         """Raise BadMessage for an order with a slot outside, at present or in its final shape."""
@@ -219,9 +216,9 @@ class Geofence:
         if box is None:
             while len(self._boxes) >= MAX_CACHED_BOXES:
                 del self._boxes[next(iter(self._boxes))]
-            box = self._boxes[placed_shape] = _Box.of(placed_shape.slots(self._mission))
-        if box.farthest > self.area.reach or place is None:
-            return box.farthest <= self.area.reach
+            box = self._boxes[placed_shape] = Area.around(placed_shape.slots(self._mission))
+        if box.reach > self.area.reach or place is None:
+            return box.reach <= self.area.reach
         return (
             self.area.x_min <= place.real + box.x_min
             and place.real + box.x_max <= self.area.x_max
@@ -252,12 +249,8 @@ class Geofence:
 
     def _crossed(self, before: complex, after: complex, what: str) -> Iterator[tuple[float, Breach]]:
         """Each limit that a straight path crosses outwards, and the share of the path at which it does."""
-        sides = zip(
-            self.area.sides(before, what, self.clearance),
-            self.area.sides(after, what, self.clearance),
-            strict=True,
-        )
-        for was, becomes in sides:
+        sides = (self.area.sides(point, what, self.clearance) for point in (before, after))
+        for was, becomes in zip(*sides, strict=True):
             if becomes.excess > max(was.excess, 0.0) + LENGTH_TOLERANCE:
                 yield max(-was.excess, 0.0) / (becomes.excess - min(was.excess, 0.0)), becomes
 
@@ -268,21 +261,6 @@ class Geofence:
     def _named(self, placed_shape: PlacedShape) -> Iterator[tuple[str, complex]]:
         for name, slot in zip(self._mission.names, placed_shape.slots(self._mission), strict=True):
             yield "the leader" if name == self._mission.leader else f"{name}'s slot", slot
-
-
-class _Box(NamedTuple):
-    """Bounding box of a shape, from the leader [m]."""
-
-    x_min: float
-    x_max: float
-    y_min: float
-    y_max: float
-    farthest: float
-
-    @classmethod
-    def of(cls, slots: Sequence[complex]) -> Self:
-        x, y = [slot.real for slot in slots], [slot.imag for slot in slots]
-        return cls(min(x), max(x), min(y), max(y), max(map(abs, slots)))
 
 
 class _Look(NamedTuple):
@@ -303,7 +281,9 @@ def _looks(route: Route, since: float, heading: complex | None = None) -> Iterat
             continue
         for look in _arc_looks(arc, begin, max(since - begin, 0.0)):
             if heading is not None and look.heading != heading:
-                yield from _corner(look, heading)
+                turn = cmath.phase(look.heading / heading)
+                for part in range(CORNER_SAMPLES):
+                    yield look._replace(heading=heading * rotation(turn * part / CORNER_SAMPLES))
             yield look
             heading = look.heading
 
@@ -321,9 +301,3 @@ def _arc_looks(arc: Arc, begin: float, since: float) -> Iterator[_Look]:
     for part in range(parts + 1):
         time = since + (end - since) * part / parts
         yield _Look(begin + time, *advance(arc.position, arc.heading, arc.speed, arc.turn_rate, time))
-
-
-def _corner(look: _Look, heading: complex) -> Iterator[_Look]:
-    turn = cmath.phase(look.heading / heading)
-    for part in range(CORNER_SAMPLES):
-        yield look._replace(heading=heading * rotation(turn * part / CORNER_SAMPLES))

@@ -7,7 +7,7 @@ and the settling time comes from the closed loop itself, simulated once from the
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from formation.mission.graph import cyclic_core
 from formation.mission.model import Mission
 from formation.mission.route import Route
 from formation.simulation.simulate import simulate
-from formation.stability import bounding, crowding, feasibility, meeting, spectrum
+from formation.stability import crowding, feasibility, spectrum
 from formation.stability.losses import useless_fallbacks
 
 MAX_AMPLIFICATION_RATIO = 2.0
@@ -30,16 +30,10 @@ MIN_DELAY_MARGIN_PERIODS = 3.0
 class Analysis:
     """Result of checking a mission. Mappings are by robot."""
 
-    law: str
-    robots: int
-    """Number of robots, the leader included."""
-    edges: int
-    depth: dict[str, int | None]
-    """Hops to the leader; None if there is no path."""
-    unreachable: dict[str, str]
-    """Robots without a path to the leader, and why."""
-    laplacian_eigenvalues: tuple[complex, ...]
-    """μ of L_ff."""
+    problems: tuple[str, ...]
+    """Faults with which the mission cannot work."""
+    warnings: tuple[str, ...]
+    """Faults with which it will not work well."""
     eigenvalues: tuple[complex, ...]
     """Closed-loop poles of the PI loop (7) [1/s]."""
     stable: bool
@@ -50,12 +44,18 @@ class Analysis:
     """When the formation settles from the mission's own starts [s]; None if not within its horizon."""
     delay_margin: float
     """Greatest delay of the PI loop's whole measurement [s]; 0 if unstable."""
+    depth: dict[str, int | None]
+    """Hops to the leader; None if there is no path."""
     amplification: dict[str, float]
     """Peak over frequency of a robot's mean edge error per leader velocity [s]; infinite if unstable."""
-    problems: tuple[str, ...]
-    """Faults with which the mission cannot work."""
-    warnings: tuple[str, ...]
-    """Faults with which it will not work well."""
+    laplacian_eigenvalues: tuple[complex, ...]
+    """μ of L_ff."""
+    law: str
+    robots: int
+    """Number of robots, the leader included."""
+    edges: int
+    unreachable: dict[str, str]
+    """Robots without a path to the leader, and why."""
 
     @property
     def ok(self) -> bool:
@@ -64,23 +64,7 @@ class Analysis:
 
     def as_json(self) -> dict[str, Any]:
         """The results for JSON; None instead of NaN and infinity."""
-        return {
-            "ok": self.ok,
-            "problems": list(self.problems),
-            "warnings": list(self.warnings),
-            "eigenvalues": [[value.real, value.imag] for value in self.eigenvalues],
-            "stable": self.stable,
-            "slowest_mode": _number(self.slowest_mode),
-            "settling_time_estimate": _number(self.settling_time_estimate),
-            "delay_margin": _number(self.delay_margin),
-            "depth": dict(self.depth),
-            "amplification": {name: _number(value) for name, value in self.amplification.items()},
-            "laplacian_eigenvalues": [[value.real, value.imag] for value in self.laplacian_eigenvalues],
-            "law": self.law,
-            "robots": self.robots,
-            "edges": self.edges,
-            "unreachable": dict(self.unreachable),
-        }
+        return {"ok": self.ok, **{one.name: _plain(getattr(self, one.name)) for one in fields(self)}}
 
 
 def analyse(mission: Mission, law: str | None = None) -> Analysis:
@@ -97,18 +81,13 @@ def analyse(mission: Mission, law: str | None = None) -> Analysis:
         peaks = spectrum.amplification(graph, gains.k_p, gains.k_i, forward)
     margin = spectrum.delay_margin(mu, gains.k_p, gains.k_i)
     settling = settling_time(mission, law)
-    warnings = [
-        *feasibility.warnings(mission),
-        *bounding.warnings(mission),
-        *useless_fallbacks(mission),
-        *_shaky(mission, margin, peaks),
-    ]
+    warnings = [*feasibility.warnings(mission), *useless_fallbacks(mission), *_shaky(mission, margin, peaks)]
     problems = [*faults, *_sampling(mission, mu, stable=not faults), *feasibility.problems(mission)]
     if controller.collision_filter:
         problems += crowding.problems(mission)
-        warnings += [*meeting.warnings(mission), *crowding.warnings(mission), *crowding.starts(mission)]
+        warnings += [*crowding.could_meet(mission), *crowding.warnings(mission), *crowding.starts(mission)]
     else:
-        warnings += meeting.unfiltered(mission)
+        warnings += crowding.unfiltered(mission)
     if settling is None:
         horizon = mission.simulation.horizon
         warnings.append(f"from its own starts the formation does not settle within {horizon:g} s ({law} law)")
@@ -152,7 +131,9 @@ def settling_time(mission: Mission, law: str) -> float | None:
 def _instability(mission: Mission, mu: ComplexArray, poles: ComplexArray, forward: float | None) -> list[str]:
     k_p, k_i, *_ = mission.law.gains
     if not spectrum.stable(mu, k_p, k_i):
-        bound = _largest_integral_gain(mu, k_p)
+        # k_P² Re(μ)|μ|² / Im(μ)²
+        turning = mu[np.abs(mu.imag) > 1e-12 * np.abs(mu)]
+        bound = float((k_p**2 * turning.real * np.abs(turning) ** 2 / turning.imag**2).min())
         what = f"law.k_p = {k_p:g}, law.k_i = {k_i:g} on this graph"
         return [_unstable(what, poles, f"k_i must be below {bound:.3g} 1/s²")]
     if forward is not None and cyclic_core(mission.graph):
@@ -165,12 +146,6 @@ def _instability(mission: Mission, mu: ComplexArray, poles: ComplexArray, forwar
 
 def _unstable(what: str, poles: ComplexArray, legal: str) -> str:
     return f"unstable: {what}, slowest mode {poles.real.max():+.3g} 1/s; {legal}"
-
-
-def _largest_integral_gain(mu: ComplexArray, k_p: float) -> float:
-    """k_I up to which the PI loop is stable [1/s²]: k_P² Re(μ)|μ|² / Im(μ)²."""
-    turning = mu[np.abs(mu.imag) > 1e-12 * np.abs(mu)]
-    return float((k_p**2 * turning.real * np.abs(turning) ** 2 / turning.imag**2).min())
 
 
 def _sampling(mission: Mission, mu: ComplexArray, *, stable: bool) -> list[str]:
@@ -215,5 +190,14 @@ def _shaky(mission: Mission, margin: float, peaks: Any) -> list[str]:
     return found
 
 
-def _number(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None
+def _plain(value: Any) -> Any:
+    match value:
+        case dict():
+            return {name: _plain(one) for name, one in value.items()}
+        case tuple():
+            return [_plain(one) for one in value]
+        case complex():
+            return [value.real, value.imag]
+        case float():
+            return value if math.isfinite(value) else None
+    return value

@@ -1,9 +1,10 @@
-"""Check that slots and starts leave the room that the collision filter keeps between bodies."""
+"""Check the room that the collision filter keeps between bodies: slots, starts, and paths that could meet."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 from formation.control.avoidance import (
@@ -18,13 +19,11 @@ from formation.control.avoidance import (
 )
 from formation.control.plane import unit
 from formation.mission.model import Mission
-from formation.mission.spacing import too_close
+from formation.mission.rules import too_close
 from formation.slots.shape import PlacedShape
 
 BOUND_TOLERANCE = 1e-6
 """Tolerance of bounds [m], as a mission gives slots with few digits."""
-
-
 DISTANCE_STEP = 0.001
 """Step of the search for a travelled distance [m]."""
 
@@ -41,6 +40,13 @@ class Room(NamedTuple):
     second: str
 
 
+class Segment(NamedTuple):
+    """A straight path, relative to the leader [m]."""
+
+    begin: complex
+    end: complex
+
+
 def problems(mission: Mission) -> Iterator[str]:
     """Bodies that would be nearer to each other than the margin, of which one avoids the other."""
     if mission.collisions.mode != "on":
@@ -49,10 +55,10 @@ def problems(mission: Mission) -> Iterator[str]:
     if not tight:
         return
     least = min(tight, key=lambda room: round(room.margin, 9))
-    others = f" (and {len(tight) - 1} other pair{'' if len(tight) == 2 else 's'})" if len(tight) > 1 else ""
     yield (
-        f"{_named(mission)}: too much for the slots of {least.first} and {least.second} "
-        f"in {least.shape}{others}, {least.distance:.3g} m apart; must be below {_floored(least.margin):g} m"
+        f"{_named(mission)}: too much for the slots of {least.first} and {least.second} in "
+        f"{least.shape}{_others(tight)}, {least.distance:.3g} m apart; "
+        f"must be below {_floored(least.margin):g} m"
     )
 
 
@@ -98,9 +104,8 @@ def rooms_of(mission: Mission, shape: str) -> Iterator[Room]:
             braked = bounded = math.inf
             if ahead > 0.0:
                 braked = abs(away) - radii - 2.0 * hold * ahead
-            if (
-                towards > -MAX_RETREAT_SHARE * me.max_speed
-            ):  # otherwise it leaves faster than any robot has to
+            # otherwise it leaves faster than any robot has to
+            if towards > -MAX_RETREAT_SHARE * me.max_speed:
                 passing = 0.0 if mission.has_right_of_way(other, name) else towards / MAX_PASSING_RATE
                 bounded = abs(away - lever) - lever - radii - passing
             if math.isfinite(least := min(braked, bounded)):
@@ -125,6 +130,12 @@ def _named(mission: Mission) -> str:
     if rules.room > rules.margin:
         return f"collisions.noise = {rules.noise:g} m, which takes a margin of {rules.room:.3g} m"
     return f"collisions.margin = {rules.margin:g} m"
+
+
+def _others(pairs: Sequence[object]) -> str:
+    """How many pairs there are besides the named one."""
+    more = len(pairs) - 1
+    return f" (and {more} other pair{'' if more == 1 else 's'})" if more else ""
 
 
 def _floored(margin: float) -> float:
@@ -152,10 +163,8 @@ def starts(mission: Mission) -> Iterator[str]:
     if not tight:
         return
     gap, needed, first, second = min(tight)
-    more = len(tight) - 1
-    others = f" (and {more} other pair{'' if more == 1 else 's'})" if more else ""
     yield (
-        f"{first} and {second}{others} start with {max(gap, 0.0):.3g} m between their bodies: with "
+        f"{first} and {second}{_others(tight)} start with {max(gap, 0.0):.3g} m between their bodies: with "
         f"collisions.noise = {mission.collisions.noise:g} m they need {needed:.2g} m to learn their headings "
         "without touching, and may hold each other up; start them further apart"
     )
@@ -167,3 +176,71 @@ def _learning_way(gain: float, noise: float) -> float:
     while heading_doubt(distance, gain, noise) >= 0.5 * math.pi:
         distance += DISTANCE_STEP
     return distance
+
+
+def unfiltered(mission: Mission) -> Iterator[str]:
+    """Warning of `formation check` about a law without collision filter."""
+    if mission.collisions.mode != "off" and len(mission.followers) > 1:
+        yield f"the {mission.law.kind} law has no collision filter: robots do not avoid each other"
+
+
+def unavoided(mission: Mission) -> tuple[tuple[str, str], ...]:
+    """Pairs of followers that could meet, and do not both avoid each other.
+
+    They go straight from their starts to their first slots, at any times: where these paths come nearer to
+    each other than bodies and control points need, the robots could meet. Between shapes they move
+    together, and an order is refused if slots would touch during the transition.
+    """
+    if mission.collisions.mode == "off":
+        return ()
+    avoided = {name: set(mission.avoided_by(name)) for name in mission.followers}
+    segments = {name: _segment(mission, name) for name in mission.followers}
+    return tuple(
+        (one, other)
+        for one, other in combinations(mission.followers, 2)
+        if not (one in avoided[other] and other in avoided[one])
+        and between(segments[one], segments[other]) < _needed(mission, one, other)
+    )
+
+
+def could_meet(mission: Mission) -> Iterator[str]:
+    """Warnings of `formation check` about these pairs."""
+    pairs = unavoided(mission)
+    if not pairs:
+        return
+    first, second = pairs[0]
+    yield (
+        f"{first} and {second}{_others(pairs)} could meet on their ways, and do not both avoid each other: "
+        'name them in each other\'s `avoid`, or say avoid = "all" under [robot]'
+    )
+
+
+def between(one: Segment, other: Segment) -> float:
+    """Least distance between two straight paths [m]."""
+    if _apart(one, other) and _apart(other, one):
+        return 0.0
+    ends = ((one.begin, other), (one.end, other), (other.begin, one), (other.end, one))
+    return min(_to(point, segment) for point, segment in ends)
+
+
+def _segment(mission: Mission, name: str) -> Segment:
+    leader = mission.robots[mission.leader].start.position
+    turned = mission.leader_heading if mission.turning else 1.0
+    return Segment(mission.robots[name].start.position - leader, mission.slot(name) * turned)
+
+
+def _needed(mission: Mission, one: str, other: str) -> float:
+    bodies = (mission.robots[one], mission.robots[other])
+    return sum(body.radius + body.control_point_offset for body in bodies) + mission.collisions.margin
+
+
+def _apart(line: Segment, segment: Segment) -> bool:
+    along = (line.end - line.begin).conjugate()
+    return (along * (segment.begin - line.begin)).imag * (along * (segment.end - line.begin)).imag < 0.0
+
+
+def _to(point: complex, segment: Segment) -> float:
+    along = segment.end - segment.begin
+    squared = abs(along) ** 2
+    share = 0.0 if squared == 0.0 else (along.conjugate() * (point - segment.begin)).real / squared
+    return abs(segment.begin + max(0.0, min(1.0, share)) * along - point)

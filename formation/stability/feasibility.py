@@ -1,4 +1,4 @@
-"""What a mission requires of its robots, compared with their limits; each check yields sentences.
+"""What a mission requires, compared with its robots' limits and its bounds; each check yields sentences.
 
 A problem is a fault that no tuning of the law can correct; a warning is one that allows driving, but not
 well.
@@ -10,10 +10,11 @@ import math
 from collections.abc import Iterator
 
 from formation.mission.graph import Graph
-from formation.mission.legs import Circle
 from formation.mission.model import Mission
-from formation.mission.spacing import too_close
+from formation.mission.route import Circle, Route
+from formation.mission.rules import too_close
 from formation.simulation.body import Body
+from formation.slots.geofence import HORIZON_TIME, Geofence
 from formation.slots.shape import PlacedShape
 from formation.stability.intent import swings_too_fast
 
@@ -26,13 +27,17 @@ def problems(mission: Mission) -> Iterator[str]:
     yield from _too_fast(mission)
     yield from _too_tight(mission)
     yield from _slots_touch(mission)
-    yield from _swing_too_fast(mission)
+    for shape in mission.shapes:
+        why = swings_too_fast(mission, PlacedShape(((shape, 1.0),)), mission.route)
+        if why is not None:
+            yield f"shapes.{shape}: {why}"
 
 
 def warnings(mission: Mission) -> Iterator[str]:
     """Faults with which it will not work well."""
     yield from _little_reserve(mission)
     yield from _weaker_body(mission)
+    yield from out_of_bounds(mission)
 
 
 def unreachable(graph: Graph, names: tuple[str, ...]) -> dict[str, str]:
@@ -101,14 +106,6 @@ def _slots_touch(mission: Mission) -> Iterator[str]:
             )
 
 
-def _swing_too_fast(mission: Mission) -> Iterator[str]:
-    """Shapes that turn with the leader, on the circles of its route."""
-    for shape in mission.shapes:
-        why = swings_too_fast(mission, PlacedShape(((shape, 1.0),)), mission.route)
-        if why is not None:
-            yield f"shapes.{shape}: {why}"
-
-
 def _little_reserve(mission: Mission) -> Iterator[str]:
     fastest = max(leg.speed for leg in mission.route)
     slow = [name for name in mission.followers if _limits(mission, name)[0] > fastest]
@@ -133,6 +130,26 @@ def _weaker_body(mission: Mission) -> Iterator[str]:
                 f"{key} of {_list(over)} is above the simulated robot's {limit:g} {unit}: "
                 "the law does not know when the body saturates; should be at most that"
             )
+
+
+def out_of_bounds(mission: Mission) -> Iterator[str]:
+    """A route that ends at the bounds within `HORIZON_TIME`, and shapes refused at the start."""
+    fence, route = Geofence(mission), Route.of(mission)
+    first = fence.exit(route, PlacedShape.first(mission)._replace(rotation=0.0))
+    ends = route.total if math.isfinite(route.total) else HORIZON_TIME
+    if first is not None and first.time <= ends:
+        yield (
+            f"the route leaves the bounds after {first.time:.4g} s, where {first.words}: the leader "
+            "stops there; change [[route]], or widen [bounds]"
+        )
+    start = mission.robots[mission.leader].start.position
+    for shape in mission.shapes:
+        if shape == mission.first_shape:
+            continue
+        placed_shape = PlacedShape.first(mission)._replace(mix=((shape, 1.0),))
+        worst = fence.breach([placed_shape], start, fence.clearance)
+        if worst.excess > 0.0:
+            yield f"shape {shape} leaves the bounds at the start, and is refused there: {worst.words}"
 
 
 def _list(names: list[str]) -> str:

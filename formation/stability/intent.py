@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from formation.control.arrays import ComplexArray
-from formation.mission.legs import Circle, Leg, Straight
 from formation.mission.model import Mission
-from formation.mission.route import Route
+from formation.mission.route import Circle, Leg, Route, Straight
 from formation.protocol.order import TAKES, OperatorRequest, Tuned
 from formation.slots.geofence import Geofence
 from formation.slots.shape import PlacedShape
@@ -258,7 +257,6 @@ def _between(mission: Mission, placed_shape: PlacedShape) -> ComplexArray:
 
 
 def _small_in_any_shape(mission: Mission, factor: float | None) -> str | None:
-    """Why a scale is too small for every shape."""
     if factor is None:
         return None
     whys = [_touches(mission, PlacedShape(((shape, 1.0),), 0.0, factor)) for shape in mission.shapes]

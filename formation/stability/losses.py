@@ -63,12 +63,15 @@ def followed(mission: Mission, robot: str, lost: Iterable[str]) -> tuple[str, ..
 
 def losing(mission: Mission, lost: str) -> Loss:
     """What the others do when the robot `lost` is lost; for the leader, if no standby replaces it."""
-    if lost == mission.leader or _no_majority(mission):
+    needs_every_vote = bool(mission.standbys) and len(mission.followers) <= 2
+    if lost == mission.leader or needs_every_vote:
         return Loss(tuple(name for name in mission.followers if name != lost), {})
     gone, waiting = {lost}, [lost]
     while waiting:
-        for name in _measuring(mission, waiting.pop()) - gone:
-            if not followed(mission, name, gone):
+        other = waiting.pop()
+        for name in mission.followers:
+            measures = name not in gone and other in mission.robots[name].measurable
+            if measures and not followed(mission, name, gone):
                 gone.add(name)
                 waiting.append(name)
     by = {name: followed(mission, name, gone) for name in mission.followers if name not in gone}
@@ -96,12 +99,3 @@ def useless_fallbacks(mission: Mission) -> Iterator[str]:
                     f"robots.{name}.fallback_neighbours: {other} never helps, for without "
                     f"{' and '.join(spec.neighbours)} it has no way to the leader but by {name}, or none"
                 )
-
-
-def _measuring(mission: Mission, other: str) -> set[str]:
-    return {name for name in mission.followers if other in mission.robots[name].measurable}
-
-
-def _no_majority(mission: Mission) -> bool:
-    """Whether a leader needs the vote of every single follower."""
-    return bool(mission.standbys) and len(mission.followers) <= 2

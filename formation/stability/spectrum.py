@@ -13,7 +13,7 @@ L_ff for real; on a directed graph they need not be, and then its conclusion fai
 
 from __future__ import annotations
 
-from collections import deque
+from graphlib import TopologicalSorter
 
 import numpy as np
 
@@ -126,7 +126,10 @@ def _solve_acyclic(
     graph: Graph, s: ComplexArray, control: ComplexArray, forward: ComplexArray
 ) -> ComplexArray:
     away = np.zeros((len(s), graph.size), dtype=np.complex128)
-    for i in _neighbours_first(graph):
+    measured = {i: js for i, js in enumerate(graph.neighbours) if i}
+    for i in TopologicalSorter(measured).static_order():  # each after all that it measures
+        if i == 0:
+            continue
         js, degree = list(graph.neighbours[i]), len(graph.neighbours[i])
         seen = (control + forward * s / degree) * away[:, js].sum(axis=1)
         away[:, i] = (seen + forward - 1.0) / (s + control * degree)
@@ -146,21 +149,3 @@ def _solve_cyclic(
         matrix = s[k] * (unit - forward[k] * mean) + control[k] * among
         away[k, 1:] = np.linalg.solve(matrix, np.full(graph.size - 1, forward[k] - 1.0))
     return away
-
-
-def _neighbours_first(graph: Graph) -> list[int]:
-    """Followers of an acyclic graph, each after all that it measures."""
-    missing = [len(set(js) - {0}) for js in graph.neighbours]
-    measured_by: list[list[int]] = [[] for _ in graph.neighbours]
-    for i, js in enumerate(graph.neighbours):
-        for j in js:
-            measured_by[j].append(i)
-    order: list[int] = []
-    waiting = deque(i for i in range(1, graph.size) if not missing[i])
-    while waiting:
-        order.append(waiting.popleft())
-        for i in measured_by[order[-1]]:
-            missing[i] -= 1
-            if not missing[i]:
-                waiting.append(i)
-    return order

@@ -11,7 +11,7 @@ from __future__ import annotations
 import secrets
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol, get_args
 
 from pydantic import ValidationError
@@ -22,7 +22,7 @@ from formation.protocol.order import MAX_ENDED, MAX_REQUEST_BYTES, TAKES, Do, Op
 from formation.protocol.outcome import Answer, Outcome, Recipients
 from formation.stability import intent
 from formation.topics import ORDER
-from formation.transport.question import Reply
+from formation.transport.mailbox import Reply
 from formation.wire import BadMessage
 
 OPERATOR = "operator"
@@ -52,7 +52,7 @@ _CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
 
 
 class Question(Protocol):
-    """A question that was sent: `formation.transport.question.Question`."""
+    """A question that was sent: `formation.transport.mailbox.Question`."""
 
     @property
     def replies(self) -> Sequence[Reply]:
@@ -114,9 +114,10 @@ def give(
     if request.do not in ENDING:
         return ask(put, recipients, request, seconds, over, linked)
     query, began = OperatorRequest(do="query"), _now()
-    known = ask(put, recipients, query, min(LEARNING_TIME, seconds), over, linked)
-    while not (known.answers or over() or _now() - began >= seconds):
+    while True:
         known = ask(put, recipients, query, min(LEARNING_TIME, seconds), over, linked)
+        if known.answers or over() or _now() - began >= seconds:
+            break
     if over() or not known.answers:
         return Outcome(request, recipients, {}, known.at, seconds)
     field = "stop" if request.do == "release" else "hold"
@@ -140,9 +141,8 @@ def ask(
     then waits for the first link, and is repeated when all are linked.
     """
     began, outcome = _now(), Outcome(request, recipients, {}, time.time(), seconds)
-    talks = {
-        key: _Talk(len(recipients.names), linked if recipients.each else None) for key in _keys(recipients)
-    }
+    counted = linked if recipients.each else None
+    talks = {key: _Talk(len(recipients.names), counted) for key in _keys(recipients)}
     settled = None
     while True:
         age = _now() - began
@@ -151,17 +151,16 @@ def ask(
                 _take(outcome, question.replies, put_at)
         if settled is None and not outcome.missing:
             settled = age
-        if (
-            outcome.whole
-            or age >= seconds
-            or over()
-            or (settled is not None and age >= settled + LINGER_TIME)
-        ):
+        lingered = settled is not None and age >= settled + LINGER_TIME
+        if outcome.whole or lingered or age >= seconds or over():
             return outcome
         wanted = _keys(recipients, outcome.unsettled)
         for key, talk in talks.items():
             if key in wanted and talk.due(age):
-                talk.put(put(key, _aged(request, age), min(seconds - age, MAX_ROUND_TIME)), age)
+                # a repeated request is older than 0, by `REPEAT_PAUSE` at least: a robot that has obeyed a
+                # stop does so again only if it is new; another one, however old it is
+                aged = order.encode(request.model_copy(update={"age": round(age, 2)}))
+                talk.put(put(key, aged, min(seconds - age, MAX_ROUND_TIME)), age)
         time.sleep(CHECK_PERIOD)
 
 
@@ -227,19 +226,23 @@ def _take(outcome: Outcome, replies: Sequence[Reply], put_at: float) -> None:
 
     Of two agents of a robot the one that commands it counts.
     """
-    for operator_reply, ms in _read(replies):
-        known = outcome.answers.get(operator_reply.robot)
-        if operator_reply.robot in outcome.recipients.names and (
-            known is None or _replaces(operator_reply, known.reply)
+    for reply in list(replies):  # more may arrive meanwhile
+        try:
+            new = order.decode(OperatorReply, reply.payload)
+        except BadMessage:
+            continue  # not an answer of our robots
+        if reply.key != ORDER.key(new.robot) or new.robot not in outcome.recipients.names:
+            continue
+        known = outcome.answers[new.robot].reply if new.robot in outcome.answers else None
+        if known is None or (
+            known.readonly
+            if new.readonly != known.readonly
+            else known.leads is False and new.leads is not False
         ):
-            outcome.answers[operator_reply.robot] = Answer(operator_reply, put_at * 1e3 + ms)
-
-
-def _replaces(new: OperatorReply, known: OperatorReply) -> bool:
-    """Whether the answer `new` counts in place of an earlier one of the same robot."""
-    if new.readonly != known.readonly:
-        return known.readonly
-    return known.leads is False and new.leads is not False
+            # it is printed in terminals
+            reason = "".join(c if c.isprintable() else " " for c in new.reason)
+            answer = Answer(new.model_copy(update={"reason": reason}), put_at * 1e3 + reply.ms)
+            outcome.answers[new.robot] = answer
 
 
 def _plain(error: ValidationError) -> str:
@@ -251,24 +254,3 @@ def _plain(error: ValidationError) -> str:
 
 def _now() -> float:
     return time.clock_gettime(_CLOCK)
-
-
-def _aged(request: OperatorRequest, age: float) -> bytes:
-    """Encode the request with its age [s]: a repeated one is older than 0, by `REPEAT_PAUSE` at least.
-
-    A robot that has obeyed a stop does so again only if it is new; another one, however old it is.
-    """
-    return order.encode(request.model_copy(update={"age": round(age, 2)}))
-
-
-def _read(replies: Sequence[Reply]) -> Iterator[tuple[OperatorReply, float]]:
-    for reply in list(replies):  # more may arrive meanwhile
-        try:
-            operator_reply = order.decode(OperatorReply, reply.payload)
-        except BadMessage:
-            continue  # not an answer of our robots
-        if reply.key == ORDER.key(operator_reply.robot):
-            reason = "".join(
-                c if c.isprintable() else " " for c in operator_reply.reason
-            )  # it is printed in terminals
-            yield operator_reply.model_copy(update={"reason": reason}), reply.ms

@@ -6,8 +6,10 @@ thread. A process with several buses has one mailbox for them all.
 
 from __future__ import annotations
 
+import ctypes
 import logging
 import os
+import sys
 import threading
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable
@@ -18,11 +20,8 @@ import zenoh
 
 from formation.topics import Topic
 from formation.transport.bus_config import THREADS, BusConfig, BusError
-from formation.transport.interfaces import Handler
-from formation.transport.mailbox import Mailbox
-from formation.transport.question import Question, Reply
+from formation.transport.mailbox import Handler, Mailbox, Question, Reply
 from formation.transport.runtime.clock import monotonic, wall
-from formation.transport.runtime.heap import share_one_heap
 from formation.transport.session import closed, named, opened, refusals_of, setting, settings_of
 from formation.wire import Outgoing, Sample
 
@@ -39,6 +38,8 @@ _CONGESTION = {False: zenoh.CongestionControl.DROP, True: zenoh.CongestionContro
 _RELIABILITY = {False: zenoh.Reliability.BEST_EFFORT, True: zenoh.Reliability.RELIABLE}
 CLOSE_TIMEOUT_SECONDS = 1.5
 """Longest duration of `Bus.close` [s]: a little longer than the lease of a peer that hangs."""
+_M_ARENA_MAX = -8
+"""Of glibc's malloc.h."""
 _LEFT: list[threading.Thread] = []
 _log = logging.getLogger(__name__)
 
@@ -316,3 +317,16 @@ class _Query:
 
     def drop(self) -> None:
         self._query.drop()  # type: ignore[no-untyped-call]
+
+
+def share_one_heap() -> bool:
+    """Use one heap for all threads from now on; whether the C library can. Call this before threads start.
+
+    glibc gives each thread that allocates a heap of its own, and returns memory of none but the first. Memory
+    of Zenoh's threads for links that come and go then fragments their heaps: a process grows with every
+    outage, without leaking (docs/decisions/0033).
+    """
+    if not sys.platform.startswith("linux"):
+        return False
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # musl has one heap anyway
+    return mallopt is not None and mallopt(_M_ARENA_MAX, 1) == 1

@@ -1,4 +1,4 @@
-"""A queue of all messages to a process, from all its buses, for its main thread.
+"""A queue of all messages to a process, from all its buses, for its main thread; queries in both directions.
 
 A receive thread does as little as possible: it appends to a bounded queue and wakes the main thread,
 unless the message can wait for another one. The main thread waits, drains the queue and answers queries,
@@ -12,12 +12,13 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
-from formation.transport.interfaces import Handler
 from formation.transport.runtime.clock import monotonic
 from formation.wire import Sample
 
+Handler = Callable[[bytes, float], bytes]
+"""Answers ``handler(request, received)``; ``received`` is the time of arrival [s, monotonic]."""
 MAX_QUERIES = 64
 """Most queries that wait to be served; more are refused."""
 
@@ -119,3 +120,39 @@ class Mailbox:
         if self._bell.locked():  # else it rings already, which is usual at thousands of messages a second
             with suppress(RuntimeError):  # another thread was faster
                 self._bell.release()
+
+
+class Reply(NamedTuple):
+    """One answer."""
+
+    key: str
+    payload: bytes
+    ms: float
+    """Round trip [ms]."""
+
+
+class Question:
+    """A query that was sent, and the answers received so far."""
+
+    def __init__(self) -> None:
+        self.replies: list[Reply] = []
+        """Answers so far."""
+        self._start = time.perf_counter()
+        self._done = threading.Event()
+
+    @property
+    def over(self) -> bool:
+        """Whether no more answers will come: all have answered, it timed out, or there is no queryable."""
+        return self._done.is_set()
+
+    def wait(self, patience: float) -> bool:
+        """Wait until it is `over`, at most this time [s]; whether it is."""
+        return self._done.wait(patience)
+
+    def add_reply(self, key: str, payload: bytes) -> None:
+        """Add an answer."""
+        self.replies.append(Reply(key, payload, (time.perf_counter() - self._start) * 1e3))
+
+    def end(self) -> None:
+        """End the question: no more answers will come."""
+        self._done.set()

@@ -11,15 +11,18 @@ import logging
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Literal, Self
 
+from formation.mission.model import Mission
 from formation.ros2.naming import Naming
+from formation.ros2.ros_names import address
 from formation.topics import Topic
 from formation.transport.bus import Bus, BusConfig, BusError
-from formation.transport.interfaces import Handler
-from formation.transport.mailbox import Mailbox
+from formation.transport.mailbox import Handler, Mailbox
+from formation.transport.wiring import by_endpoint
 from formation.wire import BadMessage
 
 REDIAL_PERIOD = 0.5
@@ -51,13 +54,10 @@ class RobotBus:
         """`endpoints` to dial (a client has one link, with the first that answers), or to listen on.
 
         `node` is the name of its ROS 2 node; a missing router is logged only if it is `awaited`. Raises
-        BusError for an invalid endpoint, and for a
-        router with an endpoint that is taken.
+        BusError for an invalid endpoint, and for a router with an endpoint that is taken.
         """
         self.published: Counter[str] = Counter()
         """Messages handed to Zenoh, by logical key."""
-        self.unsent: Counter[str] = Counter()
-        """Messages published before the session was open, by logical key: they are lost."""
         self.received: Counter[str] = Counter()
         """Messages that arrived, by logical key."""
         ends = tuple(dict.fromkeys(endpoints))
@@ -66,9 +66,8 @@ class RobotBus:
         self._config = BusConfig(listen=listen, connect=connect, mode=mode, name=node)
         self._naming, self._mailbox, self._node = naming, mailbox, node
         self._advertised: dict[str, _Line] = {}
-        self._subscribed: dict[str, str] = {}
+        self._subscribed: dict[str, tuple[str, bool]] = {}  # wire key, and whether from others only
         self._answered: dict[str, Handler] = {}
-        self._from_others: set[str] = set()
         self._zid = ""
         self._level = logging.INFO if awaited else logging.DEBUG
         self._bus: Bus | None = None
@@ -104,8 +103,8 @@ class RobotBus:
             raise BusError(f"{key!r} is advertised already")
         if topic.qos is None:
             raise BusError(f"topic {topic.name!r} is a queryable: it is answered, not published")
-        line = _Line(topic, self._naming.wire(key, _type(topic)))
-        line.attached = self._naming.attachment(key, 1, 0.0) is not None
+        attached = self._naming.attachment(key, 1, 0.0) is not None
+        line = _Line(topic, self._naming.wire(key, _type(topic)), attached)
         with self._changing:
             self._advertised[key] = line
             if self._bus is not None:
@@ -122,9 +121,7 @@ class RobotBus:
             raise BusError(f"{key!r} is subscribed to already")
         wire = self._naming.wire(key, _type(topic))
         with self._changing:
-            self._subscribed[key] = wire
-            if from_others:
-                self._from_others.add(key)
+            self._subscribed[key] = wire, from_others
             if self._bus is not None:
                 self._bus.subscribe(wire, key, wakes=not from_others, others_only=from_others)
                 self._claim(self._bus)
@@ -138,7 +135,7 @@ class RobotBus:
                 self._bus.answer(wire, handler)
 
     def publish(self, key: str, payload: bytes) -> None:
-        """Publish on an advertised key; before the session is open this does nothing (counted in `unsent`).
+        """Publish on an advertised key; before the session is open this does nothing.
 
         Raises BadMessage for a payload that would block a bridge's route for good: one that is empty or
         has no CDR header.
@@ -150,7 +147,6 @@ class RobotBus:
             )
         bus = self._bus
         if bus is None:
-            self.unsent[key] += 1
             return
         attachment = None
         if line.attached:
@@ -214,8 +210,7 @@ class RobotBus:
         self._zid, self.received = bus.zid, bus.received
         for line in self._advertised.values():
             bus.advertise(line.topic, line.wire)
-        for key, wire in self._subscribed.items():
-            from_others = key in self._from_others
+        for key, (wire, from_others) in self._subscribed.items():
             bus.subscribe(wire, key, wakes=not from_others, others_only=from_others)
         for wire, handler in self._answered.items():
             bus.answer(wire, handler)
@@ -225,16 +220,97 @@ class RobotBus:
         bus.claim(self._naming.tokens(self._node, self._advertised, self._subscribed, self._zid))
 
 
+class RobotBuses:
+    """Several robots' buses as one: a session with each router, because a client has a link with one only.
+
+    Robots behind one endpoint share a session. Keys are logical, so each identifies its session.
+    """
+
+    def __init__(
+        self,
+        mission: Mission,
+        where: Mapping[str, str],
+        mailbox: Mailbox,
+        *,
+        mode: Literal["client", "router"] = "client",
+        node: str,
+        awaited: bool = True,
+    ) -> None:
+        """`where` are the robots' endpoints, by name. As a ``router``, one is opened on each of them.
+
+        Missing routers are logged only if they are `awaited`. Raises BusError for an endpoint that is invalid
+        or taken, and for robots behind one endpoint that ROS 2 could not distinguish.
+        """
+        self._by_robot: dict[str, RobotBus] = {}
+        try:
+            for endpoint, robots in by_endpoint(where).items():
+                naming = Naming.of(mission.robots, robots)
+                bus = RobotBus((endpoint,), naming, mailbox, mode=mode, node=node, awaited=awaited)
+                self._by_robot.update(dict.fromkeys(robots, bus))
+        except ValueError as clash:
+            self.close()
+            raise BusError(f"{endpoint}: {clash}") from None
+        except BusError:
+            self.close()
+            raise
+
+    @property
+    def published(self) -> Counter[str]:
+        """Messages handed to Zenoh, by logical key."""
+        return sum((bus.published for bus in self._each), Counter[str]())
+
+    @property
+    def received(self) -> Counter[str]:
+        """Messages that arrived, by logical key."""
+        return sum((bus.received for bus in self._each), Counter[str]())
+
+    @property
+    def connected(self) -> bool:
+        """Whether every router is linked."""
+        return all(bus.connected for bus in self._each)
+
+    def advertise(self, topic: Topic, key: str) -> None:
+        """As `RobotBus.advertise`."""
+        self._of(key).advertise(topic, key)
+
+    def subscribe(self, topic: Topic, key: str, *, from_others: bool = False) -> None:
+        """As `RobotBus.subscribe`."""
+        self._of(key).subscribe(topic, key, from_others=from_others)
+
+    def answer(self, key: str, handler: Handler) -> None:
+        """As `RobotBus.answer`."""
+        self._of(key).answer(key, handler)
+
+    def publish(self, key: str, payload: bytes) -> None:
+        """As `RobotBus.publish`."""
+        self._of(key).publish(key, payload)
+
+    def routed(self, key: str) -> bool | None:
+        """As `RobotBus.routed`."""
+        return self._of(key).routed(key)
+
+    def close(self) -> None:
+        """Close them all; a second call has no effect."""
+        for bus in self._each:
+            bus.close()
+
+    @property
+    def _each(self) -> tuple[RobotBus, ...]:
+        return tuple(dict.fromkeys(self._by_robot.values()))
+
+    def _of(self, key: str) -> RobotBus:
+        return self._by_robot[address(key).robot]
+
+
+@dataclass(slots=True)
 class _Line:
     """A publication: its destination and its progress."""
 
-    __slots__ = ("attached", "sequence", "topic", "wire")
-
-    def __init__(self, topic: Topic, wire: str) -> None:
-        self.topic, self.wire = topic, wire
-        self.attached = False
-        """Whether ROS needs an attachment on each sample."""
-        self.sequence = 0
+    topic: Topic
+    wire: str
+    attached: bool
+    """Whether ROS needs an attachment on each sample."""
+    sequence: int = 0
 
 
 def _type(topic: Topic) -> str | None:

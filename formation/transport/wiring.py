@@ -87,14 +87,8 @@ def called(mission: Mission, name: str) -> tuple[str, ...]:
     return tuple(other for other in partners(mission, name) if other in before)
 
 
-def of_agent(mission: Mission, name: str, where: Endpoints) -> Links:
-    """Links of a follower's agent with the fleet; it is also a client of ``where.robots[name]``."""
-    return Links((where.agents[name],), _endpoints(called(mission, name), where))
-
-
-def of_leader(mission: Mission, where: Endpoints, name: str | None = None) -> Links:
-    """Links of the leader, or of the standby `name`. The leader is listed first, so it dials none."""
-    name = mission.leader if name is None else name
+def of_member(mission: Mission, name: str, where: Endpoints) -> Links:
+    """Links with the fleet of one of `members`. The leader is listed first, so it dials none."""
     return Links((where.agents[name],), _endpoints(called(mission, name), where))
 
 
@@ -132,7 +126,6 @@ def _endpoints(names: Iterable[str], where: Endpoints) -> tuple[str, ...]:
 
 
 def _linked(mission: Mission, pair: frozenset[str]) -> bool:
-    """Whether these two exchange messages."""
     for name in pair & mission.robots.keys():
         if not pair.isdisjoint(mission.received_by(name)):
             return True

@@ -16,7 +16,7 @@ import numpy as np
 from formation.control.arrays import ComplexArray, FloatArray
 from formation.control.plane import unit
 from formation.mission.model import SimulationSpec
-from formation.simulation.history import History
+from formation.simulation.simulate import History
 from formation.transport.runtime.command_line import needs
 
 if TYPE_CHECKING:

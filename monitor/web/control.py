@@ -22,14 +22,14 @@ from typing import Any, Protocol
 
 from formation.mission.model import Mission
 from formation.monitor.metrics.events import INFO, WARNING, Event
-from formation.protocol.once import MAX_REMEMBERED_REQUESTS, RESTS
+from formation.protocol.stops import MAX_REMEMBERED_REQUESTS, RESTS
 from formation.protocol.order import Do, OperatorRequest
 from formation.protocol.outcome import Outcome
 from formation.transport import asking, wiring
 from formation.transport.asking import OPERATOR
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError
-from formation.transport.question import Reply
+from formation.transport.mailbox import Reply
 from formation.transport.wiring import Links
 
 DOUBLE_CLICK_TIME = 1.0

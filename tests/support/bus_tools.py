@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 from formation.topics import CMD_VEL, ODOM, ORDER, POSITION
 from formation.transport.bus import Bus, BusConfig
-from formation.transport.question import Reply
+from formation.transport.mailbox import Reply
 from formation.wire import Sample
 from tests.support.child import PATIENCE
 

@@ -16,8 +16,8 @@ from formation.control.arrays import ComplexArray
 from formation.control.unicycle import Command, control_point
 from formation.mission.file import load
 from formation.mission.model import Mission
-from formation.mission.scanner import Post, Wall
-from formation.simulation.starts import random_starts
+from formation.mission.robot import Post, Wall
+from formation.simulation.ensemble import random_starts
 from tests.support.fleet import Fleet
 
 PAIR, SIX = load("turtlebot3_pair"), load("six_robots")

@@ -21,11 +21,5 @@ def paper(
 
 
 CONTROLLER = Controller(
-    "paper",
-    paper,
-    MENDED,
-    feed_forward=False,
-    delay_compensation=False,
-    collision_filter=False,
-    ramp=False,
+    "paper", paper, MENDED, feed_forward=False, delay_compensation=False, collision_filter=False, ramp=False
 )

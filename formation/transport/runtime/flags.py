@@ -34,7 +34,17 @@ def parser(command: str, what: str, examples: str, *, fleet: bool = True) -> arg
     )
     flags.add_argument("mission", metavar="MISSION", help=MISSION_HELP)
     if fleet:
-        _add_links(flags)
+        links = flags.add_argument_group(
+            "links with the fleet (without -l, -e and endpoints in FILE those that the mission implies)"
+        )
+        add_zenoh(
+            links,
+            connect="endpoint to dial, such as tcp/192.168.1.12:7447; repeatable",
+            listen="endpoint to accept links on; repeatable",
+        )
+        links.add_argument(
+            "--no-multicast-scouting", action="store_true", help="accepted; multicast is always off"
+        )
     under = flags.add_argument_group("under a supervisor")
     if fleet:
         under.add_argument(
@@ -107,20 +117,6 @@ def robot_bus(
         return RobotBus((endpoint,), Naming.of(mission.robots, [robot]), mailbox, node=node)
 
     return opened
-
-
-def _add_links(flags: argparse.ArgumentParser) -> None:
-    links = flags.add_argument_group(
-        "links with the fleet (without -l, -e and endpoints in FILE those that the mission implies)"
-    )
-    add_zenoh(
-        links,
-        connect="endpoint to dial, such as tcp/192.168.1.12:7447; repeatable",
-        listen="endpoint to accept links on; repeatable",
-    )
-    links.add_argument(
-        "--no-multicast-scouting", action="store_true", help="accepted; multicast is always off"
-    )
 
 
 def _seconds(text: str) -> float:

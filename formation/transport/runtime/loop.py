@@ -1,19 +1,20 @@
-"""The loop of every process around its core: update, step, publish, wait.
+"""The loop of every process around its core: update, step, publish, wait; and its two sides as it sees them.
 
-The loop is a generator of pauses, and so are the main functions that use it: what plays them decides how time
-passes. A `formation.transport.runtime.process.Process` sleeps; a rehearsal puts its clock forward.
+On a machine both sides, the fleet's bus and its robot's, are Zenoh sessions; in a rehearsal they are in
+memory. The loop is a generator of pauses, and so are the main functions that use it: what plays them decides
+how time passes. A `formation.transport.runtime.process.Process` sleeps; a rehearsal puts its clock forward.
 """
 
 from __future__ import annotations
 
 import logging
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
 from typing import Protocol
 
 from formation.topics import Topic
-from formation.transport.interfaces import FleetSide, RobotSide
-from formation.transport.mailbox import Mailbox
+from formation.transport.mailbox import Handler, Mailbox
 from formation.wire import Now, Outgoing, Sample
 
 Pauses = Generator[float, None, None]
@@ -62,6 +63,74 @@ class StopRequest(Protocol):
 
     def __bool__(self) -> bool:
         """Whether to stop."""
+
+
+class Side(Protocol):
+    """What both sides of a process have in common."""
+
+    @property
+    def published(self) -> Counter[str]:
+        """Messages handed to Zenoh, by (logical) key."""
+
+    @property
+    def received(self) -> Counter[str]:
+        """Messages that arrived, by (logical) key."""
+
+    def advertise(self, topic: Topic, key: str) -> None:
+        """Declare that this process will publish `key`."""
+
+    def answer(self, key: str, handler: Handler) -> None:
+        """Answer queries on `key`."""
+
+
+class FleetSide(Side, Protocol):
+    """The part of `formation.transport.bus.Bus` that a process's main function uses."""
+
+    @property
+    def refused(self) -> Counter[str]:
+        """Number of refused messages and links so far, by kind."""
+
+    @property
+    def advertised(self) -> Collection[str]:
+        """Every key that this side may publish."""
+
+    @property
+    def overflowed(self) -> int:
+        """Messages that newer ones pushed out of the mailbox before they were drained."""
+
+    def publish(self, key: str, payload: bytes, attachment: bytes | None = None) -> None:
+        """As `Bus.publish`."""
+
+    def send(self, outbox: Iterable[Outgoing]) -> None:
+        """As `Bus.send`."""
+
+    def subscribe(
+        self, key: str, *, wakes: bool = True, check: Callable[[Sample, float], Sample] | None = None
+    ) -> None:
+        """As `Bus.subscribe`."""
+
+    def drain(self) -> list[Sample]:
+        """As `Bus.drain`."""
+
+
+class RobotSide(Side, Protocol):
+    """A `formation.transport.robot_bus.RobotBus`, or several as one."""
+
+    @property
+    def connected(self) -> bool:
+        """Whether every router is linked."""
+
+    def subscribe(self, topic: Topic, key: str, *, from_others: bool = False) -> None:
+        """As `RobotBus.subscribe`."""
+
+    def publish(self, key: str, payload: bytes) -> None:
+        """As `RobotBus.publish`."""
+
+    def routed(self, key: str) -> bool | None:
+        """As `RobotBus.routed`."""
+
+    def close(self) -> None:
+        """As `RobotBus.close`."""
 
 
 class Runtime(ABC):

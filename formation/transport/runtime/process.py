@@ -15,9 +15,10 @@ import logging
 import math
 import os
 import signal
+import socket
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing, suppress
 from types import FrameType, TracebackType
 from typing import Any, Self
@@ -25,12 +26,10 @@ from typing import Any, Self
 from formation.mission.file import MissionError
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError
-from formation.transport.interfaces import RobotSide
 from formation.transport.linger import Linger
 from formation.transport.mailbox import Mailbox
 from formation.transport.runtime.clock import monotonic
-from formation.transport.runtime.loop import Pauses, Runtime, Steps
-from formation.transport.runtime.notify import Notifier
+from formation.transport.runtime.loop import Pauses, RobotSide, Runtime, Steps
 from formation.wire import Now, Outgoing
 
 WELL, FAILED, BAD_INPUT = 0, 1, 2
@@ -39,6 +38,8 @@ GRACE_TIME = 1.0
 a terminal's Ctrl-C reaches the whole process group, and the supervisor passes it on."""
 LAST_STAMP = 2.0**31 - 2.0
 """In 2038 [s since the epoch]."""
+MIN_REPORT_PERIOD = 0.2
+"""Shortest time between two reports to the watchdog [s]."""
 _log = logging.getLogger(__name__)
 
 
@@ -91,6 +92,54 @@ class Stop:
         self.reason = self.reason or signal.Signals(number).name
         if self._wake is not None:
             self._wake()
+
+
+class Notifier:
+    """Reports of a service to systemd: that it is ready, that its main loop runs, and that it stops.
+
+    The protocol of sd_notify(3): datagrams to the Unix socket that ``NOTIFY_SOCKET`` names; without that
+    variable nothing is sent. Only the main loop may call `alive`, so that systemd's watchdog detects a loop
+    that hangs.
+    """
+
+    def __init__(self, environment: Mapping[str, str]) -> None:
+        """`environment` is that of the process."""
+        self._address = environment.get("NOTIFY_SOCKET", "")
+        self._socket: socket.socket | None = None
+        self._fed = float("-inf")  # [s, monotonic]
+        self._complained = False
+        if self._address:
+            if self._address.startswith("@"):  # notation of a name in the abstract namespace
+                self._address = "\0" + self._address[1:]
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+            self._socket.setblocking(False)  # a watchdog that does not read must not block a robot
+
+    def ready(self) -> None:
+        """Report that everything is declared."""
+        self._send("READY=1")
+
+    def alive(self, now: float) -> None:
+        """Report that the main loop runs, at `now` [s, monotonic]."""
+        if self._socket is not None and now - self._fed >= MIN_REPORT_PERIOD:
+            self._fed = now
+            self._send("WATCHDOG=1")
+
+    def stopping(self, why: str) -> None:
+        """Report that the process stops, because of `why`; nothing is sent after this."""
+        self._send(f"STOPPING=1\nSTATUS=stopping: {' '.join(why.split())}")
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _send(self, state: str) -> None:
+        if self._socket is None:
+            return
+        try:
+            self._socket.sendto(state.encode(), self._address)
+        except OSError as error:
+            if not self._complained:
+                _log.warning("systemd was not told %s: %s", state.partition("\n")[0], error)
+            self._complained = True
 
 
 class Process(Runtime):
@@ -198,7 +247,6 @@ class Process(Runtime):
                 self.mailbox.wait(pause)
 
     def _watched(self, key: str) -> bool:
-        """Whether a key of either side has a subscriber."""
         if self._bus is not None and key in self._bus.advertised:
             return self._bus.watched(key)
         return bool(self.robot.routed(key))
@@ -248,8 +296,5 @@ def say(event: str, **fields: Any) -> None:
 def log_to_stderr(name: str, level: str) -> None:
     """Log as ``12:34:56 robot2: message``."""
     logging.basicConfig(
-        stream=sys.stderr,
-        level=level.upper(),
-        format=f"%(asctime)s {name}: %(message)s",
-        datefmt="%H:%M:%S",
+        stream=sys.stderr, level=level.upper(), format=f"%(asctime)s {name}: %(message)s", datefmt="%H:%M:%S"
     )

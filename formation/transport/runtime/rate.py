@@ -1,4 +1,4 @@
-"""A steady rate on a clock that the caller reads: without drift, and with its lateness."""
+"""A steady rate on a clock that the caller reads, without drift."""
 
 from __future__ import annotations
 
@@ -23,10 +23,6 @@ class Rate:
         self.ticks = 0
         self.missed = 0
         """Whole periods that passed without a tick."""
-        self.late = 0.0
-        """Lateness of the last tick [s]."""
-        self.latest = 0.0
-        """Greatest lateness so far [s]."""
         self._phase = phase
         self._first: float | None = None  # time of grid point 0
         self._point = 0  # grid point of the next tick
@@ -44,8 +40,6 @@ class Rate:
         if late < -TICK_TOLERANCE:
             return False
         passed = max(0, math.floor((late + TICK_TOLERANCE) / self.period))
-        self.late = max(0.0, late - passed * self.period)
-        self.latest = max(self.latest, late)
         self.missed += passed
         self.ticks += 1
         self._point += passed + 1

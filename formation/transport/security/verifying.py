@@ -9,13 +9,15 @@
                as many messages are verified as it sends positions; after `STRIKES` wrong ones none for
                `SHUN_TIME` seconds.
 
-A core that runs again from a recording gets the same marks from the trace, and needs no keys.
+Without certificates nothing is signed or verified, and `cryptography` is not imported. A core that runs again
+from a recording gets the same marks from the trace, and needs no keys.
 """
 
 from __future__ import annotations
 
 from collections import OrderedDict, deque
 from collections.abc import Callable
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 from formation.mission.model import Mission
@@ -23,10 +25,14 @@ from formation.protocol import order
 from formation.protocol.election import rank_of
 from formation.protocol.order import Order, PositionAttachment
 from formation.topics import POSITION
+from formation.transport.bus_config import BusConfig, BusError
+from formation.transport.runtime.clock import wall
+from formation.transport.runtime.command_line import needs
+from formation.transport.session import Identity, identity_of
 from formation.wire import BadMessage, Sample
 
 if TYPE_CHECKING:
-    from formation.transport.security.signing import Certified
+    from formation.transport.security.signing import Certified, Signer
 
 CARRY_PERIOD = 1.0
 """Period at which a candidate's certificate is relayed [s]."""
@@ -192,3 +198,38 @@ class Verifier:
             )
         if not neighbour.afford(mono):
             raise _Unverified(f"{signer}: {sender} sends more orders than can be verified")
+
+
+def verifier_of(config: BusConfig, mission: Mission) -> Verifier | None:
+    """The verifier of a follower's agent; None without certificates. Raises BusError."""
+    identity = identity_of(config)
+    return None if identity is None else _verifier(identity, mission)
+
+
+def signer_of(config: BusConfig, mission: Mission, name: str) -> tuple[Signer, Verifier] | None:
+    """The signer of the candidate `name`, and its verifier of relayed orders; None without certificates.
+
+    Raises BusError.
+    """
+    identity = identity_of(config)
+    if identity is None:
+        return None
+    signing = _signing()
+    signer = signing.Signer(identity, name, wall())
+    return signer, _verifier(identity, mission, signer.certificate)
+
+
+def _verifier(identity: Identity, mission: Mission, own: str = "") -> Verifier:
+    signing = _signing()
+    return Verifier(mission, signing.Authority(identity.authority).read, signing.key_id_of, own)
+
+
+def _signing() -> ModuleType:
+    """The module that signs and verifies. Raises BusError if its dependency is not installed."""
+    try:
+        from formation.transport.security import signing  # noqa: PLC0415 - a mission without certificates needs none
+    except ImportError:
+        raise BusError(
+            f"transport/link/tls: certificates are configured, and verifying orders {needs('cryptography')}"
+        ) from None
+    return signing

@@ -156,7 +156,7 @@ def primitives(signer: Signer, verifier: Verifier) -> dict[str, float]:
 def imported(module: str) -> dict[str, float]:
     """What importing it costs an agent: time [ms] and memory [MiB]."""
     program = (
-        "import time, formation.agent.core, formation.transport.security.certified\n"
+        "import time, formation.agent.core, formation.transport.security.verifying\n"
         "peak = lambda: int(open('/proc/self/statm').read().split()[1]) * 4\n"
         f"before, start = peak(), time.perf_counter()\nimport {module}\n"
         "print(1e3 * (time.perf_counter() - start), (peak() - before) / 1024)"

@@ -30,8 +30,8 @@ from formation.simulation.edges import Edges, edge_errors
 from formation.topics import CMD_VEL, ODOM, POSITION
 from formation.transport.bus import Bus, BusConfig
 from formation.transport.mailbox import Mailbox
+from formation.transport.robot_bus import RobotBuses
 from formation.transport.runtime.process import clocks, say
-from formation.transport.runtime.robot_buses import RobotBuses
 from formation.wire import Now, Sample
 from tests.campaigns.bench.figures import tail
 

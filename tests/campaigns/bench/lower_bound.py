@@ -25,7 +25,7 @@ from formation.control.arrays import ComplexArray, FloatArray
 from formation.mission.model import Mission
 from formation.mission.robot import RobotSpec
 from formation.mission.route import Route
-from formation.simulation.starts import Starts
+from formation.simulation.ensemble import Starts
 
 DIRECTIONS = 36
 """Directions in which `by_body` asks how far a robot gets; fewer make the bound lower, never wrong."""

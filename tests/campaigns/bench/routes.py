@@ -14,7 +14,7 @@ import numpy as np
 
 from formation.mission.file import load
 from formation.mission.model import Mission
-from formation.simulation.starts import Starts, random_starts
+from formation.simulation.ensemble import Starts, random_starts
 from tests.unit.formation import scenarios
 
 SPEED = 0.2

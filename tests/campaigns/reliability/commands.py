@@ -48,13 +48,13 @@ class Commands:
                 clock = self._clocked(self.clock(name))
                 return (*clock, "formation.agent.watchdog", self._path, "--robot", name)
             case "agent":
-                links = wiring.of_agent(mission, name, where)
+                links = wiring.of_member(mission, name, where)
                 flags = ("--robot", name, "--state", self._folder / "state" / name)
                 clock = self._clocked(self.clock(name))
                 return (*clock, "formation.agent", self._path, *flags, *self._linked(links))
             case _:
                 own = ("--standby", name) if part == "standby" else ()
-                links = wiring.of_leader(mission, where, name or None)
+                links = wiring.of_member(mission, name or mission.leader, where)
                 return (*module("formation.leader"), self._path, *own, *self._linked(links))
 
     def clock(self, robot: str) -> Path:

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from formation.mission.model import Mission
+from formation.simulation.ensemble import MIN_START_CLEARANCE
 from formation.simulation.ensemble import Options as Simulated
 from formation.simulation.simulate import simulate
-from formation.simulation.starts import MIN_START_CLEARANCE
 from tests.campaigns.bench.figures import filled, markdown, span
 from tests.campaigns.safety import step_time
 from tests.campaigns.safety.part import Found, Options, bar, reported, reporting

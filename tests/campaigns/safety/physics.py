@@ -14,7 +14,7 @@ from formation.control.arrays import ComplexArray
 from formation.control.unicycle import Command
 from formation.mission.file import load
 from formation.mission.model import Mission
-from formation.simulation.starts import MIN_START_CLEARANCE
+from formation.simulation.ensemble import MIN_START_CLEARANCE
 from tests.campaigns.bench.figures import filled, markdown
 from tests.campaigns.safety.part import Found, Options, bar, reported
 

@@ -7,9 +7,8 @@ from collections.abc import Callable
 from typing import Any
 
 from formation.agent.core import Agent
-from formation.control.avoidance import AvoidanceParameters, Obstacle, brake
+from formation.control.avoidance import Avoidance, AvoidanceParameters, Obstacle, avoid, brake
 from formation.control.controller import Limits
-from formation.control.deadlock import Avoidance, avoid
 from formation.control.pipeline import ControlState, Outcome
 from formation.control.plane import rotation
 from formation.control.unicycle import Command

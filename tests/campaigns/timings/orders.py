@@ -28,7 +28,7 @@ from formation.protocol.outcome import Outcome
 from formation.protocol.status import AgentState
 from formation.topics import ORDER
 from formation.transport import asking
-from formation.transport.question import Reply
+from formation.transport.mailbox import Reply
 from formation.wire import Now
 from tests.support.fleet import EPOCH, Fleet
 

@@ -32,7 +32,7 @@ from formation.simulation.edges import Edges, formation_error
 from formation.topics import CMD_VEL, GROUND_TRUTH, ORDER, POSITION
 from formation.transport.bus import Bus, BusConfig
 from formation.transport.mailbox import Mailbox
-from formation.transport.runtime.robot_buses import RobotBuses
+from formation.transport.robot_bus import RobotBuses
 from tests.support.child import PATIENCE, Child, started
 from tests.support.named import named
 

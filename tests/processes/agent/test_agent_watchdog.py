@@ -15,7 +15,7 @@ import pytest
 
 from formation.topics import ODOM
 from formation.transport.bus import Bus, BusConfig
-from formation.transport.runtime.notify import MIN_REPORT_PERIOD
+from formation.transport.runtime.process import MIN_REPORT_PERIOD
 from tests.processes.agent.test_agent_process import RECEIVED, Around
 from tests.support.bus_tools import until
 from tests.support.child import free_endpoint, started

@@ -23,8 +23,8 @@ from formation.ros2.messages import Odometry, Pose, Twist, TwistStamped, decode
 from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSITION
 from formation.transport.bus import Bus, BusConfig
 from formation.transport.mailbox import Mailbox
+from formation.transport.robot_bus import RobotBuses
 from formation.transport.runtime.process import say
-from formation.transport.runtime.robot_buses import RobotBuses
 from formation.transport.wiring import endpoints
 from formation.wire import Sample
 

@@ -18,7 +18,7 @@ from formation.mission.file import load
 from formation.ros2.messages import Pose, decode
 from formation.topics import GROUND_TRUTH
 from formation.transport.mailbox import Mailbox
-from formation.transport.runtime.robot_buses import RobotBuses
+from formation.transport.robot_bus import RobotBuses
 from formation.transport.wiring import Endpoints
 from tests.support.child import PATIENCE, Child, started
 

@@ -15,7 +15,7 @@ from formation.ros2.messages import Pose, Twist, decode
 from formation.topics import CMD_VEL, GROUND_TRUTH, POSITION
 from formation.transport.bus import Bus, BusConfig
 from formation.transport.mailbox import Mailbox
-from formation.transport.runtime.robot_buses import RobotBuses
+from formation.transport.robot_bus import RobotBuses
 from formation.wire import Sample
 from tests.processes.fleet.test_decentralised import running
 from tests.support.child import PATIENCE

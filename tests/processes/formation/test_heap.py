@@ -10,7 +10,7 @@ import pytest
 
 COUNTED = """
 import ctypes, threading
-from formation.transport.runtime.heap import share_one_heap
+from formation.transport.bus import share_one_heap
 if {shared}:
     assert share_one_heap()
 kept = []

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from formation.transport.runtime.notify import MIN_REPORT_PERIOD, Notifier
+from formation.transport.runtime.process import MIN_REPORT_PERIOD, Notifier
 
 
 @pytest.fixture(params=["a file", "an abstract name"])

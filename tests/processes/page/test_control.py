@@ -20,7 +20,7 @@ from formation.protocol.order import Mode, OperatorRequest, decode
 from formation.topics import ORDER
 from formation.transport import asking
 from formation.transport.bus_config import BusError
-from formation.transport.question import Question, Reply
+from formation.transport.mailbox import Question, Reply
 from tests.unit.leader.leading import leading
 
 SIX = load("six_robots")

@@ -10,11 +10,10 @@ from pydantic import BaseModel
 from pydantic_core import to_json
 
 from formation.control.laws import LAWS
-from formation.mission import legs, model, robot, rules, scanner
-from formation.mission.file import MAX_ROBOTS, SPELLINGS
+from formation.mission import model, robot, route, rules
+from formation.mission.file import MAX_MISSION_BYTES, MAX_ROBOTS, SPELLINGS
 from formation.mission.model import MAX_SHAPES, Mission
 from formation.mission.tables import NAME, TITLE
-from formation.mission.toml_text import MAX_MISSION_BYTES
 from formation.simulation.body import PROFILES
 from tests.support.reference.markdown import docstrings, document, paragraph, table
 
@@ -22,21 +21,21 @@ TABLES: Mapping[str, type[BaseModel]] = {
     "Top level": Mission,
     "[law]": model.LawSpec,
     "[robot]": robot.RobotDefaults,
-    "[robot.scan]": scanner.ScanSpec,
+    "[robot.scan]": robot.ScanSpec,
     "[robots.NAME]": robot.RobotSpec,
     "[robots.NAME.start]": robot.Start,
-    "[[route]]: straight leg": legs.Straight,
-    "[[route]]: circle": legs.Circle,
-    "[[route]]: waypoints": legs.Waypoints,
+    "[[route]]: straight leg": route.Straight,
+    "[[route]]: circle": route.Circle,
+    "[[route]]: waypoints": route.Waypoints,
     "[standbys.NAME]": model.Standby,
     "[collisions]": model.Collisions,
     "[cohesion]": model.Cohesion,
     "[bounds]": model.Bounds,
     "[simulated_robot]": model.SimulatedRobot,
-    "[simulated_scanner]": scanner.SimulatedScanner,
+    "[simulated_scanner]": robot.SimulatedScanner,
     "[simulation]": model.SimulationSpec,
-    "[[simulation.posts]]": scanner.Post,
-    "[[simulation.walls]]": scanner.Wall,
+    "[[simulation.posts]]": robot.Post,
+    "[[simulation.walls]]": robot.Wall,
 }
 """Every table of a mission file, by its heading."""
 UNITS = ("m", "s", "Hz", "m/s", "rad", "rad/s", "°", "1/m", "1/s", "1/s²")

@@ -11,8 +11,8 @@ import pytest
 from formation.agent.core import Agent
 from formation.control.unicycle import AT_REST
 from formation.mission.file import load
-from formation.mission.legs import Straight
 from formation.mission.model import Mission
+from formation.mission.route import Straight
 from formation.protocol.status import CollisionMode
 from formation.topics import POSITION
 from tests.support.fleet import Fleet

@@ -9,8 +9,8 @@ from dataclasses import replace
 import pytest
 
 from formation.mission.file import load
-from formation.mission.legs import Straight
 from formation.mission.model import Bounds, Mission
+from formation.mission.route import Straight
 from formation.protocol import order
 from formation.protocol.order import OperatorRequest, Place, PositionAttachment
 from formation.protocol.status import AgentState

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from formation.agent.safety.latch import Latch
 from formation.leader.mode import TeamMode
 from formation.protocol import reasons
-from formation.protocol.once import MAX_REMEMBERED_REQUESTS, TRAVEL_TIME
 from formation.protocol.order import UNREACHED, Code, Do, OperatorReply, OperatorRequest, decode
 from formation.protocol.outcome import Recipients
+from formation.protocol.stops import MAX_REMEMBERED_REQUESTS, TRAVEL_TIME
 from formation.transport import asking
-from formation.transport.question import Question
+from formation.transport.mailbox import Question
 from tests.unit.formation.test_asking import Clock
 
 GO: dict[str, Do] = {"stop": "release", "hold": "run"}

@@ -12,7 +12,7 @@ from formation.agent.core import Agent
 from formation.control.unicycle import AT_REST
 from formation.mission.file import load
 from formation.mission.model import Mission
-from formation.mission.scanner import Post, Wall
+from formation.mission.robot import Post, Wall
 from formation.protocol.reasons import Code
 from formation.protocol.status import AgentState
 from formation.ros2.messages import LaserScan, decode

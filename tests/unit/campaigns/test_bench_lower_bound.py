@@ -10,7 +10,7 @@ import pytest
 
 from formation.control.unicycle import advance, control_point
 from formation.mission.model import Mission
-from formation.simulation.starts import Starts
+from formation.simulation.ensemble import Starts
 from tests.campaigns.bench import lower_bound, routes
 from tests.campaigns.bench.control_trials import FIELD, SEED, STIFF, Contender
 from tests.unit.formation import scenarios

@@ -15,9 +15,9 @@ from formation.deploy import check
 from formation.deploy.check import _eigenvalues, bounds, words
 from formation.deploy.cli import main
 from formation.mission.file import load, read, shipped
-from formation.mission.legs import Straight
 from formation.mission.model import Bounds
-from formation.stability import bounding
+from formation.mission.route import Straight
+from formation.stability import feasibility
 from formation.stability.analysis import analyse
 
 KEYS = {
@@ -179,7 +179,7 @@ def test_check_warns_where_route_and_shapes_leave_the_bounds() -> None:
     given = Bounds(x=(-5.0, 30.0), y=(-4.0, 1.2))
     route = (Straight(speed=0.2, heading_deg=0.0),)
     mission = load("six_robots").model_copy(update={"bounds": given, "route": route})
-    found = list(bounding.warnings(mission))
+    found = list(feasibility.out_of_bounds(mission))
     assert found[0].startswith("the route leaves the bounds after 148 s, where the leader reaches x = 29.6 m")
     assert found[1].startswith("shape wedge leaves the bounds at the start")
     assert found[1].endswith("robot3's slot at y = 1 m, limit 0.8 m")

@@ -69,17 +69,3 @@ def saturated(reference: Array, offset: float, max_speed: float, max_turn_rate: 
     s_u = 1.0 if abs(speed) <= max_speed else max_speed / abs(speed)
     s_w = 1.0 if abs(turn_rate) <= max_turn_rate else max_turn_rate / abs(turn_rate)
     return s_u * speed, s_w * turn_rate
-
-
-def target(leader: Array, shape: Sequence[Array], neighbours: Sequence[Sequence[int]]) -> Array:
-    """Eq. (6): the followers' h_F*, stacked; `shape` and `neighbours` with the leader first."""
-    n = len(neighbours)
-    laplacian = np.zeros((n, n))
-    for i, js in enumerate(neighbours):
-        for j in js:
-            laplacian[i, j] -= 1.0
-            laplacian[i, i] += 1.0
-    stacked = np.kron(laplacian, np.eye(2))
-    from_leader, among = stacked[2:, :2], stacked[2:, 2:]
-    wanted: Array = np.linalg.solve(among, stacked[2:] @ np.concatenate(shape) - from_leader @ leader)
-    return wanted

@@ -9,14 +9,14 @@ from typing import Any, get_args
 import pytest
 
 from formation.mission.file import load
-from formation.mission.legs import Straight
 from formation.mission.model import Mission
+from formation.mission.route import Straight
 from formation.protocol import order
 from formation.protocol.order import MAX_REQUEST_BYTES, Do, Mode, OperatorReply, OperatorRequest
 from formation.protocol.outcome import Outcome, Recipients
 from formation.protocol.stops import MOTION, Rest
 from formation.transport import asking
-from formation.transport.question import Question, Reply
+from formation.transport.mailbox import Question, Reply
 
 STOP = OperatorRequest(do="stop")
 SIX = load("six_robots")

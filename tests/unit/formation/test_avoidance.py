@@ -12,9 +12,11 @@ from hypothesis import strategies as st
 
 from formation.control.avoidance import (
     MAX_HEADING_ERROR,
+    Avoidance,
     AvoidanceParameters,
     HalfPlane,
     Obstacle,
+    avoid,
     brake,
     facing,
     give_way,
@@ -23,7 +25,6 @@ from formation.control.avoidance import (
     nearest,
 )
 from formation.control.controller import Limits
-from formation.control.deadlock import Avoidance, avoid
 from formation.control.observer import Travel, innovation
 from formation.control.plane import angle_between, rotation
 from formation.control.unicycle import Command, advance

@@ -7,9 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from formation.control.avoidance import AvoidanceParameters, Obstacle
+from formation.control.avoidance import Avoidance, AvoidanceParameters, Obstacle, avoid
 from formation.control.controller import Limits
-from formation.control.deadlock import Avoidance, avoid
 from formation.control.unicycle import advance, control_point, saturate
 from formation.mission.model import Mission
 from formation.simulation.body import PROFILES

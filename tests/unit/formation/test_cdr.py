@@ -11,8 +11,6 @@ from typing import Any
 import pytest
 from hypothesis import given
 
-from formation.ros2.definitions import definition, type_hash
-from formation.ros2.message import BY_TYPE
 from formation.ros2.messages import (
     BadMessage,
     Diagnostics,
@@ -23,8 +21,11 @@ from formation.ros2.messages import (
     Status,
     TwistStamped,
     decode,
+    definition,
     encode,
+    type_hash,
 )
+from formation.ros2.ros import BY_TYPE
 from formation.topics import TABLE
 from tests.support.mutations import mutated
 from tests.unit.formation import by_rosbags

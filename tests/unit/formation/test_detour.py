@@ -6,9 +6,15 @@ import math
 
 import pytest
 
-from formation.control.avoidance import AvoidanceParameters, Obstacle
+from formation.control.avoidance import (
+    DEADLOCK_DELAY,
+    DETOUR_TIME,
+    Avoidance,
+    AvoidanceParameters,
+    Obstacle,
+    avoid,
+)
 from formation.control.controller import Limits
-from formation.control.deadlock import DEADLOCK_DELAY, DETOUR_TIME, Avoidance, avoid
 from formation.control.unicycle import Command, advance, control_point, saturate
 
 BODY = Limits(0.2, 1.5, 1.5)

@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from formation.mission.file import MissionError, load, parse, read, shipped
-from formation.mission.legs import Circle, Straight, Waypoints
 from formation.mission.model import Bounds, Mission
-from formation.mission.route import Route
+from formation.mission.route import Circle, Route, Straight, Waypoints
 from formation.protocol.order import Order, Place, Slots
 from formation.slots.geofence import BOUNDS_MARGIN_SIZES, MIN_BOUNDS_MARGIN, RETURN_DEPTH, Area, Geofence
 from formation.slots.shape import PlacedShape

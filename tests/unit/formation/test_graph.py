@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from formation.control.arrays import ComplexArray
 from formation.mission.graph import Graph
 from formation.simulation.edges import Edges, edge_errors, formation_error
-from tests.unit.formation import oracle
-from tests.unit.formation.planar import angles, pair, vectors
+from tests.unit.formation.planar import angles, vectors
 
 
 @st.composite
@@ -48,22 +47,6 @@ def test_sums_go_over_the_last_axis_of_any_stack(graph: Graph, data: st.DataObje
     assert sums[1].tolist() == Edges(graph).sum_per_follower(Edges(graph).along_edges(stack[1])).tolist()
 
 
-@given(graphs(), vectors, st.data())
-def test_equation_6_has_no_formation_error(graph: Graph, leader: complex, data: st.DataObject) -> None:
-    slots = shape(data, graph)
-    positions = Edges(graph).desired_positions(leader, slots)
-    assert positions == pytest.approx(leader + slots[1:], abs=1e-6)
-    assert formation_error(Edges(graph), np.append(leader, positions), slots) == pytest.approx(0.0, abs=1e-5)
-
-
-@given(graphs(), vectors, st.data())
-def test_equation_6_is_the_papers(graph: Graph, leader: complex, data: st.DataObject) -> None:
-    slots = shape(data, graph)
-    expected = oracle.target(pair(leader), [pair(slot) for slot in slots.tolist()], graph.neighbours)
-    positions = Edges(graph).desired_positions(leader, slots)
-    assert np.column_stack([positions.real, positions.imag]).ravel() == pytest.approx(expected, abs=1e-6)
-
-
 @given(graphs(), vectors, angles, st.data())
 def test_the_formation_error_does_not_change_when_all_move_as_one(
     graph: Graph, away: complex, angle: float, data: st.DataObject
@@ -98,9 +81,7 @@ def test_with_a_spanning_tree_the_eigenvalues_have_positive_real_parts(
     assert abs(np.linalg.eigvals(Edges(lost).follower_laplacian())).min() == pytest.approx(0.0, abs=1e-9)
 
 
-def test_without_a_path_to_the_leader_there_are_no_desired_positions() -> None:
+def test_robots_without_a_path_to_the_leader_have_no_depth() -> None:
     apart = Graph(((), (0,), (3,), (2,)))
     assert apart.unreachable == (2, 3)
     assert apart.depths == (0, 1, None, None)
-    with pytest.raises(np.linalg.LinAlgError):
-        Edges(apart).desired_positions(0j, [0j] * 4)

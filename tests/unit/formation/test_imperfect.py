@@ -10,8 +10,7 @@ from formation.control.laws import LAWS
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.simulation.body import Body
-from formation.simulation.ensemble import Ensemble, Options, Plan
-from formation.simulation.starts import Starts, random_starts
+from formation.simulation.ensemble import Ensemble, Options, Starts, random_starts
 from formation.stability.analysis import analyse
 from tests.unit.formation import scenarios
 
@@ -61,7 +60,7 @@ def driven(mission: Mission, starts: Starts, noise: float, delay: float) -> tupl
     steps = round(HORIZON / step)
     body = Body.of(mission.simulated_robot)._replace(position_noise=noise)
     runs = Ensemble(
-        mission, LAWS["field"], Options(delay=delay, body=body), starts, step, _draw(1), Plan(steps, steps)
+        mission, LAWS["field"], Options(delay=delay, body=body), starts, step, _draw(1), steps, steps
     )
     runs.run_on(steps)
     return runs.error, runs.nearest

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from formation.mission.file import load
-from formation.mission.legs import Circle, Leg, Straight
 from formation.mission.model import Mission
+from formation.mission.route import Circle, Leg, Straight
 from formation.protocol.order import MAX_REASON_CHARS, OperatorRequest
 from formation.slots.shape import PlacedShape
 from formation.stability.feasibility import problems

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from formation.control.tracker import FORGETTING_SILENCE, Track, learned
-from formation.simulation.links import Link, arrived, carried, is_fresh
+from formation.simulation.neighbours import Link, arrived, carried, is_fresh
 
 STEP, LIMIT, LONGEST, TOP = 0.05, 0.15, 0.5, 10.0
 NEVER = Track(-math.inf, 0j, 0j)

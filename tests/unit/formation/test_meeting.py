@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from formation.mission.file import load
 from formation.stability.analysis import analyse
-from formation.stability.meeting import Segment, between, unavoided, warnings
+from formation.stability.crowding import Segment, between, could_meet, unavoided
 from tests.unit.formation import scenarios
 from tests.unit.formation.planar import vectors
 
@@ -43,7 +43,7 @@ def test_the_distance_of_two_ways(one: Segment, other: Segment, distance: float)
 def test_check_warns_of_crossing_ways_without_avoiding() -> None:
     crossing = scenarios.exchanged(FILE, avoid=())
     assert unavoided(crossing) == (("robot2", "robot3"), ("robot2", "robot4"), ("robot3", "robot4"))
-    (result,) = warnings(crossing)
+    (result,) = could_meet(crossing)
     assert result.startswith("robot2 and robot3 (and 2 other pairs) could meet")
     assert unavoided(scenarios.exchanged(FILE)) == ()
     assert result in analyse(crossing).warnings

@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formation.ros2 import ros
-from formation.ros2.definitions import definition, type_hash
 from formation.ros2.messages import (
     Diagnostics,
     Displacement,
@@ -26,7 +25,9 @@ from formation.ros2.messages import (
     Twist,
     TwistStamped,
     decode,
+    definition,
     encode,
+    type_hash,
 )
 from formation.topics import TABLE
 from tests.unit.formation import by_rosbags

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from formation.mission.file import MissionError, load, parse, read, shipped
-from formation.mission.legs import Straight
+from formation.mission.route import Straight
 from tests.support.edited import edited
 
 SIX = read("six_robots")[0]

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.mission.legs import Circle, Straight, Waypoints
-from formation.mission.route import Route
+from formation.mission.route import Circle, Route, Straight, Waypoints
 
 EAST, NORTH = 1.0 + 0.0j, 1.0j
 

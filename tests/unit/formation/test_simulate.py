@@ -20,9 +20,8 @@ from formation.control.unicycle import advance, control_point
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.mission.route import Route
-from formation.simulation.ensemble import Options
+from formation.simulation.ensemble import MIN_START_CLEARANCE, Options, random_starts
 from formation.simulation.simulate import DWELL_TIME, simulate
-from formation.simulation.starts import MIN_START_CLEARANCE, random_starts
 from formation.stability.analysis import analyse
 from tests.unit.formation import scenarios
 

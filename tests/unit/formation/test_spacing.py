@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.mission.spacing import too_close
+from formation.mission.rules import too_close
 from tests.unit.formation.planar import vectors
 
 discs = st.lists(st.tuples(vectors, st.floats(0.0, 3.0)), max_size=12)

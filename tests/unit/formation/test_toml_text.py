@@ -8,8 +8,15 @@ from pathlib import Path
 import pytest
 
 from formation.mission import file as mission_file
-from formation.mission.file import MissionError, load, parse
-from formation.mission.toml_text import MAX_KEY_PARTS, MAX_MISSION_BYTES, TomlError, loads
+from formation.mission.file import (
+    MAX_KEY_PARTS,
+    MAX_MISSION_BYTES,
+    MissionError,
+    TomlError,
+    load,
+    loads,
+    parse,
+)
 
 SIX = mission_file.read("six_robots")[0]
 DIGITS = "9" * 5000

@@ -21,8 +21,8 @@ def links(mission: Mission) -> list[frozenset[str]]:
     """All links of the fleet, from whoever dials."""
     where = wiring.endpoints(mission)
     owner = {endpoint: name for name, endpoint in where.agents.items()}
-    of = {name: wiring.of_agent(mission, name, where) for name in mission.followers}
-    of |= {name: wiring.of_leader(mission, where, name) for name in mission.candidates}
+    of = {name: wiring.of_member(mission, name, where) for name in mission.followers}
+    of |= {name: wiring.of_member(mission, name, where) for name in mission.candidates}
     for name, ends in of.items():
         assert ends.listen == (where.agents[name],)
     return [frozenset((name, owner[end])) for name, ends in of.items() for end in ends.connect]
@@ -94,7 +94,7 @@ def test_standby_ports_follow_the_robots_ports() -> None:
 def test_an_agent_listens_once_and_no_robot_is_in_the_fleet() -> None:
     mission = load("six_robots")
     where = wiring.endpoints(mission)
-    links = wiring.of_agent(mission, "robot3", where)
+    links = wiring.of_member(mission, "robot3", where)
     assert links.listen == (where.agents["robot3"],)
     assert not set(links.connect) & set(where.robots.values())
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from formation.mission.file import load
-from formation.mission.legs import Waypoints
 from formation.mission.model import Mission
+from formation.mission.route import Waypoints
 from formation.simulation.edges import Edges, formation_error
 from tests.support.fleet import Fleet
 from tests.unit.leader.leading import ask

@@ -15,7 +15,7 @@ from formation.mission.file import load, parse
 from formation.mission.model import Mission
 from formation.protocol import order
 from formation.protocol.order import OperatorReply
-from formation.transport.interfaces import Handler
+from formation.transport.mailbox import Handler
 from formation.transport.runtime.process import BadInput, Process, clocks
 from formation.wire import Outgoing
 from tests.unit.leader.leading import CURVED

@@ -10,8 +10,8 @@ import pytest
 
 from formation.leader.core import Leader
 from formation.mission.file import load
-from formation.mission.legs import Straight
 from formation.mission.model import Bounds, Mission
+from formation.mission.route import Straight
 from formation.protocol import order
 from formation.protocol.election import LISTENING_TIME
 from formation.protocol.order import OperatorReply, OperatorRequest

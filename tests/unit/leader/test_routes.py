@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from formation.leader.route import NamedRoute
 from formation.mission.file import parse
-from formation.mission.legs import Circle, Leg, Straight, Waypoints
 from formation.mission.model import Mission
+from formation.mission.route import Circle, Leg, Straight, Waypoints
 from formation.protocol.order import (
     MAX_ATTACHMENT_BYTES,
     MAX_REQUEST_BYTES,

@@ -15,8 +15,7 @@ from formation.monitor.recording.reader import read as read_back
 from formation.monitor.recording.recorder import Recorder, RecordingError, stamp_of
 from formation.monitor.recording.rotation import ROOM, ROTATION, Room, Rotation
 from formation.ros2 import messages
-from formation.ros2.definitions import type_hash
-from formation.ros2.messages import Displacement, Number, encode
+from formation.ros2.messages import Displacement, Number, encode, type_hash
 from formation.topics import ALIVE, CMD_VEL, ERROR, ODOM, POSITION, TABLE
 from formation.wire import Sample
 from tests.support.monitored import EPOCH, Fleet, command, odometry, sample_of, status

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.mission.legs import Straight
+from formation.mission.route import Straight
 from formation.monitor.web.control import (
     DOUBLE_CLICK_TIME,
     MAX_SHOWN_AGE,
@@ -17,8 +17,8 @@ from formation.monitor.web.control import (
     Overruled,
     Precedence,
 )
-from formation.protocol.once import RESTS
 from formation.protocol.order import OperatorRequest
+from formation.protocol.stops import RESTS
 
 LATER = max(DOUBLE_CLICK_TIME, UNSEEN_STOP_TIME) + 0.1
 

@@ -1,4 +1,8 @@
-"""The robots that a follower avoids in a simulation, its obstacles, and contacts of bodies.
+"""What a follower knows of others in a simulation: its neighbours' samples, robots to avoid, and contacts.
+
+Samples are late, lost, or measured by a sensor. Freshness and ages follow the agent's rules: a neighbour is
+followed while its newest sample arrived within the limit, a sample is extrapolated by its age as far as its
+delay is believed, and after a long silence the velocity is estimated afresh.
 
 Like `formation.simulation.closed_loop`, one number at a time, for `formation.simulation.compiled`. M is
 the number of (follower, avoided robot) pairs.
@@ -14,11 +18,23 @@ import numpy as np
 from formation.control.arrays import ComplexArray
 from formation.control.avoidance import heading_doubt
 from formation.control.plane import unit
-from formation.control.tracker import FRESH_PERIODS, Track, learned, longest_delay, unknown
+from formation.control.tracker import (
+    FORGETTING_SILENCE,
+    FRESH_PERIODS,
+    Track,
+    believed_delay,
+    learned,
+    longest_delay,
+    moved,
+    unknown,
+)
 from formation.control.unicycle import control_point
 from formation.mission.model import Mission
-from formation.simulation.links import TRACK, Link, arrived, carried
 
+TRACK = np.dtype([("stamp", "f8"), ("point", "c16"), ("velocity", "c16")], align=True)
+"""`Track` of a neighbour."""
+_ROUNDING = 1e-9
+"""[s]"""
 AVOIDED = np.dtype(
     [
         ("head", "i8"), ("radius", "f8"), ("offset", "f8"), ("first", "b1"),
@@ -29,18 +45,45 @@ AVOIDED = np.dtype(
 """An avoided robot: index among followers, its body, whether it has right of way, `Link`."""
 OBSTACLE = np.dtype(
     [
-        ("at", "c16"),
-        ("radius", "f8"),
-        ("velocity", "c16"),
-        ("first", "b1"),
-        ("stands", "b1"),
-        ("doubt", "f8"),
-        ("age", "f8"),
-        ("unsure", "f8"),
+        ("at", "c16"), ("radius", "f8"), ("velocity", "c16"), ("first", "b1"), ("stands", "b1"),
+        ("doubt", "f8"), ("age", "f8"), ("unsure", "f8"),
     ],
     align=True,
-)
+)  # fmt: skip
 """`formation.control.avoidance.Obstacle`."""
+
+
+class Link(NamedTuple):
+    """Quality of one edge of the graph."""
+
+    late: float
+    """Age of a sample when it is used [s]; 0 for measurements of the robot's own sensor."""
+    limit: float
+    """Longest silence of a fresh neighbour [s]."""
+    longest_delay: float
+    """Longest plausible delay of a sample [s]."""
+
+
+def arrived(last: Track, stamp: float, sample: complex, share: float, top_speed: float) -> Track:
+    """The track after one more sample: the first, if the last one is infinitely old.
+
+    `share` is `formation.control.tracker.learned`, 0 for no velocity; velocities are limited to
+    `top_speed` [m/s].
+    """
+    if stamp - last.stamp > FORGETTING_SILENCE:
+        return Track(stamp, sample, 0j)
+    return moved(last, stamp, sample, share, top_speed)
+
+
+def is_fresh(track: Track, now: float, link: Link) -> bool:
+    """Whether the neighbour may be followed at `now` [s]."""
+    return now - track.stamp - link.late <= link.limit + _ROUNDING
+
+
+def carried(track: Track, now: float, link: Link) -> complex:
+    """The neighbour's control point extrapolated to `now` [s] [m; world frame]."""
+    silence = now - track.stamp - link.late
+    return track.point + (silence + believed_delay(link.late, link.longest_delay)) * track.velocity
 
 
 class Avoided(NamedTuple):
