@@ -11,7 +11,7 @@ between command and sensor, and no possible delay may explain the difference:
     SPEEDS    odometry's own speeds and positions disagree, or its speeds have the wrong sign
     CARRIED   seen more than MAX_MOTION_RATIO times what was commanded, plus a tolerance
     TURNED    the same for the heading
-    LATE      positions follow the commands later than they may (`formation.agent.pose.own_delay`)
+    LATE      positions follow the commands later than they may (`formation.agent.pose.motion_model`)
 
 Noise up to 5 mm (standard deviation), delays up to `MAX_DELAY` plus the robot's lag and one period, and slip
 up to half of the distance do not add up to a disagreement. A disagreement lasts until the sensor shows a
@@ -25,8 +25,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from formation.agent.pose.motion_model import DELAY_COUNT, Modelled, MotionModel, MotionModelState
-from formation.agent.pose.own_delay import KEPT_TIME, LOOKBACK_COUNT, SPACING, OwnDelay, OwnDelayState
+from formation.agent.pose.motion_model import (
+    DELAY_COUNT,
+    KEPT_TIME,
+    LOOKBACK_COUNT,
+    SPACING,
+    Modelled,
+    MotionModel,
+    MotionModelState,
+    OwnDelay,
+    OwnDelayState,
+)
 from formation.control.observer import Travel
 from formation.control.plane import rotation
 from formation.control.unicycle import Command
@@ -216,13 +225,6 @@ class MotionCheck:
             heading=self._heading.state,
             delay=self._delay.state,
         )
-
-    def adopt(self, state: MotionCheckState) -> None:
-        """Continue from this state."""
-        self.state = state
-        self.model.state = state.model
-        self._position.state, self._heading.state = state.position, state.heading
-        self._delay.state = state.delay
 
     def commanded(self, moment: float, command: Command) -> None:
         """Record that the robot was sent `command` at `moment` [s, monotonic]."""
