@@ -10,15 +10,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from formation.agent.verify.core import Verification
-from formation.agent.verify.verdict import (
-    COMMAND_TOLERANCE,
-    Comparison,
-    Input,
-    PublishedCommand,
-    Stretch,
-    Verdict,
-)
+from formation.agent.verify.core import COMMAND_TOLERANCE, Stretch, Verdict, Verification
+from formation.agent.verify.replica import Comparison, Input, PublishedCommand
 from formation.control.laws import LAWS
 from formation.deploy.arguments import add_json, number, parser, read_mission, tell
 from formation.deploy.refusal import Refusal

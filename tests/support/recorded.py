@@ -10,7 +10,7 @@ from typing import Any
 from formation.agent.core import Agent
 from formation.agent.persistence.restore import Persistence
 from formation.agent.process import Sides
-from formation.agent.verify.verdict import Verdict
+from formation.agent.verify.core import Verdict
 from formation.protocol.order import OperatorReply, OperatorRequest, decode, encode
 from formation.topics import POSITION, Topic
 from formation.transport.runtime.process import clocks

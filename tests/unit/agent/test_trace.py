@@ -17,10 +17,14 @@ from formation.agent.persistence.trace import (
     MAX_TRACE_BYTES,
     MAX_TRACED_INPUTS,
     STATE_PERIOD,
+    BadTraceError,
+    Link,
+    RequestStep,
+    Step,
     Trace,
     checksum,
+    read,
 )
-from formation.agent.verify.traced import BadTraceError, RequestStep, Step, read
 from formation.mission.file import load
 from formation.protocol.order import MAX_REQUEST_BYTES, Order, PositionAttachment
 from formation.protocol.order import encode as encode_order
@@ -216,7 +220,7 @@ def test_endless_flood_traces_state_once_per_second() -> None:
 def test_minutes_without_a_command_hold_no_more_than_so_much() -> None:
     one = Trace(Agent(SIX, "robot3"))
     for tick in range(10_000):
-        one.stepped(now(0.01 * tick), (True, True, False), [position(0.01 * tick, tick)])
+        one.stepped(now(0.01 * tick), Link(True, True), [position(0.01 * tick, tick)])
         one.requested(b'{"do":"hold"}', 0.01 * tick)
         assert len(one._steps) <= MAX_TRACED_INPUTS
     result = one.attachment()
