@@ -69,14 +69,6 @@ class Avoiding:
         self._limits = spec.limits
         self._apart, self._delay = mission.collisions.room, mission.collisions.delay
 
-    def adopt(self, state: AvoidingState) -> None:
-        """Continue from this state, of the same robots and scanner."""
-        self.state = state
-        for name, one in self.others.items():
-            one.adopt(state.others[name])
-        if self.scanner is not None and state.scanner is not None:
-            self.scanner.adopt(state.scanner)
-
     def obstacles(
         self, here: Localisation, around: Neighbourhood, now: Now
     ) -> tuple[list[Obstacle], Sight | None]:

@@ -21,7 +21,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from formation.agent.core import Agent
 from formation.agent.persistence.restore import Persistence, Taken
-from formation.agent.persistence.trace import Trace
+from formation.agent.persistence.trace import Link, Trace
 from formation.agent.status import Surroundings
 from formation.protocol import order
 from formation.protocol.order import OperatorReply
@@ -117,7 +117,7 @@ class Sides:
             if commands:
                 os.sched_yield()  # the thread that writes them to the socket may run before reports are made
             yield from self._agent.tell(now)
-        self._trace.stepped(now, (around.connected, around.routed, around.rival), received)
+        self._trace.stepped(now, Link(around.connected, around.routed, around.rival), received)
         if self._persistence is not None:
             self._persistence.stepped(now)
             if (unsaved := self._persistence.failure) != self._unsaved:

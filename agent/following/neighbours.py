@@ -144,12 +144,6 @@ class Neighbour:
         self._filter = mission.law.velocity_filter
         self._reported_limit = neighbour.FRESH_PERIODS / spec.rate
 
-    def adopt(self, state: NeighbourState) -> None:
-        """Continue from this state."""
-        self.state, self.stream.state, self.publisher.state = state, state.stream, state.publisher
-        if self.check is not None and state.check is not None:
-            self.check.state = state.check
-
     def take_position(self, pose: Pose, arrived: float, now: Now, *, answered: bool = False) -> None:
         """Update from its published pose. Raises BadMessage.
 
@@ -332,12 +326,6 @@ class Neighbourhood:
         self._feed_forward = controller.feed_forward and mission.law.feed_forward
         # without delay compensation a sensor's displacements are used unchanged
         self._as_measured = not controller.delay_compensation and local
-
-    def adopt(self, state: NeighbourhoodState) -> None:
-        """Continue from this state, of the same neighbours."""
-        self.state = state
-        for name, one in self.each.items():
-            one.adopt(state.each[name])
 
     @property
     def guides(self) -> tuple[str, ...]:

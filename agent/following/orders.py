@@ -78,10 +78,6 @@ class Orders:
         self._leader, self._votes = mission.leader, bool(mission.standbys)
         self._rate, self._expiry = mission.robots[mission.leader].rate, expiry(mission)
 
-    def adopt(self, state: OrdersState) -> None:
-        """Continue from this state."""
-        self.state, self.voter.state = state, state.voter
-
     @property
     def newest(self) -> Order | None:
         """The newest order of a leader that has been seen alive; None before the first."""

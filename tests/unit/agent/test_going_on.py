@@ -109,7 +109,7 @@ def test_others_stay_in_formation_when_one_cannot_follow(
         fleet.run(0.1)
         worst = max(worst, *(off(fleet)[other] for other in others))
     assert {fleet.agents[other].decision.state for other in others} == {AgentState.RUN}
-    assert fleet.agents[BEHIND[name]]._neighbours.guides == ("leader",)
+    assert fleet.agents[BEHIND[name]].neighbours.guides == ("leader",)
     assert fleet.status(BEHIND[name]).follows == ("leader",)
     # a blocked robot is believed until it is plain that it does not move
     assert worst < (0.35 if lose is blocked else 0.02)
@@ -124,7 +124,7 @@ def test_others_stay_in_formation_when_one_cannot_follow(
         worst = max(worst, *(off(fleet)[other] for other in others))
     assert worst < 0.02
     assert max(off(fleet).values()) < 0.02
-    assert fleet.agents[BEHIND[name]]._neighbours.guides == (name,)
+    assert fleet.agents[BEHIND[name]].neighbours.guides == (name,)
     assert most_sudden(fleet, since) < 0.25
 
 
@@ -132,8 +132,8 @@ def test_robot_with_second_neighbour_continues_without_unavailable_one() -> None
     fleet = under_way(SIX)
     fleet.ask("robot3", "hold")
     fleet.run(3.0)
-    assert fleet.agents["robot4"]._neighbours.guides == ("robot2",)
-    assert fleet.agents["robot5"]._neighbours.guides == ("robot4",)
+    assert fleet.agents["robot4"].neighbours.guides == ("robot2",)
+    assert fleet.agents["robot5"].neighbours.guides == ("robot4",)
     found = off(fleet)
     assert found.pop("robot3") > 0.5
     assert max(found.values()) < 0.02
@@ -228,13 +228,13 @@ def test_predicted_robots_hold_on_loss_and_resume_afterwards(mission: Mission, d
         foretold.holding
     )
     for name, guides in foretold.instead.items():
-        assert fleet.agents[name]._neighbours.guides == guides
+        assert fleet.agents[name].neighbours.guides == guides
     restore()
     fleet.run(2.0 * FAULT_FREE_TIME)
     assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
     assert not any(agent.state.availability.published for agent in fleet.agents.values())
     for name in mission.followers:
-        assert fleet.agents[name]._neighbours.guides == mission.robots[name].neighbours
+        assert fleet.agents[name].neighbours.guides == mission.robots[name].neighbours
 
 
 @pytest.mark.slow
@@ -253,7 +253,7 @@ def test_all_robots_resume_after_release_in_any_order(mission: Mission, data: st
     assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
     assert not any(agent.state.availability.published for agent in fleet.agents.values())
     for name in mission.followers:
-        assert fleet.agents[name]._neighbours.guides == mission.robots[name].neighbours
+        assert fleet.agents[name].neighbours.guides == mission.robots[name].neighbours
 
 
 @pytest.mark.slow
@@ -282,4 +282,4 @@ def test_forged_unavailability_stops_no_robot_with_another_neighbour() -> None:
     fleet.run(3.0)
     assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
     assert max(off(fleet).values()) < 0.02
-    assert fleet.agents["robot3"]._neighbours.guides == ("robot1",)
+    assert fleet.agents["robot3"].neighbours.guides == ("robot1",)

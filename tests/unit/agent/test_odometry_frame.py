@@ -178,7 +178,7 @@ def test_robots_that_count_from_their_start_come_into_formation(mission: Mission
     fleet = Fleet(mission)
     fleet.run(20.0)
     assert fleet.error() < 0.02
-    assert all(agent._here.state.jumps == 0 for agent in fleet.agents.values())
+    assert all(agent.here.state.jumps == 0 for agent in fleet.agents.values())
 
 
 @pytest.mark.parametrize("heading", ["observer", "measured"])
@@ -233,7 +233,7 @@ def test_lossy_odometry_while_turning_is_no_jump(
         () if sample.key == ODOM.key("robot1") and dice.random() < 0.6 else (sample,)
     )
     fleet.run(20.0)
-    assert fleet.agents["robot1"]._here.state.jumps == 0
+    assert fleet.agents["robot1"].here.state.jumps == 0
     fleet.meddle = lambda sample: (sample,)
     fleet.run(10.0)
     assert fleet.error() < 0.03

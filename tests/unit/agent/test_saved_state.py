@@ -74,7 +74,7 @@ def test_state_with_nan_in_stream_is_refused(where: str, caplog: pytest.LogCaptu
     here["stream"][where] = "NaN"
     team.drawers["robot3"].change("state", here=here)
     assert "a number in it is not finite" in news(team, caplog)
-    assert team.agents["robot3"]._here.stream.clock_agrees
+    assert team.agents["robot3"].here.stream.clock_agrees
 
 
 @pytest.mark.parametrize(
@@ -196,7 +196,7 @@ def test_the_integral_is_taken_over_only_while_it_means_something(gone: float) -
     team = lost(gone)
     kept = json.loads(team.drawers["robot3"].texts["state"])["integral"]
     team.begin("robot3")
-    while team.agents["robot3"]._here.stream.state.arrived is None:
+    while team.agents["robot3"].here.stream.state.arrived is None:
         team.run(0.001)
     integral = team.agents["robot3"].state.integral
     assert (integral == complex(*kept)) is (gone < MAX_INTEGRAL_AGE)
@@ -208,12 +208,12 @@ def test_realigned_odometry_persists_over_agent_death() -> None:
     team.run(8.0)
     team.world._hosted["robot3"].plant.reset_odometry()
     team.run(3.0)
-    assert team.agents["robot3"]._here.state.jumps == 1
+    assert team.agents["robot3"].here.state.jumps == 1
     team.lose("robot3", 1.0)
     team.begin("robot3")
     team.run(6.0)
     assert team.error() < 0.05
-    assert team.agents["robot3"]._here.realigned == 1
+    assert team.agents["robot3"].here.state.source.realigned == 1
 
 
 @pytest.mark.slow
@@ -236,7 +236,7 @@ def test_a_voted_term_survives_a_restart() -> None:
     team = lost(1.0)
     team.drawers["robot3"].change("state", voted_term=7)
     team.begin("robot3")
-    assert team.agents["robot3"]._orders.voter.state.voted_term == 7
+    assert team.agents["robot3"].orders.voter.state.voted_term == 7
 
 
 @pytest.mark.slow

@@ -42,7 +42,7 @@ def ordered(tuned: Tuned | None) -> Order:
 
 
 def in_force(fleet: Fleet) -> set[tuple[float, float]]:
-    return {(agent._tuning.state.k_p, agent._tuning.state.k_i) for agent in fleet.agents.values()}
+    return {(agent.tuning.state.k_p, agent.tuning.state.k_i) for agent in fleet.agents.values()}
 
 
 def some(k_p: float, k_i: float, law: str = "field") -> Tuning:
@@ -194,7 +194,7 @@ def test_restarted_agent_keeps_gains_and_integral() -> None:
     taken = restorer.meet([odometry], Now(odometry.arrived, EPOCH + odometry.arrived))
     assert taken is not None
     assert taken.news.startswith("goes on")
-    assert (after._tuning.state.k_p, after._tuning.state.k_i) == (2.5, 0.3)
+    assert (after.tuning.state.k_p, after.tuning.state.k_i) == (2.5, 0.3)
     assert after.state.integral != 0j
 
 

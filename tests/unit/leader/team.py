@@ -217,7 +217,7 @@ class Team:
         if len(self.leaders) != 1:
             return False
         led = self.leader(self.leaders[0])
-        orders = [self.agent(name)._orders for name in self.agents]
+        orders = [self.agent(name).orders for name in self.agents]
         return all(
             one.voter.state.voted_term == (led.term if self.mission.standbys else 0)
             and one.newest is not None
@@ -268,7 +268,7 @@ class Team:
                 process.disk = process.core.known if self.keeps else 0
 
     def _agent_steps(self, name: str, process: Process, agent: Agent, inbox: list[Sample]) -> None:
-        orders = agent._orders
+        orders = agent.orders
         before = orders.newest
         self._send(name, agent.step(process.now(self.true), inbox))
         if orders.newest is not None and orders.newest is not before:
@@ -279,8 +279,8 @@ class Team:
     def _check(self, name: str, process: Process) -> None:
         """What must hold after each turn."""
         if isinstance(process.core, Agent):
-            assert not process.stopped or process.core._latch.mode == "stop", f"{name} lost a stop"
-            newest = process.core._orders.newest
+            assert not process.stopped or process.core.latch.mode == "stop", f"{name} lost a stop"
+            newest = process.core.orders.newest
             assert newest is None or self.said[newest.term, newest.beat] == newest
             return
         assert not process.stopped or process.core.mode == "stop", f"{name} lost a stop"
