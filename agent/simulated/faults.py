@@ -23,8 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from formation.agent.simulated.moving import Disturbed, Moving
-from formation.agent.simulated.plant import Plant
+from formation.agent.simulated.plant import Disturbed, Moving, Plant
 from formation.control.unicycle import Command
 from formation.mission.model import Mission
 

@@ -15,9 +15,8 @@ from formation.agent.persistence.restore import Persistence
 from formation.agent.process import drive
 from formation.agent.simulated.faults import Fault as SensorFault
 from formation.agent.simulated.faults import with_faults
-from formation.agent.simulated.moving import Moving
-from formation.agent.simulated.process import host
-from formation.agent.simulated.simulated import World, kinematic
+from formation.agent.simulated.plant import Moving
+from formation.agent.simulated.simulated import World, host, kinematic
 from formation.agent.watchdog.core import Watchdog
 from formation.agent.watchdog.process import watch
 from formation.deploy.rehearsal.air import LOCAL_DELAY, Air, Weather
@@ -226,9 +225,9 @@ def _in_physics(mission: Mission, seed: int) -> Plants:
     """Return what makes all robots on one floor, with mass and wheels that slip."""
     # MuJoCo reads this when it is loaded: a rehearsal needs no renderer
     os.environ.setdefault("MUJOCO_GL", "disable")
-    from formation.agent.simulated.physics import wheeled, world  # noqa: PLC0415 - an optional package
+    from formation.agent.simulated.physics import world  # noqa: PLC0415 - an optional package
 
-    return partial(wheeled.wheeled, world.World(mission, seed))
+    return partial(world.wheeled, world.World(mission, seed))
 
 
 def _hosted_together(mission: Mission) -> list[tuple[str, ...]]:

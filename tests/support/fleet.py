@@ -19,8 +19,7 @@ import numpy as np
 
 from formation.agent.core import Agent
 from formation.agent.simulated.faults import Faulty
-from formation.agent.simulated.moving import Moving
-from formation.agent.simulated.plant import Plant
+from formation.agent.simulated.plant import Moving, Plant
 from formation.agent.simulated.simulated import World, kinematic
 from formation.leader.core import Leader
 from formation.mission.model import Mission
