@@ -1,85 +1,64 @@
-"""Compose a candidate's status from its parts."""
+"""Compose a candidate's status."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from formation.leader.operator_requests import Seat
 from formation.leader.plan import Plan
-from formation.protocol.order import Refusal, mixed
+from formation.protocol.election import REPORT_TIME
+from formation.protocol.order import mixed
 from formation.protocol.reasons import Code, Reason
-from formation.protocol.status import AnsweredRequest, LeaderState, LeaderStatus
+from formation.protocol.status import LeaderState, LeaderStatus
+from formation.wire import Now
+
+if TYPE_CHECKING:
+    from formation.leader.core import Leader
 
 
-class Report(NamedTuple):
-    """The parts of a status."""
-
-    name: str
-    seat: Seat
-    term: int
-    """Its own term if it leads, else the newest known."""
-    plan: Plan
-    mission: str
-    """The mission's fingerprint."""
-    refusals: Mapping[str, Refusal]
-    """Robots that refuse its term, and why."""
-    mixed: Mapping[str, str]
-    """Robots that run another mission, with its tag."""
-    tag: str
-    """Tag of its own mission."""
-    beat: int
-    late: int
-    """Number of periods without a position."""
-    dropped: Mapping[str, int]
-    requests: tuple[AnsweredRequest, ...]
-    """Recent operator requests."""
-    forgers: Mapping[str, tuple[int, str]] = MappingProxyType({})
-    """Robots that relayed forged orders lately: how many, and what was wrong with the newest."""
-
-
-def status(report: Report, ends: str = "") -> LeaderStatus:
+def status(leader: Leader, now: Now, ends: str = "") -> LeaderStatus:
     """Return the status; `ends` says why the process ends, if it does."""
-    seat, plan = report.seat, report.plan
+    seat, plan, forgers = leader.seat, leader.plan, leader.forgers(now.mono)
+    term = leader.term if leader.leads else leader.known
+    refusals = leader.candidacy.refusals(now.mono)
+    others = {robot: tag for robot, (tag, when) in leader.mixed.items() if now.mono - when <= REPORT_TIME}
+    if ends:
+        reason: Reason | None = Reason.of(Code.ENDED, cause=ends)
+    elif others:
+        reason = mixed(*next(iter(others.items())), leader.mission.tag)
+    elif refusals:
+        code = Code.TERM_AHEAD if "ahead" in refusals.values() else Code.TERM_EARLIER
+        reason = Reason.of(code, robots=tuple(refusals), term=term)
+    else:
+        reason = _why(plan) if seat.leads else _why_not(seat)
     return LeaderStatus(
-        robot=report.name,
+        robot=leader.name,
         state=LeaderState(seat.mode if seat.leads else seat.candidacy),
-        reason=Reason.of(Code.ENDED, cause=ends) if ends else _reason(report),
+        reason=reason,
         leads=seat.leads,
         leader=seat.leader,
-        term=report.term,
-        mission=report.mission,
-        requests=report.requests,
-        refused_by=report.refusals,
-        other_mission=report.mixed,
-        forged={robot: why for robot, (_, why) in report.forgers.items()},
-        forged_count={robot: count for robot, (count, _) in report.forgers.items()},
-        dropped=report.dropped,
-        **(_leading(report) if seat.leads else _latched(plan)),
+        term=term,
+        mission=leader.mission.fingerprint,
+        requests=leader.operator_requests.requests(),
+        refused_by=refusals,
+        other_mission=others,
+        forged={robot: why for robot, (_, why) in forgers.items()},
+        forged_count={robot: count for robot, (count, _) in forgers.items()},
+        dropped=leader.dropped,
+        **(_leading(leader) if seat.leads else _latched(plan)),
     )
 
 
-def _reason(report: Report) -> Reason | None:
-    """Return what keeps robots from following, or else the leader from going on; None if nothing does."""
-    if report.mixed:
-        return mixed(*next(iter(report.mixed.items())), report.tag)
-    if report.refusals:
-        ahead = "ahead" in report.refusals.values()
-        code = Code.TERM_AHEAD if ahead else Code.TERM_EARLIER
-        return Reason.of(code, robots=tuple(report.refusals), term=report.term)
-    return _why(report.plan) if report.seat.leads else _why_not(report.seat)
-
-
 def _why(plan: Plan) -> Reason | None:
+    """What keeps the leader from going on; None if nothing does."""
     if plan.team_mode.lost:
         return plan.team_mode.lost
     if (breach := plan.fenced) is not None:
         return Reason.of(
             Code.STOPPED_AT_BOUNDS, what=breach.what, axis=breach.axis, value=breach.value, limit=breach.limit
         )
-    if waits_for := _waits_for(plan):
-        return Reason.of(Code.WAITS, robots=waits_for)
+    if plan.waits_for:
+        return Reason.of(Code.WAITS, robots=plan.waits_for)
     return Reason(Code.ROUTE_ENDED) if plan.route_time >= plan.route.total else None
 
 
@@ -89,17 +68,12 @@ def _why_not(seat: Seat) -> Reason | None:
     return Reason.of(Code.OTHER_LEADS, robot=seat.leader) if seat.leader else Reason(Code.NO_LEADER)
 
 
-def _waits_for(plan: Plan) -> tuple[str, ...]:
-    stands = plan.team_mode.mode != "run" or plan.fenced is not None
-    return () if stands else plan.cohesion.waits_for
-
-
-def _leading(report: Report) -> dict[str, Any]:
-    plan = report.plan
+def _leading(leader: Leader) -> dict[str, Any]:
+    plan = leader.plan
     placed_shape, gains = plan.shape_transition.placed_shape, plan.gains
     return {
         "at_bounds": plan.fenced is not None,
-        "waits_for": _waits_for(plan),
+        "waits_for": plan.waits_for,
         "shape": plan.shape_transition.wish.shape,
         "share": {shape: round(share, 4) for shape, share in placed_shape.mix if share > 0.0},
         "rotation": round(placed_shape.rotation, 6),
@@ -110,8 +84,8 @@ def _leading(report: Report) -> dict[str, Any]:
         "route": plan.route.id,
         "route_time": round(plan.route_time, 3),
         "pace": round(plan.pace, 2),
-        "beat": report.beat,
-        "late": report.late,
+        "beat": leader.beat,
+        "late": leader.rate.missed,
     }
 
 

@@ -62,7 +62,7 @@ class AgentFiles:
 
 
 class CandidateTerms:
-    """The term file of one candidate: a `formation.leader.terms.TermFile`."""
+    """The term file of one candidate: in place of `formation.leader.process.Terms`."""
 
     def __init__(self, disk: Disk, name: str) -> None:
         self.is_open = True

@@ -136,7 +136,7 @@ class Fleet:
         process = self._process(f"leader {name}", name)
         process.plug(self._fleet_port(process), None)
         self.candidates[name] = leader, process
-        process.play(lead(leader, process, None, terms))
+        process.play(lead(leader, process, None, terms.save))
 
     def start_monitor(self, recorder: Recorder | None) -> None:
         """Start the monitor, which records with `recorder`."""

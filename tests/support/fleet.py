@@ -209,8 +209,8 @@ class Fleet:
             name
             for name, one in self.candidates.items()
             if self.nodes[name].alive
-            and one._candidacy.leading
-            and (not self.mission.standbys or self.now < one._candidacy._lease)
+            and one.candidacy.leading
+            and (not self.mission.standbys or self.now < one.candidacy._lease)
         ]
 
     @property

@@ -129,10 +129,10 @@ def test_thawed_leader_publishes_no_order(fleet: Fleet) -> None:
     fleet.freeze("leader")
     fleet.run(3.0)
     assert fleet.leaders == ["deputy"]
-    result = fleet.leader._beat
+    result = fleet.leader.beat
     fleet.thaw("leader")
     fleet.run(2.0)
-    assert fleet.leader._beat == result
+    assert fleet.leader.beat == result
     assert fleet.leaders == ["deputy"]
     assert {fleet.status(name).state for name in fleet.agents} == {"run"}
 

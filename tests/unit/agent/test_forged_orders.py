@@ -116,7 +116,7 @@ def test_forged_order_moves_no_robot_and_names_the_forger(forgery: Forgery) -> N
         assert f"{INSIDER} relayed forged orders" in fleet.message(name)
     for name in ("r1", "r4"):
         assert "forged" not in fleet.message(name)
-    assert INSIDER in fleet.leader._forgeries.lately(fleet.now)
+    assert INSIDER in fleet.leader.forgers(fleet.now)
 
 
 @pytest.mark.parametrize("forgery", [unsigned, other_gains])
@@ -303,7 +303,7 @@ def test_signed_fleet_forms_and_goes_on_through_a_renewal() -> None:
     assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
     fleet.run(8.0)
     assert fleet.error() < 0.05
-    assert not fleet.leader._forgeries.lately(fleet.now)
+    assert not fleet.leader.forgers(fleet.now)
     assert not any(agent.orders.forgers(Now(fleet.now, EPOCH + fleet.now)) for agent in fleet.agents.values())
 
 

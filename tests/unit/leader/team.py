@@ -159,7 +159,7 @@ class Team:
 
     def stand(self, name: str) -> None:
         """A standby stands though it has not waited."""
-        process, candidacy = self.processes[name], self.leader(name)._candidacy
+        process, candidacy = self.processes[name], self.leader(name).candidacy
         if process.alive and not process.frozen and candidacy.state == "standby":
             now = process.now(self.true)
             candidacy._begin(now)
@@ -236,7 +236,7 @@ class Team:
         return Agent(mission, name.removesuffix(TWIN), publisher_id=publisher_id, readonly=readonly)
 
     def _in_lease(self, name: str) -> bool:
-        process, candidacy = self.processes[name], self.leader(name)._candidacy
+        process, candidacy = self.processes[name], self.leader(name).candidacy
         return (
             process.alive
             and candidacy.leading
