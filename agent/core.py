@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 from itertools import chain
 
 from formation.agent.collision_filter import Avoiding, AvoidingState
-from formation.agent.following.answers import Answers, AnswersState
-from formation.agent.following.availability import Availability
+from formation.agent.following.attachment import Answers, AnswersState, Availability
 from formation.agent.following.gains import Tuning, TuningState
 from formation.agent.following.neighbours import Neighbour, Neighbourhood, NeighbourhoodState
 from formation.agent.following.orders import Orders, OrdersState

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from formation.agent.collision_filter import Avoiding
-from formation.agent.following.answers import Answers
+from formation.agent.following.attachment import Answers
 from formation.agent.following.neighbours import Neighbour, Neighbourhood
 from formation.agent.following.orders import Orders
 from formation.agent.pose.estimator import Localisation

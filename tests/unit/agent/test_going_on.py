@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from formation.agent.following import availability
-from formation.agent.following.availability import FAULT_FREE_TIME
+from formation.agent.following import attachment
+from formation.agent.following.attachment import FAULT_FREE_TIME
 from formation.control.unicycle import AT_REST, Command
 from formation.mission.file import load
 from formation.mission.model import Collisions, Mission
@@ -204,7 +204,7 @@ def test_robot_off_slot_counts_as_available_after_patience(
     fleet = under_way()
     fleet.ask("robot1", "hold")
     fleet.run(1.0)
-    monkeypatch.setattr(availability, "FOLLOWING_EDGE_ERROR", -1.0)
+    monkeypatch.setattr(attachment, "FOLLOWING_EDGE_ERROR", -1.0)
     fleet.ask("robot1", "run")
     fleet.run(FAULT_FREE_TIME - 1.0)
     assert fleet.agents["robot1"].state.availability.published

@@ -13,7 +13,7 @@ from formation.agent.core import Agent
 from formation.agent.persistence.restore import Persistence
 from formation.agent.persistence.store import Store
 from formation.agent.process import REFUSED_PERIOD, Sides
-from formation.agent.safety.alive import FAREWELL
+from formation.agent.safety.commander import FAREWELL
 from formation.agent.status import Surroundings
 from formation.mission.file import load, parse, read
 from formation.mission.model import Mission

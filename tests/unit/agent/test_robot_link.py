@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from formation.agent.core import Agent
-from formation.agent.safety.alive import FAREWELL
+from formation.agent.safety.commander import FAREWELL
 from formation.agent.status import Surroundings
 from formation.control.laws import LAWS
 from formation.control.unicycle import Command, advance
