@@ -374,7 +374,6 @@ class Agent:
 
     @property
     def _drives(self) -> bool:
-        """Whether the robot is to move now."""
         return self.decision.state is AgentState.RUN or (self.decision.probes and self._probe.moves)
 
     def _watch_motion(self, arrived: float) -> None:

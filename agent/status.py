@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
-from formation.agent.following.neighbours import other_missions, unanswered
 from formation.agent.safety.failsafe import Facts
 from formation.protocol.reasons import Reason
 from formation.protocol.status import AgentState, AgentStatus, CollisionMode, RobotLink
@@ -67,7 +66,7 @@ def facts(agent: Agent, now: Now) -> Facts:
         neighbours=around.silences(now),
         followed=len(around.guides),
         not_followed=() if around.guides else around.not_followed(now),
-        unanswered=unanswered(agent.others, now),
+        unanswered={one.name: late for one in agent.others if (late := one.unanswered(now)) is not None},
         relative_doubt=_relative_doubt(agent, now),
         unsigned=agent.orders.unsigned(now),
         leaderless=not around.guides and around.leaderless(now),
@@ -76,7 +75,7 @@ def facts(agent: Agent, now: Now) -> Facts:
         finite=state.finite,
         rival=now.mono - state.rival <= max(RIVAL_HOLD_TIME, here.stream.limit),
         mission=agent.mission.tag,
-        other_missions=other_missions(agent.others, now),
+        other_missions=_other_missions(agent, now),
         scan_silence=0.0 if scanner is None else scanner.silence(now),
         scan_limit=math.inf if scanner is None else scanner.stream.limit,
         scan_doubt=scanner.doubt if scanner is not None and scanner.required else None,
@@ -88,6 +87,10 @@ def _relative_doubt(agent: Agent, now: Now) -> Reason | None:
     around, avoids = agent.neighbours, agent.avoiding.avoids
     doubts = around.doubts(now)
     return next((why for name, why in doubts.items() if not around.guides or name in avoids), None)
+
+
+def _other_missions(agent: Agent, now: Now) -> dict[str, str]:
+    return {one.name: tag for one in agent.others if (tag := one.other_mission(now)) is not None}
 
 
 def status(agent: Agent, now: Now) -> AgentStatus:
@@ -143,7 +146,7 @@ def status(agent: Agent, now: Now) -> AgentStatus:
         },
         contested=tuple(around.contested(now)),
         forged=agent.orders.forgers(now),
-        other_mission=other_missions(agent.others, now),
+        other_mission=_other_missions(agent, now),
         refused=surroundings.refused,
         dropped=dict(agent.dropped),
         dropped_last=agent.inbox.state.last_dropped,

@@ -359,7 +359,6 @@ class Leader:
         return not self._newest_stale and now.mono - self._newest_rose <= expiry(self.mission)
 
     def _continue(self, newest: Order, *, under_way: bool) -> None:
-        """Go on from this order."""
         if self._anew and self._terms_led == 1:
             self.plan.team_mode.inherit_stop(newest)
         else:

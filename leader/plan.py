@@ -237,7 +237,6 @@ class Plan:
         return Result(*self._change_shape(request))
 
     def _set_out(self, request: OperatorRequest) -> tuple[bool, str]:
-        """Start another route from the current place."""
         why = intent.refusal(self._mission, request, self.wanted)
         if why is not None:
             return False, why

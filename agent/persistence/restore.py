@@ -281,7 +281,6 @@ class Restorer:
 
 
 def _described(error: Exception) -> str:
-    """Why something cannot be restored, in one line."""
     if isinstance(error, ValidationError):
         return explained(error)[:200]
     kind = "" if isinstance(error, BadStateError) else f"{type(error).__name__}: "

@@ -73,7 +73,6 @@ _LEAVES: Mapping[Any, CoreSchema] = {
 
 @cache
 def _schema(of: Any) -> CoreSchema:
-    """The schema of one annotation."""
     if of in _LEAVES:
         return _LEAVES[of]
     origin, args = get_origin(of), get_args(of)

@@ -277,7 +277,6 @@ class Localisation:
         raise TypeError(f"a robot localised by {self._source.name} takes no {type(message).__name__}")
 
     def _forget_jump(self, elapsed: float) -> None:
-        """Forget a jump after the time that silence may last."""
         self.state.calm += elapsed
         if self.state.calm > self.stream.limit:
             self.state.jumped = None

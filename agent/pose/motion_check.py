@@ -290,7 +290,6 @@ class MotionCheck:
                 self.state.doubt = Disagreement(MotionFault.LATE, limit, delay, 0.0)
 
     def _begin(self, moment: float, models: Sequence[Modelled]) -> None:
-        """Begin all legs here."""
         self._position.begin(moment, [one.position for one in models], models[HALF_DELAY_INDEX].path)
         self._heading.begin(moment, [complex(one.turn) for one in models], models[HALF_DELAY_INDEX].turning)
         self._begin_window(moment, models)

@@ -151,7 +151,6 @@ class World:
         return np.where((hit >= 0) & (far <= farthest), far, np.inf)
 
     def _find(self, names: tuple[str, ...]) -> None:
-        """Find the robots in MuJoCo's arrays."""
         model, sides = self.model, ("left", "right")
         joints = [[model.joint(f"{name}/{side}") for side in sides] for name in names]
         self._bodies = np.array([model.body(f"{name}/base").id for name in names])
