@@ -165,16 +165,6 @@ class Leader:
         return self.plan.team_mode.rest.mode or (self._newest.mode if self._newest else "hold")
 
     @property
-    def shape(self) -> str:
-        """The shape last requested."""
-        return self.plan.shape_transition.wish.shape
-
-    @property
-    def placed_shape(self) -> PlacedShape:
-        """Where the slots are."""
-        return self.plan.shape_transition.placed_shape
-
-    @property
     def wanted(self) -> PlacedShape:
         """Where the slots will be in the end if the leader goes straight on."""
         wanted = self.plan.wanted

@@ -13,6 +13,7 @@ from typing import Literal
 from formation.leader.cohesion import Cohesion
 from formation.leader.route import NamedRoute
 from formation.leader.shape_transition import ShapeTransition, Wish
+from formation.mission.legs import Straight
 from formation.mission.model import Mission
 from formation.protocol.order import Mode, OperatorRequest, Order, Slots, Tuned
 from formation.protocol.reasons import Code, Reason
@@ -245,7 +246,8 @@ class Plan:
         if request.legs is not None:
             route = NamedRoute.ordered(request.legs, start, heading)
         elif request.speed is not None and request.degrees is not None:
-            route = NamedRoute.endless(request.speed, request.degrees, start, heading)
+            leg = Straight(speed=request.speed, heading_deg=request.degrees)
+            route = NamedRoute.ordered((leg,), start, heading)
         placed_shapes = (self.wanted, self._turned_back(self.shape_transition.placed_shape))
         why, notice = intent.leaves(self._fence, route.geometry, placed_shapes, heading)
         if why is not None:

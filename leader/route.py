@@ -15,7 +15,7 @@ from typing import Annotated, Self
 
 from pydantic import BaseModel, ConfigDict, StringConstraints, ValidationError
 
-from formation.mission.legs import Leg, Straight
+from formation.mission.legs import Leg
 from formation.mission.model import Mission
 from formation.mission.route import Route
 from formation.protocol.order import Legs, Number, Place
@@ -70,11 +70,6 @@ class NamedRoute:
         place = place_of(start, heading)
         message = _RouteMessage(id="0" * 12, x=place.x, y=place.y, heading=place.heading, legs=tuple(legs))
         return cls._of(message.model_copy(update={"id": message.name}))
-
-    @classmethod
-    def endless(cls, speed: float, degrees: float, start: complex, heading: complex) -> Self:
-        """Return an endless straight route at `speed` [m/s] in the direction `degrees` [world frame]."""
-        return cls.ordered((Straight(speed=speed, heading_deg=degrees),), start, heading)
 
     @classmethod
     def standing(cls, name: str, place: Place) -> Self:

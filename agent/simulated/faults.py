@@ -159,10 +159,6 @@ class Faulty:
         """Centre [m] and heading as a camera above sees them [world frame]."""
         return self._sensed("camera", self.plant.seen())
 
-    def reset_odometry(self) -> None:
-        """Restart odometry at the present pose."""
-        self.plant.reset_odometry()
-
     def cast(self, at: complex, heading: complex, beams: int, farthest: float) -> None:
         """Return None: the plant does not know its surroundings."""
 

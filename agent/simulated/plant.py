@@ -71,9 +71,6 @@ class Moving(Protocol):
     def seen(self) -> tuple[complex, complex]:
         """Centre [m] and heading as a camera above sees them [world frame]; each call is a new sample."""
 
-    def reset_odometry(self) -> None:
-        """Restart odometry at the present pose, as a TurtleBot3's `reset_odometry` does."""
-
     def cast(self, at: complex, heading: complex, beams: int, farthest: float) -> Sequence[float] | None:
         """Ranges of the beams of a scanner on this robot [m], or None if its surroundings are unknown.
 
@@ -167,10 +164,6 @@ class Plant:
 
     def cast(self, at: complex, heading: complex, beams: int, farthest: float) -> None:
         """Return None: the plant does not know its surroundings."""
-
-    def reset_odometry(self) -> None:
-        """Restart odometry at the present pose, as a TurtleBot3's `reset_odometry` does."""
-        self._counts_from = self._believed, self.heading
 
     @property
     def _believed(self) -> complex:

@@ -7,7 +7,6 @@ the recording, or shortly after. The only clock is that of the recorder, as the 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -235,17 +234,3 @@ def _may_be_received(key: str) -> bool:
         return address(key).topic in _INPUTS
     except ValueError:
         return False
-
-
-def verify(
-    mission: Mission,
-    messages: Iterable[tuple[Sample, float]],
-    law: str | None = None,
-    tolerance: float = COMMAND_TOLERANCE,
-) -> dict[str, Verdict]:
-    """Return each robot's verdict; `messages` with times [s, recorder's clock], in recorded order."""
-    verification = Verification(mission, law, tolerance)
-    for sample, wall in messages:
-        verification.process_sample(sample, wall)
-    verification.close()
-    return verification.verdicts

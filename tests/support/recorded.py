@@ -10,7 +10,8 @@ from typing import Any
 from formation.agent.core import Agent
 from formation.agent.persistence.restore import Persistence
 from formation.agent.process import Sides
-from formation.agent.verify.core import Verdict
+from formation.agent.verify.core import COMMAND_TOLERANCE, Verdict, Verification
+from formation.mission.model import Mission
 from formation.protocol.order import OperatorReply, OperatorRequest, decode, encode
 from formation.topics import POSITION, Topic
 from formation.transport.runtime.process import clocks
@@ -126,3 +127,17 @@ class RecordedFleet(Fleet):
 def all_alike(verdicts: dict[str, Verdict]) -> bool:
     """Whether every command of everybody was computed again to the last bit."""
     return all(one.exact == one.compared == one.commands > 0 for one in verdicts.values())
+
+
+def verify(
+    mission: Mission,
+    messages: Iterable[tuple[Sample, float]],
+    law: str | None = None,
+    tolerance: float = COMMAND_TOLERANCE,
+) -> dict[str, Verdict]:
+    """Return each robot's verdict; `messages` with times [s, recorder's clock], in recorded order."""
+    verification = Verification(mission, law, tolerance)
+    for sample, wall in messages:
+        verification.process_sample(sample, wall)
+    verification.close()
+    return verification.verdicts

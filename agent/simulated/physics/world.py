@@ -67,8 +67,6 @@ class World:
         """
         names, count = mission.followers, len(mission.followers)
         self.robots = names
-        self.time = 0.0
-        """Simulated time [s]."""
         self._body = Body.of(mission.simulated_robot)
         is_burger = mission.simulated_robot.profile == "turtlebot3_burger"
         specs = [mission.robots[name] for name in names]
@@ -114,7 +112,6 @@ class World:
         """Simulate `dt` [s]; robots without a new command keep their last. Return all states."""
         for name, command in commands.items():
             self._obey(self.robots.index(name), command)
-        self.time += max(dt, 0.0)
         self._left += max(dt, 0.0)
         steps = math.floor(self._left / STEP_TIME + 1e-9)
         for _ in range(steps):
@@ -291,10 +288,6 @@ class Wheeled:
         """Ranges of the beams of a scanner on this robot [m]; infinite where nothing is hit."""
         found: list[float] = self._floor.world.scan(self._robot, at, heading, beams, farthest).tolist()
         return found
-
-    def reset_odometry(self) -> None:
-        """Restart odometry at the present pose, as a TurtleBot3's `reset_odometry` does."""
-        self._origin, self._axis = self._state.counted_position, self._state.counted_heading
 
     @property
     def _state(self) -> BodyState:

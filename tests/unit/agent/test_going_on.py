@@ -39,7 +39,7 @@ def under_way(mission: Mission = PATROL, seconds: float = 9.0) -> Fleet:
 def off(fleet: Fleet) -> dict[str, float]:
     """How far each robot really is from its slot behind the leader [m]."""
     leader, *points = fleet.points()
-    slots = fleet.leader.placed_shape.slots(fleet.mission)[1:]
+    slots = fleet.leader.plan.shape_transition.placed_shape.slots(fleet.mission)[1:]
     followers = fleet.mission.followers
     return {n: abs(point - leader - slot) for n, point, slot in zip(followers, points, slots, strict=True)}
 

@@ -23,6 +23,7 @@ from formation.wire import Sample
 from tests.support.missions import with_robots
 from tests.support.recorded import Wire
 from tests.support.restarting import Team, driving, turning_back
+from tests.support.sensing import reset_odometry
 
 SIX = load("six_robots")
 
@@ -206,7 +207,7 @@ def test_the_integral_is_taken_over_only_while_it_means_something(gone: float) -
 def test_realigned_odometry_persists_over_agent_death() -> None:
     team = Team(turning_back(odometry_frame="start"))
     team.run(8.0)
-    team.world._hosted["robot3"].plant.reset_odometry()
+    reset_odometry(team.world._hosted["robot3"].plant)
     team.run(3.0)
     assert team.agents["robot3"].here.state.jumps == 1
     team.lose("robot3", 1.0)
@@ -225,7 +226,7 @@ def test_odometry_reset_without_agent_restores_approximate_position(
     team = Team(turning_back(odometry_frame="start"))
     team.run(8.0)
     team.lose("robot3", 1.0)
-    team.world._hosted["robot3"].plant.reset_odometry()
+    reset_odometry(team.world._hosted["robot3"].plant)
     team.run(0.5)
     team.begin("robot3", empty=empty)
     team.run(6.0)

@@ -15,7 +15,6 @@ from formation.agent.following.gains import INTEGRAL_RATE_RATIO, MAX_GAIN_RATE, 
 from formation.agent.following.gains import MAX_COMMAND_STEP_SHARE as MOST
 from formation.agent.following.orders import Orders
 from formation.agent.persistence.restore import Restorer
-from formation.agent.verify.core import verify
 from formation.control.controller import Measured
 from formation.control.laws import LAWS
 from formation.mission.file import load
@@ -24,7 +23,7 @@ from formation.protocol.order import Order, Tuned, decode
 from formation.topics import ODOM
 from formation.wire import BadMessage, Now, Sample
 from tests.support.fleet import EPOCH, Fleet
-from tests.support.recorded import RecordedFleet, all_alike
+from tests.support.recorded import RecordedFleet, all_alike, verify
 from tests.support.tuned import changed, limited, tune
 from tests.unit.agent.sudden import most_sudden
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from formation.agent.core import Agent
 from formation.agent.verify import core, replica
-from formation.agent.verify.core import MAX_INPUT_DELAY, MOST_STRETCHES, Verdict, Verification, verify
+from formation.agent.verify.core import MAX_INPUT_DELAY, MOST_STRETCHES, Verdict, Verification
 from formation.control.laws import LAWS
 from formation.mission.file import load, parse, read
 from formation.mission.model import Mission
@@ -23,7 +23,7 @@ from formation.ros2.messages import Twist, encode
 from formation.topics import BALLOT, CMD_VEL, ODOM, POSITION, SCAN
 from formation.wire import Now, Sample
 from tests.support.missions import with_robots
-from tests.support.recorded import RecordedFleet, Recording, all_alike
+from tests.support.recorded import RecordedFleet, Recording, all_alike, verify
 
 SIX, PAIR, CHAINS = load("six_robots"), load("turtlebot3_pair"), load("two_chains")
 POSTS = load("posts")

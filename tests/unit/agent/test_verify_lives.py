@@ -7,13 +7,12 @@ from typing import Any
 import pytest
 
 from formation.agent.core import Agent
-from formation.agent.verify.core import verify
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.protocol.order import MAX_REQUEST_BYTES
 from formation.wire import Now
 from tests.support.missions import with_robots
-from tests.support.recorded import Looped, RecordedFleet, all_alike
+from tests.support.recorded import Looped, RecordedFleet, all_alike, verify
 
 SIX, PAIR = load("six_robots"), load("turtlebot3_pair")
 

@@ -220,7 +220,7 @@ def test_a_route_of_another_mission_file_is_not_gone_on_with(mission: Mission) -
 def test_an_order_of_unknown_shapes_is_not_gone_on_with(mission: Mission) -> None:
     leader = restarted(mission, Order(term=TERM, beat=9, mode="run", shape="star", time=5.0), 5.0)
     assert leader.leads
-    assert (leader.shape, leader.route_time) == ("line", 0.0)
+    assert (leader.plan.shape_transition.wish.shape, leader.route_time) == ("line", 0.0)
     assert leader.dropped == {"bob/position": 1}
 
 
