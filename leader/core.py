@@ -19,10 +19,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from formation.leader.candidacy import Candidacy, linked
-from formation.leader.operator_requests import OperatorRequests, Seat
 from formation.leader.plan import Plan
+from formation.leader.reports import OperatorRequests, Seat, status
 from formation.leader.route import NamedRoute
-from formation.leader.status import status
 from formation.mission.model import Mission
 from formation.protocol import order
 from formation.protocol.election import begun, expiry, rank_of, without_absurd_terms

@@ -16,7 +16,8 @@ import json
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from pathlib import Path
+from typing import Literal, NamedTuple, Protocol
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -33,7 +34,6 @@ from formation.agent.persistence.state import (
     overwrite,
     restore,
 )
-from formation.agent.persistence.store import StateFiles
 from formation.agent.pose.estimator import Localisation, LocalisationState
 from formation.agent.pose.sources import ExternalPoseState
 from formation.agent.safety.latch import LatchState
@@ -304,10 +304,25 @@ def _anew(why: str) -> Taken:
     return Taken(None, f"starts without the saved state: {why}")
 
 
+class _Files(Protocol):
+    """What is used of a `Store`; a rehearsal has its own."""
+
+    @property
+    def stops(self) -> Path: ...
+    @property
+    def failure(self) -> str: ...
+    def written(self, patience: float) -> bool: ...
+    def write_stops(self, stops: Json) -> None: ...
+    def write_state(self, state: Json) -> None: ...
+    def read_stops(self) -> bytes | None: ...
+    def read_state(self) -> bytes | None: ...
+    def set_state_aside(self) -> Path | None: ...
+
+
 class Persistence:
     """Connects one agent with the folder of its saved state."""
 
-    def __init__(self, agent: Agent, store: StateFiles, boot: str) -> None:
+    def __init__(self, agent: Agent, store: _Files, boot: str) -> None:
         """`boot` is the id of the time since this machine was switched on; empty if unknown."""
         self._restorer, self._store = Restorer(agent, boot), store
         self._due = float("-inf")  # [s, monotonic]

@@ -18,7 +18,7 @@ class Disk:
 
 
 class AgentFiles:
-    """The files of one agent: a `formation.agent.persistence.store.StateFiles`."""
+    """The files of one agent, in place of `formation.agent.persistence.store.Store`."""
 
     def __init__(self, disk: Disk, robot: str) -> None:
         self.stops = Path(f"{robot}.stops.json")
