@@ -68,9 +68,7 @@ def _run(args: argparse.Namespace, stop: Stop) -> None:
     robot = robot_bus(args, mission, name, NODE)
     with Process(f"agent {name}", args, config, stop, robot) as process, _store(args.state, name) as state:
         persistence = None if state is None else Persistence(agent, state, boot_id())
-        process.play(
-            drive(agent, process, readonly=args.readonly, persistence=persistence, verifier=verifier)
-        )
+        process.play(drive(agent, process, persistence=persistence, verifier=verifier))
 
 
 @contextmanager

@@ -112,7 +112,7 @@ class Fleet:
         process = self._process(f"agent {name}", name)
         process.plug(self._fleet_port(process), self._robot_port(process, name))
         self.agents[name] = agent, process
-        process.play(drive(agent, process, readonly=False, persistence=Persistence(agent, files, BOOT)))
+        process.play(drive(agent, process, persistence=Persistence(agent, files, BOOT)))
 
     def start_rival(self, name: str) -> None:
         """Start a second agent of a robot, which has no disk."""
@@ -120,7 +120,7 @@ class Fleet:
         process.plug(self._fleet_port(process), self._robot_port(process, name))
         agent = Agent(self.mission, name, publisher_id=self._publisher_id(name))
         self.rivals[name] = process
-        process.play(drive(agent, process, readonly=False))
+        process.play(drive(agent, process))
 
     def start_watchdog(self, name: str) -> None:
         """Start the watchdog of a robot."""

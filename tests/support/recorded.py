@@ -52,14 +52,13 @@ class Looped:
         agent: Agent,
         record: Recording,
         *,
-        readonly: bool = False,
         persistence: Persistence | None = None,
         clock: Callable[[], Now] = clocks,
     ) -> None:
         self.agent, self.record = agent, record
         self.fleet, self.robot = Wire(), Wire()
         process: Any = SimpleNamespace(bus=self.fleet, robot=self.robot, clock=clock)
-        self.sides = Sides(agent, process, readonly=readonly, persistence=persistence)
+        self.sides = Sides(agent, process, persistence=persistence)
         self.sides.declare()
         self.publications, self.subscriptions = agent.publications, agent.subscriptions
         self.dropped = agent.dropped

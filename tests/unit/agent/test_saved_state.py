@@ -142,7 +142,7 @@ def test_a_loop_that_fails_says_so_to_what_is_kept(monkeypatch: pytest.MonkeyPat
     )
     process: Any = SimpleNamespace(bus=bus, robot=wire, ready=lambda *_: None, loop=loop, clock=clocks)
     with pytest.raises(OverflowError):
-        list(drive(Agent(SIX, "robot3", publisher_id="a"), process, readonly=False))
+        list(drive(Agent(SIX, "robot3", publisher_id="a"), process))
     assert len(failed) == 1
 
 

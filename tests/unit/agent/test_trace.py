@@ -62,7 +62,7 @@ class Setting:
     def __init__(self, agent: Agent | None = None, *, readonly: bool = False) -> None:
         self.agent = agent or Agent(SIX, "robot3", publisher_id="abc", readonly=readonly)
         self.record: Recording = []
-        self.loop = Looped(self.agent, self.record, readonly=readonly)
+        self.loop = Looped(self.agent, self.record)
 
     def turn(self, mono: float, *inbox: Sample) -> Any:
         """The trace of the command that this step led to; None if it led to none, or has none."""

@@ -103,6 +103,6 @@ def test_an_agent_that_moves_nothing_is_verified_as_well(mission: Mission) -> No
     fleet = RecordedFleet(mission)
     name = mission.followers[0]
     agent = Agent(mission, name, readonly=True, publisher_id="looks")
-    fleet.nodes[name].core = Looped(agent, fleet.record, readonly=True)
+    fleet.nodes[name].core = Looped(agent, fleet.record)
     fleet.run(6.0)
     assert all_alike(verify(mission, fleet.record))
