@@ -430,14 +430,8 @@ class Leader:
             publisher_id=publisher_id, count=self._count, order=self._newest, mission=self.mission.tag
         )
         if self._signer is not None and certify and self._certificate_rate.tick(now.mono):
-            certificate = self._signer.certificate
-            attachment = PositionAttachment(
-                publisher_id=publisher_id,
-                count=self._count,
-                certificate=certificate,
-                term=self.term,
-                mission=self.mission.tag,
-            )
+            replaced = {"order": None, "certificate": self._signer.certificate, "term": self.term}
+            attachment = attachment.model_copy(update=replaced)
         elif self._signer is not None:
             text = order.encode(self._newest).decode()
             signature = self._signer.sign(order.statement(self.mission.fingerprint, text))

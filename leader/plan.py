@@ -126,7 +126,7 @@ class Plan:
 
     def where(self, ahead: float = 0.0) -> complex:
         """Return the leader's position [m; world frame] `ahead` [s] after the newest step if it runs on."""
-        return self.route.position(self.route_time + self.pace * ahead)
+        return self.route.where(self.route_time + self.pace * ahead)
 
     @property
     def pace(self) -> float:
@@ -168,7 +168,7 @@ class Plan:
     def _fenced(self, dt: float) -> Breach | None:
         """Return what would leave the bounds in `dt` [s] and `BOUNDS_STOP_TIME` more."""
         time = self.route_time + dt + BOUNDS_STOP_TIME
-        here, there = self.where(), self.route.position(time)
+        here, there = self.where(), self.route.where(time)
         placed_shape, wish = self.shape_transition.placed_shape, self.shape_transition.wish
         if here == there or self._fence.clear_of(there, max(placed_shape.scale, wish.scale)):
             return None
@@ -183,7 +183,7 @@ class Plan:
         self._routes[route.id] = route
         while len(self._routes) > MAX_ROUTES:
             del self._routes[next(name for name in self._routes if name)]
-        if self.route.known or route.id != self.route.id or not route.id:
+        if self.route.legs or route.id != self.route.id or not route.id:
             return False
         self.route, self.team_mode.lost = route, None
         return True
@@ -195,7 +195,7 @@ class Plan:
         route = self._routes.get(order.route)
         there = None if order.place is None else complex(order.place.x, order.place.y)
         if route is not None and (
-            there is None or abs(route.position(order.time) - there) <= MAX_ROUTE_DISTANCE
+            there is None or abs(route.where(order.time) - there) <= MAX_ROUTE_DISTANCE
         ):
             self.route = route
         elif order.place is not None:
@@ -249,7 +249,7 @@ class Plan:
             leg = Straight(speed=request.speed, heading_deg=request.degrees)
             route = NamedRoute.ordered((leg,), start, heading)
         placed_shapes = (self.wanted, self._turned_back(self.shape_transition.placed_shape))
-        why, notice = intent.leaves(self._fence, route.geometry, placed_shapes, heading)
+        why, notice = intent.leaves(self._fence, route, placed_shapes, heading)
         if why is not None:
             return False, why
         self.route = route
@@ -316,7 +316,7 @@ class Plan:
         """Return why a shape leaves the bounds on the rest of a finite route; None if it does not."""
         if math.isinf(self.route.total):
             return None
-        route, heading, since = self.route.geometry, self.route.heading(self.route_time), self.route_time
+        route, heading, since = self.route, self.route.heading(self.route_time), self.route_time
         before, _ = intent.leaves(self._fence, route, (self.wanted,), heading, since)
         why, _ = intent.leaves(self._fence, route, (placed_shape,), heading, since)
         return None if before else why
