@@ -337,7 +337,7 @@ class Agent:
         self.state.finite = outcome.finite
         if not outcome.finite:
             return self._not_finite(now)
-        self.state.availability.drove(abs(error(heading, what)) / what.count)
+        self.state.availability.error = abs(error(heading, what)) / what.count
         if not self.readonly:  # the integral of a robot that does not move would only grow
             self.state.integral = state.integral
         return self._driven(now, state, outcome)
@@ -420,7 +420,7 @@ class Agent:
         """Pass the newest command to the models of the robot."""
         if not self.readonly:
             self.here.commanded(now.mono, self.commander.state.newest)
-            self.motion.commanded(now.mono, self.commander.state.newest)
+            self.motion.model.commanded(now.mono, self.commander.state.newest)
             if self.avoiding.scanner is not None and self._spec.localisation != "odometry":
                 self.avoiding.scanner.commanded(now.mono, self.commander.state.newest)
         return outbox

@@ -58,7 +58,7 @@ def facts(agent: Agent, now: Now) -> Facts:
         outside=state.outside,
         beyond=() if around.guides else around.beyond,
         too_old=here.state.trust.held,
-        age=here.age,
+        age=here.stream.age_on_arrival,
         age_limit=here.state.age_limit,
         follows=here.state.follows,
         order=agent.orders.newest,

@@ -97,10 +97,6 @@ class Availability:
     error: float = float("inf")
     """Newest mean edge error [m]."""
 
-    def drove(self, error: float) -> None:
-        """Store the mean edge error [m] of a driving robot."""
-        self.error = error
-
     def judge(self, decision: Decision, order: Order | None, moment: float) -> None:
         """Update from the decision at `moment` [s, monotonic] under the newest order."""
         wanted = order is not None and order.mode == "run"

@@ -136,16 +136,13 @@ class Localisation:
             return Reason.of(Code.HEADING_CONTRADICTED, source=self.source)
         return None
 
-    @property
-    def age(self) -> float:
-        """Age of the newest message on arrival [s]."""
-        return self.stream.age_on_arrival
-
     def judge_age(self) -> None:
         """Decide whether the newest message is young enough; call this when all have been read."""
         if self.stream.state.received > self.state.judged:
             self.state.judged = self.stream.state.received
-            self.state.trust = trusted(self.state.trust, self.age, self.state.age_limit, self.state.judged)
+            self.state.trust = trusted(
+                self.state.trust, self.stream.age_on_arrival, self.state.age_limit, self.state.judged
+            )
 
     @property
     def heading(self) -> complex:

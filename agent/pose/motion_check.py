@@ -5,8 +5,7 @@ the commanded and the measured motion since the sensor last showed motion. It is
 between command and sensor, and no possible delay may explain the difference:
 
     FROZEN    commanded more than NET_MIN, seen less than MIN_MOTION_SHARE of it; or commanded more than
-    STILL_MIN, and
-              every position so far within STILL
+              STILL_MIN, and every position so far within STILL
     TURN      the same for the heading, where the sensor measures one
     SPEEDS    odometry's own speeds and positions disagree, or its speeds have the wrong sign
     CARRIED   seen more than MAX_MOTION_RATIO times what was commanded, plus a tolerance
@@ -38,7 +37,6 @@ from formation.agent.pose.motion_model import (
 )
 from formation.control.observer import Travel
 from formation.control.plane import rotation
-from formation.control.unicycle import Command
 from formation.mission.model import Mission
 from formation.protocol.status import MotionFault
 
@@ -226,10 +224,6 @@ class MotionCheck:
             delay=self._delay.state,
         )
 
-    def commanded(self, moment: float, command: Command) -> None:
-        """Record that the robot was sent `command` at `moment` [s, monotonic]."""
-        self.model.commanded(moment, command)
-
     def trust(self) -> None:
         """Clear the disagreement: it was disproved."""
         self.state.doubt, self.state.last, self.state.confirmed = None, None, 0
@@ -280,7 +274,7 @@ class MotionCheck:
     def _check_delay(self, moment: float, travel: Travel | None, limit: float) -> None:
         """Doubt measurements that come later than `limit` [s], also where they seem frozen."""
         if travel is None:
-            self._delay.break_off()
+            self._delay.state.seen.clear()
             return
         self._delay.add(moment, travel.displacement, self.model.back(SPACING, LOOKBACK_COUNT))
         doubt = self.state.doubt

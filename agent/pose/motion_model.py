@@ -222,10 +222,6 @@ class OwnDelay:
         self.state = OwnDelayState()
         self._misfit = math.hypot(MIN_MISFIT, NOISE_DEVIATIONS * noise)
 
-    def break_off(self) -> None:
-        """Begin the next distance anew, after a gap."""
-        self.state.seen.clear()
-
     def add(self, moment: float, moved: complex, models: Sequence[Modelled]) -> None:
         """Add a measurement at `moment` [s, monotonic], `moved` [m] from the one before.
 
