@@ -238,7 +238,7 @@ class Leader:
 
     @property
     def seat(self) -> Seat:
-        """Its part in the election, who leads, and the team's mode."""
+        """Its part in the election, the leading candidate and the mode of the team."""
         return Seat(self.candidacy.state, self._leader, self.mode)
 
     @property
