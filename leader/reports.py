@@ -140,8 +140,8 @@ class OperatorRequests:
         return self._answered(result)
 
 
-def status(leader: Leader, now: Now, ends: str = "") -> LeaderStatus:
-    """Return the status; `ends` says why the process ends, if it does."""
+def status(leader: Leader, now: Now, ends: str) -> LeaderStatus:
+    """Return the status; `ends` says why the process ends, empty if it does not."""
     seat, plan, forgers = leader.seat, leader.plan, leader.forgers(now.mono)
     term = leader.term if leader.leads else leader.known
     refusals = leader.candidacy.refusals(now.mono)

@@ -26,7 +26,6 @@ from typing import NamedTuple
 
 from formation.agent.pose.motion_model import (
     DELAY_COUNT,
-    KEPT_TIME,
     LOOKBACK_COUNT,
     SPACING,
     Modelled,
@@ -212,7 +211,7 @@ class MotionCheck:
         period = 1.0 / spec.rate
         self.excused = period + mission.collisions.lag
         """Delay of a measurement beyond its age that is no fault [s]: a period, and the wheels' lag."""
-        self.model = MotionModel(MAX_DELAY + self.excused, spec.longest_command, KEPT_TIME)
+        self.model = MotionModel(MAX_DELAY + self.excused, spec.longest_command)
         self._has_speeds = spec.localisation == "odometry"
         self._has_heading = self._has_speeds or spec.heading == "measured"
         self._position, self._heading = Leg(POSITION), Leg(HEADING)

@@ -106,14 +106,14 @@ class MotionModelState:
 class MotionModel:
     """Dead reckoning of one robot's recent commands."""
 
-    def __init__(self, longest: float, gap: float, kept: float = 0.0) -> None:
-        """Consider delays up to `longest` [s], and keep at least the last `kept` [s].
+    def __init__(self, longest: float, gap: float) -> None:
+        """Consider delays up to `longest` [s].
 
         A command lasts at most `gap` [s]: then the watchdog has stopped the robot.
         """
         self.longest = longest
         """Longest delay that is considered [s]."""
-        self._gap, self._kept = gap, max(longest, kept)
+        self._gap, self._kept = gap, max(longest, KEPT_TIME)
         self.state = MotionModelState()
 
     @property
