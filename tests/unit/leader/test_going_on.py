@@ -89,13 +89,13 @@ def test_the_shape_goes_on_from_where_it_was(mission: Mission) -> None:
     last = drive(before, 0.04, 1.2)[-1].order
     assert last.slots is not None
     after = restarted(mission, last, 5.0)
-    assert after.placed_shape.slot(mission, "bob") == pytest.approx(
-        before.placed_shape.slot(mission, "bob"), abs=1e-6
+    assert after.plan.shape_transition.placed_shape.slot(mission, "bob") == pytest.approx(
+        before.plan.shape_transition.placed_shape.slot(mission, "bob"), abs=1e-6
     )
-    slots = [after.placed_shape.slot(mission, "bob")]
+    slots = [after.plan.shape_transition.placed_shape.slot(mission, "bob")]
     for k in range(100):
         after.step(at(5.04 + 0.04 * k), [])
-        slots.append(after.placed_shape.slot(mission, "bob"))
+        slots.append(after.plan.shape_transition.placed_shape.slot(mission, "bob"))
     assert slots[-1] == pytest.approx(-0.5)
     assert max(abs(b - a) for a, b in pairwise(slots)) < 0.7 * 0.04
 
