@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import secrets
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
 
 from formation.agent.core import Agent
@@ -68,25 +68,17 @@ def _run(args: argparse.Namespace, stop: Stop) -> None:
     robot = robot_bus(args, mission, name, NODE)
     with Process(f"agent {name}", args, config, stop, robot) as process, _store(args.state, name) as state:
         persistence = None if state is None else Persistence(agent, state, boot_id())
-        process.play(
-            drive(agent, process, readonly=args.readonly, persistence=persistence, verifier=verifier)
-        )
+        process.play(drive(agent, process, persistence=persistence, verifier=verifier))
 
 
-@contextmanager
-def _store(folder: Path | None, robot: str) -> Iterator[Store | None]:
+def _store(folder: Path | None, robot: str) -> AbstractContextManager[Store | None]:
     """Open the state files in `folder`. Raises BadInput."""
-    if folder is None:
-        yield None
-        return
     try:
-        store = Store(folder, robot)
+        return nullcontext() if folder is None else closing(Store(folder, robot))
     except OSError as error:
         raise BadInput(
             f"--state {folder}: must be a folder that can be written to: {error.strerror}"
         ) from None
-    with closing(store):
-        yield store
 
 
 if __name__ == "__main__":

@@ -61,20 +61,13 @@ class Avoiding:
             others={name: one.state for name, one in self.others.items()},
             scanner=None if self.scanner is None else self.scanner.state,
         )
-        self._avoided = avoided if self.mode != "off" else ()
+        self.avoids: tuple[str, ...] = tuple(avoided) if self.mode != "off" else ()
+        """The robots that the filter knows by message or measurement."""
         self._specs = {name: mission.robots[name] for name in avoided}
         self._first = {name: mission.has_right_of_way(name, robot) for name in avoided}
         self._local = spec.measurement == "local"
         self._limits = spec.limits
         self._apart, self._delay = mission.collisions.room, mission.collisions.delay
-
-    def adopt(self, state: AvoidingState) -> None:
-        """Continue from this state, of the same robots and scanner."""
-        self.state = state
-        for name, one in self.others.items():
-            one.adopt(state.others[name])
-        if self.scanner is not None and state.scanner is not None:
-            self.scanner.adopt(state.scanner)
 
     def obstacles(
         self, here: Localisation, around: Neighbourhood, now: Now
@@ -108,18 +101,13 @@ class Avoiding:
             self.scanner.state.zone = Zone.CLEAR
 
     @property
-    def avoids(self) -> tuple[str, ...]:
-        """The robots that the filter knows by message or measurement."""
-        return tuple(self._avoided)
-
-    @property
     def has_obstacles(self) -> bool:
         """Whether there is anything that the filter could avoid."""
-        return bool(self._avoided) or (self.scanner is not None and self.mode != "off")
+        return bool(self.avoids) or (self.scanner is not None and self.mode != "off")
 
     def never_received(self, around: Neighbourhood) -> tuple[str, ...]:
         """The robots of `avoids` of which nothing has been received yet."""
-        return tuple(sorted(set(self._avoided).difference(self._known(around))))
+        return tuple(sorted(set(self.avoids).difference(self._known(around))))
 
     def doubt_all(self) -> None:
         """Distrust everything received so far: this process was frozen."""
@@ -130,7 +118,7 @@ class Avoiding:
 
     def _known(self, around: Neighbourhood) -> dict[str, Neighbour]:
         """The robots that were received or measured at least once."""
-        all_of_them = {name: self.others.get(name) or around.each[name] for name in self._avoided}
+        all_of_them = {name: self.others.get(name) or around.each[name] for name in self.avoids}
         return {name: one for name, one in all_of_them.items() if one.stream.state.arrived is not None}
 
     def _strangers(

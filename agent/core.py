@@ -7,35 +7,26 @@ law, command, at once. A step without one only checks for silence.
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
 
 from formation.agent.collision_filter import Avoiding, AvoidingState
-from formation.agent.following.answers import Answers, AnswersState
-from formation.agent.following.availability import Availability
+from formation.agent.following.attachment import Answers, AnswersState, Availability
 from formation.agent.following.gains import Tuning, TuningState
-from formation.agent.following.neighbours import (
-    Neighbour,
-    Neighbourhood,
-    NeighbourhoodState,
-    other_missions,
-    unanswered,
-)
+from formation.agent.following.neighbours import Neighbour, Neighbourhood, NeighbourhoodState
 from formation.agent.following.orders import Orders, OrdersState
 from formation.agent.following.slots import Slots, SlotsState
-from formation.agent.inbox import Inbox, InboxState
+from formation.agent.inbox import Inbox, InboxState, Wakefulness
 from formation.agent.pose.estimator import Localisation, LocalisationState
 from formation.agent.pose.motion_check import MotionCheck, MotionCheckState
 from formation.agent.pose.probe import Probe, ProbeState
 from formation.agent.safety import failsafe
 from formation.agent.safety.commander import Commander, CommanderState
-from formation.agent.safety.failsafe import Decision, Facts
+from formation.agent.safety.failsafe import Decision
 from formation.agent.safety.latch import HALTED, Latch, LatchState
-from formation.agent.safety.wakefulness import Wakefulness
-from formation.agent.status import Report, Surroundings, status
+from formation.agent.status import Surroundings, facts, status
 from formation.control.controller import error
 from formation.control.laws import LAWS
 from formation.control.pipeline import (
@@ -64,8 +55,6 @@ from formation.wire import BadMessage, Now, Outgoing, Sample
 
 STATUS_PERIOD = 0.5
 """[s]"""
-RIVAL_HOLD_TIME = 1.0
-"""The robot holds for this long after another agent's sign of life [s], and for 3 periods at least."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -134,64 +123,51 @@ class Agent:
         self.robot = robot
         self.controller = LAWS[law or mission.law.kind]
         """Its control law."""
-        self._mission, self._spec = mission, spec
-        self._readonly, self._publisher_id = readonly, publisher_id
+        self.mission, self._spec = mission, spec
+        self.readonly, self.publisher_id = readonly, publisher_id
         self._certificate = certificate
         self._params = mission.control(robot, self.controller)
-        self._here = Localisation(mission, robot, self.controller)
-        self._neighbours = Neighbourhood(mission, robot, self.controller)
-        self._avoiding = Avoiding(mission, robot, self.controller)
-        self._answers = Answers(mission, robot, self._others)
+        self.here = Localisation(mission, robot, self.controller)
+        self.neighbours = Neighbourhood(mission, robot, self.controller)
+        self.avoiding = Avoiding(mission, robot, self.controller)
+        self._answers = Answers(mission, robot, self.others)
         self._fence = Geofence(mission)
-        self._orders = Orders(mission, votes=not readonly)
-        self._tuning = Tuning(mission, robot, self.controller)
+        self.orders = Orders(mission, votes=not readonly)
+        self.tuning = Tuning(mission, robot, self.controller)
         self._slots = Slots(mission, robot)
-        self._motion = MotionCheck(mission, robot)
-        self._commander = Commander(mission, robot)
-        self._probe = Probe(spec.limits, self._commander.steps, self._motion.model.longest)
-        self._latch = Latch(robot, readonly=readonly)
+        self.motion = MotionCheck(mission, robot)
+        self.commander = Commander(mission, robot)
+        self._probe = Probe(spec.limits, self.commander.steps, self.motion.model.longest)
+        self.latch = Latch(robot, readonly=readonly)
         self._status_key, self._position_key = STATUS.key(robot), POSITION.key(robot)
-        self._inbox = Inbox(
+        self.inbox = Inbox(
             mission,
             robot,
-            self._here,
-            self._neighbours,
-            self._avoiding,
-            self._orders,
+            self.here,
+            self.neighbours,
+            self.avoiding,
+            self.orders,
             self._answers,
             self._fence,
             self._watch_motion,
         )
         self.state = CoreState(
-            here=self._here.state,
-            neighbours=self._neighbours.state,
-            avoiding=self._avoiding.state,
+            here=self.here.state,
+            neighbours=self.neighbours.state,
+            avoiding=self.avoiding.state,
             answers=self._answers.state,
-            orders=self._orders.state,
-            tuning=self._tuning.state,
+            orders=self.orders.state,
+            tuning=self.tuning.state,
             slots=self._slots.state,
             availability=Availability(),
-            motion=self._motion.state,
+            motion=self.motion.state,
             probe=self._probe.state,
             wakefulness=Wakefulness(),
-            commander=self._commander.state,
-            latch=self._latch.state,
-            inbox=self._inbox.state,
+            commander=self.commander.state,
+            latch=self.latch.state,
+            inbox=self.inbox.state,
             decision=Decision(AgentState.WAITING, Reason(ReasonCode.STARTED)),
         )
-
-    def adopt(self, state: CoreState) -> None:
-        """Continue from this state, of an agent with the same mission, robot and law."""
-        self.state = state
-        self._here.adopt(state.here)
-        self._neighbours.adopt(state.neighbours)
-        self._avoiding.adopt(state.avoiding)
-        self._answers.state = state.answers
-        self._orders.adopt(state.orders)
-        self._tuning.state, self._slots.state = state.tuning, state.slots
-        self._motion.adopt(state.motion)
-        self._probe.state, self._commander.state = state.probe, state.commander
-        self._latch.state, self._inbox.state = state.latch, state.inbox
 
     @property
     def decision(self) -> Decision:
@@ -201,29 +177,29 @@ class Agent:
     @property
     def subscriptions(self) -> tuple[str, ...]:
         """Every key that this agent subscribes to: own position, neighbours and robots that it avoids."""
-        return self._inbox.keys
+        return self.inbox.keys
 
     @property
     def dropped(self) -> Counter[str]:
         """Messages that were not used, by key."""
-        return self._inbox.state.dropped
+        return self.inbox.state.dropped
 
     @property
     def publications(self) -> tuple[tuple[Topic, str], ...]:
         """Every topic and key this agent publishes."""
-        topics = (*self._commander.topics, POSITION, STATUS)
+        topics = (*self.commander.topics, POSITION, STATUS)
         return tuple((topic, topic.key(self.robot)) for topic in topics)
 
     @property
     def command(self) -> Command:
         """The newest command."""
-        return self._commander.state.newest
+        return self.commander.state.newest
 
     @property
     def due(self) -> float:
         """When a step is needed though nothing arrives [s, monotonic]."""
         if self._drives:
-            return min(self.state.status_due, self._here.stream.stale_at, self._avoiding.blind_at)
+            return min(self.state.status_due, self.here.stream.stale_at, self.avoiding.blind_at)
         return min(self.state.status_due, self.state.rest_due)
 
     def aware(self, surroundings: Surroundings) -> None:
@@ -236,53 +212,53 @@ class Agent:
 
     def act(self, now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
         """Run the first half of a step, which must not wait for the second: learn, decide, command."""
-        voter, rival = self._orders.voter, self.state.surroundings.rival and not self._readonly
+        voter, rival = self.orders.voter, self.state.surroundings.rival and not self.readonly
         if rival:
             self.state.rival = now.mono
         voter.aware(now.mono, rival=rival)
-        self.state.moved, interval = self._inbox.process_inbox(self._unstale(now, inbox), now)
+        self.state.moved, interval = self.inbox.process_inbox(self._unstale(now, inbox), now)
         if self.state.moved:
             voter.commanded(now.mono)
             before = self.state.outside is not None
-            self.state.outside = self._fence.outside(self._here.state.position, before=before)
-        gains = self._tuning.state
-        self._here.state.age_limit = own_age_limit(
+            self.state.outside = self._fence.outside(self.here.state.position, before=before)
+        gains = self.tuning.state
+        self.here.state.age_limit = own_age_limit(
             len(self._spec.neighbours), gains.k_p, gains.k_i, self._spec.rate, MAX_DELAY
         )
-        self._here.judge_age()
-        self._neighbours.judge(self._here.state.age_limit, now)
+        self.here.judge_age()
+        self.neighbours.judge(self.here.state.age_limit, now)
         decided, self.state.decision = self.state.decision.state, self._decide(now)
         outbox = self._drive(now, interval) if self.state.moved else self._rest(now)
-        ordered = self._orders.newest
+        ordered = self.orders.newest
         self.state.availability.judge(self.state.decision, ordered, now.mono)
-        if ordered is None or ordered.mode != "run" or self._latch.mode is not None:
+        if ordered is None or ordered.mode != "run" or self.latch.mode is not None:
             self._probe.rearm()
-            self._neighbours.trust_all(now.mono)
+            self.neighbours.trust_all(now.mono)
         if self.decision.state is not decided:
             self.state.status_due = now.mono
         if self._tells_position:  # here, as a replica of this agent only acts
-            self._answers.record_sent(self._here.stream.state.stamp, now.mono)
+            self._answers.record_sent(self.here.stream.state.stamp, now.mono)
         return outbox
 
     @property
     def _tells_position(self) -> bool:
         """Whether this step publishes a position: one in doubt would mislead robots that measure this one."""
-        return self.state.moved and self._here.state.jumped is None and self._here.doubt is None
+        return self.state.moved and self.here.state.jumped is None and self.here.doubt is None
 
     def _unstale(self, now: Now, inbox: Sequence[Sample]) -> Sequence[Sample]:
         """Return the messages of `inbox` that did not wait while this process was frozen."""
         wakefulness = self.state.wakefulness
         if wakefulness.step(now.mono):
-            self._here.doubt_all()
-            self._neighbours.doubt_all()
-            self._avoiding.doubt_all()
-            self._orders.doubt()
+            self.here.doubt_all()
+            self.neighbours.doubt_all()
+            self.avoiding.doubt_all()
+            self.orders.doubt()
         if not wakefulness.pause:
             return inbox
         fresh = [sample for sample in inbox if not wakefulness.waited(sample.arrived)]
         for sample in inbox:
             if wakefulness.waited(sample.arrived):
-                self._inbox.drop(sample.key, BadMessage("waited while this process was frozen"))
+                self.inbox.drop(sample.key, BadMessage("waited while this process was frozen"))
         return fresh
 
     def tell(self, now: Now) -> list[Outgoing]:
@@ -300,116 +276,69 @@ class Agent:
 
         The second is made only after the first has been taken: making it may fail.
         """
-        self._latch.state.rest.stop, self.state.decision = (
+        self.latch.state.rest.stop, self.state.decision = (
             HALTED,
             Decision(AgentState.STOP, Reason.of(ReasonCode.ENDED, cause=reason)),
         )
-        return chain(self._commander.leave(now), map(self._status, (now,)))
+        return chain(self.commander.leave(now), map(self._status, (now,)))
 
     def request(self, data: bytes, received: float) -> bytes:
         """Answer a request received at `received` [s, monotonic]; it takes effect in the next step."""
-        ordered = self._orders.newest.mode if self._orders.newest else "hold"
+        ordered = self.orders.newest.mode if self.orders.newest else "hold"
         try:
             request = order.decode(OperatorRequest, data)
-            return self._latch.request(request, received, ordered, self._unreached)
+            return self.latch.request(request, received, ordered, self._unreached)
         except BadMessage as bad:
-            self._inbox.drop("order", bad)
-            return self._latch.reply(ordered, ok=False, reason=str(bad))
+            self.inbox.drop("order", bad)
+            return self.latch.reply(ordered, ok=False, reason=str(bad))
 
     @property
     def _unreached(self) -> Code:
         """Why commands do not reach the robot; empty if they do, or if unknown."""
-        if self._readonly:
+        if self.readonly:
             return "readonly"
         if self.state.surroundings.connected is False:
             return "no-link"
         return "no-listener" if self.state.surroundings.routed is False else ""
 
     def _decide(self, now: Now) -> Decision:
-        around, scanner = self._neighbours, self._avoiding.scanner
-        around.choose(now)
-        self.state.wakefulness.confirm(beat_rose=self._orders.state.rose, follows=self._here.state.follows)
-        return failsafe.decide(
-            Facts(
-                latched=self._latch.mode,
-                why=self._latch.state.why,
-                source=self._here.source,
-                connected=self.state.surroundings.connected,
-                routed=None if self._readonly else self.state.surroundings.routed,
-                silence=self._here.stream.silence(now),
-                limit=self._here.stream.limit,
-                jumped=self._here.state.jumped,
-                doubt=self._here.doubt,
-                outside=self.state.outside,
-                beyond=() if around.guides else around.beyond,
-                too_old=self._here.state.trust.held,
-                age=self._here.age,
-                age_limit=self._here.state.age_limit,
-                follows=self._here.state.follows,
-                order=self._orders.newest,
-                beat_silence=now.mono - self._orders.state.rose,
-                neighbours=around.silences(now),
-                followed=len(around.guides),
-                not_followed=() if around.guides else around.not_followed(now),
-                unanswered=unanswered(self._others, now),
-                relative_doubt=self._relative_doubt(now),
-                unsigned=self._orders.unsigned(now),
-                leaderless=not around.guides and around.leaderless(now),
-                motion=self._motion.state.doubt,
-                frozen=self.state.wakefulness.pause,
-                finite=self.state.finite,
-                rival=now.mono - self.state.rival <= max(RIVAL_HOLD_TIME, self._here.stream.limit),
-                mission=self._mission.tag,
-                other_missions=self._other_missions(now),
-                scan_silence=0.0 if scanner is None else scanner.silence(now),
-                scan_limit=math.inf if scanner is None else scanner.stream.limit,
-                scan_doubt=scanner.doubt if scanner is not None and scanner.required else None,
-            )
-        )
-
-    def _relative_doubt(self, now: Now) -> Reason | None:
-        """Why a sensor of neighbours is not believed, unless the robot can do without what it shows."""
-        around, avoids = self._neighbours, self._avoiding.avoids
-        doubts = around.doubts(now)
-        return next((why for name, why in doubts.items() if not around.guides or name in avoids), None)
+        self.neighbours.choose(now)
+        self.state.wakefulness.confirm(beat_rose=self.orders.state.rose, follows=self.here.state.follows)
+        return failsafe.decide(facts(self, now))
 
     @property
-    def _others(self) -> tuple[Neighbour, ...]:
+    def others(self) -> tuple[Neighbour, ...]:
         """The neighbours, and the robots that only the collision filter uses."""
-        return *self._neighbours.each.values(), *self._avoiding.others.values()
-
-    def _other_missions(self, now: Now) -> dict[str, str]:
-        """Robots that this one measures or avoids and that run another mission, with its tag."""
-        return other_missions(self._others, now)
+        return *self.neighbours.each.values(), *self.avoiding.others.values()
 
     def _drive(self, now: Now, interval: float | None) -> list[Outgoing]:
         """A command for the newest position; zero velocity unless the failsafe table says run."""
-        self._neighbours.place(self._here)
-        wanted = self._orders.newest
+        self.neighbours.place(self.here)
+        wanted = self.orders.newest
         if wanted is not None:
-            self._here.joins(wanted)
+            self.here.joins(wanted)
         probes = self.state.decision.probes
         if not (probes or self.state.decision.state is AgentState.RUN) or wanted is None:
             self.state.finite = True
-            self._avoiding.rested()
+            self.avoiding.rested()
             self._probe.interrupt()
             return self._at_rest(now)
-        self._slots.follow(wanted, self._orders.state.rose, now.mono)
-        what = self._neighbours.measured(self._here, self._slots, now)
-        dt = min(interval or 0.0, self._here.stream.limit)
-        heading = self._here.heading
-        gains, integral = self._tuning.follow(wanted, dt, self.state.integral, heading, what)
+        self._slots.follow(wanted, self.orders.state.rose, now.mono)
+        what = self.neighbours.measured(self.here, self._slots, now)
+        dt = min(interval or 0.0, self.here.stream.limit)
+        heading = self.here.heading
+        gains, integral = self.tuning.follow(wanted, dt, self.state.integral, heading, what)
         inputs = Inputs(now.mono, dt, heading, what, gains)
         if probes:
             return self._probed(now, integral, inputs)
-        obstacles, sight = self._avoiding.obstacles(self._here, self._neighbours, now)
-        before = self._commander.control_state(integral, self._avoiding.state.avoidance)
+        obstacles, sight = self.avoiding.obstacles(self.here, self.neighbours, now)
+        before = self.commander.control_state(integral, self.avoiding.state.avoidance)
         state, outcome = control_step(before, inputs._replace(sight=sight), obstacles, self._params)
         self.state.finite = outcome.finite
         if not outcome.finite:
             return self._not_finite(now)
-        self.state.availability.drove(abs(error(heading, what)) / what.count)
-        if not self._readonly:  # the integral of a robot that does not move would only grow
+        self.state.availability.error = abs(error(heading, what)) / what.count
+        if not self.readonly:  # the integral of a robot that does not move would only grow
             self.state.integral = state.integral
         return self._driven(now, state, outcome)
 
@@ -419,12 +348,12 @@ class Agent:
         The filter only brakes it, and gives its direction: a robot that may not move as commanded must not
         evade.
         """
-        self._avoiding.rested()
-        state = self._commander.control_state(integral, self._avoiding.state.avoidance)
+        self.avoiding.rested()
+        state = self.commander.control_state(integral, self.avoiding.state.avoidance)
         law_output, _, self.state.finite = law_command(state, inputs, self._params)
         if not self.state.finite:
             return self._not_finite(now)
-        obstacles, sight = self._avoiding.obstacles(self._here, self._neighbours, now)
+        obstacles, sight = self.avoiding.obstacles(self.here, self.neighbours, now)
         inputs = inputs._replace(sight=sight)
         _, wanted = constrained(state, law_output, inputs, obstacles, self._params)
         trial = self._tried(now, wanted.target)
@@ -434,9 +363,9 @@ class Agent:
 
     def _driven(self, now: Now, state: ControlState, outcome: Outcome) -> list[Outgoing]:
         """Send the command of a control step, and store its state for the next."""
-        self._avoiding.stepped(state, outcome)
+        self.avoiding.stepped(state, outcome)
         self.state.rest_due = float("-inf")  # a later stop takes effect at once
-        return self._commanded(self._commander.say(now, outcome.command, state), now)
+        return self._commanded(self.commander.say(now, outcome.command, state), now)
 
     def _not_finite(self, now: Now) -> list[Outgoing]:
         """Send zero velocity, because the law's command or integral is not finite."""
@@ -445,15 +374,14 @@ class Agent:
 
     @property
     def _drives(self) -> bool:
-        """Whether the robot is to move now."""
         return self.decision.state is AgentState.RUN or (self.decision.probes and self._probe.moves)
 
     def _watch_motion(self, arrived: float) -> None:
         """Compare the own measurement that arrived [s, monotonic] with what was commanded."""
-        motion, here = self._motion, self._here.state
+        motion, here = self.motion, self.here.state
         known = motion.state.doubt
-        self._neighbours.moved(arrived, here.travel if known is None else None)
-        if self._readonly:
+        self.neighbours.moved(arrived, here.travel if known is None else None)
+        if self.readonly:
             return
         motion.saw(arrived, here.since_last, gap=here.travel is None, age_limit=here.age_limit)
         if known is not None:
@@ -461,17 +389,17 @@ class Agent:
         elif motion.state.doubt is not None:
             self._probe.begin()
             if motion.state.doubt.kind in {MotionFault.CARRIED, MotionFault.TURNED}:
-                self._here.carried()
+                self.here.carried()
         elif motion.state.confirmed:
             self._probe.rearm()
 
     def _tried(self, now: Now, wanted: Command) -> Command:
         """Return a command of the probe, while the robot does not move as commanded."""
-        doubt, motion = self._motion.state.doubt, self._motion
+        doubt, motion = self.motion.state.doubt, self.motion
         if doubt is None:
             return AT_REST
-        speeds = self._here.source == "odometry"
-        limit = self._here.state.age_limit + motion.excused
+        speeds = self.here.source == "odometry"
+        limit = self.here.state.age_limit + motion.excused
         if self._probe.verdict(now.mono, doubt, limit, speeds=speeds):
             motion.trust()
             return AT_REST
@@ -486,15 +414,15 @@ class Agent:
         return self._at_rest(now)
 
     def _at_rest(self, now: Now) -> list[Outgoing]:
-        return self._commanded(self._commander.rest(now), now)
+        return self._commanded(self.commander.rest(now), now)
 
     def _commanded(self, outbox: list[Outgoing], now: Now) -> list[Outgoing]:
         """Pass the newest command to the models of the robot."""
-        if not self._readonly:
-            self._here.commanded(now.mono, self._commander.state.newest)
-            self._motion.commanded(now.mono, self._commander.state.newest)
-            if self._avoiding.scanner is not None and self._spec.localisation != "odometry":
-                self._avoiding.scanner.commanded(now.mono, self._commander.state.newest)
+        if not self.readonly:
+            self.here.commanded(now.mono, self.commander.state.newest)
+            self.motion.model.commanded(now.mono, self.commander.state.newest)
+            if self.avoiding.scanner is not None and self._spec.localisation != "odometry":
+                self.avoiding.scanner.commanded(now.mono, self.commander.state.newest)
         return outbox
 
     def _position(self, now: Now) -> Outgoing:
@@ -503,43 +431,25 @@ class Agent:
         voter, newest, (signed, signature) = orders.voter, orders.newest, orders.signed
         certificate = self._certificate(now.mono)
         attachment = PositionAttachment(
-            publisher_id=self._publisher_id,
+            publisher_id=self.publisher_id,
             count=self.state.sent,
             order=None if certificate else newest,
-            stale=not certificate and self._orders.stale(now.mono),
+            stale=not certificate and self.orders.stale(now.mono),
             signed="" if certificate else signed,
             signature="" if certificate else signature,
             certificate=certificate,
             term=newest.term if certificate and newest is not None else 0,
-            readonly=self._readonly,
+            readonly=self.readonly,
             unavailable=self.state.availability.published,
             voted_term=voter.voted_term,
             last_ballot=voter.last_ballot,
-            mission=self._mission.tag,
+            mission=self.mission.tag,
             refused=voter.refused,
             because=voter.because,
             received=self._answers.next_named(),
         )
-        pose = Pose(self._here.stream.state.stamp, self._here.state.position, self._here.heading)
+        pose = Pose(self.here.stream.state.stamp, self.here.state.position, self.here.heading)
         return Outgoing(self._position_key, encode(pose), order.encode(attachment))
 
     def _status(self, now: Now) -> Outgoing:
-        report = Report(
-            robot=self.robot,
-            law=self.controller.name,
-            decision=self.state.decision,
-            readonly=self._readonly,
-            commander=self._commander,
-            here=self._here,
-            neighbours=self._neighbours,
-            avoiding=self._avoiding,
-            unavailable=self.state.availability.published,
-            motion=self._motion.state.doubt,
-            tuning=self._tuning,
-            surroundings=self.state.surroundings,
-            inbox=self._inbox,
-            forgers=self._orders.forgers(now),
-            mission=self._mission.fingerprint,
-            other_missions=self._other_missions(now),
-        )
-        return Outgoing(self._status_key, encode(to_message(status(report, now), now.wall)))
+        return Outgoing(self._status_key, encode(to_message(status(self, now), now.wall)))

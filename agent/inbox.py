@@ -1,4 +1,9 @@
-"""Pass each received message to the part that uses it; count those that are refused, and why."""
+"""Pass each received message to the part that uses it; count those that are refused, and why.
+
+A process that was frozen (SIGSTOP, a suspended machine, no CPU for long) then reads the messages that waited
+in its sockets, with the arrival time of now. So messages that arrive within `DRAIN_TIME` of waking are
+refused, and nothing received before counts as fresh.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +13,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from formation.agent.collision_filter import Avoiding
-from formation.agent.following.answers import Answers
+from formation.agent.following.attachment import Answers
 from formation.agent.following.neighbours import Neighbour, Neighbourhood
 from formation.agent.following.orders import Orders
 from formation.agent.pose.estimator import Localisation
@@ -17,13 +22,46 @@ from formation.control.unicycle import Command
 from formation.mission.model import Mission
 from formation.protocol import order
 from formation.protocol.election import Voter
-from formation.protocol.order import MAX_REASON_CHARS, Ballot, PositionAttachment
+from formation.protocol.order import LEADER_TIMEOUT_SECONDS, MAX_REASON_CHARS, Ballot, PositionAttachment
 from formation.ros2.messages import Displacement, LaserScan, Odometry, Pose, Text, decode
 from formation.slots.geofence import Geofence
 from formation.topics import BALLOT, ODOM, POSE, POSITION, RELATIVE, SCAN
 from formation.wire import BadMessage, Now, Sample
 
 Handler = Callable[[Sample, Now], float | None]
+MAX_PAUSE = LEADER_TIMEOUT_SECONDS
+"""Longest time between two steps of a process that was not frozen [s]; each makes at least two a second."""
+DRAIN_TIME = 0.25
+"""Time after waking in which messages that waited may still arrive [s]."""
+
+
+@dataclass(slots=True)
+class Wakefulness:
+    """Whether one agent was frozen, by the times of its steps."""
+
+    pause: float = 0.0
+    """Length of the newest freeze, until it is over [s]; 0 if there is none."""
+    stepped: float | None = None
+    """Time of the newest step [s, monotonic]."""
+    woke: float = float("-inf")
+    """When the newest freeze ended [s, monotonic]."""
+
+    def step(self, moment: float) -> bool:
+        """Record a step at `moment` [s, monotonic]; whether the process has just woken from a freeze."""
+        last, self.stepped = self.stepped, moment
+        if last is None or moment - last <= MAX_PAUSE:
+            return False
+        self.pause, self.woke = moment - last, moment
+        return True
+
+    def waited(self, arrived: float) -> bool:
+        """Whether a message that arrived then [s, monotonic] may have waited during a freeze."""
+        return self.pause > 0.0 and arrived <= self.woke + DRAIN_TIME
+
+    def confirm(self, *, beat_rose: float, follows: bool) -> None:
+        """End the freeze once the leader's beat has risen since [s, monotonic], and the own pose follows."""
+        if follows and beat_rose > self.woke:
+            self.pause = 0.0
 
 
 @dataclass(slots=True)
@@ -74,11 +112,6 @@ class Inbox:
     def keys(self) -> tuple[str, ...]:
         """Every key that it subscribes to: own position, neighbours, and robots that it avoids."""
         return tuple(self._handlers)
-
-    @property
-    def unused(self) -> dict[str, tuple[int, str]]:
-        """Number of messages not used, by key, and why the newest was not."""
-        return {where: (count, self.state.last_dropped[where]) for where, count in self.state.dropped.items()}
 
     def process_inbox(self, inbox: Sequence[Sample], now: Now) -> tuple[bool, float | None]:
         """Process `inbox`; whether an own position came, and the time since the one before [s]."""

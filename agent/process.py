@@ -21,7 +21,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from formation.agent.core import Agent
 from formation.agent.persistence.restore import Persistence, Taken
-from formation.agent.persistence.trace import Trace
+from formation.agent.persistence.trace import Link, Trace
 from formation.agent.status import Surroundings
 from formation.protocol import order
 from formation.protocol.order import OperatorReply
@@ -50,7 +50,6 @@ class Sides:
         agent: Agent,
         process: Runtime,
         *,
-        readonly: bool,
         persistence: Persistence | None = None,
         verifier: Verifier | None = None,
     ) -> None:
@@ -58,7 +57,7 @@ class Sides:
         self._check = None if verifier is None else verifier.check
         self._trace, self._warned = Trace(agent), False
         self._command = CMD_VEL.key(agent.robot)
-        self._withheld = frozenset((self._command, ALIVE.key(agent.robot)) if readonly else ())
+        self._withheld = frozenset((self._command, ALIVE.key(agent.robot)) if agent.readonly else ())
         """Keys that are not sent to its robot."""
         self._stepped = False
         self._urgent: set[str] = set()  # keys that are sent to the robot first
@@ -117,7 +116,7 @@ class Sides:
             if commands:
                 os.sched_yield()  # the thread that writes them to the socket may run before reports are made
             yield from self._agent.tell(now)
-        self._trace.stepped(now, (around.connected, around.routed, around.rival), received)
+        self._trace.stepped(now, Link(around.connected, around.routed, around.rival), received)
         if self._persistence is not None:
             self._persistence.stepped(now)
             if (unsaved := self._persistence.failure) != self._unsaved:
@@ -232,7 +231,6 @@ def drive(
     agent: Agent,
     process: Runtime,
     *,
-    readonly: bool,
     persistence: Persistence | None = None,
     verifier: Verifier | None = None,
 ) -> Pauses:
@@ -241,7 +239,7 @@ def drive(
     `persistence` has the saved state of the agent before it and of this one; `verifier` decides which orders
     count, where there are certificates.
     """
-    sides = Sides(agent, process, readonly=readonly, persistence=persistence, verifier=verifier)
+    sides = Sides(agent, process, persistence=persistence, verifier=verifier)
     sides.begin(process.clock())
     sides.declare()
     process.bus.answer(ORDER.key(agent.robot), sides.request)

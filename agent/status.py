@@ -1,21 +1,22 @@
-"""The status of an agent, made from its parts."""
+"""What an agent knows now: as facts for the failsafe table, and as its status."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from formation.agent.collision_filter import Avoiding
-from formation.agent.following.gains import Tuning
-from formation.agent.following.neighbours import Neighbourhood
-from formation.agent.inbox import Inbox
-from formation.agent.pose.estimator import Localisation
-from formation.agent.pose.motion_check import Disagreement
-from formation.agent.safety.commander import Commander
-from formation.agent.safety.failsafe import Decision
+from formation.agent.safety.failsafe import Facts
+from formation.protocol.reasons import Reason
 from formation.protocol.status import AgentState, AgentStatus, CollisionMode, RobotLink
 from formation.wire import Now
+
+if TYPE_CHECKING:
+    from formation.agent.core import Agent
+
+RIVAL_HOLD_TIME = 1.0
+"""The robot holds for this long after another agent's sign of life [s], and for 3 periods at least."""
 
 
 class Surroundings(NamedTuple):
@@ -40,63 +41,85 @@ class Surroundings(NamedTuple):
         return RobotLink.NO_LISTENER if self.routed is False else RobotLink.CONNECTED
 
 
-class Report(NamedTuple):
-    """All data of a status."""
-
-    robot: str
-    law: str
-    decision: Decision
-    readonly: bool
-    commander: Commander
-    here: Localisation
-    neighbours: Neighbourhood
-    avoiding: Avoiding
-    unavailable: bool
-    """Whether dependants should prefer another neighbour."""
-    motion: Disagreement | None
-    """How the robot does not move as it is commanded."""
-    tuning: Tuning
-    surroundings: Surroundings
-    inbox: Inbox
-    mission: str = ""
-    """Its fingerprint."""
-    forgers: Mapping[str, str] = MappingProxyType({})
-    """Neighbours that relayed forged orders lately, and what was wrong with the newest."""
-    other_missions: Mapping[str, str] = MappingProxyType({})
-    """Robots that run another mission, with its tag."""
-
-
-def status(report: Report, now: Now) -> AgentStatus:
-    """Return the status of these parts."""
-    around, here, avoiding, command = (
-        report.neighbours,
-        report.here,
-        report.avoiding,
-        report.commander.state.newest,
+def facts(agent: Agent, now: Now) -> Facts:
+    """Return the inputs of the failsafe table."""
+    here, around, state = agent.here, agent.neighbours, agent.state
+    scanner, surroundings = agent.avoiding.scanner, state.surroundings
+    return Facts(
+        latched=agent.latch.mode,
+        why=agent.latch.state.why,
+        source=here.source,
+        connected=surroundings.connected,
+        routed=None if agent.readonly else surroundings.routed,
+        silence=here.stream.silence(now),
+        limit=here.stream.limit,
+        jumped=here.state.jumped,
+        doubt=here.doubt,
+        outside=state.outside,
+        beyond=() if around.guides else around.beyond,
+        too_old=here.state.trust.held,
+        age=here.stream.age_on_arrival,
+        age_limit=here.state.age_limit,
+        follows=here.state.follows,
+        order=agent.orders.newest,
+        beat_silence=now.mono - state.orders.rose,
+        neighbours=around.silences(now),
+        followed=len(around.guides),
+        not_followed=() if around.guides else around.not_followed(now),
+        unanswered={one.name: late for one in agent.others if (late := one.unanswered(now)) is not None},
+        relative_doubt=_relative_doubt(agent, now),
+        unsigned=agent.orders.unsigned(now),
+        leaderless=not around.guides and around.leaderless(now),
+        motion=state.motion.doubt,
+        frozen=state.wakefulness.pause,
+        finite=state.finite,
+        rival=now.mono - state.rival <= max(RIVAL_HOLD_TIME, here.stream.limit),
+        mission=agent.mission.tag,
+        other_missions=_other_missions(agent, now),
+        scan_silence=0.0 if scanner is None else scanner.silence(now),
+        scan_limit=math.inf if scanner is None else scanner.stream.limit,
+        scan_doubt=scanner.doubt if scanner is not None and scanner.required else None,
     )
-    scanner, state = avoiding.scanner, report.decision.state
+
+
+def _relative_doubt(agent: Agent, now: Now) -> Reason | None:
+    """Why a sensor of neighbours is not believed, unless the robot can do without what it shows."""
+    around, avoids = agent.neighbours, agent.avoiding.avoids
+    doubts = around.doubts(now)
+    return next((why for name, why in doubts.items() if not around.guides or name in avoids), None)
+
+
+def _other_missions(agent: Agent, now: Now) -> dict[str, str]:
+    return {one.name: tag for one in agent.others if (tag := one.other_mission(now)) is not None}
+
+
+def status(agent: Agent, now: Now) -> AgentStatus:
+    """Return the status."""
+    here, around, avoiding, tuning = agent.here, agent.neighbours, agent.avoiding, agent.tuning
+    command, motion, decision = agent.command, agent.state.motion.doubt, agent.decision
+    surroundings, scanner = agent.state.surroundings, avoiding.scanner
     streams = {here.source: here.stream} | {name: one.stream for name, one in around.each.items()}
     if scanner is not None:
         streams["scan"] = scanner.stream
     received = {name: stream for name, stream in streams.items() if stream.state.arrived is not None}
     filtering = avoiding.has_obstacles
-    steps, left = report.commander.steps, report.commander.state.remainder
-    quantised, tuned = any(steps), report.tuning.tuned
+    steps, left = agent.commander.steps, agent.commander.state.remainder
+    quantised = any(steps)
     return AgentStatus(
-        robot=report.robot,
-        state=state,
-        reason=report.decision.reason,
-        readonly=report.readonly,
-        law=report.law,
-        mission=report.mission,
+        robot=agent.robot,
+        state=decision.state,
+        reason=decision.reason,
+        readonly=agent.readonly,
+        law=agent.controller.name,
+        mission=agent.mission.fingerprint,
         speed=round(command.speed, 4),
         turn_rate=round(command.turn_rate, 4),
-        k_p=report.tuning.state.k_p if tuned else None,
-        k_i=report.tuning.state.k_i if tuned else None,
-        link=report.surroundings.link,
-        follows=around.guides if state is AgentState.RUN else (),
-        unavailable=report.unavailable,
-        motion=None if report.motion is None else report.motion.kind,
+        k_p=tuning.state.k_p if tuning.tuned else None,
+        k_i=tuning.state.k_i if tuning.tuned else None,
+        link=surroundings.link,
+        follows=around.guides if decision.state is AgentState.RUN else (),
+        unavailable=agent.state.availability.published,
+        motion=None if motion is None else motion.kind,
         collisions=CollisionMode(avoiding.mode) if filtering else None,
         avoiding=filtering and avoiding.state.acting,
         avoids=avoiding.avoids,
@@ -107,8 +130,8 @@ def status(report: Report, now: Now) -> AgentStatus:
         scan_fault=None if scanner is None else scanner.doubt,
         relative_fault=next(iter(around.doubts(now).values()), None),
         localisation=here.alignment,
-        realigned=here.realigned,
-        realigned_after=here.realigned_after,
+        realigned=here.state.source.realigned,
+        realigned_after=here.state.source.realigned_after,
         jumps=here.state.jumps,
         late=here.state.late,
         speed_step=steps.speed if quantised else None,
@@ -122,9 +145,9 @@ def status(report: Report, now: Now) -> AgentStatus:
             if stream.fresh(now) and not stream.clock_agrees
         },
         contested=tuple(around.contested(now)),
-        forged=report.forgers,
-        other_mission=report.other_missions,
-        refused=report.surroundings.refused,
-        dropped={key: count for key, (count, _) in report.inbox.unused.items()},
-        dropped_last={key: why for key, (_, why) in report.inbox.unused.items()},
+        forged=agent.orders.forgers(now),
+        other_mission=_other_missions(agent, now),
+        refused=surroundings.refused,
+        dropped=dict(agent.dropped),
+        dropped_last=agent.inbox.state.last_dropped,
     )

@@ -35,6 +35,7 @@ from formation.transport.bus import Bus
 from formation.transport.bus_config import BusError
 from formation.transport.linger import Linger
 from formation.transport.mailbox import Mailbox
+from formation.transport.robot_bus import RobotBuses
 from formation.transport.runtime.flags import bus_config
 from formation.transport.runtime.process import Stop, clocks
 from formation.transport.runtime.rate import Rate

@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from formation.leader.core import Leader
-from formation.leader.process import lead
-from formation.leader.terms import Terms
+from formation.leader.process import Terms, lead
 from formation.mission.file import configuration_of, load
 from formation.mission.model import Mission
 from formation.transport import wiring
@@ -77,7 +76,7 @@ def _run(args: argparse.Namespace, stop: Stop) -> None:
     )
     with Process(called, args, config, stop) as process:
         try:
-            process.play(lead(leader, process, verifier, terms))
+            process.play(lead(leader, process, verifier, None if terms is None else terms.save))
         finally:
             if terms is not None:
                 terms.close()

@@ -292,7 +292,6 @@ class Candidacy:
         self._begin(now)
 
     def _begin(self, now: Now) -> None:
-        """Become a candidate for a new term."""
         self.state, self.term = "candidate", new_term(self._rank, now, self.known)
         self.known, self._stood, self._next, self._outbid = self.term, now.mono, now.mono, None
         self._sent.clear()

@@ -19,14 +19,12 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from formation.leader.candidacy import Candidacy, linked
-from formation.leader.forgeries import Forgeries
-from formation.leader.operator_requests import OperatorRequests, Seat
 from formation.leader.plan import Plan
+from formation.leader.reports import OperatorRequests, Seat, status
 from formation.leader.route import NamedRoute
-from formation.leader.status import Report, status
 from formation.mission.model import Mission
 from formation.protocol import order
-from formation.protocol.election import REPORT_TIME, begun, expiry, rank_of, without_absurd_terms
+from formation.protocol.election import begun, expiry, rank_of, without_absurd_terms
 from formation.protocol.order import (
     LEADER_TIMEOUT_SECONDS,
     Ballot,
@@ -50,10 +48,12 @@ ROUTE_RATE = 1.0
 """Rate of route messages [Hz]."""
 CERTIFICATE_RATE = 1.0
 """Rate of certificates [Hz]."""
+FORGERY_TIME = 10.0
+"""How long a robot is named after its newest forged order; the alarm repeats after as long a silence [s]."""
 
 
 class Signer(Protocol):
-    """A candidate's key: `formation.transport.security.signing.Signer`."""
+    """A candidate's key: `formation.transport.security.signing.Signer`, or a rehearsed one."""
 
     @property
     def certificate(self) -> str:
@@ -89,19 +89,19 @@ class Leader:
         self.dropped: Counter[str] = Counter()
         """Count of rejected messages, by key."""
         self.plan = Plan(mission, hold=hold)
-        self._mission, self._anew, self._publisher_id, self._signer = mission, anew, publisher_id, signer
-        self._forgeries = Forgeries()
-        self._candidacy = Candidacy(mission, self.name, known)
-        self._operator_requests = OperatorRequests(
-            self.name, self.plan, lambda: self._seat, alone=not mission.standbys
+        self.mission, self._anew, self._publisher_id, self._signer = mission, anew, publisher_id, signer
+        self._forged: dict[str, tuple[int, str, float]] = {}  # by robot: how many, why, when [s, monotonic]
+        self.candidacy = Candidacy(mission, self.name, known)
+        self.operator_requests = OperatorRequests(
+            self.name, self.plan, lambda: self.seat, alone=not mission.standbys
         )
         self._newest: Order | None = None  # relayed by a robot, or its own,
         self._newest_rose = float("-inf")  # when it rose [s, monotonic],
         self._newest_stale = False  # and whether a robot says that this is long ago
         self._earlier: dict[str, Order] = {}  # orders of earlier terms, by the robot that relays them
-        self._mixed: dict[str, tuple[str, float]] = {}  # tag and arrival, by robot of another mission
+        self.mixed: dict[str, tuple[str, float]] = {}  # tag and arrival, by robot of another mission
         self._term = 0  # in which it sent last
-        self._rate = Rate(mission.robots[mission.leader].rate)
+        self.rate = Rate(mission.robots[mission.leader].rate)
         self._status_rate, self._route_rate = Rate(STATUS_RATE), Rate(ROUTE_RATE)
         self._certificate_rate = Rate(CERTIFICATE_RATE)
         self._in_force: tuple[object, ...] = ()  # the team's order as sent since the last step
@@ -109,7 +109,7 @@ class Leader:
         self._waiting: tuple[str, ...] = ()
         self._fence, self._fenced = Geofence(mission), False  # whether that stopped it at the newest step
         self._stepped: float | None = None  # when that was [s, monotonic]
-        self._leads, self._terms_led, self._beat, self._count = False, 0, 0, 0
+        self._leads, self._terms_led, self.beat, self._count = False, 0, 0, 0
         self._began = 0.0  # when the first beat of this term was [s, monotonic]
         self._unsure = False  # leads, and does not know yet whether there was an earlier order
         self._late: tuple[Order, bool] | None = None  # the earlier order, and whether it is stale
@@ -122,9 +122,9 @@ class Leader:
     @property
     def publications(self) -> tuple[tuple[Topic, str], ...]:
         """Every topic that it may publish, with its key."""
-        own = (STATUS, BALLOT, ROUTE) if self._mission.standbys else (STATUS,)
+        own = (STATUS, BALLOT, ROUTE) if self.mission.standbys else (STATUS,)
         return (
-            (POSITION, POSITION.key(self._mission.leader)),
+            (POSITION, POSITION.key(self.mission.leader)),
             *((topic, topic.key(self.name)) for topic in own),
         )
 
@@ -136,13 +136,13 @@ class Leader:
     @property
     def due(self) -> float:
         """When the next step is due if nothing arrives [s, monotonic]."""
-        due = min(self._candidacy.due, self._status_rate.due)
-        return min(due, self._rate.due) if self._leads else due
+        due = min(self.candidacy.due, self._status_rate.due)
+        return min(due, self.rate.due) if self._leads else due
 
     @property
     def notes(self) -> deque[str]:
         """What has changed, for the log; the caller removes what it has logged."""
-        return self._operator_requests.notes
+        return self.operator_requests.notes
 
     @property
     def leads(self) -> bool:
@@ -152,40 +152,30 @@ class Leader:
     @property
     def lease_end(self) -> float:
         """Until when it may lead without another step [s, monotonic]; -inf if it does not lead."""
-        return self._candidacy.lease_end
+        return self.candidacy.lease_end
 
     @property
     def term(self) -> int:
         """The newest term for which it was a candidate; 0 before the first."""
-        return self._candidacy.term
+        return self.candidacy.term
 
     @property
     def known(self) -> int:
         """The newest term that it knows."""
-        return self._candidacy.known
+        return self.candidacy.known
 
     @property
     def mode(self) -> Mode:
         """The team's mode, as far as known."""
-        if self._leads or self._candidacy.state == "listening":
+        if self._leads or self.candidacy.state == "listening":
             return self.plan.team_mode.mode
         return self.plan.team_mode.rest.mode or (self._newest.mode if self._newest else "hold")
-
-    @property
-    def shape(self) -> str:
-        """The shape last requested."""
-        return self.plan.shape_transition.wish.shape
-
-    @property
-    def placed_shape(self) -> PlacedShape:
-        """Where the slots are."""
-        return self.plan.shape_transition.placed_shape
 
     @property
     def wanted(self) -> PlacedShape:
         """Where the slots will be in the end if the leader goes straight on."""
         wanted = self.plan.wanted
-        if not self._mission.turning:
+        if not self.mission.turning:
             return wanted
         heading = self.plan.route.heading(self.route_time)
         return wanted._replace(rotation=wanted.rotation + cmath.phase(heading))
@@ -194,6 +184,14 @@ class Leader:
     def route_time(self) -> float:
         """How long it has been on its route [s]."""
         return self.plan.route_time
+
+    def forgers(self, mono: float) -> dict[str, tuple[int, str]]:
+        """Robots that relayed forged orders lately: how many so far, and what was wrong with the newest."""
+        return {
+            robot: (count, why)
+            for robot, (count, why, when) in self._forged.items()
+            if mono - when <= FORGERY_TIME
+        }
 
     def where(self, mono: float) -> complex:
         """Extrapolate the leader's position [m; world frame] to `mono` [s], not before the newest step."""
@@ -207,14 +205,14 @@ class Leader:
                 self._take(sample, now)
             except BadMessage:
                 self.dropped[sample.key] += 1
-        outbox = self._voted(self._candidacy.step(now))
+        outbox = self._voted(self.candidacy.step(now))
         changed = self._settle(now) | self._catch_up(now) | self._go_on(now)
-        if self._leads and (self._rate.tick(now.mono) or changed):
-            certify = not changed or self._beat == 0
+        if self._leads and (self.rate.tick(now.mono) or changed):
+            certify = not changed or self.beat == 0
             outbox.append(self._position(now, self.mode, changed=changed, certify=certify))
-        if self._mission.standbys and (self._route_rate.tick(now.mono) or changed):
+        if self.mission.standbys and (self._route_rate.tick(now.mono) or changed):
             outbox += self._route_message()
-        if self._status_rate.tick(now.mono) or changed or self._operator_requests.unpublished:
+        if self._status_rate.tick(now.mono) or changed or self.operator_requests.unpublished:
             outbox.append(self._status(now, ""))
         return outbox
 
@@ -224,17 +222,17 @@ class Leader:
         The order keeps what the operator requested, so that the next leader goes on with that. Without
         standbys the next one holds until told to run.
         """
-        self._candidacy.step(now)
+        self.candidacy.step(now)
         self._settle(now)
         self._go_on(now)
-        if not self._mission.standbys:
+        if not self.mission.standbys:
             self.plan.team_mode.end()
         outbox = (
             [self._position(now, "stop" if self.mode == "stop" else "hold", changed=True)]
             if self._leads
             else []
         )
-        outbox += self._voted(self._candidacy.leave(now))
+        outbox += self._voted(self.candidacy.leave(now))
         return [*outbox, self._status(now, reason)]
 
     def request(self, data: bytes, received: float) -> bytes:
@@ -243,21 +241,20 @@ class Leader:
             request = order.decode(OperatorRequest, data)
         except BadMessage as bad:
             self.dropped["order"] += 1
-            return self._operator_requests.reply(ok=False, reason=str(bad))
-        return self._operator_requests.answer(request, received)
+            return self.operator_requests.reply(ok=False, reason=str(bad))
+        return self.operator_requests.answer(request, received)
 
     @property
-    def _seat(self) -> Seat:
-        return Seat(self._candidacy.state, self._leader, self.mode)
+    def seat(self) -> Seat:
+        """Its part in the election, the leading candidate and the mode of the team."""
+        return Seat(self.candidacy.state, self._leader, self.mode)
 
     @property
     def _leader(self) -> str:
         """The leading candidate, as far as known; empty if there is none."""
         if self._leads:
             return self.name
-        known = (
-            self._mission.candidates[rank_of(self._candidacy.known) :][:1] if self._candidacy.known else ()
-        )
+        known = self.mission.candidates[rank_of(self.candidacy.known) :][:1] if self.candidacy.known else ()
         return known[0] if known and known[0] != self.name else ""
 
     def _take(self, sample: Sample, now: Now) -> None:
@@ -266,7 +263,7 @@ class Leader:
             self._take_position(self._followers[sample.key], sample, now)
         elif sample.key in self._ballots:
             ballot = order.decode(Ballot, decode(Text, sample.payload).text.encode())
-            self._candidacy.receive_ballot(ballot, self._ballots[sample.key], sample.arrived, now)
+            self.candidacy.receive_ballot(ballot, self._ballots[sample.key], sample.arrived, now)
         elif sample.key in self._routes:
             if self.plan.learn(NamedRoute.read(sample.payload)) and self._leads:
                 self.notes.append("knows now which route the leader was on, and goes on")
@@ -276,8 +273,8 @@ class Leader:
     def _take_position(self, robot: str, sample: Sample, now: Now) -> None:
         pose = decode(Pose, sample.payload)
         attachment = order.decode(PositionAttachment, sample.attachment or b"")
-        if attachment.mission != self._mission.tag:
-            self._mixed[robot] = attachment.mission, sample.arrived
+        if attachment.mission != self.mission.tag:
+            self.mixed[robot] = attachment.mission, sample.arrived
         attachment = without_absurd_terms(attachment, now)
         ahead = self._ahead(attachment.order)
         if sample.unverified or ahead:
@@ -285,7 +282,7 @@ class Leader:
             attachment = attachment.model_copy(update={"order": None, "term": term})
             if sample.forged or ahead:
                 self._alarm(robot, sample.unverified or ahead, now)
-        self._candidacy.receive(robot, attachment, sample.arrived, now)
+        self.candidacy.receive(robot, attachment, sample.arrived, now)
         self.plan.cohesion.receive(robot, pose, sample.arrived)
         received = attachment.order
         if received is not None and self._supersedes(robot, received, sample.arrived, now):
@@ -301,20 +298,22 @@ class Leader:
 
     def _check(self, received: Order) -> None:
         """Raise BadMessage for an order that no robot of this mission accepts."""
-        check_shape(received, self._mission.shapes)
+        check_shape(received, self.mission.shapes)
         self._fence.check(received)
 
     def _alarm(self, robot: str, why: str, now: Now) -> None:
         """Raise the alarm for a robot that relays a forged order."""
-        if self._forgeries.receive(robot, why, now.mono):
+        count, _, when = self._forged.get(robot, (0, "", float("-inf")))
+        self._forged[robot] = count + 1, why, now.mono
+        if now.mono - when > FORGERY_TIME:
             self.notes.append(f"ALARM: {robot} relays a forged order: {why}")
             self._status_rate = Rate(STATUS_RATE)
 
     def _ahead(self, relayed: Order | None) -> str:
         """Return in words why a relayed order cannot be this leader's; empty if it can."""
-        if not self._leads or relayed is None or relayed.term != self.term or relayed.beat <= self._beat:
+        if not self._leads or relayed is None or relayed.term != self.term or relayed.beat <= self.beat:
             return ""
-        return f"it is ahead of the leader: beat {relayed.beat}, the leader's own {self._beat}"
+        return f"it is ahead of the leader: beat {relayed.beat}, the leader's own {self.beat}"
 
     def _supersedes(self, robot: str, received: Order, arrived: float, now: Now) -> bool:
         """Return whether it is newer, or rises in an earlier term while the newest has long been silent.
@@ -328,24 +327,24 @@ class Leader:
         before, self._earlier[robot] = self._earlier.get(robot), received
         rises = before is not None and before.term == received.term and before.beat < received.beat
         binds = self._signer is not None and begun(self._newest.term, now)
-        return rises and not binds and arrived - self._newest_rose > expiry(self._mission)
+        return rises and not binds and arrived - self._newest_rose > expiry(self.mission)
 
     def _settle(self, now: Now) -> bool:
         """Begin or cease to lead, as the candidacy says; return whether that changed."""
-        if self._candidacy.leading == self._leads:
+        if self.candidacy.leading == self._leads:
             return False
-        self._leads = self._candidacy.leading
+        self._leads = self.candidacy.leading
         if not self._leads:
             self.plan.team_mode.stand_by()
             self.notes.append(f"leads no more, and stands by; {self._leader or 'no candidate'} leads")
             return True
-        self._terms_led, self._beat, self._count, self._stepped = self._terms_led + 1, 0, 0, None
-        self._rate = Rate(self._mission.robots[self._mission.leader].rate)
+        self._terms_led, self.beat, self._count, self._stepped = self._terms_led + 1, 0, 0, None
+        self.rate = Rate(self.mission.robots[self.mission.leader].rate)
         self._certificate_rate = Rate(CERTIFICATE_RATE)
         self._unsure = self._newest is None
         if self._newest is not None:
             self._continue(self._newest, under_way=self._under_way(now))
-        self._operator_requests.goes_on(now.mono)
+        self.operator_requests.goes_on(now.mono)
         gone_on = self._newest is not None and not (self._anew and self._terms_led == 1)
         where = f"goes on after {self.route_time:.1f} s of its route" if gone_on else "from the start"
         self._term = self.term
@@ -354,10 +353,9 @@ class Leader:
 
     def _under_way(self, now: Now) -> bool:
         """Return whether the beat of the newest order rose a moment ago, so that its leader may have led."""
-        return not self._newest_stale and now.mono - self._newest_rose <= expiry(self._mission)
+        return not self._newest_stale and now.mono - self._newest_rose <= expiry(self.mission)
 
     def _continue(self, newest: Order, *, under_way: bool) -> None:
-        """Go on from this order."""
         if self._anew and self._terms_led == 1:
             self.plan.team_mode.inherit_stop(newest)
         else:
@@ -370,7 +368,7 @@ class Leader:
             return False
         newest, stale = late
         self._continue(newest, under_way=not stale)
-        self._operator_requests.goes_on(now.mono)
+        self.operator_requests.goes_on(now.mono)
         self._stepped = None
         self.notes.append(f"goes on after all after {self.route_time:.1f} s of its route: {self.mode}")
         return True
@@ -385,7 +383,7 @@ class Leader:
         before, self._in_force = self._in_force, self.plan.in_force
         changed = before not in {(), self._in_force}
         if self._stepped is not None:
-            if not changed and now.mono < self._rate.due - TICK_TOLERANCE:
+            if not changed and now.mono < self.rate.due - TICK_TOLERANCE:
                 return False
             self.plan.go_on(now.mono, min(now.mono - self._stepped, LEADER_TIMEOUT_SECONDS), self._mode)
         self._stepped, self._mode = now.mono, self.plan.team_mode.mode
@@ -418,59 +416,36 @@ class Leader:
 
         A changed order gets a new beat, which is then repeated until time catches up.
         """
-        if self._beat == 0:
+        if self.beat == 0:
             self._began = mono
-        periods = 1 + math.floor((mono - self._began + TICK_TOLERANCE) / self._rate.period)
-        return max(self._beat + (1 if changed or self._beat == 0 else 0), periods)
+        periods = 1 + math.floor((mono - self._began + TICK_TOLERANCE) / self.rate.period)
+        return max(self.beat + (1 if changed or self.beat == 0 else 0), periods)
 
     def _position(self, now: Now, mode: Mode, *, changed: bool, certify: bool = False) -> Outgoing:
         """Return its position with its order or, at times if it may `certify`, with its certificate."""
-        before, self._beat = self._beat, self._next_beat(now.mono, changed=changed)
+        before, self.beat = self.beat, self._next_beat(now.mono, changed=changed)
         self._count += 1
         if self._term not in {0, self.term}:
             self.notes.append(f"goes on in term {self.term}: its clock has been set")
-        if self._beat != before or self._newest is None or self._term != self.term:
-            self._newest, self._newest_rose = self.plan.order(self.term, self._beat, mode), now.mono
+        if self.beat != before or self._newest is None or self._term != self.term:
+            self._newest, self._newest_rose = self.plan.order(self.term, self.beat, mode), now.mono
             self._newest_stale = False
         self._term = self.term
         publisher_id = (
             self._publisher_id if self._terms_led == 1 else f"{self._publisher_id}.{self._terms_led}"
         )
         attachment = PositionAttachment(
-            publisher_id=publisher_id, count=self._count, order=self._newest, mission=self._mission.tag
+            publisher_id=publisher_id, count=self._count, order=self._newest, mission=self.mission.tag
         )
         if self._signer is not None and certify and self._certificate_rate.tick(now.mono):
-            certificate = self._signer.certificate
-            attachment = PositionAttachment(
-                publisher_id=publisher_id,
-                count=self._count,
-                certificate=certificate,
-                term=self.term,
-                mission=self._mission.tag,
-            )
+            replaced = {"order": None, "certificate": self._signer.certificate, "term": self.term}
+            attachment = attachment.model_copy(update=replaced)
         elif self._signer is not None:
             text = order.encode(self._newest).decode()
-            signature = self._signer.sign(order.statement(self._mission.fingerprint, text))
+            signature = self._signer.sign(order.statement(self.mission.fingerprint, text))
             attachment = attachment.model_copy(update={"signed": text, "signature": signature})
         pose = Pose(now.wall, self.plan.where(), self.plan.route.heading(self.route_time))
-        return Outgoing(POSITION.key(self._mission.leader), encode(pose), order.encode(attachment))
+        return Outgoing(POSITION.key(self.mission.leader), encode(pose), order.encode(attachment))
 
     def _status(self, now: Now, reason: str) -> Outgoing:
-        report = Report(
-            name=self.name,
-            seat=self._seat,
-            term=self.term if self._leads else self._candidacy.known,
-            plan=self.plan,
-            mission=self._mission.fingerprint,
-            refusals=self._candidacy.refusals(now.mono),
-            mixed={
-                robot: tag for robot, (tag, when) in self._mixed.items() if now.mono - when <= REPORT_TIME
-            },
-            tag=self._mission.tag,
-            beat=self._beat,
-            late=self._rate.missed,
-            requests=self._operator_requests.requests(),
-            dropped=self.dropped,
-            forgers=self._forgeries.lately(now.mono),
-        )
-        return Outgoing(STATUS.key(self.name), encode(to_message(status(report, reason), now.wall)))
+        return Outgoing(STATUS.key(self.name), encode(to_message(status(self, now, reason), now.wall)))

@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import cmath
 import math
+from typing import Literal
 
 from formation.leader.cohesion import Cohesion
-from formation.leader.mode import TeamMode
 from formation.leader.route import NamedRoute
 from formation.leader.shape_transition import ShapeTransition, Wish
 from formation.mission.model import Mission
+from formation.mission.route import Straight
 from formation.protocol.order import Mode, OperatorRequest, Order, Slots, Tuned
 from formation.protocol.reasons import Code, Reason
-from formation.protocol.stops import MOTION, Result
+from formation.protocol.stops import MOTION, Rest, Result
 from formation.slots.geofence import LENGTH_TOLERANCE, Breach, Geofence
 from formation.slots.shape import PlacedShape
 from formation.stability import intent, spectrum, tuning
@@ -29,6 +30,74 @@ MAX_ROUTES = 16
 """Number of published routes that are kept."""
 MAX_ROUTE_TIME = 1e9
 """Longest route time in an order [s]."""
+
+
+class TeamMode:
+    """The mode of a candidate, and how an operator changes it."""
+
+    def __init__(self, *, hold: bool = False) -> None:
+        """With `hold`, the team waits until told to run, unless it is under way."""
+        self.base_mode: Literal["hold", "run"] = "hold" if hold else "run"
+        """The mode in force without a stop or a hold."""
+        self.rest = Rest()
+        """The operator's stop and hold. Each candidate keeps them, also while another leads."""
+        self.lost: Reason | None = None
+        """Why it cannot run even if told to."""
+        self._hold = hold
+        self._run_requested = False  # told to run, which is newer than the relayed order
+
+    @property
+    def mode(self) -> Mode:
+        """The mode in force: a stop overrides a hold, and a hold the base mode."""
+        return self.rest.mode or ("hold" if self.lost else self.base_mode)
+
+    def change(self, request: OperatorRequest, fact: str, *, leads: bool = True) -> Result:
+        """Obey ``run``, ``hold``, ``stop`` or ``release``; `fact` is the id of the resulting stop or hold.
+
+        A standby (`leads` is False) drops the hold that ``run`` ends; the rest comes from the leader's
+        order.
+        """
+        if request.do == "run" and leads and self.lost and not self.rest.stop:
+            return Result(ok=False, reason=str(self.lost))
+        result = self.rest.change(request, fact)
+        if request.do == "run" and leads and result.ok:
+            self.base_mode, self._run_requested = "run", True
+        return result
+
+    def restore(self, order: Order, *, under_way: bool = True) -> None:
+        """Take over another leader's mode. A stop or a hold of either stays.
+
+        `under_way`: its beat rose a moment ago. If not, one that was started to hold waits for ``run``.
+        """
+        self.inherit_stop(order)
+        if self._run_requested:
+            return
+        self.base_mode = order.base_mode if under_way or not self._hold else "hold"
+        if order.holding:
+            self.rest.hold = self.rest.hold or f"term-{order.term}"
+
+    def inherit_stop(self, order: Order) -> None:
+        """Stop if another leader was stopped. An order has no ids, so the stop gets a new one."""
+        if order.mode == "stop":
+            self.rest.stop = self.rest.stop or f"term-{order.term}"
+
+    def replace_lost(self) -> bool:
+        """Forget the lost route, which an order replaces; only ``run`` starts the team on the other one.
+
+        Return whether a route was lost.
+        """
+        if self.lost is None:
+            return False
+        self.lost, self.base_mode = None, "hold"
+        return True
+
+    def end(self) -> None:
+        """Leave a hold to the next leader: an operator has ended this one, and no other takes its place."""
+        self.base_mode = "hold"
+
+    def stand_by(self) -> None:
+        """Become a standby: the mode is later restored from the leader's orders."""
+        self.lost, self._run_requested = None, False
 
 
 class Plan:
@@ -57,7 +126,7 @@ class Plan:
 
     def where(self, ahead: float = 0.0) -> complex:
         """Return the leader's position [m; world frame] `ahead` [s] after the newest step if it runs on."""
-        return self.route.position(self.route_time + self.pace * ahead)
+        return self.route.where(self.route_time + self.pace * ahead)
 
     @property
     def pace(self) -> float:
@@ -86,6 +155,12 @@ class Plan:
         )
 
     @property
+    def waits_for(self) -> tuple[str, ...]:
+        """Robots for which a team that is told to run waits."""
+        stands = self.team_mode.mode != "run" or self.fenced is not None
+        return () if stands else self.cohesion.waits_for
+
+    @property
     def in_force(self) -> tuple[object, ...]:
         """All that operators have ordered; a change is published at once."""
         return self.team_mode.mode, self.shape_transition.wish, self.route.id, self.tuned
@@ -93,7 +168,7 @@ class Plan:
     def _fenced(self, dt: float) -> Breach | None:
         """Return what would leave the bounds in `dt` [s] and `BOUNDS_STOP_TIME` more."""
         time = self.route_time + dt + BOUNDS_STOP_TIME
-        here, there = self.where(), self.route.position(time)
+        here, there = self.where(), self.route.where(time)
         placed_shape, wish = self.shape_transition.placed_shape, self.shape_transition.wish
         if here == there or self._fence.clear_of(there, max(placed_shape.scale, wish.scale)):
             return None
@@ -108,7 +183,7 @@ class Plan:
         self._routes[route.id] = route
         while len(self._routes) > MAX_ROUTES:
             del self._routes[next(name for name in self._routes if name)]
-        if self.route.known or route.id != self.route.id or not route.id:
+        if self.route.legs or route.id != self.route.id or not route.id:
             return False
         self.route, self.team_mode.lost = route, None
         return True
@@ -120,7 +195,7 @@ class Plan:
         route = self._routes.get(order.route)
         there = None if order.place is None else complex(order.place.x, order.place.y)
         if route is not None and (
-            there is None or abs(route.position(order.time) - there) <= MAX_ROUTE_DISTANCE
+            there is None or abs(route.where(order.time) - there) <= MAX_ROUTE_DISTANCE
         ):
             self.route = route
         elif order.place is not None:
@@ -163,7 +238,6 @@ class Plan:
         return Result(*self._change_shape(request))
 
     def _set_out(self, request: OperatorRequest) -> tuple[bool, str]:
-        """Start another route from the current place."""
         why = intent.refusal(self._mission, request, self.wanted)
         if why is not None:
             return False, why
@@ -172,9 +246,10 @@ class Plan:
         if request.legs is not None:
             route = NamedRoute.ordered(request.legs, start, heading)
         elif request.speed is not None and request.degrees is not None:
-            route = NamedRoute.endless(request.speed, request.degrees, start, heading)
+            leg = Straight(speed=request.speed, heading_deg=request.degrees)
+            route = NamedRoute.ordered((leg,), start, heading)
         placed_shapes = (self.wanted, self._turned_back(self.shape_transition.placed_shape))
-        why, notice = intent.leaves(self._fence, route.geometry, placed_shapes, heading)
+        why, notice = intent.leaves(self._fence, route, placed_shapes, heading)
         if why is not None:
             return False, why
         self.route = route
@@ -241,7 +316,7 @@ class Plan:
         """Return why a shape leaves the bounds on the rest of a finite route; None if it does not."""
         if math.isinf(self.route.total):
             return None
-        route, heading, since = self.route.geometry, self.route.heading(self.route_time), self.route_time
+        route, heading, since = self.route, self.route.heading(self.route_time), self.route_time
         before, _ = intent.leaves(self._fence, route, (self.wanted,), heading, since)
         why, _ = intent.leaves(self._fence, route, (placed_shape,), heading, since)
         return None if before else why

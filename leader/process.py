@@ -1,26 +1,87 @@
-"""The leader, or a standby, on the bus."""
+"""The leader, or a standby, on the bus; and its newest term on disk: its next process draws a later one.
+
+The latter is best effort: a term that could not be written or read delays the robots by at most
+`formation.protocol.election.TERM_EXPIRY_TIME`.
+"""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from formation.leader.core import Leader
-from formation.leader.terms import TermFile
 from formation.topics import ORDER, STATUS
 from formation.transport.runtime.loop import Pauses, Runtime
 from formation.transport.security.verifying import Verifier
 from formation.wire import Now, Outgoing, Sample
 
+WRITE_PERIOD = 1.0
+"""Shortest time between two writes of a term [s]."""
+MAX_DIGITS = 19
+"""Largest number of digits of a term in a file."""
+SaveTerm = Callable[[int, float], None]
+"""(newest known term, now [s, monotonic]); it does not delay a beat."""
 _log = logging.getLogger(__name__)
+
+
+class Terms:
+    """One candidate's term file."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        """Make the folder if it is missing. Raises OSError."""
+        folder.mkdir(parents=True, exist_ok=True)
+        self._path = folder / f"{name}.term"
+        self._saved = 0
+        self._due = float("-inf")  # [s, monotonic]
+        self._writing: threading.Thread | None = None
+
+    def read(self) -> int:
+        """Return the stored term; 0 if there is none or it cannot be read, which is logged."""
+        try:
+            with self._path.open("rb") as file:
+                text = file.read(MAX_DIGITS + 2).strip()
+        except FileNotFoundError:
+            return 0
+        except OSError as error:
+            _log.warning("%s cannot be read, so no term is known: %s", self._path, error.strerror)
+            return 0
+        if not text.isdigit() or len(text) > MAX_DIGITS or int(text) >= 2**63:
+            _log.warning("%s holds no term of up to %d digits: ignored", self._path, MAX_DIGITS)
+            return 0
+        self._saved = int(text)
+        return self._saved
+
+    def save(self, term: int, mono: float) -> None:
+        """Write it in a separate thread, so that a hanging disk delays no beat; `mono` in s."""
+        busy = self._writing is not None and self._writing.is_alive()
+        if term == self._saved or busy or mono < self._due:
+            return
+        self._saved, self._due = term, mono + WRITE_PERIOD
+        self._writing = threading.Thread(target=self._write, args=(term,), name="term", daemon=True)
+        self._writing.start()
+
+    def close(self, patience: float = 1.0) -> None:
+        """Wait at most `patience` [s] until the newest term is written."""
+        if self._writing is not None:
+            self._writing.join(patience)
+
+    def _write(self, term: int) -> None:
+        try:
+            fresh = self._path.with_suffix(".new")
+            fresh.write_text(f"{term}\n", encoding="ascii")
+            fresh.replace(self._path)
+        except OSError as error:
+            _log.warning("%s cannot be written: %s", self._path, error.strerror)
 
 
 class _Logged:
     """The leader, logging what changes."""
 
-    def __init__(self, leader: Leader, terms: TermFile | None) -> None:
+    def __init__(self, leader: Leader, save: SaveTerm | None) -> None:
         self.began = False
-        self._leader, self._terms = leader, terms
+        self._leader, self._save = leader, save
         self.dropped = leader.dropped
 
     @property
@@ -31,8 +92,8 @@ class _Logged:
         self.began = True
         outbox = self._leader.step(now, inbox)
         self._write()
-        if self._terms is not None:
-            self._terms.save(self._leader.known, now.mono)
+        if self._save is not None:
+            self._save(self._leader.known, now.mono)
         return outbox
 
     def halt(self, now: Now, reason: str) -> list[Outgoing]:
@@ -46,13 +107,13 @@ class _Logged:
 
 
 def lead(
-    leader: Leader, process: Runtime, verifier: Verifier | None = None, terms: TermFile | None = None
+    leader: Leader, process: Runtime, verifier: Verifier | None = None, save: SaveTerm | None = None
 ) -> Pauses:
     """Declare, wait for the monitor, then lead, or stand by, until told to stop.
 
-    `verifier` checks relayed orders if there are certificates; `terms` stores the newest term.
+    `verifier` checks relayed orders if there are certificates; `save` stores the newest term.
     """
-    logged = _Logged(leader, terms)
+    logged = _Logged(leader, save)
 
     def answer(request: bytes, received: float) -> bytes:
         if logged.began:  # a frozen process first finds out whether it still leads

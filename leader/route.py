@@ -16,7 +16,7 @@ from typing import Annotated, Self
 from pydantic import BaseModel, ConfigDict, StringConstraints, ValidationError
 
 from formation.mission.model import Mission
-from formation.mission.route import Leg, Route, Straight
+from formation.mission.route import Leg, Route
 from formation.protocol.order import Legs, Number, Place
 from formation.ros2.messages import Text, decode, encode
 from formation.wire import BadMessage
@@ -46,22 +46,29 @@ class _RouteMessage(BaseModel):
         return hashlib.sha256(body.encode()).hexdigest()[:12]
 
 
-class NamedRoute:
+class NamedRoute(Route):
     """A route with a name."""
 
     def __init__(
-        self, name: str, route: Route, message: _RouteMessage | None = None, legs: Sequence[Leg] = ()
+        self,
+        name: str,
+        legs: Sequence[Leg],
+        start: complex,
+        heading: complex,
+        message: _RouteMessage | None = None,
     ) -> None:
+        super().__init__(legs, start, heading)
         self.id = name
         """Empty for the mission's own route."""
         self.legs = tuple(legs)
-        """Empty while standing."""
-        self._route, self._message = route, message
+        """Empty for a stand in place of an unknown route."""
+        self._message = message
 
     @classmethod
     def of(cls, mission: Mission) -> Self:
         """Return the mission's own route."""
-        return cls("", Route.of(mission), None, mission.route)
+        start = mission.robots[mission.leader].start
+        return cls("", mission.route, start.position, start.heading)
 
     @classmethod
     def ordered(cls, legs: Sequence[Leg], start: complex, heading: complex) -> Self:
@@ -71,14 +78,9 @@ class NamedRoute:
         return cls._of(message.model_copy(update={"id": message.name}))
 
     @classmethod
-    def endless(cls, speed: float, degrees: float, start: complex, heading: complex) -> Self:
-        """Return an endless straight route at `speed` [m/s] in the direction `degrees` [world frame]."""
-        return cls.ordered((Straight(speed=speed, heading_deg=degrees),), start, heading)
-
-    @classmethod
     def standing(cls, name: str, place: Place) -> Self:
         """Return a stand at `place`, in place of the unknown route `name`."""
-        return cls(name, Route((), complex(place.x, place.y), cmath.rect(1.0, place.heading)))
+        return cls(name, (), complex(place.x, place.y), cmath.rect(1.0, place.heading))
 
     @classmethod
     def read(cls, payload: bytes) -> Self:
@@ -93,57 +95,30 @@ class NamedRoute:
         return cls._of(message)
 
     @property
-    def known(self) -> bool:
-        """Whether its legs are known; False for a stand in place of an unknown route."""
-        return bool(self.legs)
-
-    @property
-    def geometry(self) -> Route:
-        """The route's geometry."""
-        return self._route
-
-    @property
     def payload(self) -> bytes | None:
         """The message for the other candidates; None for the mission's route and an unknown one."""
         return (
             None if self._message is None else encode(Text(self._message.model_dump_json(exclude_none=True)))
         )
 
-    @property
-    def total(self) -> float:
-        """Duration of the route [s]; infinite if its last leg never ends."""
-        return self._route.total
-
-    def position(self, time: float) -> complex:
-        """Return the leader's position [m; world frame] after `time` on the route [s]."""
-        where = self._route.position(time)
+    def where(self, time: float) -> complex:
+        """Return the leader's position [m; world frame] after `time` on the route [s], as it is published."""
+        where = self.position(time)
         return complex(_within(where.real), _within(where.imag))
-
-    def heading(self, time: float) -> complex:
-        """Return its direction of travel, unit complex [world frame]."""
-        return self._route.heading(time)
-
-    def turn_rate(self, time: float) -> float:
-        """Return how fast the heading turns [rad/s]."""
-        return self._route.turn_rate(time)
-
-    def velocity(self, time: float) -> complex:
-        """Return the leader's velocity [m/s; world frame]."""
-        return self._route.velocity(time)
 
     def fastest(self, since: float, until: float) -> float:
         """Return the leader's highest speed from `since` until `LOOKAHEAD_TIME` after `until` [m/s]."""
         step = (until + LOOKAHEAD_TIME - since) / LOOKAHEAD_STEPS
-        return max(abs(self._route.velocity(since + number * step)) for number in range(LOOKAHEAD_STEPS + 1))
+        return max(abs(self.velocity(since + number * step)) for number in range(LOOKAHEAD_STEPS + 1))
 
     def place(self, time: float) -> Place:
         """Return the leader's place, as in an order."""
-        return place_of(self.position(time), self.heading(time))
+        return place_of(self.where(time), self.heading(time))
 
     @classmethod
     def _of(cls, message: _RouteMessage) -> Self:
         start, heading = complex(message.x, message.y), cmath.rect(1.0, message.heading)
-        return cls(message.id, Route(message.legs, start, heading), message, message.legs)
+        return cls(message.id, message.legs, start, heading, message)
 
 
 def place_of(position: complex, heading: complex) -> Place:

@@ -36,7 +36,7 @@ from formation.transport.asking import OPERATOR
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError, parse_override
 from formation.transport.mailbox import Mailbox
-from formation.transport.robot_bus import RobotBus
+from formation.transport.robot_bus import RobotBus, RobotBuses
 from formation.transport.runtime.command_line import needs
 from formation.transport.runtime.flags import bus_config, parser
 from formation.transport.runtime.process import BadInput, Stop, clocks, run_process, say

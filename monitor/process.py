@@ -20,7 +20,6 @@ from formation.monitor.metrics.words import as_json, line
 from formation.monitor.recording.recorder import Recorder
 from formation.monitor.web import frames
 from formation.monitor.web.source import HISTORY_RATE, Source
-from formation.transport.runtime.loop import FleetSide, RobotSide
 from formation.transport.linger import Linger
 from formation.transport.runtime.loop import FleetSide, Pauses, RobotSide, StopRequest
 from formation.transport.runtime.process import clocks, say

@@ -3,14 +3,11 @@
 An order contains the final gains. Each robot approaches them by its own time, along a straight line in
 (ln k_P, ln k_I): k_P grows or shrinks at most e-fold in a second, k_I twice as far.
 
-| property | why |
-|---|---|
-| the integral's part of the command stays | ξ is rescaled, so that k_I ξ is unchanged |
-| no command jumps | a step of the gains that would change one by more than `MAX_COMMAND_STEP_SHARE` is
-shorter | | between stable gains all are | for each eigenvalue stability is a half-plane there
-(`formation.stability`) | | lost messages do not matter | the path depends on time, from the present gains to
-the ordered ones | | a forged order has little effect | gains that would be unstable are refused, and changes
-are slow |
+- The integral's part of the command stays: ξ is rescaled, so that k_I ξ is unchanged.
+- No command jumps: a step of the gains that would change one by more than `MAX_COMMAND_STEP_SHARE` is cut.
+- Between stable gains all are: for each eigenvalue stability is a half-plane there (`formation.stability`).
+- Lost messages do not matter: the path depends on time, from the present gains to the ordered ones.
+- A forged order has little effect: gains that would be unstable are refused, and changes are slow.
 """
 
 from __future__ import annotations

@@ -6,7 +6,6 @@ those either, neighbours that are returning to their slots.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -143,12 +142,6 @@ class Neighbour:
         self._top_speed = spec.top_speed
         self._filter = mission.law.velocity_filter
         self._reported_limit = neighbour.FRESH_PERIODS / spec.rate
-
-    def adopt(self, state: NeighbourState) -> None:
-        """Continue from this state."""
-        self.state, self.stream.state, self.publisher.state = state, state.stream, state.publisher
-        if self.check is not None and state.check is not None:
-            self.check.state = state.check
 
     def take_position(self, pose: Pose, arrived: float, now: Now, *, answered: bool = False) -> None:
         """Update from its published pose. Raises BadMessage.
@@ -333,12 +326,6 @@ class Neighbourhood:
         # without delay compensation a sensor's displacements are used unchanged
         self._as_measured = not controller.delay_compensation and local
 
-    def adopt(self, state: NeighbourhoodState) -> None:
-        """Continue from this state, of the same neighbours."""
-        self.state = state
-        for name, one in self.each.items():
-            one.adopt(state.each[name])
-
     @property
     def guides(self) -> tuple[str, ...]:
         """The robots that it follows now."""
@@ -361,8 +348,10 @@ class Neighbourhood:
 
     def doubts(self, now: Now) -> dict[str, Reason]:
         """The neighbours that are measured and not followed, because the sensor is doubted."""
-        found = {name: one.doubt(self.state.age_limit, now) for name, one in self.each.items()}
-        return {name: doubt for name, doubt in found.items() if doubt is not None}
+        limit = self.state.age_limit
+        return {
+            name: doubt for name, one in self.each.items() if (doubt := one.doubt(limit, now)) is not None
+        }
 
     def trust_all(self, moment: float) -> None:
         """End doubts about the sensor at `moment` [s, monotonic]: an operator has checked it."""
@@ -388,24 +377,23 @@ class Neighbourhood:
             state.guides = usable or self._leading(self._returning(now), usable)
 
     def _usable(self, names: tuple[str, ...], now: Now) -> tuple[str, ...]:
-        known = [(name, self.each[name]) for name in names]
         return tuple(
-            name
-            for name, one in known
-            if not one.state.unavailable and not one.state.beyond and self._known(one, now)
+            name for name in names if not self.each[name].state.unavailable and self._followable(name, now)
         )
 
     def _returning(self, now: Now) -> tuple[str, ...]:
         """Neighbours that are unavailable, and returning to their slots."""
-        known = [(name, self.each[name]) for name in self._neighbours]
         return tuple(
             name
-            for name, one in known
-            if one.state.unavailable and not one.state.beyond and self._known(one, now) and one.going(now)
+            for name in self._neighbours
+            if self.each[name].state.unavailable
+            and self._followable(name, now)
+            and self.each[name].going(now)
         )
 
-    def _known(self, one: Neighbour, now: Now) -> bool:
-        return one.fresh(now) and one.doubt(self.state.age_limit, now) is None
+    def _followable(self, name: str, now: Now) -> bool:
+        one = self.each[name]
+        return not one.state.beyond and one.fresh(now) and one.doubt(self.state.age_limit, now) is None
 
     def _leading(self, names: tuple[str, ...], usable: tuple[str, ...]) -> tuple[str, ...]:
         """The robots of `names` that follow the leader without this one, using only `usable` neighbours."""
@@ -461,15 +449,3 @@ class Neighbourhood:
             velocity += one.velocity - (slots.state.velocity[name] - my_velocity)
         mean_velocity = velocity / len(self.state.guides) if self._feed_forward else 0j
         return Measured(relative, desired, len(self.state.guides), mean_velocity)
-
-
-def unanswered(each: Iterable[Neighbour], now: Now) -> dict[str, Unanswered]:
-    """Return the robots that may be late, with their lateness."""
-    found = {one.name: one.unanswered(now) for one in each}
-    return {name: late for name, late in found.items() if late is not None}
-
-
-def other_missions(each: Iterable[Neighbour], now: Now) -> dict[str, str]:
-    """Return the robots that run another mission, with its tag."""
-    found = {one.name: one.other_mission(now) for one in each}
-    return {name: tag for name, tag in found.items() if tag is not None}

@@ -24,6 +24,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from formation.agent.following.gains import Bearable
+from formation.agent.following.publisher import rises
 from formation.agent.pose.stream import TooLateError
 from formation.control.tracker import FRESH_PERIODS
 from formation.mission.model import Mission
@@ -38,8 +39,6 @@ REFUSED_ORDER_TIME = 1.0
 """Time for which an order that was not signed stays in the status [s]."""
 FORGED_ORDER_TIME = 10.0
 """Time for which the status names the robot that relayed a forged order [s]."""
-MAX_BEAT_LEAP = 1.0
-"""Rise of a beat that is allowed between two messages, in addition to the time between them [s]."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -77,10 +76,6 @@ class Orders:
         self._fence = Geofence(mission)
         self._leader, self._votes = mission.leader, bool(mission.standbys)
         self._rate, self._expiry = mission.robots[mission.leader].rate, expiry(mission)
-
-    def adopt(self, state: OrdersState) -> None:
-        """Continue from this state."""
-        self.state, self.voter.state = state, state.voter
 
     @property
     def newest(self) -> Order | None:
@@ -135,7 +130,9 @@ class Orders:
             raise BadMessage(
                 "order of an earlier term: another leader has started since, or had a later clock"
             )
-        if before is not None and self._follows(*before, received, arrived) and self._supersedes(received):
+        if before is None or received.term != before[0].term or not self._supersedes(received):
+            return
+        if rises(received.beat, before[0].beat, arrived - before[1], self._rate):
             self._check_late(received, arrived)
             state.newest, state.signed, state.rose, state.lived = received, signed, arrived, arrived
             self.voter.follows(received.term, arrived)
@@ -186,8 +183,3 @@ class Orders:
             raise TooLateError(
                 f"order too late: {late:.2f} s later than the quickest; limit {MAX_BEAT_LATENESS:g} s"
             )
-
-    def _follows(self, before: Order, then: float, received: Order, arrived: float) -> bool:
-        """Whether a living leader's beat can have risen like this between two messages of one neighbour."""
-        most = 2.0 * self._rate * (MAX_BEAT_LEAP + max(0.0, arrived - then))
-        return received.term == before.term and 0 < received.beat - before.beat <= most

@@ -22,6 +22,11 @@ MAX_SILENT_IDS = 64
 """Number of silent publisher ids of which the newest count is kept, to refuse repeated messages."""
 
 
+def rises(count: int, before: int, wait: float, rate: float) -> bool:
+    """Whether a living process that counts at `rate` [Hz] can have counted so far in `wait` [s]."""
+    return 0 < count - before <= 2.0 * rate * (MAX_COUNT_LEAP + max(0.0, wait))
+
+
 @dataclass(slots=True, kw_only=True)
 class AcceptedPublisherState:
     """The accepted publisher id, and former ones."""
@@ -69,7 +74,7 @@ class AcceptedPublisher:
                 raise BadMessage(
                     f"repeated or late: position {attachment.count}; this publisher is at {bound.count}"
                 )
-            if not self._follows(attachment.count, bound.count, wait) and not self._goes_on(
+            if not rises(attachment.count, bound.count, wait, self._rate) and not self._goes_on(
                 attachment, wait, arrived
             ):
                 raise BadMessage(f"position count leaps from {bound.count} to {attachment.count}")
@@ -84,9 +89,6 @@ class AcceptedPublisher:
         if len(state.former) > MAX_SILENT_IDS:
             state.former.pop(next(iter(state.former)))
 
-    def _follows(self, count: int, before: int, wait: float) -> bool:
-        return 0 < count - before <= 2.0 * self._rate * (MAX_COUNT_LEAP + max(0.0, wait))
-
     def _goes_on(self, attachment: PositionAttachment, wait: float, arrived: float) -> bool:
         """Whether a second message confirms a leap after a silence by following from the first.
 
@@ -96,7 +98,7 @@ class AcceptedPublisher:
         leapt, self.state.leapt = self.state.leapt, (attachment.count, arrived)
         if leapt is None or wait <= self.limit:
             return False
-        return self._follows(attachment.count, leapt[0], arrived - leapt[1])
+        return rises(attachment.count, leapt[0], arrived - leapt[1], self._rate)
 
 
 def _term(attachment: PositionAttachment) -> int:

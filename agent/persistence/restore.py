@@ -16,7 +16,8 @@ import json
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from pathlib import Path
+from typing import Literal, NamedTuple, Protocol
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -30,11 +31,11 @@ from formation.agent.persistence.state import (
     Restored,
     dump,
     explained,
+    overwrite,
     restore,
 )
-from formation.agent.persistence.store import StateFiles
 from formation.agent.pose.estimator import Localisation, LocalisationState
-from formation.agent.pose.external_pose import ExternalPoseState
+from formation.agent.pose.sources import ExternalPoseState
 from formation.agent.safety.latch import LatchState
 from formation.protocol.election import check_term
 from formation.protocol.order import MAX_GAIN, MIN_GAIN, Id, Mode, Name
@@ -116,7 +117,7 @@ class Restorer:
     def __init__(self, agent: Agent, boot: str) -> None:
         """`boot` is the id of the time since this machine was switched on; empty if unknown."""
         self._agent, self._boot = agent, boot
-        self._mission = agent._mission  # noqa: SLF001 - as in a trace, this is the agent's other half
+        self._mission = agent.mission
         self._external = self._mission.robots[agent.robot].localisation == "external"
         self._saved: Saved | None = None
 
@@ -126,7 +127,7 @@ class Restorer:
         A file that cannot be read counts as a stop, and the reason says so.
         """
         try:
-            stops = _read(data)
+            stops = Stops.model_validate_json(data)
             if stops.robot != self._agent.robot:
                 raise BadStateError(f"it is of {stops.robot}")
             why = Reason(_BEFORE[stops.mode]) if stops.mode in _BEFORE else None
@@ -193,7 +194,7 @@ class Restorer:
             return _anew(unfit)
         here = Localisation(self._mission, self._agent.robot, self._agent.controller)
         try:
-            here.adopt(saved.here)
+            overwrite(here.state, saved.here)
             if strange := here.goes_on(message, sample.arrived, saved.mono):
                 return _anew(strange)
             age = sample.arrived - saved.mono
@@ -278,16 +279,9 @@ class Restorer:
         )
 
 
-def _read(data: bytes) -> Stops:
-    """Raises BadStateError."""
-    try:
-        return Stops.model_validate_json(data)
-    except ValidationError as error:
-        raise BadStateError(explained(error)) from None
-
-
 def _described(error: Exception) -> str:
-    """Why something cannot be restored, in one line."""
+    if isinstance(error, ValidationError):
+        return explained(error)[:200]
     kind = "" if isinstance(error, BadStateError) else f"{type(error).__name__}: "
     return f"{kind}{' '.join(str(error).split())[:200]}"
 
@@ -309,10 +303,25 @@ def _anew(why: str) -> Taken:
     return Taken(None, f"starts without the saved state: {why}")
 
 
+class _Files(Protocol):
+    """What is used of a `Store`; a rehearsal has its own."""
+
+    @property
+    def stops(self) -> Path: ...
+    @property
+    def failure(self) -> str: ...
+    def written(self, patience: float) -> bool: ...
+    def write_stops(self, stops: Json) -> None: ...
+    def write_state(self, state: Json) -> None: ...
+    def read_stops(self) -> bytes | None: ...
+    def read_state(self) -> bytes | None: ...
+    def set_state_aside(self) -> Path | None: ...
+
+
 class Persistence:
     """Connects one agent with the folder of its saved state."""
 
-    def __init__(self, agent: Agent, store: StateFiles, boot: str) -> None:
+    def __init__(self, agent: Agent, store: _Files, boot: str) -> None:
         """`boot` is the id of the time since this machine was switched on; empty if unknown."""
         self._restorer, self._store = Restorer(agent, boot), store
         self._due = float("-inf")  # [s, monotonic]

@@ -31,6 +31,7 @@ from formation.agent.following.gains import TuningState
 from formation.agent.pose.estimator import LocalisationState
 from formation.agent.safety.latch import LatchState
 from formation.protocol.reasons import Reason
+from formation.ros2.messages import Message
 
 Json = Any
 """None, bool, int, float, str, and lists and dicts of these."""
@@ -72,7 +73,6 @@ _LEAVES: Mapping[Any, CoreSchema] = {
 
 @cache
 def _schema(of: Any) -> CoreSchema:
-    """The schema of one annotation."""
     if of in _LEAVES:
         return _LEAVES[of]
     origin, args = get_origin(of), get_args(of)
@@ -169,7 +169,24 @@ def restore(agent: Agent, saved: Json) -> None:
     """
     state = _AGENT.read(saved, "state")
     _check(agent, state)
-    agent.adopt(state)
+    overwrite(agent.state, state)
+
+
+def overwrite(state: Any, by: Any) -> None:
+    """Give a state the values of another of its type, in place: the parts of an agent refer to it."""
+    for name in [one.name for one in fields(state)]:
+        ours, theirs = getattr(state, name), getattr(by, name)
+        if _is_state(ours) and type(theirs) is type(ours):
+            overwrite(ours, theirs)
+        elif isinstance(ours, dict) and any(map(_is_state, ours.values())):
+            for part in ours:
+                overwrite(ours[part], theirs[part])
+        else:
+            setattr(state, name, theirs)
+
+
+def _is_state(value: Any) -> bool:
+    return is_dataclass(value) and not isinstance(value, Message)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -196,7 +213,7 @@ class Restored:
         _check(agent, state)
         if self.voted_term is not None:
             state.orders.voter.voted_term = self.voted_term
-        agent.adopt(state)
+        overwrite(now, state)
 
 
 RESTORED = Codec(Restored)

@@ -14,7 +14,6 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
 from zlib import crc32
 
 from formation.agent.persistence.state import Json
@@ -76,36 +75,6 @@ class Worker:
 
 def _end() -> None:
     """The job after which a worker ends."""
-
-
-class StateFiles(Protocol):
-    """The files of one agent, as `formation.agent.persistence.restore` uses them: a `Store`."""
-
-    @property
-    def stops(self) -> Path:
-        """The file of stops."""
-
-    @property
-    def failure(self) -> str:
-        """As `Store.failure`."""
-
-    def written(self, patience: float) -> bool:
-        """As `Store.written`."""
-
-    def write_stops(self, stops: Json) -> None:
-        """As `Store.write_stops`."""
-
-    def write_state(self, state: Json) -> None:
-        """As `Store.write_state`."""
-
-    def read_stops(self) -> bytes | None:
-        """As `Store.read_stops`."""
-
-    def read_state(self) -> bytes | None:
-        """As `Store.read_state`."""
-
-    def set_state_aside(self) -> Path | None:
-        """As `Store.set_state_aside`."""
 
 
 class Store:

@@ -3,7 +3,7 @@ r"""Record, with each command, all inputs of the agent since the one before, so 
 The trace is an attachment of `CMD_VEL` as published to the fleet. It names each message by key and checksum,
 since the recording contains the messages, with its arrival and the clocks of each step; now and then it also
 contains the agent's state, from which a recording that began later, or has lost something, can be continued.
-`formation.agent.verify` reads it.
+`formation.agent.verify` repeats it. It is read strictly, as it may come from any file.
 
     {"n": 17, "publisher_id": "…",                   17th command of this publisher id
      "steps": [[mono, wall, [[key, crc, arrived], …]],          key: which of the agent's subscriptions
@@ -24,10 +24,13 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from functools import cache
+from typing import Annotated, Any, NamedTuple
 from zlib import crc32
 
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
 from formation.agent.core import Agent
-from formation.agent.persistence.state import RESTORED, Json, Restored, dump
+from formation.agent.persistence.state import RESTORED, Json, Restored, dump, explained
 from formation.protocol.order import MAX_REQUEST_BYTES
 from formation.ros2.messages import MAX_PAYLOAD_BYTES
 from formation.ros2.ros_names import address
@@ -41,9 +44,115 @@ MAX_TRACED_INPUTS = 400
 """Most messages, steps and requests traced between two commands; at 200 Hz there are a few."""
 MAX_TRACE_BYTES = MAX_PAYLOAD_BYTES - 1024
 """Greatest size of a trace [bytes], so that a recording can store it."""
-Link = tuple[bool | None, bool | None, bool]
-"""Of `formation.agent.status.Surroundings`: connected, routed, rival."""
 _encode = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
+
+
+Count = Annotated[int, Field(ge=0, lt=2**63)]
+Text = Annotated[str, Field(max_length=1000)]
+
+
+class BadTraceError(ValueError):
+    """The attachment of a command is no trace; the text says why."""
+
+
+class TracedMessage(NamedTuple):
+    """A message of an inbox."""
+
+    key: Count
+    """Which of the agent's keys."""
+    checksum: Count
+    arrived: float
+    """[s, monotonic]"""
+    unverified: Text = ""
+    """Why its order did not count."""
+    forged: bool = False
+
+
+class Link(NamedTuple):
+    """State of the robot's side, as an agent saw it: the part of `Surroundings` that affects commands."""
+
+    connected: bool | None
+    routed: bool | None
+    rival: bool = False
+
+
+class Step(NamedTuple):
+    """One step of an agent, or, with `link`, one at which its link with the robot had changed."""
+
+    mono: float
+    wall: float
+    received: tuple[TracedMessage, ...]
+    link: Link | None = None
+
+    @property
+    def now(self) -> Now:
+        """The clocks of this step."""
+        return Now(self.mono, self.wall)
+
+
+class RequestStep(NamedTuple):
+    """An operator's request, between two steps."""
+
+    received: float
+    """[s, monotonic]"""
+    request: Annotated[str, Field(max_length=MAX_REQUEST_BYTES)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
+
+
+class RestoredStep(_Table):
+    """State that an agent restored, between two steps, from another that ran before it."""
+
+    restored: dict[Text, Any]
+
+
+class About(_Table):
+    """How an agent was constructed."""
+
+    law: Text
+    readonly: bool
+    mission: Text
+    """Fingerprint."""
+    keys: tuple[Text, ...]
+    """Keys that it subscribes to."""
+
+
+class Traced(_Table):
+    """One command's trace."""
+
+    n: Count
+    """Number of this command, from 1, by publisher id."""
+    publisher_id: Text
+    steps: tuple[Step | RequestStep | RestoredStep, ...] = ()
+    """Its inputs since the command before: steps, and between them an operator's requests."""
+    halt: Now | None = None
+    """When the agent sent its last messages."""
+    gap: Text = ""
+    """Why the steps are missing."""
+    agent: About | None = None
+    state: Any = None
+    """The agent's state after this command."""
+
+    def received(self, keys: tuple[str, ...]) -> list[tuple[str, TracedMessage]]:
+        """Every message that it names, with its key. Raises BadTraceError for a key not in `keys`."""
+        found = [one for step in self.steps if isinstance(step, Step) for one in step.received]
+        if any(one.key >= len(keys) for one in found):
+            raise BadTraceError(f"names a key that the agent does not have: it has {len(keys)}")
+        return [(keys[one.key], one) for one in found]
+
+
+def read(attachment: bytes) -> Traced:
+    """Parse the trace in an attachment. Raises BadTraceError, and nothing else."""
+    try:
+        traced = Traced.model_validate_json(attachment)
+    except ValidationError as error:
+        raise BadTraceError(explained(error)) from None
+    many = sum(1 + len(step.received) if isinstance(step, Step) else 1 for step in traced.steps)
+    if many > MAX_TRACED_INPUTS:  # an agent traces no more; each costs a step or a search
+        raise BadTraceError(f"has {many} steps and messages, at most {MAX_TRACED_INPUTS} are read")
+    return traced
 
 
 class Trace:
@@ -57,14 +166,14 @@ class Trace:
         self._agent = agent
         self._about = {
             "law": agent.controller.name,
-            "readonly": agent._readonly,  # noqa: SLF001 - as with the state, this is the agent's other half
-            "mission": agent._mission.fingerprint,  # noqa: SLF001
+            "readonly": agent.readonly,
+            "mission": agent.mission.fingerprint,
             "keys": agent.subscriptions,
         }
-        self._publisher_id = agent._publisher_id  # noqa: SLF001
+        self._publisher_id = agent.publisher_id
         self._numbers = {key: number for number, key in enumerate(agent.subscriptions)}
         self._count = 0
-        self._link: Link | None = (None, None, False)  # as last traced
+        self._link: Link | None = Link(None, None)  # as last traced
         self._steps: list[Json] = []
         self._room = MAX_TRACED_INPUTS
         self._halt: Now | None = None

@@ -5,9 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from formation.agent.pose.external_pose import ExternalPoseSource, ExternalPoseState
-from formation.agent.pose.odometry import OdometrySource, OdometryState
-from formation.agent.pose.pose_update import PoseUpdate
+from formation.agent.pose.sources import (
+    ExternalPoseSource,
+    ExternalPoseState,
+    OdometrySource,
+    OdometryState,
+    PoseUpdate,
+)
 from formation.agent.pose.stream import Stream, StreamState
 from formation.control.avoidance import HEADING_GAIN_RATIO, MAX_HEADING_ERROR, course_gain, heading_doubt
 from formation.control.controller import Controller
@@ -110,15 +114,6 @@ class Localisation:
             stream=self.stream.state, source=self._source.state, estimate=estimate, course=estimate
         )
 
-    def adopt(self, state: LocalisationState) -> None:
-        """Continue from this state, of a robot with the same source."""
-        self.state = state
-        self.stream.state = state.stream
-        if isinstance(self._source, OdometrySource) and isinstance(state.source, OdometryState):
-            self._source.state = state.source
-        if isinstance(self._source, ExternalPoseSource) and isinstance(state.source, ExternalPoseState):
-            self._source.state = state.source
-
     @property
     def source(self) -> str:
         """Source of positions: ``odometry`` or ``pose``."""
@@ -130,16 +125,6 @@ class Localisation:
         return self._source.alignment
 
     @property
-    def realigned(self) -> int:
-        """Number of times that odometry was placed anew after a jump."""
-        return self._source.realigned
-
-    @property
-    def realigned_after(self) -> Reason | None:
-        """The newest jump after which odometry was placed anew."""
-        return self._source.realigned_after
-
-    @property
     def doubt(self) -> Reason | None:
         """Why the newest message is doubtful though it follows from the one before."""
         state = self.state
@@ -149,18 +134,15 @@ class Localisation:
         # from 90 degrees on the law drives a robot away from its slot
         if learned and (state.measured.conjugate() * state.estimate).real < 0.0:
             return Reason.of(Code.HEADING_CONTRADICTED, source=self.source)
-        return self._source.doubt
-
-    @property
-    def age(self) -> float:
-        """Age of the newest message on arrival [s]."""
-        return self.stream.age_on_arrival
+        return None
 
     def judge_age(self) -> None:
         """Decide whether the newest message is young enough; call this when all have been read."""
         if self.stream.state.received > self.state.judged:
             self.state.judged = self.stream.state.received
-            self.state.trust = trusted(self.state.trust, self.age, self.state.age_limit, self.state.judged)
+            self.state.trust = trusted(
+                self.state.trust, self.stream.age_on_arrival, self.state.age_limit, self.state.judged
+            )
 
     @property
     def heading(self) -> complex:
@@ -292,7 +274,6 @@ class Localisation:
         raise TypeError(f"a robot localised by {self._source.name} takes no {type(message).__name__}")
 
     def _forget_jump(self, elapsed: float) -> None:
-        """Forget a jump after the time that silence may last."""
         self.state.calm += elapsed
         if self.state.calm > self.stream.limit:
             self.state.jumped = None

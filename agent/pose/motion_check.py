@@ -5,13 +5,12 @@ the commanded and the measured motion since the sensor last showed motion. It is
 between command and sensor, and no possible delay may explain the difference:
 
     FROZEN    commanded more than NET_MIN, seen less than MIN_MOTION_SHARE of it; or commanded more than
-    STILL_MIN, and
-              every position so far within STILL
+              STILL_MIN, and every position so far within STILL
     TURN      the same for the heading, where the sensor measures one
     SPEEDS    odometry's own speeds and positions disagree, or its speeds have the wrong sign
     CARRIED   seen more than MAX_MOTION_RATIO times what was commanded, plus a tolerance
     TURNED    the same for the heading
-    LATE      positions follow the commands later than they may (`formation.agent.pose.own_delay`)
+    LATE      positions follow the commands later than they may (`formation.agent.pose.motion_model`)
 
 Noise up to 5 mm (standard deviation), delays up to `MAX_DELAY` plus the robot's lag and one period, and slip
 up to half of the distance do not add up to a disagreement. A disagreement lasts until the sensor shows a
@@ -25,11 +24,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from formation.agent.pose.motion_model import DELAY_COUNT, Modelled, MotionModel, MotionModelState
-from formation.agent.pose.own_delay import KEPT_TIME, LOOKBACK_COUNT, SPACING, OwnDelay, OwnDelayState
+from formation.agent.pose.motion_model import (
+    DELAY_COUNT,
+    LOOKBACK_COUNT,
+    SPACING,
+    Modelled,
+    MotionModel,
+    MotionModelState,
+    OwnDelay,
+    OwnDelayState,
+)
 from formation.control.observer import Travel
 from formation.control.plane import rotation
-from formation.control.unicycle import Command
 from formation.mission.model import Mission
 from formation.protocol.status import MotionFault
 
@@ -205,7 +211,7 @@ class MotionCheck:
         period = 1.0 / spec.rate
         self.excused = period + mission.collisions.lag
         """Delay of a measurement beyond its age that is no fault [s]: a period, and the wheels' lag."""
-        self.model = MotionModel(MAX_DELAY + self.excused, spec.longest_command, KEPT_TIME)
+        self.model = MotionModel(MAX_DELAY + self.excused, spec.longest_command)
         self._has_speeds = spec.localisation == "odometry"
         self._has_heading = self._has_speeds or spec.heading == "measured"
         self._position, self._heading = Leg(POSITION), Leg(HEADING)
@@ -216,17 +222,6 @@ class MotionCheck:
             heading=self._heading.state,
             delay=self._delay.state,
         )
-
-    def adopt(self, state: MotionCheckState) -> None:
-        """Continue from this state."""
-        self.state = state
-        self.model.state = state.model
-        self._position.state, self._heading.state = state.position, state.heading
-        self._delay.state = state.delay
-
-    def commanded(self, moment: float, command: Command) -> None:
-        """Record that the robot was sent `command` at `moment` [s, monotonic]."""
-        self.model.commanded(moment, command)
 
     def trust(self) -> None:
         """Clear the disagreement: it was disproved."""
@@ -278,7 +273,7 @@ class MotionCheck:
     def _check_delay(self, moment: float, travel: Travel | None, limit: float) -> None:
         """Doubt measurements that come later than `limit` [s], also where they seem frozen."""
         if travel is None:
-            self._delay.break_off()
+            self._delay.state.seen.clear()
             return
         self._delay.add(moment, travel.displacement, self.model.back(SPACING, LOOKBACK_COUNT))
         doubt = self.state.doubt
@@ -288,7 +283,6 @@ class MotionCheck:
                 self.state.doubt = Disagreement(MotionFault.LATE, limit, delay, 0.0)
 
     def _begin(self, moment: float, models: Sequence[Modelled]) -> None:
-        """Begin all legs here."""
         self._position.begin(moment, [one.position for one in models], models[HALF_DELAY_INDEX].path)
         self._heading.begin(moment, [complex(one.turn) for one in models], models[HALF_DELAY_INDEX].turning)
         self._begin_window(moment, models)

@@ -1,10 +1,13 @@
-"""The messages to the robot: the command, and a sign of life for the watchdog of this agent."""
+"""The messages to the robot: the command, and a sign of life for the watchdog of this agent.
+
+The number in `ALIVE` is the time since the agent's start [s]. The last sign of life of an agent that ends
+well, after its last zero command, is `FAREWELL`.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from formation.agent.safety.alive import FAREWELL
 from formation.control.avoidance import Avoidance
 from formation.control.pipeline import ControlState, at_rest
 from formation.control.ramp import STARTING, Ramp
@@ -13,6 +16,9 @@ from formation.mission.model import Mission
 from formation.ros2.messages import Number, Twist, TwistStamped, encode
 from formation.topics import ALIVE, CMD_VEL, Topic, command_topic
 from formation.wire import Now, Outgoing
+
+FAREWELL = -1.0
+"""Instead of a time: the robot was commanded to stand, and this agent will send no more commands."""
 
 
 @dataclass(slots=True, kw_only=True)

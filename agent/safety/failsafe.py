@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 from formation.agent.pose.motion_check import MIN_MOTION_SHARE, Disagreement
 from formation.protocol.order import LEADER_TIMEOUT_SECONDS, Mode, Order, mixed
@@ -181,11 +181,11 @@ def _unsigned(facts: Facts) -> Reason:
     return Reason.of(Code.ORDER_UNSIGNED, detail=facts.unsigned or "")
 
 
-def _known(reason: Reason | None) -> Reason:
-    """Return the reason that made the row apply."""
-    if reason is None:
-        raise ValueError("this row does not apply")
-    return reason
+def _doubted(reason: Callable[[Facts], Reason | None]) -> Row:
+    """A row that applies while there is such a reason."""
+    return Row(
+        lambda f: reason(f) is not None, AgentState.HOLD, lambda f: cast("Reason", reason(f)), own=True
+    )
 
 
 def _plain(code: Code) -> Callable[[Facts], Reason]:
@@ -203,12 +203,7 @@ TABLE: tuple[Row, ...] = (
     ),
     Row(lambda f: not f.finite, AgentState.HOLD, _plain(Code.COMMAND_NOT_FINITE), own=True),
     Row(lambda f: f.connected is False, AgentState.HOLD, _plain(Code.NO_LINK), own=True),
-    Row(
-        lambda f: f.rival,
-        AgentState.HOLD,
-        _plain(Code.SECOND_AGENT),
-        own=True,
-    ),
+    Row(lambda f: f.rival, AgentState.HOLD, _plain(Code.SECOND_AGENT), own=True),
     Row(
         lambda f: f.frozen > 0.0,
         AgentState.WAITING,
@@ -228,20 +223,15 @@ TABLE: tuple[Row, ...] = (
         own=True,
     ),
     Row(lambda f: f.too_old, AgentState.HOLD, _too_old, own=True),
-    Row(lambda f: f.jumped is not None, AgentState.HOLD, lambda f: _known(f.jumped), own=True),
-    Row(lambda f: f.doubt is not None, AgentState.HOLD, lambda f: _known(f.doubt), own=True),
+    _doubted(lambda f: f.jumped),
+    _doubted(lambda f: f.doubt),
     Row(
         lambda f: not f.follows,
         AgentState.HOLD,
         lambda f: Reason.of(Code.POSITION_GAP, source=f.source, limit=f.limit),
         own=True,
     ),
-    Row(
-        lambda f: f.outside is not None,
-        AgentState.HOLD,
-        lambda f: _known(f.outside),
-        own=True,
-    ),
+    _doubted(lambda f: f.outside),
     Row(lambda f: _never(f.scan_silence), AgentState.WAITING, _plain(Code.NO_SCAN), own=True),
     Row(
         lambda f: f.scan_silence > f.scan_limit,
@@ -249,7 +239,7 @@ TABLE: tuple[Row, ...] = (
         lambda f: Reason.of(Code.SCAN_SILENT, age=f.scan_silence, limit=f.scan_limit),
         own=True,
     ),
-    Row(lambda f: f.scan_doubt is not None, AgentState.HOLD, lambda f: _known(f.scan_doubt), own=True),
+    _doubted(lambda f: f.scan_doubt),
     Row(lambda f: f.routed is False, AgentState.HOLD, _plain(Code.NO_LISTENER), own=True),
     Row(lambda f: bool(f.other_missions), AgentState.HOLD, _mixed, own=True),
     Row(
@@ -280,9 +270,7 @@ TABLE: tuple[Row, ...] = (
         lambda f: f.order is not None and f.order.mode == "hold", AgentState.HOLD, _plain(Code.HELD_BY_LEADER)
     ),
     Row(lambda f: bool(f.unanswered), AgentState.HOLD, _unanswered, own=True),
-    Row(
-        lambda f: f.relative_doubt is not None, AgentState.HOLD, lambda f: _known(f.relative_doubt), own=True
-    ),
+    _doubted(lambda f: f.relative_doubt),
     # its beat will show whether the leader or only this link is down
     Row(lambda f: not f.followed and f.leaderless, AgentState.HOLD, _no_neighbour),
     Row(lambda f: not f.followed, AgentState.HOLD, _no_neighbour, own=True),

@@ -15,7 +15,8 @@ from dataclasses import dataclass, field
 from hashlib import blake2b
 from typing import NamedTuple
 
-from formation.agent.pose.odometry import believable
+from formation.agent.pose.motion_model import Held, forget, spans
+from formation.agent.pose.sources import believable
 from formation.agent.pose.stream import Stream, StreamState
 from formation.control.tracker import FRESH_PERIODS
 from formation.control.unicycle import AT_REST, Command, along, driven
@@ -45,13 +46,6 @@ MIN_REPEAT_SHARE = 0.75
 """Share of the mission's period after which a scan counts as another: some drivers publish one twice."""
 
 
-class Moving(NamedTuple):
-    """The robot's motion from a moment on [s, monotonic]."""
-
-    since: float
-    command: Command
-
-
 class Repeated(NamedTuple):
     """A scan that is received again and again, and the robot's motion since it came first."""
 
@@ -76,7 +70,7 @@ class ScannerState:
     stream: StreamState
     zone: Zone = Zone.CLEAR
     """The protective zone that limited the newest command."""
-    moves: deque[Moving] = field(default_factory=deque)
+    moves: deque[Held] = field(default_factory=deque)
     """The robot's recent motion, oldest first."""
     circles: list[Circle] = field(default_factory=list)
     """Obstacles in the newest scan [m; body frame at its end]."""
@@ -90,7 +84,7 @@ class ScannerState:
     """How the newest scan repeats those before; None if it hit nothing."""
     frozen: Reason | None = None
     """Why it is no measurement of the present; None if it is one."""
-    wrong: Moving | None = None
+    wrong: Held | None = None
     """The newest impossible motion."""
     commanded: Command | None = None
     """The newest command, where the motion is computed from it because no sensor reports it."""
@@ -116,10 +110,6 @@ class Scanner:
         # what is further away than this cannot matter before the next scan
         self._reach = max(MAX_OBSTACLE_DISTANCE, zone) + spec.max_speed * longest
 
-    def adopt(self, state: ScannerState) -> None:
-        """Continue from this state."""
-        self.state, self.stream.state = state, state.stream
-
     @property
     def margin(self) -> float:
         """Width of the free space around the robot that keeps obstacles in sight [m]."""
@@ -133,12 +123,11 @@ class Scanner:
         assumed to continue as before, and its motion since that scan is in doubt.
         """
         state = self.state
-        while len(state.moves) > 1 and state.moves[1].since < moment - self._keeps:
-            state.moves.popleft()
+        forget(state.moves, moment - self._keeps)
         if believable(moving, self._limits):
-            state.moves.append(Moving(moment, moving))
+            state.moves.append(Held(moment, moving))
         else:
-            state.wrong = Moving(moment, moving)
+            state.wrong = Held(moment, moving)
 
     def commanded(self, moment: float, command: Command) -> None:
         """Store a command of `moment` [s, monotonic], where only commands tell how the robot moves.
@@ -261,7 +250,7 @@ class Scanner:
         if self.state.commanded is not None and self.state.moves and moment > self.state.moves[-1].since:
             since, moving = self.state.moves.pop()
             mean, now = driven(moving, self.state.commanded, self._scan.lag, moment - since)
-            self.state.moves.append(Moving(since, mean))
+            self.state.moves.append(Held(since, mean))
             self.moved(moment, now)
 
     def _motion(self, begin: float, end: float) -> Motion:
@@ -277,10 +266,4 @@ class Scanner:
 
     def _during(self, begin: float, end: float) -> list[tuple[float, Command]]:
         """Speeds and their durations [s]; before the first known one, zero."""
-        spans = []
-        for move in reversed(self.state.moves):
-            time = end - max(move.since, begin)
-            if time > 0.0:
-                spans.append((time, move.command))
-            end = min(end, move.since)
-        return spans[::-1]
+        return list(spans(self.state.moves, begin, end))[::-1]

@@ -11,8 +11,7 @@ from importlib.util import find_spec
 
 from formation.agent.simulated import faults
 from formation.agent.simulated.flags import NEEDED, add_world_flags, unfit
-from formation.agent.simulated.process import host
-from formation.agent.simulated.simulated import World, kinematic
+from formation.agent.simulated.simulated import World, host, kinematic
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.transport import wiring
@@ -95,7 +94,7 @@ def _world(args: argparse.Namespace, mission: Mission) -> tuple[World, Callable[
     os.environ.setdefault("MUJOCO_GL", "egl" if args.picture else "disable")
     logging.getLogger("OpenGL").setLevel(logging.WARNING)  # it reports accelerators that do not matter here
     # loaded only for the physics world
-    from formation.agent.simulated.physics.hosting import in_physics  # noqa: PLC0415
+    from formation.agent.simulated.physics.picture import in_physics  # noqa: PLC0415
 
     return in_physics(mission, args.seed, args.picture)
 

@@ -23,8 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from formation.agent.simulated.moving import Disturbed, Moving
-from formation.agent.simulated.plant import Plant
+from formation.agent.simulated.plant import Disturbed, Moving, Plant
 from formation.control.unicycle import Command
 from formation.mission.model import Mission
 
@@ -159,10 +158,6 @@ class Faulty:
     def seen(self) -> tuple[complex, complex]:
         """Centre [m] and heading as a camera above sees them [world frame]."""
         return self._sensed("camera", self.plant.seen())
-
-    def reset_odometry(self) -> None:
-        """Restart odometry at the present pose."""
-        self.plant.reset_odometry()
 
     def cast(self, at: complex, heading: complex, beams: int, farthest: float) -> None:
         """Return None: the plant does not know its surroundings."""

@@ -1,4 +1,4 @@
-"""The body of a simulated robot: Eq. (1) behind wheels that lag, and odometry with small errors.
+"""The moving body of a simulated robot: Eq. (1) behind wheels that lag, and odometry with small errors.
 
 While the wheels change speed, time is divided into short steps on which speed and turn rate are replaced
 by their exact means, and the pose moves along the resulting arc. Wheels without lag, or that have caught
@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from formation.agent.simulated.moving import Disturbed
 from formation.control.unicycle import Command, advance, driven
 from formation.simulation.body import Body, obeyed
 
@@ -20,6 +21,72 @@ MAX_STEP_TIME = 0.01
 """Longest step while the wheels change speed [s]; the pose's error falls with its square."""
 MAX_TIME_CONSTANTS = 40.0
 """Number of time constants after which the rest of the lag is below the resolution of a float."""
+
+
+class Disturbed(NamedTuple):
+    """How the sensors of a robot are disturbed; the defaults are of good ones."""
+
+    late: float = 0.0
+    """How late its odometry and external pose are reported [s]."""
+    restamped: float = 0.0
+    """By how much their stamps are later than the measurements [s]."""
+    pauses: bool = False
+    """Whether they are not reported."""
+    stuck: frozenset[str] = frozenset()
+    """Sensors of its surroundings that repeat what they measured, of ``relative`` and ``scan``."""
+
+
+class Moving(Protocol):
+    """The moving body of a robot: a `Plant`, or a model with mass and wheels."""
+
+    @property
+    def position(self) -> complex:
+        """True centre [m; world frame]."""
+
+    @property
+    def heading(self) -> complex:
+        """True heading, unit complex [world frame]."""
+
+    @property
+    def moving(self) -> Command:
+        """Forward speed and turn rate as odometry reports them."""
+
+    @property
+    def command(self) -> Command:
+        """Its present command."""
+
+    @property
+    def disturbed(self) -> Disturbed:
+        """How its sensors are disturbed now."""
+
+    def obey(self, command: Command) -> None:
+        """Follow `command` as the firmware rounds and limits it."""
+
+    def go_to(self, time: float) -> None:
+        """Simulate until `time` [s, monotonic]."""
+
+    def odometry(self) -> tuple[complex, complex]:
+        """Centre [m] and heading as this robot measures them [its own frame]; each call is a new sample."""
+
+    def seen(self) -> tuple[complex, complex]:
+        """Centre [m] and heading as a camera above sees them [world frame]; each call is a new sample."""
+
+    def cast(self, at: complex, heading: complex, beams: int, farthest: float) -> Sequence[float] | None:
+        """Ranges of the beams of a scanner on this robot [m], or None if its surroundings are unknown.
+
+        The scanner is at `at` [m] and faces `heading` [unit complex; both robot's frame].
+        """
+
+
+def measured(
+    position: complex, heading: complex, body: Body, noise: np.random.Generator
+) -> tuple[complex, complex]:
+    """Return a position [m] and a heading with the noise of this body's sensors."""
+    x, y, angle = noise.normal(size=3)
+    return (
+        position + body.position_noise * complex(x, y),
+        heading * cmath.rect(1.0, body.heading_noise * angle),
+    )
 
 
 class Plant:
@@ -88,30 +155,22 @@ class Plant:
 
     def odometry(self) -> tuple[complex, complex]:
         """Centre [m] and heading as this robot measures them [its own frame]; each call is a new sample."""
-        (position, heading), (origin, axis) = self._noisy(self._believed), self._counts_from
+        (position, heading), (origin, axis) = self._measured(self._believed), self._counts_from
         return (position - origin) * axis.conjugate(), heading * axis.conjugate()
 
     def seen(self) -> tuple[complex, complex]:
         """Centre [m] and heading as a camera above sees them [world frame]; each call is a new sample."""
-        return self._noisy(self.position)
+        return self._measured(self.position)
 
     def cast(self, at: complex, heading: complex, beams: int, farthest: float) -> None:
         """Return None: the plant does not know its surroundings."""
-
-    def reset_odometry(self) -> None:
-        """Restart odometry at the present pose, as a TurtleBot3's `reset_odometry` does."""
-        self._counts_from = self._believed, self.heading
 
     @property
     def _believed(self) -> complex:
         return self.position + self._drift * self.path
 
-    def _noisy(self, position: complex) -> tuple[complex, complex]:
-        x, y, angle = self._noise.normal(size=3)
-        return (
-            position + self._body.position_noise * complex(x, y),
-            self.heading * cmath.rect(1.0, self._body.heading_noise * angle),
-        )
+    def _measured(self, position: complex) -> tuple[complex, complex]:
+        return measured(position, self.heading, self._body, self._noise)
 
     def _go(self, command: Command, elapsed: float) -> None:
         position, heading = advance(self.position, self.heading, *command, elapsed)

@@ -11,6 +11,8 @@ when the world is stepped. As on a TurtleBot3 nothing times out: the last comman
 
 from __future__ import annotations
 
+import logging
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -18,18 +20,29 @@ from typing import TypeVar, cast
 
 import numpy as np
 
-from formation.agent.simulated.moving import Moving
-from formation.agent.simulated.plant import Plant
-from formation.agent.simulated.ranging import Ranging
+from formation.agent.simulated.plant import Moving, Plant
 from formation.control.tracker import Track, carried_to, first_seen, seen
 from formation.control.unicycle import Command, control_point
 from formation.mission.model import Mission
-from formation.ros2.messages import Displacement, Odometry, Pose, Twist, TwistStamped, decode, encode
+from formation.ros2.messages import (
+    Displacement,
+    LaserScan,
+    Odometry,
+    Pose,
+    Twist,
+    TwistStamped,
+    decode,
+    encode,
+)
+from formation.ros2.ros_names import address
+from formation.sensing import raycast
 from formation.simulation.body import Body
 from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSE, POSITION, RELATIVE, SCAN, Topic
+from formation.transport.runtime.loop import Pauses, Runtime
 from formation.transport.runtime.rate import Rate
 from formation.wire import BadMessage, Now, Outgoing, Sample
 
+_log = logging.getLogger(__name__)
 Measurement = TypeVar("Measurement")
 VISIBILITY_TIME = 0.5
 """Silence after which a leader is invisible to every sensor [s]."""
@@ -189,6 +202,36 @@ class World:
         return (there - robot.control_point) * robot.plant.heading.conjugate()
 
 
+class Ranging:
+    """One robot's scanner. A scan is of one moment: all its beams are measured at once."""
+
+    def __init__(self, mission: Mission, robot: str, noise: np.random.Generator, phase: float) -> None:
+        """It publishes at the mission's rate, `phase` [periods] after others."""
+        self.rate = Rate(mission.robots[robot].scan.rate, phase)
+        self._mount, self._scanner = mission.robots[robot].scan.mount, mission.simulated_scanner.scanner
+        self._posts = tuple(post.disc for post in mission.simulation.posts)
+        self._walls = tuple(wall.line for wall in mission.simulation.walls)
+        self._noise = noise
+
+    def scan(self, stamp: float, plant: Moving, others: Iterable[tuple[complex, float]]) -> LaserScan:
+        """Return the scan at `stamp` [s]; `others` are other robots' bodies: centre, radius [m; world]."""
+        scanner, mount = self._scanner, self._mount
+        true = plant.cast(mount.at, mount.heading, scanner.beams, scanner.range_max)
+        if true is None:
+            at, heading = plant.position + plant.heading * mount.at, plant.heading * mount.heading
+            true = raycast.cast(at, heading, (*others, *self._posts), self._walls, scanner.beams)
+        normal, uniform = self._noise.normal(size=scanner.beams), self._noise.random(scanner.beams)
+        return LaserScan(
+            stamp,
+            angle_min=0.0,
+            angle_increment=math.tau / scanner.beams,
+            range_min=scanner.range_min,
+            range_max=scanner.range_max,
+            ranges=raycast.measured(true, scanner, normal.tolist(), uniform.tolist()),
+            scan_time=self.rate.period,
+        )
+
+
 class _Robot:
     """A plant with its clock, its rates and its sensors."""
 
@@ -268,3 +311,28 @@ def _check(mission: Mission, names: Sequence[str]) -> None:
                 f"robot {name!r} measures {unseen[0]!r} with a sensor: a simulated sensor sees the leader and"
                 f" robots of its own process, which hosts {', '.join(names)}"
             )
+
+
+def host(world: World, process: Runtime) -> Pauses:
+    """Declare, wait for a monitor if requested, then simulate until told to stop.
+
+    The loop sleeps until the next odometry is due or a command arrives, so a command takes effect at once.
+    """
+    robots = process.robot
+    for topic, key in world.publications:
+        robots.advertise(topic, key)
+    for key in world.subscriptions:
+        topic = address(key).topic
+        if topic.side == "robot":
+            robots.subscribe(topic, key)
+        else:
+            process.bus.subscribe(key)
+
+    def send(outbox: Iterable[Outgoing]) -> None:
+        for out in outbox:
+            robots.publish(out.key, out.payload)
+
+    process.ready(*(GROUND_TRUTH.key(name) for name in world.robots))
+    yield from process.loop(world, send)
+    for key, count in world.dropped.items():
+        _log.warning("%d messages on %s were no commands, and were not obeyed", count, key)

@@ -7,18 +7,23 @@ the recording, or shortly after. The only clock is that of the recorder, as the 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from dataclasses import dataclass, field
 from functools import lru_cache
 
-from formation.agent.verify.buffer import MessageBuffer, Title
-from formation.agent.verify.replica import RecordedCommand, Replica
-from formation.agent.verify.traced import BadTraceError, read
-from formation.agent.verify.verdict import COMMAND_TOLERANCE, Comparison, Verdict
+from formation.agent.persistence.trace import BadTraceError, read
+from formation.agent.verify.replica import Comparison, MessageBuffer, RecordedCommand, Replica, Title
 from formation.mission.model import Mission
 from formation.ros2.ros_names import address
 from formation.topics import CMD_VEL, TABLE
 from formation.wire import Sample
 
+COMMAND_TOLERANCE = 1e-9
+"""Greatest difference of commands that count as the same [m/s; rad/s]."""
+LEAD_IN_TIME = 6.0
+"""Time after a robot's first command in which no command has to be judged [s]: a recording that began
+after its agents is followed from the first state in its trace, which comes within five seconds."""
+MOST_STRETCHES = 200
+"""Most stretches that are listed one by one; the rest are counted together."""
 MAX_INPUT_DELAY = 3.0
 """Time after a command in which its inputs may still follow in the recording [s]."""
 MAX_MESSAGE_GAP = 1.0
@@ -29,6 +34,79 @@ MAX_WAITING = 2000
 MOST_PUBLISHERS = 16
 """Most agents of one robot that are distinguished at a time."""
 _INPUTS = frozenset(topic for topic in TABLE if topic.agent_input)
+
+
+@dataclass
+class Stretch:
+    """Consecutive commands that could not be judged."""
+
+    since: float
+    """[s, system clock of the recorder]"""
+    until: float
+    commands: int
+    reason: str
+
+
+@dataclass
+class Verdict:
+    """The result for one robot."""
+
+    robot: str
+    tolerance: float = COMMAND_TOLERANCE
+    """[m/s; rad/s]"""
+    commands: int = 0
+    """In the recording."""
+    lost: int = 0
+    """Missing in the recording, by the numbers of those before and after."""
+    compared: int = 0
+    lead_in: int = 0
+    """Commands before the first that was compared, in the first `LEAD_IN_TIME` seconds."""
+    exact: int = 0
+    """The same to the last bit."""
+    differing: int = 0
+    """Off by more than the tolerance."""
+    most_off: tuple[float, float] = (0.0, 0.0)
+    """[m/s; rad/s]"""
+    first: Comparison | None = None
+    """The first that differs."""
+    unjudged: list[Stretch] = field(default_factory=list)
+    missions: set[str] = field(default_factory=set)
+    """Fingerprints of the recorded agents' missions."""
+    _judging: bool = False
+    _began: float | None = None
+
+    @property
+    def share(self) -> float:
+        """Share of its commands that were compared, 0 to 1, without the lead-in; 0 if there are none."""
+        counted = self.commands + self.lost - self.lead_in
+        return self.compared / counted if counted else 0.0
+
+    def compared_one(self, one: Comparison) -> None:
+        """Count a comparison."""
+        self._judging = True
+        self.commands += 1
+        self.compared += 1
+        self.exact += one.exact
+        speed, turn_rate = one.off
+        self.most_off = max(self.most_off[0], speed), max(self.most_off[1], turn_rate)
+        if not (speed <= self.tolerance and turn_rate <= self.tolerance):
+            self.differing += 1
+            self.first = self.first or one
+
+    def passed_over(self, wall: float, reason: str | None) -> None:
+        """Count a command that could not be judged; without a `reason` for the reason before."""
+        self.commands += 1
+        self._began = wall if self._began is None else self._began
+        if not self.compared and wall - self._began <= LEAD_IN_TIME:
+            self.lead_in += 1
+        new = not self.unjudged or self._judging or (reason and reason != self.unjudged[-1].reason)
+        self._judging = False
+        if new and len(self.unjudged) < MOST_STRETCHES:
+            self.unjudged.append(Stretch(wall, wall, 0, reason or "what came before is not known"))
+        elif new:
+            self.unjudged[-1].reason = "several reasons"
+        self.unjudged[-1].until = wall
+        self.unjudged[-1].commands += 1
 
 
 class Verification:
@@ -156,17 +234,3 @@ def _may_be_received(key: str) -> bool:
         return address(key).topic in _INPUTS
     except ValueError:
         return False
-
-
-def verify(
-    mission: Mission,
-    messages: Iterable[tuple[Sample, float]],
-    law: str | None = None,
-    tolerance: float = COMMAND_TOLERANCE,
-) -> dict[str, Verdict]:
-    """Return each robot's verdict; `messages` with times [s, recorder's clock], in recorded order."""
-    verification = Verification(mission, law, tolerance)
-    for sample, wall in messages:
-        verification.process_sample(sample, wall)
-    verification.close()
-    return verification.verdicts

@@ -1,21 +1,76 @@
-"""An agent of the present program that repeats the traced steps of a recorded one."""
+"""An agent that repeats the traced steps of a recorded one, and the messages that it needs for that."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from formation.agent.core import Agent
 from formation.agent.persistence.state import RESTORED, BadStateError, restore
+from formation.agent.persistence.trace import (
+    About,
+    BadTraceError,
+    RequestStep,
+    RestoredStep,
+    Step,
+    Traced,
+    checksum,
+)
 from formation.agent.status import Surroundings
-from formation.agent.verify.buffer import MessageBuffer, Title
-from formation.agent.verify.traced import About, BadTraceError, RequestStep, RestoredStep, Step, Traced
-from formation.agent.verify.verdict import Comparison, Input, PublishedCommand
 from formation.control.laws import LAWS
 from formation.mission.model import Mission
 from formation.ros2.messages import Twist, TwistStamped, decode
 from formation.topics import CMD_VEL
-from formation.wire import BadMessage
+from formation.wire import BadMessage, Sample
+
+MAX_STORED_TIME = 10.0
+"""Longest time that a message may wait in a blocked agent's mailbox before a trace names it [s]."""
+MAX_BYTES = 256 * 1024 * 1024
+"""Most bytes of payload that are kept: ten seconds of 6,000 messages a second have 20 MB. Without this, a
+recording with a stopped clock would be kept as a whole."""
+
+
+class Title(NamedTuple):
+    """Key by which a message is found."""
+
+    key: str
+    checksum: int
+
+
+class MessageBuffer:
+    """Messages by title. Those older than `MAX_STORED_TIME`, or in excess, are dropped."""
+
+    def __init__(self) -> None:
+        self._found: dict[Title, tuple[Sample, float]] = {}
+        self._oldest: deque[tuple[float, Title]] = deque()
+        self._bytes = 0
+
+    def put(self, sample: Sample, moment: float) -> Title:
+        """Store a message recorded at `moment` [s]; moments never go back."""
+        while self._oldest and (self._oldest[0][0] < moment - MAX_STORED_TIME or self._bytes > MAX_BYTES):
+            put, title = self._oldest.popleft()
+            if self._found[title][1] == put:  # else the same message was repeated
+                self._bytes -= _size(self._found.pop(title)[0])
+        title = Title(sample.key, checksum(sample))
+        if title not in self._found or self._found[title][1] < moment:
+            self._oldest.append((moment, title))
+        if title in self._found:
+            self._bytes -= _size(self._found[title][0])
+        self._bytes += _size(sample)
+        self._found[title] = sample, moment
+        return title
+
+    def __contains__(self, title: Title) -> bool:
+        return title in self._found
+
+    def __getitem__(self, title: Title) -> Sample:
+        return self._found[title][0]
+
+
+def _size(sample: Sample) -> int:
+    """Approximate size in memory [bytes]."""
+    return 500 + len(sample.payload) + len(sample.attachment or b"")
 
 
 class RecordedCommand(NamedTuple):
@@ -25,6 +80,58 @@ class RecordedCommand(NamedTuple):
     payload: bytes
     wall: float
     """[s, system clock of the recorder]"""
+
+
+class PublishedCommand(NamedTuple):
+    """A command and its payload."""
+
+    speed: float
+    """[m/s]"""
+    turn_rate: float
+    """[rad/s]"""
+    payload: bytes
+
+
+class Input(NamedTuple):
+    """A message that is an input of a command."""
+
+    key: str
+    age: float
+    """Its age at the time of the command [s]."""
+
+
+class Comparison(NamedTuple):
+    """A recorded command and the one computed from the same inputs."""
+
+    wall: float
+    """When it was recorded [s, system clock of the recorder]."""
+    number: int
+    """Number of the command, by agent."""
+    recorded: PublishedCommand | None
+    """None if it is no command."""
+    computed: PublishedCommand | None
+    """None if this agent sends nothing, or fails."""
+    decision: str
+    """State of the computing agent, and its reason."""
+    inputs: tuple[Input, ...]
+    """Since the command before."""
+
+    @property
+    def exact(self) -> bool:
+        """Whether they are the same to the last bit."""
+        return (
+            self.recorded is not None
+            and self.computed is not None
+            and self.recorded.payload == self.computed.payload
+        )
+
+    @property
+    def off(self) -> tuple[float, float]:
+        """Their difference [m/s; rad/s]; infinite if one is missing."""
+        if self.recorded is None or self.computed is None:
+            return float("inf"), float("inf")
+        one, other = self.recorded, self.computed
+        return abs(one.speed - other.speed), abs(one.turn_rate - other.turn_rate)
 
 
 class Replica:

@@ -1,7 +1,7 @@
 """The watchdog: stops a robot if its agent has fallen silent, without a clock, a socket or a log.
 
 A TurtleBot3 keeps its last command for ever, so only the watchdog stops it if its agent dies. An agent
-sends `ALIVE` with each command, and a farewell when it ends well (`formation.agent.safety.alive`). A
+sends `ALIVE` with each command, and a farewell when it ends well (`formation.agent.safety.commander`). A
 watchdog sends only zero velocity, until it is certain that no command is left in force:
 
     state      the watchdog                                 is left when
@@ -21,7 +21,7 @@ from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from types import MappingProxyType
 
-from formation.agent.safety.alive import FAREWELL
+from formation.agent.safety.commander import FAREWELL
 from formation.control.tracker import FRESH_PERIODS
 from formation.mission.model import Mission
 from formation.protocol.status import WatchdogState

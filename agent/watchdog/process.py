@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 
-from formation.agent.safety.alive import FAREWELL
+from formation.agent.safety.commander import FAREWELL
 from formation.agent.watchdog.core import Watchdog
 from formation.protocol.status import WatchdogState, WatchdogStatus
 from formation.protocol.status_codec import to_json

@@ -10,13 +10,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from formation.agent.verify.core import Verification
-from formation.agent.verify.verdict import (
-    COMMAND_TOLERANCE,
-    Comparison,
-    PublishedCommand,
-    Verdict,
-)
+from formation.agent.verify.core import COMMAND_TOLERANCE, Verdict, Verification
+from formation.agent.verify.replica import Comparison, PublishedCommand
 from formation.control.laws import LAWS
 from formation.deploy.arguments import add_json, number, parser, read_mission, tell
 from formation.deploy.refusal import Refusal

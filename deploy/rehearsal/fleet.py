@@ -19,9 +19,8 @@ from formation.agent.persistence.state import Json
 from formation.agent.process import drive
 from formation.agent.simulated.faults import Fault as SensorFault
 from formation.agent.simulated.faults import with_faults
-from formation.agent.simulated.moving import Moving
-from formation.agent.simulated.process import host
-from formation.agent.simulated.simulated import World, kinematic
+from formation.agent.simulated.plant import Moving
+from formation.agent.simulated.simulated import World, host, kinematic
 from formation.agent.watchdog.core import Watchdog
 from formation.agent.watchdog.process import watch
 from formation.deploy.rehearsal.air import LOCAL_DELAY, Air, Weather
@@ -58,7 +57,7 @@ class Disk:
 
 
 class AgentFiles:
-    """The files of one agent: a `formation.agent.persistence.store.StateFiles`."""
+    """The files of one agent: in place of `formation.agent.persistence.store.Store`."""
 
     def __init__(self, disk: Disk, robot: str) -> None:
         self.stops = Path(f"{robot}.stops.json")
@@ -102,7 +101,7 @@ class AgentFiles:
 
 
 class CandidateTerms:
-    """The term file of one candidate: a `formation.leader.terms.TermFile`."""
+    """The term file of one candidate: a `formation.leader.process.Terms`."""
 
     def __init__(self, disk: Disk, name: str) -> None:
         self.is_open = True
@@ -202,7 +201,7 @@ class Fleet:
         self.agents[name] = agent, process
         self._tamper(name)
         persistence = Persistence(agent, files, BOOT)
-        process.play(drive(agent, process, readonly=False, persistence=persistence, verifier=verifier))
+        process.play(drive(agent, process, persistence=persistence, verifier=verifier))
 
     def forge(self, name: str, *, forges: bool) -> None:
         """Have a robot relay forged orders, or relay what it receives again. Needs signed orders."""
@@ -222,7 +221,7 @@ class Fleet:
         process.plug(self._fleet_port(process), self._robot_port(process, name))
         agent = Agent(self.mission, name, publisher_id=self._publisher_id(name))
         self.rivals[name] = process
-        process.play(drive(agent, process, readonly=False))
+        process.play(drive(agent, process))
 
     def start_watchdog(self, name: str) -> None:
         """Start the watchdog of a robot."""
@@ -242,7 +241,7 @@ class Fleet:
         process = self._process(f"leader {name}", name)
         process.plug(self._fleet_port(process), None)
         self.candidates[name] = leader, process
-        process.play(lead(leader, process, verifier, terms))
+        process.play(lead(leader, process, verifier, terms.save))
 
     def start_monitor(self, recorder: Recorder | None) -> None:
         """Start the monitor, which records with `recorder`."""
@@ -342,9 +341,9 @@ def _in_physics(mission: Mission, seed: int) -> Plants:
     """Return what makes all robots on one floor, with mass and wheels that slip."""
     # MuJoCo reads this when it is loaded: a rehearsal needs no renderer
     os.environ.setdefault("MUJOCO_GL", "disable")
-    from formation.agent.simulated.physics import wheeled, world  # noqa: PLC0415 - an optional package
+    from formation.agent.simulated.physics import world  # noqa: PLC0415 - an optional package
 
-    return partial(wheeled.wheeled, world.World(mission, seed))
+    return partial(world.wheeled, world.World(mission, seed))
 
 
 def _hosted_together(mission: Mission) -> list[tuple[str, ...]]:

@@ -214,7 +214,7 @@ class PositionAttachment(_Json):
     because: Refusal | None = None
     """Why it refused that term."""
     received: ReceivedPosition | None = None
-    """Of one robot that receives it as well, of each in turn: see `formation.agent.following.answers`."""
+    """Of one robot that receives it as well, of each in turn: see `formation.agent.following.attachment`."""
 
     def opened(self) -> Self:
         """Replace the order by the one that was signed."""

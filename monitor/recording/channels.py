@@ -14,8 +14,7 @@ from uuid import uuid4
 
 from mcap.records import Channel, Schema
 
-from formation.ros2.messages import definition, type_hash
-from formation.ros2.messages import MAX_PAYLOAD_BYTES, Text, decode
+from formation.ros2.messages import MAX_PAYLOAD_BYTES, Text, decode, definition, type_hash
 from formation.wire import BadMessage
 
 ABOUT = "formation"

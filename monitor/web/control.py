@@ -22,9 +22,9 @@ from typing import Any, Protocol
 
 from formation.mission.model import Mission
 from formation.monitor.metrics.events import INFO, WARNING, Event
-from formation.protocol.stops import MAX_REMEMBERED_REQUESTS, RESTS
 from formation.protocol.order import Do, OperatorRequest
 from formation.protocol.outcome import Outcome
+from formation.protocol.stops import MAX_REMEMBERED_REQUESTS, RESTS
 from formation.transport import asking, wiring
 from formation.transport.asking import OPERATOR
 from formation.transport.bus import Bus

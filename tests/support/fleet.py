@@ -19,8 +19,7 @@ import numpy as np
 
 from formation.agent.core import Agent
 from formation.agent.simulated.faults import Faulty
-from formation.agent.simulated.moving import Moving
-from formation.agent.simulated.plant import Plant
+from formation.agent.simulated.plant import Moving, Plant
 from formation.agent.simulated.simulated import World, kinematic
 from formation.leader.core import Leader
 from formation.mission.model import Mission
@@ -210,8 +209,8 @@ class Fleet:
             name
             for name, one in self.candidates.items()
             if self.nodes[name].alive
-            and one._candidacy.leading
-            and (not self.mission.standbys or self.now < one._candidacy._lease)
+            and one.candidacy.leading
+            and (not self.mission.standbys or self.now < one.candidacy._lease)
         ]
 
     @property

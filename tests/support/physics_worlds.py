@@ -10,8 +10,7 @@ from itertools import combinations
 
 import numpy as np
 
-from formation.agent.simulated.physics.wheeled import Wheeled, wheeled
-from formation.agent.simulated.physics.world import BodyState, World
+from formation.agent.simulated.physics.world import BodyState, Wheeled, World, wheeled
 from formation.control.arrays import ComplexArray
 from formation.control.unicycle import Command, control_point
 from formation.mission.file import load
@@ -21,6 +20,8 @@ from formation.simulation.ensemble import random_starts
 from tests.support.fleet import Fleet
 
 PAIR, SIX = load("turtlebot3_pair"), load("six_robots")
+BODIES = 4
+"""Collision group of decks, scanners, walls and posts in the model."""
 
 
 def placed(mission: Mission, **poses: tuple[complex, float]) -> Mission:
@@ -83,6 +84,18 @@ def turned(before: BodyState, after: BodyState) -> float:
     return cmath.phase(after.heading / before.heading)
 
 
+def touching(world: World) -> frozenset[frozenset[str]]:
+    """Pairs of robots that touch; a robot alone if it touches a wall or a post."""
+    names = {world.model.body(f"{name}/base").id: name for name in world.robots}
+    pairs = world.data.contact.geom[: world.data.ncon]
+    bodies = world.model.geom_bodyid[pairs]
+    return frozenset(
+        frozenset(filter(None, (names.get(int(one)), names.get(int(other)))))
+        for (one, other), (first, _) in zip(bodies, pairs, strict=True)
+        if world.model.geom_contype[first] == BODIES
+    )
+
+
 class Watched(World):
     """A physics world that remembers who touched whom, and how near two bodies came."""
 
@@ -96,7 +109,7 @@ class Watched(World):
     def step(self, commands: Mapping[str, Command], dt: float) -> Mapping[str, BodyState]:
         """Go on, at most by what lies between two messages of a fleet, and look."""
         states = super().step(commands, dt)
-        self.touched |= self.touching
+        self.touched |= touching(self)
         for one, other in combinations(self.robots, 2):
             away = abs(states[one].position - states[other].position)
             self.nearest = min(self.nearest, away - self._radii[one] - self._radii[other])

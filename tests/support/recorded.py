@@ -10,7 +10,8 @@ from typing import Any
 from formation.agent.core import Agent
 from formation.agent.persistence.restore import Persistence
 from formation.agent.process import Sides
-from formation.agent.verify.verdict import Verdict
+from formation.agent.verify.core import COMMAND_TOLERANCE, Verdict, Verification
+from formation.mission.model import Mission
 from formation.protocol.order import OperatorReply, OperatorRequest, decode, encode
 from formation.topics import POSITION, Topic
 from formation.transport.runtime.process import clocks
@@ -51,14 +52,13 @@ class Looped:
         agent: Agent,
         record: Recording,
         *,
-        readonly: bool = False,
         persistence: Persistence | None = None,
         clock: Callable[[], Now] = clocks,
     ) -> None:
         self.agent, self.record = agent, record
         self.fleet, self.robot = Wire(), Wire()
         process: Any = SimpleNamespace(bus=self.fleet, robot=self.robot, clock=clock)
-        self.sides = Sides(agent, process, readonly=readonly, persistence=persistence)
+        self.sides = Sides(agent, process, persistence=persistence)
         self.sides.declare()
         self.publications, self.subscriptions = agent.publications, agent.subscriptions
         self.dropped = agent.dropped
@@ -126,3 +126,17 @@ class RecordedFleet(Fleet):
 def all_alike(verdicts: dict[str, Verdict]) -> bool:
     """Whether every command of everybody was computed again to the last bit."""
     return all(one.exact == one.compared == one.commands > 0 for one in verdicts.values())
+
+
+def verify(
+    mission: Mission,
+    messages: Iterable[tuple[Sample, float]],
+    law: str | None = None,
+    tolerance: float = COMMAND_TOLERANCE,
+) -> dict[str, Verdict]:
+    """Return each robot's verdict; `messages` with times [s, recorder's clock], in recorded order."""
+    verification = Verification(mission, law, tolerance)
+    for sample, wall in messages:
+        verification.process_sample(sample, wall)
+    verification.close()
+    return verification.verdicts

@@ -114,7 +114,7 @@ class Team(RecordedFleet):
     def heading_error(self, name: str) -> float:
         """How far an agent's heading is off its robot's, now [deg]."""
         self.points()  # brings the world up to now
-        here = self.agents[name]._here
+        here = self.agents[name].here
         return math.degrees(abs(cmath.phase(here.heading / self.world.plant(name).heading)))
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 from formation.agent.simulated.faults import Fault, with_faults
+from formation.agent.simulated.plant import Moving, Plant
 from formation.agent.simulated.simulated import kinematic
 from formation.mission.model import Mission, SimulatedRobot
 from formation.wire import Sample
@@ -23,6 +24,12 @@ FAULTS = (
 """Kind and size of the faults that must stop a robot."""
 GRACE = 1.0
 """From so long after the fault on a robot may not drive [s]."""
+
+
+def reset_odometry(body: Moving) -> None:
+    """Restart odometry at the present pose, as a TurtleBot3's `reset_odometry` does."""
+    assert isinstance(body, Plant)
+    body._counts_from = body._believed, body.heading
 
 
 def mission_of(name: str, source: str) -> Mission:

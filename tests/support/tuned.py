@@ -25,9 +25,9 @@ class Watch:
     def __init__(self, agent: Agent) -> None:
         self.most = 0.0
         """[share of a limit]"""
-        self._follow, self._law = agent._tuning.follow, agent._params.law
-        self._gains, self._integral = agent._mission.law.gains, 0j
-        agent._tuning.follow = self.follow  # type: ignore[method-assign]
+        self._follow, self._law = agent.tuning.follow, agent._params.law
+        self._gains, self._integral = agent.mission.law.gains, 0j
+        agent.tuning.follow = self.follow  # type: ignore[method-assign]
         agent._params = agent._params._replace(law=self.law)
 
     def follow(

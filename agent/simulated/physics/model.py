@@ -1,17 +1,55 @@
-"""The physics world as MuJoCo reads it: floor, walls, posts and robots.
+"""Robots with two wheels, and the physics world as MuJoCo reads it: floor, walls, posts and robots.
 
 Wheels and casters touch the floor only; decks and scanners touch each other, walls and posts. To the floor a
 wheel is a ball, which touches it in one point, so the track is what it says.
+
+The TurtleBot3 Burger after its published dimensions and URDF:
+
+| number | why |
+|---|---|
+| wheels 33 mm, 160 mm apart; 138 × 178 × 192 mm; caster 81 mm behind the axle | published |
+| 0.826 kg and its moments, wheels 28 g each, scanner 114 g, caster 5 g | its URDF; 1 kg in all |
+| base's centre of mass 32 mm behind the axle, 60 mm up | the middle of the base |
+| 4096 ticks a turn, 1 N m, 61 turns a minute | its servos' encoders, stall torque and speed at 12 V |
+| distance by wheels, turns by gyroscope | as its node counts them |
+| gyroscope off by 0.0001 rad/s | chosen |
+| friction 1.0 of a wheel | chosen: rubber on a dry hard floor |
+| friction 0.02 of a caster | chosen: a ball that rolls |
+| each wheel's radius right to 0.05 % | chosen; odometry counts with the nominal one |
+| servos follow within 30 ms, at 2 m/s² | chosen: from rest to full speed takes 0.1 s |
+
+The URDF has the base's centre of mass on the axle: with its one caster behind, the robot would tip over
+when it brakes. Its deck is nearly square; here it is a cylinder, with a box around the wheels.
+
+Any other robot of a mission is made from its `radius`: the Burger's lengths scale with it, masses with its
+cube, moments with its fifth and torques with its fourth power. Three things do not: its wheels may turn as
+fast as the mission's limits require; they accelerate at half of what their grip allows; and the robot is
+as wide as its bounding circle, and carries its weight low over the axle between two casters, which
+accelerating from rest to 1.5 m/s in a third of a second requires.
 """
 
 from __future__ import annotations
 
 import cmath
+import math
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-from formation.agent.simulated.physics.chassis import Chassis, Deck
+from formation.mission.robot import RobotSpec
 
+BURGER_RADIUS = 0.105
+"""Radius of the circle around the middle of a Burger's axle that contains it [m]."""
+TICKS_PER_TURN = 4096
+"""Encoder ticks per turn."""
+WHEEL_RADIUS_DEVIATION = 5e-4
+"""Standard deviation of a wheel's radius, as a share of it."""
+
+GYRO_BIAS = 1e-4
+"""Standard deviation of a gyroscope's rate at rest [rad/s]."""
+GRAVITY = 9.81
+"""[m/s²]"""
+GRIP_SHARE = 0.5
+"""Share of the wheels' grip that a robot uses, if it is not a Burger."""
 STEP_TIME = 0.002
 """One step of the engine [s]."""
 HEIGHT, THICKNESS = 0.5, 0.02
@@ -20,6 +58,123 @@ Post = tuple[complex, float]
 """An upright cylinder: its axis and its radius [m; world frame]."""
 Wall = tuple[complex, complex]
 """A straight wall from one point to another [m; world frame]."""
+
+
+class Deck(NamedTuple):
+    """An upright cylinder that others can bump into."""
+
+    x: float
+    """Its axis ahead of the wheels' axle [m]."""
+    radius: float
+    """[m]"""
+    bottom: float
+    """[m above the floor]"""
+    top: float
+    """[m above the floor]"""
+
+
+class Chassis(NamedTuple):
+    """A robot with two driven wheels; x is ahead of the axle, z above the floor."""
+
+    deck: Deck
+    sides: tuple[float, float, float] | None
+    """Length, width and height of the box around both wheels, if it reaches beyond the deck [m]."""
+    lds: Deck
+    """The scanner, which sees from the middle of its height."""
+    wheel_radius: float
+    """[m]"""
+    track: float
+    """Between the wheels [m]."""
+    casters: tuple[float, ...]
+    """Where a caster touches the floor, ahead of the axle [m]."""
+    mass: float
+    """Of the base, without wheels and scanner [kg]."""
+    centre: tuple[float, float]
+    """Centre of that mass: x and z [m]."""
+    moments: tuple[float, float, float]
+    """Of the base about its centre [kg m²]."""
+    wheel_mass: float
+    """[kg]"""
+    wheel_moments: tuple[float, float]
+    """Of a wheel: across its axle and about it [kg m²]."""
+    lds_mass: float
+    """[kg]"""
+    torque: float
+    """Maximum torque of a motor [N m]."""
+    wheel_rate: float
+    """Maximum speed of a motor [rad/s]."""
+    acceleration: float
+    """Greatest acceleration that a wheel's servo is commanded, at the rim [m/s²]."""
+    grip: float = 1.0
+    """Friction of a wheel."""
+    glide: float = 0.02
+    """Friction of a caster."""
+    give: float = 0.03
+    """Softness of a caster: time constant of its contact [s]. One as hard as the wheels would bounce."""
+    response: float = 0.03
+    """Response time of the servos [s]."""
+
+    @property
+    def weight(self) -> float:
+        """Total mass [kg]."""
+        return self.mass + 2.0 * self.wheel_mass + self.lds_mass
+
+    @property
+    def gain(self) -> float:
+        """Torque of a motor per missing speed [N m s/rad]: each of two speeds up half of the robot."""
+        return 0.5 * self.weight * self.wheel_radius**2 / self.response
+
+
+def burger() -> Chassis:
+    """The TurtleBot3 Burger. Its motors reach top speed or top turn rate, not both at once."""
+    return Chassis(
+        deck=Deck(-0.032, 0.070, 0.010, 0.153),
+        sides=(0.066, 0.178, 0.066),
+        lds=Deck(-0.032, 0.035, 0.153, 0.192),
+        wheel_radius=0.033,
+        track=0.160,
+        casters=(-0.081,),
+        mass=0.831,  # with the caster
+        centre=(-0.032, 0.060),
+        moments=(2.21e-3, 2.12e-3, 2.01e-3),
+        wheel_mass=0.0285,
+        wheel_moments=(1.12e-5, 2.07e-5),
+        lds_mass=0.114,
+        torque=1.0,
+        wheel_rate=61.0 * 2.0 * math.pi / 60.0,
+        acceleration=2.0,
+    )
+
+
+def scaled(radius: float, max_speed: float, max_turn_rate: float) -> Chassis:
+    """Return a robot of `radius` [m] with motors that reach both limits [m/s; rad/s] at once."""
+    size, one = radius / BURGER_RADIUS, burger()
+    wheel_radius, track = one.wheel_radius * size, one.track * size
+    return one._replace(
+        deck=Deck(0.0, radius, one.deck.bottom * size, one.deck.top * size),
+        sides=None,
+        lds=Deck(0.0, *(value * size for value in one.lds[1:])),
+        wheel_radius=wheel_radius,
+        track=track,
+        casters=(-0.081 * size, 0.081 * size),
+        mass=one.mass * size**3,
+        centre=(0.0, 0.030 * size),
+        moments=(one.moments[0] * size**5, one.moments[1] * size**5, one.moments[2] * size**5),
+        wheel_mass=one.wheel_mass * size**3,
+        wheel_moments=(one.wheel_moments[0] * size**5, one.wheel_moments[1] * size**5),
+        lds_mass=one.lds_mass * size**3,
+        torque=one.torque * size**4,
+        acceleration=GRIP_SHARE * one.grip * GRAVITY,
+        wheel_rate=(max_speed + 0.5 * track * max_turn_rate) / wheel_radius,
+        give=0.06,  # it only keeps the robot upright: its load reduces that of the wheels
+    )
+
+
+def chassis_of(spec: RobotSpec, *, is_burger: bool) -> Chassis:
+    """Return the construction of this robot of a mission."""
+    if is_burger:
+        return burger()
+    return scaled(spec.radius, spec.max_speed, spec.max_turn_rate)
 
 
 class Placed(NamedTuple):

@@ -7,7 +7,7 @@ Whether the robot then moves so depends on the floor and the obstacles.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -15,17 +15,22 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from formation.agent.simulated.physics.chassis import (
+from formation.agent.simulated.physics.model import (
     GYRO_BIAS,
+    STEP_TIME,
     TICKS_PER_TURN,
     WHEEL_RADIUS_DEVIATION,
+    Placed,
     chassis_of,
+    mjcf,
 )
-from formation.agent.simulated.physics.model import STEP_TIME, Placed, mjcf
+from formation.agent.simulated.plant import Disturbed, measured
 from formation.control.unicycle import Command, advance
 from formation.mission.model import Mission
 from formation.simulation.body import Body, obeyed
 
+MAX_CATCH_UP_TIME = 5.0
+"""Length of a freeze from which the simulation does not catch up, but continues later [s]."""
 FRICTION_TIME = 0.5
 """Time constant with which the firmware compensates the friction of a wheel [s]."""
 ALL_GROUPS = np.array([1, 0, 1, 1, 1, 1], dtype=np.uint8)
@@ -62,8 +67,6 @@ class World:
         """
         names, count = mission.followers, len(mission.followers)
         self.robots = names
-        self.time = 0.0
-        """Simulated time [s]."""
         self._body = Body.of(mission.simulated_robot)
         is_burger = mission.simulated_robot.profile == "turtlebot3_burger"
         specs = [mission.robots[name] for name in names]
@@ -109,7 +112,6 @@ class World:
         """Simulate `dt` [s]; robots without a new command keep their last. Return all states."""
         for name, command in commands.items():
             self._obey(self.robots.index(name), command)
-        self.time += max(dt, 0.0)
         self._left += max(dt, 0.0)
         steps = math.floor(self._left / STEP_TIME + 1e-9)
         for _ in range(steps):
@@ -123,25 +125,6 @@ class World:
     def states(self) -> Mapping[str, BodyState]:
         """The states of all robots now, extrapolated along arcs since the engine's newest step."""
         return MappingProxyType({name: self._state(number) for number, name in enumerate(self.robots)})
-
-    @property
-    def torques(self) -> Mapping[str, tuple[float, float]]:
-        """Torques of the motors, left and right [N m]."""
-        given = self.data.actuator_force[self._motors]
-        return {
-            name: (float(left), float(right)) for name, (left, right) in zip(self.robots, given, strict=True)
-        }
-
-    @property
-    def touching(self) -> frozenset[frozenset[str]]:
-        """Pairs of robots that touch; a robot alone if it touches a wall or a post."""
-        pairs = self.data.contact.geom[: self.data.ncon]
-        bodies = self.model.geom_bodyid[pairs]
-        return frozenset(
-            frozenset(filter(None, (self._named.get(int(one)), self._named.get(int(other)))))
-            for (one, other), (first, _) in zip(bodies, pairs, strict=True)
-            if self.model.geom_contype[first] == _BODY
-        )
 
     def scan(
         self, robot: str, at: complex, heading: complex, beams: int, farthest: float
@@ -165,11 +148,9 @@ class World:
         return np.where((hit >= 0) & (far <= farthest), far, np.inf)
 
     def _find(self, names: tuple[str, ...]) -> None:
-        """Find the robots in MuJoCo's arrays."""
         model, sides = self.model, ("left", "right")
         joints = [[model.joint(f"{name}/{side}") for side in sides] for name in names]
         self._bodies = np.array([model.body(f"{name}/base").id for name in names])
-        self._named = {int(body): name for body, name in zip(self._bodies, names, strict=True)}
         free = [int(model.body_jntadr[body]) for body in self._bodies]
         self._pose, self._motion = model.jnt_qposadr[free], model.jnt_dofadr[free]
         self._angles = np.array([[int(joint.qposadr[0]) for joint in pair] for pair in joints])
@@ -225,5 +206,95 @@ class World:
         return BodyState(position + velocity * self._left, heading * turned, moving, *there, counted)
 
 
-_BODY = 4
-"""Collision group of decks, scanners, walls and posts in the model."""
+class Floor:
+    """The world with a clock: the first call for a time moves all robots to it."""
+
+    def __init__(self, world: World) -> None:
+        """`world` stands still until the first `go_to`."""
+        self.world = world
+        self.states = world.states
+        """The states of all robots."""
+        self._time: float | None = None
+        self._commands: dict[str, Command] = {}
+
+    def go_to(self, time: float) -> None:
+        """Simulate all robots until `time` [s, monotonic]; time never runs backwards."""
+        if self._time is None:
+            self._time = time
+        if time > self._time:
+            self.states = self.world.step(self._commands, min(time - self._time, MAX_CATCH_UP_TIME))
+            self._commands.clear()
+            self._time = time
+
+    def obey(self, robot: str, command: Command) -> None:
+        """Have a robot's firmware follow `command` from now on."""
+        self._commands[robot] = command
+
+
+class Wheeled:
+    """One robot on the floor."""
+
+    def __init__(self, floor: Floor, mission: Mission, robot: str, seed: int) -> None:
+        """At rest at the mission's start. `seed` is for the noise of the external camera."""
+        spec = mission.robots[robot]
+        self.command = Command(0.0, 0.0)
+        """The command before the firmware rounds and limits it."""
+        self._floor, self._robot = floor, robot
+        self._body = Body.of(mission.simulated_robot)
+        self._noise = np.random.default_rng([seed, mission.names.index(robot)])
+        self._origin, self._axis = 0j, 1.0 + 0.0j
+        if spec.odometry_frame == "start":
+            self._origin, self._axis = spec.start.position, spec.start.heading
+
+    @property
+    def position(self) -> complex:
+        """True middle of the axle [m; world frame]."""
+        return self._state.position
+
+    @property
+    def heading(self) -> complex:
+        """True heading, unit complex [world frame]."""
+        return self._state.heading
+
+    @property
+    def moving(self) -> Command:
+        """Forward speed and turn rate as the encoders report them."""
+        return self._state.counted_moving
+
+    @property
+    def disturbed(self) -> Disturbed:
+        """Return that its sensors are good."""
+        return Disturbed()
+
+    def obey(self, command: Command) -> None:
+        """Follow `command` as the firmware rounds and limits it."""
+        self.command = command
+        self._floor.obey(self._robot, command)
+
+    def go_to(self, time: float) -> None:
+        """Simulate until `time` [s, monotonic], together with all other robots."""
+        self._floor.go_to(time)
+
+    def odometry(self) -> tuple[complex, complex]:
+        """Middle of the axle [m] and heading as the encoders report them [its own frame]."""
+        position, heading = self._state.counted_position, self._state.counted_heading
+        return (position - self._origin) * self._axis.conjugate(), heading * self._axis.conjugate()
+
+    def seen(self) -> tuple[complex, complex]:
+        """Middle of the axle [m] and heading as a camera above sees them [world frame]; each call anew."""
+        return measured(self.position, self.heading, self._body, self._noise)
+
+    def cast(self, at: complex, heading: complex, beams: int, farthest: float) -> list[float]:
+        """Ranges of the beams of a scanner on this robot [m]; infinite where nothing is hit."""
+        found: list[float] = self._floor.world.scan(self._robot, at, heading, beams, farthest).tolist()
+        return found
+
+    @property
+    def _state(self) -> BodyState:
+        return self._floor.states[self._robot]
+
+
+def wheeled(world: World, mission: Mission, robots: Sequence[str], seed: int) -> dict[str, Wheeled]:
+    """Return the bodies of `robots`, all in `world`, for `formation.agent.simulated.simulated.World`."""
+    floor = Floor(world)
+    return {name: Wheeled(floor, mission, name, seed) for name in robots}

@@ -66,7 +66,7 @@ class Busiest:
             self._watch(name, agent)
 
     def _watch(self, name: str, agent: Agent) -> None:
-        one, params, requested = agent._avoiding, agent._params, list[Any]()
+        one, params, requested = agent.avoiding, agent._params, list[Any]()
         obstacles, stepped = one.obstacles, one.stepped
 
         def watched(*given: Any) -> Any:

@@ -152,7 +152,7 @@ class Console:
 
     def _just_asked(self, name: str) -> bool:
         """Whether its latch is closed, and its next step will obey."""
-        return self.fleet.agents[name]._latch.mode is not None
+        return self.fleet.agents[name].latch.mode is not None
 
     def _addressed(self, key: str) -> Iterable[str]:
         if key == ORDER.pattern.format(robot="*"):

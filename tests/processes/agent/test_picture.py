@@ -20,7 +20,7 @@ from PIL import Image  # noqa: E402 - only where there is MuJoCo
 SCRIPT = """
 import sys
 from pathlib import Path
-from formation.agent.simulated.physics.hosting import in_physics
+from formation.agent.simulated.physics.picture import in_physics
 from formation.mission.file import load
 _, at_the_end = in_physics(load("six_robots"), 0, Path(sys.argv[1]))
 at_the_end()

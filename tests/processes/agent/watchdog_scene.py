@@ -14,7 +14,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-from formation.agent.safety.alive import FAREWELL
+from formation.agent.safety.commander import FAREWELL
 from formation.mission.file import load, read
 from formation.mission.model import Mission
 from formation.ros2.messages import Number, Odometry, Twist, TwistStamped, decode, encode

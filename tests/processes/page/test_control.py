@@ -120,7 +120,7 @@ def test_orders_reach_the_team_as_from_the_command_line(operator: Operator, team
     operator.order("run")
     assert (team.leaders(), set(team.modes().values())) == ("run", {None})
     report = operator.order("shape", shape="wedge")
-    assert (report["shape"], team.leader.shape) == ("wedge", "wedge")
+    assert (report["shape"], team.leader.plan.shape_transition.wish.shape) == ("wedge", "wedge")
     operator.order("stop")
     report = operator.order("release")
     assert report["advice"] == ["all robots hold until you order run"]

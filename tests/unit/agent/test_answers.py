@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from formation.agent.following.answers import MAX_ANSWER_DELAYS, Answers
+from formation.agent.following.attachment import MAX_ANSWER_DELAYS, Answers
 from formation.agent.following.neighbours import Neighbour, answers
 from formation.control.tracker import MAX_DELAY
 from formation.mission.file import load

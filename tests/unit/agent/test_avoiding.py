@@ -122,7 +122,7 @@ def test_a_robot_that_died_in_front_is_driven_round() -> None:
     fleet.world._hosted["robot1"].plant.obey(AT_REST)
     assert room(fleet, 13.0) > 0.0
     leader, *points = fleet.points()
-    slot = fleet.leader.placed_shape.slots(fleet.mission)[2]
+    slot = fleet.leader.plan.shape_transition.placed_shape.slots(fleet.mission)[2]
     assert abs(points[1] - leader - slot) < 0.02
 
 

@@ -149,7 +149,7 @@ def test_position_without_publisher_id_is_dropped(attachment: bytes) -> None:
     samples = [sample._replace(attachment=sample.attachment and attachment) for sample in inbox(4)]
     agent.step(moment(4), samples)
     assert agent.dropped == {POSITION.key(name): 1 for name in NEIGHBOURS}
-    assert agent._neighbours.each["robot1"].stream.state.arrived == moment(3).mono
+    assert agent.neighbours.each["robot1"].stream.state.arrived == moment(3).mono
 
 
 def test_unknown_shape_is_dropped_but_position_is_used() -> None:
@@ -161,7 +161,7 @@ def test_unknown_shape_is_dropped_but_position_is_used() -> None:
     agent.step(moment(4), [sample._replace(attachment=sample.attachment and banana) for sample in inbox(4)])
     assert agent.dropped == {POSITION.key(name): 1 for name in NEIGHBOURS}
     assert agent.decision.state is AgentState.RUN
-    assert agent._neighbours.each["robot1"].stream.state.arrived == moment(4).mono
+    assert agent.neighbours.each["robot1"].stream.state.arrived == moment(4).mono
 
 
 @pytest.mark.parametrize("request_bytes", [b"", b"stop", b"{}", b'{"do": "explode"}', b"\xff" * 4000])

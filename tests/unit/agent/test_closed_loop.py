@@ -7,7 +7,7 @@ from statistics import median
 
 import pytest
 
-from formation.agent.pose.odometry import OdometrySource
+from formation.agent.pose.sources import OdometrySource
 from formation.control.ramp import MAX_CHANGE_SHARE
 from formation.mission.file import load, parse, read, shipped
 from formation.mission.model import Mission
@@ -61,7 +61,7 @@ def test_proportional_law_ramps_avoids_and_gets_there() -> None:
     assert room(fleet, 20.0) > 0.0
     assert fleet.error() < SIX.settled
     assert most_sudden(fleet) <= MAX_CHANGE_SHARE + 1e-9
-    assert any(agent._avoiding.state.avoided for agent in fleet.agents.values())
+    assert any(agent.avoiding.state.avoided for agent in fleet.agents.values())
     assert all(agent.state.integral == 0j for agent in fleet.agents.values())
 
 
@@ -242,7 +242,7 @@ def test_leader_stop_reaches_all_robots_hop_by_hop() -> None:
 def test_odometry_jump_stops_robot_without_lurch() -> None:
     fleet = Fleet(SIX)
     fleet.run(8.0)
-    source = fleet.agents["robot3"]._here._source
+    source = fleet.agents["robot3"].here._source
     assert isinstance(source, OdometrySource)
     assert source.state.last is not None
     source.state.last = replace(source.state.last, position=source.state.last.position + 5.0)

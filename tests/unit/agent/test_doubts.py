@@ -156,7 +156,7 @@ def test_sensor_faster_than_odometry_does_not_inflate_velocity() -> None:
 
     fleet.meddle = halve
     fleet.run(15.0)
-    for one in fleet.agents["robot3"]._neighbours.each.values():
+    for one in fleet.agents["robot3"].neighbours.each.values():
         assert abs(one.velocity) == pytest.approx(0.2, abs=0.01)
     assert fleet.error() < 0.001
 
@@ -170,7 +170,7 @@ def test_measurements_during_hold_do_not_inflate_velocity_afterwards() -> None:
     fleet.ask("robot3", "run")
     fleet.run(0.15)
     assert fleet.status("robot3").state == "run"
-    for one in fleet.agents["robot3"]._neighbours.each.values():
+    for one in fleet.agents["robot3"].neighbours.each.values():
         assert abs(one.velocity) == pytest.approx(0.2, abs=0.01)
 
 

@@ -30,7 +30,7 @@ AT_REST = (0.0, 0.0)
 
 def heading_error(fleet: Fleet, name: str) -> float:
     """How far the agent is off [rad]."""
-    return abs(float(angle_between(fleet.world.plant(name).heading, fleet.agents[name]._here.heading)))
+    return abs(float(angle_between(fleet.world.plant(name).heading, fleet.agents[name].here.heading)))
 
 
 def changed(key: str, change: Callable[[Pose], Pose]) -> Callable[[Sample], tuple[Sample]]:

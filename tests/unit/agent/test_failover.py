@@ -97,7 +97,7 @@ def test_orders_stay_in_force_under_next_leader(fleet: Fleet) -> None:
     fleet.kill("leader")
     fleet.run(2.0)
     deputy = fleet.candidates["deputy"]
-    assert (deputy.leads, deputy.shape, deputy.mode) == (True, "line", "hold")
+    assert (deputy.leads, deputy.plan.shape_transition.wish.shape, deputy.mode) == (True, "line", "hold")
     assert fleet.ask("deputy", "run").mode == "run"
     fleet.run(8.0)
     assert fleet.error() < 0.1
@@ -129,10 +129,10 @@ def test_thawed_leader_publishes_no_order(fleet: Fleet) -> None:
     fleet.freeze("leader")
     fleet.run(3.0)
     assert fleet.leaders == ["deputy"]
-    result = fleet.leader._beat
+    result = fleet.leader.beat
     fleet.thaw("leader")
     fleet.run(2.0)
-    assert fleet.leader._beat == result
+    assert fleet.leader.beat == result
     assert fleet.leaders == ["deputy"]
     assert {fleet.status(name).state for name in fleet.agents} == {"run"}
 

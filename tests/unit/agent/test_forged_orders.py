@@ -116,7 +116,7 @@ def test_forged_order_moves_no_robot_and_names_the_forger(forgery: Forgery) -> N
         assert f"{INSIDER} relayed forged orders" in fleet.message(name)
     for name in ("r1", "r4"):
         assert "forged" not in fleet.message(name)
-    assert INSIDER in fleet.leader._forgeries.lately(fleet.now)
+    assert INSIDER in fleet.leader.forgers(fleet.now)
 
 
 @pytest.mark.parametrize("forgery", [unsigned, other_gains])
@@ -139,7 +139,7 @@ def test_leader_that_is_heard_outdoes_relays_ahead_of_it() -> None:
     tamper(fleet, unsigned_later_term)
     fleet.run(3.0)
     assert fleet.agents["r1"].decision.state is AgentState.HOLD
-    assert "ahead of the leader" in fleet.agents["r1"]._inbox.state.last_dropped["r0/position"]
+    assert "ahead of the leader" in fleet.agents["r1"].inbox.state.last_dropped["r0/position"]
 
 
 def test_leader_raises_alarm_at_relays_ahead_of_its_beat() -> None:
@@ -209,7 +209,7 @@ def test_recorded_orders_of_an_earlier_term_change_nothing() -> None:
     fleet = SignedFleet(TEAM, seed=1)
     tape = recorded(fleet)
     fleet.run(7.0)
-    start, obeyed = fleet.now, {name: fleet.agents[name]._orders.newest for name in OTHERS}
+    start, obeyed = fleet.now, {name: fleet.agents[name].orders.newest for name in OTHERS}
 
     def replay(sender: str, attachment: PositionAttachment) -> PositionAttachment:
         old = next(tape, None) if sender == INSIDER else None
@@ -220,15 +220,15 @@ def test_recorded_orders_of_an_earlier_term_change_nothing() -> None:
 
     fleet.tamper = replay
     fleet.run(2.0)
-    assert {name: fleet.agents[name]._orders.newest for name in OTHERS} == obeyed
-    assert "order of an earlier term" in fleet.agents["r2"]._inbox.state.last_dropped["r0/position"]
+    assert {name: fleet.agents[name].orders.newest for name in OTHERS} == obeyed
+    assert "order of an earlier term" in fleet.agents["r2"].inbox.state.last_dropped["r0/position"]
     for name in OTHERS:
         assert all(command[1:] == (0.0, 0.0) for command in fleet.commands[name] if command[0] > start), name
 
 
 def terms(fleet: SignedFleet) -> set[int]:
     """The terms that the robots obey."""
-    return {agent._orders.newest.term if agent._orders.newest else 0 for agent in fleet.agents.values()}
+    return {agent.orders.newest.term if agent.orders.newest else 0 for agent in fleet.agents.values()}
 
 
 @pytest.mark.parametrize("hours", [20.0, 1.0])
@@ -237,7 +237,7 @@ def test_clock_set_right_locks_no_robot_out(hours: float) -> None:
     fleet = SignedFleet(TEAM, seed=1)
     fleet.nodes["leader"].clock_error = 3600.0 * hours
     fleet.run(3.0)
-    assert all(agent._orders.newest for agent in fleet.agents.values())
+    assert all(agent.orders.newest for agent in fleet.agents.values())
     fleet.kill("leader")
     fleet.run(6.0)
     fleet.nodes["leader"].clock_error = 0.0
@@ -303,10 +303,8 @@ def test_signed_fleet_forms_and_goes_on_through_a_renewal() -> None:
     assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
     fleet.run(8.0)
     assert fleet.error() < 0.05
-    assert not fleet.leader._forgeries.lately(fleet.now)
-    assert not any(
-        agent._orders.forgers(Now(fleet.now, EPOCH + fleet.now)) for agent in fleet.agents.values()
-    )
+    assert not fleet.leader.forgers(fleet.now)
+    assert not any(agent.orders.forgers(Now(fleet.now, EPOCH + fleet.now)) for agent in fleet.agents.values())
 
 
 def test_robot_that_joins_late_gets_the_certificate() -> None:

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from formation.agent.following import availability
-from formation.agent.following.availability import FAULT_FREE_TIME
+from formation.agent.following import attachment
+from formation.agent.following.attachment import FAULT_FREE_TIME
 from formation.control.unicycle import AT_REST, Command
 from formation.mission.file import load
 from formation.mission.model import Collisions, Mission
@@ -39,7 +39,7 @@ def under_way(mission: Mission = PATROL, seconds: float = 9.0) -> Fleet:
 def off(fleet: Fleet) -> dict[str, float]:
     """How far each robot really is from its slot behind the leader [m]."""
     leader, *points = fleet.points()
-    slots = fleet.leader.placed_shape.slots(fleet.mission)[1:]
+    slots = fleet.leader.plan.shape_transition.placed_shape.slots(fleet.mission)[1:]
     followers = fleet.mission.followers
     return {n: abs(point - leader - slot) for n, point, slot in zip(followers, points, slots, strict=True)}
 
@@ -109,7 +109,7 @@ def test_others_stay_in_formation_when_one_cannot_follow(
         fleet.run(0.1)
         worst = max(worst, *(off(fleet)[other] for other in others))
     assert {fleet.agents[other].decision.state for other in others} == {AgentState.RUN}
-    assert fleet.agents[BEHIND[name]]._neighbours.guides == ("leader",)
+    assert fleet.agents[BEHIND[name]].neighbours.guides == ("leader",)
     assert fleet.status(BEHIND[name]).follows == ("leader",)
     # a blocked robot is believed until it is plain that it does not move
     assert worst < (0.35 if lose is blocked else 0.02)
@@ -124,7 +124,7 @@ def test_others_stay_in_formation_when_one_cannot_follow(
         worst = max(worst, *(off(fleet)[other] for other in others))
     assert worst < 0.02
     assert max(off(fleet).values()) < 0.02
-    assert fleet.agents[BEHIND[name]]._neighbours.guides == (name,)
+    assert fleet.agents[BEHIND[name]].neighbours.guides == (name,)
     assert most_sudden(fleet, since) < 0.25
 
 
@@ -132,8 +132,8 @@ def test_robot_with_second_neighbour_continues_without_unavailable_one() -> None
     fleet = under_way(SIX)
     fleet.ask("robot3", "hold")
     fleet.run(3.0)
-    assert fleet.agents["robot4"]._neighbours.guides == ("robot2",)
-    assert fleet.agents["robot5"]._neighbours.guides == ("robot4",)
+    assert fleet.agents["robot4"].neighbours.guides == ("robot2",)
+    assert fleet.agents["robot5"].neighbours.guides == ("robot4",)
     found = off(fleet)
     assert found.pop("robot3") > 0.5
     assert max(found.values()) < 0.02
@@ -204,7 +204,7 @@ def test_robot_off_slot_counts_as_available_after_patience(
     fleet = under_way()
     fleet.ask("robot1", "hold")
     fleet.run(1.0)
-    monkeypatch.setattr(availability, "FOLLOWING_EDGE_ERROR", -1.0)
+    monkeypatch.setattr(attachment, "FOLLOWING_EDGE_ERROR", -1.0)
     fleet.ask("robot1", "run")
     fleet.run(FAULT_FREE_TIME - 1.0)
     assert fleet.agents["robot1"].state.availability.published
@@ -228,13 +228,13 @@ def test_predicted_robots_hold_on_loss_and_resume_afterwards(mission: Mission, d
         foretold.holding
     )
     for name, guides in foretold.instead.items():
-        assert fleet.agents[name]._neighbours.guides == guides
+        assert fleet.agents[name].neighbours.guides == guides
     restore()
     fleet.run(2.0 * FAULT_FREE_TIME)
     assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
     assert not any(agent.state.availability.published for agent in fleet.agents.values())
     for name in mission.followers:
-        assert fleet.agents[name]._neighbours.guides == mission.robots[name].neighbours
+        assert fleet.agents[name].neighbours.guides == mission.robots[name].neighbours
 
 
 @pytest.mark.slow
@@ -253,7 +253,7 @@ def test_all_robots_resume_after_release_in_any_order(mission: Mission, data: st
     assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
     assert not any(agent.state.availability.published for agent in fleet.agents.values())
     for name in mission.followers:
-        assert fleet.agents[name]._neighbours.guides == mission.robots[name].neighbours
+        assert fleet.agents[name].neighbours.guides == mission.robots[name].neighbours
 
 
 @pytest.mark.slow
@@ -282,4 +282,4 @@ def test_forged_unavailability_stops_no_robot_with_another_neighbour() -> None:
     fleet.run(3.0)
     assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
     assert max(off(fleet).values()) < 0.02
-    assert fleet.agents["robot3"]._neighbours.guides == ("robot1",)
+    assert fleet.agents["robot3"].neighbours.guides == ("robot1",)

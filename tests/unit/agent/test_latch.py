@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formation.agent.safety.latch import Latch
-from formation.leader.mode import TeamMode
+from formation.leader.plan import TeamMode
 from formation.protocol import reasons
 from formation.protocol.order import UNREACHED, Code, Do, OperatorReply, OperatorRequest, decode
 from formation.protocol.outcome import Recipients

@@ -30,7 +30,7 @@ GAP = 0.15
 
 def farthest(fleet: Fleet) -> float:
     """Longest edge error of the robots as they really are, in the shape as it is by now [m]."""
-    slots = np.array(fleet.leader.placed_shape.slots(fleet.mission))
+    slots = np.array(fleet.leader.plan.shape_transition.placed_shape.slots(fleet.mission))
     return float(np.max(edge_errors(Edges(fleet.mission.graph), np.array(fleet.points()), slots)))
 
 

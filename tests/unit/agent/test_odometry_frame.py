@@ -20,6 +20,7 @@ from formation.topics import ODOM, POSITION
 from formation.wire import Now, Sample
 from tests.support.fleet import EPOCH, Fleet
 from tests.support.missions import with_robots
+from tests.support.sensing import reset_odometry
 
 PAIR = with_robots("turtlebot3_pair", odometry_frame="start", speed_step=0.01, turn_rate_step=0.01)
 SIX = with_robots("six_robots", odometry_frame="start")
@@ -178,7 +179,7 @@ def test_robots_that_count_from_their_start_come_into_formation(mission: Mission
     fleet = Fleet(mission)
     fleet.run(20.0)
     assert fleet.error() < 0.02
-    assert all(agent._here.state.jumps == 0 for agent in fleet.agents.values())
+    assert all(agent.here.state.jumps == 0 for agent in fleet.agents.values())
 
 
 @pytest.mark.parametrize("heading", ["observer", "measured"])
@@ -187,7 +188,7 @@ def test_odometry_reset_stops_robot_and_resumes_without_lurch(
 ) -> None:
     fleet = Fleet(with_robots("turtlebot3_pair", odometry_frame="start", heading=heading))
     fleet.run(20.0)
-    fleet.world.plant("robot1").reset_odometry()
+    reset_odometry(fleet.world.plant("robot1"))
     reset = fleet.now
     fleet.run(0.1)
     status = fleet.status("robot1")
@@ -215,7 +216,7 @@ def test_robot_with_doubtful_position_publishes_none() -> None:
 
     fleet.meddle = listen
     fleet.run(5.0)
-    fleet.world.plant("robot3").reset_odometry()
+    reset_odometry(fleet.world.plant("robot3"))
     fleet.run(1.0)
     gaps = sorted(after - before for before, after in pairwise(received))
     assert 0.15 < gaps[-1] < 0.35
@@ -233,7 +234,7 @@ def test_lossy_odometry_while_turning_is_no_jump(
         () if sample.key == ODOM.key("robot1") and dice.random() < 0.6 else (sample,)
     )
     fleet.run(20.0)
-    assert fleet.agents["robot1"]._here.state.jumps == 0
+    assert fleet.agents["robot1"].here.state.jumps == 0
     fleet.meddle = lambda sample: (sample,)
     fleet.run(10.0)
     assert fleet.error() < 0.03

@@ -13,7 +13,7 @@ from formation.agent.core import Agent
 from formation.agent.persistence.restore import Persistence
 from formation.agent.persistence.store import Store
 from formation.agent.process import REFUSED_PERIOD, Sides
-from formation.agent.safety.alive import FAREWELL
+from formation.agent.safety.commander import FAREWELL
 from formation.agent.status import Surroundings
 from formation.mission.file import load, parse, read
 from formation.mission.model import Mission
@@ -71,7 +71,7 @@ class Setting:
         self.agent = Agent(mission, "robot2", readonly=readonly, publisher_id="v")
         process: Any = SimpleNamespace(bus=self.fleet, robot=self.robot, clock=lambda: Now(1.2, 100.2))
         self.process = process
-        self.sides = Sides(self.agent, process, readonly=readonly)
+        self.sides = Sides(self.agent, process)
         self.sides.declare()
 
     def turn(self, *inbox: Sample, mono: float = 1.0) -> list[tuple[str, str]]:
@@ -268,7 +268,7 @@ class Slow(Drawer):
 def keeping(setting: Setting, disk: Drawer) -> None:
     """Have the agent keep things there."""
     persistence = Persistence(setting.agent, cast("Store", disk), "a boot")
-    setting.sides = Sides(setting.agent, setting.process, readonly=False, persistence=persistence)
+    setting.sides = Sides(setting.agent, setting.process, persistence=persistence)
     setting.sides.declare()
 
 

@@ -121,7 +121,7 @@ def test_replayed_messages_of_dead_neighbour_are_not_followed() -> None:
 
     fleet.meddle = play
     fleet.run(2.0)
-    assert fleet.agents["robot3"]._neighbours.each["robot2"].stream.state.arrived == pytest.approx(
+    assert fleet.agents["robot3"].neighbours.each["robot2"].stream.state.arrived == pytest.approx(
         8.0, abs=0.1
     )
 
@@ -132,7 +132,7 @@ def test_successor_agent_is_followed_after_first_falls_silent() -> None:
     fleet.run(8.0)
     fleet.nodes["robot2"].core = fleet.agents["robot2"] = fleet.new_agent("robot2")  # with a new publisher id
     fleet.revive("robot2")
-    stream = fleet.agents["robot3"]._neighbours.each["robot2"].stream
+    stream = fleet.agents["robot3"].neighbours.each["robot2"].stream
     last = stream.state.arrived or 0.0
     fleet.run(last + LIMIT - fleet.now)
     assert stream.state.arrived == last

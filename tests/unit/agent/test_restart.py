@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from formation.agent.persistence.restore import SAVE_PERIOD
-from formation.agent.verify.core import verify
 from formation.control.tracker import FRESH_PERIODS
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.protocol.status import AgentState
+from tests.support.recorded import verify
 from tests.support.restarting import Team, driving, turning_back
 
 SIX = load("six_robots")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from formation.agent.core import Agent
-from formation.agent.safety.alive import FAREWELL
+from formation.agent.safety.commander import FAREWELL
 from formation.agent.status import Surroundings
 from formation.control.laws import LAWS
 from formation.control.unicycle import Command, advance
@@ -102,8 +102,8 @@ def test_readonly_agent_reports_commands_without_windup(source: str) -> None:
     assert fleet.last_command("robot1") != AT_REST
     assert fleet.plant("robot1").path == 0.0
     start = fleet.mission.first_heading("robot1")
-    assert agent._here.heading == pytest.approx(start, abs=0.01)  # nothing was learned from going nowhere
-    assert all(abs(left) <= 0.01 for left in agent._commander.state.remainder)
+    assert agent.here.heading == pytest.approx(start, abs=0.01)  # nothing was learned from going nowhere
+    assert all(abs(left) <= 0.01 for left in agent.commander.state.remainder)
 
 
 @pytest.mark.parametrize("law", [name for name, one in LAWS.items() if one.integral])

@@ -23,6 +23,7 @@ from formation.wire import Sample
 from tests.support.missions import with_robots
 from tests.support.recorded import Wire
 from tests.support.restarting import Team, driving, turning_back
+from tests.support.sensing import reset_odometry
 
 SIX = load("six_robots")
 
@@ -74,7 +75,7 @@ def test_state_with_nan_in_stream_is_refused(where: str, caplog: pytest.LogCaptu
     here["stream"][where] = "NaN"
     team.drawers["robot3"].change("state", here=here)
     assert "a number in it is not finite" in news(team, caplog)
-    assert team.agents["robot3"]._here.stream.clock_agrees
+    assert team.agents["robot3"].here.stream.clock_agrees
 
 
 @pytest.mark.parametrize(
@@ -141,7 +142,7 @@ def test_a_loop_that_fails_says_so_to_what_is_kept(monkeypatch: pytest.MonkeyPat
     )
     process: Any = SimpleNamespace(bus=bus, robot=wire, ready=lambda *_: None, loop=loop, clock=clocks)
     with pytest.raises(OverflowError):
-        list(drive(Agent(SIX, "robot3", publisher_id="a"), process, readonly=False))
+        list(drive(Agent(SIX, "robot3", publisher_id="a"), process))
     assert len(failed) == 1
 
 
@@ -196,7 +197,7 @@ def test_the_integral_is_taken_over_only_while_it_means_something(gone: float) -
     team = lost(gone)
     kept = json.loads(team.drawers["robot3"].texts["state"])["integral"]
     team.begin("robot3")
-    while team.agents["robot3"]._here.stream.state.arrived is None:
+    while team.agents["robot3"].here.stream.state.arrived is None:
         team.run(0.001)
     integral = team.agents["robot3"].state.integral
     assert (integral == complex(*kept)) is (gone < MAX_INTEGRAL_AGE)
@@ -206,14 +207,14 @@ def test_the_integral_is_taken_over_only_while_it_means_something(gone: float) -
 def test_realigned_odometry_persists_over_agent_death() -> None:
     team = Team(turning_back(odometry_frame="start"))
     team.run(8.0)
-    team.world._hosted["robot3"].plant.reset_odometry()
+    reset_odometry(team.world._hosted["robot3"].plant)
     team.run(3.0)
-    assert team.agents["robot3"]._here.state.jumps == 1
+    assert team.agents["robot3"].here.state.jumps == 1
     team.lose("robot3", 1.0)
     team.begin("robot3")
     team.run(6.0)
     assert team.error() < 0.05
-    assert team.agents["robot3"]._here.realigned == 1
+    assert team.agents["robot3"].here.state.source.realigned == 1
 
 
 @pytest.mark.slow
@@ -225,7 +226,7 @@ def test_odometry_reset_without_agent_restores_approximate_position(
     team = Team(turning_back(odometry_frame="start"))
     team.run(8.0)
     team.lose("robot3", 1.0)
-    team.world._hosted["robot3"].plant.reset_odometry()
+    reset_odometry(team.world._hosted["robot3"].plant)
     team.run(0.5)
     team.begin("robot3", empty=empty)
     team.run(6.0)
@@ -236,7 +237,7 @@ def test_a_voted_term_survives_a_restart() -> None:
     team = lost(1.0)
     team.drawers["robot3"].change("state", voted_term=7)
     team.begin("robot3")
-    assert team.agents["robot3"]._orders.voter.state.voted_term == 7
+    assert team.agents["robot3"].orders.voter.state.voted_term == 7
 
 
 @pytest.mark.slow

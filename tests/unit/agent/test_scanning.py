@@ -196,7 +196,7 @@ def test_post_is_no_teammate_while_heading_is_unknown(
     ahead = Post(x=turned.x, y=turned.y + 0.8, radius=0.1)
     fleet = Fleet(among(mission.model_copy(update={"robots": robots}), ahead))
     seen: list[int] = []
-    look = fleet.agents["robot2"]._avoiding.scanner
+    look = fleet.agents["robot2"].avoiding.scanner
     assert look is not None
     strangers = look.strangers
 

@@ -58,9 +58,7 @@ def test_all_robots_follow_a_new_shape_while_driving() -> None:
     before = {name: len(fleet.commands[name]) for name in SIX.followers}
     fleet.order_shape("wedge")
     fleet.run(0.5)
-    assert {agent._orders.newest.shape for agent in fleet.agents.values() if agent._orders.newest} == {
-        "wedge"
-    }
+    assert {agent.orders.newest.shape for agent in fleet.agents.values() if agent.orders.newest} == {"wedge"}
     for name in SIX.followers:
         assert all(command[1:] != AT_REST for command in fleet.commands[name][before[name] :])
 
@@ -107,7 +105,7 @@ def test_restarted_leader_continues_with_requested_shape() -> None:
     fleet.kill("leader")
     fleet.restart("leader")
     fleet.run(10.0)
-    shapes = {agent._orders.newest.shape for agent in fleet.agents.values() if agent._orders.newest}
+    shapes = {agent.orders.newest.shape for agent in fleet.agents.values() if agent.orders.newest}
     assert shapes == {"wedge"}
     assert fleet.error() < SIX.settled
 

@@ -57,11 +57,11 @@ def through_a_file(agent: Agent) -> Any:
 def like(agent: Agent) -> Agent:
     """Another with the same mission, robot, law and publisher id, that has learned nothing."""
     return Agent(
-        agent._mission,
+        agent.mission,
         agent.robot,
         agent.controller.name,
-        readonly=agent._readonly,
-        publisher_id=agent._publisher_id,
+        readonly=agent.readonly,
+        publisher_id=agent.publisher_id,
     )
 
 

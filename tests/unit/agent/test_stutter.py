@@ -44,7 +44,7 @@ def test_frozen_odometry_in_bursts_holds_the_robot(burst: float, gap: float) -> 
     before = fleet.plant("robot3").path
     fleet.run(10.0)
     assert fleet.plant("robot3").path - before < BOUND
-    assert fleet.agents["robot3"]._motion.state.doubt is not None
+    assert fleet.agents["robot3"].motion.state.doubt is not None
 
 
 def test_interrupted_probes_stay_bounded() -> None:
@@ -61,7 +61,7 @@ def test_odometry_that_comes_in_bursts_causes_no_doubt() -> None:
     fleet.meddle = bursts(fleet, "robot3", 0.5, 0.3)
     while fleet.now < BEGIN + 15.0:
         fleet.run(0.1)
-        assert fleet.agents["robot3"]._motion.state.doubt is None
+        assert fleet.agents["robot3"].motion.state.doubt is None
     assert fleet.agents["robot3"].decision.reason.code in {
         Code.RUNNING,
         Code.POSITION_SILENT,

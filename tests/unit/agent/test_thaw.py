@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from formation.agent.safety.wakefulness import DRAIN_TIME
+from formation.agent.inbox import DRAIN_TIME
 from formation.agent.watchdog.core import Watchdog
 from formation.mission.file import load
 from formation.protocol.reasons import Code
@@ -46,7 +46,7 @@ def test_messages_that_waited_are_dropped_and_counted() -> None:
     fleet.run(3.0)
     fleet.thaw("robot4")
     fleet.run(0.1)
-    assert any("waited while" in why for why in fleet.agents["robot4"]._inbox.state.last_dropped.values())
+    assert any("waited while" in why for why in fleet.agents["robot4"].inbox.state.last_dropped.values())
 
 
 def test_a_short_pause_is_no_freeze() -> None:

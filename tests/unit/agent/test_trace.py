@@ -17,10 +17,14 @@ from formation.agent.persistence.trace import (
     MAX_TRACE_BYTES,
     MAX_TRACED_INPUTS,
     STATE_PERIOD,
+    BadTraceError,
+    Link,
+    RequestStep,
+    Step,
     Trace,
     checksum,
+    read,
 )
-from formation.agent.verify.traced import BadTraceError, RequestStep, Step, read
 from formation.mission.file import load
 from formation.protocol.order import MAX_REQUEST_BYTES, Order, PositionAttachment
 from formation.protocol.order import encode as encode_order
@@ -58,7 +62,7 @@ class Setting:
     def __init__(self, agent: Agent | None = None, *, readonly: bool = False) -> None:
         self.agent = agent or Agent(SIX, "robot3", publisher_id="abc", readonly=readonly)
         self.record: Recording = []
-        self.loop = Looped(self.agent, self.record, readonly=readonly)
+        self.loop = Looped(self.agent, self.record)
 
     def turn(self, mono: float, *inbox: Sample) -> Any:
         """The trace of the command that this step led to; None if it led to none, or has none."""
@@ -216,7 +220,7 @@ def test_endless_flood_traces_state_once_per_second() -> None:
 def test_minutes_without_a_command_hold_no_more_than_so_much() -> None:
     one = Trace(Agent(SIX, "robot3"))
     for tick in range(10_000):
-        one.stepped(now(0.01 * tick), (True, True, False), [position(0.01 * tick, tick)])
+        one.stepped(now(0.01 * tick), Link(True, True), [position(0.01 * tick, tick)])
         one.requested(b'{"do":"hold"}', 0.01 * tick)
         assert len(one._steps) <= MAX_TRACED_INPUTS
     result = one.attachment()

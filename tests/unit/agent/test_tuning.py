@@ -15,7 +15,6 @@ from formation.agent.following.gains import INTEGRAL_RATE_RATIO, MAX_GAIN_RATE, 
 from formation.agent.following.gains import MAX_COMMAND_STEP_SHARE as MOST
 from formation.agent.following.orders import Orders
 from formation.agent.persistence.restore import Restorer
-from formation.agent.verify.core import verify
 from formation.control.controller import Measured
 from formation.control.laws import LAWS
 from formation.mission.file import load
@@ -24,7 +23,7 @@ from formation.protocol.order import Order, Tuned, decode
 from formation.topics import ODOM
 from formation.wire import BadMessage, Now, Sample
 from tests.support.fleet import EPOCH, Fleet
-from tests.support.recorded import RecordedFleet, all_alike
+from tests.support.recorded import RecordedFleet, all_alike, verify
 from tests.support.tuned import changed, limited, tune
 from tests.unit.agent.sudden import most_sudden
 
@@ -42,7 +41,7 @@ def ordered(tuned: Tuned | None) -> Order:
 
 
 def in_force(fleet: Fleet) -> set[tuple[float, float]]:
-    return {(agent._tuning.state.k_p, agent._tuning.state.k_i) for agent in fleet.agents.values()}
+    return {(agent.tuning.state.k_p, agent.tuning.state.k_i) for agent in fleet.agents.values()}
 
 
 def some(k_p: float, k_i: float, law: str = "field") -> Tuning:
@@ -194,7 +193,7 @@ def test_restarted_agent_keeps_gains_and_integral() -> None:
     taken = restorer.meet([odometry], Now(odometry.arrived, EPOCH + odometry.arrived))
     assert taken is not None
     assert taken.news.startswith("goes on")
-    assert (after._tuning.state.k_p, after._tuning.state.k_i) == (2.5, 0.3)
+    assert (after.tuning.state.k_p, after.tuning.state.k_i) == (2.5, 0.3)
     assert after.state.integral != 0j
 
 

@@ -13,9 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from formation.agent.core import Agent
-from formation.agent.verify import buffer, core
-from formation.agent.verify.core import MAX_INPUT_DELAY, Verification, verify
-from formation.agent.verify.verdict import MOST_STRETCHES, Verdict
+from formation.agent.verify import core, replica
+from formation.agent.verify.core import MAX_INPUT_DELAY, MOST_STRETCHES, Verdict, Verification
 from formation.control.laws import LAWS
 from formation.mission.file import load, parse, read
 from formation.mission.model import Mission
@@ -24,7 +23,7 @@ from formation.ros2.messages import Twist, encode
 from formation.topics import BALLOT, CMD_VEL, ODOM, POSITION, SCAN
 from formation.wire import Now, Sample
 from tests.support.missions import with_robots
-from tests.support.recorded import RecordedFleet, Recording, all_alike
+from tests.support.recorded import RecordedFleet, Recording, all_alike, verify
 
 SIX, PAIR, CHAINS = load("six_robots"), load("turtlebot3_pair"), load("two_chains")
 POSTS = load("posts")
@@ -286,7 +285,7 @@ def test_verification_retains_only_a_few_seconds() -> None:
             verification.process_sample(sample, wall + 8.0 * hour)
             kept.append(len(verification._buffer._found))
     a_second = len(without(RUN, lambda _, wall: wall > start + 1.0))
-    assert max(kept) < (buffer.MAX_STORED_TIME + core.MAX_INPUT_DELAY + 1.0) * a_second
+    assert max(kept) < (replica.MAX_STORED_TIME + core.MAX_INPUT_DELAY + 1.0) * a_second
     assert len(verification._due) < MAX_INPUT_DELAY * a_second
     assert not verification._awaited or max(map(len, verification._awaited.values())) < 10
 

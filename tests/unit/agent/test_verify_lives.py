@@ -7,13 +7,12 @@ from typing import Any
 import pytest
 
 from formation.agent.core import Agent
-from formation.agent.verify.core import verify
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.protocol.order import MAX_REQUEST_BYTES
 from formation.wire import Now
 from tests.support.missions import with_robots
-from tests.support.recorded import Looped, RecordedFleet, all_alike
+from tests.support.recorded import Looped, RecordedFleet, all_alike, verify
 
 SIX, PAIR = load("six_robots"), load("turtlebot3_pair")
 
@@ -104,6 +103,6 @@ def test_an_agent_that_moves_nothing_is_verified_as_well(mission: Mission) -> No
     fleet = RecordedFleet(mission)
     name = mission.followers[0]
     agent = Agent(mission, name, readonly=True, publisher_id="looks")
-    fleet.nodes[name].core = Looped(agent, fleet.record, readonly=True)
+    fleet.nodes[name].core = Looped(agent, fleet.record)
     fleet.run(6.0)
     assert all_alike(verify(mission, fleet.record))

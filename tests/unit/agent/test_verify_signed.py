@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import pytest
 
-from formation.agent.verify.core import verify
 from formation.protocol.order import PositionAttachment
 from formation.wire import Sample
 from tests.support.fleet import EPOCH
 from tests.support.missions import team
-from tests.support.recorded import RecordedFleet, all_alike
+from tests.support.recorded import RecordedFleet, all_alike, verify
 from tests.support.signed import SignedFleet
 
 TEAM = team({"r0": ["leader"], "r1": ["leader"], "r2": ["r0", "r1"]})

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.agent.safety.alive import FAREWELL
+from formation.agent.safety.commander import FAREWELL
 from formation.agent.simulated.simulated import World
 from formation.agent.watchdog.core import BRAKING_TIME, PARKING_TIME, SLOW_PERIOD, TABLE, Event, Watchdog
 from formation.mission.file import load

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from formation.agent.verify.verdict import Verdict
+from formation.agent.verify.core import Verdict
 from formation.deploy.recordings import replay, verify
 from formation.deploy.refusal import Refusal
 from formation.mission.file import load, read

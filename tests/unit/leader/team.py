@@ -159,7 +159,7 @@ class Team:
 
     def stand(self, name: str) -> None:
         """A standby stands though it has not waited."""
-        process, candidacy = self.processes[name], self.leader(name)._candidacy
+        process, candidacy = self.processes[name], self.leader(name).candidacy
         if process.alive and not process.frozen and candidacy.state == "standby":
             now = process.now(self.true)
             candidacy._begin(now)
@@ -217,13 +217,13 @@ class Team:
         if len(self.leaders) != 1:
             return False
         led = self.leader(self.leaders[0])
-        orders = [self.agent(name)._orders for name in self.agents]
+        orders = [self.agent(name).orders for name in self.agents]
         return all(
             one.voter.state.voted_term == (led.term if self.mission.standbys else 0)
             and one.newest is not None
             and one.newest.term == led.term
             and one.newest.mode == led.mode
-            and one.newest.shape == led.shape
+            and one.newest.shape == led.plan.shape_transition.wish.shape
             and one.newest.tuned == led.plan.tuned
             for one in orders
         )
@@ -236,7 +236,7 @@ class Team:
         return Agent(mission, name.removesuffix(TWIN), publisher_id=publisher_id, readonly=readonly)
 
     def _in_lease(self, name: str) -> bool:
-        process, candidacy = self.processes[name], self.leader(name)._candidacy
+        process, candidacy = self.processes[name], self.leader(name).candidacy
         return (
             process.alive
             and candidacy.leading
@@ -268,7 +268,7 @@ class Team:
                 process.disk = process.core.known if self.keeps else 0
 
     def _agent_steps(self, name: str, process: Process, agent: Agent, inbox: list[Sample]) -> None:
-        orders = agent._orders
+        orders = agent.orders
         before = orders.newest
         self._send(name, agent.step(process.now(self.true), inbox))
         if orders.newest is not None and orders.newest is not before:
@@ -279,8 +279,8 @@ class Team:
     def _check(self, name: str, process: Process) -> None:
         """What must hold after each turn."""
         if isinstance(process.core, Agent):
-            assert not process.stopped or process.core._latch.mode == "stop", f"{name} lost a stop"
-            newest = process.core._orders.newest
+            assert not process.stopped or process.core.latch.mode == "stop", f"{name} lost a stop"
+            newest = process.core.orders.newest
             assert newest is None or self.said[newest.term, newest.beat] == newest
             return
         assert not process.stopped or process.core.mode == "stop", f"{name} lost a stop"

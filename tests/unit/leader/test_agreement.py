@@ -193,7 +193,7 @@ class Machine(RuleBasedStateMachine):
 
     def _tuned(self, k_p: float) -> bool:
         """Whether one leads and everybody has these gains from it."""
-        newest = [self.team.agent(name)._orders.newest for name in MISSION.followers]
+        newest = [self.team.agent(name).orders.newest for name in MISSION.followers]
         gains = [one.tuned.k_p if one is not None and one.tuned is not None else None for one in newest]
         return self.team.agreed and gains == [k_p] * len(gains)
 

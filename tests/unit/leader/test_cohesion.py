@@ -98,7 +98,7 @@ def test_a_robot_that_stands_keeps_the_leader_until_it_comes_again() -> None:
 
 def edges(fleet: Fleet) -> list[complex]:
     """What every edge is off by, as the robots really are [m]."""
-    points, slots = fleet.points(), fleet.leader.placed_shape.slots(SIX)
+    points, slots = fleet.points(), fleet.leader.plan.shape_transition.placed_shape.slots(SIX)
     return [
         points[j] - points[i] - (slots[j] - slots[i])
         for i, measured in enumerate(SIX.graph.neighbours)

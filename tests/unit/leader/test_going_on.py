@@ -89,13 +89,13 @@ def test_the_shape_goes_on_from_where_it_was(mission: Mission) -> None:
     last = drive(before, 0.04, 1.2)[-1].order
     assert last.slots is not None
     after = restarted(mission, last, 5.0)
-    assert after.placed_shape.slot(mission, "bob") == pytest.approx(
-        before.placed_shape.slot(mission, "bob"), abs=1e-6
+    assert after.plan.shape_transition.placed_shape.slot(mission, "bob") == pytest.approx(
+        before.plan.shape_transition.placed_shape.slot(mission, "bob"), abs=1e-6
     )
-    slots = [after.placed_shape.slot(mission, "bob")]
+    slots = [after.plan.shape_transition.placed_shape.slot(mission, "bob")]
     for k in range(100):
         after.step(at(5.04 + 0.04 * k), [])
-        slots.append(after.placed_shape.slot(mission, "bob"))
+        slots.append(after.plan.shape_transition.placed_shape.slot(mission, "bob"))
     assert slots[-1] == pytest.approx(-0.5)
     assert max(abs(b - a) for a, b in pairwise(slots)) < 0.7 * 0.04
 
@@ -220,7 +220,7 @@ def test_a_route_of_another_mission_file_is_not_gone_on_with(mission: Mission) -
 def test_an_order_of_unknown_shapes_is_not_gone_on_with(mission: Mission) -> None:
     leader = restarted(mission, Order(term=TERM, beat=9, mode="run", shape="star", time=5.0), 5.0)
     assert leader.leads
-    assert (leader.shape, leader.route_time) == ("line", 0.0)
+    assert (leader.plan.shape_transition.wish.shape, leader.route_time) == ("line", 0.0)
     assert leader.dropped == {"bob/position": 1}
 
 

@@ -45,7 +45,7 @@ def begun(of: Mission, *told: tuple[str, Order, bool], hold: bool = True) -> Lea
 )
 def test_hold_waits_after_an_outage(mission: Mission, *, stale: bool, hold: bool, mode: str) -> None:
     leader = begun(mission, ("bob", RUNNING, stale), hold=hold)
-    assert (leader.mode, leader.shape) == (mode, "near")
+    assert (leader.mode, leader.plan.shape_transition.wish.shape) == (mode, "near")
     assert leader.route_time == pytest.approx(2.0, abs=0.01)
     assert ask(leader, b'{"do":"run"}').mode == "run"
 
@@ -69,7 +69,7 @@ def test_hold_after_listening_depends_on_outage_too(mission: Mission, *, stale: 
     leader = begun(mission)
     assert leader.mode == "hold"
     leader.step(at(2.0), [arriving(relayed("bob", RUNNING, of=mission, stale=stale), 2.0)])
-    assert (leader.mode, leader.shape) == (mode, "near")
+    assert (leader.mode, leader.plan.shape_transition.wish.shape) == (mode, "near")
 
 
 def test_stop_and_hold_survive_an_outage(mission: Mission) -> None:

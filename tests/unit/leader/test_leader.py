@@ -229,7 +229,7 @@ def test_repeated_shape_request_does_not_undo_later_one(mission: Mission) -> Non
     ask(leader, b'{"do":"shape","shape":"near","id":"a"}')
     ask(leader, b'{"do":"shape","shape":"line","id":"b"}')
     assert ask(leader, b'{"do":"shape","shape":"near","id":"a"}').ok
-    assert leader.shape == "line"
+    assert leader.plan.shape_transition.wish.shape == "line"
 
 
 def test_a_changed_shape_is_on_its_way_with_the_next_step(mission: Mission) -> None:

@@ -44,7 +44,7 @@ class Watched:
 
     def lag(self) -> float:
         """Formation error against where the shape is by now [m]."""
-        slots = np.array(self.fleet.leader.placed_shape.slots(self.fleet.mission))
+        slots = np.array(self.fleet.leader.plan.shape_transition.placed_shape.slots(self.fleet.mission))
         return float(formation_error(Edges(self.fleet.mission.graph), np.array(self.fleet.points()), slots))
 
     def within_limits(self) -> bool:
@@ -129,11 +129,11 @@ def test_while_the_team_holds_no_slot_moves_and_then_none_jumps() -> None:
     watched.run(15.0)
     watched.want('{"do":"hold"}')
     watched.run(1.0)
-    placed_shape, where = watched.fleet.leader.placed_shape, watched.fleet.points()
+    placed_shape, where = watched.fleet.leader.plan.shape_transition.placed_shape, watched.fleet.points()
     reply = ask(watched.fleet.leader, b'{"do":"shape","shape":"line"}')
     assert reply.reason.endswith("s of running")
     watched.run(2.0)
-    assert watched.fleet.leader.placed_shape == placed_shape
+    assert watched.fleet.leader.plan.shape_transition.placed_shape == placed_shape
     assert watched.fleet.points() == pytest.approx(where, abs=1e-3)
     since = watched.fleet.now
     watched.want('{"do":"run"}')
@@ -158,7 +158,7 @@ def test_leader_restarted_during_shape_transition_continues_it() -> None:
     watched.run(12.0)
     assert watched.worst < 9 * 0.4  # over nine edges; robots have rolled on for a moment, and come back
     assert watched.fleet.error() < NEAR
-    assert watched.fleet.leader.shape == "line"
+    assert watched.fleet.leader.plan.shape_transition.wish.shape == "line"
     assert watched.within_limits()
 
 

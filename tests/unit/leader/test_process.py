@@ -66,7 +66,7 @@ def test_thawed_leader_checks_leadership_before_answering(
         for ago in (10.0, 8.0):
             core.step(now._replace(mono=now.mono - ago), ())
         assert leader.leads
-        monkeypatch.setattr(leader._candidacy, "_later", True)  # another one has begun meanwhile
+        monkeypatch.setattr(leader.candidacy, "_later", True)  # another one has begun meanwhile
         reply = order.decode(OperatorReply, bus.request(b'{"do":"hold"}', clocks().mono))
         assert (reply.ok, reply.leads) == (True, False), "it keeps the hold, and does not lead"
         assert "ann/position" not in {out.key for out in bus.sent}

@@ -190,6 +190,9 @@ def test_longest_order_of_worst_mission_can_be_relayed(length: int, mixed: int) 
                 because="earlier",
                 received=ReceivedPosition(robot="r" * 64, stamp=1_700_000_000.123456),
             )
-            longest, most = max(longest, len(encode(reported))), max(most, len(leader.placed_shape.mix))
+            longest, most = (
+                max(longest, len(encode(reported))),
+                max(most, len(leader.plan.shape_transition.placed_shape.mix)),
+            )
     assert most == mixed
     assert 800 < longest < MAX_ATTACHMENT_BYTES - 40

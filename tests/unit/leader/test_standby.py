@@ -34,10 +34,10 @@ def stood() -> Mission:
 
 def elected(leader: Leader, mono: float, newest: Order | None = None) -> tuple[float, list[Outgoing]]:
     """Let bob vote for this candidate, and relay this order; when it led, and what it said then."""
-    received = Ballot(term=1, number=1, candidacy="candidate", mission=leader._mission.tag)
+    received = Ballot(term=1, number=1, candidacy="candidate", mission=leader.mission.tag)
     for _ in range(300):
         reported = relayed(
-            "bob", newest, voted_term=received.term, last_ballot=received.number, of=leader._mission
+            "bob", newest, voted_term=received.term, last_ballot=received.number, of=leader.mission
         )
         outbox = leader.step(at(mono), [arriving(reported, mono)])
         if leader.leads:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from formation.leader.core import Leader
-from formation.leader.terms import Terms
+from formation.leader.process import Terms
 from formation.mission.file import parse
 from tests.unit.leader.leading import CURVED, at
 

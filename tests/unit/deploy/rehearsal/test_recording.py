@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from formation.agent.verify.core import verify
 from formation.deploy.recordings import report
 from formation.deploy.refusal import Refusal
 from formation.deploy.rehearsal.faults import KINDS, parse
@@ -18,6 +17,7 @@ from formation.mission.file import parse as parse_mission
 from formation.monitor.recording import reader
 from formation.monitor.recording.recorder import Recorder
 from formation.wire import Sample
+from tests.support.recorded import verify
 from tests.support.row_of_three import row_of_three
 
 PAIR = load("turtlebot3_pair")

@@ -180,7 +180,7 @@ def test_touching_bodies_are_found() -> None:
 
 
 def test_false_hold_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("formation.agent.pose.odometry.JUMP_DEVIATIONS", 0.0)
+    monkeypatch.setattr("formation.agent.pose.sources.JUMP_DEVIATIONS", 0.0)
     noisy = PAIR.changed(simulated_robot=PAIR.simulated_robot.model_copy(update={"position_noise": 0.005}))
     assert "hold" in run(Plan(noisy), 0, ()).broken
 

@@ -9,8 +9,7 @@ import pytest
 
 from formation.mission.file import load
 from formation.monitor.report import drawing
-from formation.simulation.simulate import History
-from formation.simulation.simulate import simulate
+from formation.simulation.simulate import History, simulate
 
 
 @pytest.fixture(scope="module")

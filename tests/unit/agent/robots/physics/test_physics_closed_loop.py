@@ -14,7 +14,6 @@ needs.leave_out_without("physics")
 
 from formation.agent.simulated.physics.world import World  # noqa: E402 - only where there is MuJoCo
 from formation.agent.simulated.simulated import World as Hosted  # noqa: E402
-from formation.control.unicycle import Command  # noqa: E402
 from formation.mission.file import parse, read  # noqa: E402
 from formation.mission.model import Mission  # noqa: E402
 from formation.ros2.messages import LaserScan, Odometry, Pose, TwistStamped, decode, encode  # noqa: E402
@@ -92,17 +91,6 @@ def test_a_camera_above_sees_the_truth() -> None:
     outbox = team.fleet.world.step(Now(0.0, EPOCH), [])
     seen = decode(Pose, next(out.payload for out in outbox if out.key == "robot1/pose"))
     assert seen.position == pytest.approx(mission.robots["robot1"].start.position, abs=1e-3)
-
-
-def test_odometry_can_be_told_to_count_from_here() -> None:
-    plant = InPhysics(PAIR).fleet.world.plant("robot1")
-    plant.go_to(0.0)
-    plant.obey(Command(0.1, 0.5))
-    plant.go_to(2.0)
-    plant.reset_odometry()
-    position, heading = plant.odometry()
-    assert position == 0j
-    assert heading == pytest.approx(1.0)
 
 
 def test_a_process_that_was_frozen_goes_on_where_it_was() -> None:

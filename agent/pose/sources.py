@@ -1,25 +1,31 @@
-"""Odometry as a source of positions: placed in the world, and doubted when it is impossible.
+"""Where a robot's positions come from: odometry, or external poses (a camera or motion capture).
 
-`odometry_frame = "world"`: it counts in the world frame, and after a jump it is believed again at its new
-position. `odometry_frame = "start"`: it counts from where the robot was switched on, which is the mission's
-start pose, and continues while an agent restarts. A jump then (`reset_odometry`, a restart of the robot's own
-software) is a new count, and is placed so that the robot's position does not change.
+Odometry is placed in the world, and doubted when it is impossible. `odometry_frame = "world"`: it counts in
+the world frame, and after a jump it is believed again at its new position. `odometry_frame = "start"`: it
+counts from where the robot was switched on, which is the mission's start pose, and continues while an agent
+restarts. A jump then (`reset_odometry`, a restart of the robot's own software) is a new count, and is placed
+so that the robot's position does not change.
+
+External poses are the paper's other source. The distance and turn between two positions are computed from the
+commands sent to the robot, as in the paper; odometry is not read.
 """
 
 from __future__ import annotations
 
 import cmath
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, field
+from typing import ClassVar, NamedTuple
 
-from formation.agent.pose.pose_update import PoseUpdate
+from formation.agent.pose.motion_model import Held, forget, spans
 from formation.control.controller import Limits
 from formation.control.observer import Travel
-from formation.control.plane import angle_between
-from formation.control.unicycle import Command, advance
+from formation.control.plane import angle_between, rotation
+from formation.control.unicycle import AT_REST, Command, advance
 from formation.mission.model import Mission
 from formation.protocol.reasons import Code, Reason
 from formation.protocol.status import Localised
-from formation.ros2.messages import Odometry
+from formation.ros2.messages import Odometry, Pose
 
 MAX_SPEED_RATIO = 1.5
 """Greatest ratio of a robot's speed to its limit; more is an error."""
@@ -37,6 +43,25 @@ JUMP_SHARE = 0.1
 """The same as a share of the fastest change: for motion between two messages."""
 ORIGIN_DISTANCE = 0.05
 """Distance to its origin below which odometry, after a silence, has restarted [m]."""
+HISTORY_TIME = 5.0
+"""Age after which commands are forgotten [s]."""
+COASTING_TIME = 0.5
+"""Approximate time that a robot moves on after its agent's death [s]."""
+
+
+class PoseUpdate(NamedTuple):
+    """A robot's position, and its motion since the one before."""
+
+    position: complex
+    """Centre [m; world frame]."""
+    heading: complex
+    """As it was measured, unit [world frame]."""
+    travel: Travel | None
+    """Since the message before; None for the first."""
+    jumped: Reason | None = None
+    """The impossible motion since then."""
+    turned: complex = 1.0 + 0.0j
+    """Its turn, as a unit complex number, where `jumped` means that `travel` does not contain it."""
 
 
 def believable(moving: Command, limits: Limits) -> bool:
@@ -73,7 +98,6 @@ class OdometrySource:
     """One robot's odometry in the world frame."""
 
     name = "odometry"
-    doubt: Reason | None = None
 
     def __init__(self, mission: Mission, robot: str) -> None:
         spec = mission.robots[robot]
@@ -88,16 +112,6 @@ class OdometrySource:
     def alignment(self) -> Localised:
         """How it is placed in the world."""
         return Localised.ODOMETRY_START if self._counts_from_start else Localised.ODOMETRY_WORLD
-
-    @property
-    def realigned(self) -> int:
-        """Number of times that it was placed anew."""
-        return self.state.realigned
-
-    @property
-    def realigned_after(self) -> Reason | None:
-        """The newest jump after which it was placed anew."""
-        return self.state.realigned_after
 
     def make_update(self, odometry: Odometry, over: float | None, limit: float) -> PoseUpdate:
         """The update, `over` [s] after the message before (None for the first).
@@ -170,8 +184,8 @@ class OdometrySource:
         speed = last.speed if _can(last.speed, self._limits.max_speed) else 0.0
         turn_rate = last.turn_rate if _can(last.turn_rate, self._limits.max_turn_rate) else 0.0
         there, facing = advance(position, heading, speed, turn_rate, over)
-        rotation = facing / now.heading
-        state.rotation = rotation / abs(rotation)
+        turned = facing / now.heading
+        state.rotation = turned / abs(turned)
         state.origin = there - state.rotation * now.position
         state.realigned += 1
         return facing / heading
@@ -193,3 +207,64 @@ def _begun_anew(last: Odometry, now: Odometry, travel: Travel) -> Reason | None:
     if not abs(travel.turn) > TURN_MARGIN >= facing:
         return None
     return Reason.of(Code.HEADING_JUMPED, source=source, angle=travel.turn)
+
+
+@dataclass(slots=True, kw_only=True)
+class ExternalPoseState:
+    """The newest external pose, and the commands since."""
+
+    realigned: ClassVar[int] = 0
+    realigned_after: ClassVar[Reason | None] = None
+    last: Pose | None = None
+    """The newest message; None before the first."""
+    sent: deque[Held] = field(default_factory=deque)
+    """The commands of the last `HISTORY_TIME` seconds, oldest first."""
+
+
+class ExternalPoseSource:
+    """The external poses of one robot."""
+
+    name = "pose"
+    alignment = Localised.EXTERNAL
+
+    def __init__(self, mission: Mission, robot: str) -> None:
+        spec = mission.robots[robot]
+        self._limits = spec.limits
+        self._reads_heading = spec.heading == "measured"
+        self.state = ExternalPoseState()
+
+    def commanded(self, moment: float, command: Command) -> None:
+        """Record that the robot was sent `command` at `moment` [s, monotonic]."""
+        forget(self.state.sent, moment - HISTORY_TIME)
+        if not self.state.sent or self.state.sent[-1].command != command:
+            self.state.sent.append(Held(moment, command))
+
+    def unlike(self, pose: Pose, over: float) -> str | None:
+        """Why the robot's turn in the `over` [s] since the newest position is unknown, in words.
+
+        It was sent no commands since: a robot that moved was carried, or drove on without being stopped.
+        """
+        if self.state.last is None:
+            return "it had not been seen"
+        moved, over = abs(pose.position - self.state.last.position), min(over, COASTING_TIME)
+        jumped = impossible(self.name, moved, 0.0, self._limits, over)
+        return None if jumped is None else f"{jumped} while no agent drove the robot"
+
+    def stood(self, since: float) -> None:
+        """Assume that the robot has stood since then [s, monotonic]: the agent that drove it has ended."""
+        self.state.sent = deque([Held(since, AT_REST)])
+
+    def make_update(self, pose: Pose, over: float | None, moment: float) -> PoseUpdate:
+        """The update for a pose at `moment` [s, monotonic], `over` [s] after the one before."""
+        last, self.state.last = self.state.last, pose
+        if last is None or over is None:
+            return PoseUpdate(pose.position, pose.heading, None)
+        distance, turn = 0.0, 0.0
+        for held, command in spans(self.state.sent, moment - over, moment):
+            distance += command.speed * held
+            turn += command.turn_rate * held
+        moved, seen_turn = pose.position - last.position, 0.0
+        if self._reads_heading:  # it also shows turns by hand
+            turn = seen_turn = float(angle_between(last.heading, pose.heading))
+        jumped = impossible(self.name, abs(moved), seen_turn, self._limits, over)
+        return PoseUpdate(pose.position, pose.heading, Travel(distance, turn, moved), jumped, rotation(turn))
