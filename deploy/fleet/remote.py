@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import shlex
 import subprocess
-import threading
+import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from importlib.resources import files
@@ -98,39 +98,33 @@ class Ssh:
     ) -> tuple[int, list[str], list[str]]:
         """Return exit code, and the lines on stdout and stderr."""
         argv = [*self._login, *self._options, "--", robot.address, words]
-        try:
-            process = subprocess.Popen(
-                argv,
-                stdin=subprocess.DEVNULL if feed is None else subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-            )
-        except FileNotFoundError:
-            raise RemoteError("there is no ssh on this machine: install the OpenSSH client") from None
-        self._open.add(process)
-        if self._stopped:
-            process.terminate()
-        errors: list[str] = []
-        with process:
-            assert process.stdout is not None  # noqa: S101 - for the type checker: they were asked for above
-            assert process.stderr is not None  # noqa: S101
-            reading = threading.Thread(
-                target=errors.extend, args=(_lines(process.stderr),), name="ssh-errors", daemon=True
-            )
-            reading.start()
-            if feed is not None and process.stdin is not None:
-                with suppress(BrokenPipeError):  # the exit code tells why the pipe broke
-                    feed(process.stdin)
-                with suppress(BrokenPipeError):
-                    process.stdin.close()
+        with tempfile.TemporaryFile() as errors:
+            try:
+                process = subprocess.Popen(
+                    argv,
+                    stdin=subprocess.DEVNULL if feed is None else subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    stderr=errors,
+                )
+            except FileNotFoundError:
+                raise RemoteError("there is no ssh on this machine: install the OpenSSH client") from None
+            self._open.add(process)
+            if self._stopped:
+                process.terminate()
             lines: list[str] = []
-            for text in _lines(process.stdout):
-                lines.append(text)
-                line(text)
-            reading.join()
-            code = process.wait()
-        self._open.discard(process)
-        return code, lines, errors
+            with process:
+                assert process.stdout is not None  # noqa: S101 - for the type checker: it was asked for above
+                if feed is not None and process.stdin is not None:
+                    with suppress(BrokenPipeError):  # the exit code tells why the pipe broke
+                        feed(process.stdin)
+                    with suppress(BrokenPipeError):
+                        process.stdin.close()
+                for text in _lines(process.stdout):
+                    lines.append(text)
+                    line(text)
+            self._open.discard(process)
+            errors.seek(0)
+            return process.returncode, lines, list(_lines(errors))
 
 
 def why(code: int, errors: Sequence[str]) -> str:
@@ -143,7 +137,7 @@ def why(code: int, errors: Sequence[str]) -> str:
     if code == SSH_FAILED:
         return f"unreachable: {last or 'the connection broke off'}"
     if code == NOT_FOUND:
-        return "no Python: python3 was not found on the robot"
+        return _NO_PYTHON
     return f"no answer (exit code {code}){': ' + last if last else ''}"
 
 

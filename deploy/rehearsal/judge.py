@@ -71,7 +71,6 @@ LOOK_PERIOD = 0.05
 """Period of the checks that are not of messages [s]."""
 TOUCH_PROMISED = frozenset(("kill", "reset", "unwatched", "hold", "stop", "full", "twice"))
 """Kinds of faults under which the filter's promise holds: positions stay true and in time."""
-
 BLIND = frozenset(("frozen", "tremble", "stutter", "stale", "backlog"))
 """Kinds of faults under which a robot's position is frozen or late.
 
