@@ -68,8 +68,8 @@ def _summary(mission: Mission, found: Analysis) -> Iterator[str]:
         margin = f"{found.delay_margin * 1e3:.0f} ms, if a robot's own position is as late as its neighbours'"
     yield f"  delay margin     {margin}"
     yield f"  eigenvalues      {_eigenvalues(found.eigenvalues)}"
-    whose = "by default" if mission.bounds is None else "as the mission says"
-    yield f"  bounds           {Area.of(mission).words}, {whose}"
+    source = "by default" if mission.bounds is None else "as the mission says"
+    yield f"  bounds           {Area.of(mission).words}, {source}"
 
 
 def _robots(mission: Mission, found: Analysis) -> Iterator[str]:

@@ -193,10 +193,10 @@ def _unreachable(facts: Facts, name: str, reached: Reached) -> Finding:
     detail = (
         f" ({reached.detail})" if reached.detail and reached.outcome in {"untrusted", "turned away"} else ""
     )
-    whose = {"agent": f"{name}'s agent", "leader": "the leader", "standby": f"the standby {name}"}
+    titles = {"agent": f"{name}'s agent", "leader": "the leader", "standby": f"the standby {name}"}
     kind = role(facts.mission, name)
-    who = "its agent" if name == facts.robot and kind == "agent" else whose[kind]
-    return Finding("unreachable", f"{who} at {reached.endpoint} {sentence}{detail}", remedy)
+    title = "its agent" if name == facts.robot and kind == "agent" else titles[kind]
+    return Finding("unreachable", f"{title} at {reached.endpoint} {sentence}{detail}", remedy)
 
 
 AGENT = Examination("agent", _agent, _agent_seen)

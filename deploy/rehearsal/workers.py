@@ -19,8 +19,6 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 CONNECT_TIMEOUT_SECONDS = 10.0
 """Wait for the scheduler of a cluster [s]."""
-MAX_LOST_WORKERS = 10
-"""An item is given up after so many workers were lost that had it."""
 MAX_WAITING_ITEMS = 10_000
 """Most items that a cluster is given at once."""
 GARBAGE_THRESHOLD = 100_000
@@ -63,9 +61,7 @@ def _on_cluster(function: Callable[[Item], Result], items: Iterable[Item], addre
         _check_workers(client, address)
         left = iter(items)
         while batch := list(islice(left, MAX_WAITING_ITEMS)):
-            for future in client.map(
-                partial(_quietly, function), batch, pure=False, retries=MAX_LOST_WORKERS
-            ):
+            for future in client.map(partial(_quietly, function), batch, pure=False):
                 yield future.result()
 
 

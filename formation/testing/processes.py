@@ -11,8 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import product
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from formation.deploy.local.launch import Child, Launcher
 from formation.deploy.local.plan import Program, leaders, programs
@@ -20,7 +19,7 @@ from formation.deploy.local.ports import Ports
 from formation.deploy.terminal.snapshot import RobotNow, Snapshot
 from formation.monitor.metrics.events import Event
 from formation.protocol.outcome import Outcome
-from formation.testing.rehearsed import SETTLED_TIME, mission_of
+from formation.testing.fleet import DrivenFleet, mission_of
 from formation.testing.relays import HOST, Relays
 from formation.transport import asking, wiring
 from formation.transport.bus import Bus
@@ -35,7 +34,7 @@ PAUSE = 0.1
 NOTHING_KNOWN = Snapshot(math.nan, {})
 
 
-class ProcessFleet:
+class ProcessFleet(DrivenFleet):
     """All processes of `mission` on this machine: simulated robots, agents, leader, standbys and a monitor.
 
     `mission` is a file, the name of a shipped mission, or the text of one. What the methods tell is what the
@@ -102,14 +101,6 @@ class ProcessFleet:
             self._held.close()
             raise
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
     @property
     def leader(self) -> str | None:
         """Name of the candidate that leads, if the monitor knows one."""
@@ -125,24 +116,6 @@ class ProcessFleet:
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
             self._look(min(left, PAUSE))
-
-    def run_until_settled(self, within: float = 60.0) -> float:
-        """Run until the error stays under the mission's bound; return the time that this took [s].
-
-        Raises AssertionError after `within` seconds.
-        """
-        began = since = time.monotonic()
-        while time.monotonic() < since + SETTLED_TIME:
-            self._look(PAUSE)
-            if not self.error() <= self.mission.settled:
-                since = time.monotonic()
-            if since > began + within:
-                states = "; ".join(f"{name}: {self.state(name)}" for name in self.mission.followers)
-                raise AssertionError(
-                    f"not settled within {within:g} s: error {self.error():.3f} m,"
-                    f" bound {self.mission.settled:g} m; {states}"
-                )
-        return since - began
 
     def error(self) -> float:
         """Formation error, summed over all edges [m]; NaN while a position is missing."""
@@ -213,6 +186,12 @@ class ProcessFleet:
         self._frozen.clear()
         self.heal()
         self._held.close()
+
+    def _time(self) -> float:
+        return time.monotonic()
+
+    def _step(self) -> None:
+        self._look(PAUSE)
 
     def _source(self, mission: str | Path) -> str:
         if "\n" not in str(mission):

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from itertools import product
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from formation.control.unicycle import AT_REST, Command
 from formation.deploy.rehearsal.air import Weather
@@ -15,17 +14,13 @@ from formation.deploy.rehearsal.faults import SENSORS, inject, parse
 from formation.deploy.rehearsal.fleet import Fleet, WorldName
 from formation.deploy.rehearsal.judge import LOOK_PERIOD, Judge, Violation, command_in
 from formation.deploy.rehearsal.operator import Operator
-from formation.mission.file import load
-from formation.mission.file import parse as parse_mission
-from formation.mission.model import Mission
 from formation.protocol.order import OperatorReply, OperatorRequest
 from formation.protocol.outcome import Answer, Outcome
+from formation.testing.fleet import DrivenFleet, mission_of
 from formation.topics import CMD_VEL
 from formation.transport import asking
 from formation.wire import Outgoing
 
-SETTLED_TIME = 2.0
-"""Time for which the error must stay under the mission's bound to count as settled [s]."""
 ORDER_TIMEOUT_SECONDS = 3.0
 """Wait for the answers to an order [s]."""
 
@@ -39,7 +34,7 @@ class BrokenRuleError(AssertionError):
         self.violation = violation
 
 
-class RehearsedFleet:
+class RehearsedFleet(DrivenFleet):
     """All processes of `mission`: robots, watchdogs, agents, leader and standbys; the time is virtual.
 
     `mission` is a file, the name of a shipped mission, or the text of one. The same arguments and calls give
@@ -78,14 +73,6 @@ class RehearsedFleet:
         self._fleet.local.watchers.append(self._note)
         inject(given, self._fleet, self._operator)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
     @property
     def now(self) -> float:
         """Virtual time since the start [s]."""
@@ -110,23 +97,6 @@ class RehearsedFleet:
             self._judge.look()
             if self.strict and len(self._judge.violations) > before:
                 raise BrokenRuleError(self._judge.violations[before], self.seed)
-
-    def run_until_settled(self, within: float = 60.0) -> float:
-        """Run until the error stays under the mission's bound; return the time that this took [s].
-
-        Raises AssertionError after `within` seconds.
-        """
-        began = since = self.now
-        while self.now < since + SETTLED_TIME:
-            self.run(LOOK_PERIOD)
-            since = since if self.error() <= self.mission.settled else self.now
-            if since > began + within:
-                states = "; ".join(f"{name}: {self.state(name)}" for name in self.mission.followers)
-                raise AssertionError(
-                    f"not settled within {within:g} s: error {self.error():.3f} m,"
-                    f" bound {self.mission.settled:g} m (seed {self.seed}); {states}"
-                )
-        return since - began
 
     def error(self) -> float:
         """True formation error, summed over all edges, in the shape that is ordered [m]."""
@@ -210,12 +180,15 @@ class RehearsedFleet:
         for process in self._fleet.processes:
             process.kill()
 
+    def _time(self) -> float:
+        return self.now
+
+    def _step(self) -> None:
+        self.run(LOOK_PERIOD)
+
+    def _origin(self) -> str:
+        return f" (seed {self.seed})"
+
     def _note(self, _process: VirtualProcess, out: Outgoing) -> None:
         if name := self._keys.get(out.key):
             self._commands[name] = command_in(self.mission, name, out.payload)
-
-
-def mission_of(mission: str | Path, law: str | None = None) -> Mission:
-    """Return the mission in a file, of a name, or in a text, under `law`. Raises MissionError."""
-    found = parse_mission(str(mission)) if "\n" in str(mission) else load(mission)
-    return found if law is None else found.under(law)

@@ -295,16 +295,16 @@ class _Leading:
         if lead is None or (self._lead is not None and lead.term == self._lead.term):
             return
         self._lead = lead
-        who = lead.name or "a process that the mission does not know"
+        leader = lead.name or "a process that the mission does not know"
         if not lead.before:
             if self._agreed:
-                yield Event(now.wall, INFO, who, "leader", "leads")
+                yield Event(now.wall, INFO, leader, "leader", "leads")
         elif lead.name == lead.before:
             text = f"leads anew, after {lead.silent:.1f} s without a leader"
-            yield Event(now.wall, WARNING, who, "leader", text)
+            yield Event(now.wall, WARNING, leader, "leader", text)
         else:
             text = f"leads from here on, {lead.before} was silent for {lead.silent:.1f} s"
-            yield Event(now.wall, WARNING, who, "leader", text)
+            yield Event(now.wall, WARNING, leader, "leader", text)
 
     def _requests(self, now: Now, requests: Sequence[ReportedRequest]) -> Iterator[Event]:
         for one in requests:

@@ -97,9 +97,9 @@ class Orders:
         """
         before = self.newest
         if self.lead is None or order.term != self.lead.term:
-            who = leader_of(self._mission, order.term)
+            leader = leader_of(self._mission, order.term)
             former = self.lead.name if self.lead else ""
-            self.lead = Lead(who, order.term, wall, former, arrived - self._received if self.lead else 0.0)
+            self.lead = Lead(leader, order.term, wall, former, arrived - self._received if self.lead else 0.0)
         self._received = arrived
         if not newer(order, before):
             return False

@@ -16,7 +16,7 @@ BACKLOG_CONNECTIONS = 64
 EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104 - only on request
 ELSEWHERE = ("192.0.2.1", 9)
 """An address reserved for examples."""
-EVERYBODY = """\
+PAGE_HELP = """\
 For this machine alone, unless --page names another address. --page 0.0.0.0:8460 shows it to every
 machine that can reach this one: they see all robots, over plain HTTP that can be read on the way.
 """
@@ -104,7 +104,7 @@ def _outward() -> str:
 
 def add_page_flags(flags: argparse.ArgumentParser, *, control: bool = True) -> argparse._ArgumentGroup:
     """Add ``--page``, ``--no-page`` and, for a page that gives orders, ``--control``; return their group."""
-    page = flags.add_argument_group("the live page", EVERYBODY + (ORDERS if control else ""))
+    page = flags.add_argument_group("the live page", PAGE_HELP + (ORDERS if control else ""))
     where = page.add_mutually_exclusive_group()
     where.add_argument(
         "--page", metavar="HOST:PORT", type=bind_flag,

@@ -1,0 +1,75 @@
+"""What both fleets for tests have in common."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from formation.mission.file import load, parse
+from formation.mission.model import Mission
+
+SETTLED_TIME = 2.0
+"""Time for which the error must stay under the mission's bound to count as settled [s]."""
+
+
+class DrivenFleet(ABC):
+    """A fleet that a test drives, as a context manager."""
+
+    mission: Mission
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def run_until_settled(self, within: float = 60.0) -> float:
+        """Run until the error stays under the mission's bound; return the time that this took [s].
+
+        Raises AssertionError after `within` seconds.
+        """
+        began = since = self._time()
+        while self._time() < since + SETTLED_TIME:
+            self._step()
+            since = since if self.error() <= self.mission.settled else self._time()
+            if since > began + within:
+                states = "; ".join(f"{name}: {self.state(name)}" for name in self.mission.followers)
+                bound = f"bound {self.mission.settled:g} m{self._origin()}"
+                raise AssertionError(
+                    f"not settled within {within:g} s: error {self.error():.3f} m, {bound}; {states}"
+                )
+        return since - began
+
+    @abstractmethod
+    def error(self) -> float:
+        """Formation error, summed over all edges [m]; NaN if unknown."""
+
+    @abstractmethod
+    def state(self, robot: str) -> str:
+        """State of a follower's agent, such as ``run`` or ``hold``."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """End all processes."""
+
+    @abstractmethod
+    def _time(self) -> float:
+        """Return the time by which the fleet runs [s]."""
+
+    @abstractmethod
+    def _step(self) -> None:
+        """Let it run a little."""
+
+    def _origin(self) -> str:
+        """Return what a message adds so that the run can be repeated."""
+        return ""
+
+
+def mission_of(mission: str | Path, law: str | None = None) -> Mission:
+    """Return the mission in a file, of a name, or in a text, under `law`. Raises MissionError."""
+    found = parse(str(mission)) if "\n" in str(mission) else load(mission)
+    return found if law is None else found.under(law)
