@@ -216,7 +216,7 @@ class Agent:
         if rival:
             self.state.rival = now.mono
         voter.aware(now.mono, rival=rival)
-        self.state.moved, interval = self.inbox.process_inbox(self._unstale(now, inbox), now)
+        self.state.moved, interval = self.inbox.process_inbox(self._without_stale(now, inbox), now)
         if self.state.moved:
             voter.commanded(now.mono)
             before = self.state.outside is not None
@@ -245,8 +245,8 @@ class Agent:
         """Whether this step publishes a position: one in doubt would mislead robots that measure this one."""
         return self.state.moved and self.here.state.jumped is None and self.here.doubt is None
 
-    def _unstale(self, now: Now, inbox: Sequence[Sample]) -> Sequence[Sample]:
-        """Return the messages of `inbox` that did not wait while this process was frozen."""
+    def _without_stale(self, now: Now, inbox: Sequence[Sample]) -> Sequence[Sample]:
+        """Return the messages of `inbox` without those that waited while this process was frozen."""
         wakefulness = self.state.wakefulness
         if wakefulness.step(now.mono):
             self.here.doubt_all()

@@ -71,7 +71,7 @@ class Candidacy:
         self._began: float | None = None
         self._led = False  # whether a term is known, so the team is not just being started
         self._listened = float("inf")  # when it stopped listening and became a standby
-        self._risen = float("-inf")  # when there was last a sign of a leader or another candidate
+        self._last_sign = float("-inf")  # when there was last a sign of a leader or another candidate
         self._left = 0  # the newest term that was given up: votes for it are no such sign
         self._turn = self._rank  # how many candidates wait less long than this one
         self._received: dict[str, float] = {}  # arrival of each robot's newest position
@@ -108,7 +108,7 @@ class Candidacy:
         if self.state == "listening":
             return self._began + LISTENING_TIME
         if not self._votes:
-            return float("inf") if self.leading else self._risen + LEADER_TIMEOUT_SECONDS
+            return float("inf") if self.leading else self._last_sign + LEADER_TIMEOUT_SECONDS
         if self.state == "standby":
             return self._stands_at
         return min(self._next, self._ends_at)
@@ -143,15 +143,15 @@ class Candidacy:
         """Take in another candidate's ballot. Raises BadMessage if it is no valid ballot of `other`."""
         check_ballot(ballot, other, self._mission, now)
         if ballot.candidacy != "leaving":
-            self._risen = max(self._risen, arrived)
+            self._last_sign = max(self._last_sign, arrived)
         elif ballot.term >= self.known:  # the lead is vacant, and all robots may vote
-            self._risen, self._left = arrived - self._in_takeovers(LEADERLESS_TIME), ballot.term
+            self._last_sign, self._left = arrived - self._in_takeovers(LEADERLESS_TIME), ballot.term
         self.known, self._led = max(self.known, ballot.term), True
 
     def step(self, now: Now) -> Ballot | None:
         """Update the candidacy; return the ballot to publish now, if any."""
         if self._began is None:
-            self._began = self._risen = now.mono
+            self._began = self._last_sign = now.mono
         self._listen(now)
         if not self._votes:
             self._lead_alone(now)
@@ -162,7 +162,7 @@ class Candidacy:
             (self._outbid is not None and self._over(self._outbid, LEADERLESS_TIME, now))
             or (too_far(self.term, now) and "ahead" in self.refusals(now.mono).values())
         ):
-            self._risen, self._turn = (
+            self._last_sign, self._turn = (
                 now.mono - self._in_takeovers(LEADERLESS_TIME),
                 0,
             )  # to run again at once
@@ -170,7 +170,7 @@ class Candidacy:
         elif self.state == "candidate":
             self._campaign(now)
         elif self.state == "standby" and now.mono >= self._stands_at:
-            self._stand(now)
+            self._run_for_lead(now)
         if self.state not in {"candidate", "leader"} or now.mono < self._next:
             return None
         self._next = now.mono + self._period
@@ -215,7 +215,7 @@ class Candidacy:
         if before is None or seen != before:
             self._last_ballots[robot] = seen
             if risen and attachment.voted_term not in {0, self._left}:
-                self._risen = max(self._risen, arrived)
+                self._last_sign = max(self._last_sign, arrived)
                 self._turn = self._turn if attachment.voted_term == self.term else self._rank
         sent = self._sent.get(attachment.last_ballot) if attachment.voted_term == self.term else None
         if sent is not None:
@@ -236,7 +236,7 @@ class Candidacy:
             return
         self._beat = beat
         if not (self.leading and order.term == self.term):
-            self._risen = max(self._risen, arrived)
+            self._last_sign = max(self._last_sign, arrived)
         self._later = self._later or order.term > self.term
 
     def _in_time(self, order: Order, arrived: float) -> bool:
@@ -257,9 +257,9 @@ class Candidacy:
     def _lead_alone(self, now: Now) -> None:
         """Lead without votes, unless a leader of a later term is alive."""
         if self.leading and (self._later or self._outbid is not None):
-            self.state, self._risen = "standby", now.mono
+            self.state, self._last_sign = "standby", now.mono
         first = self.state == "standby" and self.term == 0
-        silent = self.state == "standby" and now.mono - self._risen > LEADER_TIMEOUT_SECONDS
+        silent = self.state == "standby" and now.mono - self._last_sign > LEADER_TIMEOUT_SECONDS
         if first or silent or (self.leading and self._clock_set(now)):
             self._left, self.state, self._drawn = self.term, "leader", now
             self.term = self.known = new_term(self._rank, now, self.known)
@@ -275,10 +275,10 @@ class Candidacy:
         elif self.known > self.term and not too_far(self.known, now):  # `new_term` ignores those as well
             self._stand_by(self._rank)
         elif self._over(self._stood, CAMPAIGN_TIME, now):  # another may reach more robots
-            self._risen = now.mono  # the others have received it until now, and must wait less long
+            self._last_sign = now.mono  # the others have received it until now, and must wait less long
             self._stand_by(self._rank + len(self._mission.candidates))
 
-    def _stand(self, now: Now) -> None:
+    def _run_for_lead(self, now: Now) -> None:
         """Start a candidacy if enough robots that may vote by now are received."""
         lately = [
             robot
@@ -325,7 +325,7 @@ class Candidacy:
     @property
     def _stands_at(self) -> float:
         """When a standby becomes a candidate if nothing else happens [s, monotonic]."""
-        quiet = max(self._risen + self._in_takeovers(LEADERLESS_TIME), self._listened)
+        quiet = max(self._last_sign + self._in_takeovers(LEADERLESS_TIME), self._listened)
         if not self._led and self._rank:
             # the leader itself leads a team that has just been started, if it is there
             quiet += LISTENING_TIME + self._quarantine

@@ -5,7 +5,8 @@ An order contains the final gains. Each robot approaches them by its own time, a
 
 - The integral's part of the command stays: ξ is rescaled, so that k_I ξ is unchanged.
 - No command jumps: a step of the gains that would change one by more than `MAX_COMMAND_STEP_SHARE` is cut.
-- Between stable gains all are: for each eigenvalue stability is a half-plane there (`formation.stability`).
+- All gains on the line between two stable ones are stable: for each eigenvalue the stable gains are a
+  half-plane (`formation.stability`).
 - Lost messages do not matter: the path depends on time, from the present gains to the ordered ones.
 - A forged order has little effect: gains that would be unstable are refused, and changes are slow.
 """

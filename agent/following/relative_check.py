@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 from formation.agent.pose.motion_check import (
     FORGETTING_TIME,
-    MAX_DELAY,
+    MAX_COMMAND_LOOP_DELAY,
     MIN_MOTION_SHARE,
     POSITION,
 )
@@ -30,7 +30,7 @@ from formation.control.observer import Travel
 from formation.control.unicycle import along
 from formation.protocol.reasons import Code, Reason
 
-RECENT_TIME = MAX_DELAY
+RECENT_TIME = MAX_COMMAND_LOOP_DELAY
 """Longest delay of a displacement, and of what the neighbour says, that is considered [s]."""
 REPORTED_RATIO = 1.2
 """Share of the way that a neighbour says it went that it may have gone: odometry is no more precise."""

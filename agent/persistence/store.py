@@ -33,6 +33,20 @@ def boot_id() -> str:
         return ""
 
 
+def state_line(state: Json) -> bytes:
+    """Encode a saved state as the line that its file begins with, which has a checksum."""
+    text = json.dumps(state, separators=(",", ":"), allow_nan=False).encode()
+    return b"%08x %s\n" % (crc32(text), text)
+
+
+def state_in(data: bytes) -> bytes:
+    """Return the saved state in a file's `data`. Raises OSError if the line is incomplete."""
+    checksum, _, text = data.partition(b"\n")[0].partition(b" ")
+    if checksum != b"%08x" % crc32(text):
+        raise OSError("it was not written to its end")
+    return text
+
+
 class Worker:
     """A thread that runs the newest job; jobs that were replaced before they began do not run."""
 
@@ -119,10 +133,10 @@ class Store:
         """Write the saved state."""
 
         def write() -> None:
-            text = json.dumps(state, separators=(",", ":"), allow_nan=False).encode()
+            line = state_line(state)
             if self._state_file is None:
                 self._state_file = os.open(self.state, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
-            os.pwrite(self._state_file, b"%08x %s\n" % (crc32(text), text), 0)
+            os.pwrite(self._state_file, line, 0)
 
         self._saving.do(write)
 
@@ -133,12 +147,7 @@ class Store:
     def read_state(self) -> bytes | None:
         """Return the saved state; None if there is none. Raises OSError, also if it is incomplete."""
         data = _read(self.state)
-        if data is None:
-            return None
-        checksum, _, text = data.partition(b"\n")[0].partition(b" ")
-        if checksum != b"%08x" % crc32(text):
-            raise OSError("it was not written to its end")
-        return text
+        return None if data is None else state_in(data)
 
     def set_state_aside(self) -> Path | None:
         """Rename the saved state, so that no agent finds it; None if that fails.

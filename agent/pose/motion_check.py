@@ -4,17 +4,17 @@ Net displacement counts, not path length: a sensor that trembles around one plac
 the commanded and the measured motion since the sensor last showed motion. It is compared for several delays
 between command and sensor, and no possible delay may explain the difference:
 
-    FROZEN    commanded more than NET_MIN, seen less than MIN_MOTION_SHARE of it; or commanded more than
-              STILL_MIN, and every position so far within STILL
+    FROZEN    commanded more than `Tolerance.net_min`, seen less than MIN_MOTION_SHARE of it; or commanded
+              more than `still_min`, and every position so far within `still`
     TURN      the same for the heading, where the sensor measures one
     SPEEDS    odometry's own speeds and positions disagree, or its speeds have the wrong sign
     CARRIED   seen more than MAX_MOTION_RATIO times what was commanded, plus a tolerance
     TURNED    the same for the heading
     LATE      positions follow the commands later than they may (`formation.agent.pose.motion_model`)
 
-Noise up to 5 mm (standard deviation), delays up to `MAX_DELAY` plus the robot's lag and one period, and slip
-up to half of the distance do not add up to a disagreement. A disagreement lasts until the sensor shows a
-probe's motion (`formation.agent.pose.probe`).
+Noise up to 5 mm (standard deviation), delays up to `MAX_COMMAND_LOOP_DELAY` plus the robot's lag and one
+period, and slip up to half of the distance do not add up to a disagreement. A disagreement lasts until the
+sensor shows a probe's motion (`formation.agent.pose.probe`).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from formation.control.plane import rotation
 from formation.mission.model import Mission
 from formation.protocol.status import MotionFault
 
-MAX_DELAY = 0.35
+MAX_COMMAND_LOOP_DELAY = 0.35
 """Delay of a command to the wheels and a measurement back that is no fault, on a busy computer too [s]."""
 HALF_DELAY_INDEX = DELAY_COUNT // 2
 """Index of half the longest delay: motion without a command is judged by what was commanded since then."""
@@ -211,7 +211,7 @@ class MotionCheck:
         period = 1.0 / spec.rate
         self.excused = period + mission.collisions.lag
         """Delay of a measurement beyond its age that is no fault [s]: a period, and the wheels' lag."""
-        self.model = MotionModel(MAX_DELAY + self.excused, spec.longest_command)
+        self.model = MotionModel(MAX_COMMAND_LOOP_DELAY + self.excused, spec.longest_command)
         self._has_speeds = spec.localisation == "odometry"
         self._has_heading = self._has_speeds or spec.heading == "measured"
         self._position, self._heading = Leg(POSITION), Leg(HEADING)

@@ -1,6 +1,6 @@
 """May this robot move? One table, read from the top: the first row that applies decides.
 
-Every row but the last ends in zero velocity.
+Every row but the last commands zero velocity; a robot of a row that probes may move a few centimetres.
 """
 
 from __future__ import annotations

@@ -12,6 +12,8 @@ carried   the robot is moved at `size` [m/s] along the world's x axis
 
 relative_frozen  the sensor of neighbours repeats its displacements, with new stamps
 scan_frozen      the range scanner repeats one scan, with new stamps
+relative_late    displacements of neighbours arrive `size` [s] late, with their true stamps
+scan_late        range scans arrive `size` [s] late, with their true stamps
 """
 
 from __future__ import annotations
@@ -39,11 +41,15 @@ SIZES: Mapping[str, float] = {
     "carried": 0.2,
     "relative_frozen": 0.0,
     "scan_frozen": 0.0,
+    "relative_late": 1.0,
+    "scan_late": 1.0,
 }
 """Kinds of faults, and their default sizes."""
 STANDS = frozenset(("frozen", "tremble", "stutter"))
 STUCK: Mapping[str, str] = {"relative_frozen": "relative", "scan_frozen": "scan"}
 """Sensors of a robot's surroundings that a fault of this kind makes repeat what they measured."""
+LATE: Mapping[str, str] = {"relative_late": "relative", "scan_late": "scan"}
+"""Sensors of a robot's surroundings that a fault of this kind delays."""
 _TEXT = re.compile(
     r"(?P<robot>[\w-]+):(?P<kind>[a-z_]+)(=(?P<size>[-+.\de]+))?@(?P<since>[.\d]+)(\+(?P<lasts>[.\d]+))?"
 )
@@ -132,6 +138,7 @@ class Faulty:
             restamped=max([0.0, *restamped]),
             pauses=any((self._time - one.since) % (2.0 * one.size) >= one.size for one in bursts),
             stuck=frozenset(STUCK[kind] for kind in self._kinds() & STUCK.keys()),
+            surroundings_late={LATE[one.kind]: one.size for one in active if one.kind in LATE},
         )
 
     def obey(self, command: Command) -> None:

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -34,6 +35,8 @@ class Disturbed(NamedTuple):
     """Whether they are not reported."""
     stuck: frozenset[str] = frozenset()
     """Sensors of its surroundings that repeat what they measured, of ``relative`` and ``scan``."""
+    surroundings_late: Mapping[str, float] = MappingProxyType({})
+    """How late those sensors report [s]; one that is not named is in time."""
 
 
 class Moving(Protocol):

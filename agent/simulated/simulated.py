@@ -130,7 +130,7 @@ class World:
         outbox: list[Outgoing] = []
         for robot in self._hosted.values():
             if robot.ranging and robot.ranging.rate.tick(now.mono):
-                outbox.append(self._scanned(robot, robot.ranging, now))
+                outbox += self._scanned(robot, robot.ranging, now)
             if robot.rate.tick(now.mono):
                 outbox += self._spoken(robot, now)
         return outbox
@@ -163,7 +163,8 @@ class World:
     def _spoken(self, robot: _Robot, now: Now) -> list[Outgoing]:
         """Return a robot's messages of one period. Sensors come first, as odometry triggers the agent."""
         robot.go_to(now.mono)
-        outbox = [
+        disturbed = robot.plant.disturbed
+        displacements = [
             Outgoing(
                 RELATIVE.key(robot.name, other),
                 encode(Displacement(now.wall, robot.measured("relative", other, seen_at))),
@@ -171,23 +172,26 @@ class World:
             for other in robot.sees
             if (seen_at := self._displacement(robot, other, now)) is not None
         ]
+        late = disturbed.surroundings_late.get("relative", 0.0)
+        outbox = robot.reported(displacements, now.mono, late)
         plant = robot.plant
-        stamp = now.wall + plant.disturbed.restamped
+        stamp = now.wall + disturbed.restamped
         odometry = Odometry(stamp, *plant.odometry(), *plant.moving, frame=robot.odometry_frame)
         truth = Pose(now.wall, plant.position, plant.heading)
         reports = [Outgoing(ODOM.key(robot.name), encode(odometry))]
         if robot.watched:
             reports.append(Outgoing(POSE.key(robot.name), encode(Pose(stamp, *plant.seen()))))
-        outbox += robot.reported([] if plant.disturbed.pauses else reports, now.mono)
+        outbox += robot.reported([] if disturbed.pauses else reports, now.mono, disturbed.late)
         outbox.append(Outgoing(GROUND_TRUTH.key(robot.name), encode(truth)))
         return outbox
 
-    def _scanned(self, robot: _Robot, ranging: Ranging, now: Now) -> Outgoing:
+    def _scanned(self, robot: _Robot, ranging: Ranging, now: Now) -> list[Outgoing]:
         for one in self._hosted.values():
             one.go_to(now.mono)
         others = [one.disc for one in self._hosted.values() if one is not robot]
         scan = robot.measured("scan", robot.name, ranging.scan(now.wall, robot.plant, others))
-        return Outgoing(SCAN.key(robot.name), encode(replace(scan, stamp=now.wall)))
+        out = Outgoing(SCAN.key(robot.name), encode(replace(scan, stamp=now.wall)))
+        return robot.reported([out], now.mono, robot.plant.disturbed.surroundings_late.get("scan", 0.0))
 
     def _displacement(self, robot: _Robot, other: str, now: Now) -> complex | None:
         """From `robot`'s control point to the other's [m; robot's frame]; None if it is out of sight."""
@@ -282,12 +286,12 @@ class _Robot:
             return true
         return cast("Measurement", self._repeated.setdefault(key, true))
 
-    def reported(self, reports: list[Outgoing], time: float) -> list[Outgoing]:
+    def reported(self, reports: list[Outgoing], time: float, late: float) -> list[Outgoing]:
         """Return the reports that arrive at `time` [s, monotonic], after adding new `reports`.
 
-        Those of late sensors arrive later, also after the sensors are prompt again.
+        These arrive `late` [s] later, also after the sensors are prompt again.
         """
-        self._late += [(time + self.plant.disturbed.late, one) for one in reports]
+        self._late += [(time + late, one) for one in reports]
         arrived = [one for due, one in self._late if due <= time]
         self._late = [(due, one) for due, one in self._late if due > time]
         return arrived

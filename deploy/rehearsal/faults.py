@@ -11,8 +11,8 @@ import random
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
+from formation.agent.simulated.faults import LATE, STUCK, Fault, read
 from formation.agent.simulated.faults import SIZES as SENSOR_KINDS
-from formation.agent.simulated.faults import Fault, read
 from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.operator import Operator
@@ -52,6 +52,7 @@ NETWORK: Mapping[str, Kind] = {
 PROCESSES: Mapping[str, Kind] = {
     "kill": Kind("its process is killed, and started again at the end", robots_only=False),
     "reset": Kind("the same, and its disk is empty then", robots_only=False),
+    "torn": Kind("its agent is killed while it writes its state, and started again at the end"),
     "freeze": Kind("its process is suspended", robots_only=False),
     "slow": Kind("its process takes SIZE [s] for each step", 0.02, 0.3, robots_only=False),
     "unwatched": Kind("its watchdog is killed, and started again at the end"),
@@ -80,6 +81,8 @@ SENSORS: Mapping[str, Kind] = {
     "carried": Kind("it is moved at SIZE [m/s]", 0.05, 0.3),
     "relative_frozen": Kind("its sensor of neighbours repeats what it measured"),
     "scan_frozen": Kind("its range scanner repeats one scan"),
+    "relative_late": Kind("its sensor of neighbours is SIZE [s] late", 0.3, 4.0),
+    "scan_late": Kind("its range scanner is SIZE [s] late", 0.3, 4.0),
 }
 INSIDERS: Mapping[str, Kind] = {
     "forge": Kind("relays forged orders, with a valid certificate of its own; with --signed"),
@@ -116,9 +119,10 @@ def spelled(fault: Fault) -> str:
 def possible(kind: str, mission: Mission) -> bool:
     """Whether any robot of `mission` has the sensor that a fault of this kind is of."""
     robots = [mission.robots[name] for name in mission.followers]
-    if kind == "relative_frozen":
+    sensor = {**STUCK, **LATE}.get(kind)
+    if sensor == "relative":
         return any(spec.measurement == "local" for spec in robots)
-    return kind != "scan_frozen" or any(spec.scanner != "none" for spec in robots)
+    return sensor != "scan" or any(spec.scanner != "none" for spec in robots)
 
 
 def draw(mission: Mission, kinds: Sequence[str], seed: int) -> list[Fault]:
@@ -215,6 +219,7 @@ def _of_process(fault: Fault, fleet: Fleet) -> tuple[Callable[[], object], Calla
     return {
         "kill": (lambda: fleet.kill(name), lambda: again(wipes=False)),
         "reset": (lambda: fleet.kill(name), lambda: again(wipes=True)),
+        "torn": (lambda: fleet.tear(name), lambda: again(wipes=False)),
         "freeze": (lambda: fleet.process_of(name).freeze(), lambda: fleet.process_of(name).thaw()),
         "slow": (lambda: lag(fault.size), lambda: lag(0.0)),
         "unwatched": (unwatch, lambda: fleet.start_watchdog(name)),

@@ -16,6 +16,7 @@ import numpy as np
 from formation.agent.core import Agent
 from formation.agent.persistence.restore import Persistence
 from formation.agent.persistence.state import Json
+from formation.agent.persistence.store import state_in, state_line
 from formation.agent.process import drive
 from formation.agent.simulated.faults import Fault as SensorFault
 from formation.agent.simulated.faults import with_faults
@@ -73,31 +74,39 @@ class AgentFiles:
 
     def write_stops(self, stops: Json) -> None:
         """Write the stops."""
-        self._write(self.stops.name, stops)
+        self._write(self.stops.name, json.dumps(stops, allow_nan=False).encode())
 
     def write_state(self, state: Json) -> None:
-        """Write the saved state."""
-        self._write(self._state, state)
+        """Write the saved state over the one before, as the real file is written."""
+        line = state_line(state)
+        self._write(self._state, line + self._disk.files.get(self._state, b"")[len(line) :])
 
     def read_stops(self) -> bytes | None:
         """Return the stored stops; None if there are none."""
         return self._disk.files.get(self.stops.name)
 
     def read_state(self) -> bytes | None:
-        """Return the saved state; None if there is none."""
-        return self._disk.files.get(self._state)
+        """Return the saved state; None if there is none. Raises OSError if it is incomplete."""
+        data = self._disk.files.get(self._state)
+        return None if data is None else state_in(data)
 
     def set_state_aside(self) -> Path | None:
         """Rename the saved state, so that no agent finds it."""
         state = self._disk.files.pop(self._state, None)
         return None if state is None else Path(f"{self._state}.failed")
 
-    def _write(self, name: str, data: Json) -> None:
+    def tear(self) -> None:
+        """Leave the newest state half written."""
+        data = self._disk.files.get(self._state)
+        if data is not None:
+            self._disk.files[self._state] = data[: len(data) // 2] + b"0" * (len(data) - len(data) // 2)
+
+    def _write(self, name: str, data: bytes) -> None:
         if not self.is_open:
             return
         self.failure = "no space left on device" if self._disk.is_full else ""
         if not self.failure:
-            self._disk.files[name] = json.dumps(data, allow_nan=False).encode()
+            self._disk.files[name] = data
 
 
 class CandidateTerms:
@@ -273,6 +282,13 @@ class Fleet:
         """Kill the agent of a robot, or a candidate."""
         self._files[name].is_open = False
         self.process_of(name).kill()
+
+    def tear(self, name: str) -> None:
+        """Kill the agent of a robot in the middle of a write of its state."""
+        self.kill(name)
+        files = self._files[name]
+        if isinstance(files, AgentFiles):
+            files.tear()
 
     @property
     def leading(self) -> Leader:

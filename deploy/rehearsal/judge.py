@@ -28,8 +28,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from formation.agent.pose.probe import PROBE_SPEED_SHARE
+from formation.agent.simulated.faults import LATE, STUCK, Fault
 from formation.agent.simulated.faults import SIZES as SENSOR_KINDS
-from formation.agent.simulated.faults import STUCK, Fault
 from formation.control.ramp import FIRST_CHANGE_SHARE, RampLimits, ramp_limits
 from formation.control.tracker import MAX_DELAY
 from formation.control.unicycle import AT_REST, Command
@@ -69,7 +69,7 @@ TOLERANCE = 1e-6
 """Relative excess of a limit that counts as rounding."""
 LOOK_PERIOD = 0.05
 """Period of the checks that are not of messages [s]."""
-TOUCH_PROMISED = frozenset(("kill", "reset", "unwatched", "hold", "stop", "full", "twice"))
+TOUCH_PROMISED = frozenset(("kill", "reset", "torn", "unwatched", "hold", "stop", "full", "twice"))
 """Kinds of faults under which the filter's promise holds: positions stay true and in time."""
 BLIND = frozenset(("frozen", "tremble", "stutter", "stale", "backlog"))
 """Kinds of faults under which a robot's position is frozen or late.
@@ -351,7 +351,7 @@ def _as_slow_as_a_probe(spec: RobotSpec, command: Command) -> bool:
 
 def _is_lost_by(fault: Fault, mission: Mission) -> bool:
     """Whether a robot's odometry, its only source, counts from its start and is wrong after `fault`."""
-    if fault.kind not in SENSOR_KINDS or fault.kind in STUCK:
+    if fault.kind not in SENSOR_KINDS or fault.kind in STUCK or fault.kind in LATE:
         return False
     spec = mission.robots[fault.robot]
     return spec.localisation == "odometry" and spec.odometry_frame == "start"

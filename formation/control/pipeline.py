@@ -1,6 +1,8 @@
 """One control step of one robot: from its measurements to its command.
 
-    law → collision filter → integral unwound → ramp → brake → protective zones → quantiser
+    law → collision filter → ramp → brake → protective zones → quantiser
+
+At the end the law's integral is unwound by what the filter has changed.
 
 Agents and simulation call the same functions (simulation compiles them, `formation.simulation.compiled`).
 All are pure: state is an argument and a result. Each stage passes on a command within its limits
@@ -131,7 +133,7 @@ def constrained(
     limits, parameters = params.limits, params.avoidance
     along = inputs.heading.conjugate() * inputs.measured.velocity
     clear, avoidance = avoid(wanted, obstacles, parameters, limits, along, state.avoidance, inputs.dt)
-    after, outcome = _sent(state, clear if params.avoids else wanted, inputs, obstacles, params)
+    after, outcome = _ramped_and_braked(state, clear if params.avoids else wanted, inputs, obstacles, params)
     after = ControlState(after.integral, avoidance, after.ramp, after.remainder)
     return after, Outcome(outcome.command, outcome.target, clear != wanted, outcome.zone, True)
 
@@ -141,11 +143,11 @@ def slowed(
 ) -> tuple[ControlState, Outcome]:
     """As `constrained`, but the filter only brakes: for a robot that may not evade."""
     clear = brake(wanted, obstacles, params.avoidance)
-    after, outcome = _sent(state, clear if params.avoids else wanted, inputs, obstacles, params)
+    after, outcome = _ramped_and_braked(state, clear if params.avoids else wanted, inputs, obstacles, params)
     return after, outcome._replace(filtered=clear != wanted)
 
 
-def _sent(
+def _ramped_and_braked(
     state: ControlState, target: Command, inputs: Inputs, obstacles: Sequence[Obstacle], params: ControlParams
 ) -> tuple[ControlState, Outcome]:
     """Ramp, brake, protective zones and quantiser, for a `target` command within limits."""

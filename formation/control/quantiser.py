@@ -11,7 +11,7 @@ command.
 | the sums of what is wanted and sent differ by at most one step | their difference is the remainder |
 | limits hold strictly | the largest multiple is one within them |
 | no wind-up at a limit | the remainder is never more than one step |
-| rest is rest | a command of exactly zero is sent unchanged, and the remainder forgotten |
+| zero is sent as zero | a command of exactly zero is sent unchanged, and the remainder forgotten |
 
 The law and its integral use the command before quantisation, so they are independent of steps.
 """

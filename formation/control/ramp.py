@@ -4,10 +4,10 @@ Not in the paper.
 
 | property | why |
 |---|---|
-| the change between two commands is bounded by the time between them | nothing lurches |
+| the change between two commands is bounded by the time between them | no jerk, no slip of wheels |
 | the wanted command is reached, and then followed to the last bit | only sudden changes lag |
 | limits hold | between two numbers within them there are no others |
-| rest is rest | zero velocity is sent at once, and the next command starts from there |
+| zero is sent as zero | zero velocity is sent at once, and the next command starts from there |
 
 The law and its integral use the command before the ramp, as with the quantiser, which comes after.
 """

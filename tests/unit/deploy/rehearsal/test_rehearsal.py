@@ -197,7 +197,7 @@ def test_stated_noise_is_no_jump_of_odometry() -> None:
     ("fault", "broken"),
     [
         ("robot3:stale=0.5@8+8", ("formation.agent.core.own_age_limit", lambda *_: 100.0)),
-        ("robot3:frozen@8+8", ("formation.agent.pose.motion_check.MAX_DELAY", 100.0)),
+        ("robot3:frozen@8+8", ("formation.agent.pose.motion_check.MAX_COMMAND_LOOP_DELAY", 100.0)),
     ],
 )
 def test_robot_that_drives_on_wrong_positions_is_found(
