@@ -111,6 +111,13 @@ def test_only_monitor_certificate_can_watch_the_team(team: Team) -> None:
     assert team.states(0.0) - {"waiting", "hold"} == {"run"}  # none of which has disturbed anybody
 
 
+def test_order_without_certificate_explains_missing_option(team: Team) -> None:
+    done = team.desk_computer.run(*team.formation("order", "release", "--timeout", "1.5", "--json"))
+    assert done.returncode == 1
+    assert set(json.loads(done.stdout.splitlines()[-1])["missing"]) == ALL
+    assert "-c FILE" in done.stderr
+
+
 def test_operator_certificate_lets_page_stop_and_release_team(team: Team) -> None:
     before = team.refused()
     with monitored(team, *as_operator(team)) as page:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -106,14 +105,6 @@ def test_an_operators_stop_is_acknowledged_by_all_and_they_stand(team: Deployed)
     standing = time.monotonic()
     until(lambda: all(snapshot(team)["robots"][name]["speed"] == 0.0 for name in team.mission.followers))
     assert time.monotonic() - standing < 5.0
-
-
-def test_order_without_certificate_explains_missing_option(team: Deployed) -> None:
-    order = (sys.executable, "-m", "formation.deploy", "order", team.out / "desk" / "mission.toml", "release")
-    done = team.desk.run(*order, "--timeout", "1.5", "--json")
-    assert done.returncode == 1
-    assert set(json.loads(done.stdout.splitlines()[-1])["missing"]) == set(team.mission.names)
-    assert "-c FILE" in done.stderr
 
 
 def test_the_monitor_cannot_give_orders(team: Deployed) -> None:
