@@ -39,19 +39,6 @@ def test_a_standby_asks_followers_and_candidates_and_is_answered_by_positions(se
     sessions.reaches(leader, ROUTE.key("leader"), "deputy")
 
 
-def test_acting_leader_position_reaches_only_possible_followers(sessions: Sessions) -> None:
-    """robot2 measures it only when robot1 cannot be followed; robot3 never."""
-    key = POSITION.key("leader")
-    robot1, robot2, robot3, reserve = sessions.open("robot1", "robot2", "robot3", "reserve")
-    sessions.listen("robot1", robot1, key)
-    sessions.listen("robot2", robot2, key)
-    sessions.listen("robot3", robot3, key, BALLOT.key("reserve"))
-    sessions.reaches(reserve, key, "robot1")
-    sessions.reaches(reserve, key, "robot2")
-    sessions.reaches(reserve, BALLOT.key("reserve"), "robot3")
-    assert sessions.received["robot3"][key] == 0
-
-
 @pytest.mark.parametrize(
     ("who", "own"),
     [
@@ -78,23 +65,6 @@ def test_nobodys_certificate_is_good_for_the_ballots_of_another(
     sessions.reaches(deputy, BALLOT.key("deputy"), "robot2")
     assert set(sessions.received["robot2"]) == {BALLOT.key("deputy"), *([own] if own else [])}
     assert b"forged" not in sessions.said["robot2"]
-
-
-@pytest.mark.parametrize("who", ["robot1", "operator"])
-def test_followers_and_operators_cast_no_ballots_and_set_no_route(sessions: Sessions, who: str) -> None:
-    """Not even in its own name: there is nobody who would listen."""
-    deputy, leader = sessions.open("deputy", "leader")
-    result = [BALLOT.key(who), ROUTE.key(who), BALLOT.key("leader"), ROUTE.key("leader")]
-    sessions.listen("deputy", deputy, *result, POSITION.key("robot1"))
-    with sessions.attacking(who, "deputy") as session:
-        for _ in range(20):
-            for key in result:
-                session.put(key, b"forged")
-        if who == "robot1":
-            sessions.reaches(session, POSITION.key(who), "deputy")  # sent later and on the same link
-    sessions.reaches(leader, ROUTE.key("leader"), "deputy")
-    assert set(sessions.received["deputy"]) <= {ROUTE.key("leader"), POSITION.key("robot1")}
-    assert b"forged" not in sessions.said["deputy"]
 
 
 def test_the_operator_asks_a_standby_and_hears_how_it_is(sessions: Sessions) -> None:

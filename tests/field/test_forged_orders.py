@@ -106,11 +106,7 @@ FORGERIES: dict[str, tuple[Callable[[Held], dict[str, Any]], tuple[str, ...]]] =
         ("order not signed by leader: term",),
     ),
     "higher beat": (changed, (WRONG, SHUNNED)),
-    "later term": (lambda held: changed(held, term=time.time_ns() // 64 * 64), (WRONG, SHUNNED)),
     "stop": (lambda held: changed(held, mode="stop"), (WRONG, SHUNNED)),
-    "scale": (lambda held: changed(held, scale=1000.0), (WRONG, SHUNNED)),
-    "route": (lambda held: changed(held, route="elsewhere", time=1e6), (WRONG, SHUNNED)),
-    "gains": (lambda held: changed(held, tuned=order.Tuned(k_p=9.0, k_i=9.0)), (WRONG, SHUNNED)),
     "another mission": (of_another_mission, (WRONG, SHUNNED)),
     "own certificate": (
         lambda held: {"certificate": signer(held.team, THIEF).certificate},

@@ -168,12 +168,6 @@ def test_a_route_that_is_lost_is_named_in_the_status(tmp_path: Path) -> None:
         around.agent(),
         around.fleet(),
     ):
-
-        def link() -> str:
-            around.listen()
-            result = payloads(around.from_fleet, STATUS)
-            return decode(Diagnostics, result[-1]).statuses[0].values["link"] if result else ""
-
         until(lambda: around.link() == "no_listener")
 
 
@@ -183,6 +177,43 @@ def test_an_operator_is_answered_over_the_fleets_bus(tmp_path: Path) -> None:
         until(lambda: around.in_fleet.received[STATUS] > 0)
         (reply,) = bus.ask("robot2/order", b'{"do":"stop"}', timeout=PATIENCE)
         assert order.decode(OperatorReply, reply.payload).mode == "stop"
+
+
+def test_stop_survives_killed_agent_until_its_release(tmp_path: Path) -> None:
+    around, state = Around(tmp_path), ("--state", str(tmp_path / "state"))
+    modes = []
+
+    def ask(bus: Bus, request: bytes) -> OperatorReply:
+        before = around.in_fleet.received[STATUS]
+        until(lambda: around.in_fleet.received[STATUS] > before)
+        (reply,) = bus.ask("robot2/order", request, timeout=PATIENCE)
+        return order.decode(OperatorReply, reply.payload)
+
+    with around.agent(*state) as child, around.fleet() as bus:
+        modes.append(ask(bus, b'{"do":"stop","id":"s"}').mode)
+        child.signal(signal.SIGKILL)
+    with around.agent(*state), around.fleet() as bus:
+        modes += [ask(bus, request).mode for request in (b'{"do":"run"}', b'{"do":"release","ends":["s"]}')]
+    assert modes == ["stop", "stop", "hold"]
+
+
+def test_two_agents_of_one_robot_notice_each_other(tmp_path: Path) -> None:
+    around = Around(tmp_path)
+    second = ("-l", free_endpoint(), "-e", around.agent_end, "--robot-connect", around.robot_end)
+    with (
+        around.robot() as robot,
+        around.agent(),
+        started("formation.agent", str(around.file), "--robot", "robot2", *second),
+        around.fleet(),
+    ):
+        until(lambda: around.link() == "connected")
+        around.drive(robot, 2)
+
+        def noticed() -> bool:
+            around.listen()
+            return b"another agent" in payloads(around.from_fleet, STATUS)[-1]
+
+        until(noticed)
 
 
 def test_second_agent_for_same_robot_ends_with_error(tmp_path: Path) -> None:
@@ -196,11 +227,3 @@ def test_second_agent_for_same_robot_ends_with_error(tmp_path: Path) -> None:
             f"robot2: cannot listen on {around.agent_end}: the address is in use;"
             " is there a second agent robot2 on this machine?\n"
         )
-
-
-def test_help_explains_readonly_and_robot_router() -> None:
-    with started("formation.agent", "--help") as child:
-        assert child.wait() == 0
-        text = "".join(iter(child._lines.get, None))
-    for words in ("--readonly", "--robot-connect ENDPOINT", "tcp/127.0.0.1:7447", "examples:"):
-        assert words in text

@@ -7,7 +7,6 @@ arrives.
 from __future__ import annotations
 
 import signal
-import socket
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -17,9 +16,7 @@ import pytest
 
 from formation.agent.watchdog.core import BRAKING_TIME, PARKING_TIME, SLOW_PERIOD
 from formation.transport.bus import Bus, BusConfig
-from tests.processes.agent.relay import Relay
-from tests.processes.agent.watchdog_scene import COMMAND, LIFE, PARKED, SPEED, Scene, gaps
-from tests.processes.agent.watchdog_team import NICE, PERIOD
+from tests.processes.agent.watchdog_scene import COMMAND, LIFE, NICE, PARKED, PERIOD, SPEED, Scene, gaps
 from tests.support.bus_tools import until
 from tests.support.child import Child, free_endpoint, started
 
@@ -80,26 +77,6 @@ def test_silent_agents_robot_stays_stopped_until_farewell(
     assert "THE AGENT IS SILENT" in ended(watchdog)
 
 
-def test_restarted_watchdog_does_not_brake_healthy_agent(scene: Scene) -> None:
-    scene.robot()
-    scene.listen()
-    assert scene.drive(0.5, alive=True)[-1].speed == SPEED
-    with scene.driving(alive=True):
-        watchdogs = [scene.watchdog()]
-        scene.kept(1.0)
-        ended(watchdogs[0])
-        watchdogs.append(scene.watchdog())
-        scene.kept(1.0)
-        watchdogs[1].signal(signal.SIGKILL)
-        scene.kept(0.5)
-        watchdogs.append(scene.watchdog())
-        scene.kept(1.0)
-        ended(watchdogs[2])
-        scene.kept(0.5)
-    assert {one.speed for one in scene.wheels() if scene.healthy(one.moment)} == {SPEED}
-    assert not [moment for moment in scene.zeros() if scene.healthy(moment)]
-
-
 @pytest.mark.smoke
 def test_watchdog_ended_while_braking_sends_zero_last(scene: Scene) -> None:
     scene.robot()
@@ -125,25 +102,6 @@ def test_watchdog_ended_while_braking_sends_zero_last(scene: Scene) -> None:
     stood = scene.stands(sent).moment
     assert scene.newest().speed == 0.0
     assert {one.speed for one in scene.wheels(stood)} == {0.0}
-
-
-def test_robot_without_a_watchdog_until_now_is_parked_once(scene: Scene) -> None:
-    link = free_endpoint()
-    watchdog = scene.watchdog(endpoint=link)  # before there is a router
-    scene.robot()
-    scene.listen()
-    with scene.driving(alive=False, period=4.0 * PERIOD):  # so that it stands for a while in between
-        until(lambda: SPEED in {one.speed for one in scene.wheels()})
-        without = time.time()
-        with Relay(scene.endpoint, link):
-            parked(watchdog)
-            assert 0.0 in {one.speed for one in scene.wheels(without)}
-            assert said_for_half_a_second(scene, scene.zeros())
-            over = scene.zeros()[-1]
-            scene.kept(4.0 * PERIOD)  # until it has been told to go on
-            assert {one.speed for one in scene.kept(1.0)} == {SPEED}
-            assert not scene.zeros(over)
-            assert "driven by hand" in ended(watchdog)
 
 
 @both
@@ -203,27 +161,3 @@ def test_once_says_by_its_exit_code_that_no_robot_listened(scene: Scene) -> None
     with Bus(BusConfig(listen=(scene.endpoint,), mode="router")):
         assert scene.watchdog("--once").wait() == 1
     assert time.monotonic() - started_at < 20.0
-
-
-def test_watchdog_notifies_systemd_of_ready_life_and_stop(
-    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
-        systemd.bind(str(tmp_path / "notify"))
-        systemd.settimeout(30.0)
-        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
-        watchdog = scene.watchdog()
-        assert systemd.recv(4096) == b"READY=1"
-        assert [systemd.recv(4096) for _ in range(5)] == [b"WATCHDOG=1"] * 5
-        ended(watchdog)
-        while (word := systemd.recv(4096)) == b"WATCHDOG=1":
-            pass
-        assert word.startswith(b"STOPPING=1")
-
-
-def test_a_robot_that_has_no_agent_is_refused_by_name() -> None:
-    for name in ("robot1", "robot9"):
-        with started("formation.agent.watchdog", "six_robots", "--robot", name) as child:
-            assert child.wait() == 2
-            why = f"--robot '{name}': must be one of robot2, robot3, robot4, robot5, robot6"
-            assert child.errors == f"watchdog {name}: {why}\n"

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -22,11 +22,18 @@ from formation.ros2.naming import Naming
 from formation.topics import ALIVE, CMD_VEL, ODOM, command_topic
 from formation.transport.mailbox import Mailbox
 from formation.transport.robot_bus import RobotBus
-from tests.processes.agent.watchdog_team import NICE, PERIOD
 from tests.support.bus_tools import until
 from tests.support.child import Child, free_endpoint, started
 
 SPEED = 0.3
+PERIOD = 0.05
+"""Of the agent and the robot [s]."""
+NICE = {
+    "formation.agent": -5,
+    "formation.agent.watchdog": -15,
+    "formation.agent.simulated": -20,
+}
+"""Priorities by module, as units set them."""
 LAPSE = 2.0 * PERIOD
 """A driver who says nothing for longer is not healthy, nor is a robot that says nothing [s]."""
 COMMAND, LIFE, RECEIVED = (topic.key("robot2") for topic in (CMD_VEL, ALIVE, ODOM))
@@ -40,15 +47,6 @@ class Wheel(NamedTuple):
     moment: float
     """The robot's stamp [s]."""
     speed: float
-
-
-class Lapse(NamedTuple):
-    """A time in which the driver said nothing, though he should have."""
-
-    start: float
-    """[s]"""
-    end: float
-    """[s]"""
 
 
 class Scene:
@@ -74,7 +72,7 @@ class Scene:
         self._wheels: list[Wheel] = []
         self._published: list[tuple[float, float]] = []  # commands, whoever gave them: when [s], speed
         self._signs: list[float] = []
-        self._lapses: list[Lapse] = []
+        self._lapsed = float("-inf")  # when the driver spoke again after he had said nothing for too long [s]
         self.drove = float("-inf")
         """When the driver spoke last [s]."""
 
@@ -93,64 +91,46 @@ class Scene:
         """Hear all commands from now on; whoever gives them then sees a listener, whatever the robot does."""
         self.bus.subscribe(self._topic, COMMAND)
 
-    def watchdog(self, *flags: str, endpoint: str = "") -> Child:
-        """Start a watchdog that dials the robot, or `endpoint`."""
-        links = ["--robot", "robot2", "--robot-connect", endpoint or self.endpoint]
+    def watchdog(self, *flags: str) -> Child:
+        """Start a watchdog that dials the robot."""
+        links = ["--robot", "robot2", "--robot-connect", self.endpoint]
         module = "formation.agent.watchdog"
         child = self._stack.enter_context(started(module, str(self.file), *links, *flags, nice=NICE[module]))
         if "--once" not in flags:
             child.event("ready")
         return child
 
-    @contextmanager
-    def driving(self, *, alive: bool, period: float = PERIOD) -> Iterator[None]:
-        """Drive straight on each period [s], as an agent that is `alive` or as somebody else."""
-        over = threading.Event()
-        self.drove, begun = time.time(), threading.Event()
+    def drive(self, seconds: float, *, alive: bool) -> list[Wheel]:
+        """Drive straight on as an agent that is `alive`, or as somebody else; what the wheels did meanwhile.
+
+        Ends when `seconds` without a lapse have gone by: there was nobody healthy in one.
+        """
+        over, begun = threading.Event(), threading.Event()
+        self._lapsed = self.drove = time.time()
 
         def drive() -> None:
             while not over.is_set():
                 now = time.time()
-                if now - self.drove > period + PERIOD:
-                    self._lapses.append(Lapse(self.drove, now))
+                if now - self.drove > LAPSE:
+                    self._lapsed = now
                 self.command()
                 if alive:
                     self.bus.publish(LIFE, encode(Number(now)))
                 self.drove = now
                 begun.set()
-                over.wait(period)
+                over.wait(PERIOD)
 
-        self._lapses.append(Lapse(float("-inf"), self.drove))  # nobody drove until now
         driver = threading.Thread(target=drive, name="driver")
         driver.start()
         try:
             begun.wait()
-            yield
+            until(lambda: self.drove > self._lapsed + LAPSE + seconds)
+            since, end = self._lapsed + LAPSE, self.drove
+            until(lambda: self.wheels()[-1].moment > end)
         finally:
             over.set()
             driver.join()
-
-    def kept(self, seconds: float) -> list[Wheel]:
-        """What the wheels did for so long, from now on, while the driver kept his word throughout.
-
-        A stretch in which he did not is begun anew: there was nobody healthy then.
-        """
-        start = time.time()
-        until(lambda: self.drove > max(start, self._lapses[-1].end + LAPSE) + seconds)
-        since, end = max(start, self._lapses[-1].end + LAPSE), self.drove
-        until(lambda: self.wheels()[-1].moment > end)
         return [one for one in self.wheels(since) if one.moment <= end]
-
-    def healthy(self, moment: float) -> bool:
-        """Whether the driver had spoken when he should, for two periods before `moment` [s]."""
-        return moment <= self.drove and not any(
-            lapse.start < moment <= lapse.end + LAPSE for lapse in self._lapses
-        )
-
-    def drive(self, seconds: float, *, alive: bool) -> list[Wheel]:
-        """Drive until `seconds` without a lapse have gone by; what the wheels did in them."""
-        with self.driving(alive=alive):
-            return self.kept(seconds)
 
     def command(self) -> float:
         """Have the robot drive; when that was said [s]."""

@@ -164,15 +164,6 @@ def test_desk_examines_standby_and_names_current_leader(tmp_path: Path) -> None:
         assert "deputy said that it leads" in result.sentence
 
 
-def test_dependant_names_missing_neighbour(tmp_path: Path) -> None:
-    with team(tmp_path) as fleet:
-        fleet.start("formation.agent.watchdog", "--robot", "robot1")
-        fleet.start("formation.agent", "--robot", "robot1")
-        there = fleet.doctor("--robot", "robot1")
-        assert (there.code, there.findings) == (1, {"robot1": ["unreachable"]}), there.text
-        assert f"the leader at {fleet.agents['leader']} refuses the connection" in there.sentence
-
-
 def test_two_agents_for_one_robot_are_named(tmp_path: Path) -> None:
     with team(tmp_path) as fleet:
         driving(fleet)

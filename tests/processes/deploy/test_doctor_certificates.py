@@ -7,7 +7,6 @@ import ssl
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -15,17 +14,11 @@ import pytest
 
 from formation.deploy.cli import main
 from formation.deploy.doctor import tls
-from formation.deploy.doctor.agent import LEADING
-from formation.deploy.doctor.facts import Facts, examine
-from formation.deploy.doctor.gather import desk_facts
 from formation.deploy.doctor.tls import Papers, context, reach
 from formation.deploy.fleet import authority
 from formation.deploy.fleet.authority import Pair
 from formation.deploy.refusal import Refusal
-from formation.mission.model import Mission
 from tests.support.child import PATIENCE, free_endpoint
-from tests.unit.deploy.examined import TB3
-from tests.unit.deploy.test_doctor import OWN, PATROL, STANDBY
 
 NOW = datetime.now(UTC)
 HERE = "127.0.0.1"
@@ -213,16 +206,3 @@ def test_a_key_that_this_user_may_not_read_is_not_judged(
 
     monkeypatch.setattr("formation.deploy.doctor.tls.context", forbidden)  # for root may read everything
     assert tls.read("robot1", papers(tmp_path, root)) is None
-
-
-def test_desk_reports_when_no_candidate_leads() -> None:
-    def at(others: list[Facts], mission: Mission = PATROL) -> Facts:
-        return replace(desk_facts(mission, None, others), chrony=None)
-
-    leads = replace(STANDBY, robot="leader", newest_status=replace(OWN, leads=True))
-    (checked,) = examine((LEADING,), at([STANDBY, leads]))
-    assert (checked.findings, checked.seen) == ((), "leader said that it leads")
-    (checked,) = examine((LEADING,), at([STANDBY, replace(leads, newest_status=None)]))
-    assert [one.name for one in checked.findings] == ["no-leader"]
-    assert "none of leader, deputy, reserve says" in checked.findings[0].sentence
-    assert examine((LEADING,), at([], TB3)) == []

@@ -18,11 +18,10 @@ import psutil
 import pytest
 from mcap.reader import make_reader
 
-from formation.control.ramp import FIRST_CHANGE_SHARE
 from formation.mission.file import load, read
 from formation.mission.model import Mission
 from formation.monitor.recording.channels import SUFFIX
-from formation.ros2.messages import Diagnostics, Pose, Twist, TwistStamped, decode
+from formation.ros2.messages import Diagnostics, Pose, TwistStamped, decode
 from formation.topics import (
     CMD_VEL,
     DIAGNOSTICS,
@@ -70,9 +69,8 @@ def at_rest(poses: Sequence[Pose]) -> bool:
     )
 
 
-@pytest.mark.parametrize("name", ["six_robots", "turtlebot3_pair"])
-def test_a_shipped_mission_converges_and_its_recording_is_whole(name: str, tmp_path: Path) -> None:
-    mission = load(name)
+def test_a_shipped_mission_converges_and_its_recording_is_whole(tmp_path: Path) -> None:
+    name, mission = "six_robots", load("six_robots")
     with started(name, "--duration", "90", "--record", "run.mcap", folder=tmp_path) as process:
         result = formed(process, 0.01, within=12.0)
     assert process.returncode == 0
@@ -138,30 +136,6 @@ def test_ctrl_c_brings_the_robots_to_rest_and_leaves_no_process(tmp_path: Path) 
         assert output.values["law"] == result["law"] == "paper"
 
 
-def test_the_proportional_law_drives_with_filter_and_ramp(tmp_path: Path) -> None:
-    mission = load("six_robots")
-    flags = ("--law", "proportional", "--duration", "60", "--record", "run.mcap")
-    with started("six_robots", *flags, folder=tmp_path) as process:
-        result = formed(process, 0.02, within=20.0)
-    assert process.returncode == 0
-    assert result["converged"]
-    assert result["law"] == "proportional"
-    said_by = payloads_of(tmp_path / "run.mcap")
-    for robot in mission.followers:
-        spec = mission.robots[robot]
-        twists = [decode(Twist, payload) for payload in said_by[f"/{CMD_VEL.key(robot)}"]]
-        for before, after in pairwise(twists):
-            if (after.speed, after.turn_rate) != (0.0, 0.0):
-                assert abs(after.speed - before.speed) <= (FIRST_CHANGE_SHARE + 1e-9) * spec.max_speed
-                assert (
-                    abs(after.turn_rate - before.turn_rate)
-                    <= (FIRST_CHANGE_SHARE + 1e-9) * spec.max_turn_rate
-                )
-        output = decode(Diagnostics, said_by[f"/{STATUS.key(robot)}"][-1]).statuses[0].values
-        assert output["law"] == "proportional"
-        assert output["collisions"] == "on"
-
-
 def test_a_launcher_that_is_killed_outright_leaves_no_process(tmp_path: Path) -> None:
     with started("turtlebot3_pair", "--record", "run.mcap", folder=tmp_path) as process:
         children = wait_until_running(process, 1.0)
@@ -171,23 +145,6 @@ def test_a_launcher_that_is_killed_outright_leaves_no_process(tmp_path: Path) ->
         _, alive = psutil.wait_procs(children, timeout=10.0)
     assert alive == []
     assert time.monotonic() - begin < 6.0
-
-
-def test_killed_agent_is_named_and_others_continue(tmp_path: Path) -> None:
-    with started("turtlebot3_pair", "--duration", "6", "--record", "run.mcap", folder=tmp_path) as process:
-        children = wait_until_running(process, 1.0)
-        victim = next(child for child in children if "robot2" in child.cmdline())
-        victim.kill()
-        result = result_of(process)
-    assert process.returncode == 1
-    assert result["duration"] == pytest.approx(6.0, abs=1.0)
-    assert result["duration"] >= 6.0
-    processes = result["processes"]
-    assert processes["agent robot2"]["died"]
-    assert {name: one["exit"] for name, one in processes.items() if one["exit"]} == {
-        "agent robot2": -signal.SIGKILL
-    }
-    assert not any(child.is_running() for child in children)
 
 
 def test_watchdog_stops_robot_of_killed_agent_in_run(tmp_path: Path) -> None:

@@ -225,10 +225,5 @@ def test_only_robots_listen_on_the_robots_side_and_only_on_it(team: Team) -> Non
     assert {name: listening(child) for name, child in team.children.items()} == wanted
 
 
-def test_each_process_is_an_operating_system_process_of_its_own(team: Team) -> None:
-    number = len(team.mission.names) + len(team.mission.standbys)
-    assert len({child.process.pid for child in team.children.values()}) == number + 2
-
-
 def endpoints(team: Team) -> tuple[str, ...]:
     return (*team.where.agents.values(), *team.where.robots.values())

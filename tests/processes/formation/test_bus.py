@@ -68,18 +68,6 @@ def test_wildcard_subscription_gives_the_sample_key(pair: tuple[Bus, Bus]) -> No
     assert collect(here, 1)[0].key == PLACE
 
 
-def test_the_oldest_sample_makes_room_and_is_counted(endpoint: str) -> None:
-    with Bus(BusConfig(listen=(endpoint,)), capacity=4) as here, Bus(BusConfig(connect=(endpoint,))) as there:
-        here.subscribe(ODOMETRY)
-        there.advertise(ODOM, ODOMETRY)
-        until(lambda: there.watched(ODOMETRY))
-        for number in range(10):
-            there.publish(ODOMETRY, bytes([number]))
-        until(lambda: here.received[ODOMETRY] == 10)
-        assert [sample.payload for sample in here.drain()] == [bytes([n]) for n in (6, 7, 8, 9)]
-        assert here.overflowed == 6
-
-
 def test_a_main_loop_that_never_drains_stalls_nothing_on_its_link(pair: tuple[Bus, Bus]) -> None:
     here, there = pair
     there.answer(REQUESTED, lambda request, _: b"answered " + request)
@@ -95,23 +83,6 @@ def test_a_main_loop_that_never_drains_stalls_nothing_on_its_link(pair: tuple[Bu
     assert slowest < 0.5
 
 
-def test_wait_returns_immediately_with_data_else_times_out(pair: tuple[Bus, Bus]) -> None:
-    here, there = pair
-    start = time.monotonic()
-    assert not here.wait(0.05)
-    assert 0.05 <= time.monotonic() - start < 5.0
-    assert not here.wait(0.0)
-    assert not here.wait(-1.0)
-    there.publish(ODOMETRY, b"x")
-    until(lambda: here.received[ODOMETRY] == 1)
-    start = time.monotonic()
-    assert here.wait(PATIENCE)
-    assert here.wait(PATIENCE)  # it waits still
-    assert len(here.drain()) == 1
-    assert time.monotonic() - start < 5.0
-    assert not here.wait(0.0)
-
-
 def test_a_signal_handler_ends_the_wait(pair: tuple[Bus, Bus]) -> None:
     here, _ = pair
     before = signal.signal(signal.SIGALRM, lambda *_: here.wake())
@@ -124,31 +95,6 @@ def test_a_signal_handler_ends_the_wait(pair: tuple[Bus, Bus]) -> None:
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
-
-
-def test_a_storm_of_signals_jams_nothing(pair: tuple[Bus, Bus]) -> None:
-    here, there = pair
-    rings = 0
-
-    def ring(*_: object) -> None:
-        nonlocal rings
-        rings += 1
-        here.wake()
-
-    before = signal.signal(signal.SIGALRM, ring)
-    try:
-        signal.setitimer(signal.ITIMER_REAL, 0.0002, 0.0002)
-        got = 0
-        for _ in range(500):
-            there.publish(ODOMETRY, b"x")
-            here.wait(0.001)
-            got += len(here.drain())
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
-    until(lambda: here.received[ODOMETRY] == 500)
-    assert got + len(here.drain()) == 500
-    assert rings > 100
 
 
 @pytest.mark.smoke

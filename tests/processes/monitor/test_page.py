@@ -18,7 +18,6 @@ from prometheus_client import Metric
 from prometheus_client.parser import text_string_to_metric_families
 
 from formation.monitor.web.address import Bind, listening
-from formation.topics import POSITION
 from formation.transport.bus import Bus, BusConfig
 from tests.processes.agent.actor import Actor, router
 from tests.support.bus_tools import until
@@ -115,20 +114,6 @@ def test_frames_follow_the_fleet_and_figures_are_there_for_prometheus(tmp_path: 
 
 def hello_index(hello: dict[str, Any], name: str) -> int:
     return [robot["name"] for robot in hello["robots"]].index(name)
-
-
-def test_page_reports_silent_robot_within_two_seconds() -> None:
-    with shown("--no-record") as (child, actor, page), looking(page) as events:
-        assert next(events).data["recording"] is None
-        actor.play(1.0)  # and then nobody says anything any more
-        lost = next(event.data for event in events if event.kind == "event" and event.data["kind"] == "lost")
-        position = POSITION.key(lost["robot"])
-        last = max(sample.arrived for sample in actor.said if sample.key == position)
-        assert 1.0 < lost["at"] - actor.fleet.epoch - last < 2.0
-        frame = next(event.data for event in events if event.kind == "frame")
-        assert {row[0] for row in frame["r"]} == {None}  # nobody is drawn as if he were still there
-        child.signal(signal.SIGTERM)
-    assert child.wait() == 0
 
 
 def test_it_ends_as_quickly_with_pages_open_as_without() -> None:

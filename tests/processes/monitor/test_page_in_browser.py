@@ -113,14 +113,3 @@ def _stand(page: Page) -> bool:
     after = page.evaluate(PLACES)
     followers = range(1, len(SIX.names))
     return all(abs(after[n][k] - before[n][k]) < 0.005 for n in followers for k in (0, 1))
-
-
-def test_without_control_the_page_of_a_run_only_shows(browser: Browser, tmp_path: Path) -> None:
-    with (
-        started("turtlebot3_pair", "--duration", "60", *PAGE, folder=tmp_path) as process,
-        watched(browser, page_of(process), tolerated="status of 404") as page,
-    ):
-        until(page, f"formation.model.frame?.error > 0 && {RUNNING}")
-        assert not page.is_visible("#orders")
-        assert page.evaluate(POST, "anything") in {404, 405}
-        assert until(page, RUNNING) == ["run"] * 3

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from mcap.exceptions import EndOfFile
-from mcap.records import Channel, Message, Schema
-from mcap.stream_reader import StreamReader
 
 from formation.monitor.recording.reader import read as read_back
 
@@ -69,52 +64,3 @@ def test_file_size_limit_splits_recording_without_loss(tmp_path: Path) -> None:
     assert int(parts) == len(list(tmp_path.iterdir())) > 1
     stamps = [one.wall for one in read_back(tmp_path / "run.mcap").messages()]
     assert stamps == pytest.approx([10.0 + i / 20 for i in range(2000)])
-
-
-KILLED = """
-import sys, time
-from pathlib import Path
-from tests.support.monitored import odometry
-from tests.unit.monitor.recording.test_recorder import recorder
-
-recording = recorder(Path(sys.argv[1]))
-for i in range(195):
-    sample = odometry("robot2", 10.0 + i / 20)
-    recording.write(sample, sample.arrived)
-    recording.flush(sample.arrived)
-while not sum(recording.recorded.values()) > 180:
-    time.sleep(0.01)
-print("written", flush=True)
-sys.stdin.read()
-"""
-
-
-def test_a_killed_recorder_loses_no_more_than_the_last_second(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    child = subprocess.Popen(
-        [sys.executable, "-c", KILLED, str(path)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,  # a disk that seems slow, for time flies there
-        cwd=Path(__file__).parents[4],
-    )
-    assert child.stdin is not None
-    assert child.stdout is not None
-    assert child.stderr is not None
-    with child.stdin, child.stdout, child.stderr:
-        assert child.stdout.readline() == b"written\n"
-        os.kill(child.pid, signal.SIGKILL)
-        assert child.wait(10) == -signal.SIGKILL
-    # 195 messages at 20 Hz: the last flush came after the 191st
-    kept = readable(path)
-    assert len(kept) == 191
-    assert [message.sequence for message in kept] == list(range(1, 192))
-
-
-def readable(path: Path) -> list[Message]:
-    """Messages of a file that was never ended."""
-    records: list[object] = []
-    with path.open("rb") as stream, pytest.raises(EndOfFile):
-        records.extend(StreamReader(stream, emit_chunks=False).records)
-    assert {Schema, Channel} <= {type(record) for record in records}
-    return [record for record in records if isinstance(record, Message)]

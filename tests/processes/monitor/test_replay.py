@@ -123,44 +123,6 @@ def test_replay_page_equals_live_page_of_that_time(run: Run, messages: list[Reco
     assert replay.process.returncode == 130
 
 
-def test_seek_shows_history_only_up_to_its_time(run: Run) -> None:
-    first, last = run.frames[0]["t"], run.frames[-10]["t"]  # before the recording ends
-    with replaying(run.path, "--paused", "--no-zenoh") as replay:
-        late, _ = replay.picture(last)
-        assert len({event["kind"] for event in late["events"]} & {"joined", "runs", "settled"}) == 3
-        assert len(late["history"]) > (last - first)
-        early, _ = replay.picture(first + 2.0)
-    assert [event for event in late["events"] if event["at"] < first + 2.0] == early["events"]
-    assert all(at <= first + 2.0 for at, _ in early["history"])
-    assert early["history"] == late["history"][: len(early["history"])]
-
-
-def test_what_cannot_be_is_answered_with_what_can(run: Run) -> None:
-    with replaying(run.path, "--paused", "--no-zenoh") as replay:
-        answer = replay.steer("speed", 1000.0)
-        assert answer.status_code == 400
-        assert "from 0.1 to 100" in answer.json()["error"]
-        assert replay.steer("seek").status_code == 400
-        assert replay.steered("speed", 0.5)["speed"] == 0.5
-        standing = replay.steered("seek", 1e12)
-        assert standing["t"] == standing["end"]
-
-
-def test_truncated_recording_is_played_to_its_end(run: Run, tmp_path: Path) -> None:
-    cut = tmp_path / "cut.mcap"
-    whole = run.path.read_bytes()
-    cut.write_bytes(whole[: len(whole) // 2])
-    with command(
-        "replay", cut.name, "--no-page", "--no-zenoh", "--speed", "100", "--json", folder=tmp_path
-    ) as one:
-        out, err = one.communicate(timeout=60.0)
-    result = json.loads(out.splitlines()[-1])
-    assert one.returncode == 0
-    assert "cut.mcap is cut" in err
-    assert (result["finished"], result["prefix"]) == (True, None)
-    assert 0 < result["played"] < len(list(read(run.path).messages()))
-
-
 def test_the_verdict_of_a_recording_is_that_of_the_run(run: Run, tmp_path: Path) -> None:
     flags = ("--no-page", "--no-zenoh", "--speed", "100", "--json")
     with command("replay", str(run.path), *flags, folder=tmp_path) as one:

@@ -1,4 +1,4 @@
-"""What systemd hears of an agent: that it is ready, that its main loop turns, and that it stops."""
+"""What systemd hears of an agent or a watchdog: it is ready, its main loop turns, it stops."""
 
 from __future__ import annotations
 
@@ -70,24 +70,29 @@ def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Systemd
     one.socket.close()
 
 
-def test_agent_notifies_systemd_of_ready_life_and_stop(tmp_path: Path, systemd: Systemd) -> None:
-    with Around(tmp_path).agent() as child:
+@pytest.mark.parametrize(
+    ("module", "flags"),
+    [
+        ("formation.agent", ["-l", free_endpoint()]),
+        ("formation.agent", ["-l", free_endpoint(), "--await-monitor", "60"]),
+        ("formation.agent.watchdog", []),
+    ],
+    ids=["agent", "agent that waits for a monitor", "watchdog"],
+)
+def test_process_notifies_systemd_of_ready_life_and_stop(
+    tmp_path: Path, systemd: Systemd, module: str, flags: list[str]
+) -> None:
+    around = Around(tmp_path)
+    links = ["--robot", "robot2", "--robot-connect", around.robot_end]
+    with started(module, str(around.file), *links, *flags) as child:
         systemd.wait("READY=1")
-        assert 0.9 * MIN_REPORT_PERIOD < systemd.beat(15) < 2.0 * MIN_REPORT_PERIOD
+        assert 0.9 * MIN_REPORT_PERIOD < systemd.beat(10) < 2.0 * MIN_REPORT_PERIOD
         os.kill(child.process.pid, signal.SIGTERM)
         systemd.wait("STOPPING=1\nSTATUS=stopping: SIGTERM")
         assert child.wait() == 0
 
 
-def test_agent_awaiting_monitor_feeds_systemd_watchdog(tmp_path: Path, systemd: Systemd) -> None:
-    with Around(tmp_path).agent("--await-monitor", "60"):
-        systemd.wait("READY=1")
-        assert 0.9 * MIN_REPORT_PERIOD < systemd.beat(8) < 2.0 * MIN_REPORT_PERIOD
-
-
-def test_hanging_main_loop_starves_systemd_watchdog(
-    systemd: Systemd,
-) -> None:
+def test_hanging_main_loop_starves_systemd_watchdog(systemd: Systemd) -> None:
     end = free_endpoint()
     with started("tests.processes.agent.hanging", end) as child, Bus(BusConfig(connect=(end,))) as bus:
         child.event("ready")
