@@ -66,12 +66,13 @@ class Fleet:
     def __init__(self, **rounds: Sequence[Sequence[Reply]]) -> None:
         self.rounds = {name: list(one) for name, one in rounds.items()}
         self.put_to: list[str] = []
+        self.received: list[OperatorRequest] = []
         self.silent = False
         """Somebody is linked, and says nothing: no question to all is over before its time."""
 
     def put(self, key: str, payload: bytes, timeout: float) -> Question:
         assert 0.0 < timeout <= asking.MAX_ROUND_TIME
-        order.decode(OperatorRequest, payload)
+        self.received.append(order.decode(OperatorRequest, payload))
         question, name = Question(), key.removesuffix("/order").replace("*", "all")
         self.put_to.append(name)
         rounds = self.rounds.get(name, [[]])
@@ -165,11 +166,7 @@ def test_late_answers_count_as_missing() -> None:
 
 
 def test_invalid_or_foreign_answers_do_not_count() -> None:
-    strange = [
-        Reply("robot1/order", b"yes", 1.0),
-        reply("robot9"),
-        reply("robot2", key="robot1/order"),
-    ]
+    strange = [Reply("robot1/order", b"yes", 1.0), reply("robot9"), reply("robot2", key="robot1/order")]
     assert asking.ask(Fleet(all=[strange]).put, TWO, STOP, 0.05).answers == {}
 
 
@@ -224,9 +221,8 @@ def test_leading_answer_counts_among_two_of_one_name() -> None:
 
 def test_dead_candidate_does_not_delay_the_outcome(clock: Clock) -> None:
     fleet = Fleet(robot2=[[reply("robot2", leads=True)]], robot3=[[], [], [reply("robot3", leads=False)]])
-    outcome = asking.ask(
-        fleet.put, Recipients(("robot1", "robot2", "robot3")), OperatorRequest(do="run"), 10.0
-    )
+    candidates = Recipients(("robot1", "robot2", "robot3"))
+    outcome = asking.ask(fleet.put, candidates, OperatorRequest(do="run"), 10.0)
     assert clock.now < 5.0
     assert (outcome.obeyed, outcome.standby) == (True, ["robot3"])
 
@@ -276,37 +272,22 @@ def test_route_above_the_size_limit_is_not_sent() -> None:
     assert len(order.encode(asking.request_for(SIX, "route", legs=legs[:100]))) < MAX_REQUEST_BYTES
 
 
-def test_each_repetition_of_a_request_gives_its_age() -> None:
-    for do in ("release", "run", "stop", "hold"):
-        received: list[OperatorRequest] = []
-
-        def put(_key: str, payload: bytes, _: float, received: list[OperatorRequest] = received) -> Question:
-            received.append(order.decode(OperatorRequest, payload))
-            question = Question()
-            question.end()
-            return question
-
-        asking.ask(put, Recipients(("robot1",)), asking.request_for(SIX, do), 0.2)
-        ages = [one.age for one in received]
-        assert ages[0] == 0.0 < ages[1]
-        assert ages[-1] > 0.1
-        assert ages == sorted(ages)
+@pytest.mark.parametrize("do", ["release", "run", "stop", "hold"])
+def test_each_repetition_of_a_request_gives_its_age(do: str) -> None:
+    fleet = Fleet()
+    asking.ask(fleet.put, Recipients(("robot1",)), asking.request_for(SIX, do), 0.2)
+    ages = [one.age for one in fleet.received]
+    assert ages[0] == 0.0 < ages[1]
+    assert ages[-1] > 0.1
+    assert ages == sorted(ages)
 
 
 def test_request_age_includes_laptop_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
-    received, clock = [], iter([0.0, 0.0, 600.0, 600.0])
+    fleet, clock = Fleet(), iter([0.0, 0.0, 600.0, 600.0])
     monkeypatch.setattr(asking, "_now", lambda: next(clock))
-
-    def put(_key: str, payload: bytes, _: float) -> Question:
-        received.append(order.decode(OperatorRequest, payload))
-        question = Question()
-        question.end()
-        return question
-
-    asking.ask(
-        put, Recipients(("robot1",)), asking.request_for(SIX, "release"), 900.0, lambda: len(received) == 2
-    )
-    assert [one.age for one in received] == [0.0, 600.0]
+    release, twice = asking.request_for(SIX, "release"), lambda: len(fleet.received) == 2
+    asking.ask(fleet.put, Recipients(("robot1",)), release, 900.0, twice)
+    assert [one.age for one in fleet.received] == [0.0, 600.0]
     assert getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC) == asking._CLOCK
 
 

@@ -1,4 +1,4 @@
-"""The collision filter: what it promises whatever the law wants."""
+"""The collision filter: what it promises whatever the law wants, and how it goes round."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from formation.control.avoidance import (
+    DEADLOCK_DELAY,
+    DETOUR_TIME,
     MAX_HEADING_ERROR,
     Avoidance,
     AvoidanceParameters,
@@ -27,7 +29,7 @@ from formation.control.avoidance import (
 from formation.control.controller import Limits
 from formation.control.observer import Travel, innovation
 from formation.control.plane import angle_between, rotation
-from formation.control.unicycle import Command, advance
+from formation.control.unicycle import Command, advance, control_point, saturate
 from tests.unit.formation.planar import angles, headings, vectors
 
 BODY = Limits(0.2, 1.5, 1.5)
@@ -214,3 +216,76 @@ def test_the_observer_is_never_more_wrong_than_its_doubt(truth: complex, guess: 
         if doubt < math.pi:
             # the way is an arc, the observer learns from its chord: shorter by less than (ωΔt)²/24
             assert abs(angle_between(estimate, heading)) <= doubt - MAX_HEADING_ERROR + 1e-3
+
+
+def test_blocked_robot_detours_right_and_counts_a_deadlock() -> None:
+    wall = [Obstacle(0.52 + 0j, 0.2, 0j, first=True)]
+    avoidance, elapsed, turned = Avoidance(), 0.0, []
+    while elapsed < DEADLOCK_DELAY + DETOUR_TIME + 0.2:
+        done, avoidance = avoid(Command(1.5, 0.0), wall, PARAMETERS, BODY, 0j, avoidance, 0.05)
+        turned.append(done.turn_rate)
+        elapsed += 0.05
+    assert avoidance.deadlocks == 1
+    assert min(turned) == -BODY.max_turn_rate
+    assert turned[0] == turned[-1] == 0.0
+
+
+def test_repeated_deadlocks_lengthen_detours_until_free() -> None:
+    wall = [Obstacle(0.52 + 0j, 0.2, 0j, first=True)]
+    avoidance, turns = Avoidance(), [0]
+    for _ in range(400):
+        before = avoidance
+        _, avoidance = avoid(Command(1.5, 0.0), wall, PARAMETERS, BODY, 0j, avoidance, 0.05)
+        turns[-1] += avoidance.detour > 0.0
+        if avoidance.deadlocks > before.deadlocks:
+            turns.append(0)
+    assert turns[1:4] == pytest.approx([DETOUR_TIME * times / 0.05 for times in (1, 2, 3)], abs=1.0)
+    free = [Obstacle(9.0 + 0j, 0.2, 0j, first=True)]
+    for _ in range(600):
+        _, avoidance = avoid(Command(1.5, 0.0), free, PARAMETERS, BODY, 0j, avoidance, 0.05)
+    assert avoidance.again == 0.0
+
+
+@pytest.mark.parametrize("stands", [True, False])
+def test_oscillation_is_a_deadlock_only_before_standing_obstacles(stands: bool) -> None:
+    post, avoidance, speeds = Obstacle(0j, 0.2, 0j, first=True, stands=stands), Avoidance(), set()
+    for step in range(40):
+        seen = post._replace(at=0.57 + 0j if step % 2 else 0.47 + 0j)  # as noise has it
+        done, avoidance = avoid(Command(1.5, 0.0), [seen], PARAMETERS, BODY, 0j, avoidance, 0.05)
+        speeds.add(round(done.speed, 3))
+    assert {0.2, -0.2} <= speeds
+    assert (avoidance.deadlocks > 0) == stands
+
+
+def test_robot_held_at_neighbour_speed_counts_as_blocked() -> None:
+    wall = [Obstacle(0.52 + 0j, 0.2, 0.2 + 0j, first=True)]
+    avoidance = Avoidance()
+    for _ in range(20):
+        _, avoidance = avoid(Command(1.5, 0.0), wall, PARAMETERS, BODY, 0.2 + 0j, avoidance, 0.05)
+    assert avoidance.deadlocks == 1
+
+
+def goes_round(posts: list[complex], body: Limits, steps: int, *, stands: bool) -> bool:
+    """Whether a robot comes to its goal behind the posts, and never nearer to them than bodies allow."""
+    at, heading, avoidance, nearest, goal = 0j, 1.0 + 0j, Avoidance(), math.inf, 3.0 + 0j
+    for _ in range(steps):
+        around = [
+            Obstacle(heading.conjugate() * (post - at), 0.2, 0j, first=True, stands=stands) for post in posts
+        ]
+        away = heading.conjugate() * (goal - control_point(at, heading, body.offset))
+        wanted = saturate(2.0 * away, body.offset, body.max_speed, body.max_turn_rate)
+        command, avoidance = avoid(wanted, around, PARAMETERS, body, 0j, avoidance, 0.05)
+        at, heading = advance(at, heading, command.speed, command.turn_rate, 0.05)
+        nearest = min(nearest, *(abs(at - post) for post in posts))
+    return nearest > 0.3 and abs(control_point(at, heading, body.offset) - goal) < 0.01
+
+
+@pytest.mark.parametrize("aside", [0.0, 0.02, -0.1])
+def test_a_post_in_the_way_is_gone_round(aside: float) -> None:
+    assert goes_round([complex(1.5, aside)], Limits(0.1, 1.0, 1.5), 400, stands=False)
+
+
+@pytest.mark.parametrize("middle", [0.0, 0.1, -0.3])
+def test_a_row_of_posts_that_leaves_no_gap_is_gone_round(middle: float) -> None:
+    row = [complex(1.5, middle + aside) for aside in (-0.7, -0.35, 0.0, 0.35, 0.7)]
+    assert goes_round(row, BODY, 600, stands=True)

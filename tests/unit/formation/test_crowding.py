@@ -1,9 +1,11 @@
-"""Whether slots leave room for the margin that the collision filter keeps, as `formation check` says it."""
+"""Slots with room for the filter's margin, and robots that could meet without avoiding."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from formation.control.avoidance import LAG_WEIGHT, AvoidanceParameters, Obstacle, brake, give_way
 from formation.control.unicycle import Command
@@ -11,8 +13,9 @@ from formation.mission.file import load, shipped
 from formation.mission.model import Mission
 from formation.simulation.simulate import simulate
 from formation.stability.analysis import analyse
-from formation.stability.crowding import problems, rooms_of, warnings
+from formation.stability.crowding import Segment, between, could_meet, problems, rooms_of, unavoided, warnings
 from tests.unit.formation import scenarios
+from tests.unit.formation.planar import vectors
 
 SIX = load("six_robots")
 
@@ -58,9 +61,7 @@ def test_margin_needs_no_room_where_neither_avoids_the_other() -> None:
 
 
 @pytest.mark.parametrize("name", shipped())
-def test_filter_passes_straight_motion_exactly_up_to_room(
-    name: str,
-) -> None:
+def test_filter_passes_straight_motion_exactly_up_to_room(name: str) -> None:
     mission = load(name)
     for shape in mission.shapes:
         for room in rooms_of(mission, shape):
@@ -118,3 +119,55 @@ def test_warning_counts_stated_delay_and_noise() -> None:
         scenarios.clearing(scenarios.build(np.array([0, -0.25, -0.5 + 0j]), ((), (0,), (1,))), noise=0.02)
     )
     assert result.startswith("collisions.noise = 0.02 m, which takes a margin of 0.113 m")
+
+
+segments = st.builds(Segment, vectors, vectors)
+FILE = scenarios.build(np.array([0, -1, -2, -3 + 0j]), ((), (0,), (1,), (2,)))
+
+
+@given(segments, segments, st.floats(0.0, 1.0), st.floats(0.0, 1.0))
+def test_no_two_points_of_two_ways_are_nearer_than_the_ways(
+    one: Segment, other: Segment, here: float, there: float
+) -> None:
+    first = one.begin + here * (one.end - one.begin)
+    second = other.begin + there * (other.end - other.begin)
+    assert between(one, other) <= abs(first - second) + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "distance"),
+    [
+        (Segment(-1 + 0j, 1 + 0j), Segment(-1j, 1j), 0.0),
+        (Segment(0j, 1 + 0j), Segment(2 + 1j, 2 - 1j), 1.0),
+        (Segment(0j, 1 + 0j), Segment(0.5j, 1 + 0.5j), 0.5),
+        (Segment(0j, 0j), Segment(3 + 4j, 3 + 4j), 5.0),
+    ],
+)
+def test_the_distance_of_two_ways(one: Segment, other: Segment, distance: float) -> None:
+    assert between(one, other) == pytest.approx(distance)
+
+
+def test_check_warns_of_crossing_ways_without_avoiding() -> None:
+    crossing = scenarios.exchanged(FILE, avoid=())
+    assert unavoided(crossing) == (("robot2", "robot3"), ("robot2", "robot4"), ("robot3", "robot4"))
+    (result,) = could_meet(crossing)
+    assert result.startswith("robot2 and robot3 (and 2 other pairs) could meet")
+    assert unavoided(scenarios.exchanged(FILE)) == ()
+    assert result in analyse(crossing).warnings
+    assert result not in analyse(crossing, "paper").warnings
+
+
+def test_robot_that_stays_at_its_start_meets_none() -> None:
+    assert unavoided(scenarios.clearing(FILE, avoid=())) == ()
+
+
+def test_no_warning_without_collision_avoidance() -> None:
+    assert unavoided(scenarios.exchanged(FILE, avoid=(), mode="off")) == ()
+
+
+def test_printed_law_warns_that_it_avoids_none() -> None:
+    result = "the paper law has no collision filter: robots do not avoid each other"
+    assert result in analyse(SIX, "paper").warnings
+    assert result not in analyse(SIX).warnings
+    assert scenarios.six().collisions.mode == "off"
+    assert result not in analyse(scenarios.six(), "paper").warnings

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from formation.mission.file import MissionError, load, parse, read, shipped
@@ -16,6 +16,7 @@ from formation.protocol.order import Order, Place, Slots
 from formation.slots.geofence import BOUNDS_MARGIN_SIZES, MIN_BOUNDS_MARGIN, RETURN_DEPTH, Area, Geofence
 from formation.slots.shape import PlacedShape
 from formation.wire import BadMessage
+from tests.support.examples import examples
 
 SIX = load("six_robots")
 
@@ -118,7 +119,7 @@ def test_circle_is_looked_at_all_round(radius: float, leaves: bool) -> None:
     turning=st.booleans(),
     since=st.floats(0.0, 20.0),
 )
-@settings(max_examples=150, deadline=None)
+@examples(150)
 def test_exit_is_the_first_sample_outside(
     waypoints: list[tuple[float, float]], turning: bool, since: float
 ) -> None:
@@ -191,7 +192,7 @@ def test_first_shape_outside_bounds_is_refused() -> None:
     mixed=st.none() | st.tuples(st.floats(0.0, 1.0), st.floats(-7, 7), st.floats(0.01, 20.0)),
     turning=st.booleans(),
 )
-@settings(max_examples=300, deadline=None)
+@examples(300)
 def test_order_is_taken_exactly_when_all_slots_are_inside(
     x: float,
     y: float,

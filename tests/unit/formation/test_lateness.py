@@ -27,11 +27,7 @@ PERIOD = 0.05
 LIMIT = 1.0
 
 
-@given(
-    st.lists(st.floats(0.0, 5.0), min_size=1, max_size=50),
-    st.floats(-1e6, 1e6),
-    st.floats(-1e-4, 1e-4),
-)
+@given(st.lists(st.floats(0.0, 5.0), min_size=1, max_size=50), st.floats(-1e6, 1e6), st.floats(-1e-4, 1e-4))
 def test_lateness_is_relative_to_quickest(ways: list[float], offset: float, drift: float) -> None:
     known = quickest(offset, ways[0])
     for number, way in enumerate(ways):

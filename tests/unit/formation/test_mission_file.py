@@ -2,24 +2,44 @@
 
 from __future__ import annotations
 
+import os
+from itertools import combinations
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from formation.mission.file import MissionError, load, parse, read, shipped
+from formation.mission.file import (
+    MAX_KEY_PARTS,
+    MAX_MISSION_BYTES,
+    MissionError,
+    TomlError,
+    load,
+    loads,
+    parse,
+    read,
+    shipped,
+)
 from formation.mission.route import Straight
+from formation.mission.rules import too_close
 from tests.support.edited import edited
+from tests.unit.formation.planar import vectors
 
 SIX = read("six_robots")[0]
 
 ROBOTS = 'choose from robot2, robot3, robot4, robot5, robot6, or avoid = "all"'
 
 
+def refusal(text: str) -> str:
+    with pytest.raises(MissionError) as caught:
+        parse(text, "six.toml")
+    return str(caught.value)
+
+
 def error_of(old: str, new: str) -> str:
     assert old in SIX
-    with pytest.raises(MissionError) as caught:
-        parse(SIX.replace(old, new, 1), "six.toml")
-    return str(caught.value)
+    return refusal(SIX.replace(old, new, 1))
 
 
 @pytest.mark.parametrize("name", shipped())
@@ -191,10 +211,8 @@ def test_what_is_nested_without_end_is_refused_in_a_line() -> None:
     ],
 )
 def test_a_standby_that_cannot_be_is_named(table: str, says: list[str]) -> None:
-    with pytest.raises(MissionError) as caught:
-        parse(f"{SIX}\n{table}\n", "six.toml")
-    for words in says:
-        assert words in str(caught.value)
+    error = refusal(f"{SIX}\n{table}\n")
+    assert all(words in error for words in says), error
 
 
 def test_a_standby_does_not_listen_where_a_robot_does() -> None:
@@ -229,13 +247,104 @@ def test_as_many_standbys_as_terms_can_tell_apart_are_legal() -> None:
 def test_a_fallback_neighbour_that_cannot_be_is_named(
     robot: str, fallback: list[str], says: list[str]
 ) -> None:
-    with pytest.raises(MissionError) as caught:
-        parse(edited(SIX, f"robots.{robot}", f"fallback_neighbours = {fallback}"), "six.toml")
-    for words in (f"robots.{robot}.fallback_neighbours", *says):
-        assert words in str(caught.value)
+    error = refusal(edited(SIX, f"robots.{robot}", f"fallback_neighbours = {fallback}"))
+    assert all(words in error for words in (f"robots.{robot}.fallback_neighbours", *says)), error
 
 
 def test_fallback_neighbours_give_no_path_to_the_leader() -> None:
     text = edited(SIX, "robots.robot2", 'neighbours = []\nfallback_neighbours = ["robot1"]')
     with pytest.raises(MissionError, match="no path of neighbours leads from robot2"):
         parse(text)
+
+
+DIGITS = "9" * 5000
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("k_p = 2.0", f"k_p = {DIGITS}", "a number of over 4300 digits"),
+        ("k_p = 2.0", f"k_p = 0x{'f' * 5000}", "law.k_p = a number of over 4300 digits: should be"),
+        ("k_p = 2.0", f"k_p = {'[' * 5000}", "lists or tables a thousand deep"),
+        ("[law]", f"a{'.a' * 50_000} = 1\n[law]", f"a key of over {MAX_KEY_PARTS} parts"),
+        ("[law]", "'=' . '#' . " * 50 + "a = 1\n[law]", "a key of over"),
+        ("[law]", '"\\u001b[2J\\n" = 1\n[law]', "unknown key \\x1b[2J\\n; legal here"),
+        ("[law]", "#" * MAX_MISSION_BYTES + "\n[law]", f"is longer than {MAX_MISSION_BYTES} bytes"),
+        (
+            "[simulation]",
+            "[simulation]\nstep = 1e-300",
+            "step = 1e-300: should be greater than or equal to 0.001",
+        ),
+        ("[simulation]", "[simulation]\nhorizon = 1e9 #", "less than or equal to 3600"),
+    ],
+)
+def test_hostile_toml_is_refused_in_one_line(old: str, new: str, says: str) -> None:
+    text = SIX.replace("horizon", "# horizon") if "horizon" in new else SIX
+    assert old in text
+    error = refusal(text.replace(old, new, 1))
+    assert says in error
+    assert error.startswith("six.toml: ")
+    assert error.isprintable()
+
+
+def test_dots_elsewhere_than_in_keys_do_not_count() -> None:
+    prose, numbers, lines = "x." * 200, "1.5, " * 200, "y.\n" * 200
+    text = f'# {"." * 200}\na = "{prose}"\nb = [{numbers}]\nc = """{lines}"""\n'
+    assert loads(text)["b"] == [1.5] * 200
+    key = ".".join("abcdefgh" * 4)
+    assert loads(f"{key} = 1")
+    with pytest.raises(TomlError):
+        loads(f"{key}.a = 1")
+
+
+def test_too_many_robots_are_refused() -> None:
+    robots = "".join(f"[robots.r{i}]\nstart = {{x = {i}.0, y = 0.0}}\n" for i in range(600))
+    with pytest.raises(MissionError, match="at most 500 items"):
+        parse(f"{SIX}\n{robots}")
+
+
+@pytest.mark.parametrize("path", ["/dev/zero", "/dev/null"])
+def test_a_device_is_refused(path: str) -> None:
+    with pytest.raises(MissionError, match=f"{path}: must be a file, is a pipe or a device"):
+        load(path)
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.toml")
+    with pytest.raises(MissionError, match="is a pipe or a device"):
+        load(tmp_path / "pipe.toml")
+
+
+def test_a_huge_file_is_not_read_to_its_end(tmp_path: Path) -> None:
+    with (tmp_path / "huge.toml").open("wb") as file:
+        file.truncate(50 * 10**9)
+    with pytest.raises(MissionError, match=f"is longer than {MAX_MISSION_BYTES} bytes"):
+        load(tmp_path / "huge.toml")
+
+
+@pytest.mark.parametrize("name", ["a\0b", "\ud800.toml", "."])
+def test_what_is_no_file_is_refused(name: str) -> None:
+    with pytest.raises(MissionError, match="cannot be read"):
+        load(name)
+
+
+discs = st.lists(st.tuples(vectors, st.floats(0.0, 3.0)), max_size=12)
+
+
+@given(discs)
+def test_sweep_equals_comparing_all_pairs(discs: list[tuple[complex, float]]) -> None:
+    centres, radii = [centre for centre, _ in discs], [radius for _, radius in discs]
+    expected = {
+        (i, j)
+        for i, j in combinations(range(len(discs)), 2)
+        if abs(centres[i] - centres[j]) <= radii[i] + radii[j]
+    }
+    found = list(too_close(centres, radii))
+    assert {(i, j) for i, j, _ in found} == expected
+    assert len(found) == len(expected)
+    for i, j, distance in found:
+        assert distance == pytest.approx(abs(centres[i] - centres[j]))
+
+
+def test_discs_that_just_touch_are_too_close() -> None:
+    assert list(too_close([0j, 2.0 + 0j, 4.5 + 0j], [1.0, 1.0, 1.0])) == [(0, 1, 2.0)]

@@ -1,18 +1,21 @@
-"""The control step that agents and simulation share."""
+"""The control step that agents and simulation share, its ramp and its error feedback."""
 
 from __future__ import annotations
 
 import math
+from itertools import accumulate
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from formation.control.avoidance import Obstacle, brake
 from formation.control.controller import Controller, Gains, Limits, Measured
 from formation.control.laws import LAWS
-from formation.control.pipeline import ControlState, Inputs, at_rest, control_step, law_command
-from formation.control.ramp import MAX_CHANGE_SHARE, Ramp
+from formation.control.pipeline import ControlState, Inputs, at_rest, control_step, law_command, quantised
+from formation.control.quantiser import ROUNDING_FACTOR, Grid, Quantiser, nearest, quantise
+from formation.control.ramp import MAX_CHANGE_SHARE, Ramp, slewed
 from formation.control.unicycle import AT_REST, Command
 from formation.mission.file import load
 from formation.simulation.simulate import simulate
@@ -148,3 +151,150 @@ def test_limits_are_taken_from_the_mission() -> None:
     assert SIX.control("robot2", LAWS["field"]).limits == Limits(
         SPEC.control_point_offset, SPEC.max_speed, SPEC.max_turn_rate
     )
+
+
+LIMITS = Limits(0.1, 0.8, 2.0)
+speeds, turn_rates = st.floats(-0.8, 0.8), st.floats(-2.0, 2.0)
+commands = st.builds(Command, speeds, turn_rates)
+shares = st.floats(0.0, 1.0)
+
+
+@given(st.lists(st.tuples(commands, shares), min_size=1), commands)
+def test_slewed_command_stays_within_limits_and_ramp(
+    wishes: list[tuple[Command, float]], command: Command
+) -> None:
+    for wanted, share in wishes:
+        before, command = command, slewed(command, wanted, LIMITS, share)
+        assert abs(command.speed) <= LIMITS.max_speed
+        assert abs(command.turn_rate) <= LIMITS.max_turn_rate
+        if wanted != (0.0, 0.0):
+            assert abs(command.speed - before.speed) <= share * LIMITS.max_speed * (1.0 + 1e-9) + 1e-15
+            assert (
+                abs(command.turn_rate - before.turn_rate)
+                <= share * LIMITS.max_turn_rate * (1.0 + 1e-9) + 1e-15
+            )
+
+
+@given(commands, commands, st.floats(0.01, 1.0))
+def test_ramp_reaches_wanted_command_exactly_and_stays(
+    command: Command, wanted: Command, share: float
+) -> None:
+    for _ in range(int(2.0 / share) + 2):
+        command = slewed(command, wanted, LIMITS, share)
+    assert command == wanted
+    assert slewed(command, wanted, LIMITS, 0.0) == wanted
+
+
+@given(commands, shares)
+def test_zero_velocity_never_waits(command: Command, share: float) -> None:
+    assert slewed(command, Command(0.0, 0.0), LIMITS, share) == (0.0, 0.0)
+
+
+@given(commands, commands, shares)
+def test_it_only_ever_comes_nearer(before: Command, wanted: Command, share: float) -> None:
+    after = slewed(before, wanted, LIMITS, share)
+    assert abs(wanted.speed - after.speed) <= abs(wanted.speed - before.speed) + 1e-15
+    assert abs(wanted.turn_rate - after.turn_rate) <= abs(wanted.turn_rate - before.turn_rate) + 1e-15
+
+
+TURTLEBOT_LIMITS = Limits(0.05, 0.2108, 2.635)
+STEPS = Command(0.01, 0.01)
+NOTHING = Command(0.0, 0.0)
+TURTLEBOT = Quantiser.of(STEPS, TURTLEBOT_LIMITS)
+
+turtlebot_speeds = st.floats(-0.2108, 0.2108)
+turtlebot_turn_rates = st.floats(-2.635, 2.635)
+turtlebot_commands = st.builds(Command, turtlebot_speeds, turtlebot_turn_rates)
+
+
+def hundredths(value: float) -> int:
+    """What a TurtleBot3 takes: `static_cast<int32_t>(value * 100)`."""
+    return math.trunc(value * 100)
+
+
+def sent(wanted: list[Command]) -> list[Command]:
+    assert TURTLEBOT is not None
+    remainder, out = NOTHING, []
+    for command in wanted:
+        one, remainder = quantise(TURTLEBOT, command, remainder)
+        assert abs(remainder.speed) <= 0.01
+        assert abs(remainder.turn_rate) <= 0.01
+        out.append(one)
+    return out
+
+
+@given(st.lists(turtlebot_commands, max_size=60))
+def test_every_limit_holds_and_every_command_survives_the_cut(wanted: list[Command]) -> None:
+    for command in sent(wanted):
+        assert abs(command.speed) <= 0.2108
+        assert abs(command.turn_rate) <= 2.635
+        for value in command:
+            assert hundredths(value) == math.trunc(value / 0.01) == round(value / 0.01)
+            assert math.copysign(1.0, value) == 1.0 or value < 0.0  # no negative zero
+
+
+@pytest.mark.parametrize("step", [0.01, 0.001, 0.1, 1 / 3, 0.7])
+def test_every_multiple_survives_a_cut_by_product_or_by_quotient(step: float) -> None:
+    grid = Grid.of(step, 1000.0)
+    for number in range(1, 1000):
+        for sign in (-1, 1):
+            value, remainder = nearest(grid, sign * number * step)
+            assert math.trunc(value / step) == math.trunc(value * (1.0 / step)) == sign * number
+            assert abs(remainder) < 1e-12
+
+
+@given(st.lists(turtlebot_commands, min_size=1, max_size=300))
+def test_accumulated_commands_stay_within_one_step_of_wishes(wanted: list[Command]) -> None:
+    """Away from the limits and from rest, where there is nothing else between the two."""
+    moving = [Command(0.9 * c.speed, 0.9 * c.turn_rate) for c in wanted if c != NOTHING]
+    reported = [(hundredths(c.speed), hundredths(c.turn_rate)) for c in sent(moving)]
+    for axis in (0, 1):
+        wanted_sums = accumulate(command[axis] for command in moving)
+        told_sums = accumulate(0.01 * numbers[axis] for numbers in reported)
+        assert all(abs(a - b) <= 0.01 for a, b in zip(wanted_sums, told_sums, strict=True))
+
+
+@given(st.integers(1, 500), turtlebot_speeds, st.sampled_from([-1.0, 1.0]))
+def test_time_at_the_limit_is_not_repaid_afterwards(held: int, then: float, sign: float) -> None:
+    after = sent([Command(sign * 0.2108, 0.0)] * held + [Command(then, 1.0)] * 20)[held:]
+    assert abs(math.fsum(c.speed for c in after) - 20 * then) <= 0.02 + 20 * max(0.0, abs(then) - 0.21)
+
+
+@given(st.lists(turtlebot_commands, max_size=30), st.lists(turtlebot_commands, max_size=30))
+def test_rest_is_rest_and_forgets_what_came_before(before: list[Command], after: list[Command]) -> None:
+    out = sent([*before, NOTHING, *after])
+    assert out[len(before)] == NOTHING
+    assert out[len(before) + 1 :] == sent(after)
+
+
+@given(turtlebot_commands)
+def test_a_robot_that_takes_any_number_gets_what_is_wanted(wanted: Command) -> None:
+    assert quantised(wanted, NOTHING, Quantiser.of(NOTHING, TURTLEBOT_LIMITS)) == (wanted, NOTHING)
+    only_turns = Quantiser.of(Command(0.0, 0.01), TURTLEBOT_LIMITS)
+    command, remainder = quantise(only_turns, wanted, NOTHING)
+    assert command.speed == wanted.speed
+    assert remainder.speed == 0.0
+
+
+@given(st.floats(1e-3, 10.0), st.floats(1e-3, 10.0))
+@example(0.01, 0.29)  # which is cut to 0.28
+@example(0.01, 0.2)
+@example(0.1, 0.3)
+@example(0.2, 0.2)
+def test_limit_is_quantised_to_largest_surviving_multiple(step: float, limit: float) -> None:
+    value, _ = nearest(Grid.of(step, limit), limit)
+    number = math.trunc(value / step)
+    assert value <= limit
+    assert number == math.trunc(value * (1.0 / step)) == round(value / step)
+    assert (number + 1) * step * ROUNDING_FACTOR > limit
+
+
+def test_a_limit_that_is_a_multiple_is_reached() -> None:
+    assert nearest(Grid.of(0.01, 0.2), 0.2)[0] == 0.2
+
+
+def test_what_is_no_number_is_not_sent_as_one() -> None:
+    assert TURTLEBOT is not None
+    command, _ = quantise(TURTLEBOT, Command(math.nan, 0.1), NOTHING)
+    assert math.isnan(command.speed)
+    assert command.turn_rate == pytest.approx(0.1)

@@ -19,20 +19,14 @@ def test_first_call_ticks_and_next_a_period_later() -> None:
     assert rate.tick(100.05)
 
 
-def test_a_late_tick_does_not_delay_the_next() -> None:
+@pytest.mark.parametrize(("late", "missed", "due"), [(0.13, 0, 0.2), (0.55, 4, 0.6)])
+def test_late_tick_delays_no_other_and_missed_ones_are_counted(late: float, missed: int, due: float) -> None:
     rate = Rate(10.0)
     rate.tick(0.0)
-    assert rate.tick(0.13)
-    assert rate.due == pytest.approx(0.2)
-
-
-def test_missed_ticks_are_counted_but_not_repeated() -> None:
-    rate = Rate(10.0)
-    rate.tick(0.0)
-    assert rate.tick(0.55)
-    assert (rate.ticks, rate.missed) == (2, 4)
-    assert rate.due == pytest.approx(0.6)
-    assert not rate.tick(0.56)
+    assert rate.tick(late)
+    assert (rate.ticks, rate.missed) == (2, missed)
+    assert rate.due == pytest.approx(due)
+    assert not rate.tick(due - 0.04)
 
 
 def test_phase_delays_first_tick_by_share_of_period() -> None:

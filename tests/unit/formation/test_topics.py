@@ -23,13 +23,7 @@ ROOT = Path(__file__).parents[3]
 def test_keys_are_those_that_a_ros_2_bridge_uses() -> None:
     assert ODOM.key("robot2") == "robot2/odom"
     assert CMD_VEL.key("robot2") == "robot2/cmd_vel"
-
-
-def test_a_key_about_another_robot_names_both() -> None:
     assert RELATIVE.key("robot2", "robot1") == "robot2/relative/robot1"
-
-
-def test_a_key_of_the_whole_formation_needs_no_robot() -> None:
     assert ERROR.key() == "formation/error"
 
 

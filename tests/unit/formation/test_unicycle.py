@@ -1,9 +1,15 @@
+"""How one robot moves: vectors in the plane, arcs, limits, wheels."""
+
 from __future__ import annotations
+
+import cmath
+import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from formation.control.plane import angle_between, clip, rotation, shorten, unit
 from formation.control.unicycle import (
     Command,
     advance,
@@ -13,8 +19,53 @@ from formation.control.unicycle import (
     driven,
     saturate,
 )
+from formation.mission.model import SimulatedRobot
+from formation.simulation.body import PROFILES, Body, obeyed
+from formation.simulation.compiled import compiled
 from tests.unit.formation import oracle
-from tests.unit.formation.planar import headings, lengths, pair, vectors
+from tests.unit.formation.planar import angles, headings, lengths, pair, vectors
+
+
+@given(angles)
+def test_rotation_is_a_unit_vector_at_its_angle(angle: float) -> None:
+    assert rotation(angle) == pytest.approx(cmath.rect(1.0, angle), abs=1e-12)
+
+
+@given(vectors.filter(lambda vector: abs(vector) > 1e-6))
+def test_a_unit_vector_has_length_one_and_the_same_direction(vector: complex) -> None:
+    assert abs(unit(vector)) == pytest.approx(1.0)
+    assert (unit(vector) * vector.conjugate()).real == pytest.approx(abs(vector))
+
+
+def test_a_vector_without_direction_becomes_the_one_asked_for() -> None:
+    assert unit(0j) == 1.0
+    assert unit(0j, 1j) == 1j
+
+
+def test_what_is_no_number_is_not_clipped_to_one() -> None:
+    assert math.isnan(clip(math.nan, 0.2))
+    assert math.isnan(compiled(clip)(math.nan, 0.2))
+
+
+@given(st.floats(-10.0, 10.0), lengths)
+def test_what_is_clipped_lies_within_the_limit(value: float, limit: float) -> None:
+    clipped = clip(value, limit)
+    assert -limit <= clipped <= limit
+    assert clipped == value or abs(value) > limit
+
+
+@given(vectors, lengths)
+def test_what_is_shortened_keeps_its_direction(vector: complex, limit: float) -> None:
+    shortened = shorten(vector, limit)
+    assert abs(shortened) == pytest.approx(min(abs(vector), limit))
+    assert (shortened * vector.conjugate()).imag == pytest.approx(0.0, abs=1e-9)
+
+
+@given(angles, st.floats(-3.1, 3.1), lengths)
+def test_angle_between_vectors_rotates_one_onto_other(angle: float, turn: float, length: float) -> None:
+    first = complex(length * rotation(angle))
+    assert angle_between(first, complex(first * rotation(turn))) == pytest.approx(turn, abs=1e-9)
+
 
 rates = st.floats(-3.0, 3.0)
 
@@ -46,16 +97,6 @@ def test_without_turning_the_way_is_straight(position: complex, heading: complex
     there, facing = advance(position, heading, speed, 0.0, 1.5)
     assert there == pytest.approx(position + 1.5 * speed * heading, abs=1e-12)
     assert facing == heading
-
-
-@given(vectors, headings, rates, rates)
-def test_driving_back_the_same_arc_leads_home(
-    position: complex, heading: complex, speed: float, turn_rate: float
-) -> None:
-    there = advance(position, heading, speed, turn_rate, 1.0)
-    home = advance(*there, -speed, -turn_rate, 1.0)
-    assert home[0] == pytest.approx(position, abs=1e-9)
-    assert home[1] == pytest.approx(heading, abs=1e-9)
 
 
 @given(headings, rates, rates, lengths)
@@ -104,3 +145,33 @@ def test_lagging_wheels_agree_for_one_and_two_steps(
     second, same_end = driven(between, command, lag, dt / 2.0)
     assert same_end == pytest.approx(end, abs=1e-9)
     assert whole.speed == pytest.approx((first.speed + second.speed) / 2.0, abs=1e-9)
+
+
+@given(rates, rates)
+def test_an_ideal_body_does_at_once_what_it_is_told(speed: float, turn_rate: float) -> None:
+    body, reported = Body(), Command(speed, turn_rate)
+    assert obeyed(body, reported) == reported
+    assert driven(Command(1.0, -1.0), reported, body.lag, 0.05) == (reported, reported)
+
+
+@given(rates, rates)
+def test_burger_respects_limits_and_steps_of_commands(speed: float, turn_rate: float) -> None:
+    body = PROFILES["turtlebot3_burger"]
+    done = obeyed(body, Command(speed, turn_rate))
+    for did, reported, limit in zip(done, (speed, turn_rate), (0.2108, 2.635), strict=True):
+        assert abs(did) <= limit
+        assert abs(did) <= abs(reported) + 1e-6
+        assert did * reported >= 0.0
+        assert abs(did) == limit or did / 0.01 == pytest.approx(round(did / 0.01), abs=1e-6)
+
+
+@pytest.mark.parametrize("hundredths", range(-21, 22))
+def test_multiple_of_step_is_not_truncated(hundredths: int) -> None:
+    speed, _ = obeyed(PROFILES["turtlebot3_burger"], Command(hundredths / 100.0, 0.0))
+    assert speed == pytest.approx(hundredths / 100.0, abs=1e-12)
+
+
+def test_a_mission_may_depart_from_its_profile() -> None:
+    assert Body.of(SimulatedRobot()) == Body()
+    weaker = Body.of(SimulatedRobot(profile="turtlebot3_burger", max_speed=0.1, speed_step=0.0))
+    assert (weaker.max_speed, weaker.speed_step, weaker.turn_rate_step) == (0.1, 0.0, 0.01)

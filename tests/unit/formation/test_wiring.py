@@ -1,14 +1,20 @@
-"""Links follow the measurement graph, its fallbacks, and who may lead."""
+"""Links follow the measurement graph, and flags, files and missions set the bus."""
 
 from __future__ import annotations
 
+import json
 from itertools import combinations
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from formation.mission.file import load, parse, read, shipped
 from formation.mission.model import Mission
 from formation.transport import wiring
+from formation.transport.bus_config import DEFAULTS, BusConfig, BusError, parse_override
+from formation.transport.session import settings_of
+from formation.transport.wiring import Links
 from tests.support.edited import edited
 
 STANDBYS = "[standbys.north]\n[standbys.south]\n"
@@ -17,15 +23,16 @@ SIX = "\n".join(line for line in read("six_robots")[0].split("\n") if not line.s
 FALLBACK = edited(SIX, "robots.robot6", 'fallback_neighbours = ["robot2", "robot1"]')
 
 
-def links(mission: Mission) -> list[frozenset[str]]:
-    """All links of the fleet, from whoever dials."""
+def links(mission: Mission) -> set[frozenset[str]]:
+    """All links of the fleet, from whoever dials; each is dialled once, and every process listens once."""
     where = wiring.endpoints(mission)
     owner = {endpoint: name for name, endpoint in where.agents.items()}
-    of = {name: wiring.of_member(mission, name, where) for name in mission.followers}
-    of |= {name: wiring.of_member(mission, name, where) for name in mission.candidates}
+    of = {name: wiring.of_member(mission, name, where) for name in (*mission.followers, *mission.candidates)}
     for name, ends in of.items():
         assert ends.listen == (where.agents[name],)
-    return [frozenset((name, owner[end])) for name, ends in of.items() for end in ends.connect]
+    dialled = [frozenset((name, owner[end])) for name, ends in of.items() for end in ends.connect]
+    assert len(dialled) == len(set(dialled))
+    return set(dialled)
 
 
 def measured(mission: Mission) -> set[frozenset[str]]:
@@ -34,24 +41,22 @@ def measured(mission: Mission) -> set[frozenset[str]]:
 
 def test_avoiding_robots_are_linked_but_leader_is_not() -> None:
     mission = parse(edited(SIX, "robots.robot2", 'avoid = ["robot6"]'))
-    assert set(links(mission)) == measured(mission) | {frozenset(("robot2", "robot6"))}
+    assert links(mission) == measured(mission) | {frozenset(("robot2", "robot6"))}
     everybody = parse(edited(SIX, "robot", 'avoid = "all"'))
     among = {frozenset(pair) for pair in combinations(everybody.followers, 2)}
-    assert set(links(everybody)) == measured(everybody) | among
+    assert links(everybody) == measured(everybody) | among
 
 
 @pytest.mark.parametrize("name", [name for name in shipped() if not load(name).standbys])
 def test_links_exist_exactly_between_robots_that_listen(name: str) -> None:
     mission = load(name)
-    assert len(links(mission)) == len(set(links(mission)))
-    assert set(links(mission)) == {frozenset((i, j)) for i in mission.names for j in mission.received_by(i)}
+    assert links(mission) == {frozenset((i, j)) for i in mission.names for j in mission.received_by(i)}
 
 
 def test_a_fallback_neighbour_is_linked_before_it_is_needed() -> None:
     mission = parse(FALLBACK)
     more = {frozenset(("robot6", "robot2")), frozenset(("robot6", "robot1"))}
-    assert len(links(mission)) == len(set(links(mission)))
-    assert set(links(mission)) == measured(mission) | more
+    assert links(mission) == measured(mission) | more
     assert wiring.partners(mission, "robot2") == ("robot1", "robot3", "robot4", "robot6")
 
 
@@ -60,8 +65,7 @@ def test_every_candidate_is_linked_with_all_robots() -> None:
     leaders = ("robot1", "north", "south")
     followers = {frozenset((one, name)) for one in leaders for name in mission.followers}
     among = {frozenset(pair) for pair in combinations(leaders, 2)}
-    assert len(links(mission)) == len(set(links(mission)))
-    assert set(links(mission)) == measured(mission) | followers | among
+    assert links(mission) == measured(mission) | followers | among
 
 
 def test_standby_connects_to_all_others_declared_earlier() -> None:
@@ -75,8 +79,7 @@ def test_standby_connects_to_all_others_declared_earlier() -> None:
 def test_leader_with_cohesion_is_linked_with_whole_team() -> None:
     mission = parse(SIX + "[cohesion]\nerror = 0.5\n")
     team = {frozenset(("robot1", name)) for name in mission.followers}
-    assert len(links(mission)) == len(set(links(mission)))
-    assert set(links(mission)) == measured(mission) | team
+    assert links(mission) == measured(mission) | team
 
 
 def test_standby_ports_follow_the_robots_ports() -> None:
@@ -136,3 +139,162 @@ def test_no_two_processes_listen_on_one_endpoint() -> None:
         where = wiring.endpoints(load(name))
         listened = [*where.agents.values(), *where.robots.values()]
         assert len(listened) == len(set(listened))
+
+
+def setting(config: BusConfig, path: str) -> Any:
+    return json.loads(settings_of(config).get_json(path))
+
+
+@pytest.mark.parametrize("path", [path for path, _ in DEFAULTS])
+def test_zenoh_accepts_every_default_and_flags_override_it(path: str) -> None:
+    value = setting(BusConfig(), path)
+    assert value is not None
+    assert setting(BusConfig(overrides=((path, json.dumps(value)),)), path) == value
+
+
+def test_session_neither_scouts_nor_listens_by_default() -> None:
+    config = BusConfig(connect=("tcp/127.0.0.1:7447",))
+    assert setting(config, "scouting/multicast/enabled") is False
+    assert setting(config, "scouting/gossip/enabled") is False
+    assert setting(config, "listen/endpoints") == []
+    assert setting(config, "connect/endpoints") == ["tcp/127.0.0.1:7447"]
+    assert setting(config, "connect/timeout_ms") is None
+
+
+def test_flags_outrank_the_file_and_overrides_outrank_both(tmp_path: Path) -> None:
+    file = tmp_path / "zenoh.json5"
+    file.write_text(
+        '{ mode: "client", // JSON5\n listen: {endpoints: ["tcp/127.0.0.1:1"]},'
+        " transport: {link: {tx: {lease: 3000}}} }"
+    )
+    config = BusConfig(config_file=file)
+    assert setting(config, "mode") == "client"
+    assert setting(config, "listen/endpoints") == ["tcp/127.0.0.1:1"]
+    assert setting(config, "transport/link/tx/lease") == 3000
+    assert setting(config, "scouting/multicast/enabled") is False
+    config = BusConfig(config_file=file, mode="peer", listen=("tcp/127.0.0.1:2",))
+    assert setting(config, "mode") == "peer"
+    assert setting(config, "listen/endpoints") == ["tcp/127.0.0.1:2"]
+    config = BusConfig(
+        config_file=file, mode="peer", overrides=(("mode", '"router"'), ("transport/link/tx/lease", "500"))
+    )
+    assert setting(config, "mode") == "router"
+    assert setting(config, "transport/link/tx/lease") == 500
+
+
+def test_endpoint_precedence_is_flags_then_file_then_mission(tmp_path: Path) -> None:
+    def links(config: BusConfig) -> tuple[Any, Any]:
+        return setting(config, "listen/endpoints"), setting(config, "connect/endpoints")
+
+    mission = Links(("tcp/127.0.0.1:1",), ("tcp/127.0.0.1:2",))
+    file = tmp_path / "zenoh.json5"
+    file.write_text("{transport: {link: {tx: {lease: 3000}}}}")
+    assert links(BusConfig(implied=mission)) == (["tcp/127.0.0.1:1"], ["tcp/127.0.0.1:2"])
+    assert links(BusConfig(implied=mission, config_file=file)) == (["tcp/127.0.0.1:1"], ["tcp/127.0.0.1:2"])
+    file.write_text('{connect: {endpoints: ["tls/robot3:7"]}}')
+    assert links(BusConfig(implied=mission, config_file=file)) == ([], ["tls/robot3:7"])
+    assert links(BusConfig(config_file=file, listen=("tcp/[::]:8",))) == (["tcp/[::]:8"], ["tls/robot3:7"])
+    assert links(BusConfig(config_file=file, connect=("tcp/b:9",))) == ([], ["tcp/b:9"])
+
+
+def test_an_implied_endpoint_that_cannot_be_is_named() -> None:
+    with pytest.raises(BusError, match="--connect 'tcp/nowhere'"):
+        BusConfig(implied=Links((), ("tcp/nowhere",)))
+
+
+def test_the_namespace_and_the_name_reach_zenoh() -> None:
+    config = BusConfig(namespace="red/one", name="agent robot2", adminspace=False)
+    assert setting(config, "namespace") == "red/one"
+    assert setting(config, "metadata") == {"name": "agent robot2"}
+    assert setting(config, "adminspace/enabled") is False
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    [
+        "tcp/127.0.0.1:7447", "tls/robot2.local:7447", "tcp/[::1]:7447", "tcp/[fe80::1%eth0]:7447",
+        "udp/10.0.0.1:1", "quic/host:65535", "ws/host:80", "tcp/host:7447?prio=1-3", "tcp/host:7447#iface=lo",
+        "unixsock-stream/run/formation.sock", "serial/dev/ttyUSB0",
+    ],
+)  # fmt: skip
+def test_the_endpoints_that_zenoh_users_write_are_legal(endpoint: str) -> None:
+    assert BusConfig(listen=(endpoint,), connect=(endpoint,)).connect == (endpoint,)
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    [
+        "", "tcp", "tcp/", "127.0.0.1:7447", "tcp/127.0.0.1", "tcp/:7447", "tcp/host:", "tcp/host:99999",
+        "tcp/host:-1", "tcp/::1:7447", "http/host:80", "tcp/host:80 ", "tcp://host:80", "serial/",
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("flag", ["listen", "connect"])
+def test_an_endpoint_that_cannot_be_is_named_with_what_is_legal(flag: str, endpoint: str) -> None:
+    with pytest.raises(BusError) as refusal:
+        BusConfig(**{flag: (endpoint,)})  # type: ignore[arg-type]
+    assert str(refusal.value).startswith(
+        f"--{flag} {endpoint!r}: must be PROTOCOL/HOST:PORT with one of tcp, tls"
+    )
+
+
+def test_any_free_port_can_be_listened_on_but_not_dialled() -> None:
+    assert BusConfig(listen=("tcp/127.0.0.1:0",)).listen
+    with pytest.raises(BusError, match="from 1 to 65535"):
+        BusConfig(connect=("tcp/127.0.0.1:0",))
+
+
+@pytest.mark.parametrize("mode", ["", "Peer", "node"])
+def test_an_unknown_mode_is_named_with_the_known_ones(mode: str) -> None:
+    with pytest.raises(BusError, match=f"--mode '{mode}': must be one of peer, client, router"):
+        BusConfig(mode=mode)
+
+
+@pytest.mark.parametrize("namespace", ["/", "red/", "/red", "red//blue", "re*d", "@red", "red blue", "re?d"])
+def test_a_namespace_that_is_no_prefix_is_named(namespace: str) -> None:
+    with pytest.raises(BusError, match="--namespace"):
+        BusConfig(namespace=namespace)
+
+
+def test_an_override_is_a_path_and_a_value() -> None:
+    assert parse_override("transport/link/tx/lease:2000") == ("transport/link/tx/lease", "2000")
+    assert parse_override('listen/endpoints:["tcp/[::]:7447"]') == ("listen/endpoints", '["tcp/[::]:7447"]')
+
+
+@pytest.mark.parametrize("text", ["", "mode", ":1", "mode:"])
+def test_half_an_override_is_refused(text: str) -> None:
+    with pytest.raises(BusError, match="must be PATH:VALUE"):
+        parse_override(text)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "reason"),
+    [
+        ("no/such/path", "1", "unknown key"),
+        ("mode", '"node"', "expected one of `router`, `peer`, `client`"),
+        ("mode", "peer", "expected"),
+        ("transport/link/tx/lease", '"x"', "number"),
+    ],
+)
+def test_refused_override_is_named_without_source_location(path: str, value: str, reason: str) -> None:
+    with pytest.raises(BusError) as refusal:
+        setting(BusConfig(overrides=((path, value),)), "mode")
+    assert str(refusal.value).startswith(f"--cfg {path}:{value}: ")
+    assert reason in str(refusal.value)
+    assert ".rs" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [("{mode:", "expected"), ("{mood: 1}", "unknown field `mood`"), (None, "No such file")],
+)
+def test_a_configuration_file_that_cannot_be_read_is_named(
+    tmp_path: Path, text: str | None, reason: str
+) -> None:
+    file = tmp_path / "zenoh.json5"
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(BusError) as refusal:
+        setting(BusConfig(config_file=file), "mode")
+    assert str(refusal.value).startswith(f"--config '{file}': ")
+    assert reason in str(refusal.value)
+    assert ".rs" not in str(refusal.value)

@@ -113,9 +113,7 @@ def test_a_stop_is_latched_until_it_is_released(mission: Mission) -> None:
     assert ask(leader, b'{"do":"run"}').mode == "run"
 
 
-def test_repeated_release_does_not_undo_other_requests(
-    mission: Mission,
-) -> None:
+def test_repeated_release_does_not_undo_other_requests(mission: Mission) -> None:
     leader = listened(mission)
     for request in (b'{"do":"stop"}', b'{"do":"hold"}'):
         ask(leader, request)
@@ -171,13 +169,14 @@ def test_leader_with_hold_waits_at_start_until_run(mission: Mission) -> None:
     assert abs(drive(leader, 3.0, 1.0)[-1].pose.position - (2.0 - 1.0j)) > 0.2
 
 
-def test_changed_mode_is_sent_with_the_next_step(
-    mission: Mission,
-) -> None:
+def test_changed_mode_or_shape_is_sent_with_the_next_step(mission: Mission) -> None:
     leader = leading(mission)
     assert leader.step(Now(0.001, EPOCH), []) == []
     ask(leader, b'{"do":"stop"}')
     assert [out.key for out in leader.step(Now(0.002, EPOCH), [])] == ["ann/position", "ann/status"]
+    ask(leader, b'{"do":"shape","shape":"near"}')
+    (result,) = positions(0.003, leader.step(Now(0.003, EPOCH), []))
+    assert result.order.shape == "near"
 
 
 def test_a_corrected_system_clock_moves_the_stamps_and_not_the_leader(mission: Mission) -> None:
@@ -232,13 +231,6 @@ def test_repeated_shape_request_does_not_undo_later_one(mission: Mission) -> Non
     assert leader.plan.shape_transition.wish.shape == "line"
 
 
-def test_a_changed_shape_is_on_its_way_with_the_next_step(mission: Mission) -> None:
-    leader = leading(mission)
-    ask(leader, b'{"do":"shape","shape":"near"}')
-    (result,) = positions(0.002, leader.step(Now(0.002, EPOCH), []))
-    assert result.order.shape == "near"
-
-
 @pytest.mark.parametrize(
     "request_",
     [
@@ -262,14 +254,6 @@ def test_a_malformed_request_changes_nothing_and_is_answered_with_the_reason(
     assert (reply.robot, reply.ok, reply.mode) == ("ann", False, "run")
     assert reply.reason
     assert leader.dropped == {"order": 1}
-
-
-def test_its_last_words_are_a_hold(mission: Mission) -> None:
-    leader = listened(mission)
-    before = drive(leader, 0.0, 1.0)[-1]
-    (last,) = positions(1.1, leader.halt(Now(1.1, EPOCH + 1.1), "SIGTERM"))
-    assert last.order.mode == "hold"
-    assert order.newer(last.order, before.order)
 
 
 def test_status_gives_mode_and_end_of_route(mission: Mission) -> None:

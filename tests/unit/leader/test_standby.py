@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from formation.leader.core import Leader
@@ -12,16 +14,7 @@ from formation.protocol.order import Ballot, Order
 from formation.ros2.messages import Text, decode
 from formation.topics import BALLOT, ROUTE
 from formation.wire import Outgoing
-from tests.unit.leader.leading import (
-    CURVED,
-    Said,
-    arriving,
-    ask,
-    at,
-    positions,
-    relayed,
-    status,
-)
+from tests.unit.leader.leading import CURVED, Said, arriving, ask, at, positions, relayed, status
 
 TERM = int(1.6e9 * 1e9)
 
@@ -180,32 +173,25 @@ def test_only_listed_processes_are_candidates(stood: Mission) -> None:
         Leader(stood, "bob")
 
 
-def test_readonly_agents_do_not_end_their_robots_votes(stood: Mission) -> None:
-    """A second agent of a robot, which only computes, is received every other time."""
-    leader = Leader(stood)
-    received = Ballot(term=1, number=1, candidacy="candidate", mission=stood.tag)
-    leading = []
+def led(mission: Mission, *, readonly: bool = False, shadow: bool = False) -> list[bool]:
+    """Whether ann leads, for 5 s in which bob's agent echoes its ballots, or a readonly one does so too."""
+    leader, leads = Leader(mission), []
+    received = Ballot(term=1, number=1, candidacy="candidate", mission=mission.tag)
     for k in range(250):
-        mono = 0.02 * k
-        own = relayed("bob", None, voted_term=received.term, last_ballot=received.number, of=stood)
-        other = relayed("bob", None, readonly=True, publisher="shadow", of=stood)
-        samples = [arriving(one, mono) for one in (own, other)]
-        for out in leader.step(at(mono), samples):
+        vote: dict[str, Any] = {"voted_term": received.term, "last_ballot": received.number}
+        result = [relayed("bob", None, readonly=readonly, of=mission, **vote)]
+        if shadow:
+            result.append(relayed("bob", None, readonly=True, publisher="shadow", of=mission))
+        for out in leader.step(at(0.02 * k), [arriving(one, 0.02 * k) for one in result]):
             if out.key == BALLOT.key(leader.name):
                 received = order.decode(Ballot, decode(Text, out.payload).text.encode())
-        leading.append(leader.leads)
-    assert leading[-100:] == [True] * 100
+        leads.append(leader.leads)
+    return leads
+
+
+def test_readonly_agents_do_not_end_their_robots_votes(stood: Mission) -> None:
+    assert led(stood, shadow=True)[-100:] == [True] * 100
 
 
 def test_readonly_agents_alone_elect_no_leader(stood: Mission) -> None:
-    leader = Leader(stood)
-    received = Ballot(term=1, number=1, candidacy="candidate", mission=stood.tag)
-    for k in range(250):
-        mono = 0.02 * k
-        own = relayed(
-            "bob", None, readonly=True, voted_term=received.term, last_ballot=received.number, of=stood
-        )
-        for out in leader.step(at(mono), [arriving(own, mono)]):
-            if out.key == BALLOT.key(leader.name):
-                received = order.decode(Ballot, decode(Text, out.payload).text.encode())
-    assert not leader.leads
+    assert not any(led(stood, readonly=True))

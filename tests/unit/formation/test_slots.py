@@ -1,23 +1,132 @@
-"""Shapes by generator, and the graph that goes with them."""
+"""Slots: which robot takes which, shapes by generator, and those of the shipped patrol."""
 
 from __future__ import annotations
 
-from itertools import combinations
+from collections.abc import Callable
+from itertools import combinations, permutations
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from formation.control.arrays import FloatArray
+from formation.mission.file import load
 from formation.mission.graph import Graph, cyclic_core
+from formation.slots.assignment import AIMS, Aim
 from formation.slots.measuring import MAX_HOPS, MAX_NEIGHBOURS, measured
 from formation.slots.shapes import SHAPES, polygon
 from formation.stability import spectrum
+from formation.stability.losses import losing
+
+
+def squares(numbers: st.SearchStrategy[float], most: int = 6) -> st.SearchStrategy[FloatArray]:
+    """Square arrays of costs."""
+
+    def of(n: int) -> st.SearchStrategy[FloatArray]:
+        row = st.lists(numbers, min_size=n, max_size=n)
+        return st.lists(row, min_size=n, max_size=n).map(lambda rows: np.array(rows, dtype=np.float64))
+
+    return st.integers(1, most).flatmap(of)
+
+
+TIES = squares(st.integers(0, 3).map(float))
+WAYS = squares(st.floats(0.0, 100.0))
+
+
+def least(costs: FloatArray, worth: Callable[[FloatArray, tuple[int, ...]], tuple[float, ...]]) -> object:
+    return min(worth(costs, places) for places in permutations(range(len(costs))))
+
+
+@pytest.mark.parametrize("aim", AIMS.values(), ids=AIMS)
+@given(costs=TIES | WAYS)
+def test_no_other_assignment_is_better(aim: Aim, costs: FloatArray) -> None:
+    places = aim.assign(costs)
+    assert sorted(places) == list(range(len(costs)))
+    assert aim.worth(costs, places) == pytest.approx(least(costs, aim.worth), abs=1e-9)
+
+
+@pytest.mark.parametrize("aim", AIMS.values(), ids=AIMS)
+def test_no_exchange_of_two_robots_improves_assignment(aim: Aim) -> None:
+    rng = np.random.default_rng(1)
+    robots, slots = rng.normal(size=(2, 100)) + 1j * rng.normal(size=(2, 100))
+    costs = np.abs(robots[:, None] - slots)
+    places = list(aim.assign(costs))
+    found = aim.worth(costs, places)
+    for i in range(100):
+        for k in range(i):
+            other = places.copy()
+            other[i], other[k] = other[k], other[i]
+            assert found <= tuple(value + 1e-9 for value in aim.worth(costs, other))
+
+
+def test_the_least_longest_way_can_be_a_longer_one_in_all() -> None:
+    costs = np.array([[0.0, 3.0], [3.0, 5.0]])
+    assert AIMS["total"].assign(costs) == (0, 1)
+    assert AIMS["longest"].assign(np.array([[0.0, 4.0], [4.0, 5.0]])) == (1, 0)
+    assert AIMS["longest"].worth(costs, (1, 0)) == (3.0, 6.0)
+
+
+def test_distances_differing_by_a_nanometre_are_distinguished() -> None:
+    costs = np.array([[1000.0, 1000.0 + 1e-9], [1000.0, 1000.0]])
+    assert AIMS["longest"].assign(costs) == (0, 1)
+
+
+PATROL = load("patrol")
+SHARES = np.linspace(0.0, 1.0, 51)
+MARGIN = 0.15
+"""What robots may be off their slots, towards each other [m]."""
+
+
+def nearest(one: str, other: str, mixes: np.ndarray) -> float:
+    """Least distance between two slots over mixes of the shapes, one share per column [m]."""
+    apart = np.array([PATROL.slot(one, shape) - PATROL.slot(other, shape) for shape in PATROL.shapes])
+    return float(np.abs(mixes @ apart).min())
+
+
+def needed(one: str, other: str) -> float:
+    """Distance of two slots at which bodies do not touch, whichever way the robots look [m]."""
+    first, second = PATROL.robots[one], PATROL.robots[other]
+    centres = first.control_point_offset + second.control_point_offset
+    return first.radius + second.radius + centres
+
+
+def test_patrol_has_hexagon_line_and_wedge() -> None:
+    assert list(PATROL.shapes) == ["hexagon", "line", "wedge"]
+    assert len({PATROL.slot(name, "line").real for name in PATROL.followers}) == 1
+
+
+def test_no_changes_of_shape_bring_two_bodies_together() -> None:
+    """Mixes of all three shapes: a change may be overtaken by another."""
+    mixes = np.array([(a, b, 1.0 - a - b) for a in SHARES for b in SHARES if a + b <= 1.0])
+    for one, other in combinations(PATROL.followers, 2):
+        assert nearest(one, other, mixes) > needed(one, other) + MARGIN
+
+
+@pytest.mark.parametrize("lost", PATROL.followers)
+def test_without_any_one_robot_all_others_still_reach_the_leader(lost: str) -> None:
+    assert losing(PATROL, lost).holding == ()
+
+
+def test_the_leaders_process_may_be_lost_twice() -> None:
+    assert PATROL.candidates == ("leader", "deputy", "reserve")
+
+
+def test_its_slots_turn_no_faster_than_robots_can_follow() -> None:
+    """In the bend the outermost slot is the fastest; half of what a robot can is left to correct errors."""
+    (bend,) = [leg for leg in PATROL.route if hasattr(leg, "radius")]
+    rate = bend.speed / bend.radius
+    for shape in PATROL.shapes:
+        for name in PATROL.followers:
+            speed = abs(bend.speed + 1j * rate * PATROL.slot(name, shape))
+            assert speed < 0.5 * PATROL.robots[name].max_speed
+
 
 NAMES = sorted(SHAPES)
 BAR = range(3, 51)
 
 
-def nearest(slots: tuple[complex, ...]) -> float:
+def least_distance(slots: tuple[complex, ...]) -> float:
     return min(abs(a - b) for a, b in combinations(slots, 2))
 
 
@@ -31,7 +140,7 @@ def test_neighbouring_slots_are_a_spacing_apart_and_no_two_are_nearer(name: str)
         for spacing in (0.4, 1.0, 7.0):
             slots = SHAPES[name](robots, spacing)
             assert len(slots) == robots
-            assert nearest(slots) == pytest.approx(spacing)
+            assert least_distance(slots) == pytest.approx(spacing)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -79,7 +188,7 @@ def test_polygon_has_robots_on_corners_and_sides(corners: int, more: int) -> Non
     slots = polygon(corners + more, 1.0, corners)
     radius = max(map(abs, slots))
     assert sum(abs(abs(slot) - radius) < 1e-9 for slot in slots) == corners
-    assert nearest(slots) == pytest.approx(1.0)
+    assert least_distance(slots) == pytest.approx(1.0)
 
 
 def check_graph(slots: list[complex]) -> None:
@@ -134,9 +243,7 @@ def test_graph_is_independent_of_size_and_rounding() -> None:
 
 
 def test_generated_patrol_graph_equals_the_handmade_one() -> None:
-    from formation.mission.file import load
-
-    mission = load("patrol")
+    mission = PATROL
     names, found = mission.names, measured(mission.slots())
     for i, name in enumerate(names[1:], 1):
         assert tuple(names[j] for j in found.neighbours[i]) == mission.robots[name].neighbours
