@@ -1,6 +1,6 @@
 """May this robot move? One table, read from the top: the first row that applies decides.
 
-Every row but the last commands zero velocity; a robot of a row that probes may move a few centimetres.
+Every row but the last commands zero velocity, except for probes of a few centimetres where `probes` is set.
 """
 
 from __future__ import annotations

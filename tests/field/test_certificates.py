@@ -25,7 +25,7 @@ from tests.support.needs import path_of
 
 PAIR = in_the_field("turtlebot3_pair", on_a_wireless_network)
 NOW = datetime(2026, 6, 1, 12, tzinfo=UTC)
-EVERYBODY = ["ca", "leader", "robot1", "robot2", "monitor", "operator"]
+HOLDERS = ["ca", "leader", "robot1", "robot2", "monitor", "operator"]
 
 
 def made(folder: Path, mission: Mission = PAIR, days: float = 30.0, now: datetime = NOW) -> Path:
@@ -44,7 +44,7 @@ def secrets(tmp_path: Path) -> Path:
 
 def test_every_process_certificate_has_its_name_and_address(secrets: Path) -> None:
     root = certificates.read_authority(secrets)
-    for name in EVERYBODY[1:]:
+    for name in HOLDERS[1:]:
         pair = certificates.read(secrets, name, NOW)
         assert pair.name == name
         assert isinstance(pair.key.curve, ec.SECP256R1)
@@ -220,7 +220,7 @@ def test_the_command_tells_people_and_scripts_what_expires_when(
     assert cli.main(requested) == 0
     out, err = capsys.readouterr()
     words, result = err.splitlines(), json.loads(out)
-    assert list(result["certificates"]) == EVERYBODY
+    assert list(result["certificates"]) == HOLDERS
     assert result["certificates"]["robot2"]["days"] == pytest.approx(7.0, abs=0.01)
     assert result["certificates"]["robot2"]["addresses"] == ["192.168.1.12"]
     assert any(line.startswith("robot2 ") and line.endswith("192.168.1.12") for line in words)

@@ -23,7 +23,7 @@ STANDBY = parse(TEXT + '[standbys.deputy]\nendpoint = "tls/10.77.0.4:7460"\n')
 RMW = parse(TEXT.replace("[robot]", '[robot]\nros = "rmw_zenoh"\ndomain = 7'))
 
 
-EVERYBODY = [(FIELD, name) for name in FIELD.names] + [(STANDBY, "deputy")]
+UNITS = [(FIELD, name) for name in FIELD.names] + [(STANDBY, "deputy")]
 
 
 def value(unit: str, key: str) -> str:
@@ -62,7 +62,7 @@ def verified(texts: dict[str, str], root: Path) -> str:
 @pytest.mark.systemd
 @pytest.mark.parametrize(
     ("of", "name"),
-    [*EVERYBODY, *((RMW, name) for name in RMW.names)],
+    [*UNITS, *((RMW, name) for name in RMW.names)],
     ids=lambda one: getattr(one, "name", one),
 )
 def test_systemd_objects_to_no_unit(of: Mission, name: str, tmp_path: Path) -> None:
@@ -152,7 +152,7 @@ def test_watchdog_needs_neither_network_nor_bringup() -> None:
 
 
 def test_every_unit_notifies_systemd_and_is_restarted() -> None:
-    for of, name in EVERYBODY:
+    for of, name in UNITS:
         for text in units.units(of, name).values():
             assert value(text, "Type") == "notify"
             assert float(value(text, "WatchdogSec")) > 0.2 * 3
@@ -182,7 +182,7 @@ def test_agent_state_has_its_own_systemd_directory() -> None:
 
 
 def test_units_start_what_the_command_line_knows() -> None:
-    for of, name in EVERYBODY:
+    for of, name in UNITS:
         for text in units.units(of, name).values():
             for program, command, *arguments in commands(text):
                 assert program == "@PREFIX@/current/venv/bin/formation"
@@ -223,7 +223,7 @@ def test_standbys_leave_other_units_unchanged() -> None:
 
 
 def test_nothing_is_left_to_be_filled_in_but_the_prefix() -> None:
-    for of, name in (*EVERYBODY, *((RMW, name) for name in RMW.names)):
+    for of, name in (*UNITS, *((RMW, name) for name in RMW.names)):
         for unit, text in every_unit(of, name).items():
             assert not re.findall(r"@(?!PREFIX@)[A-Z_]+@", text), unit
 

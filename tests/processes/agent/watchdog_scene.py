@@ -101,9 +101,9 @@ class Scene:
         return child
 
     def drive(self, seconds: float, *, alive: bool) -> list[Wheel]:
-        """Drive straight on as an agent that is `alive`, or as somebody else; what the wheels did meanwhile.
+        """Command straight on, as the agent if `alive`, else as another process; return what the wheels did.
 
-        Ends when `seconds` without a lapse have gone by: there was nobody healthy in one.
+        Ends after `seconds` without a lapse, in which no process was healthy.
         """
         over, begun = threading.Event(), threading.Event()
         self._lapsed = self.drove = time.time()

@@ -1,4 +1,4 @@
-"""Who measures whom, and who can still be followed when a robot is lost."""
+"""The graph of neighbours, and what can still be followed when a robot is lost."""
 
 from __future__ import annotations
 
@@ -168,7 +168,7 @@ def test_in_a_mission_without_a_loss_all_follow_all_their_neighbours(name: str) 
 
 
 def least(mission: Mission, lost: str) -> set[str]:
-    """Who comes to the leader by any neighbours and fallbacks at all."""
+    """The robots with a path to the leader over neighbours and fallbacks."""
     led = {mission.leader} - {lost}
     while more := {
         name for name in mission.followers if name != lost and name not in led

@@ -182,7 +182,7 @@ def test_mutated_orders_are_read_strictly_or_refused(cls: Any) -> None:
 
 STOP = OperatorRequest(do="stop", id="1a")
 RUN = OperatorRequest(do="run")
-EVERYBODY = Recipients(("leader", "spare"), ("robot1", "robot2"))
+ALL = Recipients(("leader", "spare"), ("robot1", "robot2"))
 
 
 def answer(robot: str, **result: Any) -> Answer:
@@ -199,13 +199,13 @@ SPARE = answer("spare", leads=False)
 
 
 def test_request_is_obeyed_when_robots_and_leader_obey() -> None:
-    assert outcome(STOP, EVERYBODY, *ROBOTS, LEADS).obeyed
-    assert outcome(STOP, EVERYBODY, *ROBOTS, LEADS, SPARE).obeyed
-    assert not outcome(STOP, EVERYBODY, ROBOTS[0], LEADS).obeyed
+    assert outcome(STOP, ALL, *ROBOTS, LEADS).obeyed
+    assert outcome(STOP, ALL, *ROBOTS, LEADS, SPARE).obeyed
+    assert not outcome(STOP, ALL, ROBOTS[0], LEADS).obeyed
 
 
 def test_a_dead_leader_is_not_missed_when_another_leads() -> None:
-    one = outcome(STOP, EVERYBODY, *ROBOTS, LED)
+    one = outcome(STOP, ALL, *ROBOTS, LED)
     assert (one.obeyed, one.leader, one.missing) == (True, "spare", [])
     assert "leader      no answer; spare leads" in one.words()
 
@@ -216,7 +216,7 @@ def test_a_leader_that_does_not_know_of_standbys_leads() -> None:
 
 @pytest.mark.parametrize("others", [(), (SPARE,)])
 def test_missing_leader_is_reported_and_stop_still_holds(others: tuple[Answer, ...]) -> None:
-    one = outcome(STOP, EVERYBODY, *ROBOTS, *others)
+    one = outcome(STOP, ALL, *ROBOTS, *others)
     assert (one.obeyed, one.leader, one.missing) == (False, None, ["leader"])
     assert one.summary().startswith("stop: 2 of 3 obey, slowest 2 ms; no answer from leader")
     assert one.summary().endswith("robots that obey stand, with a leader or without")
@@ -258,7 +258,7 @@ def test_release_says_that_robots_hold_until_run() -> None:
 
 def test_a_release_names_robots_without_a_stop_and_without_an_answer() -> None:
     leader, robot = (answer(name, code="nothing", mode="hold") for name in ("leader", "robot1"))
-    one = outcome(OperatorRequest(do="release"), EVERYBODY, leader, robot)
+    one = outcome(OperatorRequest(do="release"), ALL, leader, robot)
     assert one.refused == []
     assert one.summary().endswith(
         "; nothing to release at leader, robot1; robot2 may still be stopped: release again"
@@ -266,7 +266,7 @@ def test_a_release_names_robots_without_a_stop_and_without_an_answer() -> None:
 
 
 def test_incomplete_run_reports_possibly_held_robot() -> None:
-    one = outcome(RUN, EVERYBODY, LEADS, ROBOTS[0])
+    one = outcome(RUN, ALL, LEADS, ROBOTS[0])
     assert not one.obeyed
     assert one.summary().endswith("no answer from robot2; robot2 may still be held: order run again")
 
@@ -276,7 +276,7 @@ def test_incomplete_run_reports_possibly_held_robot() -> None:
 def test_a_robot_out_of_reach_is_named_with_what_to_do(do: str, verdict: str, code: str) -> None:
     lost = answer("robot1", ok=False, code=code, reason="latched, but no link")
     request = OperatorRequest.model_validate({"do": do})
-    one = outcome(request, EVERYBODY, LEADS, lost, ROBOTS[1])
+    one = outcome(request, ALL, LEADS, lost, ROBOTS[1])
     assert (one.obeyed, one.unreached, one.missing) == (False, ["robot1"], [])
     assert f"{verdict}: robot1: use the robot's own switch" in one.summary()
     assert f"  robot1      {verdict}" in one.words()
@@ -286,7 +286,7 @@ def test_a_robot_out_of_reach_is_named_with_what_to_do(do: str, verdict: str, co
 
 def test_report_lists_acknowledged_refused_and_missing_robots() -> None:
     refuses = answer("robot1", ok=False, reason="no")
-    assert outcome(STOP, EVERYBODY, LEADS, SPARE, refuses).report() == {
+    assert outcome(STOP, ALL, LEADS, SPARE, refuses).report() == {
         "do": "stop",
         "id": "1a",
         "at": 1e9,

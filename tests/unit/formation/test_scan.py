@@ -1,4 +1,4 @@
-"""Range scans: simulated beams, circles around what they hit, and who is who."""
+"""Range scans: simulated beams, circles around what they hit, and which robot each is."""
 
 from __future__ import annotations
 

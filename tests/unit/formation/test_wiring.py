@@ -24,7 +24,7 @@ FALLBACK = edited(SIX, "robots.robot6", 'fallback_neighbours = ["robot2", "robot
 
 
 def links(mission: Mission) -> set[frozenset[str]]:
-    """All links of the fleet, from whoever dials; each is dialled once, and every process listens once."""
+    """All links of the fleet. Each is dialled once, and every process listens once."""
     where = wiring.endpoints(mission)
     owner = {endpoint: name for name, endpoint in where.agents.items()}
     of = {name: wiring.of_member(mission, name, where) for name in (*mission.followers, *mission.candidates)}
