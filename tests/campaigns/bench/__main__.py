@@ -33,20 +33,10 @@ from tests.campaigns.bench import (
     plot_batch,
     report_agent,
 )
-from tests.campaigns.bench.figures import rounded
-from tests.campaigns.reliability.document import stamp
+from tests.campaigns.document import DOCS, head, section, stamp, update
 
-DOCS = Path(__file__).parents[3] / "docs"
 JSON, TEXT = "benchmarks.json", "benchmarks.md"
 HEAD = """\
-# Benchmarks
-
-Written, with [the same figures for programs](benchmarks.json), by
-
-```sh
-python3 deploy/env.py python -m tests.campaigns.bench
-```
-
 Figures are medians over rounds, in brackets the lowest and the highest round. On another machine the
 milliseconds will differ; compare the ratios, whose two sides come from the same rounds.
 """
@@ -94,16 +84,12 @@ def measured(part: Part, more: tuple[str, ...]) -> dict[str, Any]:
 
 def document(every: Mapping[str, Any]) -> str:
     """docs/benchmarks.md."""
-    return "\n".join(
-        [HEAD, *(_section(name, part, every[name]) for name, part in PARTS.items() if name in every)]
-    )
-
-
-def _section(name: str, part: Part, one: Mapping[str, Any]) -> str:
-    effort = f", load {one['load']:.1f} before; {one['took'] / 60.0:.0f} min" if "load" in one else ""
-    where = f"{one['date']}, commit {one['commit']}, {one['machine']}{effort}."
-    command = f"python3 deploy/env.py python -m tests.campaigns.bench {name}"
-    return f"## {part.title}\n\n```sh\n{command}\n```\n\n{where}\n\n{part.module.section(one['found'])}"
+    sections = [
+        section("bench", name, part.title, every[name], part.module.section(every[name]["found"]))
+        for name, part in PARTS.items()
+        if name in every
+    ]
+    return "\n".join([head("Benchmarks", "benchmarks", HEAD), *sections])
 
 
 def main() -> None:
@@ -112,14 +98,12 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(
-        "part", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; all if none is named"
+        "part", nargs="*", metavar="PART", choices=PARTS, help=f"of {', '.join(PARTS)}; all if none is named"
     )
     parser.add_argument("--quick", action="store_true", help="short, printed only; the figures mean little")
     parser.add_argument("--peers", metavar="FOLDER", help="the virtual environment of ir-sim, for `batch`")
     parser.add_argument("--robotarium", metavar="CHECKOUT", help="of the Robotarium's simulator, for `batch`")
     given = parser.parse_args()
-    if unknown := [name for name in given.part if name not in PARTS]:
-        parser.error(f"{unknown[0]!r}: must be of {', '.join(PARTS)}")
     peers = [f"--{name}={getattr(given, name)}" for name in ("peers", "robotarium") if getattr(given, name)]
     quick = {}
     for name in given.part or PARTS:
@@ -136,14 +120,9 @@ def main() -> None:
 
 def write(name: str, one: Mapping[str, Any]) -> None:
     """Put what a part found where the figures are; other parts keep theirs."""
-    before = json.loads((DOCS / JSON).read_text()) if (DOCS / JSON).exists() else {}
-    every = {**before, **rounded({name: one})}
     if draw := PARTS[name].draw:
         draw(one["found"], DOCS / "figures")
-    (DOCS / TEXT).write_text(document(every))
-    (DOCS / JSON).write_text(
-        json.dumps({part: every[part] for part in PARTS if part in every}, indent=1) + "\n"
-    )
+    (DOCS / TEXT).write_text(document(update(DOCS / JSON, {name: one}, PARTS)))
 
 
 if __name__ == "__main__":

@@ -34,10 +34,10 @@ import numpy as np
 from formation.topics import CMD_VEL, ODOM
 from formation.transport.bus import Bus, BusConfig
 from tests.campaigns.bench import edge
-from tests.campaigns.bench.figures import curve_flags, over_rounds, progress, show, tail
 from tests.campaigns.bench.report_agent import FASTEST, draw, section
 from tests.campaigns.bench.robot import Robots, Subject
 from tests.campaigns.bench.scene import ROBOTS, Scene
+from tests.campaigns.figures import curve_flags, over_rounds, progress, show, tail
 
 RATES = (20.0, 50.0, 200.0, 0.0)
 """Of odometry [Hz]; 0 is as fast as it goes."""

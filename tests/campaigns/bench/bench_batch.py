@@ -23,9 +23,9 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from tests.campaigns.bench import peers
-from tests.campaigns.bench.figures import flags, over_rounds, show
 from tests.campaigns.bench.plot_batch import draw
 from tests.campaigns.bench.report_batch import IR_SIM, LATE, ONE, OURS, PAPER, ROBOTARIUM, section
+from tests.campaigns.figures import flags, over_rounds, show
 
 STEP = 0.033
 """Of every side [s]."""

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any, get_args
 
 from tests.campaigns.bench import growing
-from tests.campaigns.bench.curves import BLUE, ORANGE, counted, curve, legend, milliseconds, panels
-from tests.campaigns.bench.figures import filled, markdown, over_rounds, progress, span
 from tests.campaigns.bench.fleet import RATE, Architecture, Fleet, Outcome
+from tests.campaigns.figures import filled, markdown, over_rounds, progress, span
+from tests.campaigns.plots import BLUE, ORANGE, counted, curve, legend, milliseconds, panels
 
 COUNTS, QUICK_COUNTS = (2, 10, 50), (2, 10)
 """Of followers."""

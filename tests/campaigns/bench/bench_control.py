@@ -16,8 +16,8 @@ from typing import Any
 from tests.campaigns.bench import control_chains, control_parameters, control_parts
 from tests.campaigns.bench.control_curves import draw
 from tests.campaigns.bench.control_parts import Effort
-from tests.campaigns.bench.figures import rounded, show
 from tests.campaigns.bench.report_control import section
+from tests.campaigns.figures import rounded, show
 
 QUICK = Effort(runs=24, many=100, every=4, chain=12, chain_time=60.0)
 PARTS = {

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from tests.campaigns.bench import growing
-from tests.campaigns.bench.curves import BLUE, GREEN, INK, ORANGE, counted, curve, legend, panels
-from tests.campaigns.bench.figures import filled, judged, markdown, over_rounds, progress, span
 from tests.campaigns.bench.fleet import RATE, Fleet, Outcome
+from tests.campaigns.figures import filled, judged, markdown, over_rounds, progress, span
+from tests.campaigns.plots import BLUE, GREEN, INK, ORANGE, counted, curve, legend, panels
 
 COUNTS, QUICK_COUNTS = (6, 12, 25, 50, 100), (6, 12)
 """Of agents."""

@@ -14,7 +14,7 @@ from formation.control.laws import LAWS
 from formation.control.observer import Travel, innovation, mended
 from formation.control.plane import rotation
 from formation.control.tracker import Track, carried_to, seen
-from tests.campaigns.bench.figures import flags, markdown, over_rounds, show, span
+from tests.campaigns.figures import flags, markdown, over_rounds, show, span
 
 GAINS = Gains(2.0, 1.0)
 

@@ -28,7 +28,7 @@ import psutil
 
 from tests.campaigns.bench.compiled import ready_to_start
 from tests.campaigns.bench.crowd import mission, names
-from tests.campaigns.bench.figures import filled, flags, markdown, over_rounds, show, verdict
+from tests.campaigns.figures import filled, flags, markdown, over_rounds, show, verdict
 from tests.support.child import free_endpoint
 
 ROBOTS, RATE, TOPICS = 100, 20.0, 3

@@ -33,7 +33,7 @@ from formation.transport.security.verifying import Verifier
 from formation.transport.session import Identity
 from formation.wire import Now, Sample
 from tests.campaigns.bench import edge
-from tests.campaigns.bench.figures import flags, markdown, over_rounds, show, span
+from tests.campaigns.figures import flags, markdown, over_rounds, show, span
 
 STEPS = 1500
 MISSION = parse(edge.mission(rate=20.0))

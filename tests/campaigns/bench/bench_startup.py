@@ -26,7 +26,9 @@ from formation.topics import CMD_VEL, ODOM
 from tests.campaigns.bench import edge
 from tests.campaigns.bench.bench_agent import surrounded
 from tests.campaigns.bench.compiled import ready_to_start
-from tests.campaigns.bench.figures import (
+from tests.campaigns.bench.robot import Robots, Subject
+from tests.campaigns.bench.scene import ROBOTS, Scene
+from tests.campaigns.figures import (
     curve_flags,
     filled,
     markdown,
@@ -36,8 +38,6 @@ from tests.campaigns.bench.figures import (
     span,
     verdict,
 )
-from tests.campaigns.bench.robot import Robots, Subject
-from tests.campaigns.bench.scene import ROBOTS, Scene
 
 INTERPRETERS = {
     "python, nothing else": "pass",

@@ -23,7 +23,7 @@ from formation.topics import ODOM, POSITION
 from formation.wire import Now, Sample
 from tests.campaigns.bench import edge
 from tests.campaigns.bench.bench_law import microseconds
-from tests.campaigns.bench.figures import flags, markdown, over_rounds, show, span
+from tests.campaigns.figures import flags, markdown, over_rounds, show, span
 
 STEPS = 2000
 EPOCH = 1.7e9

@@ -33,7 +33,7 @@ from formation.transport.mailbox import Mailbox
 from formation.transport.robot_bus import RobotBuses
 from formation.transport.runtime.process import clocks, say
 from formation.wire import Now, Sample
-from tests.campaigns.bench.figures import tail
+from tests.campaigns.figures import tail
 
 PATIENCE, MORE = 60.0, 3.0
 """For everybody to be on the way, and so much more for each robot [s]."""

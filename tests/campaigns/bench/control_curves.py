@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from formation.monitor.exporters.layout import COLOURS
 from tests.campaigns.bench.control_parameters import front
-from tests.campaigns.reliability.plots import INK, STYLE
+from tests.campaigns.plots import INK, STYLE
 
 BOUND = 0.05
 """Formation error under which the six robots count as settled [m]."""

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from tests.campaigns.bench.accounting import LISTING
-from tests.campaigns.bench.figures import curve_flags, show
 from tests.campaigns.bench.fleet import SETTLE
+from tests.campaigns.figures import curve_flags, show
 
 QUICK = (2.0, 4.0)
 """How long a fleet settles and is measured in the short form [s]."""

@@ -6,12 +6,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from tests.campaigns.bench.report_batch import IR_SIM, ONE, OURS, ROBOTARIUM
-from tests.campaigns.reliability.plots import BLUE, INK, ORANGE, STYLE
+from tests.campaigns.plots import BLUE, INK, ORANGE, panels
 
 LINES = {
     OURS: (BLUE, "-", "many runs"),
@@ -24,15 +22,11 @@ LINES = {
 
 def draw(found: Mapping[str, Any], path: Path) -> None:
     """Robot steps a second, and memory per robot, against robots."""
-    with mpl.rc_context({**STYLE, "svg.hashsalt": "bench"}):
-        figure = Figure(figsize=(8.0, 3.4), layout="constrained")
-        speed, memory = figure.subplots(1, 2)
+    with panels(path, 2, style={"svg.hashsalt": "bench"}) as (speed, memory):
         _curves(speed, found, lambda _robots, one: one["robot_steps_per_s"]["median"], below=True)
         _curves(memory, found, lambda robots, one: 1024.0 * one["peak_mib"]["median"] / robots, below=False)
         speed.set_ylabel("robot steps a second")
         memory.set_ylabel("memory of the process per robot [KiB]")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, transparent=True, metadata={"Date": None})
 
 
 def _curves(

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from tests.campaigns.bench.curves import BLUE, INK, ORANGE, curve, legend, milliseconds, panels
-from tests.campaigns.bench.figures import filled, judged, markdown, span
+from tests.campaigns.figures import filled, judged, markdown, span
+from tests.campaigns.plots import BLUE, INK, ORANGE, curve, legend, milliseconds, panels
 
 FASTEST = "as fast as it goes"
 """What stands for a rate then."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from tests.campaigns.bench.figures import judged, markdown, span
+from tests.campaigns.figures import judged, markdown, span
 
 OURS, ONE = "formation, many runs", "formation, one formation"
 IR_SIM, ROBOTARIUM = "ir-sim", "Robotarium"

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from formation.control.tracker import MAX_DELAY
-from tests.campaigns.bench.figures import markdown
 from tests.campaigns.bench.report_words import Found, centimetres, percent, times
+from tests.campaigns.figures import markdown
 
 UNITS = {"delay": (1000.0, "ms old"), "loss": (100.0, "% lost"), "noise": (1000.0, "mm of noise")}
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from tests.campaigns.bench.figures import judged, markdown
 from tests.campaigns.bench.report_conditions import conditions, saturation
 from tests.campaigns.bench.report_parameters import chains, parameters, peer_gains
 from tests.campaigns.bench.report_words import Found, centimetres, percent, times
+from tests.campaigns.figures import judged, markdown
 
 
 def section(found: Found) -> str:

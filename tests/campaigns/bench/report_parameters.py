@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from tests.campaigns.bench.control_parameters import front
-from tests.campaigns.bench.figures import markdown
 from tests.campaigns.bench.report_words import Found, centimetres, percent, times
+from tests.campaigns.figures import markdown
 
 HOPS = (1, 5, 12, 25, 50)
 

@@ -10,11 +10,12 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import cast
 
-from tests.campaigns.reliability import document, failover, faults, network, sensors, shapes, soak, stop
+from tests.campaigns.document import DOCS, Found, count, head, section, stamp, update
+from tests.campaigns.reliability import failover, faults, network, sensors, shapes, soak, stop
 from tests.campaigns.reliability.campaign import tell
 from tests.campaigns.reliability.part import Options, Part
 from tests.support.needs import missing
@@ -32,6 +33,23 @@ PARTS: Mapping[str, Part] = {
     }.items()
 }
 ALL = tuple(name for name in PARTS if name != "soak")
+JSON, TEXT = "reliability.json", "reliability.md"
+HEAD = """\
+Real processes, each robot on a computer of its own: network namespaces, whose veth pairs end at one bridge.
+An agent, a watchdog and a simulated robot on each, with the command lines they have in the field; a leader,
+standbys, a monitor that records. A witness who belongs to nobody looks on by a network of its own and
+writes down every command that reaches a robot's wheels, where each robot truly is, and everything said as the
+leader. All verdicts are made of that.
+
+- *Formation error*: the distances of all edges from what the shape in force asks for, added up, of true
+  control points. It is *back* when it stays under 2 cm for a second; *after* counts from when the fault was
+  undone.
+- *Largest command*, *largest jump* (from one command at the wheels to the next): in per cent of the robot's
+  limit, over all robots and tries. A jump to zero velocity is what a failsafe does, and is not counted.
+- A try is *as it should be* if no command was above a limit or jumped by more than 50 % of one, never two
+  processes led at once, no process ended by itself, the error came back, and what the part's own lines say.
+- Times are median and, in brackets, worst.
+"""
 EXAMPLES = """\
 examples:
   python -m tests.campaigns.reliability                          everything but the soak, 20 tries, into docs/
@@ -71,11 +89,25 @@ def main(words: Sequence[str] | None = None) -> int:
         tell(f"{name}: {', '.join(rows[name])}")
         began = time.monotonic()
         one = PARTS[name].run(options)
-        found[name] = document.stamp(one, tries, time.monotonic() - began)
+        found[name] = stamp(one, tries, time.monotonic() - began)
         if write:
-            document.write(document.DOCS, {name: found[name]}, PARTS)
+            write({name: found[name]})
         print(PARTS[name].section(found[name]))
     return 0 if all(one["well"] for one in found.values()) else 1
+
+
+def write(found: Mapping[str, Found], folder: Path = DOCS) -> None:
+    """Put `found` in place of what these parts had found before, and write both files and pictures anew."""
+    sections = []
+    for name, one in update(folder / JSON, found, PARTS).items():
+        part = PARTS[name]
+        verdict = "all as it should be" if one["well"] else "**not all as it should be**"
+        about = (part.ABOUT, part.section(one))
+        sections.append(section("reliability", name, f"{part.TITLE}: {verdict}", one, *about))
+        if name in found and (draw := getattr(part, "draw", None)):
+            draw(one, folder)
+    words = [head("Reliability", "reliability", HEAD), *sections]
+    (folder / TEXT).write_text("\n".join(words), encoding="utf-8")
 
 
 def _estimate(chosen: Sequence[str], rows: Mapping[str, Sequence[str]], options: Options) -> None:
@@ -97,36 +129,22 @@ def _flags() -> argparse.ArgumentParser:
     )
     parts = (*PARTS, "all")
     flags.add_argument(
-        "parts", metavar="PART", nargs="*", type=_one_of(parts), help=f"{', '.join(PARTS)}, or all (but soak)"
+        "parts", metavar="PART", nargs="*", choices=parts, help=f"{', '.join(PARTS)}, or all (but soak)"
     )
-    flags.add_argument("--tries", type=_count, default=20, metavar="N", help="of every row (default: 20)")
+    flags.add_argument(
+        "--tries", type=count(1000), default=20, metavar="N", help="of every row (default: 20)"
+    )
     flags.add_argument(
         "--only", action="append", default=[], metavar="ROW", help="rows whose names begin so; repeatable"
     )
     flags.add_argument(
-        "--fields", type=_count, default=2, metavar="K", help="fleets side by side (default: 2)"
+        "--fields", type=count(1000), default=2, metavar="K", help="fleets side by side (default: 2)"
     )
     flags.add_argument("--minutes", type=float, default=30.0, metavar="M", help="of the soak (default: 30)")
     flags.add_argument("--keep", type=Path, metavar="DIR", help="keep what was said in tries that failed")
     flags.add_argument("--print", action="store_true", help="write nothing")
     flags.add_argument("--quick", action="store_true", help="one try (soak: one minute), and write nothing")
     return flags
-
-
-def _one_of(parts: Sequence[str]) -> Callable[[str], str]:
-    def part(text: str) -> str:
-        if text not in parts:
-            raise argparse.ArgumentTypeError(f"{text!r}: must be one of {', '.join(parts)}")
-        return text
-
-    return part
-
-
-def _count(text: str) -> int:
-    number = int(text) if text.isdecimal() else 0
-    if not 1 <= number <= 1000:
-        raise argparse.ArgumentTypeError(f"{text!r}: must be a whole number from 1 to 1000")
-    return number
 
 
 if __name__ == "__main__":

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
 
 from formation.mission.file import load
+from tests.campaigns.plots import BLUE, INK, ORANGE, panels
 from tests.campaigns.reliability import faults, judge
 from tests.campaigns.reliability.fleet import Fleet
 from tests.campaigns.reliability.led import recorded_leads
 from tests.campaigns.reliability.part import Found, Options, campaign
-from tests.campaigns.reliability.plots import TAKEOVERS
 from tests.campaigns.reliability.rows import Row, rows
 from tests.campaigns.reliability.table import failures, table
 from tests.campaigns.reliability.verdicts import Found as Verdict
 from tests.campaigns.reliability.verdicts import Times, replaced
 
 TITLE = "Failover"
+TAKEOVERS = "figures/reliability_takeover.svg"
+BEFORE, AFTER = -0.5, 6.0
+"""Of a takeover, what is shown [s]."""
 ABOUT = """\
 Whoever leads is killed (kill -9) at a random moment, and started again after 2 s as a standby: the next time
 another one dies. *In time* is from the kill to the first word of the one who leads then; *error back after*
@@ -45,6 +51,21 @@ def section(found: Found) -> str:
     every = found["rows"].values()
     picture = f"![Formation error around {sum(row['tries'] for row in every)} takeovers]({TAKEOVERS})"
     return f"{table(every)}\n{picture}\n\n{failures(every)}"
+
+
+def draw(found: Found, docs: Path) -> None:
+    """Formation error over time since the leader's death, of every try."""
+    with panels(docs / TAKEOVERS, 1, (7.0, 3.0)) as (axes,):
+        for curve in found["curves"]:
+            shown = np.array([pair for pair in curve if BEFORE <= pair[0] <= AFTER])
+            if len(shown):
+                axes.plot(shown[:, 0], 1000.0 * shown[:, 1], color=BLUE, alpha=0.5, linewidth=1.0)
+        axes.axhline(1000.0 * judge.NEAR, color=ORANGE, linewidth=1.0, linestyle="--")
+        axes.axvline(0.0, color=INK, linewidth=1.0)
+        axes.set_xlabel("since the leader was killed [s]")
+        axes.set_ylabel("formation error [mm]")
+        axes.set_xlim(BEFORE, AFTER)
+        axes.set_ylim(bottom=0.0)
 
 
 def _row() -> Row:

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
-from queue import Empty, SimpleQueue
 from tempfile import TemporaryDirectory
-from threading import Lock, Thread
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from tests.campaigns.bench.figures import markdown
+from tests.campaigns.figures import markdown
+from tests.campaigns.plots import BLUE, ORANGE, panels
 from tests.campaigns.reliability import judge
 from tests.campaigns.reliability.campaign import tell
 from tests.campaigns.reliability.fleet import Fleet
 from tests.campaigns.reliability.judge import middle
 from tests.campaigns.reliability.part import Found, Options
 from tests.campaigns.reliability.placed import STRAIGHT
-from tests.campaigns.reliability.plots import CONDITIONS
 from tests.campaigns.reliability.table import span
 
 TITLE = "Network"
+CONDITIONS = "figures/reliability_network.svg"
 MISSION = "patrol"
 ROBOT = {
     "control_point_offset": 0.1,
@@ -108,35 +108,12 @@ def seconds(options: Options) -> float:
 
 def run(options: Options) -> Found:
     """Try every cell."""
-    todo: SimpleQueue[Cell] = SimpleQueue()
     chosen = [cell for cell in CELLS if options.chosen(cell.name)]
-    for _ in range(repeats(options)):
-        for cell in chosen:
-            todo.put(cell)
     results: dict[str, list[dict[str, Any]]] = {cell.name: [] for cell in chosen}
-    lock, failures = Lock(), list[BaseException]()
-
-    def work() -> None:
-        while not failures:
-            try:
-                cell = todo.get_nowait()
-                one = _tried(cell)
-            except Empty:
-                return
-            except BaseException as failure:  # noqa: BLE001 - it is raised where the threads are waited for
-                failures.append(failure)
-                return
-            with lock:
-                results[cell.name].append(one)
-            tell(f"{cell.name}: {one}")
-
-    threads = [Thread(target=work, daemon=True) for _ in range(options.fields)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    if failures:
-        raise failures[0]
+    todo = chosen * repeats(options)
+    with ThreadPoolExecutor(options.fields) as pool:
+        for cell, one in zip(todo, pool.map(_tried, todo), strict=True):
+            results[cell.name].append(one)
     cells = {cell.name: _summary(cell, results[cell.name]) for cell in chosen}
     return {"cells": cells, "well": all(cell["well"] == cell["tries"] for cell in cells.values())}
 
@@ -175,6 +152,36 @@ def section(found: Found) -> str:
     return markdown(header, rows) + picture + "".join(f"\n- {word}" for word in wrong) + "\n"
 
 
+def draw(found: Found, docs: Path) -> None:
+    """Settled error of every condition, median and worst, and the time that it took to converge."""
+    names = [_words(cell) for cell in found["cells"].values()]
+    places = np.arange(len(names))
+    with panels(docs / CONDITIONS, 2, (7.0, 3.4), sharey=True) as (error, duration):
+        for axes, key, scale, label in (
+            (error, "settled", 1000.0, "settled error [mm]"),
+            (duration, "converges", 1.0, "converges in [s]"),
+        ):
+            for place, cell in zip(places, found["cells"].values(), strict=True):
+                if (figure := cell[key]) is None:
+                    axes.text(0.0, place, " never", color=ORANGE, verticalalignment="center")
+                    continue
+                centre, worst = scale * figure["median"], scale * figure["worst"]
+                axes.plot([centre, worst], [place, place], color=BLUE, alpha=0.5, linewidth=2.0)
+                axes.plot([centre], [place], "o", color=BLUE, markersize=5.0)
+            axes.set_xlabel(label)
+            axes.set_xlim(left=0.0)
+        error.set_xscale("symlog", linthresh=1.0)
+        error.axvline(1000.0 * judge.NEAR, color=ORANGE, linewidth=1.0, linestyle="--")
+        error.set_yticks(places, names)
+        error.invert_yaxis()
+
+
+def _words(cell: Mapping[str, Any]) -> str:
+    parts = [f"{100 * cell['loss']:g} % lost"] if cell["loss"] else []
+    parts += [f"{1000 * cell['delay']:g} ms"] if cell["delay"] else []
+    return ("TCP: " if cell.get("shipped") else "") + (", ".join(parts) or "as it is")
+
+
 _LOSS_FREE = {False: "none", True: "tcp-none"}
 
 
@@ -189,7 +196,9 @@ def _tried(cell: Cell) -> dict[str, Any]:
         fleet = stack.enter_context(Fleet(MISSION, folder, changes, lossy=not cell.shipped))
         fleet.begin()
         worsen(fleet, cell)
-        return _watched(fleet, cell)
+        one = _watched(fleet, cell)
+    tell(f"{cell.name}: {one}")
+    return one
 
 
 def worsen(fleet: Fleet, cell: Cell) -> None:

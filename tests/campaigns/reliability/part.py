@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
+from tests.campaigns.document import Found
 from tests.campaigns.reliability.campaign import Campaign, Maker
 from tests.campaigns.reliability.rows import Row
 from tests.campaigns.reliability.table import summary
 from tests.campaigns.reliability.trial import Try
-
-Found = dict[str, Any]
-"""Figures of a part, as they stand in docs/reliability.json."""
 
 
 class Options(NamedTuple):

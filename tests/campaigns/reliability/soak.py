@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from tests.campaigns.bench.figures import markdown
+from tests.campaigns.figures import markdown
 from tests.campaigns.reliability import judge
 from tests.campaigns.reliability.campaign import tell
 from tests.campaigns.reliability.crowds import crowd

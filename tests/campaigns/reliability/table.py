@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from tests.campaigns.bench.figures import markdown
+from tests.campaigns.figures import markdown
 from tests.campaigns.reliability.judge import middle
 from tests.campaigns.reliability.trial import Try
 

@@ -9,12 +9,13 @@ import argparse
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import cast
 
-from tests.campaigns.reliability.document import DOCS, stamp
+from tests.campaigns.document import DOCS, Found, count, head, section, stamp, update
+from tests.campaigns.figures import markdown, verdict
 from tests.campaigns.safety import (
     crossing,
-    document,
     gains,
     imperfect,
     missions,
@@ -38,6 +39,11 @@ PARTS: Mapping[str, Part] = {
         "quiet": quiet,
     }.items()
 }
+JSON, TEXT = "safety.json", "safety.md"
+HEAD = """\
+What keeps bodies apart: the collision filter, range scans, a world with contacts; and what changes while
+robots drive. Every figure was run, at the commit that its section names.
+"""
 EPILOG = """\
 examples:
   python -m tests.campaigns.safety                   all parts, into docs/; about an hour
@@ -61,10 +67,28 @@ def main(words: Sequence[str] | None = None) -> int:
         found = PARTS[name].run(options)
         found = stamp(found, 0, time.monotonic() - began)
         if not given.quick:
-            document.write({name: found}, PARTS)
-        print(document.text({name: found}, PARTS, ""), flush=True)
+            write({name: found})
+        print(text({name: found}, ""), flush=True)
         held &= all(one["held"] for one in found["bars"])
     return 0 if held else 1
+
+
+def write(found: Mapping[str, Found], folder: Path = DOCS) -> None:
+    """Put `found` in place of what these parts had found before, and write both files anew."""
+    every = update(folder / JSON, found, PARTS, ascii_only=False)
+    words = text(every, head("Safe among each other", "safety", HEAD))
+    (folder / TEXT).write_text(words, encoding="utf-8")
+
+
+def text(found: Mapping[str, Found], beginning: str) -> str:
+    """What people read: all bars first, then part by part."""
+    bars, sections = [], []
+    for name, one in found.items():
+        part = PARTS[name]
+        link = f"[{part.TITLE}](#{part.TITLE.lower().replace(' ', '-').replace(',', '')})"
+        bars += [(link, row["bar"], row["found"], verdict(row["held"])) for row in one["bars"]]
+        sections.append(section("safety", name, part.TITLE, one, part.ABOUT, part.section(one)))
+    return "\n".join([beginning, markdown(("", "asked for", "found", ""), bars), *sections])
 
 
 def _flags() -> argparse.ArgumentParser:
@@ -76,26 +100,13 @@ def _flags() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     flags.add_argument(
-        "parts", metavar="PART", nargs="*", type=_part, help=f"of {', '.join(PARTS)}; all if none is named"
+        "parts", metavar="PART", nargs="*", choices=PARTS, help=f"of {', '.join(PARTS)}; all if none is named"
     )
     flags.add_argument("--quick", action="store_true", help="a few tries, printed only; they mean little")
     flags.add_argument(
-        "--jobs", type=_count, default=1, metavar="N", help="processes side by side (default: 1)"
+        "--jobs", type=count(64), default=1, metavar="N", help="processes side by side (default: 1)"
     )
     return flags
-
-
-def _part(text: str) -> str:
-    if text not in PARTS:
-        raise argparse.ArgumentTypeError(f"{text!r}: must be one of {', '.join(PARTS)}")
-    return text
-
-
-def _count(text: str) -> int:
-    number = int(text) if text.isdecimal() else 0
-    if not 1 <= number <= 64:
-        raise argparse.ArgumentTypeError(f"{text!r}: must be a whole number from 1 to 64")
-    return number
 
 
 if __name__ == "__main__":

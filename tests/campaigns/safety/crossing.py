@@ -11,7 +11,7 @@ from formation.mission.model import Mission
 from formation.simulation.ensemble import MIN_START_CLEARANCE
 from formation.simulation.ensemble import Options as Simulated
 from formation.simulation.simulate import simulate
-from tests.campaigns.bench.figures import filled, markdown, span
+from tests.campaigns.figures import filled, markdown, span
 from tests.campaigns.safety import step_time
 from tests.campaigns.safety.part import Found, Options, bar, reported, reporting
 from tests.unit.formation import scenarios

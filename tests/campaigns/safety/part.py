@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TypeVar
 
+from tests.campaigns.document import Found
+
 T = TypeVar("T")
-Found = dict[str, Any]
-"""Figures of a part, as they stand in docs/safety.json: plain dicts, lists, numbers and words."""
 
 
 class Options(NamedTuple):

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from tests.campaigns.reliability.plots import BLUE, INK, ORANGE, STYLE
+from tests.campaigns.plots import BLUE, INK, ORANGE, panels
 from tests.campaigns.safety.layouts import BODY, HEAD, layout, mission
 from tests.support.fleet import Fleet
 
@@ -30,9 +28,7 @@ def draw(seed: int, folder: Path) -> None:
         leader = fleet.points()[0]  # has all be where they are by now
         places.append([leader, *(fleet.plant(name).position for name in fleet.mission.followers)])
     way = np.array(places) * HEAD.conjugate()
-    with mpl.rc_context({**STYLE, "svg.hashsalt": "safety"}):
-        figure = Figure(figsize=(7.0, 3.4), layout="constrained")
-        axes = figure.subplots()
+    with panels(folder / Path(FIGURE).name, 1, (7.0, 3.4), {"svg.hashsalt": "safety"}) as (axes,):
         axes.plot(way[:, 0].real, way[:, 0].imag, color=INK, linewidth=1.0, linestyle="--")
         axes.plot(way[:, 1:].real, way[:, 1:].imag, color=BLUE, linewidth=1.0)
         for moment in MOMENTS:
@@ -44,4 +40,3 @@ def draw(seed: int, folder: Path) -> None:
         axes.set_aspect("equal")
         axes.set_xlabel("along the leader's way [m]")
         axes.set_ylabel("to the left of it [m]")
-        figure.savefig(folder / Path(FIGURE).name, transparent=True, metadata={"Date": None})

@@ -15,7 +15,7 @@ from formation.control.unicycle import Command
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.simulation.ensemble import MIN_START_CLEARANCE
-from tests.campaigns.bench.figures import filled, markdown
+from tests.campaigns.figures import filled, markdown
 from tests.campaigns.safety.part import Found, Options, bar, reported
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from formation.deploy.rehearsal.fleet import WorldName
 from formation.deploy.rehearsal.rehearsal import Plan, Verdict
 from formation.deploy.rehearsal.rehearsal import run as rehearse
 from formation.deploy.rehearsal.workers import each
-from tests.campaigns.bench.figures import markdown
+from tests.campaigns.figures import markdown
 from tests.campaigns.safety.part import Found, Options, bar, reported
 from tests.support.sensing import MISSIONS, mission_of, noisy, resting
 

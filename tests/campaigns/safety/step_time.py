@@ -13,7 +13,7 @@ from formation.control.pipeline import ControlState, Outcome
 from formation.control.plane import rotation
 from formation.control.unicycle import Command
 from formation.mission.file import load
-from tests.campaigns.bench.figures import over_rounds
+from tests.campaigns.figures import over_rounds
 from tests.support.fleet import Fleet
 from tests.unit.formation import scenarios
 

@@ -1,8 +1,8 @@
-"""Curves of benchmarks, as SVG: medians over rounds, from the lowest to the highest round shaded."""
+"""Pictures for docs/figures: SVG on no ground and in middle tones, to be read on white and on black alike."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,20 +12,37 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
 
-from tests.campaigns.reliability.plots import BLUE, INK, ORANGE, STYLE
-
-__all__ = ["BLUE", "GREEN", "INK", "ORANGE", "counted", "curve", "legend", "milliseconds", "panels"]
-GREEN = "#3f9c6b"
+INK, FAINT = "#808080", "#80808040"
+BLUE, ORANGE, GREEN = "#2f87d6", "#d9722e", "#3f9c6b"
+STYLE: Mapping[str, Any] = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "reliability",
+    "font.size": 10,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "grid.color": FAINT,
+    "axes.grid": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+}
 PLAIN = FuncFormatter(lambda value, _: f"{value:g}")
 
 
 @contextmanager
-def panels(path: Path, count: int, height: float = 3.4) -> Iterator[Sequence[Axes]]:
-    """So many panels side by side, saved at the end."""
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(8.0, height), layout="constrained")
-        axes = figure.subplots(1, count, squeeze=False)[0]
-        yield axes
+def panels(
+    path: Path,
+    count: int,
+    size: tuple[float, float] = (8.0, 3.4),
+    style: Mapping[str, Any] = STYLE,
+    **options: Any,
+) -> Iterator[Sequence[Axes]]:
+    """So many panels side by side, as `Figure.subplots` makes them, saved at the end."""
+    with mpl.rc_context({**STYLE, **style}):
+        figure = Figure(figsize=size, layout="constrained")
+        yield figure.subplots(1, count, squeeze=False, **options)[0]
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, transparent=True, metadata={"Date": None})
 
@@ -38,7 +55,7 @@ def curve(
     colour: str,
     line: str = "-",
 ) -> None:
-    """One curve of figures `over_rounds`."""
+    """One curve of figures `over_rounds`: medians, from the lowest to the highest round shaded."""
     style: Any = {"color": colour, "linewidth": 1.5, "markersize": 4.0}
     axes.plot(places, [one["median"] for one in figures], f"o{line}", label=label, **style)
     low, high = ([one[end] for one in figures] for end in ("low", "high"))
@@ -65,11 +82,5 @@ def milliseconds(axes: Axes, label: str) -> None:
 
 def legend(axes: Axes, columns: int) -> None:
     """What is what, above the panel, where no curve is."""
-    axes.legend(
-        frameon=False,
-        fontsize=8,
-        loc="lower center",
-        bbox_to_anchor=(0.5, 1.0),
-        ncols=columns,
-        handlelength=3.0,
-    )
+    place: Any = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}
+    axes.legend(frameon=False, fontsize=8, ncols=columns, handlelength=3.0, **place)
