@@ -9,6 +9,7 @@ network are made up.
 
 from __future__ import annotations
 
+import argparse
 import heapq
 import itertools
 import json
@@ -312,9 +313,15 @@ SCENARIOS = (
 )
 
 
-def main(words: list[str]) -> int:
+def main() -> int:
     """Every scenario at so many timings; the exit code."""
-    timings, failed = int(words[0]) if words else TIMINGS, 0
+    flags = argparse.ArgumentParser(
+        "tests.campaigns.timings.orders",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    flags.add_argument("timings", metavar="TIMINGS", nargs="?", type=int, default=TIMINGS)
+    timings, failed = flags.parse_args().timings, 0
     for scenario in SCENARIOS:
         began, wrong = time.monotonic(), list[str]()
         for seed in range(timings):
@@ -334,4 +341,4 @@ def main(words: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())
