@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocat
 
 INK, FAINT = "#808080", "#80808040"
 BLUE, ORANGE, GREEN = "#2f87d6", "#d9722e", "#3f9c6b"
-STYLE: Mapping[str, Any] = {
+STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "reliability",
     "font.size": 10,
@@ -36,7 +36,7 @@ def panels(
     path: Path,
     count: int,
     size: tuple[float, float] = (8.0, 3.4),
-    style: Mapping[str, Any] = STYLE,
+    style: Any = STYLE,
     **options: Any,
 ) -> Iterator[Sequence[Axes]]:
     """So many panels side by side, as `Figure.subplots` makes them, saved at the end."""

@@ -27,11 +27,10 @@ from tests.campaigns.bench import (
     bench_cost,
     bench_law,
     bench_monitor,
+    bench_signing,
     bench_startup,
     bench_step,
     control_curves,
-    plot_batch,
-    report_agent,
 )
 from tests.campaigns.document import DOCS, head, section, stamp, update
 
@@ -53,15 +52,16 @@ class Part(NamedTuple):
 
 
 PARTS = {
-    "agent": Part("The edge: one agent", bench_agent, draw=report_agent.draw),
+    "agent": Part("The edge: one agent", bench_agent, draw=bench_agent.draw),
     "step": Part("One step of an agent", bench_step, ("--rounds", "1")),
+    "signing": Part("Signed orders", bench_signing, ("--rounds", "1")),
     "law": Part("One step of the mathematics", bench_law, ("--rounds", "1")),
     "central": Part("One node for all robots", bench_central, draw=bench_central.draw),
     "cost": Part("What a robot costs in a larger fleet", bench_cost, draw=bench_cost.draw),
     "startup": Part("Starting", bench_startup),
     "control": Part("How well it drives", bench_control, draw=control_curves.draw),
     "batch": Part(
-        "The simulation", bench_batch, draw=lambda found, to: plot_batch.draw(found, to / "bench_batch.svg")
+        "The simulation", bench_batch, draw=lambda found, to: bench_batch.draw(found, to / "bench_batch.svg")
     ),
     "monitor": Part(
         "The monitor: a hundred robots",

@@ -16,16 +16,203 @@ import os
 import subprocess
 import sys
 import tempfile
+import tomllib
+import venv
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from tests.campaigns.bench import peers
-from tests.campaigns.bench.plot_batch import draw
-from tests.campaigns.bench.report_batch import IR_SIM, LATE, ONE, OURS, PAPER, ROBOTARIUM, section
-from tests.campaigns.figures import flags, over_rounds, show
+from matplotlib.axes import Axes
+
+from tests.campaigns.figures import flags, judged, markdown, over_rounds, show, span
+from tests.campaigns.plots import BLUE, INK, ORANGE, panels
+
+GROUP = "bench"
+"""The dependency group in pyproject.toml that names them."""
+
+
+def interpreter(folder: Path) -> Path:
+    """The Python of the peers' environment in `folder`, which is made or completed where need be."""
+    python = folder.absolute() / "bin" / "python"
+    if not python.exists():
+        venv.create(folder, with_pip=True)
+    install = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    subprocess.run([*install, *requirements()], check=True)
+    return python
+
+
+def requirements() -> list[str]:
+    """What pyproject.toml asks for on the peers' behalf."""
+    pyproject = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))
+    return [str(requirement) for requirement in pyproject["dependency-groups"][GROUP]]
+
+
+OURS, ONE = "formation, many runs", "formation, one formation"
+IR_SIM, ROBOTARIUM = "ir-sim", "Robotarium"
+COMPARED = (OURS, ONE, IR_SIM, ROBOTARIUM)
+"""Sides with a column of their own."""
+PAPER, LATE = "paper law", "field law, late and lossy"
+"""Many runs, calculated otherwise."""
+FIGURE = "figures/bench_batch.svg"
+"""Beside the document."""
+
+
+class Bar(NamedTuple):
+    """What a figure is to come to."""
+
+    what: str
+    path: tuple[str, ...]
+    bound: float
+    least: bool
+    """Whether the bound is the least, not the most."""
+    scale: float
+    unit: str
+
+
+BARS = (
+    Bar("6 robots, of ir-sim's speed", ("ratio", IR_SIM, "6"), 100.0, True, 1.0, "×"),
+    Bar("6 robots, of the Robotarium's speed", ("ratio", ROBOTARIUM, "6"), 50.0, True, 1.0, "×"),
+    Bar("10,000 robots, speed", (OURS, "10000", "robot_steps_per_s"), 10.0, True, 1e-6, " million/s"),
+    Bar("1,000,000 robots, memory", (OURS, "1000000", "peak_mib"), 2048.0, False, 1.0, " MiB"),
+    Bar("1,000,000 robots, memory over 1,000 steps", ("long", "peak_mib"), 2048.0, False, 1.0, " MiB"),
+)
+
+
+def section(found: dict[str, Any]) -> str:
+    """The section in Markdown, from what `bench_batch.measure` found."""
+    parts = (_words(found), _bars(found), f"![Robot steps a second and memory]({FIGURE})\n")
+    tables = (_speeds(found), _memory(found), *_variants(found), _rest(found))
+    return "\n".join((*parts, *tables))
+
+
+def _words(found: dict[str, Any]) -> str:
+    step, sides = 1000.0 * found["step_s"], ", ".join(dict.fromkeys(found["names"].values()))
+    rounds = f"about {found['seconds']:g} s each, in {found['rounds']} rounds"
+    return f"""Every side steps its robots by {step:g} ms, the Robotarium's own step, in a process of its own;
+one after the other on one and the same core, {rounds}: {sides}.
+
+- **formation** simulates the closed loop: odometry, heading observer, what neighbours say over each link and
+  how fast they are, the law with its integral and limits, the body, and the formation error of every run at
+  every step. *Many runs* are of the six robots, from random starts; only their five followers are counted,
+  also at "6". *One formation* drives ten abreast, each robot measuring the two before it.
+- **ir-sim** steps differential-drive robots that circle, their command constant: no law, no figure, no
+  sensors, no collisions.
+- **Robotarium** does the same. It looks for collisions and draws its sensors' noise, which cannot be turned
+  off.
+
+What the peers leave undone is in their favour. On no side is making ready counted.
+"""
+
+
+def _bars(found: dict[str, Any]) -> str:
+    rows: list[tuple[str, str, str, bool | None]] = []
+    for bar in BARS:
+        figure: Any = found
+        for step in bar.path:
+            figure = figure.get(step, {}) if figure else figure
+        wanted = f"{'≥' if bar.least else '<'} {bar.bound:g}{bar.unit}"
+        if not figure:
+            rows.append((bar.what, "not measured", wanted, None))
+            continue
+        scaled = {key: bar.scale * value for key, value in figure.items()}
+        met = scaled["median"] >= bar.bound if bar.least else scaled["median"] < bar.bound
+        rows.append((bar.what, span(scaled, 1, bar.unit), wanted, met))
+    return judged(rows)
+
+
+def _speeds(found: dict[str, Any]) -> str:
+    return _table(found, "million robot steps a second", "robot_steps_per_s", 1e-6, 3)
+
+
+def _memory(found: dict[str, Any]) -> str:
+    table = _table(found, "peak memory of the process [MiB]", "peak_mib", 1.0, 0)
+    largest = found[OURS].get("1000000")
+    if largest is None:
+        return table
+    each = 1024.0 * largest["peak_mib"]["median"] / 1e6
+    return f"{table}\nA million robots take {each:.2f} KiB each, over {largest['steps']['median']:g} steps.\n"
+
+
+def _table(found: dict[str, Any], title: str, key: str, scale: float, digits: int) -> str:
+    sides = [side for side in COMPARED if side in found]
+    sizes = sorted({int(size) for side in sides for size in found[side]})
+
+    def cell(side: str, size: int) -> str:
+        figure = found[side].get(str(size))
+        if figure is None:
+            return ""
+        return span({name: scale * value for name, value in figure[key].items()}, digits)
+
+    rows = [[f"{size:,}", *(cell(side, size) for side in sides)] for size in sizes]
+    return markdown([f"robots; {title}", *sides], rows)
+
+
+def _variants(found: dict[str, Any]) -> tuple[str, ...]:
+    others = {name: found[name] for name in (PAPER, LATE) if name in found}
+    rows = [
+        [
+            f"{name}, {int(size):,} robots",
+            span({key: 1e-6 * value for key, value in figure["robot_steps_per_s"].items()}, 2),
+        ]
+        for name, sizes in others.items()
+        for size, figure in sizes.items()
+    ]
+    return (markdown(["many runs; million robot steps a second", ""], rows),) if rows else ()
+
+
+def _rest(found: dict[str, Any]) -> str:
+    ours = found[OURS]
+    words = (
+        f"The first simulation of a process takes {ours['6']['first_s']['median']:.2f} s, and "
+        f"{found['cold_first_s']:.1f} s where nothing has been compiled yet.\n"
+    )
+    if "1000000" in ours:
+        million = ours["1000000"]["first_s"]["median"]
+        words += f"With a million robots it takes {million:.1f} s, two steps among them.\n"
+    left_out = [f"- {what}: {why}\n" for what, why in found["left_out"].items()]
+    return words + ("\nLeft out:\n\n" + "".join(left_out) if left_out else "")
+
+
+LINES = {
+    OURS: (BLUE, "-", "many runs"),
+    ONE: (BLUE, "--", "one formation"),
+    IR_SIM: (ORANGE, "-", "ir-sim"),
+    ROBOTARIUM: (INK, "-", "Robotarium"),
+}
+"""Colour, stroke and label of each side."""
+
+
+def draw(found: Mapping[str, Any], path: Path) -> None:
+    """Robot steps a second, and memory per robot, against robots."""
+    with panels(path, 2, style={"svg.hashsalt": "bench"}) as (speed, memory):
+        _curves(speed, found, lambda _robots, one: one["robot_steps_per_s"]["median"], below=True)
+        _curves(memory, found, lambda robots, one: 1024.0 * one["peak_mib"]["median"] / robots, below=False)
+        speed.set_ylabel("robot steps a second")
+        memory.set_ylabel("memory of the process per robot [KiB]")
+
+
+def _curves(
+    axes: Axes, found: Mapping[str, Any], height: Callable[[int, Any], float], *, below: bool
+) -> None:
+    """A curve for each side; `below` is whether the label of one formation has its room there, or above."""
+    for side, (colour, stroke, label) in LINES.items():
+        if side not in found:
+            continue
+        sizes = sorted(int(size) for size in found[side])
+        heights = [height(size, found[side][str(size)]) for size in sizes]
+        axes.plot(sizes, heights, stroke, color=colour, marker="o", markersize=3.0, linewidth=1.5)
+        aside = (5, 0) if side != ONE else (-10, -12) if below else (-10, 12)
+        axes.annotate(
+            label, (sizes[-1], heights[-1]), aside, textcoords="offset points", color=colour, va="center"
+        )
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.minorticks_off()
+    axes.set_xlabel("robots")
+    axes.margins(x=0.12)
+
 
 STEP = 0.033
 """Of every side [s]."""
@@ -40,7 +227,8 @@ class Side(NamedTuple):
     """Who is measured, and with how many robots."""
 
     name: str
-    module: str
+    side: str
+    """Of `batch_side`."""
     sizes: tuple[int, ...]
     quick: tuple[int, ...] = ()
     """The sizes with --quick."""
@@ -48,7 +236,7 @@ class Side(NamedTuple):
     plan: Mapping[str, Any] = MappingProxyType({})
 
 
-FORMATION = "tests.campaigns.bench.batch_formation"
+FORMATION = "formation"
 SIDES = (
     Side(OURS, FORMATION, SIZES, (6, 1_000, 10_000, 1_000_000)),
     Side(ONE, FORMATION, (100, 1_000, 10_000, 100_000), (1_000,), plan={"one_formation": True}),
@@ -61,18 +249,18 @@ def peer_sides(folder: Path | None, checkout: Path | None) -> Iterator[Side]:
     """Those of the peers that were asked for."""
     if folder is None:
         return
-    python = str(peers.interpreter(folder))
-    yield Side(IR_SIM, "tests.campaigns.bench.batch_irsim", (6, 20, 100, 1_000, 10_000), (6, 1_000), python)
+    python = str(interpreter(folder))
+    yield Side(IR_SIM, "irsim", (6, 20, 100, 1_000, 10_000), (6, 1_000), python)
     if checkout is not None:
         plan = {"checkout": str(checkout.absolute())}
-        yield Side(ROBOTARIUM, "tests.campaigns.bench.batch_robotarium", (6, 20, 50), (6,), python, plan)
+        yield Side(ROBOTARIUM, "robotarium", (6, 20, 50), (6,), python, plan)
 
 
 def process(side: Side, robots: int, cache: Path, **plan: Any) -> dict[str, Any]:
     """What a process of its own found of a side with so many robots."""
     plan = {"robots": robots, "step": STEP, **side.plan, **plan}
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "MPLBACKEND": "Agg"}
-    command = [side.python, "-m", side.module, json.dumps(plan)]
+    command = [side.python, "-m", "tests.campaigns.bench.batch_side", side.side, json.dumps(plan)]
     output = subprocess.run(command, check=True, stdout=subprocess.PIPE, env=environment).stdout
     found: dict[str, Any] = json.loads(output.splitlines()[-1])  # ir-sim has more to say before
     return found

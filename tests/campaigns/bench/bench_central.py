@@ -14,8 +14,7 @@ import tempfile
 from pathlib import Path
 from typing import Any, get_args
 
-from tests.campaigns.bench import growing
-from tests.campaigns.bench.fleet import RATE, Architecture, Fleet, Outcome
+from tests.campaigns.bench.fleet import RATE, Architecture, Fleet, Outcome, command
 from tests.campaigns.figures import filled, markdown, over_rounds, progress, span
 from tests.campaigns.plots import BLUE, ORANGE, counted, curve, legend, milliseconds, panels
 
@@ -144,7 +143,7 @@ What the controllers cost, in percent of one core:
 
 def main() -> None:
     """Print the figures."""
-    growing.run(__doc__, measure, COUNTS, QUICK_COUNTS, draw, section)
+    command(__doc__, measure, COUNTS, QUICK_COUNTS, draw, section)
 
 
 if __name__ == "__main__":

@@ -15,8 +15,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from tests.campaigns.bench import growing
-from tests.campaigns.bench.fleet import RATE, Fleet, Outcome
+from tests.campaigns.bench.fleet import RATE, Fleet, Outcome, command
 from tests.campaigns.figures import filled, judged, markdown, over_rounds, progress, span
 from tests.campaigns.plots import BLUE, GREEN, INK, ORANGE, counted, curve, legend, panels
 
@@ -204,7 +203,7 @@ def _held(count: str, one: dict[str, Any]) -> list[str]:
 
 def main() -> None:
     """Print the figures."""
-    growing.run(__doc__, measure, COUNTS, QUICK_COUNTS, draw, section)
+    command(__doc__, measure, COUNTS, QUICK_COUNTS, draw, section)
 
 
 if __name__ == "__main__":

@@ -13,21 +13,18 @@ import http.client
 import json
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 from urllib.parse import urlsplit
 
-import psutil
-
-from tests.campaigns.bench.compiled import ready_to_start
 from tests.campaigns.bench.crowd import mission, names
+from tests.campaigns.bench.processes import Running
 from tests.campaigns.figures import filled, flags, markdown, over_rounds, show, verdict
 from tests.support.child import free_endpoint
 
@@ -44,50 +41,27 @@ PATIENCE = 60.0
 """[s]"""
 
 
-class Process:
-    """A child that says JSON lines."""
+class Process(Running):
+    """A child that is told what to do on stdin."""
 
     def __init__(self, *argv: str) -> None:
-        ready_to_start()
-        self.popen = psutil.Popen(
-            [sys.executable, "-m", *argv], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-
-    def wait_for(self, event: str) -> dict[str, Any]:
-        """The next event, which must be this one."""
-        out: IO[str] = self.popen.stdout
-        line = json.loads(out.readline() or '{"event": "nothing"}')
-        if line["event"] != event:
-            raise RuntimeError(f"waited for {event!r}, was told {line['event']!r}")
-        return dict(line)
+        super().__init__(*argv, stdin=subprocess.PIPE)
 
     def tell(self, line: str) -> None:
-        into: IO[str] = self.popen.stdin
+        into: IO[str] = self.process.stdin
         into.write(line + "\n")
         into.flush()
 
     @property
     def busy(self) -> float:
         """What it has computed so far [s]."""
-        times = self.popen.cpu_times()
+        times = self.process.cpu_times()
         return float(times.user + times.system)
 
     @property
     def memory(self) -> float:
         """What it occupies [MiB]."""
-        return float(self.popen.memory_info().rss / 2**20)
-
-
-@contextmanager
-def started(*argv: str) -> Iterator[Process]:
-    """A child that is gone at the end."""
-    one = Process(*argv)
-    try:
-        yield one
-    finally:
-        if one.popen.poll() is None:
-            one.popen.kill()
-        one.popen.communicate()
+        return float(self.process.memory_info().rss / 2**20)
 
 
 @dataclass
@@ -145,16 +119,16 @@ def one_run(
     flags = ["--no-stage", "--page", "127.0.0.1:0", "--record", str(recording), "--log-level", "error"]
     with ExitStack() as stack:
         crowd = [
-            stack.enter_context(started("tests.campaigns.bench.crowd", json.dumps(plan))) for plan in speakers
+            stack.enter_context(Process("tests.campaigns.bench.crowd", json.dumps(plan))) for plan in speakers
         ]
-        monitor = stack.enter_context(started("formation.monitor", str(file), *dial, *flags))
+        monitor = stack.enter_context(Process("formation.monitor", str(file), *dial, *flags))
         look = Look(monitor.wait_for("ready")["page"])
         looking = threading.Thread(target=look.watch, daemon=True)
         looking.start()
         for one in crowd:
             one.wait_for("ready")
         figures = watched(crowd, monitor, look, seconds)
-        monitor.popen.send_signal(signal.SIGTERM)
+        monitor.process.send_signal(signal.SIGTERM)
         summary = monitor.wait_for("summary")
         look.ended = True
         looking.join(PATIENCE)

@@ -20,13 +20,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from formation.agent.core import Agent
-from formation.control.plane import rotation
 from formation.deploy.fleet import authority
 from formation.mission.file import parse
 from formation.protocol import order
 from formation.protocol.order import Order, PositionAttachment
 from formation.protocol.status import AgentState
-from formation.ros2.messages import Odometry, encode
+from formation.ros2.messages import encode
 from formation.topics import ODOM, POSITION
 from formation.transport.security.signing import Authority, Signer, key_id_of
 from formation.transport.security.verifying import Verifier
@@ -71,7 +70,7 @@ class Follower:
         self.steps: list[float] = []
         """From the inbox to the command [µs]."""
         self._began = time.time()
-        self._at, self._facing = edge.START[edge.FOLLOWER], 1.0 + 0j  # as its commands have moved it
+        self._robot = edge.Follower()
         self.checks: list[float] = []
         """Of verifying both neighbours' orders of a period [µs]."""
 
@@ -93,10 +92,7 @@ class Follower:
         if self.signer is not None:
             inbox = [self.verifier.check(sample, now.wall) for sample in inbox]
         self.checks.append(1e6 * (time.perf_counter() - start))
-        command = self.agent.command
-        self._at += command.speed * PERIOD * self._facing
-        self._facing *= rotation(command.turn_rate * PERIOD)
-        payload = encode(Odometry(now.wall, self._at, self._facing, command.speed, command.turn_rate))
+        payload = encode(self._robot.odometry(self.agent.command, PERIOD, now.wall))
         inbox.append(Sample(ODOM.key(edge.FOLLOWER), payload, None, now.mono))
         start = time.perf_counter()
         self.agent.act(now, inbox)
@@ -106,10 +102,12 @@ class Follower:
     def _told(self, beat: int) -> PositionAttachment:
         what = Order(term=64, beat=beat, mode="run", shape="line", time=beat * PERIOD)
         if self.signer is None:
-            return PositionAttachment(publisher_id="bench", count=beat, order=what)
+            return PositionAttachment(publisher_id="bench", count=beat, order=what, mission=MISSION.tag)
         text = order.encode(what).decode()
         signature = self.signer.sign(order.statement(MISSION.fingerprint, text))
-        return PositionAttachment(publisher_id="bench", count=beat, signed=text, signature=signature)
+        return PositionAttachment(
+            publisher_id="bench", count=beat, signed=text, signature=signature, mission=MISSION.tag
+        )
 
 
 def periods(signer: Signer, verifier: Verifier) -> dict[str, float]:

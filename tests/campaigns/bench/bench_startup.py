@@ -25,9 +25,8 @@ from formation.ros2.messages import Twist, decode
 from formation.topics import CMD_VEL, ODOM
 from tests.campaigns.bench import edge
 from tests.campaigns.bench.bench_agent import surrounded
-from tests.campaigns.bench.compiled import ready_to_start
-from tests.campaigns.bench.robot import Robots, Subject
-from tests.campaigns.bench.scene import ROBOTS, Scene
+from tests.campaigns.bench.processes import ready_to_start
+from tests.campaigns.bench.scene import ROBOTS, Robots, Scene, Subject
 from tests.campaigns.figures import (
     curve_flags,
     filled,

@@ -32,21 +32,16 @@ EPOCH = 1.7e9
 
 def steps(mission: Mission) -> dict[str, float]:
     """Medians of steps that a neighbour's position, and that odometry brought about [µs]."""
-    agent = Agent(mission, edge.FOLLOWER)
+    agent, robot = Agent(mission, edge.FOLLOWER), edge.Follower()
     by_position, by_odometry = [], []
     for beat in range(STEPS):
         elapsed = beat / edge.RATE
         now = Now(elapsed, EPOCH + elapsed)
-        result = Order(term=1, beat=beat, mode="run", shape="line")
-        attachment = order.encode(
-            PositionAttachment(publisher_id="bench", count=beat, order=result, mission=mission.tag)
-        )
-        for robot in (edge.LEADER, edge.NEIGHBOUR):
-            payload = encode(edge.position(robot, elapsed, now.wall))
-            by_position.append(
-                stopped(agent, now, Sample(POSITION.key(robot), payload, attachment, now.mono))
-            )
-        payload = encode(edge.odometry(elapsed, now.wall))
+        attachment = order.encode(edge.attachment("bench", beat, mission.tag))
+        for name in (edge.LEADER, edge.NEIGHBOUR):
+            payload = encode(edge.position(name, elapsed, now.wall))
+            by_position.append(stopped(agent, now, Sample(POSITION.key(name), payload, attachment, now.mono)))
+        payload = encode(robot.odometry(agent.command, 1.0 / edge.RATE, now.wall))
         by_odometry.append(stopped(agent, now, Sample(ODOM.key(edge.FOLLOWER), payload, None, now.mono)))
     assert agent.decision.state is AgentState.RUN, agent.decision
     return {

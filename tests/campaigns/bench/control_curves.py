@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from formation.monitor.exporters.layout import COLOURS
-from tests.campaigns.bench.control_parameters import front
+from tests.campaigns.bench.control_trials import front
 from tests.campaigns.plots import INK, STYLE
 
 BOUND = 0.05

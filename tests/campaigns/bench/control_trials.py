@@ -1,19 +1,129 @@
-"""One trial of the control benchmarks: a law, a mission, many starts; and the figures that come of it."""
+"""One trial of the control benchmarks: a law, a mission, many starts; and the figures that come of it.
+
+The missions are the shipped six robots on four routes, with other leaders and laws. The leader goes at the
+mission's 0.2 m/s on all routes. Shapes keep their direction in the world, so every slot moves as the leader
+does.
+
+The proportional laws, beside which ours are measured, are after the public simulator of the Robotarium
+(robotarium_python_simulator 2.0: `leader_follower.py`, `transformations.py`), read and written anew. A
+follower goes like a single integrator towards where its neighbours want it, no faster than three quarters of
+its top speed; a mapping makes that a unicycle's command.
+
+| there | here | why |
+|---|---|---|
+| distances to keep, by a potential | displacements to keep | the formations here are made of displacements |
+| gain 10 | `gains.k_p` | displacements have another scale; the benchmarks take the best of a range |
+| pose from cameras above the field | the field law's observer | the same inputs for all laws |
+| barrier certificates | none | robots in these simulations do not collide |
+
+No integral, no feed-forward, no memory: behind a leader at speed v an edge keeps an error of about v / gain.
+Arithmetic and `formation.control.plane` only, so that scalars and arrays take the same path.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
 
 from formation.control.arrays import FloatArray
-from formation.control.controller import Controller
+from formation.control.controller import Controller, Gains, Limits, Measured
+from formation.control.observer import INNOVATION
+from formation.control.plane import angle_between, clip, shorten
+from formation.control.unicycle import Command, saturate
+from formation.mission.file import load
 from formation.mission.model import Mission
-from formation.simulation.ensemble import Options
+from formation.simulation.ensemble import Options, Starts, random_starts
 from formation.simulation.simulate import DWELL_TIME, Result, simulate
-from tests.campaigns.bench import routes
-from tests.campaigns.bench.proportional import NEAR_IDENTITY, TURNING
+from tests.unit.formation import scenarios
+
+SHARE = 0.75
+"""Of the top speed, what a follower is asked for at most."""
+FORWARD = 0.8
+"""Forward speed for each m/s in the direction of travel."""
+TURN = 2.0
+"""Turn rate for each radian between heading and wanted velocity [1/s]: π rad/s at a right angle."""
+
+
+def turning(
+    integral: Any, heading: Any, measured: Measured, gains: Gains, limits: Limits, _dt: float
+) -> tuple[Command, Any]:
+    """Turn towards the wanted velocity and drive what of it lies ahead: `create_si_to_uni_dynamics`."""
+    wanted = gains.k_p * (measured.relative - heading.conjugate() * measured.desired)
+    wanted = shorten(wanted, SHARE * limits.max_speed)
+    turn_rate = TURN * angle_between(1.0 + 0.0j, wanted)
+    speed = clip(FORWARD * wanted.real, limits.max_speed)
+    return Command(speed, clip(turn_rate, limits.max_turn_rate)), integral
+
+
+def near_identity(
+    integral: Any, heading: Any, measured: Measured, gains: Gains, limits: Limits, _dt: float
+) -> tuple[Command, Any]:
+    """Give the control point the wanted velocity exactly: `create_si_to_uni_mapping`."""
+    wanted = gains.k_p * (measured.relative - heading.conjugate() * measured.desired)
+    wanted = shorten(wanted, SHARE * limits.max_speed)
+    return saturate(wanted, limits.offset, limits.max_speed, limits.max_turn_rate), integral
+
+
+TURNING = Controller("turning", turning, INNOVATION, integral=False, ramp=False)
+NEAR_IDENTITY = Controller("near_identity", near_identity, INNOVATION, integral=False, ramp=False)
+
+
+SPEED = 0.2
+"""[m/s]"""
+SIDE = 25.0
+"""Time along one side of the square [s]."""
+HEADING = 30.0
+"""[deg]"""
+
+
+def _around(turn: str) -> dict[str, Any]:
+    """A whole circle of 1 m."""
+    return {"radius": 1.0, "speed": SPEED, "turn": turn, "duration": float(2.0 * np.pi / SPEED)}
+
+
+ROUTES: Mapping[str, Sequence[dict[str, Any]]] = MappingProxyType(
+    {
+        "line": [{"speed": SPEED, "heading_deg": HEADING}],
+        "circle of 1 m": [{"radius": 1.0, "speed": SPEED, "heading_deg": HEADING}],
+        "square of 5 m": [
+            {"speed": SPEED, "heading_deg": HEADING + 90.0 * corner, "duration": SIDE} for corner in range(8)
+        ],
+        "figure eight, 1 m": [
+            {**_around("left"), "heading_deg": HEADING},
+            *(_around(turn) for turn in ("right", "left", "right") * 3),
+        ],
+    }
+)
+
+
+def six_robots(route: str = "line", leader_speed: float | None = None) -> Mission:
+    """The shipped mission on a route, or behind a straight leader of another speed [m/s]."""
+    mission = load("six_robots")
+    legs = ROUTES[route] if leader_speed is None else [{"speed": leader_speed, "heading_deg": HEADING}]
+    return varied(mission, route=legs)
+
+
+def varied(mission: Mission, **tables: Any) -> Mission:
+    """The mission with some of its tables replaced."""
+    return Mission.model_validate({**mission.model_dump(), **tables})
+
+
+def circling_chain(followers: int, **law: Any) -> Mission:
+    """One behind the other, half a metre apart, behind a leader on a circle of 1 m at 0.1 m/s."""
+    circle = {"radius": 1.0, "speed": 0.1, "heading_deg": 90.0}
+    robot = {"control_point_offset": 0.05, "max_turn_rate": 2.84}
+    return scenarios.chain(followers, circle, robot, 0.0, **{"k_i": 0.2, **law})
+
+
+def drawn(mission: Mission, runs: int, seed: int) -> Starts:
+    """The starts that `simulate` draws."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(2)[0])
+    return random_starts(mission, runs, mission.simulation.spread, rng)
+
 
 SEED = 0
 UNAIDED: dict[str, Any] = {"feed_forward": False, "delay_compensation": False}
@@ -33,7 +143,7 @@ class Contender:
 
     def of(self, mission: Mission) -> Mission:
         """The mission with this law's parameters."""
-        return routes.varied(mission, law={**mission.law.model_dump(), **self.parameters})
+        return varied(mission, law={**mission.law.model_dump(), **self.parameters})
 
     def drive(
         self,
@@ -108,3 +218,22 @@ def _remaining(result: Result) -> dict[str, Any]:
         "rms": float(np.median(np.sqrt(np.square(late).mean(axis=0)))),
         "peak": float(np.median(late.max(axis=0))),
     }
+
+
+def slot_errors(mission: Mission, result: Result) -> FloatArray:
+    """Each robot's distance from its slot, RMS over the last third of the first run [m]; shape (n,)."""
+    assert result.history is not None
+    points = result.history.points
+    away = np.abs(points - points[:, :1] - np.array(mission.slots()))
+    errors: FloatArray = np.sqrt(np.square(away[len(away) * 2 // 3 :]).mean(axis=0))
+    return errors
+
+
+def front(tried: list[Any]) -> list[Any]:
+    """Those of the tried that no other beats in both settling and the error in the rough world."""
+    reliable = [one for one in tried if one["calm"]["share"] == 1.0]
+    best: list[Any] = []
+    for one in sorted(reliable, key=lambda one: (one["calm"]["settling"]["median"], one["rough"]["rms"])):
+        if not best or one["rough"]["rms"] < best[-1]["rough"]["rms"]:
+            best.append(one)
+    return best

@@ -3,25 +3,68 @@
 from __future__ import annotations
 
 import json
+import math
 import os
-import subprocess
-import sys
+import shutil
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Any, Literal, NamedTuple, Self
+from typing import Any, Literal, NamedTuple
 
 import psutil
 
 from formation.mission.file import load
+from formation.mission.model import Mission
 from formation.transport import wiring
-from tests.campaigns.bench.accounting import accounts, memory, used
-from tests.campaigns.bench.block import mission, typical
-from tests.campaigns.bench.compiled import ready_to_start
+from tests.campaigns.bench.processes import LISTING, Running, accounts, memory, used
+from tests.campaigns.figures import curve_flags, show
 from tests.support.child import free_endpoint
+
+LEADER = "leader"
+APART = 1.0
+"""Between neighbours in a row, and between rows [m]."""
+SPEED, RADIUS = 0.2, 2.0
+"""The leader's, on a circle: on a straight line nobody would be off, however late [m/s; m]."""
+OFFSET = 0.2
+"""Control-point offset of every follower [m]."""
+
+
+def width(followers: int) -> int:
+    """Robots in a row: about as many as there are rows, so that nobody is far from the leader."""
+    return max(2, round(math.sqrt(followers)))
+
+
+def mission(followers: int, rate: float) -> str:
+    """The file of a mission of so many followers, everybody at `rate` [Hz]; all start in their slots."""
+    wide = width(followers)
+    places = [divmod(number, wide) for number in range(followers)]
+    slots = [APART * complex(-1 - row, column - 0.5 * (wide - 1)) for row, column in places]
+    lines = ['name = "block"', f'leader = "{LEADER}"', "[robot]", f"control_point_offset = {OFFSET}"]
+    lines += ["max_speed = 1.5", "max_turn_rate = 1.5", f"rate = {rate:g}", "[shapes.block]"]
+    lines += [f"{_name(*place)} = [{at.real}, {at.imag}]" for place, at in zip(places, slots, strict=True)]
+    lines += [f"[robots.{LEADER}]", "start = { x = 0.0, y = 0.0 }"]
+    for (row, column), at in zip(places, slots, strict=True):
+        measured = (_name(row - 1, column), _name(row - 1, (column + 1) % wide)) if row else (LEADER,)
+        lines += [f"[robots.{_name(row, column)}]", f"neighbours = {list(measured)}"]
+        lines += [f"start = {{ x = {at.real - OFFSET}, y = {at.imag} }}"]
+    return "\n".join([*lines, "[[route]]", f"speed = {SPEED}", f"radius = {RADIUS}", "heading_deg = 0", ""])
+
+
+def typical(block: Mission) -> tuple[str, ...]:
+    """Followers that measure two others and are measured by two, as the first and last rows do not."""
+    measured = Counter(name for robot in block.robots.values() for name in robot.neighbours)
+    return tuple(
+        name
+        for name in block.followers
+        if LEADER not in block.robots[name].neighbours and measured[name] == 2
+    )
+
+
+def _name(row: int, column: int) -> str:
+    return f"robot{row:02}{column:02}"
+
 
 RATE = 10.0
 """Of every robot's odometry and of the leader [Hz]."""
@@ -46,37 +89,6 @@ class Outcome(NamedTuple):
     """CPU of the bodies' process and of the leader [% of one core]."""
     start_s: float
     """From the start of the first driver until every robot has been told to move."""
-
-
-class Running:
-    """``python -m …``, a child that says JSON lines, and is gone at the end."""
-
-    def __init__(self, arguments: list[str], log: IO[str]) -> None:
-        ready_to_start()
-        self.process = psutil.Popen(
-            [sys.executable, "-m", *arguments],
-            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=log, text=True,
-        )  # fmt: skip
-        self._log = log
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self.process.poll() is None:
-            self.process.kill()
-        self.process.communicate()
-
-    def wait_for(self, event: str) -> dict[str, Any]:
-        """The next event, which must be this one."""
-        out: IO[str] = self.process.stdout
-        line = json.loads(out.readline() or '{"event": "nothing"}')
-        if line["event"] != event:
-            wrote = Path(self._log.name).read_text()[-2000:]
-            raise RuntimeError(f"waited for {event!r}, was told {line['event']!r}; all wrote: {wrote}")
-        return dict(line)
 
 
 class Fleet:
@@ -107,7 +119,7 @@ class Fleet:
             log = stack.enter_context(self._log.open("w"))
 
             def started(arguments: list[str]) -> Running:
-                return stack.enter_context(Running(arguments, log))
+                return stack.enter_context(Running(*arguments, log=log))
 
             bodies = started(["tests.campaigns.bench.bodies", json.dumps(plan)])
             bodies.wait_for("ready")
@@ -157,3 +169,33 @@ class Fleet:
             "agent", str(self._file), "--robot", name, *QUIET,
             "--robot-connect", self._robots[name], "-l", self._ends[name], *dialled,
         ]  # fmt: skip
+
+
+QUICK = (2.0, 4.0)
+"""How long a fleet settles and is measured in the short form [s]."""
+
+
+def command(
+    description: str | None,
+    measure: Callable[[tuple[int, ...], int, float, float], Any],
+    counts: tuple[int, ...],
+    quick_counts: tuple[int, ...],
+    draw: Callable[[Any, Path], None],
+    section: Callable[[Any], str],
+) -> None:
+    """Measure with so many robots, draw what is found if asked to, and print it.
+
+    `measure` is given the numbers of robots, of rounds, and how long each fleet settles and is measured [s].
+    """
+    parser = curve_flags(description, rounds=2)
+    parser.add_argument("--seconds", type=float, default=10.0, help="of each measurement")
+    given = parser.parse_args()
+    if shutil.which(LISTING[0]) is None:
+        parser.error(f"needs {LISTING[0]}, which counts what goes over each link: apt install iproute2")
+    if given.quick:
+        found = measure(quick_counts, 1, *QUICK)
+    else:
+        found = measure(counts, given.rounds, SETTLE, given.seconds)
+    if given.draw:
+        draw(found, given.draw)
+    show(found, section, as_json=given.json)

@@ -2,12 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
-from tests.campaigns.bench.report_conditions import conditions, saturation
-from tests.campaigns.bench.report_parameters import chains, parameters, peer_gains
-from tests.campaigns.bench.report_words import Found, centimetres, percent, times
+from formation.control.tracker import MAX_DELAY
+from tests.campaigns.bench.control_trials import front
 from tests.campaigns.figures import judged, markdown
+
+Found = Mapping[str, Any]
+
+
+def times(one: Found, *which: str, digits: int = 1) -> list[str]:
+    """Settling times; – where too few settle."""
+    settling = [one["settling"][key] for key in which]
+    return ["–" if time is None else f"{time:.{digits}f} s" for time in settling]
+
+
+def percent(share: float) -> str:
+    """Nothing that is not 100 % is written as if it were."""
+    return f"{100.0 * share:.{0 if share in {0.0, 1.0} else 1}f} %"
+
+
+def centimetres(metres: float) -> str:
+    """Three digits; a run that ran away has no number worth telling."""
+    value = 100.0 * metres
+    if value > 1000.0:
+        return "> 10 m"
+    return f"{value:.{2 if value < 9.995 else 1 if value < 99.95 else 0}f} cm"
 
 
 def section(found: Found) -> str:
@@ -116,3 +137,139 @@ def row(route: str, name: str, case: Any) -> list[str]:
     of_bound = "–" if middle is None else f"{middle / case['bound']:.1f}×"
     remaining = (centimetres(one["peak"]), centimetres(one["rms"]))
     return [f"{route}: {name}", percent(one["share"]), *times(one, "median"), of_bound, *remaining]
+
+
+UNITS = {"delay": (1000.0, "ms old"), "loss": (100.0, "% lost"), "noise": (1000.0, "mm of noise")}
+
+
+def conditions(found: Found) -> str:
+    """What every law makes of each condition."""
+    perfect, steps = found["noise"]["0.0"], found["steps"]
+    laws = list(perfect)
+    rows = [_row("perfect", perfect, laws)]
+    for kind, (scale, unit) in UNITS.items():
+        rows += [
+            _row(f"{scale * float(value):g} {unit}", cells, laws)
+            for value, cells in found[kind].items()
+            if float(value) > 0.0
+        ]
+    rows.append(_row("commands cut to 0.01", steps, laws))
+    rows.append(_row("– with error feedback", {laws[0]: steps["field law, error feedback"]}, laws))
+    return f"""### Delay, loss, noise, steps
+
+![Error that remains under delay, loss and noise](figures/bench_control_conditions.svg)
+
+Median settling, – where under half settle, and the error that remains: RMS of all edges in the second half,
+median of the starts. *Gentle* is the field law with a velocity filter of 0.5 s and an observer gain of 2 1/m.
+
+{markdown(["", *laws], rows)}
+A sample is carried forward by as much of its age as can be believed: all of its way up to
+{MAX_DELAY:g} s, then less and less, nothing from {2.0 * MAX_DELAY:g} s on. Every hop lags by
+its speed times what is left of the age, with the paper's law times all of it. Noise is white and new in each
+sample, fifty times a second. The field law takes its neighbours' velocities from differences of positions, so
+strong noise reaches it where it does not reach the paper's law.
+"""
+
+
+def _row(label: str, cells: Found, laws: list[str]) -> list[str]:
+    texts = []
+    for law in laws:
+        if law not in cells:
+            texts.append("")
+            continue
+        texts.append(f"{times(cells[law], 'median')[0]}, {centimetres(cells[law]['rms'])}")
+    return [label, *texts]
+
+
+def saturation(found: Found) -> str:
+    """Share, settling and rate of both laws over saturation."""
+    rows = []
+    for ratio, one in found.items():
+        cells = [f"{ratio}", f"{one['bound'][10]:.1f} s"]
+        for name in ("field law", "paper's law"):
+            law = one[name]
+            share = f"{percent(law['share'])} in {one['horizon'][name]:.0f} s"
+            rate = f"{law['rate'][1]:.2f} 1/s" if law["rate"] else "–"
+            cells += [share, " / ".join(times(law, "median", "p95")), rate]
+        rows.append(cells)
+    field = ["field: settle", "median / p95", "rate"]
+    header = ["u_max ÷ leader", "bound", *field, "paper: settle", *field[1:]]
+    return f"""### What saturation costs
+
+![Settling and rate of convergence over saturation](figures/bench_control_saturation.svg)
+
+The question that the paper leaves open: the same robots and starts behind faster and faster leaders. The
+bound is the one by body. *Rate* is the median of ln(first error ÷ 5 cm) ÷ settling time. Times and rates are
+of the starts that settle within what is said.
+
+{markdown(header, rows)}"""
+
+
+HOPS = (1, 5, 12, 25, 50)
+
+
+def chains(found: Found) -> str:
+    """How the error grows along a chain."""
+    deepest = len(next(iter(found.values())))
+    hops = [hop for hop in HOPS if hop <= deepest]
+    rows = [
+        [name, *(centimetres(errors[hop - 1]) for hop in hops), f"{errors[-1] / errors[0]:,.0f}×"]
+        for name, errors in found.items()
+    ]
+    return f"""### Along a chain
+
+![Distance from the slot along a chain](figures/bench_control_chain.svg)
+
+{deepest} robots half a metre apart, each measuring the one before it, behind a leader on a circle of 1 m at
+0.1 m/s (u_max 0.22 m/s, L 5 cm, k_I 0.2). Nobody hears those behind, so it is every shorter chain as well.
+Each robot's distance from its slot, RMS over the last third of 240 s; and the last robot's over the first's.
+
+{markdown(["hops from the leader", *(str(hop) for hop in hops), "last ÷ first"], rows)}"""
+
+
+def parameters(found: Found) -> str:
+    """Sets of parameters that no other beats."""
+    bound, runs = found["bound"], found["runs"]
+    best = [("**shipped**", found["tried"][0])]
+    best += [(_words(one["parameters"]), one) for one in front(found["tried"])]
+    cells = [(name, one["calm"], centimetres(one["rough"]["rms"])) for name, one in best]
+    cells += [
+        (f"all measuring the leader, k_p {float(gain):g}", one, "") for gain, one in found["star"].items()
+    ]
+    rows = [
+        [name, *times(calm, "median", "p95"), f"{calm['settling']['median'] / bound:.2f}×", rough]
+        for name, calm, rough in cells
+    ]
+    header = [f"{runs} starts", "median", "p95", "of the bound", "left in a rough world"]
+    return f"""### What the parameters are worth
+
+![Settling against the error in a rough world](figures/bench_control_parameters.svg)
+
+{len(found["tried"])} sets of the field law's parameters, each the same for all starts. In the rough world
+samples are 100 ms old and positions have 5 mm of noise; there the RMS of the error counts. Shown are those
+that no other beats in both, and the same law when every robot measures the leader instead of its neighbours.
+
+{markdown(header, rows)}
+Where the rest goes: a robot follows neighbours who are on their way themselves; and saturation acts on each
+axis of the body by itself, so with a higher gain it drives at full speed before it points where it should.
+"""
+
+
+def _words(parameters: Found) -> str:
+    return ", ".join(f"{name} {value:g}" for name, value in parameters.items()) or "shipped"
+
+
+def peer_gains(found: Found) -> str:
+    """What the proportional law makes of other gains."""
+    rows = [
+        [
+            f"{float(gain):g}",
+            percent(one["calm"]["share"]),
+            *times(one["calm"], "median"),
+            centimetres(one["calm"]["rms"]),
+            centimetres(one["late"]["rms"]),
+        ]
+        for gain, one in found.items()
+    ]
+    header = ["gain [1/s]", "settle", "median", "error that remains", "samples 100 ms old"]
+    return f"### The proportional law's gain\n\n{markdown(header, rows)}"

@@ -3,23 +3,201 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+import psutil
 
 from formation.agent.core import Agent
 from formation.mission.file import load
-from formation.protocol.order import Order, PositionAttachment
-from formation.protocol.order import encode as encode_order
-from formation.ros2.messages import encode
+from formation.protocol import order
+from formation.ros2.messages import Twist, decode, encode
 from formation.ros2.ros_names import address
 from formation.topics import ALIVE, CMD_VEL, ODOM, POSITION, STATUS, Topic
-from formation.transport.bus import BusConfig
+from formation.transport.bus import Bus, BusConfig
+from formation.transport.runtime.rate import Rate
 from formation.transport.session import settings_of
 from formation.wire import Now, Outgoing, Sample
 from tests.campaigns.bench import edge
+from tests.campaigns.bench.processes import busy, memory, ready_to_start
 from tests.support.child import free_endpoint
+
+PATIENCE = 30.0
+"""For what takes a fraction of a second on an idle machine [s]."""
+RUN_UP, TURN = 0.1, 0.4
+"""How long a subject is asked as fast as it goes before that counts, and how long it counts [s]."""
+LOST = 1.0
+"""An answer that has not come by then never will [s]."""
+
+
+class Exchange(NamedTuple):
+    """One odometry and its command [s, monotonic]."""
+
+    sent: float
+    answered: float
+
+
+@dataclass
+class Subject:
+    """A process under the stopwatch, the robot it drives, and what the two said to each other."""
+
+    name: str
+    robot: str
+    argv: list[str]
+    process: psutil.Popen | None = None
+    started: float = 0.0
+    """[s, monotonic]"""
+    first: float = 0.0
+    """When its first command came [s, monotonic]."""
+    moving: float = 0.0
+    """When its first command came that is not to stand still."""
+    waiting: float | None = None
+    """Since when a command is awaited."""
+    exchanges: list[Exchange] = field(default_factory=list)
+    counted: int = 0
+    """How many of these are kept when the others are taken back."""
+    lost: int = 0
+
+    def start(self) -> None:
+        """Start the stopwatch and the process."""
+        ready_to_start()
+        self.started = time.monotonic()
+        self.process = psutil.Popen(self.argv, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+
+    def end(self) -> None:
+        """Ask the process to end; kill it if it does not."""
+        if self.process is None or self.process.poll() is not None:
+            return
+        self.process.terminate()
+        try:
+            self.process.wait(PATIENCE)
+        except psutil.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        self.process = None
+
+    @property
+    def cpu_time(self) -> float:
+        """What it has computed since it started [s]."""
+        assert self.process is not None
+        return busy(self.process.pid)
+
+    def cost(self) -> dict[str, float]:
+        """What it occupies."""
+        assert self.process is not None
+        return memory(self.process)
+
+    def has_ended(self) -> bool:
+        """Whether its process is gone though nobody ended it."""
+        return self.process is not None and self.process.poll() is not None
+
+    def has_moved(self) -> bool:
+        """Whether it has ever sent a command that is not to stand still."""
+        return self.moving > 0.0
+
+    def forget(self) -> None:
+        """Begin to count."""
+        self.exchanges, self.counted, self.lost = [], 0, 0
+
+    def ask(self, bus: Bus, payload: bytes) -> None:
+        """Send it its odometry, unless it is up and the command for the last one is still to come."""
+        now = time.monotonic()
+        if self.has_moved() and self.waiting is not None and now - self.waiting < LOST:
+            return
+        self.lost += self.waiting is not None
+        self.waiting = time.monotonic()
+        bus.publish(ODOM.key(self.robot), payload)
+
+    def process_sample(self, sample: Sample) -> None:
+        """One of its commands."""
+        self.first = self.first or sample.arrived
+        if not self.moving and decode(Twist, sample.payload).speed != 0.0:
+            self.moving = sample.arrived
+        if self.waiting is not None:
+            self.exchanges.append(Exchange(self.waiting, sample.arrived))
+            self.waiting = None
+
+
+class Robots:
+    """The robots of all subjects, a fraction of a period after each other."""
+
+    def __init__(self, bus: Bus, subjects: Sequence[Subject], origin: float, rate: float) -> None:
+        """`origin` is the scene's beginning [s, monotonic], `rate` that of each one's odometry [Hz]."""
+        self._bus, self._origin, self._subjects = bus, origin, subjects
+        self._rate = Rate(rate * len(subjects))
+
+    def drive(self, until: Callable[[], object], limit: float = PATIENCE) -> None:
+        """Send odometry to those who were started, until the condition holds.
+
+        Raises RuntimeError if that takes longer than `limit` [s], or if a subject ends.
+        """
+        end = time.monotonic() + limit
+        while not until():
+            ended = [subject.name for subject in self._subjects if subject.has_ended()]
+            if ended or time.monotonic() > end:
+                requested = " and ".join(subject.name for subject in self._subjects if subject.process)
+                raise RuntimeError(
+                    f"{' and '.join(ended)} ended" if ended else f"not so within {limit} s: {requested}"
+                )
+            time.sleep(max(0.0, self._rate.due - time.monotonic()))
+            if self._rate.tick(time.monotonic()):
+                self._tick()
+
+    def drive_for(self, seconds: float) -> None:
+        """Send odometry for so long."""
+        end = time.monotonic() + seconds
+        self.drive(lambda: time.monotonic() >= end, seconds + PATIENCE)
+
+    def race(self, seconds: float) -> dict[str, float]:
+        """Have each subject in turn answer as fast as it goes, `seconds` in all; how many answers a second.
+
+        Nobody is asked while it is another's turn, which the agent takes for silence: what it says before it
+        is in formation control again does not count.
+        """
+        raced = dict.fromkeys((subject.name for subject in self._subjects), 0.0)
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            for subject in self._subjects:
+                if subject.has_ended():
+                    raise RuntimeError(f"{subject.name} ended")
+                self._chase(subject, RUN_UP)
+                del subject.exchanges[subject.counted :]
+                begun = time.monotonic()
+                self._chase(subject, TURN)
+                subject.counted = len(subject.exchanges)
+                raced[subject.name] += time.monotonic() - begun
+        return {subject.name: len(subject.exchanges) / raced[subject.name] for subject in self._subjects}
+
+    def _chase(self, subject: Subject, seconds: float) -> None:
+        """The next odometry upon each command, for so long."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            subject.ask(self._bus, self._odometry())
+            deadline = time.monotonic() + LOST
+            while subject.waiting is not None and (left := deadline - time.monotonic()) > 0.0:
+                self._bus.wait(left)
+                self._take()
+
+    def _tick(self) -> None:
+        self._take()
+        subject = self._subjects[self._rate.ticks % len(self._subjects)]
+        if subject.process is not None:
+            subject.ask(self._bus, self._odometry())
+
+    def _take(self) -> None:
+        for sample in self._bus.drain():
+            for subject in self._subjects:
+                if sample.key == CMD_VEL.key(subject.robot):
+                    subject.process_sample(sample)
+
+    def _odometry(self) -> bytes:
+        return encode(edge.odometry(time.monotonic() - self._origin, time.time()))
+
 
 ROBOTS = {"agent": edge.FOLLOWER, "copy": "copy", "echo": "echo"}
 """In whose name each subject speaks."""
@@ -45,7 +223,7 @@ class Scene:
             for who, endpoint in self._listen.items()
         }
         plan = json.dumps([self.origin, self.rate, self._neighbours, monitored, load(self.mission).tag])
-        return [sys.executable, "-m", "tests.campaigns.bench.surroundings", plan]
+        return [sys.executable, "-m", "tests.campaigns.bench.edge", plan]
 
     def agent(self) -> list[str]:
         """Command line of the agent."""
@@ -117,14 +295,7 @@ def _one_step(mission_file: Path, rate: float) -> list[Outgoing]:
     for count, beat in enumerate((1000, 1001)):  # the first alone proves no leader alive
         elapsed = count / rate
         now = Now(began.mono + elapsed, began.wall + elapsed)
-        attachment = encode_order(
-            PositionAttachment(
-                publisher_id="bench",
-                count=beat,
-                order=Order(term=term, beat=beat, mode="run", shape="line"),
-                mission=mission.tag,
-            )
-        )
+        attachment = order.encode(edge.attachment("bench", beat, mission.tag, term))
         inbox = [
             Sample(POSITION.key(robot), encode(edge.position(robot, elapsed, now.wall)), attachment, now.mono)
             for robot in (edge.LEADER, edge.NEIGHBOUR)

@@ -12,13 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from formation.control.arrays import FloatArray
 from formation.control.observer import INNOVATION, PRINTED
 from formation.mission.model import Mission
 from formation.simulation.ensemble import Options
-from formation.simulation.simulate import Result, simulate
+from formation.simulation.simulate import simulate
+from tests.campaigns.bench.control_trials import drawn, slot_errors
 from tests.campaigns.bench.lower_bound import by_distance
-from tests.campaigns.bench.routes import drawn
 from tests.unit.formation import scenarios
 
 WITHOUT_FEED_FORWARD = {"feed_forward": False, "delay_compensation": False, "integral_band": 1e6}
@@ -115,15 +114,6 @@ READINGS = (
     Reading("– ω_max 2.84 rad/s", lambda **law: scenarios.near_limit(max_turn_rate=2.84, **law)),
     Reading("– the field law's observer", scenarios.near_limit, Options(observer=INNOVATION)),
 )
-
-
-def slot_errors(mission: Mission, result: Result) -> FloatArray:
-    """Each robot's distance from its slot, RMS over the last third of the first run [m]; shape (n,)."""
-    assert result.history is not None
-    points = result.history.points
-    away = np.abs(points - points[:, :1] - np.array(mission.slots()))
-    errors: FloatArray = np.sqrt(np.square(away[len(away) * 2 // 3 :]).mean(axis=0))
-    return errors
 
 
 def figure(scenario: Scenario, law: dict[str, Any], runs: int, seed: int) -> str:

@@ -84,13 +84,13 @@ def main(words: Sequence[str] | None = None) -> int:
         flags.error(f"--only {', '.join(given.only)}: must begin one of {legal}")
     chosen = [name for name in chosen if rows[name]]
     _estimate(chosen, rows, options)
-    found, write = {}, not (given.print or given.quick or given.only)
+    found, kept = {}, not (given.print or given.quick or given.only)
     for name in chosen:
         tell(f"{name}: {', '.join(rows[name])}")
         began = time.monotonic()
         one = PARTS[name].run(options)
         found[name] = stamp(one, tries, time.monotonic() - began)
-        if write:
+        if kept:
             write({name: found[name]})
         print(PARTS[name].section(found[name]))
     return 0 if all(one["well"] for one in found.values()) else 1

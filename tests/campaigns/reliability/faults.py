@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from formation.mission.file import load
+from tests.campaigns.document import Found
 from tests.campaigns.reliability.fleet import Fleet
-from tests.campaigns.reliability.part import Found, Options, campaign
+from tests.campaigns.reliability.part import Options, campaign
 from tests.campaigns.reliability.placed import STRAIGHT
 from tests.campaigns.reliability.rows import rows
 from tests.campaigns.reliability.table import failures, table

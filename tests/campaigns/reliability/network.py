@@ -12,13 +12,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tests.campaigns.document import Found
 from tests.campaigns.figures import markdown
 from tests.campaigns.plots import BLUE, ORANGE, panels
 from tests.campaigns.reliability import judge
 from tests.campaigns.reliability.campaign import tell
 from tests.campaigns.reliability.fleet import Fleet
 from tests.campaigns.reliability.judge import middle
-from tests.campaigns.reliability.part import Found, Options
+from tests.campaigns.reliability.part import Options
 from tests.campaigns.reliability.placed import STRAIGHT
 from tests.campaigns.reliability.table import span
 
@@ -155,7 +156,7 @@ def section(found: Found) -> str:
 def draw(found: Found, docs: Path) -> None:
     """Settled error of every condition, median and worst, and the time that it took to converge."""
     names = [_words(cell) for cell in found["cells"].values()]
-    places = np.arange(len(names))
+    places = range(len(names))
     with panels(docs / CONDITIONS, 2, (7.0, 3.4), sharey=True) as (error, duration):
         for axes, key, scale, label in (
             (error, "settled", 1000.0, "settled error [mm]"),

@@ -20,9 +20,10 @@ from formation.mission.model import Mission
 from formation.monitor.recording.reader import read
 from formation.ros2.messages import Pose, decode
 from formation.topics import GROUND_TRUTH
+from tests.campaigns.document import Found
 from tests.campaigns.reliability.campaign import tell
 from tests.campaigns.reliability.commands import module
-from tests.campaigns.reliability.part import Found, Options
+from tests.campaigns.reliability.part import Options
 from tests.campaigns.reliability.placed import dumped
 from tests.campaigns.reliability.table import failures, summary, table
 from tests.campaigns.reliability.trial import Try

@@ -6,9 +6,10 @@ import random
 import time
 from collections.abc import Sequence
 
+from tests.campaigns.document import Found
 from tests.campaigns.reliability import judge
 from tests.campaigns.reliability.fleet import Fleet
-from tests.campaigns.reliability.part import Found, Options, campaign
+from tests.campaigns.reliability.part import Options, campaign
 from tests.campaigns.reliability.rows import Row
 from tests.campaigns.reliability.seen import window
 from tests.campaigns.reliability.table import failures, table

@@ -9,12 +9,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
+from tests.campaigns.document import Found
 from tests.campaigns.figures import markdown
 from tests.campaigns.reliability import judge
 from tests.campaigns.reliability.campaign import tell
 from tests.campaigns.reliability.crowds import crowd
 from tests.campaigns.reliability.fleet import Fleet
-from tests.campaigns.reliability.part import Found, Options
+from tests.campaigns.reliability.part import Options
 from tests.campaigns.reliability.rows import KINDS, fault
 from tests.campaigns.reliability.seen import window
 

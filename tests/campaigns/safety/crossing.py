@@ -11,9 +11,10 @@ from formation.mission.model import Mission
 from formation.simulation.ensemble import MIN_START_CLEARANCE
 from formation.simulation.ensemble import Options as Simulated
 from formation.simulation.simulate import simulate
+from tests.campaigns.document import Found
 from tests.campaigns.figures import filled, markdown, span
 from tests.campaigns.safety import step_time
-from tests.campaigns.safety.part import Found, Options, bar, reported, reporting
+from tests.campaigns.safety.part import Options, bar, reported, reporting
 from tests.unit.formation import scenarios
 
 TITLE = "Crossing starts"

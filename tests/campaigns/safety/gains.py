@@ -6,8 +6,9 @@ from itertools import product
 
 from formation.mission.file import load
 from formation.stability import tuning
+from tests.campaigns.document import Found
 from tests.campaigns.figures import markdown
-from tests.campaigns.safety.part import Found, Options, bar, reported
+from tests.campaigns.safety.part import Options, bar, reported
 from tests.support.gains import stable, unstable
 from tests.support.tuned import changed
 

@@ -13,8 +13,9 @@ from formation.simulation.body import Body
 from formation.simulation.ensemble import Options as Simulated
 from formation.simulation.simulate import simulate
 from formation.slots.shapes import SHAPES
+from tests.campaigns.document import Found
 from tests.campaigns.figures import markdown
-from tests.campaigns.safety.part import Found, Options, bar, reported
+from tests.campaigns.safety.part import Options, bar, reported
 from tests.support.every_mission import made
 
 TITLE = "Imperfect sensing"

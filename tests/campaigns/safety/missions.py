@@ -7,8 +7,9 @@ from itertools import product
 from formation.deploy.mission_files.new import PROFILES
 from formation.simulation.simulate import simulate
 from formation.slots.shapes import SHAPES
+from tests.campaigns.document import Found
 from tests.campaigns.figures import markdown
-from tests.campaigns.safety.part import Found, Options, bar, reported
+from tests.campaigns.safety.part import Options, bar, reported
 from tests.support.every_mission import faults, made
 
 TITLE = "Missions that are made"

@@ -15,8 +15,9 @@ from formation.control.unicycle import Command
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.simulation.ensemble import MIN_START_CLEARANCE
+from tests.campaigns.document import Found
 from tests.campaigns.figures import filled, markdown
-from tests.campaigns.safety.part import Found, Options, bar, reported
+from tests.campaigns.safety.part import Options, bar, reported
 
 if TYPE_CHECKING:
     from tests.support.physics_worlds import InPhysics

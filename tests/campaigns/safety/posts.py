@@ -8,10 +8,11 @@ from concurrent.futures import ProcessPoolExecutor
 from itertools import combinations
 from typing import Any, NamedTuple
 
+from tests.campaigns.document import Found
 from tests.campaigns.figures import filled, markdown
 from tests.campaigns.safety import paths
 from tests.campaigns.safety.layouts import ASIDE, BODY, FAR, GAP, MOST, NEAR, THICK, THIN, layout, mission
-from tests.campaigns.safety.part import Found, Options, bar, reporting
+from tests.campaigns.safety.part import Options, bar, reporting
 from tests.support.fleet import Fleet
 
 TITLE = "Posts in the way"

@@ -12,8 +12,9 @@ from formation.deploy.rehearsal.fleet import WorldName
 from formation.deploy.rehearsal.rehearsal import Plan, Verdict
 from formation.deploy.rehearsal.rehearsal import run as rehearse
 from formation.deploy.rehearsal.workers import each
+from tests.campaigns.document import Found
 from tests.campaigns.figures import markdown
-from tests.campaigns.safety.part import Found, Options, bar, reported
+from tests.campaigns.safety.part import Options, bar, reported
 from tests.support.sensing import MISSIONS, mission_of, noisy, resting
 
 TITLE = "An hour without faults"

@@ -11,8 +11,9 @@ from formation.agent.simulated.faults import Fault
 from formation.deploy.rehearsal.rehearsal import Plan, Verdict
 from formation.deploy.rehearsal.rehearsal import run as rehearse
 from formation.deploy.rehearsal.workers import each
+from tests.campaigns.document import Found
 from tests.campaigns.figures import markdown
-from tests.campaigns.safety.part import Found, Options, bar, reported
+from tests.campaigns.safety.part import Options, bar, reported
 from tests.support.sensing import FAULTS, GRACE, MISSIONS, SOURCES, mission_of
 
 TITLE = "Sensors that lie"

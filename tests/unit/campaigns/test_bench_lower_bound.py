@@ -11,7 +11,7 @@ import pytest
 from formation.control.unicycle import advance, control_point
 from formation.mission.model import Mission
 from formation.simulation.ensemble import Starts
-from tests.campaigns.bench import lower_bound, routes
+from tests.campaigns.bench import control_trials, lower_bound
 from tests.campaigns.bench.control_trials import FIELD, SEED, STIFF, Contender
 from tests.unit.formation import scenarios
 
@@ -35,8 +35,8 @@ def start(heading: complex) -> Starts:
 @pytest.mark.slow
 @pytest.mark.parametrize("contender", [FIELD, STIFF], ids=lambda one: one.name)
 def test_no_law_settles_before_the_bound(contender: Contender) -> None:
-    mission = routes.six_robots()
-    starts = routes.drawn(mission, 30, SEED)
+    mission = control_trials.six_robots()
+    starts = control_trials.drawn(mission, 30, SEED)
     settled = contender.drive(mission, 30, 60.0).settling_time
     assert np.isfinite(settled).all()
     assert (settled >= lower_bound.by_distance(mission, starts)).all()

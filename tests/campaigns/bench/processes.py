@@ -1,14 +1,19 @@
-"""What processes have used so far, as the kernel counts it: processor, memory, threads, links and traffic."""
+"""Processes that are measured: started as a user starts them; what they have used, as the kernel counts it."""
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
+import sys
 import time
 from collections.abc import Iterable
+from compileall import compile_dir
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from types import TracebackType
+from typing import IO, Any, NamedTuple, Self
 
 import psutil
 
@@ -96,3 +101,49 @@ def memory(process: psutil.Process) -> dict[str, float]:
         "pss_mib": occupied.pss / 2**20,
         "threads": float(process.num_threads()),
     }
+
+
+ROOT = Path(__file__).parents[3]
+PACKAGES = ("formation", "agent", "leader", "monitor", "deploy", "tests")
+
+
+@cache
+def ready_to_start() -> None:
+    """Call this before the first subject is started, and as often as you like."""
+    compile_modules(ROOT / name for name in PACKAGES)
+
+
+def compile_modules(folders: Iterable[Path]) -> None:
+    """Compile whatever has changed in these; also where Python is told to keep nothing that it compiles."""
+    for folder in folders:
+        compile_dir(folder, quiet=1)
+
+
+class Running:
+    """``python -m …``, a child that says JSON lines, and is gone at the end."""
+
+    def __init__(self, *argv: str, log: IO[str] | None = None, stdin: int = subprocess.DEVNULL) -> None:
+        """What it writes to stderr goes to `log`, a file with a name, if there is one."""
+        ready_to_start()
+        command = [sys.executable, "-m", *argv]
+        self.process = psutil.Popen(command, stdin=stdin, stdout=subprocess.PIPE, stderr=log, text=True)
+        self._log = log
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.communicate()
+
+    def wait_for(self, event: str) -> dict[str, Any]:
+        """The next event, which must be this one."""
+        out: IO[str] = self.process.stdout
+        line = json.loads(out.readline() or '{"event": "nothing"}')
+        if line["event"] != event:
+            wrote = f"; all wrote: {Path(self._log.name).read_text()[-2000:]}" if self._log else ""
+            raise RuntimeError(f"waited for {event!r}, was told {line['event']!r}{wrote}")
+        return dict(line)
