@@ -1,4 +1,4 @@
-"""Processes that are measured: started as a user starts them; what they have used, as the kernel counts it."""
+"""Processes that are measured: how they are started, and what they have used, as the kernel counts it."""
 
 from __future__ import annotations
 

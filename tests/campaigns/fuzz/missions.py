@@ -12,8 +12,7 @@ from pathlib import Path
 from formation.deploy import check
 from formation.deploy.refusal import Refusal
 from formation.mission.file import shipped
-from tests.campaigns.fuzz.mutate import damaged
-from tests.campaigns.fuzz.trying import Tried, attempt
+from tests.campaigns.fuzz.trying import Tried, attempt, damaged
 
 VALUES = (
     "0", "-1", "1", "true", '""', '"x"', "[]", "{}", "nan", "inf", "-inf", "1e-300", "5e-324",

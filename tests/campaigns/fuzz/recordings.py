@@ -33,8 +33,7 @@ from formation.monitor.replay.player import MAX_SPEED, Player
 from formation.monitor.replay.process import Picture
 from formation.monitor.web import frames
 from formation.wire import Now
-from tests.campaigns.fuzz.mutate import NUMBERS, changed, damaged
-from tests.campaigns.fuzz.trying import Tried, attempt
+from tests.campaigns.fuzz.trying import NUMBERS, Tried, attempt, changed, damaged
 from tests.support.recorded import RecordedFleet
 from tests.support.recordings import START, record
 

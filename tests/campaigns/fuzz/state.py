@@ -22,8 +22,7 @@ from formation.mission.model import Mission
 from formation.ros2.messages import Twist, TwistStamped, decode
 from formation.topics import CMD_VEL
 from formation.wire import Now, Outgoing, Sample
-from tests.campaigns.fuzz.mutate import changed, damaged
-from tests.campaigns.fuzz.trying import Tried, attempt
+from tests.campaigns.fuzz.trying import Tried, attempt, changed, damaged
 from tests.support.recorded import Looped
 from tests.support.restarting import BOOT, Drawer, Team, turning_back
 

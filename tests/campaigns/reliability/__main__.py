@@ -16,8 +16,7 @@ from typing import cast
 
 from tests.campaigns.document import DOCS, Found, count, head, section, stamp, update
 from tests.campaigns.reliability import failover, faults, network, sensors, shapes, soak, stop
-from tests.campaigns.reliability.campaign import tell
-from tests.campaigns.reliability.part import Options, Part
+from tests.campaigns.reliability.campaign import Options, Part, tell
 from tests.support.needs import missing
 
 PARTS: Mapping[str, Part] = {

@@ -11,13 +11,12 @@ from formation.mission.file import load
 from tests.campaigns.document import Found
 from tests.campaigns.plots import BLUE, INK, ORANGE, panels
 from tests.campaigns.reliability import faults, judge
+from tests.campaigns.reliability.campaign import Options, campaign, failures, table
+from tests.campaigns.reliability.faults import rows
 from tests.campaigns.reliability.fleet import Fleet
 from tests.campaigns.reliability.led import recorded_leads
-from tests.campaigns.reliability.part import Options, campaign
-from tests.campaigns.reliability.rows import Row, rows
-from tests.campaigns.reliability.table import failures, table
-from tests.campaigns.reliability.verdicts import Found as Verdict
-from tests.campaigns.reliability.verdicts import Times, replaced
+from tests.campaigns.reliability.trial import Judgement as Verdict
+from tests.campaigns.reliability.trial import Row, Times, replaced
 
 TITLE = "Failover"
 TAKEOVERS = "figures/reliability_takeover.svg"

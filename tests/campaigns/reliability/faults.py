@@ -1,17 +1,177 @@
-"""The fault matrix."""
+"""The fault matrix: what is done to whom, how it is undone, and what must come of it there and then.
+
+What must come of every one of them stands in `tests.campaigns.reliability.trial`: no command over a limit, no
+jump, one leader, the error back.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import random
+import signal
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from formation.mission.file import load
+from formation.mission.model import Mission
 from tests.campaigns.document import Found
+from tests.campaigns.reliability import trial
+from tests.campaigns.reliability.campaign import Options, campaign, failures, table
 from tests.campaigns.reliability.fleet import Fleet
-from tests.campaigns.reliability.part import Options, campaign
-from tests.campaigns.reliability.placed import STRAIGHT
-from tests.campaigns.reliability.rows import rows
-from tests.campaigns.reliability.table import failures, table
+from tests.campaigns.reliability.missions import STRAIGHT
+from tests.campaigns.reliability.trial import Act, Row
+from tests.support.namespaces import Computer, until
+from tests.support.needs import path_of
+
+RESTART = 0.5
+"""What systemd waits before it starts again what died (`RestartSec`) [s]."""
+
+
+def rows(mission: Mission) -> tuple[Row, ...]:
+    """All of them, for a mission."""
+    first, middle, leaf = roles(mission)
+    victims: dict[str, tuple[str, Callable[[Fleet], str]]] = {
+        "leader": ("the leader", lambda fleet: fleet.leading),
+        "first-hop": ("a first-hop follower's agent", lambda _: f"agent {first}"),
+        "mid": ("a mid-chain follower's agent", lambda _: f"agent {middle}"),
+        "leaf": ("a leaf's agent", lambda _: f"agent {leaf}"),
+        "monitor": ("the monitor", lambda _: "monitor"),
+        "watchdog": ("a watchdog", lambda _: f"watchdog {middle}"),
+    }
+    parted = Row("partition", "the graph parted in two for 5 s", _nobody, _part, _heal, trial.anything, 5.0)
+    rolling = Row("rolling", "every process restarted in turn", _nobody, _roll, _nothing, trial.anything, 0.0)
+    return (
+        *(_row(kind, role, *victims[role]) for role in victims for kind in KINDS),
+        parted,
+        *(_clock(f"agent {middle}", off) for off in (10.0, -10.0, 3600.0, -3600.0)),
+        _clock(f"agent {middle}", 10.0, driver=False),
+        rolling,
+    )
+
+
+def roles(mission: Mission) -> tuple[str, str, str]:
+    """A follower that measures the leader, one in the middle of a chain, one that nobody measures."""
+    measured = {other for name in mission.followers for other in mission.robots[name].neighbours}
+    first = next(name for name in mission.followers if mission.leader in mission.robots[name].neighbours)
+    inner = [name for name in mission.followers if mission.leader not in mission.robots[name].neighbours]
+    middle = next(name for name in inner if name in measured)
+    leaf = next(name for name in reversed(mission.followers) if name not in measured)
+    return first, middle, leaf
+
+
+KINDS = ("kill", "pause", "unplug")
+WORDS = {"kill": "kill -9 {}", "pause": "SIGSTOP {}, SIGCONT", "unplug": "veth of {} down, up"}
+
+
+def fault(kind: str) -> tuple[Act, Act]:
+    """How to do and to undo it."""
+    return {"kill": (_kill, _start), "pause": (_pause, _go_on), "unplug": (_unplug, _plug)}[kind]
+
+
+def _row(kind: str, role: str, who: str, victim: Callable[[Fleet], str]) -> Row:
+    begin, end = fault(kind)
+    words = WORDS[kind]
+    if (kind, role) == ("unplug", "watchdog"):  # it has one link, within its computer
+        begin, end, words = _mute, _unmute, "{}'s link to the robot cut, mended"
+    special = {
+        ("kill", "monitor"): trial.recorded,
+        ("unplug", "watchdog"): trial.anything,  # what it said to nobody arrives when it is mended: zero
+    }
+    usual = {"leader": trial.replaced, "monitor": trial.unmoved, "watchdog": trial.unmoved}
+    judged = special.get((kind, role), usual.get(role, trial.stands))
+    heals = role == "leader"  # a standby does it
+    return Row(f"{kind}-{role}", words.format(who), victim, begin, end, judged, heals=heals)
+
+
+def _kill(fleet: Fleet, process: str) -> None:
+    fleet.signal(process, signal.SIGKILL)
+
+
+def _start(fleet: Fleet, process: str) -> None:
+    fleet.start(process)
+
+
+def _pause(fleet: Fleet, process: str) -> None:
+    fleet.signal(process, signal.SIGSTOP)
+
+
+def _go_on(fleet: Fleet, process: str) -> None:
+    fleet.signal(process, signal.SIGCONT)
+
+
+def _unplug(fleet: Fleet, process: str) -> None:
+    fleet.computer(process).unplug()
+
+
+def _plug(fleet: Fleet, process: str) -> None:
+    fleet.computer(process).plug()
+
+
+def _mute(fleet: Fleet, process: str) -> None:
+    computer, pid = fleet.computer(process), fleet.running[process].pid
+    until(lambda: _local_port(computer, pid), what="the watchdog has a link with its robot")
+    port = _local_port(computer, pid)
+    hook = "type filter hook input priority 0;"
+    computer.nft(f"add table inet mute; add chain inet mute in {{ {hook} }}")
+    for side in ("sport", "dport"):
+        computer.nft(f"add rule inet mute in tcp {side} {port} drop")
+
+
+def _local_port(computer: Computer, pid: int) -> str | None:
+    """Of a process's link with the robot."""
+    done = computer.run(path_of("ss"), "-tnpH", "state", "established", "dport = :7447")
+    lines = [line for line in done.stdout.splitlines() if f"pid={pid}," in line]
+    return lines[0].split()[2].rpartition(":")[2] if lines else None
+
+
+def _unmute(fleet: Fleet, process: str) -> None:
+    fleet.computer(process).nft("delete table inet mute")
+
+
+def _nobody(_fleet: Fleet) -> str:
+    return ""
+
+
+def _part(fleet: Fleet, _victim: str) -> None:
+    """Half of the followers, and whoever leads, on one side; the other half on the other."""
+    followers = list(fleet.followers)
+    random.shuffle(followers)
+    fleet.part(followers[: len(followers) // 2])
+
+
+def _heal(fleet: Fleet, _victim: str) -> None:
+    fleet.heal()
+
+
+def _nothing(_fleet: Fleet, _victim: str) -> None:
+    return
+
+
+def _clock(process: str, off: float, *, driver: bool = True) -> Row:
+    sign = "+" if off > 0 else "−"
+    size = f"{abs(off):g} s" if abs(off) < 100.0 else f"{abs(off) / 3600.0:g} h"
+
+    def begin(fleet: Fleet, victim: str) -> None:
+        fleet.set_clock(victim.rpartition(" ")[2], off, driver=driver)
+
+    def end(fleet: Fleet, victim: str) -> None:
+        fleet.set_clock(victim.rpartition(" ")[2], 0.0, driver=driver)
+
+    of = "one robot" if driver else "one agent, not of its robot's driver,"
+    title = f"system clock of {of} stepped {sign}{size}, and back"
+    name = f"clock{'' if driver else '-agent'}{off:+g}"
+    return Row(name, title, lambda _: process, begin, end, trial.anything)
+
+
+def _roll(fleet: Fleet, _victim: str) -> None:
+    """As after an update: each is asked to end, started again, and waited for before the next one."""
+    for process in fleet.names:
+        if process.startswith("robot"):
+            continue  # it stands for the hardware
+        fleet.end(process)
+        time.sleep(RESTART)
+        fleet.start(process).event("ready")
+
 
 TITLE = "Faults"
 MISSION = "patrol"

@@ -16,12 +16,10 @@ from tests.campaigns.document import Found
 from tests.campaigns.figures import markdown
 from tests.campaigns.plots import BLUE, ORANGE, panels
 from tests.campaigns.reliability import judge
-from tests.campaigns.reliability.campaign import tell
+from tests.campaigns.reliability.campaign import Options, span, tell
 from tests.campaigns.reliability.fleet import Fleet
 from tests.campaigns.reliability.judge import middle
-from tests.campaigns.reliability.part import Options
-from tests.campaigns.reliability.placed import STRAIGHT
-from tests.campaigns.reliability.table import span
+from tests.campaigns.reliability.missions import STRAIGHT
 
 TITLE = "Network"
 CONDITIONS = "figures/reliability_network.svg"

@@ -12,6 +12,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
+import tomlkit
+
 from formation.agent.simulated.faults import Fault
 from formation.deploy.rehearsal.judge import MAX_BLIND_PATH, blind_faults
 from formation.mission.file import load
@@ -21,11 +23,8 @@ from formation.monitor.recording.reader import read
 from formation.ros2.messages import Pose, decode
 from formation.topics import GROUND_TRUTH
 from tests.campaigns.document import Found
-from tests.campaigns.reliability.campaign import tell
-from tests.campaigns.reliability.commands import module
-from tests.campaigns.reliability.part import Options
-from tests.campaigns.reliability.placed import dumped
-from tests.campaigns.reliability.table import failures, summary, table
+from tests.campaigns.reliability.campaign import Options, failures, summary, table, tell
+from tests.campaigns.reliability.fleet import module
 from tests.campaigns.reliability.trial import Try
 from tests.support.sensing import FAULTS, GRACE, MISSIONS, SOURCES
 
@@ -131,7 +130,7 @@ def _written(mission: str, source: str, folder: Path) -> Path:
     data = tomllib.loads(read_mission(mission)[0])
     data["robot"] = {**data.get("robot", {}), "localisation": source}
     path = folder / f"{mission}.toml"
-    path.write_text(dumped(data), encoding="utf-8")
+    path.write_text(tomlkit.dumps(data), encoding="utf-8")
     return path
 
 

@@ -8,13 +8,11 @@ from collections.abc import Sequence
 
 from tests.campaigns.document import Found
 from tests.campaigns.reliability import judge
+from tests.campaigns.reliability.campaign import Options, campaign, failures, table
 from tests.campaigns.reliability.fleet import Fleet
-from tests.campaigns.reliability.part import Options, campaign
-from tests.campaigns.reliability.rows import Row
 from tests.campaigns.reliability.seen import window
-from tests.campaigns.reliability.table import failures, table
-from tests.campaigns.reliability.verdicts import Found as Verdict
-from tests.campaigns.reliability.verdicts import Times
+from tests.campaigns.reliability.trial import Judgement as Verdict
+from tests.campaigns.reliability.trial import Row, Times
 from tests.support.namespaces import until
 
 TITLE = "Shapes"

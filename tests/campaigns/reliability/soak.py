@@ -12,11 +12,10 @@ from typing import Any, NamedTuple
 from tests.campaigns.document import Found
 from tests.campaigns.figures import markdown
 from tests.campaigns.reliability import judge
-from tests.campaigns.reliability.campaign import tell
-from tests.campaigns.reliability.crowds import crowd
+from tests.campaigns.reliability.campaign import Options, tell
+from tests.campaigns.reliability.faults import KINDS, fault
 from tests.campaigns.reliability.fleet import Fleet
-from tests.campaigns.reliability.part import Options
-from tests.campaigns.reliability.rows import KINDS, fault
+from tests.campaigns.reliability.missions import crowd
 from tests.campaigns.reliability.seen import window
 
 TITLE = "Soak"

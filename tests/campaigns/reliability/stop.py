@@ -12,12 +12,10 @@ from typing import Any
 
 from tests.campaigns.document import Found
 from tests.campaigns.reliability import judge
-from tests.campaigns.reliability.campaign import tell
-from tests.campaigns.reliability.crowds import crowd
+from tests.campaigns.reliability.campaign import Options, failures, summary, table, tell
 from tests.campaigns.reliability.fleet import Fleet
-from tests.campaigns.reliability.part import Options
+from tests.campaigns.reliability.missions import crowd
 from tests.campaigns.reliability.seen import window
-from tests.campaigns.reliability.table import failures, summary, table
 from tests.campaigns.reliability.trial import Try
 from tests.support.namespaces import until
 

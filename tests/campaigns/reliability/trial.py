@@ -4,14 +4,120 @@ from __future__ import annotations
 
 import random
 import time
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
+from formation.mission.model import Mission
+from formation.monitor.recording.reader import UnreadableError, read
 from tests.campaigns.reliability import judge
 from tests.campaigns.reliability.fleet import Fleet
-from tests.campaigns.reliability.rows import Row
 from tests.campaigns.reliability.seen import window
-from tests.campaigns.reliability.verdicts import Times
+
+STANDS = 0.3
+"""A robot without an agent stands within that [s]."""
+AWAY = 2.0
+"""How long somebody is dead, stopped or unplugged [s]: longer than any limit of the failure table."""
+SLACK = 0.5
+"""More than the mission's own `takeover` that a takeover may take: the first beat has to arrive [s]."""
+READABLE = 1.0
+"""Of a recording that was cut, so much may be missing [s]."""
+
+
+class Times(NamedTuple):
+    """When it happened [s, monotonic]."""
+
+    begin: float
+    end: float
+
+
+class Judgement(NamedTuple):
+    """What came of it."""
+
+    figures: dict[str, float]
+    """By name [s]."""
+    wrong: list[str]
+
+
+Verdict = Callable[[Fleet, str, Times], Judgement]
+"""Of a fleet, the process that it happened to, and when."""
+
+
+def anything(_fleet: Fleet, _victim: str, _times: Times) -> Judgement:
+    """What holds for every fault is enough."""
+    return Judgement({}, [])
+
+
+def stands(fleet: Fleet, victim: str, times: Times) -> Judgement:
+    """The robot of an agent stands in time; whoever does not need it goes on, whoever does holds."""
+    robot = victim.rpartition(" ")[2]
+    after = judge.stood(fleet.seen.commands[robot], *times)
+    wrong = [] if after is not None and after <= STANDS else [f"{robot} stood after {after} s"]
+    holding = holders(fleet.mission, (robot,))
+    for name in fleet.followers:
+        if name == robot:
+            continue
+        if name not in holding and not judge.went_on(fleet.seen.commands[name], *times):
+            wrong.append(f"{name} did not go on without {robot}")
+        if name in holding and judge.stood(fleet.seen.commands[name], *times) is None:
+            wrong.append(f"{name} did not hold, though nobody is left whom it follows")
+    return Judgement({} if after is None else {"stands": after}, wrong)
+
+
+def holders(mission: Mission, lost: Iterable[str]) -> set[str]:
+    """Who has nobody left to follow when these are lost."""
+    gone = set(lost)
+    holding: set[str] = set()
+    while True:
+        more = {
+            name
+            for name in set(mission.followers) - gone - holding
+            if gone | holding >= set(mission.robots[name].measurable)
+        }
+        if not more:
+            return holding
+        holding |= more
+
+
+def replaced(fleet: Fleet, _victim: str, times: Times) -> Judgement:
+    """A standby leads in time; without one all hold."""
+    mission = fleet.mission
+    if not mission.standbys:
+        after = [judge.stood(fleet.seen.commands[name], *times) for name in fleet.followers]
+        late = [name for name, one in zip(fleet.followers, after, strict=True) if one is None or one > 1.5]
+        return Judgement({}, [f"{name} did not hold without a leader" for name in late])
+    found = judge.taken_over(window(fleet.seen.leads, times.begin - 5.0), times.begin)
+    if found is None or times.begin + found > times.end + mission.takeover:
+        return Judgement({}, ["nobody took the leader's place"])
+    wrong = [] if found <= mission.takeover + SLACK else [f"a standby led after {found:.2f} s only"]
+    return Judgement({"takes over": found}, wrong)
+
+
+def unmoved(fleet: Fleet, _victim: str, times: Times) -> Judgement:
+    """Nothing moves differently."""
+    wrong = [
+        f"{name} did not go on"
+        for name in fleet.followers
+        if not judge.went_on(fleet.seen.commands[name], *times)
+    ]
+    worst = float(fleet.seen.errors(judge.grid(*times)).max())
+    if worst >= judge.NEAR:
+        wrong.append(f"the error rose to {worst * 100:.1f} cm")
+    return Judgement({}, wrong)
+
+
+def recorded(fleet: Fleet, victim: str, times: Times) -> Judgement:
+    """Besides, what the killed monitor recorded can be read up to its end."""
+    found = unmoved(fleet, victim, times)
+    path = fleet.former_recording
+    try:
+        last = max((one.wall for one in read(path).messages()), default=0.0)
+    except UnreadableError as error:
+        return Judgement(found.figures, [*found.wrong, str(error)])
+    missing = times.begin + (time.time() - time.monotonic()) - last
+    wrong = [] if missing <= READABLE else [f"the last {missing:.2f} s of the recording are lost"]
+    return Judgement({**found.figures, "not recorded": max(missing, 0.0)}, [*found.wrong, *wrong])
+
 
 PATIENCE = 45.0
 """For the formation to stand again [s]."""
@@ -19,6 +125,27 @@ BEFORE = 0.5
 """So much of what was before a fault is judged with it [s]."""
 MOMENT = 1.0
 """A fault comes at any moment of so long after all is well [s]."""
+
+
+Act = Callable[[Fleet, str], None]
+"""Does something to a process of a fleet."""
+
+
+class Row(NamedTuple):
+    """One kind of fault."""
+
+    name: str
+    """On the command line."""
+    title: str
+    victim: Callable[[Fleet], str]
+    """The process that it happens to, asked for when it does."""
+    begin: Act
+    end: Act
+    verdict: Verdict
+    lasts: float = AWAY
+    """Between `begin` and `end` [s]."""
+    heals: bool = False
+    """Whether all is to be well again without anything undone, so that time counts from `begin`."""
 
 
 @dataclass

@@ -2,20 +2,103 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
+from formation.agent.core import Agent
+from formation.control.avoidance import Avoidance, AvoidanceParameters, Obstacle, avoid, brake
+from formation.control.controller import Limits
+from formation.control.pipeline import ControlState, Outcome
+from formation.control.plane import rotation
+from formation.control.unicycle import Command
+from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.simulation.ensemble import MIN_START_CLEARANCE
 from formation.simulation.ensemble import Options as Simulated
 from formation.simulation.simulate import simulate
 from tests.campaigns.document import Found
-from tests.campaigns.figures import filled, markdown, span
-from tests.campaigns.safety import step_time
+from tests.campaigns.figures import filled, markdown, over_rounds, span
 from tests.campaigns.safety.part import Options, bar, reported, reporting
+from tests.support.fleet import Fleet
 from tests.unit.formation import scenarios
+
+CALLS = 2000
+"""Of each round."""
+ALONE, WHOLE = "the filter itself", "all that an agent does for it"
+
+
+def measured(rounds: int) -> Any:
+    """Both [µs], over rounds."""
+    return over_rounds([{ALONE: microseconds(alone()), WHOLE: in_a_fleet()} for _ in range(rounds)])
+
+
+def microseconds(step: Callable[[], object]) -> float:
+    """CPU time of one call [µs]."""
+    began = time.process_time()
+    for _ in range(CALLS):
+        step()
+    return 1e6 * (time.process_time() - began) / CALLS
+
+
+def alone() -> Callable[[], object]:
+    """One step among four that come nearer from all sides, two with right of way."""
+    around = [
+        Obstacle(0.45 * rotation(0.4 + 1.5 * k), 0.1, -0.3 * rotation(0.4 + 1.5 * k), first=k < 2)
+        for k in range(4)
+    ]
+    limits, parameters = Limits(0.2, 1.5, 1.5), AvoidanceParameters(0.1, 0.02, 0.15)
+    return lambda: avoid(Command(1.0, 0.3), around, parameters, limits, 0.2 + 0j, Avoidance(), 0.05)
+
+
+def in_a_fleet() -> float:
+    """Five robots exchange their slots: where one has to act with all four others nearest to it [µs]."""
+    fleet = Fleet(scenarios.exchanged(load("six_robots")))
+    busiest = Busiest(fleet)
+    fleet.run(4.0)
+    return busiest.took
+
+
+class Busiest:
+    """Times a filter that has to act whenever it has everybody nearer than any had before."""
+
+    def __init__(self, fleet: Fleet) -> None:
+        self.took = float("nan")
+        """One step [µs]."""
+        self.furthest = float("inf")
+        """Of its four neighbours then, from centre to centre [m]."""
+        self._fleet = fleet
+        for name, agent in fleet.agents.items():
+            self._watch(name, agent)
+
+    def _watch(self, name: str, agent: Agent) -> None:
+        one, params, requested = agent.avoiding, agent._params, list[Any]()
+        obstacles, stepped = one.obstacles, one.stepped
+
+        def watched(*given: Any) -> Any:
+            requested[:] = given
+            return obstacles(*given)
+
+        def whole(state: ControlState, outcome: Outcome) -> None:
+            around, _ = obstacles(*requested)
+            done, _ = avoid(
+                outcome.target, around, params.avoidance, params.limits, 0j, state.avoidance, 0.05
+            )
+            brake(done, around, params.avoidance)
+
+        def noted(state: ControlState, outcome: Outcome) -> None:
+            stepped(state, outcome)
+            here = self._fleet.plant(name).position
+            others = [self._fleet.plant(other).position for other in self._fleet.agents if other != name]
+            furthest = max(abs(other - here) for other in others)
+            if one.state.acting and furthest < self.furthest:
+                self.furthest = furthest
+                self.took = microseconds(lambda: whole(state, outcome))
+
+        one.obstacles, one.stepped = watched, noted  # type: ignore[method-assign, assignment]
+
 
 TITLE = "Crossing starts"
 ABOUT = """\
@@ -45,7 +128,7 @@ def run(options: Options) -> Found:
     runs = 20 if options.quick else RUNS
     found = [{"robots": robots, **random(robots, runs)} for robots in ROBOTS]
     permuted = [{"robots": robots, **exchanged(robots, runs)} for robots in ROBOTS]
-    step = step_time.measured(1 if options.quick else 10)
+    step = measured(1 if options.quick else 10)
     return {"random": found, "permuted": permuted, "step": step, "bars": bars(found, step)}
 
 
@@ -54,7 +137,7 @@ def bars(random: Sequence[Found], step: Found) -> list[dict[str, Any]]:
     touched = [one["with"]["touched"] for one in random]
     into = [one["with"]["converged_fraction"] for one in random]
     slower = [one["ratio"] for one in random]
-    whole = step[step_time.WHOLE]
+    whole = step[WHOLE]
     sizes = ", ".join(str(one["robots"]) for one in random)
     return [
         bar(
@@ -120,14 +203,14 @@ def _row(one: Found) -> list[str]:
 def random(robots: int, runs: int) -> Found:
     """Starts as `formation simulate` draws them, without the filter and with it."""
     found = {}
-    for name, avoid in (("without", False), ("with", True)):
+    for name, on in (("without", False), ("with", True)):
         result = simulate(
             team(robots),
             runs=runs,
             starts="random",
             step=STEP,
             horizon=HORIZON,
-            options=Simulated(avoid=avoid),
+            options=Simulated(avoid=on),
             progress=reporting(f"crossing: {robots}, {name} the filter"),
         )
         found[name] = _figures(result.settling_time, result.converged, result.nearest, result.deadlocks)
@@ -139,9 +222,9 @@ def exchanged(robots: int, runs: int) -> Found:
     mission, draw = team(robots), np.random.default_rng(robots)
     dealt = [elsewhere(mission, draw) for _ in range(runs)]
     found = {}
-    for name, avoid in (("without", False), ("with", True)):
+    for name, on in (("without", False), ("with", True)):
         results = [
-            simulate(one, step=STEP, horizon=HORIZON, options=Simulated(avoid=avoid))
+            simulate(one, step=STEP, horizon=HORIZON, options=Simulated(avoid=on))
             for one in reported(f"crossing: {robots} in others' slots, {name} the filter", dealt)
         ]
         found[name] = _figures(

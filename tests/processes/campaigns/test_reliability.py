@@ -10,9 +10,9 @@ import pytest
 
 from formation.mission.file import load
 from tests.campaigns.reliability import faults, network, shapes, stop
+from tests.campaigns.reliability.campaign import Options
+from tests.campaigns.reliability.faults import rows
 from tests.campaigns.reliability.fleet import Fleet
-from tests.campaigns.reliability.part import Options
-from tests.campaigns.reliability.rows import rows
 from tests.campaigns.reliability.trial import attempt
 
 pytestmark = [pytest.mark.processes, pytest.mark.namespaces, pytest.mark.timeout(300)]

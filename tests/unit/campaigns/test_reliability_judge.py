@@ -14,7 +14,7 @@ from tests.campaigns.reliability import judge
 from tests.campaigns.reliability.judge import Motion
 from tests.campaigns.reliability.seen import Commanded, Floats, Led, Seen
 from tests.campaigns.reliability.soak import Reading, growth
-from tests.campaigns.reliability.verdicts import holders
+from tests.campaigns.reliability.trial import holders
 
 SIX = load("six_robots")
 ROBOT = SIX.robots["robot2"]

@@ -8,21 +8,22 @@ from typing import Any
 import pytest
 
 from tests.campaigns.safety import posts
-from tests.campaigns.safety.layouts import (
+from tests.campaigns.safety.posts import (
     ASIDE,
     BODY,
     FAR,
+    FORMED,
     GAP,
     HEAD,
     MOST,
     NEAR,
     THICK,
     THIN,
+    Trial,
     layout,
     mission,
     tracks,
 )
-from tests.campaigns.safety.posts import FORMED, Trial
 
 SEEDS = range(200)
 FINE = Trial(0, worse=True, posts=1, nearest_post=0.1, nearest_body=0.1, error=0.5 * FORMED, deadlocks=0)

@@ -1,12 +1,13 @@
-"""A mission put into a field: the same mission, with a computer and an address for everybody in it."""
+"""Missions put into a field, with a computer and an address for everybody; and those of larger teams."""
 
 from __future__ import annotations
 
-import json
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import tomlkit
 
 from formation.mission.file import load
 from formation.mission.model import Mission
@@ -37,18 +38,41 @@ def placed(text: str, folder: Path, changes: Mapping[str, Any] | None = None) ->
         table[name] |= {"endpoint": f"tcp/{NETWORK}.{number}:{FLEET}"}
     data["robot"] = {**data.get("robot", {}), "robot_endpoint": ROBOT}
     path = folder / "mission.toml"
-    path.write_text(dumped(data), encoding="utf-8")
+    path.write_text(tomlkit.dumps(data), encoding="utf-8")
     return path, load(path)
 
 
-def dumped(data: Mapping[str, Any]) -> str:
-    """TOML, one line for each top-level key."""
-    return "".join(f"{key} = {_value(value)}\n" for key, value in data.items())
+ROW = 5
+"""Robots in a row of a larger team, each behind the one before it and beside another."""
 
 
-def _value(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {_value(one)}" for key, one in value.items()) + " }"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_value, value)) + "]"
-    return json.dumps(value)
+def crowd(robots: int, standbys: int = 0) -> str:
+    """A mission of so many followers, as text. Whoever has lost its neighbours falls back on the leader."""
+    names = [f"robot{number}" for number in range(1, robots + 1)]
+    slots: dict[str, list[float]] = {}
+    tables: dict[str, dict[str, Any]] = {"leader": {"start": {"x": 0.0, "y": 0.0}}}
+    for number, name in enumerate(names):
+        row, column = divmod(number, ROW)
+        x, y = -1.0 - row, column - ROW // 2 + 0.0
+        before = names[number - ROW] if row else "leader"
+        neighbours = [before, names[number - 1]] if column else [before]
+        slots[name] = [x, y]
+        tables[name] = {"neighbours": neighbours, "start": {"x": x - 0.1, "y": y}}
+        if "leader" not in neighbours:
+            tables[name]["fallback_neighbours"] = ["leader"]
+    return tomlkit.dumps(
+        {
+            "name": "crowd",
+            "leader": "leader",
+            "robot": {"rate": 10.0, "max_speed": 0.5, "max_turn_rate": 1.5, "radius": 0.2, "ramp": 0.5},
+            "law": {"k_p": 1.5, "k_i": 0.3},
+            "route": [{"speed": 0.1, "heading_deg": 0.0}],
+            "shapes": {"rows": slots},
+            "robots": tables,
+            **(
+                {"standbys": {f"standby{number}": {} for number in range(1, standbys + 1)}}
+                if standbys
+                else {}
+            ),
+        }
+    )
