@@ -12,8 +12,10 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 from collections.abc import Iterator, Sequence
 from functools import cache
+from time import monotonic, sleep  # as they are, though a test replaces those of `time`
 from typing import TYPE_CHECKING
 
 import pytest
@@ -23,7 +25,6 @@ from xdist.remote import Producer
 from xdist.scheduler.loadscope import LoadScopeScheduling
 
 from tests.support.needs import MARKS, missing
-from tests.support.stalls import MIN_STALL_SECONDS, StallWatch
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -37,11 +38,40 @@ STALLED = "stalled"
 QUICK_EXAMPLES = 20
 """Examples of each hypothesis test without `--all`; hypothesis itself takes 100."""
 
+MIN_STALL_SECONDS = 0.1
+"""A thread that asks for a short sleep is late by this much only if the machine had no time for it."""
+SLEEP_SECONDS = 0.01
+
 # The same examples every time, and no time limit for one: a busy machine is not a counter-example.
 # To look for new ones: pytest --hypothesis-profile=search
 settings.register_profile("quick", derandomize=True, deadline=None, max_examples=QUICK_EXAMPLES)
 settings.register_profile("thorough", derandomize=True, deadline=None)
 settings.register_profile("search", max_examples=1000, deadline=None)
+
+
+class StallWatch:
+    """Record the longest delay of a thread that has nothing to do but to wake."""
+
+    def __init__(self) -> None:
+        self._longest = 0.0
+        self._thread = threading.Thread(target=self._watch, name="stalls", daemon=True)
+
+    def start(self) -> None:
+        """Watch until the process ends."""
+        self._thread.start()
+
+    def longest_since_last_call(self) -> float:
+        """Return the longest delay since the last call [s], and forget it."""
+        longest, self._longest = self._longest, 0.0
+        return longest
+
+    def _watch(self) -> None:
+        before = monotonic()
+        while True:
+            sleep(SLEEP_SECONDS)
+            now = monotonic()
+            self._longest = max(self._longest, now - before - SLEEP_SECONDS)
+            before = now
 
 
 class ByCost(LoadScopeScheduling):  # type: ignore[misc] # xdist says nothing of its types

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from formation.topics import CMD_VEL, ODOM, ORDER, POSITION
 from formation.transport.bus import Bus, BusConfig
 from formation.transport.mailbox import Reply
 from formation.wire import Sample
-from tests.support.child import PATIENCE
+from tests.support.child import PATIENCE, until
 
 ODOMETRY, COMMAND, PLACE, REQUESTED = (topic.key("robot1") for topic in (ODOM, CMD_VEL, POSITION, ORDER))
 
@@ -44,15 +43,6 @@ def serving(bus: Bus) -> Iterator[None]:
         over.set()
         bus.wake()
         thread.join()
-
-
-def until(condition: Callable[[], bool]) -> float:
-    """Wait for what must come; how long it took [s]."""
-    start = time.monotonic()
-    while not condition():
-        assert time.monotonic() < start + PATIENCE
-        time.sleep(0.001)
-    return time.monotonic() - start
 
 
 def collect(bus: Bus, number: int) -> list[Sample]:

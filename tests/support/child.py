@@ -11,7 +11,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from itertools import cycle
 from typing import Any
@@ -89,6 +89,15 @@ class Child:
         assert self.process.stderr is not None
         for line in self.process.stderr:
             self._errors.append(line)
+
+
+def until(condition: Callable[[], bool]) -> float:
+    """Wait for what must come; how long it took [s]."""
+    start = time.monotonic()
+    while not condition():
+        assert time.monotonic() < start + PATIENCE
+        time.sleep(0.001)
+    return time.monotonic() - start
 
 
 def niced(nice: int) -> tuple[str, ...]:

@@ -32,7 +32,15 @@ from formation.simulation.edges import Edges, formation_error
 from formation.topics import BALLOT, CMD_VEL, ODOM, POSE, POSITION, ROUTE, SCAN, STATUS
 from formation.transport.runtime.loop import Core
 from formation.wire import Now, Outgoing, Sample
-from tests.support.named import named
+
+
+def named(request: OperatorRequest, put: Callable[[bytes], bytes]) -> OperatorRequest:
+    """`request` with the ids in force at the one that answers `put`; unchanged unless it ends something."""
+    if request.do not in {"release", "run"} or request.ends:
+        return request
+    known = decode_order(OperatorReply, put(encode(OperatorRequest(do="query"))))
+    return request.model_copy(update={"ends": tuple(filter(None, (known.stop, known.hold)))})
+
 
 EPOCH = 1.7e9
 BETWEEN = (f"/{POSITION.name}", f"/{BALLOT.name}", f"/{ROUTE.name}")

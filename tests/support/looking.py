@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import socket
 import ssl
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
@@ -60,14 +59,6 @@ def serving(
 ) -> Iterator[PageServer]:
     with PageServer(ANY, one or source(), control, replay) as server:
         yield server
-
-
-def until(condition: Callable[[], bool]) -> None:
-    """Wait until it holds."""
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, "it never came true"
-        time.sleep(0.01)
 
 
 @contextmanager

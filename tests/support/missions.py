@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 
 from hypothesis import strategies as st
@@ -11,15 +12,73 @@ from formation.mission.file import parse, read
 from formation.mission.model import Mission
 
 
+def edited(text: str, table: str, keys: str) -> str:
+    """`text` with the lines `keys` in its `table`, in place of what it says of the same keys there."""
+    head, mark, rest = text.partition(f"[{table}]")
+    assert mark, f"no table {table}"
+    end = re.search(r"^\[", rest, re.MULTILINE)
+    body, tail = (rest[: end.start()], rest[end.start() :]) if end else (rest, "")
+    for key in re.findall(r"^(\w+) *=", keys, re.MULTILINE):
+        body = re.sub(rf"^{key} *=.*\n", "", body, flags=re.MULTILINE)
+    return f"{head}{mark}{body.rstrip()}\n{keys}\n\n{tail}"
+
+
+ONE_BEHIND_ANOTHER = ('["led"]', '["a"]', '["b", "a"]')
+"""Neighbours of a, b and c, as lists of the mission file."""
+
+
+def row_of_three(
+    name: str,
+    *,
+    rate: int,
+    speed: float,
+    neighbours: Sequence[str] = ONE_BEHIND_ANOTHER,
+    behind: float = 0.1,
+    takeover: str = "",
+    tables: str = "",
+) -> str:
+    """Robots a, b and c follow led at `speed` [m/s] and `rate` [Hz]; they start `behind` [m] their slots.
+
+    `takeover` is a line of the mission, `tables` are more tables of it.
+    """
+    robots = "\n".join(
+        f"[robots.{one}]\nneighbours = {measured}\nstart = {{ x = {-1.0 - place - behind}, y = 0.0 }}"
+        for place, (one, measured) in enumerate(zip("abc", neighbours, strict=True))
+    )
+    return f"""
+name = "{name}"
+leader = "led"
+{takeover}
+[robot]
+rate = {rate}
+[shapes.row]
+a = [-1.0, 0.0]
+b = [-2.0, 0.0]
+c = [-3.0, 0.0]
+{tables}
+[robots.led]
+start = {{ x = 0.0, y = 0.0 }}
+{robots}
+[[route]]
+speed = {speed}
+heading_deg = 0
+"""
+
+
 def with_robots(name: str, **keys: str | float) -> Mission:
     """The shipped mission `name` with these keys in its [robot] table, whatever stood there."""
+    return parse(with_keys(read(name)[0], **keys))
+
+
+def with_keys(text: str, **keys: str | float) -> str:
+    """A mission's `text` with these keys in its [robot] table, whatever stood there."""
     lines: list[str] = []
-    for line in read(name)[0].split("\n"):
+    for line in text.split("\n"):
         if line.split("=")[0].strip() not in keys:
             lines.append(line)
         if line.startswith("[robot]"):
-            lines += [f'{key} = "{v}"' if isinstance(v, str) else f"{key} = {v}" for key, v in keys.items()]
-    return parse("\n".join(lines))
+            lines += [f"{key} = {json.dumps(value)}" for key, value in keys.items()]
+    return "\n".join(lines)
 
 
 def team(

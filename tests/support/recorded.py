@@ -16,8 +16,7 @@ from formation.protocol.order import OperatorReply, OperatorRequest, decode, enc
 from formation.topics import POSITION, Topic
 from formation.transport.runtime.process import clocks
 from formation.wire import Now, Outgoing, Sample
-from tests.support.fleet import EPOCH, Fleet
-from tests.support.named import named
+from tests.support.fleet import EPOCH, Fleet, named
 
 Recording = list[tuple[Sample, float]]
 """Each message, and when it was recorded [s, recorder's system clock]."""

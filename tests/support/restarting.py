@@ -20,8 +20,8 @@ from formation.ros2.messages import Twist, TwistStamped
 from formation.ros2.messages import encode as encode_message
 from formation.topics import CMD_VEL
 from formation.wire import Now, Sample
-from tests.support.fleet import EPOCH
-from tests.support.named import named
+from tests.support.fleet import EPOCH, named
+from tests.support.missions import with_keys
 from tests.support.recorded import Looped, RecordedFleet
 
 SIX = load("six_robots")
@@ -129,13 +129,7 @@ def turning_back(name: str = "six_robots", after: float = 12.0, **keys: str | fl
         + "[simulation]"
         + tail.partition("[simulation]")[2]
     )
-    lines: list[str] = []
-    for line in text.split("\n"):
-        if line.split("=")[0].strip() not in keys:
-            lines.append(line)
-        if line.startswith("[robot]"):
-            lines += [f'{key} = "{v}"' if isinstance(v, str) else f"{key} = {v}" for key, v in keys.items()]
-    return parse("\n".join(lines))
+    return parse(with_keys(text, **keys))
 
 
 def driving(mission: Mission = SIX, seconds: float = 8.0) -> Team:

@@ -8,15 +8,35 @@ from pathlib import Path
 import numpy as np
 
 from formation.mission.file import load
+from formation.mission.model import Mission
+from formation.monitor.recording.reader import read
+from formation.protocol import order
+from formation.protocol.order import PositionAttachment
+from formation.ros2.messages import Pose, decode
+from formation.topics import POSITION
 from tests.campaigns.document import Found
 from tests.campaigns.plots import BLUE, INK, ORANGE, panels
 from tests.campaigns.reliability import faults, judge
 from tests.campaigns.reliability.campaign import Options, campaign, failures, table
 from tests.campaigns.reliability.faults import rows
 from tests.campaigns.reliability.fleet import Fleet
-from tests.campaigns.reliability.led import recorded_leads
+from tests.campaigns.reliability.seen import Led
 from tests.campaigns.reliability.trial import Judgement as Verdict
 from tests.campaigns.reliability.trial import Row, Times, replaced
+
+
+def recorded_leads(path: Path, mission: Mission) -> list[Led]:
+    """Everything that was said as the leader, as the monitor heard it. Raises UnreadableError."""
+    key, found = POSITION.key(mission.leader), []
+    for recorded in read(path).messages():
+        sample = recorded.sample
+        if sample.key != key or sample.attachment is None:
+            continue
+        attachment, pose = order.decode(PositionAttachment, sample.attachment), decode(Pose, sample.payload)
+        if attachment.order is not None:
+            found.append(Led.of(recorded.wall, pose.position, attachment, attachment.order, mission))
+    return found
+
 
 TITLE = "Failover"
 TAKEOVERS = "figures/reliability_takeover.svg"

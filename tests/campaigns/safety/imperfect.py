@@ -15,8 +15,8 @@ from formation.simulation.simulate import simulate
 from formation.slots.shapes import SHAPES
 from tests.campaigns.document import Found
 from tests.campaigns.figures import markdown
+from tests.campaigns.safety.missions import made
 from tests.campaigns.safety.part import Options, bar, reported
-from tests.support.every_mission import made
 
 TITLE = "Imperfect sensing"
 NOISES, DELAYS = (0.0, 0.001, 0.002, 0.005), (0.0, 0.05, 0.1, 0.2)

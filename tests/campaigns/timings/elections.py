@@ -20,7 +20,7 @@ from formation.protocol.election import TERM_EXPIRY_TIME, quarantine
 from formation.protocol.reasons import Code
 from formation.protocol.status import AgentState
 from tests.support.fleet import Fleet
-from tests.support.row_of_three import row_of_three
+from tests.support.missions import row_of_three
 from tests.unit.leader.team import MISSION, TICK, TWIN, Team
 
 DAY, HOUR = 86_400.0, 3_600.0

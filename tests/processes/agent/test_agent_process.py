@@ -23,8 +23,7 @@ from formation.transport.bus import Bus, BusConfig
 from formation.transport.mailbox import Mailbox
 from formation.transport.robot_bus import RobotBus
 from formation.wire import Sample
-from tests.support.bus_tools import until
-from tests.support.child import PATIENCE, Child, free_endpoint, started
+from tests.support.child import PATIENCE, Child, free_endpoint, started, until
 
 pytestmark = pytest.mark.processes
 COMMAND, RECEIVED, PLACE, LIFE, STATUS = (

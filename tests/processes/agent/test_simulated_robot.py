@@ -14,8 +14,7 @@ from formation.ros2.messages import Displacement, Odometry, Twist, decode, encod
 from formation.topics import CMD_VEL, GROUND_TRUTH
 from formation.wire import Sample
 from tests.processes.agent.leader_and_robot import beside, leader, received, robot2
-from tests.support.bus_tools import until
-from tests.support.child import free_endpoint, started
+from tests.support.child import free_endpoint, started, until
 from tests.support.zenoh_admin import inspect
 
 pytestmark = pytest.mark.processes

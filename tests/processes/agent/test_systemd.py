@@ -17,8 +17,7 @@ from formation.topics import ODOM
 from formation.transport.bus import Bus, BusConfig
 from formation.transport.runtime.process import MIN_REPORT_PERIOD
 from tests.processes.agent.test_agent_process import RECEIVED, Around
-from tests.support.bus_tools import until
-from tests.support.child import free_endpoint, started
+from tests.support.child import free_endpoint, started, until
 
 pytestmark = pytest.mark.processes
 

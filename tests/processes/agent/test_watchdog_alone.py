@@ -17,8 +17,7 @@ import pytest
 from formation.agent.watchdog.core import BRAKING_TIME, PARKING_TIME, SLOW_PERIOD
 from formation.transport.bus import Bus, BusConfig
 from tests.processes.agent.watchdog_scene import COMMAND, LIFE, NICE, PARKED, PERIOD, SPEED, Scene, gaps
-from tests.support.bus_tools import until
-from tests.support.child import Child, free_endpoint, started
+from tests.support.child import Child, free_endpoint, started, until
 
 pytestmark = pytest.mark.processes
 

@@ -22,8 +22,7 @@ from formation.ros2.naming import Naming
 from formation.topics import ALIVE, CMD_VEL, ODOM, command_topic
 from formation.transport.mailbox import Mailbox
 from formation.transport.robot_bus import RobotBus
-from tests.support.bus_tools import until
-from tests.support.child import Child, free_endpoint, started
+from tests.support.child import Child, free_endpoint, started, until
 
 SPEED = 0.3
 PERIOD = 0.05

@@ -20,8 +20,7 @@ import pytest
 from formation.deploy.recordings.verify import main
 from formation.monitor.recording.reader import read
 from formation.topics import CMD_VEL
-from tests.support.bus_tools import until
-from tests.support.child import PATIENCE
+from tests.support.child import PATIENCE, until
 from tests.support.launched import Output, result_of, started
 
 pytestmark = pytest.mark.processes

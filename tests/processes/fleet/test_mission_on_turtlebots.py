@@ -21,9 +21,8 @@ from formation.topics import POSITION, STATUS, Topic
 from formation.transport.bus import Bus, BusConfig
 from tests.processes.agent import turtlebot3_messages as messages
 from tests.processes.agent.turtlebot3 import TurtleBot3, Wire
-from tests.support.bus_tools import until
-from tests.support.child import PATIENCE, Child, held_endpoint, started
-from tests.support.edited import edited
+from tests.support.child import PATIENCE, Child, held_endpoint, started, until
+from tests.support.missions import edited
 
 pytestmark = pytest.mark.processes
 VARIANTS = [("ros2dds", "twist_stamped"), ("rmw_zenoh", "twist")]

@@ -20,9 +20,8 @@ from tests.support.bus_tools import (
     collect,
     pair_on,
     serving,
-    until,
 )
-from tests.support.child import PATIENCE, free_endpoint
+from tests.support.child import PATIENCE, free_endpoint, until
 
 pytestmark = pytest.mark.processes
 

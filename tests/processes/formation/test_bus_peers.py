@@ -11,8 +11,8 @@ from formation.topics import CMD_VEL, ODOM
 from formation.transport.bus import CLOSE_TIMEOUT_SECONDS, Bus, BusConfig, BusError
 from formation.transport.bus_config import THREADS
 from tests.processes.formation.bus_peer import MESSAGES
-from tests.support.bus_tools import COMMAND, ODOMETRY, REQUESTED, answers, collect, pair_on, serving, until
-from tests.support.child import PATIENCE, free_endpoint, started
+from tests.support.bus_tools import COMMAND, ODOMETRY, REQUESTED, answers, collect, pair_on, serving
+from tests.support.child import PATIENCE, free_endpoint, started, until
 from tests.support.zenoh_admin import inspect
 
 pytestmark = pytest.mark.processes

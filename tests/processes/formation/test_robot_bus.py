@@ -29,7 +29,7 @@ from tests.processes.agent.robot_sides import (
     robot_on,
     tokens,
 )
-from tests.support.bus_tools import until
+from tests.support.child import until
 
 pytestmark = pytest.mark.processes
 TWIST_HASH = "RIHS01_9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a"

@@ -15,7 +15,7 @@ from formation.transport.bus import BusError
 from formation.transport.mailbox import Mailbox
 from formation.transport.robot_bus import RobotBus
 from tests.processes.agent.robot_sides import COMMAND, RECEIVED, TWIST, agent_on, robot_on
-from tests.support.bus_tools import until
+from tests.support.child import until
 from tests.support.zenoh_admin import clients, inspect
 
 pytestmark = pytest.mark.processes

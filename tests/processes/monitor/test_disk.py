@@ -17,7 +17,7 @@ from formation.monitor.recording.part import Part
 from formation.monitor.recording.reader import is_whole, read
 from formation.monitor.recording.recorder import Recorder, RecordingError
 from formation.monitor.recording.rotation import Room
-from tests.support.bus_tools import until
+from tests.support.child import until
 from tests.support.disks import feed, in_a_file, in_memory, run, settle
 from tests.support.monitored import EPOCH, command
 from tests.unit.monitor.recording.test_recorder import recorder

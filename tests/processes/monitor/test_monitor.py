@@ -20,8 +20,7 @@ from formation.topics import DIAGNOSTICS, ERROR, GROUND_TRUTH, ODOM, STATUS
 from formation.transport.bus import Bus, BusConfig
 from formation.wire import Sample
 from tests.processes.agent.actor import KEYS, Actor, events, recorded, router, watching
-from tests.support.bus_tools import until
-from tests.support.child import PATIENCE, free_endpoint, started
+from tests.support.child import PATIENCE, free_endpoint, started, until
 
 pytestmark = pytest.mark.processes
 

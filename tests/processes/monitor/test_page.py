@@ -20,8 +20,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from formation.monitor.web.address import Bind, listening
 from formation.transport.bus import Bus, BusConfig
 from tests.processes.agent.actor import Actor, router
-from tests.support.bus_tools import until
-from tests.support.child import PATIENCE, Child, free_endpoint, started
+from tests.support.child import PATIENCE, Child, free_endpoint, started, until
 from tests.support.looking import PLAIN, looking
 
 pytestmark = pytest.mark.processes

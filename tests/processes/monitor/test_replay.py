@@ -15,8 +15,7 @@ from formation.monitor.recording.reader import Recorded, read
 from formation.transport.bus import Bus, BusConfig
 from formation.wire import Sample
 from tests.processes.monitor.replayed import Replayed, Run, drive, replaying
-from tests.support.bus_tools import until
-from tests.support.child import free_endpoint
+from tests.support.child import free_endpoint, until
 from tests.support.launched import command
 
 pytestmark = pytest.mark.processes

@@ -9,7 +9,7 @@ from mcap.reader import make_reader
 from formation.monitor.recording.reader import UnreadableError, about_of, is_whole, read
 from formation.monitor.recording.recover import recover
 from formation.monitor.recording.rotation import Rotation, of_size, of_time, siblings
-from tests.support.bus_tools import until
+from tests.support.child import until
 from tests.support.monitored import EPOCH, Fleet
 from tests.unit.monitor.recording.test_recorder import recorder
 

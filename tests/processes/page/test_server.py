@@ -11,7 +11,8 @@ import pytest
 from formation.monitor.web.address import Bind
 from formation.monitor.web.server import PageServer, opened, words
 from tests.processes.page.asking import requested
-from tests.support.looking import ANY, SEEN, looking, serving, source, until
+from tests.support.child import until
+from tests.support.looking import ANY, SEEN, looking, serving, source
 
 FRAME = {"t": 1.0, "recording": None}
 HAPPENED = {"n": 1, "at": 1.0, "level": 20, "robot": "", "kind": "order", "text": "run"}

@@ -19,8 +19,8 @@ from formation.monitor.web import source as module
 from formation.monitor.web.connection import OPERATOR, Connection, Standing
 from formation.monitor.web.server import PageServer
 from tests.processes.page.asking import BEARER, TOKEN, Orders, Player, requested
-from tests.support.child import PATIENCE
-from tests.support.looking import PLAIN, SEEN, dial, looking, serving, source, until
+from tests.support.child import PATIENCE, until
+from tests.support.looking import PLAIN, SEEN, dial, looking, serving, source
 
 REQUEST = b"GET /stream HTTP/1.1\r\nHost: localhost\r\n\r\n"
 LARGE = {"t": 0.0, "recording": None, "filling": 100_000 * "x"}

@@ -10,7 +10,8 @@ import pytest
 from formation.monitor.web.address import Bind
 from formation.monitor.web.server import words
 from tests.processes.page.asking import BEARER, JSON, TOKEN, Orders, Player, requested
-from tests.support.looking import serving, until
+from tests.support.child import until
+from tests.support.looking import serving
 
 
 def test_foreign_hosts_and_origins_are_refused() -> None:

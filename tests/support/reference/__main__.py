@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
-from tests.support.reference.pages import PAGES
+from tests.support.reference import commands, mission_keys, states
+
+PAGES: Mapping[str, Callable[[], str]] = MappingProxyType(
+    {"mission-keys.md": mission_keys.page, "commands.md": commands.page, "states.md": states.page}
+)
+REGENERATE = "python3 deploy/env.py python -m tests.support.reference"
+"""Writes them all, in a clone of the repository."""
 
 
 def main() -> int:

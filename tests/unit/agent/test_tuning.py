@@ -22,9 +22,9 @@ from formation.mission.model import Mission
 from formation.protocol.order import Order, Tuned, decode
 from formation.topics import ODOM
 from formation.wire import BadMessage, Now, Sample
+from tests.campaigns.safety.gains import changed, limited, tune
 from tests.support.fleet import EPOCH, Fleet
 from tests.support.recorded import RecordedFleet, all_alike, verify
-from tests.support.tuned import changed, limited, tune
 from tests.unit.agent.sudden import most_sudden
 
 SIX, PAIR, PATROL = load("six_robots"), load("turtlebot3_pair"), load("patrol")

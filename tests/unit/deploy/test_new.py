@@ -15,7 +15,7 @@ from formation.mission.file import load
 from formation.simulation.simulate import simulate
 from formation.slots.shapes import SHAPES
 from formation.stability.analysis import analyse
-from tests.support.every_mission import faults, made
+from tests.campaigns.safety.missions import faults, made
 
 SAMPLE = (3, 4, 7, 16, 50)
 """Of the sizes that `python -m tests.campaigns.safety missions` tries all of."""

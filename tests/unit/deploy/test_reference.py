@@ -13,8 +13,8 @@ from pydantic import BaseModel
 from formation.mission.model import Mission
 from formation.monitor.metrics.events import STATES
 from tests.support.reference import mission_keys
+from tests.support.reference.__main__ import PAGES, REGENERATE
 from tests.support.reference.mission_keys import TABLES
-from tests.support.reference.pages import PAGES, REGENERATE
 
 ROOT = Path(__file__).parents[3]
 REFERENCE = ROOT / "docs" / "reference"

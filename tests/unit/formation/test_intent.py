@@ -21,7 +21,7 @@ from formation.stability import intent, spectrum, tuning
 from formation.stability.feasibility import problems
 from formation.stability.intent import refusal, straight, wish
 from formation.transport.asking import request_for
-from tests.support.gains import MARGIN, drawn, held, stable, unstable
+from tests.campaigns.safety.gains import MARGIN, drawn, held, stable, unstable
 from tests.unit.formation import scenarios
 
 SIX = load("six_robots")

@@ -23,7 +23,7 @@ from formation.mission.file import (
 )
 from formation.mission.route import Straight
 from formation.mission.rules import too_close
-from tests.support.edited import edited
+from tests.support.missions import edited
 from tests.unit.formation.planar import vectors
 
 SIX = read("six_robots")[0]

@@ -15,7 +15,7 @@ from formation.ros2.ros_names import RosNames, address
 from formation.ros2.tokens import Route, Token, dds_type, read_route, ros_type
 from formation.ros2.tokens import read as read_token
 from formation.topics import CMD_VEL, ERROR, ODOM, ORDER, RELATIVE, TABLE
-from tests.support.edited import edited
+from tests.support.missions import edited
 
 PAIR = read("turtlebot3_pair")[0]
 SIX = read("six_robots")[0]

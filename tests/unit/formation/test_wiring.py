@@ -15,7 +15,7 @@ from formation.transport import wiring
 from formation.transport.bus_config import DEFAULTS, BusConfig, BusError, parse_override
 from formation.transport.session import settings_of
 from formation.transport.wiring import Links
-from tests.support.edited import edited
+from tests.support.missions import edited
 
 STANDBYS = "[standbys.north]\n[standbys.south]\n"
 SIX = "\n".join(line for line in read("six_robots")[0].split("\n") if not line.startswith("avoid ="))

@@ -15,7 +15,7 @@ from formation.protocol.status import LeaderStatus
 from formation.ros2.messages import Pose, decode, encode
 from formation.topics import POSITION, STATUS
 from formation.wire import BadMessage, Now, Outgoing, Sample
-from tests.support.named import named
+from tests.support.fleet import named
 
 EPOCH = 1.7e9
 _COUNT = itertools.count(1)

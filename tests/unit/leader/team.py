@@ -25,8 +25,8 @@ from formation.ros2.messages import Odometry, encode
 from formation.stability import intent
 from formation.topics import ALIVE, ODOM, POSITION
 from formation.wire import Now, Outgoing, Sample
-from tests.support.named import named
-from tests.support.row_of_three import row_of_three
+from tests.support.fleet import named
+from tests.support.missions import row_of_three
 
 EPOCH = 1.7e9
 TICK = 0.1

@@ -18,7 +18,7 @@ from formation.protocol.order import OperatorReply, OperatorRequest, Order, Tune
 from formation.ros2.messages import Diagnostics, decode
 from formation.topics import STATUS
 from formation.wire import Now, Outgoing
-from tests.support.named import named
+from tests.support.fleet import named
 from tests.unit.formation import scenarios
 from tests.unit.leader.leading import EPOCH, arriving, ask, at, drive, leading, positions, relayed, status
 

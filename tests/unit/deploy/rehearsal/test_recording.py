@@ -17,8 +17,8 @@ from formation.mission.file import parse as parse_mission
 from formation.monitor.recording import reader
 from formation.monitor.recording.recorder import Recorder
 from formation.wire import Sample
+from tests.support.missions import row_of_three
 from tests.support.recorded import verify
-from tests.support.row_of_three import row_of_three
 
 PAIR = load("turtlebot3_pair")
 MUTUAL = row_of_three(

@@ -12,7 +12,7 @@ import pytest
 from formation.mission.file import read
 from formation.monitor.report.page import ReportedRun, inline, page
 from formation.monitor.report.summary import differences
-from tests.support.edited import edited
+from tests.support.missions import edited
 from tests.support.monitored import Fleet
 from tests.support.recordings import coming_in, gathered, record, talk
 
