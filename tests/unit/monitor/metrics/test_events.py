@@ -48,7 +48,7 @@ from tests.support.monitored import (
     status,
     with_standbys,
 )
-from tests.support.recordings import gathered, record, talk
+from tests.support.recordings import run_of, talk
 
 
 def test_each_robot_joins_once() -> None:
@@ -406,8 +406,7 @@ def test_report_says_how_long_robots_avoided_and_were_blocked(tmp_path: Path) ->
     samples = [one for one in talk(Fleet(), 4.0) if one.key != STATUS.key("robot4")]
     held = {at: max(since for since in words if since <= at) for at in (10.0 + n / 2 for n in range(8))}
     samples += [status("robot4", at, "run", **words[since]) for at, since in held.items()]
-    record(tmp_path / "run.mcap", sorted(samples, key=lambda one: one.arrived))
-    run = gathered(tmp_path / "run.mcap")
+    run = run_of(tmp_path, sorted(samples, key=lambda one: one.arrived))
     did = run.doings["robot4"]
     assert (did.avoiding, did.blocked) == pytest.approx((1.0, 1.5), abs=0.4)
     assert did.deadlocks == 1
