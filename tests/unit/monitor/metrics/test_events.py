@@ -98,8 +98,6 @@ def test_robot_with_a_low_rate_is_lost_later() -> None:
 
 
 RUNS = ("run", "in formation control")
-
-
 NO_ORDER = ("waiting", "no order from the leader yet")
 
 
@@ -351,8 +349,6 @@ def test_read_only_robot_is_reported_as_such() -> None:
 
 
 CLEAR: dict[str, Any] = {"collisions": CollisionMode.ON, "zone": Zone.CLEAR}
-
-
 AVOIDS = {**CLEAR, "avoiding": True}
 
 

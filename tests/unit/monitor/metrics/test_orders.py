@@ -20,18 +20,10 @@ from formation.wire import Sample
 from tests.support.monitored import EPOCH, Fleet, driven, now, received
 
 SIX = load("six_robots")
-
-
 BEGINS, LASTS = 11.0, 4.0
 """When the shape begins to move, and for how long [s]."""
-
-
 shares = st.floats(0.0, 1.0)
-
-
 angles = st.floats(-3.0, 3.0)
-
-
 scales = st.floats(0.5, 2.0)
 
 

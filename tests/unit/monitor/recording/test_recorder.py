@@ -114,10 +114,7 @@ def test_commands_have_the_type_that_the_robot_takes(tmp_path: Path, kind: str) 
     assert schema is not None
     assert (
         schema.name
-        == {
-            "twist": "geometry_msgs/msg/Twist",
-            "twist_stamped": "geometry_msgs/msg/TwistStamped",
-        }[kind]
+        == {"twist": "geometry_msgs/msg/Twist", "twist_stamped": "geometry_msgs/msg/TwistStamped"}[kind]
     )
 
 

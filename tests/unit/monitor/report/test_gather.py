@@ -214,11 +214,7 @@ def test_the_law_that_was_driven_is_the_law_of_the_run(tmp_path: Path) -> None:
 
 
 FIRST, SECOND, AGAIN = 64 * 10, 64 * 20 + 1, 64 * 30
-
-
 MISSION = with_standbys()
-
-
 STANDBYS = "\n[standbys.spare1]\n[standbys.spare2]\n"
 
 
