@@ -9,22 +9,27 @@ from typing import Any
 
 from formation.mission.file import load, parse, read
 from formation.mission.model import Mission
+from formation.monitor.core import Monitor
+from formation.monitor.metrics.events import Event, from_message
 from formation.monitor.metrics.metrics import Metrics
+from formation.monitor.metrics.snapshot import Snapshot
 from formation.protocol import order
 from formation.protocol.order import Mode, Order, PositionAttachment
 from formation.protocol.reasons import Code, Reason
 from formation.protocol.status import AgentState, AgentStatus, AnyStatus, LeaderState, LeaderStatus
 from formation.protocol.status_codec import to_message
 from formation.ros2.messages import (
+    LogEntry,
     Message,
     Odometry,
     Pose,
     Twist,
     TwistStamped,
+    decode,
     encode,
 )
 from formation.slots.shape import PlacedShape
-from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSITION, STATUS
+from formation.topics import CMD_VEL, EVENTS, GROUND_TRUTH, ODOM, POSITION, STATUS
 from formation.wire import Now, Sample
 
 EPOCH = 1000.0
@@ -139,3 +144,69 @@ def status(
 def receive(metrics: Metrics, samples: list[Sample]) -> None:
     for sample in samples:
         metrics.process_sample(sample, sample.arrived + EPOCH)
+
+
+def received(fleet: Fleet, *samples: Sample) -> Metrics:
+    """New metrics that have received these."""
+    metrics = Metrics(fleet.mission)
+    receive(metrics, list(samples))
+    return metrics
+
+
+def driven(
+    fleet: Fleet,
+    until: float,
+    metrics: Metrics | None = None,
+    since: float = 10.0,
+    *,
+    silent: str = "",
+    gone: float = 0.0,
+) -> Metrics:
+    """Metrics that observed a fleet ten times a second, the robot `silent` only until `gone` [s]."""
+    metrics = metrics or Metrics(fleet.mission)
+    samples = [
+        one
+        for one in fleet.positions(since, until)
+        if not silent or silent not in one.key or one.arrived <= gone
+    ]
+    for tick in range(1, round((until - since) * 10) + 1):
+        due = [one for one in samples if one.arrived <= since + tick / 10]
+        samples = samples[len(due) :]
+        receive(metrics, due)
+        metrics.observe(now(since + tick / 10))
+    return metrics
+
+
+class Watcher:
+    """A monitor that is stepped fifty times a second, and the events that it reports."""
+
+    def __init__(self, fleet: Fleet | None = None) -> None:
+        self.fleet = fleet or Fleet()
+        self.monitor = Monitor(self.fleet.mission)
+        self.reported: list[Event] = []
+        self.at = 10.0
+
+    @property
+    def seen(self) -> Snapshot:
+        return self.monitor.metrics.snapshot(now(self.at))
+
+    def run_until(self, until: float, samples: list[Sample]) -> list[Event]:
+        """Pass the time until `until`; return the events of that time."""
+        samples = sorted(samples, key=lambda sample: sample.arrived)
+        before = len(self.reported)
+        while self.at < until - 1e-9:
+            self.at += 0.02
+            due = [sample for sample in samples if sample.arrived <= self.at]
+            samples = samples[len(due) :]
+            for out in self.monitor.step(now(self.at), due):
+                if out.key == EVENTS.key():
+                    self.reported.append(from_message(decode(LogEntry, out.payload)))
+        return self.reported[before:]
+
+    def drive(self, until: float, *more: Sample, without: str = "") -> list[Event]:
+        """As `run_until`, with the positions of all robots except `without`."""
+        return self.run_until(until, [*self.fleet.positions(self.at, until, without=without), *more])
+
+
+def of(events: list[Event], *kinds: str) -> list[Event]:
+    return [event for event in events if event.kind in kinds]

@@ -66,3 +66,9 @@ def record(path: Path, result: Iterable[Sample], text: str = "", law: str = "fie
 
 def gathered(path: Path) -> Run:
     return gather(read_back(path))
+
+
+def run_of(folder: Path, result: Iterable[Sample], text: str = "", law: str = "field") -> Run:
+    """The run of a recording in `folder` of what is said."""
+    record(folder / "run.mcap", result, text, law)
+    return gathered(folder / "run.mcap")

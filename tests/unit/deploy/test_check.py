@@ -19,6 +19,7 @@ from formation.mission.model import Bounds
 from formation.mission.route import Straight
 from formation.stability import feasibility
 from formation.stability.analysis import analyse
+from tests.unit.deploy.commands import Capsys
 
 KEYS = {
     "bounds", "ok", "problems", "warnings", "eigenvalues", "stable", "slowest_mode", "settling_time_estimate",
@@ -44,14 +45,14 @@ def ring(followers: int) -> str:
     return text + "[[route]]\nspeed = 0.1\nheading_deg = 0\n"
 
 
-def checked(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, dict[str, Any]]:
+def checked(capsys: Capsys, *arguments: str) -> tuple[int, str, dict[str, Any]]:
     code = main(["check", *arguments, "--json"])
     out, words = capsys.readouterr()
     return code, words, json.loads(out)
 
 
 @pytest.mark.parametrize("mission", shipped())
-def test_every_shipped_mission_passes(mission: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_shipped_mission_passes(mission: str, capsys: Capsys) -> None:
     code, out, result = checked(capsys, mission)
     assert code == 0
     assert set(result) >= KEYS
@@ -62,7 +63,7 @@ def test_every_shipped_mission_passes(mission: str, capsys: pytest.CaptureFixtur
     assert all(f"\n  {name} " in out for name in load(mission).names)
 
 
-def test_unstable_mission_exits_with_1_and_advice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unstable_mission_exits_with_1_and_advice(tmp_path: Path, capsys: Capsys) -> None:
     (tmp_path / "ring.toml").write_text(ring(12))
     code, out, result = checked(capsys, str(tmp_path / "ring.toml"))
     assert code == 1
@@ -74,16 +75,14 @@ def test_unstable_mission_exits_with_1_and_advice(tmp_path: Path, capsys: pytest
     assert "without end" in out
 
 
-def test_check_uses_law_of_command_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_uses_law_of_command_line(capsys: Capsys) -> None:
     _, out, result = checked(capsys, "six_robots", "--law", "paper")
     assert result["law"] == "paper"
     assert "six-robots, paper law" in out
     assert result["settling_time_estimate"] > 2.0 * checked(capsys, "six_robots")[2]["settling_time_estimate"]
 
 
-def test_terminal_shows_what_the_check_waits_for(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_terminal_shows_what_the_check_waits_for(monkeypatch: pytest.MonkeyPatch, capsys: Capsys) -> None:
     reported: list[str] = []
 
     @contextmanager
@@ -97,7 +96,7 @@ def test_terminal_shows_what_the_check_waits_for(
     assert "no problem found" in capsys.readouterr().out
 
 
-def test_the_words_and_the_json_say_the_same(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_words_and_the_json_say_the_same(capsys: Capsys) -> None:
     _, out, result = checked(capsys, "two_chains")
     found = analyse(load("two_chains"))
     assert result["depth"] == found.depth
@@ -105,7 +104,7 @@ def test_the_words_and_the_json_say_the_same(capsys: pytest.CaptureFixture[str])
     assert f"{found.delay_margin * 1e3:.0f} ms" in out
 
 
-def test_check_names_robots_that_hold_after_each_loss(capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_names_robots_that_hold_after_each_loss(capsys: Capsys) -> None:
     _, out, result = checked(capsys, "two_chains")
     assert "\n  left6 or right6 may be lost: the others go on\n" in out
     assert "\n  left4 lost: left5, left6 hold\n" in out
@@ -117,9 +116,7 @@ def test_check_names_robots_that_hold_after_each_loss(capsys: pytest.CaptureFixt
     assert result["losses"]["leader"]["successor"] is None
 
 
-def test_check_names_fallbacks_and_standbys_without_holding_robots(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_check_names_fallbacks_and_standbys_without_holding_robots(capsys: Capsys) -> None:
     _, out, result = checked(capsys, "patrol")
     assert "\n  any single follower may be lost: the others go on\n" in out
     assert "\n  robot1 lost: robot2 goes on by leader\n" in out
@@ -130,7 +127,7 @@ def test_check_names_fallbacks_and_standbys_without_holding_robots(
     assert result["losses"]["leader"] == {"hold": [], "instead": {}, "successor": "deputy"}
 
 
-def test_a_fallback_that_never_helps_is_warned_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_fallback_that_never_helps_is_warned_of(tmp_path: Path, capsys: Capsys) -> None:
     text = read("two_chains")[0].replace(
         'neighbours = ["left1"]', 'neighbours = ["left1"]\nfallback_neighbours = ["left3"]'
     )
@@ -141,7 +138,7 @@ def test_a_fallback_that_never_helps_is_warned_of(tmp_path: Path, capsys: pytest
     assert "warning: robots.left2.fallback_neighbours: left3 never helps" in out
 
 
-def test_two_followers_must_agree_on_a_leader(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_followers_must_agree_on_a_leader(tmp_path: Path, capsys: Capsys) -> None:
     text = read("turtlebot3_pair")[0] + "\n[standbys.deputy]\n"
     (tmp_path / "agree.toml").write_text(text)
     _, out, result = checked(capsys, str(tmp_path / "agree.toml"))
@@ -149,9 +146,7 @@ def test_two_followers_must_agree_on_a_leader(tmp_path: Path, capsys: pytest.Cap
     assert result["losses"]["robot1"]["hold"] == ["robot2"]
 
 
-def test_columns_stand_under_their_titles_however_short_the_names(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_columns_stand_under_their_titles_however_short_the_names(tmp_path: Path, capsys: Capsys) -> None:
     mission = tmp_path / "ring.toml"
     mission.write_text(ring(3).replace("leader", "l").replace('l = "l"', 'leader = "l"', 1))
     _, out, _ = checked(capsys, str(mission))

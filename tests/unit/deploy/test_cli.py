@@ -15,6 +15,7 @@ from formation.deploy.arguments import as_json, number, read_mission, whole
 from formation.deploy.refusal import Refusal
 from formation.mission.file import shipped
 from formation.transport.runtime.command_line import EXTRAS
+from tests.unit.deploy.commands import Capsys, output_of, refused
 
 
 def stand_in(monkeypatch: pytest.MonkeyPatch, behaviour: object) -> list[Sequence[str]]:
@@ -45,29 +46,23 @@ def test_every_command_gets_its_arguments_as_they_were_typed(
 
 
 @pytest.mark.parametrize("command", cli.COMMANDS)
-def test_every_command_has_help_with_its_own_name(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main([command, "--help"]) == 0
-    assert f"usage: formation {command}" in capsys.readouterr().out
+def test_every_command_has_help_with_its_own_name(command: str, capsys: Capsys) -> None:
+    assert f"usage: formation {command}" in output_of(capsys, [command, "--help"])
 
 
-def test_the_overview_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["--help"]) == 0
-    text = capsys.readouterr().out
+def test_the_overview_names_every_command(capsys: Capsys) -> None:
+    text = output_of(capsys, ["--help"])
     assert all(f"  {name} " in text for name in cli.COMMANDS)
     assert "examples:" in text
 
 
-def test_without_a_command_the_overview_is_shown_and_nothing_is_done(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_without_a_command_the_overview_is_shown_and_nothing_is_done(capsys: Capsys) -> None:
     assert cli.main([]) == 2
     assert "usage: formation" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("arguments", [["rnu"], ["--nonsense"], ["run", "--nonsense"], ["run", "--law", "x"]])
-def test_what_the_command_line_does_not_know_is_exit_code_2(
-    arguments: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_the_command_line_does_not_know_is_exit_code_2(arguments: list[str], capsys: Capsys) -> None:
     assert cli.main(arguments) == 2
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
@@ -75,14 +70,12 @@ def test_what_the_command_line_does_not_know_is_exit_code_2(
     assert err.endswith("--help\n")
 
 
-def test_the_version_is_the_packages(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_version_is_the_packages(capsys: Capsys) -> None:
     assert cli.main(["--version"]) == 0
     assert capsys.readouterr().out.startswith("formation 0.")
 
 
-def test_a_refusal_is_one_line_on_stderr(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_refusal_is_one_line_on_stderr(monkeypatch: pytest.MonkeyPatch, capsys: Capsys) -> None:
     stand_in(monkeypatch, Refusal("no such thing"))
     assert cli.main(["run"]) == 2
     assert capsys.readouterr() == ("", "formation: no such thing\n")
@@ -90,7 +83,7 @@ def test_a_refusal_is_one_line_on_stderr(
 
 @pytest.mark.parametrize(("package", "extra"), EXTRAS.items())
 def test_a_missing_extra_is_named_with_the_line_that_brings_it(
-    package: str, extra: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    package: str, extra: str, monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     stand_in(monkeypatch, ModuleNotFoundError("none", name=f"{package}.sub"))
     assert cli.main(["monitor"]) == 2
@@ -103,17 +96,14 @@ def test_a_missing_module_of_our_own_is_no_missing_extra(monkeypatch: pytest.Mon
         cli.main(["monitor"])
 
 
-def test_ctrl_c_in_any_command_is_exit_code_130(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ctrl_c_in_any_command_is_exit_code_130(monkeypatch: pytest.MonkeyPatch, capsys: Capsys) -> None:
     stand_in(monkeypatch, KeyboardInterrupt())
     assert cli.main(["simulate"]) == 130
     assert "interrupted" in capsys.readouterr().err
 
 
-def test_the_shipped_missions_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["missions"]) == 0
-    listed = capsys.readouterr().out
+def test_the_shipped_missions_are_listed(capsys: Capsys) -> None:
+    listed = output_of(capsys, ["missions"])
     assert all(name in listed for name in shipped())
     assert cli.main(["missions", "--json"]) == 0
     listing = json.loads(capsys.readouterr().out)
@@ -126,14 +116,10 @@ def test_the_shipped_missions_are_listed(capsys: pytest.CaptureFixture[str]) -> 
 
 
 @pytest.mark.parametrize("command", ["run", "check", "simulate"])
-def test_a_bad_mission_is_one_line_and_exit_code_2(
-    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bad_mission_is_one_line_and_exit_code_2(command: str, tmp_path: Path, capsys: Capsys) -> None:
     bad = tmp_path / "bad.toml"
     bad.write_text('name = "bad"\nleader = "nobody"\n')
-    assert cli.main([command, str(bad)]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
+    err = refused(capsys, [command, str(bad)])
     assert err.count("\n") == 1
     assert str(bad) in err
 

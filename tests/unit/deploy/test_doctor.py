@@ -1,22 +1,27 @@
-"""Every examination of the doctor, both ways: it names what is wrong, and says nothing of what is well."""
+"""The doctor: each examination names what is wrong and nothing else; its report and what it refuses."""
 
 from __future__ import annotations
 
+import io
+import json
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from formation.deploy.cli import main
 from formation.deploy.doctor.agent import two_ages
-from formation.deploy.doctor.cli import EXAMINATIONS
+from formation.deploy.doctor.cli import COLOUR, EXAMINATIONS, PLAIN, style, words
 from formation.deploy.doctor.facts import Chrony, Facts, Party, Reached, Stream, examine
 from formation.deploy.doctor.gather import read_tracking
 from formation.deploy.doctor.robot import ROBOT_LINK
-from formation.mission.file import load
+from formation.mission.file import load, shipped
 from formation.mission.model import Mission
 from formation.protocol.reasons import Code, Reason
 from formation.protocol.status import LeaderState, LeaderStatus, RobotLink
+from tests.unit.deploy.commands import Capsys
 from tests.unit.deploy.examined import (
     DAY,
     DESK,
@@ -46,155 +51,88 @@ def test_every_examination_of_robot_reports_an_observation() -> None:
 
 
 ILLS: dict[str, tuple[Mapping[str, Any], str, str]] = {
-    "odometry stamped late": (
-        {"odometry": stream(behind=0.4)},
-        "clock-offset",
-        "odometry is stamped 0.4 s ago",
-    ),
+    "odometry stamped late": ({"odometry": stream(behind=0.4)}, "clock-offset",
+        "odometry is stamped 0.4 s ago"),
     "odometry stamped ahead": ({"odometry": stream(behind=-5.0)}, "clock-offset", "stamped 5 s ahead"),
     "position stamped late": ({"position": stream(behind=0.2)}, "clock-offset", "its position is stamped"),
-    "neighbour's clock": (
-        {"newest_status": status_of(clock={"leader": -0.3})},
-        "clock-doubted",
-        "does not believe the stamps of leader",
-    ),
-    "chrony without server": (
-        {"chrony": Chrony(0.0, synchronised=False)},
-        "clock-unsynchronised",
-        "no time server",
-    ),
+    "neighbour's clock": ({"newest_status": status_of(clock={"leader": -0.3})}, "clock-doubted",
+        "does not believe the stamps of leader"),
+    "chrony without server": ({"chrony": Chrony(0.0, synchronised=False)}, "clock-unsynchronised",
+        "no time server"),
     "chrony still far off": ({"chrony": Chrony(-0.7, synchronised=True)}, "clock-not-settled", "0.7 s from"),
     "no odometry": ({"odometry": Stream()}, "odometry-silent", "no odometry in 3 s"),
     "slow odometry": ({"odometry": stream(8.0)}, "odometry-slow", "at 8 Hz instead of 20 Hz"),
     "fast odometry": ({"odometry": stream(40.0)}, "odometry-fast", "at 40 Hz instead of 20 Hz"),
     "irregular odometry": ({"odometry": paused(0.2, 0.3)}, "odometry-irregular", "paused 2 times in 3 s"),
-    "two odometries": (
-        {"odometry": stream(frames=("odom", "map"))},
-        "odometry-frames",
-        "several frames: map, odom",
-    ),
+    "two odometries": ({"odometry": stream(frames=("odom", "map"))}, "odometry-frames",
+        "several frames: map, odom"),
     "unreadable odometry": (
         {"odometry": replace(stream(), bad=("orientation has length 0, must be 1",))},
-        "odometry-unreadable",
-        "orientation has length 0",
+        "odometry-unreadable", "orientation has length 0",
     ),
     "no external pose": ({"pose": Stream()}, "pose-silent", "no external pose in 3 s"),
-    "neighbour refuses": (
-        {"reached": {"leader": Reached("tls/h:1", "refused")}},
-        "unreachable",
-        "the leader at tls/h:1 refuses",
-    ),
-    "no route": (
-        {"reached": {"robot2": Reached("tls/h:1", "no route")}},
-        "unreachable",
-        "robot2's agent at tls/h:1",
-    ),
+    "neighbour refuses": ({"reached": {"leader": Reached("tls/h:1", "refused")}}, "unreachable",
+        "the leader at tls/h:1 refuses"),
+    "no route": ({"reached": {"robot2": Reached("tls/h:1", "no route")}}, "unreachable",
+        "robot2's agent at tls/h:1"),
     "no answer": ({"reached": {"robot2": Reached("tls/h:1", "no answer")}}, "unreachable", "does not answer"),
-    "unknown name": (
-        {"reached": {"robot2": Reached("tls/h:1", "unknown name")}},
-        "unreachable",
-        "name cannot be resolved",
-    ),
+    "unknown name": ({"reached": {"robot2": Reached("tls/h:1", "unknown name")}}, "unreachable",
+        "name cannot be resolved"),
     "no TLS": ({"reached": {"robot2": Reached("tls/h:1", "no TLS")}}, "unreachable", "does not use TLS"),
     "untrusted": (
         {"reached": {"robot2": Reached("tls/h:1", "untrusted", "certificate has expired")}},
-        "unreachable",
-        "not to be trusted (certificate has expired)",
+        "unreachable", "not to be trusted (certificate has expired)",
     ),
-    "turned away": (
-        {"reached": {"robot2": Reached("tls/h:1", "turned away", "unknown ca")}},
-        "unreachable",
-        "refuses our certificate (unknown ca)",
-    ),
+    "turned away": ({"reached": {"robot2": Reached("tls/h:1", "turned away", "unknown ca")}}, "unreachable",
+        "refuses our certificate (unknown ca)"),
     "addresses mixed up": (
         {"reached": {"robot2": Reached("tls/h:1", "ok", name="robot1")}},
-        "neighbour-misnamed",
-        "where robot2 should be, robot1 answers",
+        "neighbour-misnamed", "where robot2 should be, robot1 answers",
     ),
-    "silent neighbour": (
-        {"newest_status": status_of(age={"leader": 7.3})},
-        "neighbour-silent",
-        "leader has been silent for 7.3 s",
-    ),
+    "silent neighbour": ({"newest_status": status_of(age={"leader": 7.3})}, "neighbour-silent",
+        "leader has been silent for 7.3 s"),
     "no router": (
-        {
-            "router_trouble": "nobody",
-            "routed": None,
-            "watchdog_state": None,
-            "odometry": Stream(),
-            "status": Stream(),
-        },
-        "router-missing",
-        "nothing answers at tcp/127.0.0.1:7447",
+        {"router_trouble": "nobody", "routed": None, "watchdog_state": None, "odometry": Stream(),
+         "status": Stream()},
+        "router-missing", "nothing answers at tcp/127.0.0.1:7447",
     ),
     "route lost": ({"routed": False, "listeners": ()}, "route-lost", "nothing listens to cmd_vel"),
-    "wrong type": (
-        {"routed": False, "listeners": (Party("turtlebot3_node", TWIST, "ab"),)},
-        "cmd-vel-type",
-        "turtlebot3_node takes Twist on cmd_vel, but is sent TwistStamped",
-    ),
+    "wrong type": ({"routed": False, "listeners": (Party("turtlebot3_node", TWIST, "ab"),)}, "cmd-vel-type",
+        "turtlebot3_node takes Twist on cmd_vel, but is sent TwistStamped"),
     "somebody else drives": (
         {"speakers": (*HEALTHY.speakers, Party("teleop_twist_keyboard", STAMPED, "ef"))},
-        "cmd-vel-contested",
-        "teleop_twist_keyboard publishes on cmd_vel as well",
+        "cmd-vel-contested", "teleop_twist_keyboard publishes on cmd_vel as well",
     ),
     "no watchdog": ({"watchdog_state": "", "watchdog_unit": None}, "watchdog-down", "no watchdog answers"),
     "watchdog failed": ({"watchdog_unit": "failed"}, "watchdog-down", "systemd calls it failed"),
-    "agent silent": (
-        {"status": Stream(), "newest_status": None, "alive": ()},
-        "agent-silent",
-        "no status in 3 s",
-    ),
+    "agent silent": ({"status": Stream(), "newest_status": None, "alive": ()}, "agent-silent",
+        "no status in 3 s"),
     "status of a stranger": (
-        {
-            "status": Stream(bad=("status: kind is missing, must be agent",)),
-            "newest_status": None,
-            "alive": (),
-        },
-        "agent-unreadable",
-        "1 statuses of its agent cannot be read: status: kind is missing",
+        {"status": Stream(bad=("status: kind is missing, must be agent",)), "newest_status": None,
+         "alive": ()},
+        "agent-unreadable", "1 statuses of its agent cannot be read: status: kind is missing",
     ),
-    "two agents": (
-        {"alive": tuple(sorted(signs(50.0) + signs(7.0)))},
-        "agents-two",
-        "one runs for 53 s, one for 10 s",
-    ),
-    "two agents started together": (
-        {"alive": tuple(sorted(signs(50.0) + signs(50.2)))},
-        "agents-two",
-        "one runs for 53 s, one for 53 s",
-    ),
-    "second publisher": (
-        {"doubled": ("robot2",)},
-        "agents-two",
-        "robot2 receives its positions from two agents",
-    ),
+    "two agents": ({"alive": tuple(sorted(signs(50.0) + signs(7.0)))}, "agents-two",
+        "one runs for 53 s, one for 10 s"),
+    "two agents started together": ({"alive": tuple(sorted(signs(50.0) + signs(50.2)))}, "agents-two",
+        "one runs for 53 s, one for 53 s"),
+    "second publisher": ({"doubled": ("robot2",)}, "agents-two",
+        "robot2 receives its positions from two agents"),
     "second publisher of a neighbour": (
         {"newest_status": status_of(contested=("robot2",))},
-        "neighbour-doubled",
-        "positions of robot2 from two agents",
+        "neighbour-doubled", "positions of robot2 from two agents",
     ),
-    "refusals": (
-        {"newest_status": status_of(refused={"put robot3/position": 12})},
-        "refused",
-        "refused 12 times: put robot3/position",
-    ),
-    "started with another mission": (
-        {"newest_status": status_of(mission="0123456789ab")},
-        "mission-other",
-        "its agent was started with another mission",
-    ),
+    "refusals": ({"newest_status": status_of(refused={"put robot3/position": 12})}, "refused",
+        "refused 12 times: put robot3/position"),
+    "started with another mission": ({"newest_status": status_of(mission="0123456789ab")}, "mission-other",
+        "its agent was started with another mission"),
     "neighbour on another mission": (
         {"newest_status": status_of(other_mission={"robot2": "89ef4567"})},
-        "mission-mixed",
-        "robot2 runs mission 89ef4567",
+        "mission-mixed", "robot2 runs mission 89ef4567",
     ),
-    "another mission": (
-        {"installed_differs": "/opt/m.toml"},
-        "mission-differs",
-        "in /opt/m.toml is not the one",
-    ),
-}
+    "another mission": ({"installed_differs": "/opt/m.toml"}, "mission-differs",
+        "in /opt/m.toml is not the one"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("ill", ILLS)
@@ -321,3 +259,71 @@ def test_one_agent_after_the_other_is_not_two_at_once() -> None:
 )
 def test_what_chrony_says_is_read(line: str, says: Chrony | None) -> None:
     assert read_tracking(line) == says
+
+
+def test_the_report_fits_eighty_columns_and_names_robot_sentence_and_remedy() -> None:
+    ill = replace(
+        HEALTHY, routed=False, listeners=(), installed_differs="/opt/formation/current/mission.toml"
+    )
+    result = words({"robot1": examine(EXAMINATIONS, ill), "robot2": examine(EXAMINATIONS, HEALTHY)})
+    assert max(map(len, result.splitlines())) <= 80
+    assert result.splitlines()[0] == "robot1"
+    assert "  ✗ robot        nothing listens to cmd_vel: the bridge has lost its route, or\n" in result
+    assert "                 → restart the bring-up and the bridge together\n" in result
+    assert result.splitlines()[-1] == "2 things are wrong: robot1"
+    assert words({"robot2": examine(EXAMINATIONS, HEALTHY)}).endswith("\nhealthy: nothing is wrong")
+
+
+class Terminal(io.StringIO):
+    """A terminal that shows colours."""
+
+    encoding = "utf-8"
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_no_color_is_respected(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    assert style(Terminal()) == COLOUR
+    monkeypatch.setenv("NO_COLOR", "")
+    assert style(Terminal()) == COLOUR
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert style(Terminal()) == PLAIN
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["--prefix", "/nowhere"], "MISSION is missing, and none is installed here"),
+        (["turtlebot3_pair", "--robot", "robot9"], "--robot 'robot9': must be a follower of turtlebot3-pair"),
+        (["turtlebot3_pair", "--robot", "leader"], "--robot 'leader': must be a follower"),
+        (["turtlebot3_pair", "--robot", "robot1", "--robot-connect", "there"], "'there': must be PROTOCOL/"),
+        (["no_such_mission"], "no such file"),
+        (["turtlebot3_pair", "-c", "/nowhere.json5"], "--config '/nowhere.json5'"),
+    ],
+)
+def test_what_cannot_be_examined_is_refused_in_a_sentence(words: list[str], why: str, capsys: Capsys) -> None:
+    assert main(["doctor", *words]) == 2
+    assert why in capsys.readouterr().err
+
+
+def test_installation_without_configuration_is_refused(tmp_path: Path, capsys: Capsys) -> None:
+    home = tmp_path / "current"
+    home.mkdir()
+    (home / "mission.toml").write_bytes(shipped()["turtlebot3_pair"].read_bytes())
+    (home / "VERSION.json").write_text('{"robot": "robot1"}')
+    assert main(["doctor", "--prefix", str(tmp_path)]) == 2
+    assert "zenoh.json5 is missing: install this robot's bundle again" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("name", "whose"), [("leader", "leader's"), ("deputy", "standby's")])
+def test_doctor_on_leader_machine_asks_for_mission(
+    name: str, whose: str, tmp_path: Path, capsys: Capsys
+) -> None:
+    home = tmp_path / "current"
+    home.mkdir()
+    (home / "mission.toml").write_bytes(shipped()["patrol"].read_bytes())
+    (home / "VERSION.json").write_text(json.dumps({"robot": name}))
+    assert main(["doctor", "--prefix", str(tmp_path)]) == 2
+    assert f"this is the {whose} machine: say MISSION" in capsys.readouterr().err

@@ -16,6 +16,7 @@ from formation.simulation.simulate import simulate
 from formation.slots.shapes import SHAPES
 from formation.stability.analysis import analyse
 from tests.campaigns.safety.missions import faults, made
+from tests.unit.deploy.commands import Capsys, output_of, refused
 
 SAMPLE = (3, 4, 7, 16, 50)
 """Of the sizes that `python -m tests.campaigns.safety missions` tries all of."""
@@ -37,16 +38,12 @@ def test_what_it_writes_passes_the_check_and_converges(shape: str, robots: int, 
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_a_mission_is_there_and_what_to_type_next_works(
-    shape: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["new", shape, "--robots", "7", "--out", "it's mine.toml"]) == 0
-    out = capsys.readouterr().out
+def test_a_mission_is_there_and_what_to_type_next_works(shape: str, capsys: Capsys) -> None:
+    out = output_of(capsys, ["new", shape, "--robots", "7", "--out", "it's mine.toml"])
     lines = [shlex.split(line) for line in out.splitlines() if line.startswith("  formation ")]
     assert [line[1:3] for line in lines] == [[do, "it's mine.toml"] for do in ("check", "simulate", "run")]
     assert main(lines[0][1:]) == 0
-    assert main(lines[1][1:]) == 0
-    assert "converged        100 of 100" in capsys.readouterr().out
+    assert "converged        100 of 100" in output_of(capsys, lines[1][1:])
 
 
 def test_new_mission_has_requested_robots_and_virtual_leader() -> None:
@@ -73,7 +70,7 @@ def test_least_spacing_leaves_room_at_starts_and_slots(shape: str, profile: str)
     assert simulate(mission).converged.all()
 
 
-def test_recorded_command_recreates_the_same_file(capsys: pytest.CaptureFixture[str]) -> None:
+def test_recorded_command_recreates_the_same_file(capsys: Capsys) -> None:
     requested = ["polygon", "--robots", "9", "--corners", "3", "--spacing", "0.7", "--robot", "paper"]
     assert main(["new", *requested, "--out", "one.toml"]) == 0
     first = Path("one.toml").read_text(encoding="utf-8")
@@ -83,9 +80,7 @@ def test_recorded_command_recreates_the_same_file(capsys: pytest.CaptureFixture[
     assert capsys.readouterr().err == ""
 
 
-def test_existing_file_is_overwritten_only_with_force(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_existing_file_is_overwritten_only_with_force(capsys: Capsys) -> None:
     Path("mine.toml").write_text("precious", encoding="utf-8")
     assert main(["new", "line", "--robots", "4", "--out", "mine.toml"]) == 2
     assert "--force" in capsys.readouterr().err
@@ -112,17 +107,13 @@ def test_existing_file_is_overwritten_only_with_force(
         ("line --robots 5 --out nowhere/mission.toml", "there is no folder nowhere"),
     ],
 )
-def test_impossible_request_is_refused_and_writes_nothing(
-    requested: str, says: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["new", *requested.split()]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
+def test_impossible_request_is_refused_and_writes_nothing(requested: str, says: str, capsys: Capsys) -> None:
+    err = refused(capsys, ["new", *requested.split()])
     assert says in err.splitlines()[-1]
     assert not list(Path().iterdir())
 
 
-def test_a_machine_reads_what_was_written(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_machine_reads_what_was_written(capsys: Capsys) -> None:
     assert main(["new", "grid", "--robots", "12", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {
         "file": "grid_12.toml",
@@ -136,8 +127,7 @@ def test_a_machine_reads_what_was_written(capsys: pytest.CaptureFixture[str]) ->
     }
 
 
-def test_the_help_names_every_shape_and_shows_how(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["new", "--help"]) == 0
-    result = capsys.readouterr().out
+def test_the_help_names_every_shape_and_shows_how(capsys: Capsys) -> None:
+    result = output_of(capsys, ["new", "--help"])
     assert all(shape in result for shape in SHAPES)
     assert "formation new wedge --robots 7" in result

@@ -7,6 +7,7 @@ import pytest
 
 from formation.deploy.cli import main
 from formation.deploy.recordings import recover as command
+from tests.unit.deploy.commands import Capsys, output_of
 from tests.unit.monitor.recording.test_recover import chunked
 
 
@@ -18,22 +19,18 @@ def cut(tmp_path: Path) -> Path:
     return path
 
 
-def test_it_says_what_there_is_until_when_and_what_is_lost(
-    cut: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["recover", str(cut)]) == 0
-    result = capsys.readouterr().out
+def test_it_says_what_there_is_until_when_and_what_is_lost(cut: Path, capsys: Capsys) -> None:
+    result = output_of(capsys, ["recover", str(cut)])
     out = cut.with_name("run-recovered.mcap")
     assert out.exists()
     assert f"{cut} was cut off, or is still being written. " in result
     assert f"are in {out}." in result
     assert "lost: what was received after that, within a second of the end" in result
-    assert main(["recover", str(out)]) == 0
-    assert f"{out} is whole: " in capsys.readouterr().out
+    assert f"{out} is whole: " in output_of(capsys, ["recover", str(out)])
     assert sorted(one.name for one in cut.parent.iterdir()) == ["run-recovered.mcap", "run.mcap"]
 
 
-def test_the_same_for_programs(cut: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_same_for_programs(cut: Path, tmp_path: Path, capsys: Capsys) -> None:
     out = tmp_path / "elsewhere.mcap"
     assert main(["recover", str(cut), "-o", str(out), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
@@ -43,9 +40,7 @@ def test_the_same_for_programs(cut: Path, tmp_path: Path, capsys: pytest.Capture
 
 
 @pytest.mark.parametrize("content", [b"", b"hello", b"\x89MCAP0\r\n", b"\x89MCAP0\r\n" + b"\1" * 500])
-def test_what_is_no_recording_is_refused_in_one_line(
-    tmp_path: Path, content: bytes, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_no_recording_is_refused_in_one_line(tmp_path: Path, content: bytes, capsys: Capsys) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(content)
     assert main(["recover", str(path)]) == 2
@@ -55,9 +50,7 @@ def test_what_is_no_recording_is_refused_in_one_line(
     assert [one.name for one in tmp_path.iterdir()] == ["run.mcap"]
 
 
-def test_what_is_not_there_or_is_in_the_way_is_refused(
-    cut: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_not_there_or_is_in_the_way_is_refused(cut: Path, tmp_path: Path, capsys: Capsys) -> None:
     assert main(["recover", str(tmp_path / "no.mcap")]) == 2
     assert "no.mcap: cannot be read: No such file or directory" in capsys.readouterr().err
     assert main(["recover", str(tmp_path)]) == 2
@@ -69,7 +62,7 @@ def test_what_is_not_there_or_is_in_the_way_is_refused(
 
 
 def test_where_it_takes_long_it_says_how_far_it_is(
-    cut: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    cut: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     monkeypatch.setattr(command, "PROGRESS_PERIOD", 0.0)
     assert main(["recover", str(cut)]) == 0

@@ -10,6 +10,7 @@ import pytest
 from formation.deploy.cli import main
 from tests.support.monitored import Fleet
 from tests.support.recordings import coming_in, record, talk
+from tests.unit.deploy.commands import Capsys, output_of, refused
 
 
 @pytest.fixture(scope="module")
@@ -19,9 +20,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_the_page_stands_beside_the_recording_and_stdout_is_json(
-    recording: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_page_stands_beside_the_recording_and_stdout_is_json(recording: Path, capsys: Capsys) -> None:
     assert main(["report", str(recording), "--json"]) == 0
     out, words = capsys.readouterr()
     result = json.loads(out)
@@ -38,7 +37,7 @@ def test_the_page_stands_beside_the_recording_and_stdout_is_json(
 
 @pytest.mark.slow
 def test_figures_are_written_in_the_formats_that_are_asked_for(
-    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    recording: Path, tmp_path: Path, capsys: Capsys
 ) -> None:
     flags = ["-o", str(tmp_path / "page.html"), "--figures", str(tmp_path / "f"), "--format", "pdf", "--json"]
     assert main(["report", str(recording), *flags]) == 0
@@ -49,25 +48,23 @@ def test_figures_are_written_in_the_formats_that_are_asked_for(
 
 @pytest.mark.slow
 def test_two_recordings_are_compared_and_their_figures_kept_apart(
-    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    recording: Path, tmp_path: Path, capsys: Capsys
 ) -> None:
     record(tmp_path / "other.mcap", talk(Fleet(away=coming_in), 6.0), law="paper")
     flags = ["-o", str(tmp_path / "page.html"), "--figures", str(tmp_path / "f"), "--format", "svg"]
-    assert main(["report", str(recording), str(tmp_path / "other.mcap"), *flags]) == 0
-    out = capsys.readouterr().out
+    out = output_of(capsys, ["report", str(recording), str(tmp_path / "other.mcap"), *flags])
     assert "A: six-robots, field law" in out
     assert "B: six-robots, paper law" in out
     assert {path.name for path in (tmp_path / "f").iterdir()} == {"a", "b", "overlay.svg"}
 
 
 def test_a_cut_recording_is_reported_and_said_to_be_cut(
-    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    recording: Path, tmp_path: Path, capsys: Capsys
 ) -> None:
     cut = tmp_path / "cut.mcap"
     data = recording.read_bytes()
     cut.write_bytes(data[: 2 * len(data) // 3])
-    assert main(["report", str(cut)]) == 0
-    assert "is cut" in capsys.readouterr().out
+    assert "is cut" in output_of(capsys, ["report", str(cut)])
     assert "This recording is cut" in cut.with_suffix(".html").read_text(encoding="utf-8")
 
 
@@ -91,7 +88,7 @@ def test_a_cut_recording_is_reported_and_said_to_be_cut(
     ],
 )
 def test_what_cannot_be_reported_is_refused_in_a_line(
-    flags: list[str], named: str, recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    flags: list[str], named: str, recording: Path, tmp_path: Path, capsys: Capsys
 ) -> None:
     names = {"run": "run.mcap", "text": "text.txt", "mission": "wedge_5.toml", "other": "home.html"}
     for name in names.values():
@@ -100,9 +97,7 @@ def test_what_cannot_be_reported_is_refused_in_a_line(
     places = {name: tmp_path / file for name, file in names.items()}
     places |= {"missing": tmp_path / "no.mcap", "folder": tmp_path, "long": Path("long" * 75)}
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    assert main(["report", *(flag.format(**places) for flag in flags)]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
+    err = refused(capsys, ["report", *(flag.format(**places) for flag in flags)])
     assert named in err
     assert err.count("\n") == 1 or "usage" in err
     assert {path: path.read_bytes() for path in before} == before

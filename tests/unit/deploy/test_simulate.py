@@ -15,17 +15,18 @@ from formation.deploy.cli import main
 from formation.deploy.terminal.bar import Bar
 from formation.mission.file import parse, read
 from formation.simulation.body import PROFILES
+from tests.unit.deploy.commands import Capsys, output_of, refused
 
 SHORT = ("--horizon", "15")
 
 
-def simulated(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[str, dict[str, Any]]:
+def simulated(capsys: Capsys, *arguments: str) -> tuple[str, dict[str, Any]]:
     assert main(["simulate", "turtlebot3_pair", *SHORT, *arguments, "--json"]) == 0
     out, words = capsys.readouterr()
     return words, json.loads(out)
 
 
-def test_the_json_has_every_figure(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_json_has_every_figure(capsys: Capsys) -> None:
     _, result = simulated(capsys, "--runs", "20", "--spread", "0.2", "--seed", "3")
     assert result["mission"] == "turtlebot3-pair"
     assert (result["runs"], result["seed"], result["law"]) == (20, 3, "field")
@@ -36,17 +37,13 @@ def test_the_json_has_every_figure(capsys: pytest.CaptureFixture[str]) -> None:
     assert result["robot_steps_per_second"] > 0.0
 
 
-def test_without_numba_it_says_once_how_to_be_faster(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_numba_it_says_once_how_to_be_faster(monkeypatch: pytest.MonkeyPatch, capsys: Capsys) -> None:
     monkeypatch.setattr("formation.deploy.terminal.bar.AVAILABLE", False)
     words, _ = simulated(capsys, "--horizon", "1")
     assert words.count("pip install '.[simulate]' in a clone") == 1
 
 
-def test_simulation_reports_ignored_scanners_and_obstacles(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_simulation_reports_ignored_scanners_and_obstacles(capsys: Capsys) -> None:
     assert main(["simulate", "posts", "--json"]) == 0
     out, words = capsys.readouterr()
     assert "  not simulated    scanners, posts, walls; formation run has them" in words.splitlines()
@@ -83,9 +80,7 @@ def test_what_the_mission_has_and_this_does_not_is_named(
     assert simulate.left_out(parse(text, "mission.toml")) == named
 
 
-def test_without_avoidance_touching_is_not_examined(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_avoidance_touching_is_not_examined(tmp_path: Path, capsys: Capsys) -> None:
     text = read("turtlebot3_pair")[0].replace("[collisions]", '[collisions]\nmode = "off"')
     (tmp_path / "off.toml").write_text(text)
     assert main(["simulate", str(tmp_path / "off.toml"), *SHORT, "--json"]) == 0
@@ -94,9 +89,7 @@ def test_without_avoidance_touching_is_not_examined(
     assert json.loads(out)["touched"] is None
 
 
-def test_single_run_uses_mission_starts_many_use_seed(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_single_run_uses_mission_starts_many_use_seed(capsys: Capsys) -> None:
     text, first = simulated(capsys)
     assert "the mission's own starts" in text
     assert simulated(capsys, "--seed", "9")[1]["settling_time"] == first["settling_time"]
@@ -106,36 +99,31 @@ def test_single_run_uses_mission_starts_many_use_seed(
     assert simulated(capsys, "--runs", "5", "--seed", "2")[1]["final_error"] != many["final_error"]
 
 
-def test_random_single_run_is_not_reported_as_missions(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_random_single_run_is_not_reported_as_missions(capsys: Capsys) -> None:
     text, _ = simulated(capsys, "--spread", "0.2", "--seed", "4")
     assert "1 random start, seed 4" in text
     assert "the mission's own" not in text
 
 
-def test_report_states_touching_and_avoidance(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_report_states_touching_and_avoidance(capsys: Capsys) -> None:
     text, result = simulated(capsys, "--runs", "20", "--seed", "1", "--law", "paper")
     assert f"bodies           touch in {result['touched']} of 20 runs" in text
     assert "; robots do not avoid each other" in text  # the printed law is said as it is
     assert (result["touched"] > 0) == (result["nearest"] < 0.0)
-    assert main(["simulate", "six_robots", *SHORT]) == 0
-    text = capsys.readouterr().out
+    text = output_of(capsys, ["simulate", "six_robots", *SHORT])
     assert "bodies           none touch, " in text
     assert "nobody avoids" not in text
 
 
 @pytest.mark.slow
-def test_the_proportional_law_is_simulated_by_name(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_proportional_law_is_simulated_by_name(capsys: Capsys) -> None:
     text, result = simulated(capsys, "--law", "proportional")
     assert "proportional law" in text
     assert (result["law"], result["converged_fraction"]) == ("proportional", 1.0)
 
 
 def test_runs_that_do_not_fit_into_memory_are_refused(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     def full(*_: object, **__: object) -> None:
         raise MemoryError
@@ -179,16 +167,12 @@ def test_a_worse_world_is_passed_on(monkeypatch: pytest.MonkeyPatch) -> None:
         (["--law", "best"], "choose from"),
     ],
 )
-def test_what_cannot_be_simulated_is_refused_by_name(
-    flags: list[str], named: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["simulate", "turtlebot3_pair", *flags]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
+def test_what_cannot_be_simulated_is_refused_by_name(flags: list[str], named: str, capsys: Capsys) -> None:
+    err = refused(capsys, ["simulate", "turtlebot3_pair", *flags])
     assert named in err
 
 
-def test_a_plot_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_plot_is_written(tmp_path: Path, capsys: Capsys) -> None:
     figure = tmp_path / "figure.png"
     text, result = simulated(capsys, "--plot", str(figure))
     assert figure.read_bytes().startswith(b"\x89PNG")
@@ -197,7 +181,7 @@ def test_a_plot_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
 
 
 def test_terminal_shows_progress_while_law_is_compiled(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: Capsys
 ) -> None:
     reported: list[str] = []
 

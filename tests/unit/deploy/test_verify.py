@@ -17,6 +17,7 @@ from formation.monitor.metrics.keys import watched
 from formation.monitor.recording.recorder import Recorder
 from formation.topics import CMD_VEL, POSITION
 from tests.support.recorded import RecordedFleet, Recording
+from tests.unit.deploy.commands import Capsys
 
 TEXT = read("turtlebot3_pair")[0]
 PAIR = load("turtlebot3_pair")
@@ -50,14 +51,14 @@ def with_gain(folder: Path, old: str = "k_p = 2.0", new: str = "k_p = 2.1") -> P
     return path
 
 
-def output(capsys: pytest.CaptureFixture[str]) -> tuple[str, dict[str, Any]]:
+def output(capsys: Capsys) -> tuple[str, dict[str, Any]]:
     """What people get to read, and programs."""
     out, words = capsys.readouterr()
     result: dict[str, Any] = json.loads(out)
     return words, result
 
 
-def test_a_recording_that_today_s_agents_agree_with(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_that_today_s_agents_agree_with(file: Path, capsys: Capsys) -> None:
     assert replay.main([str(file), "--verify", "--json"]) == 0
     text, result = output(capsys)
     assert text.count("equal to the last bit") == 2
@@ -69,7 +70,7 @@ def test_a_recording_that_today_s_agents_agree_with(file: Path, capsys: pytest.C
 
 
 def test_with_another_gain_the_first_command_that_differs_is_named(
-    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    file: Path, tmp_path: Path, capsys: Capsys
 ) -> None:
     mission = with_gain(tmp_path)
     assert verify.main([str(file), "--verify", "--mission", str(mission), "--json"]) == 1
@@ -83,7 +84,7 @@ def test_with_another_gain_the_first_command_that_differs_is_named(
     assert result["differing"] == sum(one["differing"] for one in result["robots"].values()) > 10
 
 
-def test_a_tolerance_lets_it_pass(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_tolerance_lets_it_pass(file: Path, tmp_path: Path, capsys: Capsys) -> None:
     mission = with_gain(tmp_path, "k_i = 0.2", "k_i = 0.21")
     arguments = [str(file), "--verify", "--mission", str(mission)]
     assert verify.main([*arguments, "--tolerance", "0"]) == 1
@@ -91,18 +92,14 @@ def test_a_tolerance_lets_it_pass(file: Path, tmp_path: Path, capsys: pytest.Cap
     assert capsys.readouterr().out.count("the rest off by") == 2
 
 
-def test_under_the_law_that_was_used_and_under_another(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_under_the_law_that_was_used_and_under_another(tmp_path: Path, capsys: Capsys) -> None:
     path = written(tmp_path / "paper.mcap", a_run("paper"), law="paper")
     assert verify.main([str(path), "--verify"]) == 0
     assert "note" not in capsys.readouterr().out
     assert verify.main([str(path), "--verify", "--law", "field"]) == 1
 
 
-def test_what_could_not_be_judged_is_told_with_its_reason(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_could_not_be_judged_is_told_with_its_reason(tmp_path: Path, capsys: Capsys) -> None:
     start = RUN[0][1]
     lossy = [
         (sample, wall)
@@ -120,9 +117,7 @@ def test_what_could_not_be_judged_is_told_with_its_reason(
     assert f"not judged: {stretch['commands']} commands, 1." in text
 
 
-def test_a_cut_recording_is_verified_as_far_as_it_goes(
-    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_cut_recording_is_verified_as_far_as_it_goes(file: Path, tmp_path: Path, capsys: Capsys) -> None:
     path = tmp_path / "cut.mcap"
     path.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
     code = verify.main([str(path), "--verify", "--json"])
@@ -143,7 +138,7 @@ def without_traces(share: float) -> Recording:
     ]
 
 
-def test_too_few_commands_compared_is_no_verdict(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_too_few_commands_compared_is_no_verdict(tmp_path: Path, capsys: Capsys) -> None:
     path = written(tmp_path / "few.mcap", without_traces(0.5))
     assert verify.main([str(path), "--verify", "--json"]) == verify.EXIT_TOO_FEW
     text, result = output(capsys)
@@ -159,7 +154,7 @@ def test_one_robot_that_was_not_compared_is_no_verdict(tmp_path: Path) -> None:
     assert verify.main([str(written(tmp_path / "one.mcap", record)), "--verify"]) == verify.EXIT_TOO_FEW
 
 
-def test_robot_without_commands_is_no_verdict(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_robot_without_commands_is_no_verdict(tmp_path: Path, capsys: Capsys) -> None:
     record = [(one, wall) for one, wall in RUN if one.key != CMD_VEL.key("robot1")]
     path = written(tmp_path / "silent.mcap", record)
     assert verify.main([str(path), "--verify"]) == verify.EXIT_TOO_FEW
@@ -167,7 +162,7 @@ def test_robot_without_commands_is_no_verdict(tmp_path: Path, capsys: pytest.Cap
     assert verify.main([str(path), "--verify", "--min-compared", "0"]) == 0
 
 
-def test_lost_commands_lower_the_share(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_lost_commands_lower_the_share(tmp_path: Path, capsys: Capsys) -> None:
     key, begin = CMD_VEL.key("robot1"), RUN[0][1]
     record = [(one, wall) for one, wall in RUN if one.key != key or not 2.0 < wall - begin < 4.0]
     path = written(tmp_path / "gap.mcap", record)
@@ -178,9 +173,7 @@ def test_lost_commands_lower_the_share(tmp_path: Path, capsys: pytest.CaptureFix
     assert robot["share"] < robot["compared"] / robot["commands"]
 
 
-def test_commands_before_the_first_memory_do_not_count(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_commands_before_the_first_memory_do_not_count(tmp_path: Path, capsys: Capsys) -> None:
     begin = RUN[0][1]
     late = [(sample, wall) for sample, wall in RUN if wall > begin + 1.0]
     assert verify.main([str(written(tmp_path / "late.mcap", late)), "--verify", "--json"]) == 0
@@ -191,17 +184,13 @@ def test_commands_before_the_first_memory_do_not_count(
     assert "before the first state in its trace do not count" in text
 
 
-def test_agents_that_drove_by_another_mission_are_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_agents_that_drove_by_another_mission_are_named(tmp_path: Path, capsys: Capsys) -> None:
     path = written(tmp_path / "other.mcap", RUN, TEXT.replace("k_p = 2.0", "k_p = 2.1"))
     assert verify.main([str(path), "--verify"]) == 1
     assert "agents of robot1, robot2 drove by another mission" in capsys.readouterr().out
 
 
-def test_a_recording_without_traces_is_nothing_to_compare(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_without_traces_is_nothing_to_compare(tmp_path: Path, capsys: Capsys) -> None:
     path = written(tmp_path / "old.mcap", [(sample._replace(attachment=None), wall) for sample, wall in RUN])
     assert verify.main([str(path), "--verify"]) == 2
     text = capsys.readouterr().out
@@ -209,7 +198,7 @@ def test_a_recording_without_traces_is_nothing_to_compare(
     assert "nothing could be compared" in text
 
 
-def test_an_empty_recording_is_nothing_to_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_empty_recording_is_nothing_to_compare(tmp_path: Path, capsys: Capsys) -> None:
     assert verify.main([str(written(tmp_path / "empty.mcap", [])), "--verify"]) == 2
     assert capsys.readouterr().out.count("no command in the recording") == 2
 
@@ -230,9 +219,7 @@ def test_a_mission_that_is_none_is_refused(file: Path, tmp_path: Path) -> None:
         verify.main([str(file), "--verify", "--mission", str(tmp_path / "bad.toml")])
 
 
-def test_verify_with_wrong_mission_names_unknown_robots(
-    file: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_verify_with_wrong_mission_names_unknown_robots(file: Path, capsys: Capsys) -> None:
     assert verify.main([str(file), "--verify", "--mission", "two_chains"]) == 2
     assert "no such follower: robot1, robot2" in capsys.readouterr().out
 

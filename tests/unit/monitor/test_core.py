@@ -1,10 +1,18 @@
+"""The monitor's core: what it subscribes to and publishes, and that its memory is bounded."""
+
 from __future__ import annotations
+
+import gc
+import random
+import tracemalloc
+from collections.abc import Iterator
 
 import pytest
 
 from formation.mission.file import load, parse, read
-from formation.monitor.core import Monitor
-from formation.monitor.metrics.keys import OWN, watched
+from formation.monitor.core import MAX_EVENTS, Monitor
+from formation.monitor.metrics.events import Event
+from formation.monitor.metrics.keys import OWN, given_stage, usual_stage, watched
 from formation.monitor.metrics.words import line
 from formation.ros2.messages import Diagnostics, Number, decode
 from formation.topics import (
@@ -20,7 +28,10 @@ from formation.topics import (
     SCAN,
     STATUS,
 )
-from tests.support.monitored import Fleet, now
+from formation.transport import wiring
+from formation.wire import Sample
+from tests.support.monitored import Fleet, command, now, odometry, status
+from tests.support.mutations import mutated
 
 
 def test_the_error_is_published_ten_times_a_second_and_diagnostics_once() -> None:
@@ -105,3 +116,80 @@ def test_displacements_are_listened_to_where_robots_measure_them() -> None:
     assert {RELATIVE.key("robot4", "robot2"), RELATIVE.key("robot4", "robot3")} <= keys
     assert RELATIVE.key("robot4", "robot1") not in keys
     assert not [key for key in Monitor(load("six_robots")).subscriptions if "relative" in key]
+
+
+def test_by_default_they_are_where_formation_robot_puts_them() -> None:
+    mission = load("six_robots")
+    assert usual_stage(mission) == wiring.endpoints(mission).robots
+
+
+def test_robot_with_endpoint_in_mission_is_not_simulated() -> None:
+    text, name = read("turtlebot3_pair")
+    real = '[robots.robot1]\nrobot_endpoint = "tcp/127.0.0.1:7447"'
+    mission = parse(text.replace("[robots.robot1]", real), name)
+    assert list(usual_stage(mission)) == ["robot2"]
+
+
+def test_one_endpoint_is_where_all_are() -> None:
+    mission = load("turtlebot3_pair")
+    assert given_stage(mission, ["tcp/127.0.0.1:9"]) == dict.fromkeys(mission.followers, "tcp/127.0.0.1:9")
+
+
+def test_some_robots_can_be_put_behind_one_endpoint_and_others_nowhere() -> None:
+    mission = load("six_robots")
+    found = given_stage(mission, ["robot2,robot3=tcp/127.0.0.1:8", "robot4=tls/desk:9?so_sndbuf=1"])
+    assert found == {
+        "robot2": "tcp/127.0.0.1:8", "robot3": "tcp/127.0.0.1:8", "robot4": "tls/desk:9?so_sndbuf=1",
+    }  # fmt: skip
+
+
+def test_an_endpoint_may_have_an_equals_sign_of_its_own() -> None:
+    mission = load("turtlebot3_pair")
+    assert set(given_stage(mission, ["tcp/desk:9#iface=lo"]).values()) == {"tcp/desk:9#iface=lo"}
+
+
+@pytest.mark.parametrize("name", ["robot9", "leader", ""])
+def test_unknown_simulated_robot_is_refused_with_possible_names(name: str) -> None:
+    with pytest.raises(ValueError, match=f"{name!r} must be a follower of turtlebot3-pair: robot1, robot2"):
+        given_stage(load("turtlebot3_pair"), [f"robot1,{name}=tcp/desk:9"])
+
+
+def traffic(fleet: Fleet, rng: random.Random, start: float, end: float) -> Iterator[Sample]:
+    """Six robots on a bad radio, and somebody who sends rubbish."""
+    gone = {name for name in fleet.mission.names if rng.random() < 0.2}
+    for sample in fleet.positions(start, end):
+        if sample.key.partition("/")[0] not in gone:
+            yield sample
+            yield command("robot2", sample.arrived, rng.random(), 0.1)
+            yield odometry("robot3", sample.arrived)
+        yield status("robot4", sample.arrived, rng.choice(("run", "hold", "stop")), f"at {sample.arrived}")
+        if rng.random() < 0.3:
+            yield sample._replace(payload=mutated(rng, [sample.payload]))
+            yield sample._replace(attachment=rng.randbytes(20), key=f"robot{rng.randrange(12)}/position")
+
+
+@pytest.mark.slow
+def test_monitor_memory_does_not_grow_over_time() -> None:
+    fleet, rng = Fleet(), random.Random(3)
+    monitor = Monitor(fleet.mission)
+    for number in range(MAX_EVENTS):
+        monitor.note(Event(1000.0, 20, "", "operator", f"number {number} of those that are kept {'.' * 60}"))
+
+    def watch(start: int, seconds: int) -> int:
+        """So many seconds of it; the bytes that are held afterwards."""
+        for second in range(start, start + seconds):
+            samples = sorted(traffic(fleet, rng, second, second + 1.0), key=lambda sample: sample.arrived)
+            for part in range(10):
+                monitor.step(now(second + part / 10), samples[part::10])
+        gc.collect()
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        before = watch(10, 10)
+        after = watch(20, 30)
+    finally:
+        tracemalloc.stop()
+    assert monitor.metrics.rejections.by_key
+    assert len(monitor.events) == MAX_EVENTS
+    assert after - before < 100_000  # of 8000 messages, each of which takes more than 100 bytes

@@ -19,6 +19,7 @@ from formation.monitor.recording.recorder import Recorder
 from formation.wire import Sample
 from tests.support.missions import row_of_three
 from tests.support.recorded import verify
+from tests.unit.deploy.commands import Capsys
 
 PAIR = load("turtlebot3_pair")
 MUTUAL = row_of_three(
@@ -59,7 +60,7 @@ def test_message_that_is_not_recorded_is_found(tmp_path: Path, monkeypatch: pyte
     assert "robot2/odom" in verdict.violations[0].what
 
 
-def test_report_reads_a_rehearsal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_report_reads_a_rehearsal(tmp_path: Path, capsys: Capsys) -> None:
     path = tmp_path / "run.mcap"
     assert (
         main(["turtlebot3_pair", "--faults", "none", "--record", str(path), "--noise", "0.001", "--json"])

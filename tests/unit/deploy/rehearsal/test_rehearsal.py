@@ -1,7 +1,8 @@
-"""The rehearsed fleet: what holds without faults and with each of them, and that a seed gives one run."""
+"""Rehearsals: what holds with and without faults, what the command prints; a seed gives one run."""
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import pytest
@@ -10,19 +11,23 @@ from formation.agent.core import Agent
 from formation.agent.safety.commander import Commander
 from formation.agent.simulated.faults import Fault
 from formation.control.unicycle import Command
+from formation.deploy.refusal import Refusal
 from formation.deploy.rehearsal import rehearsal
 from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.faults import INSIDERS, KINDS, SENSORS, draw, parse, spelled
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.operator import Operator
 from formation.deploy.rehearsal.rehearsal import Plan, Verdict, rehearse, run, shrunk
+from formation.deploy.rehearse import main
 from formation.leader.candidacy import Candidacy
-from formation.mission.file import load
+from formation.mission.file import load, read
 from formation.protocol.order import OperatorReply
 from formation.protocol.status import AgentState
+from formation.pytest_plugin import MakeRehearsed
 from formation.ros2.messages import Twist, encode
 from formation.topics import CMD_VEL
 from formation.wire import Outgoing
+from tests.unit.deploy.commands import Capsys
 
 SIX, PATROL, PAIR = load("six_robots"), load("patrol"), load("turtlebot3_pair")
 
@@ -135,10 +140,7 @@ def test_command_in_hold_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "zero" in rehearsed("robot1:hold@8+5").broken
 
 
-@pytest.mark.parametrize(
-    ("command", "rule"),
-    [(Command(3.0, 0.0), "limits"), (Command(1.0, 0.0), "ramp")],
-)
+@pytest.mark.parametrize(("command", "rule"), [(Command(3.0, 0.0), "limits"), (Command(1.0, 0.0), "ramp")])
 def test_impossible_command_is_found(monkeypatch: pytest.MonkeyPatch, command: Command, rule: str) -> None:
     from formation.agent.safety.commander import Commander
 
@@ -286,3 +288,81 @@ def test_agent_answers_beside_and_after_a_second_one() -> None:
         fleet.engine.run(fleet.engine.now + 0.1)
         assert len(replies) == number
         fleet.rivals["robot2"].kill()
+
+
+LOCAL = read("six_robots")[0].replace("rate = 20 ", 'rate = 20\nmeasurement = "local" #')
+
+
+@pytest.mark.parametrize(
+    ("mission", "fault", "reason"),
+    [(LOCAL, "robot3:relative_late=1@6+4", "sensor"), ("posts", "robot3:scan_late=1@6+4", "scan")],
+    ids=["relative", "scan"],
+)
+def test_robot_holds_while_a_sensor_is_late(
+    rehearsed_fleet: MakeRehearsed, mission: str, fault: str, reason: str
+) -> None:
+    fleet = rehearsed_fleet(mission, faults=[fault])
+    fleet.run(5.9)
+    assert fleet.state("robot3") == "run"
+    fleet.run(3.6)
+    assert fleet.state("robot3") == "hold"
+    assert reason in fleet.reason("robot3")
+    before = fleet.position("robot3")
+    fleet.run(0.4)
+    assert abs(fleet.position("robot3") - before) < 0.01
+    fleet.run_until_settled(within=60.0)
+
+
+def test_robot_with_a_torn_state_starts_anew(
+    rehearsed_fleet: MakeRehearsed, caplog: pytest.LogCaptureFixture
+) -> None:
+    fleet = rehearsed_fleet("six_robots", faults=["robot3:torn@10+2"])
+    fleet.run(12.5)
+    assert "not written to its end" in caplog.text
+    fleet.run_until_settled(within=60.0)
+
+
+def told(capsys: Capsys, *arguments: str) -> dict[str, Any]:
+    assert main([*arguments, "--json"]) in {0, 1}
+    report: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return report
+
+
+def test_calm_run_holds_every_rule(capsys: Capsys) -> None:
+    assert main(["six_robots", "--faults", "none"]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("six-robots, 1 seed, faults: none\n  every rule held  1 of 1\n")
+
+
+def test_failing_run_is_told_with_its_command(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("formation.agent.core.Agent.tell", lambda *_: 1 // 0)
+    arguments = ("six_robots", "--fault", "robot1:stop@8+5")
+    assert main(arguments) == 1
+    out = capsys.readouterr().out
+    assert "  seed 0: exception: " in out
+    assert "    formation rehearse six_robots --seed 0 --faults none\n" in out
+    report = told(capsys, *arguments)
+    assert report["failed"] == 1
+    assert report["runs"][0]["violations"][0]["rule"] == "exception"
+
+
+def test_noise_is_stated_and_seeds_are_counted(capsys: Capsys) -> None:
+    report = told(capsys, "turtlebot3_pair", "--faults", "clock,full", "--seeds", "2", "--noise", "0.001")
+    assert [run["seed"] for run in report["runs"]] == [0, 1]
+    kinds = {
+        fault.split(":")[1].split("@")[0].split("=")[0] for run in report["runs"] for fault in run["faults"]
+    }
+    assert kinds <= {"clock", "full"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (["--faults", "kill,melt"], "--faults 'melt': must be all, none, or some of loss, "),
+        (["--fault", "robot2:melt@3"], "--fault 'robot2:melt@3': melt: must be one of "),
+    ],
+)
+def test_illegal_faults_are_refused(arguments: list[str], why: str) -> None:
+    with pytest.raises(Refusal) as refused:
+        main(["six_robots", *arguments])
+    assert str(refused.value).startswith(why)

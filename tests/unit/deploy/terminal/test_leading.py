@@ -22,8 +22,7 @@ def drawn(event: dict[str, Any], width: int = 90, *, dead: str = "", ascii_only:
 
 def seen() -> dict[str, Any]:
     """What the monitor's snapshot says once spare1 has taken robot1's place."""
-    team = Team()
-    team.go_on(12.0)
+    team = Team(12.0)
     team.fail_over()
     return as_json(team.seen)
 

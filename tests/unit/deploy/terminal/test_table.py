@@ -258,9 +258,7 @@ def test_live_table_is_redrawn_in_place_and_remains(monkeypatch: pytest.MonkeyPa
     assert "13 of 30 s" in terminal.getvalue()
 
 
-def test_plain_lines_come_every_two_seconds_or_event(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_plain_lines_come_every_two_seconds_or_event(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = [100.0]
     monkeypatch.setattr("formation.deploy.terminal.views.time.monotonic", lambda: clock[0])
     stream = io.StringIO()

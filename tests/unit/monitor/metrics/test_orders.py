@@ -17,7 +17,7 @@ from formation.protocol.order import Order, PositionAttachment, Slots, Tuned
 from formation.slots.shape import PlacedShape
 from formation.topics import POSITION
 from formation.wire import Sample
-from tests.support.monitored import EPOCH, Fleet, now, receive
+from tests.support.monitored import EPOCH, Fleet, driven, now, received
 
 SIX = load("six_robots")
 BEGINS, LASTS = 11.0, 4.0
@@ -40,19 +40,6 @@ def moving(time: float) -> Mapping[str, Any]:
     return {**wanted, "slots": Slots(mix=mix, rotation=part * math.pi / 2, scale=1.0 + 0.5 * part)}
 
 
-def driven(fleet: Fleet, until: float, metrics: Metrics | None = None, since: float = 10.0) -> Metrics:
-    """A monitor that has looked ten times a second."""
-    metrics = metrics or Metrics(fleet.mission)
-    samples, time = fleet.positions(since, until), since
-    while time < until:
-        time += 0.1
-        due = [sample for sample in samples if sample.arrived <= time]
-        samples = samples[len(due) :]
-        receive(metrics, due)
-        metrics.observe(now(time))
-    return metrics
-
-
 def test_moving_slots_cause_no_error_for_robots_inside() -> None:
     fleet = Fleet(wants=moving)
     metrics, worst = Metrics(fleet.mission), 0.0
@@ -68,15 +55,12 @@ def test_error_in_old_shape_equals_slot_displacement() -> None:
     fleet = Fleet(wants=moving)
     fleet.away = lambda robot, time: SIX.slot(robot) - PlacedShape.of(fleet.order(time)).slot(SIX, robot)
     metrics = driven(fleet, 13.0)
-    placed_shape = metrics.snapshot(now(13.0)).placed_shape
-    assert placed_shape is not None
-    slots = metrics.slots(metrics.placed(now(13.0))[0])
-    for edge, error in metrics.snapshot(now(13.0)).edges.items():
-        moved = (slots[edge.neighbour] - slots[edge.robot]) - (
-            SIX.slot(edge.neighbour) - SIX.slot(edge.robot)
-        )
+    seen, slots = metrics.snapshot(now(13.0)), metrics.slots(metrics.placed(now(13.0))[0])
+    for (one, other), error in seen.edges.items():
+        moved = (slots[other] - slots[one]) - (SIX.slot(other) - SIX.slot(one))
         assert error == pytest.approx(abs(moved), abs=1e-9)
-    assert dict(placed_shape.mix).keys() == {"hexagon", "wedge"}
+    assert seen.placed_shape is not None
+    assert dict(seen.placed_shape.mix).keys() == {"hexagon", "wedge"}
 
 
 @settings(max_examples=50, deadline=None)
@@ -98,24 +82,19 @@ def test_slots_are_interpolated_linearly_between_orders(
 
 def test_slots_of_unknown_shape_are_rejected() -> None:
     fleet = Fleet(wants=lambda _: {"slots": Slots(mix={"hexagon": 0.5, "star": 0.5})})
-    metrics = Metrics(SIX)
     result = PositionAttachment(publisher_id="leader", count=1, order=fleet.order(10.0))
     pose = Fleet().pose("robot1", 10.0)
-    receive(metrics, [Sample(POSITION.key("robot1"), pose, order.encode(result), 10.0)])
+    metrics = received(fleet, Sample(POSITION.key("robot1"), pose, order.encode(result), 10.0))
     assert metrics.rejections.by_reason == {"robot1/position: unknown shape": 1}
     assert metrics.order is None
 
 
 def test_new_shape_restarts_settling_time() -> None:
-    metrics = driven(Fleet(wants=moving), BEGINS + 0.5 * LASTS)
-    under_way = metrics.snapshot(now(BEGINS + 0.5 * LASTS))
-    assert not under_way.formed
+    middle = BEGINS + 0.5 * LASTS
+    under_way, there = (driven(Fleet(wants=moving), at).snapshot(now(at)) for at in (middle, 20.0))
     assert under_way.formation_error == pytest.approx(0.0, abs=0.005)
-    assert (under_way.settled_at, under_way.converged) == (None, False)
-    metrics = driven(Fleet(wants=moving), 20.0)
-    there = metrics.snapshot(now(20.0))
-    assert there.formed
-    assert there.converged
+    assert (under_way.formed, under_way.settled_at, under_way.converged) == (False, None, False)
+    assert (there.formed, there.converged) == (True, True)
     assert there.wished_at == pytest.approx(BEGINS - 10.0, abs=0.15)
     assert there.settling_time == pytest.approx(LASTS, abs=0.2)
 
@@ -141,14 +120,11 @@ def test_a_hold_and_a_run_ask_for_no_other_shape() -> None:
 def test_turning_shape_counts_as_formed() -> None:
     text, name = read("six_robots")
     mission = parse(text.replace('leader = "robot1"', 'leader = "robot1"\nturning = true'), name)
-    place = {"x": 0.0, "y": 0.0}
 
     def turning(time: float) -> Mapping[str, Any]:
-        behind = 0.05 if time < 15.0 else 1.0
-        return {
-            "slots": Slots(mix={"hexagon": 1.0}, rotation=0.1 * time - behind),
-            "place": {**place, "heading": 0.1 * time},
-        }
+        rotation = 0.1 * time - (0.05 if time < 15.0 else 1.0)
+        place = {"x": 0.0, "y": 0.0, "heading": 0.1 * time}
+        return {"slots": Slots(mix={"hexagon": 1.0}, rotation=rotation), "place": place}
 
     snapshot = driven(Fleet(mission, wants=turning), 18.0).snapshot(now(18.0))
     assert snapshot.formed

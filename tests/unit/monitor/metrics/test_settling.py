@@ -1,6 +1,25 @@
+"""When a formation has settled, and the error over the edges that are known while a robot is silent."""
+
 from __future__ import annotations
 
-from formation.monitor.metrics.settling import DWELL_TIME, MAX_UNKNOWN_TIME, Settling
+import json
+import math
+
+import pytest
+
+from formation.mission.file import parse, read
+from formation.monitor.metrics.metrics import Metrics
+from formation.monitor.metrics.settling import (
+    DWELL_TIME,
+    MAX_UNKNOWN_TIME,
+    KnownError,
+    KnownSettling,
+    KnownVerdict,
+    Settling,
+)
+from formation.monitor.metrics.snapshot import Snapshot
+from formation.monitor.metrics.words import as_json, diagnostics, line
+from tests.support.monitored import Fleet, driven, now, receive
 
 
 def observed(*errors: tuple[float, float]) -> Settling:
@@ -30,17 +49,131 @@ def test_it_takes_the_dwell_time_to_converge() -> None:
     assert observed(*every_tenth(0.0, DWELL_TIME, 0.01)).converged(DWELL_TIME)
 
 
-def test_a_long_stretch_of_not_knowing_begins_the_count_anew() -> None:
-    long_ago = every_tenth(0.0, 5.0, 0.01)
-    assert (
-        observed(*long_ago, (5.0 + MAX_UNKNOWN_TIME + 0.1, 0.01)).settled_at(6.1)
-        == 5.0 + MAX_UNKNOWN_TIME + 0.1
-    )
-    assert observed(*long_ago, (5.0 + MAX_UNKNOWN_TIME - 0.1, 0.01)).settled_at(5.9) == 0.0
+@pytest.mark.parametrize(("pause", "begin"), [(0.1, 5.0 + MAX_UNKNOWN_TIME + 0.1), (-0.1, 0.0)])
+def test_a_long_stretch_of_not_knowing_begins_the_count_anew(pause: float, begin: float) -> None:
+    settling = observed(*every_tenth(0.0, 5.0, 0.01), (5.0 + MAX_UNKNOWN_TIME + pause, 0.01))
+    assert settling.settled_at(6.0 + pause) == begin
 
 
 def test_nothing_is_settled_that_was_never_seen() -> None:
     settling = observed()
-    assert settling.settled_at(0.0) is None
-    assert settling.final(0.0) is None
-    assert not settling.converged(0.0)
+    assert (settling.settled_at(0.0), settling.final(0.0), settling.converged(0.0)) == (None, None, False)
+
+
+def watched(until: float, *, gone: float, fleet: Fleet | None = None) -> Snapshot:
+    """The fleet was received from 10 s to `until`, robot6 only to `gone`."""
+    return driven(fleet or Fleet(), until, silent="robot6", gone=gone).snapshot(now(until))
+
+
+def test_settling_time_counts_from_the_first_complete_error() -> None:
+    # 1 m off at first, the error of four edges falls by e^{-t}: under 5 cm after ln(80) s
+    fleet = Fleet(away=lambda robot, time: math.exp(-(time - 100.0)) if robot == "robot4" else 0j)
+    snapshot = driven(fleet, 110.0, since=100.0).snapshot(now(110.0))
+    assert snapshot.settled_at == pytest.approx(math.log(80.0), abs=0.25)
+    assert snapshot.converged
+    assert snapshot.elapsed == pytest.approx(9.95, abs=0.1)
+
+
+def test_slow_robot_does_not_prevent_others_from_converging() -> None:
+    text, name = read("six_robots")
+    slow = parse(text.replace("[robots.robot4]\n", "[robots.robot4]\nrate = 1\n"), name)
+    snapshot = driven(Fleet(slow), 20.0).snapshot(now(20.0))
+    assert (snapshot.converged, snapshot.settled_at) == (True, 0.0)
+
+
+def test_one_silent_robot_leaves_the_other_edges_known() -> None:
+    seen = watched(30.0, gone=15.0)
+    assert (seen.formation_error, seen.final_error, seen.converged, seen.settled_at) == (
+        None,
+        None,
+        False,
+        None,
+    )
+    assert seen.known.error == pytest.approx(0.0, abs=1e-9)
+    assert (seen.known.known_edges, seen.known.edges) == (7, 9)
+    assert seen.known.silent == {"robot6": pytest.approx(15.0, abs=0.1)}
+    assert seen.known.words == "7 of 9 edges; 2 unknown (robot6 silent for 15 s)"
+    assert seen.known_verdict.converged
+    assert seen.known_verdict.settled_at == pytest.approx(0.0, abs=0.3)
+    assert seen.known_verdict.final is not None
+    assert seen.known_verdict.final.known_edges == 7
+
+
+def test_survivors_that_are_off_do_not_settle() -> None:
+    fleet = Fleet(away=lambda robot, _: 0.2 + 0j if robot == "robot4" else 0j)
+    seen = watched(30.0, gone=15.0, fleet=fleet)
+    assert (seen.known.error or 0.0) > 0.3
+    assert (seen.known_verdict.converged, seen.known_verdict.settled_at) == (False, None)
+
+
+def test_known_error_equals_total_while_all_are_fresh() -> None:
+    seen = watched(20.0, gone=99.0)
+    assert seen.known.complete
+    assert seen.known.error == seen.formation_error
+    assert seen.known_verdict.settled_at == seen.settled_at
+    assert seen.known_verdict.converged is seen.converged is True
+
+
+def test_robot_that_was_never_heard_is_named() -> None:
+    seen = watched(15.0, gone=0.0)
+    assert seen.known.words == "7 of 9 edges; 2 unknown (nothing from robot6 yet)"
+    assert seen.known_verdict.converged
+
+
+def test_edges_of_a_robot_that_returns_count_again() -> None:
+    fleet = Fleet()
+    metrics = driven(fleet, 16.0, silent="robot6", gone=12.0)
+    assert driven(fleet, 17.0, metrics, 16.0).snapshot(now(17.0)).known.complete
+
+
+def test_verdict_outlives_the_run() -> None:
+    after = driven(Fleet(), 15.0).snapshot(now(60.0))
+    assert (after.formation_error, after.converged) == (None, True)
+    assert after.final_error == pytest.approx(0.0, abs=1e-9)
+    after = driven(Fleet(), 20.0, silent="robot6", gone=15.0).snapshot(now(60.0))
+    assert (after.known.error, after.known.known_edges) == (None, 0)
+    assert after.known_verdict.final is not None
+    assert after.known_verdict.final.known_edges == 7
+
+
+def test_verdict_is_over_the_most_edges_of_the_last_seconds() -> None:
+    """Robots that end at the end of a run do not end at once."""
+    settling = KnownSettling(0.05, 0.5)
+    for tick in range(50):
+        settling.observe(tick / 10, KnownError(0.01, 8, 9), formed=True)
+    settling.observe(5.0, KnownError(0.001, 1, 9), formed=True)
+    assert settling.verdict(5.0, None) == KnownVerdict(0.0, True, KnownError(0.01, 8, 9))
+
+
+def test_words_say_over_how_many_edges() -> None:
+    seen = watched(30.0, gone=15.0)
+    over = "7 of 9 edges; 2 unknown (robot6 silent for 15 s)"
+    assert f"error 0.0 mm over {over}  settled at 0." in line(seen)
+    status = next(diagnostics(seen, 1.0)).statuses[0]
+    assert status.message == f"error 0.0000 m over {over}"
+    assert [status.values[key] for key in ("error", "known_edges", "edges")] == ["unknown", "7", "9"]
+    result = json.loads(json.dumps(as_json(seen)))
+    assert (result["formation_error"], result["converged"]) == (None, False)
+    assert [result["known"][key] for key in ("known_edges", "edges", "converged")] == [7, 9, True]
+    assert result["known"]["silent"].keys() == {"robot6"}
+    assert result["robots"]["robot5"]["error"] is not None
+    assert result["robots"]["robot6"]["known"] == [None, 0, 2]
+
+
+def test_json_of_a_verdict_is_read_back() -> None:
+    verdict = KnownVerdict(1.25, True, KnownError(0.012, 8, 11, {"robot4": 12.3, "robot5": None}))
+    assert KnownVerdict.of_json(json.loads(json.dumps(verdict.as_json()))) == verdict
+    assert verdict.final is not None
+    assert verdict.final.words == "8 of 11 edges; 3 unknown (robot4 silent for 12 s, nothing from robot5 yet)"
+
+
+def test_known_edges_are_judged_alone() -> None:
+    """As a recording is read, which holds no error while an edge is unknown."""
+    fleet, metrics = Fleet(), Metrics(Fleet().mission)
+    for tick in range(1, 51):
+        end = 10.0 + tick / 10
+        receive(metrics, fleet.positions(end - 0.1, end, without="robot6"))
+        metrics.observe(now(end), known_only=True)
+    seen = metrics.snapshot(now(15.0))
+    assert seen.known_verdict.converged
+    assert (seen.settled_at, seen.final_error) == (None, None)

@@ -1,21 +1,41 @@
+"""What a recording holds, byte for byte: channels, attachments, chunks and the index."""
+
 from __future__ import annotations
 
+import errno
+import io
+import os
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
+import lz4.frame  # type: ignore[import-untyped]
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
+from mcap.records import Chunk as ChunkRecord
+from mcap.records import ChunkIndex, MessageIndex
+from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from formation.mission.file import load, parse, read
 from formation.mission.model import Mission
 from formation.monitor.metrics.keys import OWN, watched
-from formation.monitor.recording.channels import SUFFIX
+from formation.monitor.recording import recorder as recorder_module
+from formation.monitor.recording.channels import SUFFIX, Channels, packed, unpacked
+from formation.monitor.recording.part import BLOCK_BYTES, Chunk, Entry, Index, Part
+from formation.monitor.recording.part import packed as packed_record
+from formation.monitor.recording.reader import is_whole
 from formation.monitor.recording.reader import read as read_back
 from formation.monitor.recording.recorder import Recorder, RecordingError, stamp_of
 from formation.monitor.recording.rotation import ROOM, ROTATION, Room, Rotation
+from formation.monitor.recording.scan import MESSAGE, contents, records
 from formation.ros2 import messages
-from formation.ros2.messages import Displacement, Number, encode, type_hash
+from formation.ros2.messages import Displacement, Number, Text, decode, encode, type_hash
 from formation.topics import ALIVE, CMD_VEL, ERROR, ODOM, POSITION, TABLE
 from formation.wire import Sample
 from tests.support.monitored import EPOCH, Fleet, command, odometry, sample_of, status
@@ -35,6 +55,16 @@ def recorder(
     return Recorder(path, mission.name, text, "paper", (*watched(mission), *OWN), rotation, room)
 
 
+def record(path: Path, samples: Iterable[Sample], *, flush: bool = False) -> Recorder:
+    """The recorder of these samples, which is closed; `flush` has it end a chunk each half second."""
+    with recorder(path) as recording:
+        for sample in samples:
+            recording.write(sample, sample.arrived + EPOCH)
+            if flush:
+                recording.flush(sample.arrived)
+    return recording
+
+
 def a_bit_of_everything() -> list[Sample]:
     fleet = Fleet()
     return [
@@ -49,9 +79,7 @@ def a_bit_of_everything() -> list[Sample]:
 
 def test_recording_contains_received_messages_exactly_in_order(tmp_path: Path) -> None:
     samples = sorted(a_bit_of_everything(), key=lambda sample: sample.arrived)
-    with recorder(tmp_path / "run.mcap") as recording:
-        for sample in samples:
-            recording.write(sample, sample.arrived + EPOCH)
+    recorded = record(tmp_path / "run.mcap", samples)
     with (tmp_path / "run.mcap").open("rb") as stream:
         read_back = [
             (channel.topic, message)
@@ -64,16 +92,14 @@ def test_recording_contains_received_messages_exactly_in_order(tmp_path: Path) -
     assert [message.log_time for _, message in read_back] == [
         round((s.arrived + EPOCH) * 1e9) for s in samples
     ]
-    assert sum(recording.recorded.values()) == len(samples)
-    assert recording.recorded[ODOM.key("robot2")] == 20
+    assert sum(recorded.recorded.values()) == len(samples)
+    assert recorded.recorded[ODOM.key("robot2")] == 20
 
 
 def test_publish_time_is_the_messages_stamp_where_it_has_one(tmp_path: Path) -> None:
     late = odometry("robot2", 10.0)._replace(arrived=10.25)
     unstamped = command("robot2", 10.5, 0.1, 0.2)
-    with recorder(tmp_path / "run.mcap") as recording:
-        for sample in (late, unstamped):
-            recording.write(sample, sample.arrived + EPOCH)
+    record(tmp_path / "run.mcap", (late, unstamped))
     with (tmp_path / "run.mcap").open("rb") as stream:
         first, second = (message for _, _, message in make_reader(stream).iter_messages())
     assert (first.publish_time, first.log_time) == (1_010_000_000_000, 1_010_250_000_000)
@@ -114,19 +140,14 @@ def test_commands_have_the_type_that_the_robot_takes(tmp_path: Path, kind: str) 
     assert schema is not None
     assert (
         schema.name
-        == {
-            "twist": "geometry_msgs/msg/Twist",
-            "twist_stamped": "geometry_msgs/msg/TwistStamped",
-        }[kind]
+        == {"twist": "geometry_msgs/msg/Twist", "twist_stamped": "geometry_msgs/msg/TwistStamped"}[kind]
     )
 
 
 def test_another_reader_of_ros_2_bags_decodes_the_recording(tmp_path: Path) -> None:
     fleet = Fleet()
     samples = fleet.positions(10.0, 10.2)
-    with recorder(tmp_path / "run.mcap") as recording:
-        for sample in samples:
-            recording.write(sample, sample.arrived + EPOCH)
+    record(tmp_path / "run.mcap", samples)
     with Reader(tmp_path / "run.mcap") as bag:
         typestore = get_typestore(Stores.EMPTY)
         for connection in bag.connections:
@@ -194,3 +215,193 @@ def test_clock_before_epoch_does_not_end_recording(tmp_path: Path) -> None:
         recording.write(odometry("robot2", 10.0), -0.02)
         recording.write(odometry("robot2", 10.0), 1.0)
     assert [one.ns for one in read_back(tmp_path / "run.mcap").messages()] == [0, 10**9]
+
+
+@given(text=st.text().filter(str.isprintable))
+def test_an_attachment_becomes_a_string_of_ros_2(text: str) -> None:
+    data = packed(text.encode())
+    assert data == encode(Text(text))
+    assert decode(Text, data) == Text(text)
+    assert unpacked(data) == text.encode()
+
+
+@given(data=st.binary(max_size=40))
+def test_what_is_no_string_has_no_attachment(data: bytes) -> None:
+    assert isinstance(unpacked(data), bytes)
+    assert unpacked(b"\0\1\0\0\xff\0\0\0" + data) == b""
+
+
+def test_a_string_that_others_wrote_has_one() -> None:
+    assert unpacked(bytes.fromhex("00000000 00000003") + b"hi\0") == b"hi"
+    assert unpacked(bytes.fromhex("00010001 03000000") + b"hi\0\0") == b"hi"
+
+
+def test_what_is_no_text_is_left_out() -> None:
+    assert [packed(one) for one in (b"\xff", b"\0", b"two\nlines", b"x" * 70_000)] == [None] * 4
+
+
+def test_attachments_come_back_on_the_messages_they_rode_on(tmp_path: Path) -> None:
+    samples = sorted(
+        [
+            *Fleet().positions(10.0, 11.0),
+            *[
+                command("robot2", 10.0 + i / 20, 0.1, 0.0)._replace(attachment=b"%d" % i if i % 3 else None)
+                for i in range(20)
+            ],
+        ],
+        key=lambda one: one.arrived,
+    )
+    record(tmp_path / "run.mcap", samples)
+    back = [one.sample for one in read_back(tmp_path / "run.mcap").messages()]
+    assert [one[:3] for one in back] == [one[:3] for one in samples]
+    leader = POSITION.key(load("six_robots").leader)
+    assert all(one.attachment for one in back if one.key == leader)
+
+
+def test_each_stands_just_before_its_message_with_its_times_and_number(tmp_path: Path) -> None:
+    bare, attachments = command("robot2", 10.0, 0.1, 0.2), command("robot2", 10.5, 0.1, 0.2)
+    record(tmp_path / "run.mcap", [bare, attachments._replace(attachment=b'{"n": 1}')])
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        first, beside, second = reader.iter_decoded_messages(log_time_order=False)
+    assert (first.message.sequence, beside.message.sequence, second.message.sequence) == (1, 2, 2)
+    assert beside.channel.topic == f"/{CMD_VEL.key('robot2')}/attached"
+    assert beside.schema is not None
+    assert beside.schema.name == "std_msgs/msg/String"
+    assert beside.decoded_message.data == '{"n": 1}'
+    assert (beside.message.log_time, beside.message.publish_time) == (
+        second.message.log_time,
+        second.message.publish_time,
+    )
+
+
+def test_topics_on_which_nothing_rides_have_none_beside_them(tmp_path: Path) -> None:
+    record(tmp_path / "run.mcap", [command("robot2", 10.0, 0.1, 0.2)])
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    assert not [one.topic for one in summary.channels.values() if one.topic.endswith("/attached")]
+
+
+def test_every_index_entry_points_to_its_message(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    record(path, sorted(a_bit_of_everything(), key=lambda sample: sample.arrived), flush=True)
+    raw, entries = b"", 0
+    with path.open("rb") as file:
+        for one in records(file):
+            body = ReadDataStream(io.BytesIO(one.body))
+            if one.opcode == Opcode.CHUNK:
+                raw = lz4.frame.decompress(ChunkRecord.read(body).data)
+            elif one.opcode == Opcode.MESSAGE_INDEX:
+                index = MessageIndex.read(body)
+                for logged, at in index.records:
+                    opcode, _, channel, _, found, _ = MESSAGE.unpack_from(raw, at)
+                    assert (opcode, channel, found) == (Opcode.MESSAGE, index.channel_id, logged)
+                    entries += 1
+    assert entries == 2 * len(a_bit_of_everything()) - sum(
+        sample.attachment is None for sample in a_bit_of_everything()
+    )
+
+
+def test_burst_is_divided_into_small_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recorder_module, "CHUNK_BYTES", 50_000)
+    path = tmp_path / "run.mcap"
+    with recorder(path) as recording:
+        for number in range(500):  # before anybody flushes
+            recording.write(odometry("robot2", 10.0 + number / 1000), EPOCH + 10.0 + number / 1000)
+    with path.open("rb") as file:
+        found = [contents(each.body) for each in records(file) if each.opcode == Opcode.CHUNK]
+    assert len(found) > 5
+    assert max(one.unpacked for one in found if one) < 100_000
+
+
+class Full(io.FileIO):
+    """A file on a disk that has room for so many bytes more."""
+
+    room = 0
+
+    def write(self, data: Any) -> int:
+        if not self.room:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        done = super().write(memoryview(data)[: self.room])
+        self.room -= done
+        return done
+
+
+def test_failed_write_leaves_file_unchanged_and_usable(tmp_path: Path) -> None:
+    path, channels = tmp_path / "run.mcap", Channels()
+    part = Part(path, {}, channels)
+    number = channels.register("formation/error", Number.ROS_TYPE)
+    chunk = Chunk()
+    for second in range(100):
+        chunk.add(number, second, second * 10**9, second * 10**9, os.urandom(100))
+    chunk.channels = 1
+    part.append(chunk)
+    before = path.read_bytes()
+    whole = part._file
+    with Full(path, "rb+") as full:
+        full.seek(0, io.SEEK_END)
+        full.room = 5_000
+        part._file = full
+        with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):
+            part.append(chunk)
+        assert path.read_bytes() == before
+        full.room = 10**9
+        part.append(chunk)
+        part.finish()
+    whole.close()
+    assert is_whole(path)
+    with path.open("rb") as file:
+        found = [contents(each.body) for each in records(file) if each.opcode == Opcode.CHUNK]
+    assert [len(one.messages) for one in found if one] == [100, 100]
+
+
+HEAD = 56
+TIMES = st.integers(0, 2**62)
+ENTRIES = st.builds(
+    Entry,
+    start=TIMES,
+    end=TIMES,
+    offset=TIMES,
+    length=st.integers(HEAD + 100, 2**40),
+    unpacked=TIMES,
+    codec=st.sampled_from(["lz4", "zstd", ""]),
+    lengths=st.dictionaries(st.integers(0, 2**16 - 1), st.integers(15, 2**32 - 1), max_size=20),
+)
+
+
+@given(st.lists(ENTRIES, max_size=10))
+def test_index_records_equal_mcap_chunk_index(entries: list[Entry]) -> None:
+    index, expected = Index(HEAD), b""
+    for one in entries:
+        index.add(one)
+        places, at = {}, one.offset + one.length
+        for channel, length in one.lengths.items():
+            places[channel] = at
+            at += length
+        expected += packed_record(
+            ChunkIndex(
+                message_start_time=one.start,
+                message_end_time=one.end,
+                chunk_start_offset=one.offset,
+                chunk_length=one.length,
+                message_index_offsets=places,
+                message_index_length=sum(one.lengths.values()),
+                compression=one.codec,
+                compressed_size=one.length - HEAD - len(one.codec),
+                uncompressed_size=one.unpacked,
+            )
+        )
+    assert index.records() == expected
+    assert (index.count, index.size) == (len(entries), len(expected))
+
+
+def test_index_memory_is_a_twentieth_of_file_size() -> None:
+    index = Index(HEAD)
+    for number in range(5000):
+        start = 10**18 + number * 500_000_000
+        lengths = {channel: 15 + 16 * (5 + (number + channel) % 2) for channel in range(1, 80)}
+        index.add(Entry(start, start + 499_000_000, number * 60_000, 30_000, 80_000, "lz4", lengths))
+    assert index.size == len(index.records())
+    assert sum(map(len, index._packed)) < index.size / 20
+    assert len(index._newest) < BLOCK_BYTES

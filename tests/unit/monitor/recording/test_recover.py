@@ -15,8 +15,8 @@ from formation.monitor.recording.part import Part
 from formation.monitor.recording.reader import Recorded, UnreadableError, is_whole, read
 from formation.monitor.recording.recover import recover
 from formation.wire import Sample
-from tests.support.monitored import EPOCH, Fleet, odometry
-from tests.unit.monitor.recording.test_recorder import recorder
+from tests.support.monitored import Fleet, odometry
+from tests.unit.monitor.recording.test_recorder import record
 
 
 def chunked(path: Path, seconds: float = 3.0) -> list[Sample]:
@@ -25,10 +25,7 @@ def chunked(path: Path, seconds: float = 3.0) -> list[Sample]:
         [*Fleet().positions(10.0, 10.0 + seconds), *[odometry("robot2", 10.0 + i / 20) for i in range(20)]],
         key=lambda one: one.arrived,
     )
-    with recorder(path) as recording:
-        for sample in samples:
-            recording.write(sample, sample.arrived + EPOCH)
-            recording.flush(sample.arrived)
+    record(path, samples, flush=True)
     return samples
 
 

@@ -1,6 +1,10 @@
+"""Figures of a report and of a simulation."""
+
 from __future__ import annotations
 
 import re
+import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,20 +13,19 @@ import pytest
 from matplotlib.figure import Figure as Figure2D
 from matplotlib.patches import Circle
 
-from formation.mission.file import read
+from formation.mission.file import load, read
 from formation.monitor.report import drawing, figures, parts
 from formation.monitor.report.gather import Run
 from formation.monitor.report.parts import View
+from formation.simulation.simulate import History, simulate
 from formation.slots.shape import PlacedShape
 from tests.support.monitored import Fleet
-from tests.support.recordings import coming_in, gathered, record, talk
+from tests.support.recordings import coming_in, gathered, record, run_of, talk
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    path = tmp_path_factory.mktemp("run") / "run.mcap"
-    record(path, talk(Fleet(away=coming_in), 12.0))
-    return gathered(path)
+    return run_of(tmp_path_factory.mktemp("run"), talk(Fleet(away=coming_in), 12.0))
 
 
 def test_report_writes_each_panel_and_both_paper_figures(run: Run, tmp_path: Path) -> None:
@@ -104,30 +107,80 @@ def test_silent_period_is_drawn_as_gap(tmp_path: Path) -> None:
     assert figures.written(figures.panel(run, View.of([run]), panel), "svg").startswith(b"<?xml")
 
 
-def test_many_orders_leave_room_for_the_curve(
-    tmp_path: Path,
-) -> None:
+def test_many_orders_leave_room_for_the_curve(tmp_path: Path) -> None:
     def wants(time: float) -> dict[str, Any]:
-        if time < 11.0:
-            return {}
-        return {
-            "shape": "wedge",
-            "rotation": 1.0,
-            "scale": 1.5,
-            "route": "" if time < 12.0 else "671f99bb423d",
-        }
+        route = "" if time < 12.0 else "671f99bb423d"
+        return {"shape": "wedge", "rotation": 1.0, "scale": 1.5, "route": route} if time >= 11.0 else {}
 
     fleet = Fleet(wants=wants)
-    record(tmp_path / "run.mcap", talk(fleet, 3.0))
-    ordered = gathered(tmp_path / "run.mcap")
+    ordered = run_of(tmp_path, talk(fleet, 3.0))
     whole = figures.whole(ordered)
     whole.draw_without_rendering()
     assert whole.axes[0].get_position().height > 0.5
-    texts = [text.get_text() for text in whole.axes[0].texts]
-    for text in ("run, hexagon", "wedge, 57.3°, × 1.5", "route"):
-        assert text in texts
+    assert {"run, hexagon", "wedge, 57.3°, × 1.5", "route"} <= {one.get_text() for one in whole.axes[0].texts}
     graph = figures.panel(ordered, View.of([ordered]), parts.PANELS[0]).axes[0]
     ends: list[Any] = [(line.get_xdata(), line.get_ydata()) for line in graph.lines]
     drawn = {(round(float(x[0]), 6), round(float(y[0]), 6)) for x, y in ends}
     last = PlacedShape.of(fleet.order(13.0)).slots(fleet.mission)
     assert drawn == {(round(slot.real, 6), round(slot.imag, 6)) for slot in last}
+
+
+@pytest.fixture(scope="module")
+def history() -> History:
+    kept = simulate(load("six_robots"), horizon=10.0, keep=True).history
+    assert kept is not None
+    return kept
+
+
+@pytest.mark.parametrize(("suffix", "start"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
+def test_the_suffix_says_how_the_figure_is_written(
+    history: History, tmp_path: Path, suffix: str, start: bytes
+) -> None:
+    path = tmp_path / f"figure.{suffix}"
+    drawing.draw(history, path)
+    assert path.read_bytes().startswith(start)
+
+
+def test_every_panel_names_its_quantity_and_unit(history: History, tmp_path: Path) -> None:
+    path = tmp_path / "figure.svg"
+    drawing.draw(history, path)
+    text = path.read_text(encoding="utf-8")
+    for letter, quantity in zip(
+        "abcdef", ("Measurement", "Trajectories", "Heading", "error", "speeds", "Turn"), strict=True
+    ):
+        assert f"({letter})" in text
+        assert quantity in text
+    for name in history.names:
+        assert f">{name}<" in text
+    assert "time [s]" in text
+
+
+def test_what_is_not_known_is_left_out_of_the_figure(history: History, tmp_path: Path) -> None:
+    unknown = replace(
+        history,
+        heading_error=np.full_like(history.heading_error, np.nan),
+        error=np.where(history.time < 5.0, history.error, np.nan),
+        position=np.where(history.time[:, None] < 5.0, history.position, np.nan),
+    )
+    path = tmp_path / "figure.png"
+    drawing.draw(unknown, path)
+    assert path.stat().st_size > 10_000
+
+
+def test_a_run_that_left_the_numbers_can_still_be_drawn(history: History, tmp_path: Path) -> None:
+    lost = replace(history, error=np.full_like(history.error, np.inf))
+    drawing.draw(lost, tmp_path / "figure.png")
+
+
+def test_without_matplotlib_the_error_says_what_to_install(
+    history: History, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(ModuleNotFoundError, match=r"pip install '\.\[plot\]'"):
+        drawing.draw(history, tmp_path / "figure.png")
+
+
+def test_the_figure_ends_well_after_the_formation_has_formed(history: History) -> None:
+    span = drawing.span(history.time, history.error)
+    assert 5.0 <= span <= 10.0
+    assert history.error[np.searchsorted(history.time, span) - 1] < 0.01 * history.error.max()

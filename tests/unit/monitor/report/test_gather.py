@@ -1,41 +1,46 @@
+"""What a report gathers from a recording: errors, delays, losses, leader terms, and the sentence about it."""
+
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from formation.mission.file import parse, read
-from formation.monitor.report import summary
+from formation.monitor.report import summary, tables
 from formation.monitor.report.gather import Run
+from formation.monitor.report.leader_terms import LeaderTerm, LeaderTerms, overlaps
 from formation.monitor.report.parts import View
-from formation.topics import CMD_VEL, POSITION
-from tests.support.monitored import Fleet, command
-from tests.support.recordings import START, coming_in, gathered, record, talk
+from formation.monitor.report.summary import notices, verdict
+from formation.monitor.report.thin import Extremes, Samples, Size, Spread
+from formation.protocol import order
+from formation.protocol.order import Ballot
+from formation.ros2.messages import Text
+from formation.topics import BALLOT, CMD_VEL, POSITION
+from formation.wire import Sample
+from tests.support.monitored import EPOCH, Fleet, command, sample_of, status, with_standbys
+from tests.support.recordings import START, coming_in, gathered, record, run_of, talk
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    path = tmp_path_factory.mktemp("run") / "run.mcap"
-    record(path, talk(Fleet(away=coming_in), 12.0))
-    return gathered(path)
+    return run_of(tmp_path_factory.mktemp("run"), talk(Fleet(away=coming_in), 12.0))
 
 
-def test_settling_time_and_final_error_are_those_that_the_monitor_told(tmp_path: Path) -> None:
+def test_settling_time_and_final_error_are_those_of_the_monitor(tmp_path: Path, run: Run) -> None:
     reported = record(tmp_path / "run.mcap", talk(Fleet(away=coming_in), 12.0))
     found = gathered(tmp_path / "run.mcap").snapshot
     assert reported.settled_at is not None
     assert found.settled_at == pytest.approx(reported.settled_at, abs=1e-6)
-    assert found.final_error == reported.final_error
-    assert (found.converged, found.missed, found.rejected) == (
-        reported.converged,
-        reported.missed,
-        reported.rejected,
-    )
-
-
-def test_settling_time_of_monitor_equals_that_of_report(run: Run) -> None:
+    for name in ("final_error", "converged", "missed", "rejected"):
+        assert getattr(found, name) == getattr(reported, name)
     assert abs(run.apart) < 1e-3
     assert not [notice for notice in summary.notices(run, cut=False) if "clock" in notice]
 
@@ -63,8 +68,7 @@ def test_heading_errors_and_true_error_come_from_ground_truth(run: Run) -> None:
 
 
 def test_without_ground_truth_the_run_says_so(tmp_path: Path) -> None:
-    record(tmp_path / "run.mcap", talk(Fleet(away=coming_in), 4.0, truth=False))
-    run = gathered(tmp_path / "run.mcap")
+    run = run_of(tmp_path, talk(Fleet(away=coming_in), 4.0, truth=False))
     assert not run.truth
     assert run.true_error.whole.count == 0
     assert run.true_error.final is None
@@ -82,24 +86,21 @@ def test_delays_are_from_stamps_and_answers_from_odometry(run: Run) -> None:
 
 def test_a_command_that_answers_no_odometry_is_not_timed(tmp_path: Path) -> None:
     result = [*talk(Fleet(), 2.0), command("robot2", START + 2.5, 0.0, 0.0)]
-    record(tmp_path / "run.mcap", result)
-    run = gathered(tmp_path / "run.mcap")
+    run = run_of(tmp_path, result)
     assert run.robots["robot2"].commands == run.answers["robot2"].count + 1
 
 
 def test_saturation_is_the_share_of_commands_at_the_limit(tmp_path: Path) -> None:
     nearly = 0.95 * parse(read("six_robots")[0], "a test").robots["robot2"].max_speed
     result = [command("robot2", START + 0.05 * i, 1.5 if i < 30 else nearly, -1.5) for i in range(120)]
-    record(tmp_path / "run.mcap", result)
-    run = gathered(tmp_path / "run.mcap")
+    run = run_of(tmp_path, result)
     assert run.robots["robot2"].saturated == (0.25, 1.0)
     assert run.robots["robot3"].saturated == (None, None)
 
 
 def test_gap_without_commands_interrupts_the_line(tmp_path: Path) -> None:
     result = [command("robot2", START + 0.05 * i + (2.0 if i > 20 else 0.0), 0.2, 0.1) for i in range(40)]
-    record(tmp_path / "run.mcap", result)
-    run = gathered(tmp_path / "run.mcap")
+    run = run_of(tmp_path, result)
     assert [bool(gap) for gap in np.isnan(run.commands["robot2"].low[:, 0])] == [i == 21 for i in range(41)]
 
 
@@ -138,8 +139,7 @@ def test_robot_lost_midway_makes_final_error_unknown(tmp_path: Path) -> None:
 
 def test_unknown_formation_error_keeps_other_figures(tmp_path: Path) -> None:
     result = [sample for sample in talk(Fleet(away=coming_in), 4.0) if not sample.key.startswith("robot5")]
-    record(tmp_path / "run.mcap", result)
-    run = gathered(tmp_path / "run.mcap")
+    run = run_of(tmp_path, result)
     assert not run.known
     assert run.snapshot.settled_at is None
     assert run.robots["robot2"].error.whole.count > 10
@@ -149,9 +149,7 @@ def test_unknown_formation_error_keeps_other_figures(tmp_path: Path) -> None:
 
 
 def test_an_empty_recording_is_a_run_of_nothing(tmp_path: Path) -> None:
-    record(tmp_path / "run.mcap", [])
-    path = tmp_path / "run.mcap"
-    run = gathered(path)
+    run = run_of(tmp_path, [])
     assert not run.known
     assert summary.verdict(run) in {
         "Nothing was recorded.",
@@ -176,8 +174,7 @@ def test_orders_and_events_are_told_in_time(tmp_path: Path) -> None:
     first = talk(fleet, 3.0)
     fleet.shape = "wedge"
     later = [sample for sample in talk(fleet, 6.0) if sample.arrived > first[-1].arrived + 0.05]
-    record(tmp_path / "run.mcap", [*first, *later])
-    run = gathered(tmp_path / "run.mcap")
+    run = run_of(tmp_path, [*first, *later])
     assert [(order.mode, order.wish.shape) for order in run.orders] == [("run", "hexagon"), ("run", "wedge")]
     assert run.orders[1].at - run.start == pytest.approx(3.0, abs=0.3)
     assert {"joined", "order"} <= {event.kind for event in run.events}
@@ -185,20 +182,12 @@ def test_orders_and_events_are_told_in_time(tmp_path: Path) -> None:
 
 def test_rejected_messages_are_counted_and_kept_out_of_the_delays(tmp_path: Path) -> None:
     result = talk(Fleet(), 2.0)
-    bad = [
-        result[40]._replace(key=POSITION.key("robot2"), payload=b"rubbish", arrived=result[40].arrived + 1e-4)
-    ]
-    bad += [
-        result[41]._replace(key=CMD_VEL.key("robot2"), payload=b"rubbish", arrived=result[41].arrived + 1e-4)
-    ]
-    bad += [
-        Fleet().position("robot3", START + 8.0)._replace(arrived=result[42].arrived + 1e-4)
-    ]  # ahead of time
-    record(tmp_path / "run.mcap", sorted([*result, *bad], key=lambda sample: sample.arrived))
-    run = gathered(tmp_path / "run.mcap")
-    keys = {key.key: key for key in run.keys}
-    for key in (POSITION.key("robot2"), CMD_VEL.key("robot2"), POSITION.key("robot3")):
-        assert keys[key].rejected == 1
+    keys = (POSITION.key("robot2"), CMD_VEL.key("robot2"), POSITION.key("robot3"))
+    ahead = Fleet().position("robot3", START + 8.0)  # of time
+    bad = [*(Sample(key, b"rubbish", None, 0.0) for key in keys[:2]), ahead]
+    bad = [one._replace(arrived=result[40 + n].arrived + 1e-4) for n, one in enumerate(bad)]
+    run = run_of(tmp_path, sorted([*result, *bad], key=lambda sample: sample.arrived))
+    assert [one.rejected for key in keys for one in run.keys if one.key == key] == [1, 1, 1]
     assert sum(run.snapshot.rejected.values()) == 3
     assert run.late["position"].count == sum(key.startswith("position", 7) for key, *_ in result)
 
@@ -219,5 +208,239 @@ def test_longest_silence_of_key_is_found_with_time(tmp_path: Path) -> None:
 
 
 def test_the_law_that_was_driven_is_the_law_of_the_run(tmp_path: Path) -> None:
-    record(tmp_path / "run.mcap", talk(Fleet(), 1.0), read("six_robots")[0], law="paper")
-    assert gathered(tmp_path / "run.mcap").mission.law.kind == "paper"
+    assert (
+        run_of(tmp_path, talk(Fleet(), 1.0), read("six_robots")[0], law="paper").mission.law.kind == "paper"
+    )
+
+
+FIRST, SECOND, AGAIN = 64 * 10, 64 * 20 + 1, 64 * 30
+MISSION = with_standbys()
+STANDBYS = "\n[standbys.spare1]\n[standbys.spare2]\n"
+
+
+def leading(
+    term: int, start: float, end: float, *, late: float = 0.0, publisher_id: str = ""
+) -> list[Sample]:
+    """What a leader says from one moment to another; it is received `late` after that."""
+    fleet = Fleet(MISSION, term=term)
+    samples = [fleet.position("robot1", time) for time in fleet.times("robot1", start, end)]
+    if publisher_id:
+        samples = [
+            one._replace(attachment=(one.attachment or b"").replace(b'"leader', b'"' + publisher_id.encode()))
+            for one in samples
+        ]
+    return [one._replace(arrived=one.arrived + late) for one in samples]
+
+
+def found_terms(samples: Iterable[Sample]) -> list[LeaderTerm]:
+    found = LeaderTerms(MISSION)
+    for sample in sorted(samples, key=lambda sample: sample.arrived):
+        found.process_sample(sample, sample.arrived + EPOCH)
+    return found.all
+
+
+def ballot(name: str, term: int, number: int, time: float, candidacy: str = "leader") -> Sample:
+    what = Ballot.model_validate({"term": term, "number": number, "candidacy": candidacy})
+    return sample_of(BALLOT.key(name), Text(order.encode(what).decode()), time)
+
+
+def test_no_candidate_leads_between_two_leader_terms() -> None:
+    leader_terms = found_terms(
+        [*leading(FIRST, 10.0, 12.0), *leading(SECOND, 12.9, 15.0), *leading(AGAIN, 15.3, 16.0)]
+    )
+    assert [(one.name, one.term) for one in leader_terms] == [
+        ("robot1", FIRST),
+        ("spare1", SECOND),
+        ("robot1", AGAIN),
+    ]
+    assert [one.positions for one in leader_terms] == [41, 43, 15]
+    assert not overlaps(leader_terms)
+    first, second, third = (one.published for one in leader_terms)
+    assert (first.end, second.begin) == pytest.approx((EPOCH + 12.0, EPOCH + 12.9))
+    assert third.begin - second.end == pytest.approx(0.3, abs=0.051)
+
+
+def test_a_leader_that_goes_on_beside_its_successor_is_found() -> None:
+    leader_terms = found_terms([*leading(FIRST, 10.0, 13.5), *leading(SECOND, 12.9, 15.0)])
+    (both,) = overlaps(leader_terms)
+    assert (both.former.name, both.latter.name) == ("robot1", "spare1")
+    assert both.span.end - both.span.begin == pytest.approx(0.6, abs=0.051)
+
+
+def test_single_late_message_of_former_leader_is_found() -> None:
+    assert overlaps(
+        found_terms([*leading(FIRST, 10.0, 12.0), *leading(SECOND, 12.5, 15.0), *leading(FIRST, 14.0, 14.01)])
+    )
+
+
+def test_two_processes_in_one_term_are_two_leaders() -> None:
+    leader_terms = found_terms(
+        [*leading(FIRST, 10.0, 12.0), *leading(FIRST, 11.0, 13.0, publisher_id="double")]
+    )
+    assert len(overlaps(leader_terms)) == 1
+
+
+def test_delayed_messages_are_no_second_leader_by_stamp() -> None:
+    leader_terms = found_terms([*leading(FIRST, 10.0, 12.0, late=0.8), *leading(SECOND, 12.5, 15.0)])
+    assert not overlaps(leader_terms)
+    assert leader_terms[0].received.end > leader_terms[1].received.begin
+
+
+def test_leader_without_positions_is_known_by_ballots() -> None:
+    ballots = [ballot("spare1", SECOND, n, 13.0 + n / 10) for n in range(10)]
+    (one,) = found_terms(ballots)
+    assert (one.name, one.positions, one.ballots) == ("spare1", 0, 10)
+    assert one.published.end < one.published.begin  # none has come with a position
+    former, latter = found_terms([*leading(FIRST, 10.0, 13.5), *ballots])
+    assert latter.received.begin < former.received.end
+
+
+def test_candidate_without_lease_does_not_lead() -> None:
+    wishes = [ballot("spare1", SECOND, n, 11.0 + n / 10, "candidate") for n in range(10)]
+    assert [one.name for one in found_terms([*leading(FIRST, 10.0, 13.0), *wishes])] == ["robot1"]
+
+
+def test_invalid_messages_create_no_leader() -> None:
+    rubbish = [
+        Sample("robot1/position", b"\0\1\0\0", b'{"publisher_id":"x"', 11.0),
+        sample_of(BALLOT.key("spare1"), Text("[]"), 12.0),
+    ]
+    assert not found_terms(rubbish)
+
+
+@given(
+    st.lists(
+        st.tuples(st.floats(0.1, 3.0), st.floats(-0.5, 1.0).filter(lambda gap: abs(gap) > 0.06)),
+        min_size=1, max_size=6,
+    )
+)  # fmt: skip
+def test_there_are_overlaps_exactly_where_one_begins_before_another_has_ended(
+    leader_terms: list[tuple[float, float]],
+) -> None:
+    samples, begin, clash, ended = list[Sample](), 10.0, False, 0.0
+    for number, (lasts, gap) in enumerate(leader_terms):
+        words = leading(64 * (number + 1), begin, begin + lasts)
+        clash = clash or words[0].arrived <= ended
+        ended = max(ended, words[-1].arrived)
+        samples += words
+        begin = max(begin + lasts + gap, begin + 0.001)
+    assert bool(overlaps(found_terms(samples))) == clash
+
+
+def test_report_shows_failover_and_robot_states(tmp_path: Path) -> None:
+    fleet = Fleet(MISSION, term=FIRST)
+    words = [one for one in talk(fleet, 4.0) if one.key != "robot1/position"]
+    words += leading(FIRST, 10.0, 11.5, late=0.002) + leading(SECOND, 12.4, 14.0, late=0.002)
+    words += [status(name, 10.0 + n / 2, "standby", "") for name in MISSION.standbys for n in range(8)]
+    run = run_of(tmp_path, sorted(words, key=lambda one: one.arrived), read("six_robots")[0] + STANDBYS)
+    assert [one.name for one in run.leader_terms] == ["robot1", "spare1"]
+    table = tables.leader_terms(run)
+    assert [row[0] for row in table.rows] == ["robot1", "spare1"]
+    assert table.rows[1][3] == "0.9 s"
+    assert {row[-1] for row in table.rows} == {"yes"}
+    assert [row[-1] for row in tables.orders(run).rows] == ["robot1", "spare1"]
+    assert any(one.kind == "leader" and one.robot == "spare1" for one in run.events)
+    assert not any("at once" in notice for notice in notices(run, cut=False))
+    ran = {name: one.seconds["run"] for name, one in run.doings.items()}
+    assert ran == pytest.approx(dict.fromkeys(MISSION.followers, 4.0), abs=0.4)
+
+
+def test_a_report_says_first_if_two_led_at_once(tmp_path: Path) -> None:
+    fleet = Fleet(MISSION, term=FIRST)
+    words = [*talk(fleet, 3.0), *leading(SECOND, 11.02, 13.0, late=0.002)]
+    run = run_of(tmp_path, sorted(words, key=lambda one: one.arrived), read("six_robots")[0] + STANDBYS)
+    assert next(iter(notices(run, cut=False))).startswith("Two leaders at once: robot1 and spare1, for 2.0 s")
+
+
+def test_a_report_without_standbys_has_no_table_of_leaders(tmp_path: Path) -> None:
+    record(tmp_path / "run.mcap", talk(Fleet(), 2.0))
+    assert not tables.leader_terms(gathered(tmp_path / "run.mcap")).rows
+
+
+def test_a_run_that_has_just_settled_says_the_rule() -> None:
+    snapshot = SimpleNamespace(final_error=0.01, settled_at=4.5, converged=False)
+    run: Any = SimpleNamespace(
+        mission=SimpleNamespace(settled=0.05), messages=1, known=True, snapshot=snapshot
+    )
+    assert verdict(run).startswith("Just settled: under ")
+    assert verdict(run).endswith("; converged means under it for at least 2 s.")
+    snapshot.converged = True
+    assert verdict(run).startswith("Converged: ")
+
+
+def test_a_short_series_is_kept_as_it_is() -> None:
+    series = Extremes(2)
+    for i in range(100):
+        series.add(10.0 + i, (i, -i))
+    curves = series.curves(10.0)
+    time, values = curves.line(1)
+    assert time == pytest.approx(np.arange(100.0))
+    assert values == pytest.approx(-np.arange(100.0))
+
+
+def test_a_long_series_stays_bounded_keeps_its_beginning_and_every_peak() -> None:
+    series = Extremes(1, most=64, head=16)
+    for i in range(100_000):
+        series.add(float(i), (1000.0 if i == 54_321 else np.sin(i),))
+    curves = series.curves(0.0)
+    assert len(curves.time) <= 64
+    assert (curves.time[:16] == np.arange(16.0)).all()
+    assert (curves.low[:16, 0] == np.sin(np.arange(16.0))).all()
+    assert np.nanmax(curves.high) == 1000.0
+    assert (np.diff(curves.time) > 0.0).all()
+    peak = curves.time[np.argmax(curves.high[:, 0])]
+    assert peak <= 54_321 <= peak + 2.0 * np.diff(curves.time).max()
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=400))
+def test_thinning_loses_no_extreme(values: list[float]) -> None:
+    series = Extremes(1, most=8, head=2)
+    for i, value in enumerate(values):
+        series.add(float(i), (value,))
+    curves = series.curves(0.0)
+    assert curves.low.min() == min(values)
+    assert curves.high.max() == max(values)
+    time, line = curves.line(0)
+    assert len(time) == len(line) <= 16
+    assert {min(values), max(values)} <= set(line)
+
+
+def test_what_is_not_known_does_not_hide_what_is() -> None:
+    series = Extremes(1, most=4, head=0)
+    for i in range(64):
+        series.add(float(i), (np.nan if i % 2 else 1.0,))
+    assert (series.curves(0.0).low == 1.0).all()
+
+
+def test_vectors_are_thinned_to_the_first_of_each_few() -> None:
+    ways = Samples(1, most=32, head=8)
+    for i in range(5_000):
+        ways.add(float(i), (complex(i, -i),))
+    time, rows = ways.taken(0.0)
+    assert len(time) <= 32
+    assert (rows[:, 0].real == time).all()
+
+
+def test_thinned_percentiles_stay_accurate_and_keep_maximum() -> None:
+    spread = Spread(drawn=1024)
+    for i in range(100_000):
+        spread.add(i / 100_000)
+    spread.add(7.0)
+    assert spread.percentile(0.5) == pytest.approx(0.5, abs=0.01)
+    assert spread.percentile(0.99) == pytest.approx(0.99, abs=0.01)
+    assert (spread.count, spread.most) == (100_001, 7.0)
+    assert len(spread._values) <= 1024
+
+
+def test_of_nothing_there_is_no_percentile_and_no_rms() -> None:
+    assert Spread().percentile(0.5) is None
+    assert Size().rms is None
+    assert Size().maximum is None
+
+
+def test_rms_and_maximum_are_of_magnitudes() -> None:
+    size = Size()
+    for value in (3.0, -4.0):
+        size.add(value)
+    assert size.maximum == 4.0
+    assert size.rms == pytest.approx((12.5) ** 0.5)

@@ -103,14 +103,7 @@ def test_a_second_publisher_costs_most_of_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("state", "share"),
-    [
-        ("run", 1.0),
-        ("waiting", 0.7),
-        ("hold", 0.6),
-        ("stop", 0.5),
-        ("silent", 0.5),
-    ],
+    ("state", "share"), [("run", 1.0), ("waiting", 0.7), ("hold", 0.6), ("stop", 0.5), ("silent", 0.5)]
 )
 def test_what_the_robot_says_of_itself_counts(state: str, share: float) -> None:
     assert of(replace(well(), state=state)).share == share

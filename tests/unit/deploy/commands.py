@@ -1,10 +1,11 @@
-"""`formation assign` as a machine calls it, and missions that give it something to do."""
+"""Commands of `formation` as a test runs them, and missions that give `formation assign` something to do."""
 
 from __future__ import annotations
 
 import json
 import random
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,24 @@ import pytest
 
 from formation.deploy.cli import main
 
+Capsys = pytest.CaptureFixture[str]
 
-def assigned(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+
+def output_of(capsys: Capsys, arguments: Sequence[str]) -> str:
+    """What a command that succeeds prints."""
+    assert main(arguments) == 0
+    return capsys.readouterr().out
+
+
+def refused(capsys: Capsys, arguments: Sequence[str]) -> str:
+    """What a command says that ends with exit code 2 and prints nothing else."""
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    return err
+
+
+def assigned(capsys: Capsys, *arguments: str) -> dict[str, Any]:
     """What `formation assign` says to a machine."""
     capsys.readouterr()
     assert main(["assign", *arguments, "--json"]) == 0
