@@ -81,7 +81,7 @@ def test_forged_order_outside_the_bounds_is_refused(
     before = fleet.points()
     fleet.run(10.0)
     assert max(abs(now - then) for now, then in zip(fleet.points()[1:], before[1:], strict=True)) < 0.5
-    assert all(agent.decision.state is AgentState.HOLD for agent in fleet.agents.values())
+    assert fleet.states == {AgentState.HOLD}
     assert "order outside the bounds" in fleet.status("robot2").dropped_last[POSITION.key("robot1")]
 
 
@@ -102,7 +102,7 @@ def test_false_leader_position_leads_no_robot_out() -> None:
     fleets.append(fleet)
     fleet.run(40.0)
     assert farthest(fleet) < 0.0
-    assert all(agent.decision.state is AgentState.HOLD for agent in fleet.agents.values())
+    assert fleet.states == {AgentState.HOLD}
     assert "outside the bounds: robot1" in fleet.message("robot2")
 
 
@@ -114,7 +114,7 @@ def test_leader_stops_its_team_inside_the_bounds(degrees: float) -> None:
     assert farthest(fleet) < 0.0
     assert fleet.error() < SIX.settled
     assert fleet.leader.plan.fenced
-    assert all(agent.decision.state is AgentState.RUN for agent in fleet.agents.values())
+    assert fleet.states == {AgentState.RUN}
     stopped = fleet.leader.where(fleet.now)
     fleet.run(2.0)
     assert fleet.leader.where(fleet.now) == stopped

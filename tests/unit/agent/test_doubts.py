@@ -22,10 +22,6 @@ LOCAL = parse(read("six_robots")[0].replace("rate = 20 ", 'rate = 20\nmeasuremen
 AT_REST = (0.0, 0.0)
 
 
-def commands_since(fleet: Fleet, name: str, moment: float) -> list[tuple[float, float]]:
-    return [command[1:] for command in fleet.commands[name] if command[0] > moment]
-
-
 def once(key: str, change: Callable[[Sample], Sample]) -> Callable[[Sample], Iterable[Sample]]:
     """Change the next message of `key` and no other."""
     changed: list[Sample] = []
@@ -44,20 +40,15 @@ def moved_odometry(sample: Sample, by: complex) -> Sample:
     return sample._replace(payload=encode(replace(result, position=result.position + by)))
 
 
-def restart(fleet: Fleet, name: str) -> None:
-    fleet.nodes[name].core = fleet.agents[name] = fleet.new_agent(name)
-    fleet.revive(name)
-
-
 @pytest.mark.slow
 def test_agent_restarted_after_leader_death_stays_at_rest() -> None:
     fleet = Fleet(SIX)
     fleet.run(2.0)
     fleet.kill("leader")
     fleet.run(3.0)
-    restart(fleet, "robot4")  # far from its place, between neighbours that relay the leader's last order
+    fleet.restart("robot4")  # far from its place, between neighbours that relay the leader's last order
     fleet.run(3.0)
-    assert set(commands_since(fleet, "robot4", 5.0)) == {AT_REST}
+    assert set(fleet.commands_since("robot4", 5.0)) == {AT_REST}
     assert fleet.status("robot4").reason.code is Code.NO_ORDER
 
 
@@ -65,7 +56,7 @@ def test_agent_restarted_after_leader_death_stays_at_rest() -> None:
 def test_an_agent_that_restarts_on_the_way_takes_its_place() -> None:
     fleet = Fleet(SIX)
     fleet.run(2.0)
-    restart(fleet, "robot4")
+    fleet.restart("robot4")
     fleet.run(13.0)
     assert fleet.error() < SIX.settled
 
@@ -98,7 +89,7 @@ def test_forged_order_with_highest_beat_stops_no_robot(term: int | None, mode: o
     fleet.run(4.0)
     for name in SIX.followers:
         assert fleet.status(name).state == "run"
-        assert AT_REST not in commands_since(fleet, name, 8.0)
+        assert AT_REST not in fleet.commands_since(name, 8.0)
 
 
 def test_too_rare_odometry_never_moves_robot() -> None:
@@ -114,7 +105,7 @@ def test_too_rare_odometry_never_moves_robot() -> None:
 
     fleet.meddle = thin_out
     fleet.run(10.0)
-    assert set(commands_since(fleet, "robot3", 0.0)) == {AT_REST}
+    assert set(fleet.commands_since("robot3", 0.0)) == {AT_REST}
     assert fleet.plant("robot3").path == 0.0
 
 
@@ -125,7 +116,7 @@ def test_odometry_glitch_does_not_make_followers_lurch() -> None:
     fleet.meddle = once(ODOM.key("robot2"), lambda sample: moved_odometry(sample, 5.0 + 0.0j))
     fleet.run(2.0)
     for name in SIX.followers:
-        assert max(abs(speed) for speed, _ in commands_since(fleet, name, 15.0)) < 0.3
+        assert max(abs(speed) for speed, _ in fleet.commands_since(name, 15.0)) < 0.3
 
 
 def test_a_position_said_again_and_again_is_not_followed() -> None:
@@ -141,7 +132,7 @@ def test_a_position_said_again_and_again_is_not_followed() -> None:
 
     fleet.meddle = repeat
     fleet.run(3.0)
-    assert set(commands_since(fleet, "robot2", 8.3)) == {AT_REST}
+    assert set(fleet.commands_since("robot2", 8.3)) == {AT_REST}
     assert fleet.status("robot2").reason.code is Code.NO_NEIGHBOUR
     assert not fleet.status("robot2").reason.values["unavailable"]
 
@@ -180,7 +171,7 @@ def test_slow_robot_follows_fast_neighbour_by_sensor() -> None:
     mission = parse(text.replace("[robots.robot3]", '[robots.robot3]\nrate = 10\nmeasurement = "local"'))
     fleet = Fleet(mission)
     fleet.run(12.0)
-    assert AT_REST not in commands_since(fleet, "robot3", 2.0)
+    assert AT_REST not in fleet.commands_since("robot3", 2.0)
     assert fleet.error() < mission.settled
 
 

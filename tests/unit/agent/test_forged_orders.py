@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from formation.control.unicycle import AT_REST
 from formation.protocol import order
 from formation.protocol.order import Order, PositionAttachment, Slots, Tuned
 from formation.protocol.status import AgentState
@@ -25,10 +26,10 @@ Forgery = Callable[[SignedFleet, PositionAttachment], PositionAttachment]
 def held(fleet: Fleet, seconds: float = 3.0) -> None:
     """The team drives in formation, and is then held by its leader."""
     fleet.run(seconds)
-    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
+    assert fleet.states == {AgentState.RUN}
     assert fleet.ask("leader", "hold").ok
     fleet.run(0.6)
-    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.HOLD}
+    assert fleet.states == {AgentState.HOLD}
 
 
 def tamper(fleet: SignedFleet, forgery: Forgery) -> None:
@@ -109,7 +110,7 @@ def test_forged_order_moves_no_robot_and_names_the_forger(forgery: Forgery) -> N
     tamper(fleet, forgery)
     fleet.run(2.0)
     for name in OTHERS:
-        assert all(command[1:] == (0.0, 0.0) for command in fleet.commands[name] if command[0] > start), name
+        assert set(fleet.commands_since(name, start)) <= {AT_REST}, name
         assert fleet.agents[name].decision.state is AgentState.HOLD
     for name in RECEIVES_IT:
         assert fleet.status(name).forged[INSIDER].startswith("order not signed by")
@@ -189,7 +190,7 @@ def test_replayed_orders_change_nothing() -> None:
     fleet.run(2.0)
     assert next(replayed, None) is not None
     for name in OTHERS:
-        assert all(command[1:] == (0.0, 0.0) for command in fleet.commands[name] if command[0] > start), name
+        assert set(fleet.commands_since(name, start)) <= {AT_REST}, name
 
 
 def recorded(fleet: SignedFleet) -> Iterator[PositionAttachment]:
@@ -223,7 +224,7 @@ def test_recorded_orders_of_an_earlier_term_change_nothing() -> None:
     assert {name: fleet.agents[name].orders.newest for name in OTHERS} == obeyed
     assert "order of an earlier term" in fleet.agents["r2"].inbox.state.last_dropped["r0/position"]
     for name in OTHERS:
-        assert all(command[1:] == (0.0, 0.0) for command in fleet.commands[name] if command[0] > start), name
+        assert set(fleet.commands_since(name, start)) <= {AT_REST}, name
 
 
 def terms(fleet: SignedFleet) -> set[int]:
@@ -243,7 +244,7 @@ def test_clock_set_right_locks_no_robot_out(hours: float) -> None:
     fleet.nodes["leader"].clock_error = 0.0
     fleet.restart("leader")
     fleet.run(8.0)
-    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
+    assert fleet.states == {AgentState.RUN}
     assert terms(fleet) == {fleet.leader.term}
 
 
@@ -274,7 +275,7 @@ def test_robots_that_forgot_the_term_hold_no_others() -> None:
     fleet.nodes["leader"].clock_error = 0.0
     fleet.run(4.0)
     assert terms(fleet) == {fleet.leader.term}
-    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
+    assert fleet.states == {AgentState.RUN}
 
 
 def test_unsigned_leader_leaves_robots_with_certificates_at_rest() -> None:
@@ -295,12 +296,12 @@ def test_signed_fleet_forms_and_goes_on_through_a_renewal() -> None:
     keys = {fleet.signers["leader"].certificate}
     fleet.kill("leader")
     fleet.run(1.5)
-    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.HOLD}
+    assert fleet.states == {AgentState.HOLD}
     fleet.restart("leader")
     keys.add(fleet.signers["leader"].certificate)
     assert len(keys) == 2
     fleet.run(2.0)
-    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
+    assert fleet.states == {AgentState.RUN}
     fleet.run(8.0)
     assert fleet.error() < 0.05
     assert not fleet.leader.forgers(fleet.now)
@@ -384,7 +385,7 @@ def test_twenty_robots_stand_through_every_forgery_in_turn() -> None:
     fleet.tamper = every_kind
     fleet.run(3.0)
     for name in names[1:]:
-        assert all(command[1:] == (0.0, 0.0) for command in fleet.commands[name] if command[0] > start), name
+        assert set(fleet.commands_since(name, start)) <= {AT_REST}, name
     for name in names[1:4]:
         assert f"{INSIDER} relayed forged orders" in fleet.message(name)
     for name in names[4:]:

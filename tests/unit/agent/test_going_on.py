@@ -44,16 +44,11 @@ def off(fleet: Fleet) -> dict[str, float]:
     return {n: abs(point - leader - slot) for n, point, slot in zip(followers, points, slots, strict=True)}
 
 
-def restart(fleet: Fleet, name: str) -> None:
-    fleet.agents[name] = fleet.nodes[name].core = fleet.new_agent(name)
-    fleet.revive(name)
-
-
 def dead(fleet: Fleet, name: str) -> Callable[[], None]:
     """Its agent is; the watchdog has it stand."""
     fleet.kill(name)
     fleet.world._hosted[name].plant.obey(AT_REST)
-    return lambda: restart(fleet, name)
+    return lambda: fleet.restart(name)
 
 
 def stopped(fleet: Fleet, name: str) -> Callable[[], None]:
@@ -219,7 +214,7 @@ def test_predicted_robots_hold_on_loss_and_resume_afterwards(mission: Mission, d
     lost = data.draw(st.sampled_from(mission.followers))
     lose = data.draw(st.sampled_from([dead, held]))
     fleet = under_way(mission, 2.0)
-    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
+    assert fleet.states == {AgentState.RUN}
     restore = lose(fleet, lost)
     fleet.run(2.5)
     foretold = losing(mission, lost)
@@ -231,7 +226,7 @@ def test_predicted_robots_hold_on_loss_and_resume_afterwards(mission: Mission, d
         assert fleet.agents[name].neighbours.guides == guides
     restore()
     fleet.run(2.0 * FAULT_FREE_TIME)
-    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
+    assert fleet.states == {AgentState.RUN}
     assert not any(agent.state.availability.published for agent in fleet.agents.values())
     for name in mission.followers:
         assert fleet.agents[name].neighbours.guides == mission.robots[name].neighbours
@@ -250,7 +245,7 @@ def test_all_robots_resume_after_release_in_any_order(mission: Mission, data: st
         fleet.ask(name, "run")
         fleet.run(data.draw(st.sampled_from([0.0, 0.3, 2.0])))
     fleet.run(2.0 * FAULT_FREE_TIME)
-    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
+    assert fleet.states == {AgentState.RUN}
     assert not any(agent.state.availability.published for agent in fleet.agents.values())
     for name in mission.followers:
         assert fleet.agents[name].neighbours.guides == mission.robots[name].neighbours
@@ -280,6 +275,6 @@ def test_forged_unavailability_stops_no_robot_with_another_neighbour() -> None:
     fleet = under_way(SIX)
     fleet.meddle = forged
     fleet.run(3.0)
-    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
+    assert fleet.states == {AgentState.RUN}
     assert max(off(fleet).values()) < 0.02
     assert fleet.agents["robot3"].neighbours.guides == ("robot1",)

@@ -34,7 +34,7 @@ def test_own_positions_below_the_limit_keep_formation(late: float) -> None:
         fleet.sensors[name] = Link(0.0, (late, late))
     fleet.run(20.0)
     assert fleet.error() < SIX.settled
-    assert all(agent.decision.state is AgentState.RUN for agent in fleet.agents.values())
+    assert fleet.states == {AgentState.RUN}
 
 
 @pytest.mark.slow

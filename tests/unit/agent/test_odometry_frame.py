@@ -199,7 +199,7 @@ def test_odometry_reset_stops_robot_and_resumes_without_lurch(
     fleet.run(0.3)
     assert fleet.status("robot1").state == "run"
     fleet.run(10.0)
-    after = [command[1:] for command in fleet.commands["robot1"] if command[0] > reset]
+    after = fleet.commands_since("robot1", reset)
     assert max(abs(speed) for speed, _ in after) <= 0.12  # it catches up with what it missed
     assert max(abs(turn_rate) for _, turn_rate in after) <= 0.5
     assert fleet.error() < 0.03
@@ -252,5 +252,5 @@ def test_absurd_odometry_moves_no_robot(far: float) -> None:
 
     fleet.meddle = beyond
     fleet.run(3.0)
-    assert {command[1:] for command in fleet.commands["robot1"]} == {AT_REST}
+    assert set(fleet.commands_since("robot1", 0.0)) == {AT_REST}
     assert fleet.status("robot1").reason.code is Code.POSITION_TOO_FAR

@@ -130,8 +130,7 @@ def test_replayed_messages_of_dead_neighbour_are_not_followed() -> None:
 def test_successor_agent_is_followed_after_first_falls_silent() -> None:
     fleet = Fleet(SIX)
     fleet.run(8.0)
-    fleet.nodes["robot2"].core = fleet.agents["robot2"] = fleet.new_agent("robot2")  # with a new publisher id
-    fleet.revive("robot2")
+    fleet.restart("robot2")  # with a new publisher id
     stream = fleet.agents["robot3"].neighbours.each["robot2"].stream
     last = stream.state.arrived or 0.0
     fleet.run(last + LIMIT - fleet.now)

@@ -51,7 +51,7 @@ def test_disconnected_robot_gets_zero_and_status_gives_reason(
     integral = agent.state.integral
     agent.aware(surroundings)
     fleet.run(2.0)
-    assert {command[1:] for command in fleet.commands["robot1"] if command[0] > 3.06} == {AT_REST}
+    assert set(fleet.commands_since("robot1", 3.06)) == {AT_REST}
     result = fleet._published["robot1"].statuses[0]
     assert result.level == 1
     assert fleet.status("robot1").reason == Reason(reason)

@@ -300,4 +300,4 @@ def test_robots_stop_before_posts_while_scans_are_frozen(exact: bool) -> None:
         assert fleet.plant(one).path - before[one] < 0.1
         assert fleet.agents[one].decision.reason.code is Code.SCAN_FROZEN
     fleet.run(2.0)
-    assert all(agent.decision.state is AgentState.RUN for agent in fleet.agents.values())
+    assert fleet.states == {AgentState.RUN}

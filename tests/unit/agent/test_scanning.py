@@ -138,7 +138,7 @@ def test_robot_waits_for_first_required_scan() -> None:
     fleet.meddle = scans(lambda _: ())
     fleet.run(3.0)
     assert (fleet.status("robot1").state, fleet.status("robot1").reason.code) == ("waiting", Code.NO_SCAN)
-    assert {command[1:] for command in fleet.commands["robot1"]} == {AT_REST}
+    assert set(fleet.commands_since("robot1", 0.0)) == {AT_REST}
 
 
 def test_silent_required_scanner_holds_robot_until_it_returns() -> None:

@@ -91,8 +91,7 @@ def test_an_agent_that_starts_anew_takes_the_shape_of_the_others() -> None:
     fleet.run(5.0)
     fleet.kill("robot5")
     fleet.run(1.0)
-    fleet.agents["robot5"] = fleet.nodes["robot5"].core = fleet.new_agent("robot5")
-    fleet.revive("robot5")
+    fleet.restart("robot5")
     fleet.run(10.0)
     assert fleet.error() < SIX.settled
 

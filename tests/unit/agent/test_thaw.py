@@ -31,8 +31,7 @@ def test_a_thawed_agent_begins_with_zero(leader_dies: bool) -> None:
     woke = fleet.now
     fleet.thaw("robot4")
     fleet.run(DRAIN_TIME)
-    commands = [command[1:] for command in fleet.commands["robot4"] if command[0] >= woke]
-    assert set(commands) == {AT_REST}
+    assert set(fleet.commands_since("robot4", woke - 1e-9)) == {AT_REST}
     assert fleet.agents["robot4"].decision.reason.code is Code.PROCESS_FROZEN
     fleet.run(2.0)
     state = fleet.agents["robot4"].decision.state
