@@ -8,10 +8,10 @@ from statistics import median
 import pytest
 
 from formation.mission.file import load
-from formation.ros2.messages import Odometry, decode, encode
+from formation.ros2.messages import Odometry
 from formation.topics import ODOM
-from formation.wire import Sample
 from tests.support.fleet import Fleet
+from tests.support.meddling import altered
 from tests.support.missions import with_robots
 from tests.unit.agent.sudden import most_sudden
 
@@ -24,14 +24,8 @@ EDGES = sum(len(robot.neighbours) for robot in SIX.robots.values())
 
 def set_clock(fleet: Fleet, name: str, error: float) -> None:
     """Set the clock of the computer on a robot, which stamps its odometry as well."""
-
-    def stamped_anew(sample: Sample) -> tuple[Sample, ...]:
-        if sample.key != ODOM.key(name):
-            return (sample,)
-        result = decode(Odometry, sample.payload)
-        return (sample._replace(payload=encode(replace(result, stamp=result.stamp + error))),)
-
-    fleet.nodes[name].clock_error, fleet.meddle = error, stamped_anew
+    fleet.nodes[name].clock_error = error
+    fleet.meddle = altered(ODOM.key(name), Odometry, lambda seen: replace(seen, stamp=seen.stamp + error))
 
 
 @pytest.mark.slow
@@ -74,9 +68,7 @@ def test_robot_with_wrong_clock_still_takes_its_place(error: float) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("error", [-0.5, -0.3, -0.1, 0.1, 0.3, 0.5, 0.7])
-def test_small_clock_error_costs_only_the_path_meanwhile(
-    error: float,
-) -> None:
+def test_small_clock_error_costs_only_the_path_meanwhile(error: float) -> None:
     fleet = Fleet(SIX)
     set_clock(fleet, "robot3", error)
     fleet.run(15.0)

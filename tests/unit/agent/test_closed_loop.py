@@ -17,6 +17,7 @@ from formation.simulation.simulate import simulate
 from formation.topics import ODOM, POSITION
 from formation.wire import Now, Sample
 from tests.support.fleet import EPOCH, Fleet, keys_of_neighbours
+from tests.support.meddling import lost
 from tests.unit.agent.sudden import most_sudden
 from tests.unit.agent.test_avoiding import room
 from tests.unit.formation import scenarios
@@ -181,7 +182,7 @@ def test_a_robot_without_any_fresh_neighbour_stands_still_within_three_periods()
 def test_silent_odometry_stops_the_robot_within_three_periods() -> None:
     fleet = Fleet(SIX)
     fleet.run(8.0)
-    fleet.meddle = lambda sample: () if sample.key == ODOM.key("robot3") else (sample,)
+    fleet.meddle = lost(ODOM.key("robot3"))
     fleet.run(3 * 0.05 + 0.06)
     assert fleet.last_command("robot3") == AT_REST
     assert fleet.status("robot3").reason.code is Code.POSITION_SILENT
@@ -190,7 +191,7 @@ def test_silent_odometry_stops_the_robot_within_three_periods() -> None:
 def test_a_robot_at_rest_is_told_so_again_and_again() -> None:
     fleet = Fleet(SIX)
     fleet.run(8.0)
-    fleet.meddle = lambda sample: () if sample.key == ODOM.key("robot3") else (sample,)
+    fleet.meddle = lost(ODOM.key("robot3"))
     fleet.run(0.5)
     before = len(fleet.commands["robot3"])
     fleet.run(1.0)
@@ -271,9 +272,7 @@ def test_replayed_positions_change_no_command() -> None:
 
 
 @pytest.mark.parametrize("name", shipped())
-def test_agent_subscribes_only_to_needed_keys(
-    name: str,
-) -> None:
+def test_agent_subscribes_only_to_needed_keys(name: str) -> None:
     mission = load(name)
     for robot, agent in Fleet(mission).agents.items():
         assert set(agent.subscriptions) == keys_of_neighbours(mission, robot)

@@ -16,6 +16,7 @@ from formation.ros2.messages import Odometry, decode, encode
 from formation.topics import ODOM, POSITION
 from formation.wire import Now, Sample
 from tests.support.fleet import EPOCH, Fleet
+from tests.support.meddling import on
 
 SIX = load("six_robots")
 LOCAL = parse(read("six_robots")[0].replace("rate = 20 ", 'rate = 20\nmeasurement = "local" #'))
@@ -125,12 +126,10 @@ def test_a_position_said_again_and_again_is_not_followed() -> None:
     stuck: list[Sample] = []
 
     def repeat(sample: Sample) -> tuple[Sample]:
-        if sample.key != POSITION.key("robot1"):
-            return (sample,)
         stuck.append(sample)
         return (sample._replace(payload=stuck[0].payload),)  # the order goes on
 
-    fleet.meddle = repeat
+    fleet.meddle = on(POSITION.key("robot1"), repeat)
     fleet.run(3.0)
     assert set(fleet.commands_since("robot2", 8.3)) == {AT_REST}
     assert fleet.status("robot2").reason.code is Code.NO_NEIGHBOUR

@@ -19,6 +19,7 @@ from formation.stability.losses import losing
 from formation.topics import ODOM, POSITION
 from formation.wire import Sample
 from tests.support.fleet import Fleet
+from tests.support.meddling import lost, on
 from tests.support.missions import team, teams
 from tests.unit.agent.sudden import most_sudden
 
@@ -62,7 +63,7 @@ def held(fleet: Fleet, name: str) -> Callable[[], None]:
 
 
 def without_odometry(fleet: Fleet, name: str) -> Callable[[], None]:
-    fleet.meddle = lambda sample: () if sample.key == ODOM.key(name) else (sample,)
+    fleet.meddle = lost(ODOM.key(name))
 
     def mended() -> None:
         fleet.meddle = lambda sample: (sample,)
@@ -193,9 +194,7 @@ def test_no_robot_is_unavailable_before_it_has_set_out() -> None:
 
 
 @pytest.mark.slow
-def test_robot_off_slot_counts_as_available_after_patience(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_robot_off_slot_counts_as_available_after_patience(monkeypatch: pytest.MonkeyPatch) -> None:
     fleet = under_way()
     fleet.ask("robot1", "hold")
     fleet.run(1.0)
@@ -267,13 +266,11 @@ def test_two_unavailable_robots_do_not_wait_for_each_other() -> None:
 
 @pytest.mark.slow
 def test_forged_unavailability_stops_no_robot_with_another_neighbour() -> None:
-    def forged(sample: Sample) -> tuple[Sample, ...]:
-        if sample.key != POSITION.key("robot2") or sample.attachment is None:
-            return (sample,)
-        return (sample._replace(attachment=sample.attachment[:-1] + b',"unavailable":true}'),)
+    def forged(sample: Sample) -> tuple[Sample]:
+        return (sample._replace(attachment=(sample.attachment or b"")[:-1] + b',"unavailable":true}'),)
 
     fleet = under_way(SIX)
-    fleet.meddle = forged
+    fleet.meddle = on(POSITION.key("robot2"), forged)
     fleet.run(3.0)
     assert fleet.states == {AgentState.RUN}
     assert max(off(fleet).values()) < 0.02

@@ -126,9 +126,7 @@ def test_slots_that_are_none_are_refused(slots: Slots, why: str) -> None:
 
 
 @given(st.lists(st.tuples(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), st.floats(0.0, 0.5)), max_size=40))
-def test_reaching_a_limit_from_rest_takes_the_ramp(
-    wishes: list[tuple[float, float, float]],
-) -> None:
+def test_reaching_a_limit_from_rest_takes_the_ramp(wishes: list[tuple[float, float, float]]) -> None:
     sent, moment, spec = Wishes(SIX, "robot2"), 10.0, SIX.robots["robot2"]
     sent.put(moment, AT_REST)
     for speed, turn_rate, wait in wishes:

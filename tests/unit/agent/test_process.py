@@ -223,9 +223,7 @@ def test_a_command_does_not_wait_for_a_look_around(monkeypatch: pytest.MonkeyPat
     assert setting.turn(ODOMETRY)[-1] == ("robot", "looked")
 
 
-def test_refusals_are_queried_rarely(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_refusals_are_queried_rarely(monkeypatch: pytest.MonkeyPatch) -> None:
     setting = Setting()
     result = list[Surroundings]()
     monkeypatch.setattr(setting.agent, "aware", result.append)
@@ -237,9 +235,7 @@ def test_refusals_are_queried_rarely(
     assert setting.fleet.requested == 2
 
 
-def test_agent_with_failing_status_still_stops_its_robot(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_agent_with_failing_status_still_stops_its_robot(monkeypatch: pytest.MonkeyPatch) -> None:
     setting = Setting()
     setting.turn(ODOMETRY)
     setting.log.clear()

@@ -21,6 +21,7 @@ from formation.sensing.raycast import Scanner as Device
 from formation.topics import ODOM, SCAN
 from formation.wire import Sample
 from tests.support.fleet import Fleet
+from tests.support.meddling import Meddle, altered, on
 from tests.support.missions import team
 from tests.unit.agent.scanned import Robot, at, mission, post, scan
 from tests.unit.agent.test_scanning import ACROSS, ALONE, among, room, with_mode
@@ -115,8 +116,8 @@ def test_motion_history_is_limited_to_needed_duration() -> None:
 # Scans that are late, or whose clock is wrong
 
 
-def late(way: float) -> Callable[[Sample], Iterable[Sample]]:
-    return lambda sample: (sample._replace(arrived=sample.arrived + way),) if sample.key == KEY else (sample,)
+def late(way: float) -> Meddle:
+    return on(KEY, lambda sample: (sample._replace(arrived=sample.arrived + way),))
 
 
 @pytest.mark.parametrize("way", [0.5, 0.7, 1.0, 1.5])
@@ -186,14 +187,7 @@ def test_a_scanner_that_is_blind_beyond_body_and_margin_is_doubted(
 @pytest.mark.parametrize(("scanner", "state"), [("required", "hold"), ("optional", "run")])
 def test_blind_scanner_holds_if_required_and_warns_otherwise(scanner: str, state: str) -> None:
     fleet = Fleet(team(ALONE, scanner=scanner))
-
-    def blind(sample: Sample) -> Iterable[Sample]:
-        if sample.key == KEY:
-            seen = dataclasses.replace(decode(LaserScan, sample.payload), range_min=0.5)
-            sample = sample._replace(payload=encode(seen))
-        return (sample,)
-
-    fleet.meddle = blind
+    fleet.meddle = altered(KEY, LaserScan, lambda seen: dataclasses.replace(seen, range_min=0.5))
     fleet.run(3.0)
     assert fleet.status("robot1").state == state
     message = fleet.message("robot1")

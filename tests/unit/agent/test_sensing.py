@@ -10,10 +10,11 @@ import pytest
 from formation.agent.simulated.faults import Fault, read
 from formation.protocol.reasons import Code
 from formation.protocol.status import AgentState
-from formation.ros2.messages import Odometry, decode, encode
+from formation.ros2.messages import Odometry
 from formation.topics import ODOM
 from formation.wire import Sample
 from tests.support.fleet import Fleet
+from tests.support.meddling import altered
 from tests.support.sensing import SOURCES, faulty, late, mission_of, noisy, resting, watch
 
 BEGIN = 8.0
@@ -86,17 +87,13 @@ def test_a_robot_that_spins_in_place_is_checked_by_its_heading() -> None:
     fleet = Fleet(mission)
     fleet.run(BEGIN)
     agent = fleet.agents["robot2"]
-    key, held = ODOM.key("robot2"), list[Odometry]()
+    held = list[Odometry]()
 
-    def freeze(sample: Sample) -> tuple[Sample]:
-        if sample.key != key:
-            return (sample,)
-        result = decode(Odometry, sample.payload)
-        held.append(result)
-        # positions follow, the heading does not
-        return (sample._replace(payload=encode(replace(result, heading=held[0].heading))),)
+    def freeze(seen: Odometry) -> Odometry:
+        held.append(seen)
+        return replace(seen, heading=held[0].heading)  # positions follow, the heading does not
 
-    fleet.meddle = freeze
+    fleet.meddle = altered(ODOM.key("robot2"), Odometry, freeze)
     fleet.ask(mission.leader, "hold")
     fleet.run(0.5)
     law = agent._params.law

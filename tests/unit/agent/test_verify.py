@@ -150,11 +150,12 @@ def test_a_command_altered_in_the_recording_is_found(
     payload: bytes, recorded: tuple[float, float] | None
 ) -> None:
     at = nth(50)
-    one = verify(SIX, [*RUN[:at], (RUN[at][0]._replace(payload=payload), RUN[at][1]), *RUN[at + 1 :]])[
-        "robot3"
-    ]
+    forged = list(RUN)
+    forged[at] = (RUN[at][0]._replace(payload=payload), RUN[at][1])
+    one = verify(SIX, forged)["robot3"]
     assert one.first is not None
-    assert (one.differing, one.first.number, one.first.recorded) == (1, 51, recorded)
+    assert (one.differing, one.first.number) == (1, 51)
+    assert (one.first.recorded and one.first.recorded[:2]) == recorded
 
 
 def test_late_recording_is_judged_from_first_state() -> None:
@@ -251,9 +252,7 @@ def test_a_trace_that_was_tampered_with_never_ends_the_verification(data: st.Dat
     assert one.commands == sum(sample.key == COMMAND for sample, _ in RUN)
 
 
-def test_failing_agent_counts_as_difference_until_next_state(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_failing_agent_counts_as_difference_until_next_state(monkeypatch: pytest.MonkeyPatch) -> None:
     count = itertools.count()
     act = Agent.act
 
