@@ -13,7 +13,7 @@ import random
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -270,6 +270,11 @@ class Fleet:
             leader_term = LeaderTerm(self.now, name, self.candidates[name].term)
             if not self.leader_terms or self.leader_terms[-1][1:] != leader_term[1:]:
                 self.leader_terms.append(leader_term)
+
+    def after(self, seconds: float) -> Self:
+        """Run, and return the fleet."""
+        self.run(seconds)
+        return self
 
     def driven(self, name: str, seconds: float) -> float:
         """Run, and return how far the robot drove meanwhile [m]."""

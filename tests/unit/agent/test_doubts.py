@@ -17,9 +17,10 @@ from formation.topics import ODOM, POSITION
 from formation.wire import Now, Sample
 from tests.support.fleet import EPOCH, Fleet
 from tests.support.meddling import on
+from tests.support.missions import with_robots
 
 SIX = load("six_robots")
-LOCAL = parse(read("six_robots")[0].replace("rate = 20 ", 'rate = 20\nmeasurement = "local" #'))
+LOCAL = with_robots("six_robots", measurement="local")
 AT_REST = (0.0, 0.0)
 
 
@@ -43,8 +44,7 @@ def moved_odometry(sample: Sample, by: complex) -> Sample:
 
 @pytest.mark.slow
 def test_agent_restarted_after_leader_death_stays_at_rest() -> None:
-    fleet = Fleet(SIX)
-    fleet.run(2.0)
+    fleet = Fleet(SIX).after(2.0)
     fleet.kill("leader")
     fleet.run(3.0)
     fleet.restart("robot4")  # far from its place, between neighbours that relay the leader's last order
@@ -55,8 +55,7 @@ def test_agent_restarted_after_leader_death_stays_at_rest() -> None:
 
 @pytest.mark.slow
 def test_an_agent_that_restarts_on_the_way_takes_its_place() -> None:
-    fleet = Fleet(SIX)
-    fleet.run(2.0)
+    fleet = Fleet(SIX).after(2.0)
     fleet.restart("robot4")
     fleet.run(13.0)
     assert fleet.error() < SIX.settled
@@ -64,8 +63,7 @@ def test_an_agent_that_restarts_on_the_way_takes_its_place() -> None:
 
 @pytest.mark.slow
 def test_a_leader_that_restarts_is_followed() -> None:
-    fleet = Fleet(SIX)
-    fleet.run(8.0)
+    fleet = Fleet(SIX).after(8.0)
     fleet.leader = Leader(SIX, publisher_id="new")
     fleet.nodes["leader"].core = fleet.leader
     fleet.run(15.0)
@@ -84,8 +82,7 @@ def test_forged_order_with_highest_beat_stops_no_robot(term: int | None, mode: o
         )
         return sample._replace(attachment=order.encode(decoded.model_copy(update={"order": forged})))
 
-    fleet = Fleet(SIX)
-    fleet.run(8.0)
+    fleet = Fleet(SIX).after(8.0)
     fleet.meddle = once(POSITION.key("robot1"), forge)
     fleet.run(4.0)
     for name in SIX.followers:
@@ -112,8 +109,7 @@ def test_too_rare_odometry_never_moves_robot() -> None:
 
 @pytest.mark.slow
 def test_odometry_glitch_does_not_make_followers_lurch() -> None:
-    fleet = Fleet(SIX)
-    fleet.run(15.0)
+    fleet = Fleet(SIX).after(15.0)
     fleet.meddle = once(ODOM.key("robot2"), lambda sample: moved_odometry(sample, 5.0 + 0.0j))
     fleet.run(2.0)
     for name in SIX.followers:
@@ -121,8 +117,7 @@ def test_odometry_glitch_does_not_make_followers_lurch() -> None:
 
 
 def test_a_position_said_again_and_again_is_not_followed() -> None:
-    fleet = Fleet(SIX)
-    fleet.run(8.0)
+    fleet = Fleet(SIX).after(8.0)
     stuck: list[Sample] = []
 
     def repeat(sample: Sample) -> tuple[Sample]:
@@ -153,8 +148,7 @@ def test_sensor_faster_than_odometry_does_not_inflate_velocity() -> None:
 
 @pytest.mark.slow
 def test_measurements_during_hold_do_not_inflate_velocity_afterwards() -> None:
-    fleet = Fleet(LOCAL)
-    fleet.run(10.0)
+    fleet = Fleet(LOCAL).after(10.0)
     fleet.ask("robot3", "hold")
     fleet.run(10.0)
     fleet.ask("robot3", "run")
@@ -168,15 +162,13 @@ def test_measurements_during_hold_do_not_inflate_velocity_afterwards() -> None:
 def test_slow_robot_follows_fast_neighbour_by_sensor() -> None:
     text = read("six_robots")[0].replace("rate = 20 ", "rate = 50 ")
     mission = parse(text.replace("[robots.robot3]", '[robots.robot3]\nrate = 10\nmeasurement = "local"'))
-    fleet = Fleet(mission)
-    fleet.run(12.0)
+    fleet = Fleet(mission).after(12.0)
     assert AT_REST not in fleet.commands_since("robot3", 2.0)
     assert fleet.error() < mission.settled
 
 
 def test_a_stop_takes_hold_at_once_even_right_after_a_rest() -> None:
-    fleet = Fleet(SIX)
-    fleet.run(8.0)
+    fleet = Fleet(SIX).after(8.0)
 
     def step() -> None:
         outbox = fleet.agents["robot3"].step(Now(fleet.now, EPOCH + fleet.now), [])

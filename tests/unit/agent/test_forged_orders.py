@@ -250,8 +250,7 @@ def test_clock_set_right_locks_no_robot_out(hours: float) -> None:
 
 def test_clock_set_back_locks_no_robot_out() -> None:
     """The leader draws a term after the one that robots relay, though its clock says less."""
-    fleet = SignedFleet(TEAM, seed=1)
-    fleet.run(3.0)
+    fleet = SignedFleet(TEAM, seed=1).after(3.0)
     fleet.kill("leader")
     fleet.run(6.0)
     fleet.nodes["leader"].clock_error = -3600.0
@@ -262,8 +261,7 @@ def test_clock_set_back_locks_no_robot_out() -> None:
 
 def test_robots_that_forgot_the_term_hold_no_others() -> None:
     """The leader's clock was set back, and only robots that it does not hear know the later term."""
-    fleet = SignedFleet(TEAM, seed=1)
-    fleet.run(3.0)
+    fleet = SignedFleet(TEAM, seed=1).after(3.0)
     for name in ("leader", "r0", "r1"):
         fleet.kill(name)
     fleet.run(6.0)
@@ -280,8 +278,7 @@ def test_robots_that_forgot_the_term_hold_no_others() -> None:
 
 def test_unsigned_leader_leaves_robots_with_certificates_at_rest() -> None:
     """A mission half of whose processes have certificates."""
-    fleet = SignedFleet(TEAM, seed=1, unsigned=frozenset({"leader"}))
-    fleet.run(2.0)
+    fleet = SignedFleet(TEAM, seed=1, unsigned=frozenset({"leader"})).after(2.0)
     for name in ("r0", "r1"):
         assert fleet.agents[name].decision.state is AgentState.HOLD
         assert str(fleet.agents[name].decision.reason) == "order not signed by leader: it has no signature"
@@ -291,8 +288,7 @@ def test_unsigned_leader_leaves_robots_with_certificates_at_rest() -> None:
 @pytest.mark.slow
 def test_signed_fleet_forms_and_goes_on_through_a_renewal() -> None:
     """The leader comes back with a new key; robots get its certificate with the positions."""
-    fleet = SignedFleet(TEAM, seed=3)
-    fleet.run(4.0)
+    fleet = SignedFleet(TEAM, seed=3).after(4.0)
     keys = {fleet.signers["leader"].certificate}
     fleet.kill("leader")
     fleet.run(1.5)
@@ -309,8 +305,7 @@ def test_signed_fleet_forms_and_goes_on_through_a_renewal() -> None:
 
 
 def test_robot_that_joins_late_gets_the_certificate() -> None:
-    fleet = SignedFleet(TEAM, seed=4)
-    fleet.run(3.0)
+    fleet = SignedFleet(TEAM, seed=4).after(3.0)
     fleet.kill("r4")
     fleet.run(1.0)
     fleet.restart("r4")

@@ -32,9 +32,7 @@ BEHIND = {"robot1": "robot2", "robot5": "robot4"}
 
 
 def under_way(mission: Mission = PATROL, seconds: float = 9.0) -> Fleet:
-    fleet = Fleet(mission)
-    fleet.run(seconds)
-    return fleet
+    return Fleet(mission).after(seconds)
 
 
 def off(fleet: Fleet) -> dict[str, float]:

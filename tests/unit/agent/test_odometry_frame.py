@@ -75,19 +75,12 @@ def test_the_start_pose_places_and_turns_what_odometry_counts() -> None:
     assert driver.here.state.jumps == 0
 
 
-def test_an_agent_that_restarts_finds_its_robot_where_it_is() -> None:
+def test_restarted_agent_knows_position_and_heading_since_start() -> None:
     driver = Driver()
     driver.drive(times=60)
     driver.here = Localisation(PAIR, "robot2", LAWS["field"])
     driver.drive()
     assert driver.error < 1e-9
-
-
-def test_restarted_agent_knows_heading_turned_since_start() -> None:
-    driver = Driver()
-    driver.drive(times=60)
-    driver.here = Localisation(PAIR, "robot2", LAWS["field"])
-    driver.drive(times=1)
     assert abs(driver.here.heading - driver.true_heading) < 1e-9
     assert abs(driver.true_heading - PAIR.first_heading("robot2")) > 0.1
 
@@ -175,16 +168,14 @@ def test_world_frame_position_follows_odometry_after_jump() -> None:
 
 @pytest.mark.parametrize("mission", [PAIR, SIX], ids=["pair", "six"])
 def test_robots_that_count_from_their_start_come_into_formation(mission: Mission) -> None:
-    fleet = Fleet(mission)
-    fleet.run(20.0)
+    fleet = Fleet(mission).after(20.0)
     assert fleet.error() < 0.02
     assert all(agent.here.state.jumps == 0 for agent in fleet.agents.values())
 
 
 @pytest.mark.parametrize("heading", ["observer", "measured"])
 def test_odometry_reset_stops_robot_and_resumes_without_lurch(heading: str) -> None:
-    fleet = Fleet(with_robots("turtlebot3_pair", odometry_frame="start", heading=heading))
-    fleet.run(20.0)
+    fleet = Fleet(with_robots("turtlebot3_pair", odometry_frame="start", heading=heading)).after(20.0)
     reset_odometry(fleet.world.plant("robot1"))
     reset = fleet.now
     fleet.run(0.1)

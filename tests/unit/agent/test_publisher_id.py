@@ -121,8 +121,7 @@ def test_replayed_messages_of_dead_neighbour_are_not_followed() -> None:
 
 @pytest.mark.slow
 def test_successor_agent_is_followed_after_first_falls_silent() -> None:
-    fleet = Fleet(SIX)
-    fleet.run(8.0)
+    fleet = Fleet(SIX).after(8.0)
     fleet.restart("robot2")  # with a new publisher id
     stream = fleet.agents["robot3"].neighbours.each["robot2"].stream
     last = stream.state.arrived or 0.0

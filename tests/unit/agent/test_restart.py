@@ -100,8 +100,7 @@ def test_without_state_external_pose_assumes_heading_of_leader() -> None:
 
 
 def test_first_heading_guess_is_from_mission() -> None:
-    team = Team(SIX)
-    team.run(0.4)
+    team = Team(SIX).after(0.4)
     assert team.heading_error("robot4") > 45.0
     assert team.agents["robot4"].decision.state is AgentState.RUN
 

@@ -46,8 +46,7 @@ def status(outbox: list[Outgoing], name: str) -> Diagnostics:
 def test_disconnected_robot_gets_zero_and_status_gives_reason(
     surroundings: Surroundings, reason: Code, link: RobotLink
 ) -> None:
-    fleet = Fleet(PAIR)
-    fleet.run(3.0)
+    fleet = Fleet(PAIR).after(3.0)
     agent = fleet.agents["robot1"]
     integral = agent.state.integral
     agent.aware(surroundings)
@@ -66,8 +65,7 @@ def test_disconnected_robot_gets_zero_and_status_gives_reason(
 
 
 def test_unknown_link_is_not_reported() -> None:
-    fleet = Fleet(SIX)
-    fleet.run(1.0)
+    fleet = Fleet(SIX).after(1.0)
     assert fleet.status("robot2").link is RobotLink.UNKNOWN
     assert "link" not in fleet.message("robot2")
 

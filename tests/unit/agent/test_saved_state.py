@@ -192,8 +192,7 @@ def test_the_integral_is_taken_over_only_while_it_means_something(gone: float) -
 
 @pytest.mark.slow
 def test_realigned_odometry_persists_over_agent_death() -> None:
-    team = Team(turning_back(odometry_frame="start"))
-    team.run(8.0)
+    team = Team(turning_back(odometry_frame="start")).after(8.0)
     reset_odometry(team.world._hosted["robot3"].plant)
     team.run(3.0)
     assert team.agents["robot3"].here.state.jumps == 1
@@ -210,8 +209,7 @@ def test_odometry_reset_without_agent_restores_approximate_position(
     empty: bool, least: float, most: float
 ) -> None:
     """To where its way was last kept; without that it is taken to be at its start."""
-    team = Team(turning_back(odometry_frame="start"))
-    team.run(8.0)
+    team = Team(turning_back(odometry_frame="start")).after(8.0)
     team.lose("robot3", 1.0)
     reset_odometry(team.world._hosted["robot3"].plant)
     team.run(0.5)

@@ -69,8 +69,7 @@ def test_one_speed_that_cannot_be_carries_no_wall_behind_the_robot(
 
 
 def test_impossible_odometry_speed_holds_robot_that_requires_scan() -> None:
-    fleet = Fleet(team(ALONE, scanner="required"))
-    fleet.run(6.0)
+    fleet = Fleet(team(ALONE, scanner="required")).after(6.0)
     fleet.meddle = once_wrong(6.0, 1)
     fleet.run(0.1)
     assert fleet.commands["robot1"][-1][1:] == AT_REST

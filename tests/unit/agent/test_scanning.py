@@ -119,8 +119,7 @@ def test_robot_stops_before_a_wall_without_the_filter(mode: str, law: str) -> No
 
 
 def test_holding_robot_reports_zone_clear() -> None:
-    fleet = Fleet(with_mode(among(team(ALONE, scanner="optional"), ACROSS), "off"))
-    fleet.run(20.0)
+    fleet = Fleet(with_mode(among(team(ALONE, scanner="optional"), ACROSS), "off")).after(20.0)
     fleet.ask("leader", "hold")
     fleet.run(1.0)
     assert fleet.status("robot1").state == "hold"
@@ -139,8 +138,7 @@ def test_robot_waits_for_first_required_scan() -> None:
 
 
 def test_silent_required_scanner_holds_robot_until_it_returns() -> None:
-    fleet = Fleet(team(ALONE, scanner="required"))
-    fleet.run(6.0)
+    fleet = Fleet(team(ALONE, scanner="required")).after(6.0)
     fleet.meddle = lost(KEY)
     fell_silent = fleet.now
     fleet.run(2.0)
@@ -158,8 +156,7 @@ def test_silent_required_scanner_holds_robot_until_it_returns() -> None:
 
 
 def test_a_robot_goes_on_without_a_scanner_that_is_optional() -> None:
-    fleet = Fleet(team(ALONE, scanner="optional"))
-    fleet.run(6.0)
+    fleet = Fleet(team(ALONE, scanner="optional")).after(6.0)
     fleet.meddle = lost(KEY)
     for _ in range(12):
         fleet.run(0.25)
@@ -210,8 +207,7 @@ def test_post_is_no_teammate_while_heading_is_unknown(monkeypatch: pytest.Monkey
 def test_silent_teammate_seen_by_scanner_is_passed(when: float) -> None:
     mission = team(IN_FILE, scanner="required", avoid="all")
     in_line = {"row": {"robot1": (-0.8, 0.0), "robot2": (-1.6, 0.0)}}
-    fleet = Fleet(mission.model_copy(update={"shapes": in_line}))
-    fleet.run(when)
+    fleet = Fleet(mission.model_copy(update={"shapes": in_line})).after(when)
     fleet.kill("robot1")
     fleet.world._hosted["robot1"].plant.obey(AT_REST)
     there = fleet.plant("robot1").position

@@ -84,8 +84,7 @@ def test_a_carried_robot_holds_until_it_is_put_down() -> None:
 @pytest.mark.slow
 def test_a_robot_that_spins_in_place_is_checked_by_its_heading() -> None:
     mission = mission_of("six_robots", "odometry")
-    fleet = Fleet(mission)
-    fleet.run(BEGIN)
+    fleet = Fleet(mission).after(BEGIN)
     agent = fleet.agents["robot2"]
     held = list[Odometry]()
 

@@ -16,9 +16,7 @@ AT_REST = (0.0, 0.0)
 
 
 def driving(seconds: float = 10.0, *, loss: float = 0.0) -> Fleet:
-    fleet = Fleet(SIX, loss=loss, seed=3)
-    fleet.run(seconds)
-    return fleet
+    return Fleet(SIX, loss=loss, seed=3).after(seconds)
 
 
 def within_limits(fleet: Fleet) -> bool:

@@ -316,8 +316,7 @@ def test_so_is_every_vector(number: complex) -> None:
 
 
 def remembered() -> tuple[Agent, Any]:
-    fleet = Fleet(MISSIONS["six"])
-    fleet.run(3.0)
+    fleet = Fleet(MISSIONS["six"]).after(3.0)
     return fleet.agents["robot3"], through_a_file(fleet.agents["robot3"])
 
 

@@ -35,8 +35,7 @@ STEPS = {"speed_step": 0.01, "turn_rate_step": 0.01}
 
 
 def six(seconds: float = 8.0) -> Recording:
-    fleet = RecordedFleet(SIX)
-    fleet.run(seconds)
+    fleet = RecordedFleet(SIX).after(seconds)
     return fleet.record
 
 
@@ -79,8 +78,7 @@ def between(key: str, since: float, until: float) -> Callable[[Sample, float], b
     ids=["six", "pair", "chains", "local", "start frame", "measured heading", "external", "posts"],
 )  # fmt: skip
 def test_every_command_of_run_is_reproduced_exactly(mission: Mission, law: str) -> None:
-    fleet = RecordedFleet(mission, law=law, loss=0.1)
-    fleet.run(6.0)
+    fleet = RecordedFleet(mission, law=law, loss=0.1).after(6.0)
     assert all_alike(verify(mission, fleet.record))
 
 
@@ -302,8 +300,7 @@ def test_so_many_stretches_are_told_one_by_one_and_no_more() -> None:
 
 @pytest.mark.slow
 def test_killed_agent_and_its_successor_are_both_judged() -> None:
-    fleet = RecordedFleet(SIX)
-    fleet.run(4.0)
+    fleet = RecordedFleet(SIX).after(4.0)
     fleet.kill("robot3")
     fleet.run(1.0)
     fleet.restart("robot3")
@@ -312,8 +309,7 @@ def test_killed_agent_and_its_successor_are_both_judged() -> None:
 
 
 def test_new_agent_with_missing_beginning_is_distinguished() -> None:
-    fleet = RecordedFleet(SIX)
-    fleet.run(2.0)
+    fleet = RecordedFleet(SIX).after(2.0)
     fleet.restart("robot3")
     cut = len(fleet.record)
     fleet.run(1.0)
@@ -324,8 +320,7 @@ def test_new_agent_with_missing_beginning_is_distinguished() -> None:
 
 
 def test_two_agents_that_speak_for_one_robot_are_both_judged() -> None:
-    fleet = RecordedFleet(SIX)
-    fleet.run(2.0)
+    fleet = RecordedFleet(SIX).after(2.0)
     other = Looped(fleet.new_agent("robot3"), fleet.record)
     fleet.meddle = lambda sample: (sample,)
     step = fleet.loop("robot3").step
@@ -342,8 +337,7 @@ def test_two_agents_that_speak_for_one_robot_are_both_judged() -> None:
 
 
 def test_operator_requests_and_halt_are_reproduced() -> None:
-    fleet = RecordedFleet(PAIR)
-    fleet.run(2.0)
+    fleet = RecordedFleet(PAIR).after(2.0)
     requested = [
         ("stop", "a"),
         ("release", "b"),
@@ -363,8 +357,7 @@ def test_operator_requests_and_halt_are_reproduced() -> None:
 
 
 def test_longest_obeyed_stop_is_reproduced() -> None:
-    fleet = RecordedFleet(PAIR)
-    fleet.run(2.0)
+    fleet = RecordedFleet(PAIR).after(2.0)
     fleet.loop("robot1").sides.request(b'{"do":"stop"}'.ljust(MAX_REQUEST_BYTES), fleet.now)
     fleet.run(2.0)
     assert all_alike(verify(PAIR, fleet.record))
@@ -372,8 +365,7 @@ def test_longest_obeyed_stop_is_reproduced() -> None:
 
 @pytest.mark.slow
 def test_robot_link_outage_is_reproduced() -> None:
-    fleet = RecordedFleet(SIX)
-    fleet.run(2.0)
+    fleet = RecordedFleet(SIX).after(2.0)
     fleet.loop("robot3").robot.connected = False
     fleet.run(1.0)
     fleet.loop("robot3").robot.connected = True
