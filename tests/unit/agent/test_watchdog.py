@@ -304,9 +304,9 @@ def waited(end: float) -> list[Sample]:
 def test_thawed_watchdog_does_not_believe_signs_that_waited() -> None:
     watchdog, signs = frozen(), waited(5.95)  # the agent died then
     assert watchdog.step(at(15.0), signs[:10]) == []
-    assert watchdog.state is WatchdogState.LISTENING
+    assert watchdog.state.value == "listening"
     assert len(watchdog.step(at(15.16), signs[10:])) == 1
-    assert watchdog.state is WatchdogState.PARKING
+    assert watchdog.state.value == "parking"
 
 
 def test_thawed_watchdog_leaves_a_healthy_agent_alone() -> None:
