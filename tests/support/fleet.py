@@ -13,7 +13,7 @@ import random
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from formation.leader.core import Leader
 from formation.mission.model import Mission
 from formation.protocol.order import OperatorReply, OperatorRequest, encode
 from formation.protocol.order import decode as decode_order
-from formation.protocol.status import AgentStatus
+from formation.protocol.status import AgentState, AgentStatus
 from formation.protocol.status_codec import decode as decode_status
 from formation.ros2.messages import Diagnostics, Twist, TwistStamped, decode
 from formation.simulation.edges import Edges, formation_error
@@ -278,6 +278,26 @@ class Fleet:
             leader_term = LeaderTerm(self.now, name, self.candidates[name].term)
             if not self.leader_terms or self.leader_terms[-1][1:] != leader_term[1:]:
                 self.leader_terms.append(leader_term)
+
+    def after(self, seconds: float) -> Self:
+        """Run, and return the fleet."""
+        self.run(seconds)
+        return self
+
+    def driven(self, name: str, seconds: float) -> float:
+        """Run, and return how far the robot drove meanwhile [m]."""
+        before = self.plant(name).path
+        self.run(seconds)
+        return self.plant(name).path - before
+
+    @property
+    def states(self) -> set[AgentState]:
+        """The states that the agents are in now."""
+        return {agent.decision.state for agent in self.agents.values()}
+
+    def commands_since(self, name: str, moment: float) -> list[tuple[float, float]]:
+        """Speed and turn rate of the commands after a moment."""
+        return [command[1:] for command in self.commands[name] if command[0] > moment]
 
     def last_command(self, name: str) -> tuple[float, float]:
         return self.commands[name][-1][1:]

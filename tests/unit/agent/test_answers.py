@@ -40,7 +40,7 @@ def test_a_neighbour_with_a_wrong_clock_is_followed_once_it_answers() -> None:
     fleet = Fleet(SIX)
     set_clock(fleet, "robot3", -3600.0)
     fleet.run(1.5)
-    assert all(agent.decision.state is AgentState.RUN for agent in fleet.agents.values())
+    assert fleet.states == {AgentState.RUN}
 
 
 def test_robots_hold_beside_one_with_a_wrong_clock_that_hears_nothing() -> None:

@@ -109,15 +109,13 @@ def test_status_lists_avoided_and_unheard_robots() -> None:
 
 
 def test_robot_that_measures_only_the_leader_avoids_none() -> None:
-    fleet = Fleet(LONERS)
-    fleet.run(2.0)
+    fleet = Fleet(LONERS).after(2.0)
     assert fleet.status("robot2").collisions is None
 
 
 @pytest.mark.slow
 def test_a_robot_that_died_in_front_is_driven_round() -> None:
-    fleet = Fleet(PATROL)
-    fleet.run(9.0)
+    fleet = Fleet(PATROL).after(9.0)
     fleet.kill("robot1")
     fleet.world._hosted["robot1"].plant.obey(AT_REST)
     assert room(fleet, 13.0) > 0.0

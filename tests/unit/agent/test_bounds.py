@@ -81,7 +81,7 @@ def test_forged_order_outside_the_bounds_is_refused(
     before = fleet.points()
     fleet.run(10.0)
     assert max(abs(now - then) for now, then in zip(fleet.points()[1:], before[1:], strict=True)) < 0.5
-    assert all(agent.decision.state is AgentState.HOLD for agent in fleet.agents.values())
+    assert fleet.states == {AgentState.HOLD}
     assert "order outside the bounds" in fleet.status("robot2").dropped_last[POSITION.key("robot1")]
 
 
@@ -102,19 +102,18 @@ def test_false_leader_position_leads_no_robot_out() -> None:
     fleets.append(fleet)
     fleet.run(40.0)
     assert farthest(fleet) < 0.0
-    assert all(agent.decision.state is AgentState.HOLD for agent in fleet.agents.values())
+    assert fleet.states == {AgentState.HOLD}
     assert "outside the bounds: robot1" in fleet.message("robot2")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("degrees", [0.0, 135.0])
 def test_leader_stops_its_team_inside_the_bounds(degrees: float) -> None:
-    fleet = Fleet(within(led(0.6, degrees), (-6.0, 6.0), (-6.0, 6.0)), seed=2)
-    fleet.run(20.0)
+    fleet = Fleet(within(led(0.6, degrees), (-6.0, 6.0), (-6.0, 6.0)), seed=2).after(20.0)
     assert farthest(fleet) < 0.0
     assert fleet.error() < SIX.settled
     assert fleet.leader.plan.fenced
-    assert all(agent.decision.state is AgentState.RUN for agent in fleet.agents.values())
+    assert fleet.states == {AgentState.RUN}
     stopped = fleet.leader.where(fleet.now)
     fleet.run(2.0)
     assert fleet.leader.where(fleet.now) == stopped
@@ -122,8 +121,7 @@ def test_leader_stops_its_team_inside_the_bounds(degrees: float) -> None:
 
 @pytest.mark.slow
 def test_team_at_the_bounds_can_be_led_back() -> None:
-    fleet = Fleet(within(led(0.6), (-6.0, 6.0), (-6.0, 6.0)), seed=2)
-    fleet.run(14.0)
+    fleet = Fleet(within(led(0.6), (-6.0, 6.0), (-6.0, 6.0)), seed=2).after(14.0)
     assert fleet.leader.plan.fenced
     assert not ask(fleet.leader, b'{"do": "speed", "speed": 1.0, "degrees": 0}', fleet.now).ok
     assert ask(fleet.leader, b'{"do": "speed", "speed": 0.5, "degrees": 180}', fleet.now).ok
@@ -135,8 +133,7 @@ def test_team_at_the_bounds_can_be_led_back() -> None:
 @pytest.mark.slow
 def test_robot_outside_holds_and_goes_on_when_brought_back() -> None:
     mission = within(with_robots("six_robots", localisation="external"), (-5.0, 10.0), (-5.0, 5.0))
-    fleet = Fleet(led(0.0, mission=mission), seed=1)
-    fleet.run(8.0)
+    fleet = Fleet(led(0.0, mission=mission), seed=1).after(8.0)
     robot, home = fleet.plant("robot3"), fleet.plant("robot3").position
     robot.position = 0.0 + 7.5j
     fleet.run(5.0)
@@ -159,8 +156,7 @@ def test_noise_at_the_edge_does_not_make_a_robot_flap() -> None:
     mission = mission.model_copy(
         update={"simulated_robot": mission.simulated_robot.model_copy(update={"position_noise": 0.005})}
     )
-    fleet = Fleet(led(0.0, mission=mission), seed=1)
-    fleet.run(10.0)
+    fleet = Fleet(led(0.0, mission=mission), seed=1).after(10.0)
     fleet.plant("robot3").position = -1.5 + 5.0j
     fleet.run(1.0)
     states = []
@@ -171,8 +167,7 @@ def test_noise_at_the_edge_does_not_make_a_robot_flap() -> None:
 
 
 def test_request_outside_the_bounds_is_refused_with_numbers() -> None:
-    fleet = Fleet(within(SIX, (-5.0, 25.0), (-4.0, 14.0)), seed=1)
-    fleet.run(1.0)
+    fleet = Fleet(within(SIX, (-5.0, 25.0), (-4.0, 14.0)), seed=1).after(1.0)
 
     def put(**what: object) -> tuple[bool, str]:
         reply = ask(fleet.leader, order.encode(OperatorRequest.model_validate(what)), fleet.now)
@@ -195,8 +190,7 @@ def test_request_outside_the_bounds_is_refused_with_numbers() -> None:
 def test_shape_that_a_finite_route_would_carry_out_is_refused() -> None:
     route = (Straight(speed=0.5, heading_deg=0.0, duration=20.0),)
     mission = within(SIX.model_copy(update={"route": route}), (-6.0, 12.0), (-6.0, 6.0))
-    fleet = Fleet(mission, seed=1)
-    fleet.run(1.0)
+    fleet = Fleet(mission, seed=1).after(1.0)
     reply = ask(fleet.leader, b'{"do": "rotate", "degrees": 180}', fleet.now)
     assert not reply.ok
     assert "robot4's slot at x = 12 m, limit 11.6 m" in reply.reason
@@ -205,8 +199,7 @@ def test_shape_that_a_finite_route_would_carry_out_is_refused() -> None:
 @pytest.mark.slow
 def test_turning_team_is_stopped_before_its_slots_swing_out() -> None:
     patrol = within(load("patrol"), (-4.0, 6.0), (-4.0, 6.0))
-    fleet = Fleet(patrol, seed=1)
-    fleet.run(45.0)
+    fleet = Fleet(patrol, seed=1).after(45.0)
     assert farthest(fleet) < 0.0
     assert fleet.leader.plan.fenced
     assert math.isfinite(fleet.error())

@@ -8,10 +8,10 @@ from statistics import median
 import pytest
 
 from formation.mission.file import load
-from formation.ros2.messages import Odometry, decode, encode
+from formation.ros2.messages import Odometry
 from formation.topics import ODOM
-from formation.wire import Sample
 from tests.support.fleet import Fleet
+from tests.support.meddling import altered
 from tests.support.missions import with_robots
 from tests.unit.agent.sudden import most_sudden
 
@@ -24,36 +24,27 @@ EDGES = sum(len(robot.neighbours) for robot in SIX.robots.values())
 
 def set_clock(fleet: Fleet, name: str, error: float) -> None:
     """Set the clock of the computer on a robot, which stamps its odometry as well."""
-
-    def stamped_anew(sample: Sample) -> tuple[Sample, ...]:
-        if sample.key != ODOM.key(name):
-            return (sample,)
-        result = decode(Odometry, sample.payload)
-        return (sample._replace(payload=encode(replace(result, stamp=result.stamp + error))),)
-
-    fleet.nodes[name].clock_error, fleet.meddle = error, stamped_anew
+    fleet.nodes[name].clock_error = error
+    fleet.meddle = altered(ODOM.key(name), Odometry, lambda seen: replace(seen, stamp=seen.stamp + error))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.1, 0.3, 0.49])
 def test_late_positions_are_carried_forward(delay: float) -> None:
-    fleet = Fleet(SIX, delay=(delay, delay + 0.001))
-    fleet.run(20.0)
+    fleet = Fleet(SIX, delay=(delay, delay + 0.001)).after(20.0)
     assert fleet.error() < 0.02
 
 
 @pytest.mark.slow
 def test_without_delay_compensation_a_delay_leaves_an_error() -> None:
     mission = SIX.model_copy(update={"law": SIX.law.model_copy(update={"delay_compensation": False})})
-    fleet = Fleet(mission, delay=(0.10, 0.101))
-    fleet.run(20.0)
+    fleet = Fleet(mission, delay=(0.10, 0.101)).after(20.0)
     assert fleet.error() > 0.05
 
 
 @pytest.mark.slow
 def test_delays_around_the_limit_cause_no_lurch() -> None:
-    fleet = Fleet(UNRAMPED, delay=(0.35, 0.65), seed=1)
-    fleet.run(12.0)
+    fleet = Fleet(UNRAMPED, delay=(0.35, 0.65), seed=1).after(12.0)
     errors = []
     for _ in range(40):
         fleet.run(0.25)
@@ -74,9 +65,7 @@ def test_robot_with_wrong_clock_still_takes_its_place(error: float) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("error", [-0.5, -0.3, -0.1, 0.1, 0.3, 0.5, 0.7])
-def test_small_clock_error_costs_only_the_path_meanwhile(
-    error: float,
-) -> None:
+def test_small_clock_error_costs_only_the_path_meanwhile(error: float) -> None:
     fleet = Fleet(SIX)
     set_clock(fleet, "robot3", error)
     fleet.run(15.0)
@@ -86,8 +75,7 @@ def test_small_clock_error_costs_only_the_path_meanwhile(
 @pytest.mark.slow
 @pytest.mark.parametrize("step", [-10.0, -0.3, 0.3, 0.5, 0.7, 10.0])
 def test_clock_change_while_driving_causes_no_lurch(step: float) -> None:
-    fleet = Fleet(UNRAMPED)
-    fleet.run(14.0)
+    fleet = Fleet(UNRAMPED).after(14.0)
     set_clock(fleet, "robot3", step)
     fleet.run(4.0)
     assert most_sudden(fleet, since=13.9) < 0.5
@@ -96,8 +84,7 @@ def test_clock_change_while_driving_causes_no_lurch(step: float) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("step", [-3600.0, -10.0, 10.0, 3600.0])
 def test_a_clock_that_is_set_while_driving_is_survived(step: float) -> None:
-    fleet = Fleet(SIX)
-    fleet.run(10.0)
+    fleet = Fleet(SIX).after(10.0)
     set_clock(fleet, "robot3", step)
     fleet.run(10.0)
     assert fleet.error() < SIX.settled

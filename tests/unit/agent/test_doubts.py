@@ -16,14 +16,12 @@ from formation.ros2.messages import Odometry, decode, encode
 from formation.topics import ODOM, POSITION
 from formation.wire import Now, Sample
 from tests.support.fleet import EPOCH, Fleet
+from tests.support.meddling import on
+from tests.support.missions import with_robots
 
 SIX = load("six_robots")
-LOCAL = parse(read("six_robots")[0].replace("rate = 20 ", 'rate = 20\nmeasurement = "local" #'))
+LOCAL = with_robots("six_robots", measurement="local")
 AT_REST = (0.0, 0.0)
-
-
-def commands_since(fleet: Fleet, name: str, moment: float) -> list[tuple[float, float]]:
-    return [command[1:] for command in fleet.commands[name] if command[0] > moment]
 
 
 def once(key: str, change: Callable[[Sample], Sample]) -> Callable[[Sample], Iterable[Sample]]:
@@ -44,36 +42,28 @@ def moved_odometry(sample: Sample, by: complex) -> Sample:
     return sample._replace(payload=encode(replace(result, position=result.position + by)))
 
 
-def restart(fleet: Fleet, name: str) -> None:
-    fleet.nodes[name].core = fleet.agents[name] = fleet.new_agent(name)
-    fleet.revive(name)
-
-
 @pytest.mark.slow
 def test_agent_restarted_after_leader_death_stays_at_rest() -> None:
-    fleet = Fleet(SIX)
-    fleet.run(2.0)
+    fleet = Fleet(SIX).after(2.0)
     fleet.kill("leader")
     fleet.run(3.0)
-    restart(fleet, "robot4")  # far from its place, between neighbours that relay the leader's last order
+    fleet.restart("robot4")  # far from its place, between neighbours that relay the leader's last order
     fleet.run(3.0)
-    assert set(commands_since(fleet, "robot4", 5.0)) == {AT_REST}
+    assert set(fleet.commands_since("robot4", 5.0)) == {AT_REST}
     assert fleet.status("robot4").reason.code is Code.NO_ORDER
 
 
 @pytest.mark.slow
 def test_an_agent_that_restarts_on_the_way_takes_its_place() -> None:
-    fleet = Fleet(SIX)
-    fleet.run(2.0)
-    restart(fleet, "robot4")
+    fleet = Fleet(SIX).after(2.0)
+    fleet.restart("robot4")
     fleet.run(13.0)
     assert fleet.error() < SIX.settled
 
 
 @pytest.mark.slow
 def test_a_leader_that_restarts_is_followed() -> None:
-    fleet = Fleet(SIX)
-    fleet.run(8.0)
+    fleet = Fleet(SIX).after(8.0)
     fleet.leader = Leader(SIX, publisher_id="new")
     fleet.nodes["leader"].core = fleet.leader
     fleet.run(15.0)
@@ -92,13 +82,12 @@ def test_forged_order_with_highest_beat_stops_no_robot(term: int | None, mode: o
         )
         return sample._replace(attachment=order.encode(decoded.model_copy(update={"order": forged})))
 
-    fleet = Fleet(SIX)
-    fleet.run(8.0)
+    fleet = Fleet(SIX).after(8.0)
     fleet.meddle = once(POSITION.key("robot1"), forge)
     fleet.run(4.0)
     for name in SIX.followers:
         assert fleet.status(name).state == "run"
-        assert AT_REST not in commands_since(fleet, name, 8.0)
+        assert AT_REST not in fleet.commands_since(name, 8.0)
 
 
 def test_too_rare_odometry_never_moves_robot() -> None:
@@ -114,34 +103,30 @@ def test_too_rare_odometry_never_moves_robot() -> None:
 
     fleet.meddle = thin_out
     fleet.run(10.0)
-    assert set(commands_since(fleet, "robot3", 0.0)) == {AT_REST}
+    assert set(fleet.commands_since("robot3", 0.0)) == {AT_REST}
     assert fleet.plant("robot3").path == 0.0
 
 
 @pytest.mark.slow
 def test_odometry_glitch_does_not_make_followers_lurch() -> None:
-    fleet = Fleet(SIX)
-    fleet.run(15.0)
+    fleet = Fleet(SIX).after(15.0)
     fleet.meddle = once(ODOM.key("robot2"), lambda sample: moved_odometry(sample, 5.0 + 0.0j))
     fleet.run(2.0)
     for name in SIX.followers:
-        assert max(abs(speed) for speed, _ in commands_since(fleet, name, 15.0)) < 0.3
+        assert max(abs(speed) for speed, _ in fleet.commands_since(name, 15.0)) < 0.3
 
 
 def test_a_position_said_again_and_again_is_not_followed() -> None:
-    fleet = Fleet(SIX)
-    fleet.run(8.0)
+    fleet = Fleet(SIX).after(8.0)
     stuck: list[Sample] = []
 
     def repeat(sample: Sample) -> tuple[Sample]:
-        if sample.key != POSITION.key("robot1"):
-            return (sample,)
         stuck.append(sample)
         return (sample._replace(payload=stuck[0].payload),)  # the order goes on
 
-    fleet.meddle = repeat
+    fleet.meddle = on(POSITION.key("robot1"), repeat)
     fleet.run(3.0)
-    assert set(commands_since(fleet, "robot2", 8.3)) == {AT_REST}
+    assert set(fleet.commands_since("robot2", 8.3)) == {AT_REST}
     assert fleet.status("robot2").reason.code is Code.NO_NEIGHBOUR
     assert not fleet.status("robot2").reason.values["unavailable"]
 
@@ -163,8 +148,7 @@ def test_sensor_faster_than_odometry_does_not_inflate_velocity() -> None:
 
 @pytest.mark.slow
 def test_measurements_during_hold_do_not_inflate_velocity_afterwards() -> None:
-    fleet = Fleet(LOCAL)
-    fleet.run(10.0)
+    fleet = Fleet(LOCAL).after(10.0)
     fleet.ask("robot3", "hold")
     fleet.run(10.0)
     fleet.ask("robot3", "run")
@@ -178,15 +162,13 @@ def test_measurements_during_hold_do_not_inflate_velocity_afterwards() -> None:
 def test_slow_robot_follows_fast_neighbour_by_sensor() -> None:
     text = read("six_robots")[0].replace("rate = 20 ", "rate = 50 ")
     mission = parse(text.replace("[robots.robot3]", '[robots.robot3]\nrate = 10\nmeasurement = "local"'))
-    fleet = Fleet(mission)
-    fleet.run(12.0)
-    assert AT_REST not in commands_since(fleet, "robot3", 2.0)
+    fleet = Fleet(mission).after(12.0)
+    assert AT_REST not in fleet.commands_since("robot3", 2.0)
     assert fleet.error() < mission.settled
 
 
 def test_a_stop_takes_hold_at_once_even_right_after_a_rest() -> None:
-    fleet = Fleet(SIX)
-    fleet.run(8.0)
+    fleet = Fleet(SIX).after(8.0)
 
     def step() -> None:
         outbox = fleet.agents["robot3"].step(Now(fleet.now, EPOCH + fleet.now), [])

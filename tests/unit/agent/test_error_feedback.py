@@ -39,8 +39,7 @@ class Wanted:
 
 def means(mission: Mission) -> tuple[float, float]:
     """Mean forward speed over 10 s in formation: wanted by the law, and as the robot takes it [m/s]."""
-    fleet = Fleet(mission)
-    fleet.run(20.0)
+    fleet = Fleet(mission).after(20.0)
     wanted, before = Wanted(fleet, "robot1"), len(fleet.commands["robot1"])
     fleet.run(10.0)
     reported = [int(speed * 100) / 100 for _, speed, _ in fleet.commands["robot1"][before:]]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import cmath
 import itertools
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +18,7 @@ from formation.ros2.messages import Pose, decode, encode
 from formation.topics import ODOM, POSE, POSITION
 from formation.wire import Sample
 from tests.support.fleet import Fleet
+from tests.support.meddling import altered, lost
 from tests.support.missions import with_robots
 
 STEPS = {"speed_step": 0.01, "turn_rate_step": 0.01}
@@ -33,15 +33,6 @@ def heading_error(fleet: Fleet, name: str) -> float:
     return abs(float(angle_between(fleet.world.plant(name).heading, fleet.agents[name].here.heading)))
 
 
-def changed(key: str, change: Callable[[Pose], Pose]) -> Callable[[Sample], tuple[Sample]]:
-    def meddle(sample: Sample) -> tuple[Sample]:
-        if sample.key != key:
-            return (sample,)
-        return (sample._replace(payload=encode(change(decode(Pose, sample.payload)))),)
-
-    return meddle
-
-
 def test_agent_with_external_pose_ignores_odometry() -> None:
     keys = set(Agent(SEEN, "robot1").subscriptions)
     assert keys == {POSE.key("robot1"), POSITION.key("leader"), POSITION.key("robot2")}
@@ -51,17 +42,14 @@ def test_agent_with_external_pose_ignores_odometry() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("mission", [SEEN, MEASURED, SIX], ids=["observer", "measured", "six"])
 def test_robots_that_are_seen_from_outside_come_into_formation(mission: Mission) -> None:
-    fleet = Fleet(mission)
-    fleet.run(30.0)
+    fleet = Fleet(mission).after(30.0)
     assert fleet.error() < 0.005
     assert max(heading_error(fleet, name) for name in mission.followers) < 0.02
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mission", [SEEN, MEASURED], ids=["observer", "measured"])
-def test_noisy_and_late_camera_keeps_formation(
-    mission: Mission,
-) -> None:
+def test_noisy_and_late_camera_keeps_formation(mission: Mission) -> None:
     dice = np.random.default_rng(8)
 
     def camera(sample: Sample) -> tuple[Sample]:
@@ -84,16 +72,15 @@ def test_noisy_and_late_camera_keeps_formation(
 
 def test_the_observer_does_not_read_the_orientation_that_the_camera_gives() -> None:
     plain, twisted = Fleet(SEEN), Fleet(SEEN)
-    twisted.meddle = changed(POSE.key("robot1"), lambda seen: replace(seen, heading=1j))
+    twisted.meddle = altered(POSE.key("robot1"), Pose, lambda seen: replace(seen, heading=1j))
     for fleet in (plain, twisted):
         fleet.run(10.0)
     assert plain.commands["robot1"] == twisted.commands["robot1"]
 
 
 def test_a_camera_that_loses_sight_stops_the_robot_within_three_periods() -> None:
-    fleet = Fleet(SEEN)
-    fleet.run(5.0)
-    fleet.meddle = lambda sample: () if sample.key == POSE.key("robot1") else (sample,)
+    fleet = Fleet(SEEN).after(5.0)
+    fleet.meddle = lost(POSE.key("robot1"))
     fleet.run(3 * 0.05 + 0.06)
     assert fleet.last_command("robot1") == AT_REST
     assert fleet.status("robot1").reason.code is Code.POSITION_SILENT
@@ -104,9 +91,8 @@ def test_a_camera_that_loses_sight_stops_the_robot_within_three_periods() -> Non
 
 @pytest.mark.parametrize("mission", [SEEN, MEASURED], ids=["observer", "measured"])
 def test_camera_reporting_another_robot_stops_without_lurch(mission: Mission) -> None:
-    fleet = Fleet(mission)
-    fleet.run(20.0)
-    fleet.meddle = changed(POSE.key("robot1"), lambda seen: replace(seen, position=seen.position - 1j))
+    fleet = Fleet(mission).after(20.0)
+    fleet.meddle = altered(POSE.key("robot1"), Pose, lambda seen: replace(seen, position=seen.position - 1j))
     begun = fleet.now
     fleet.run(0.1)
     assert fleet.last_command("robot1") == AT_REST
@@ -118,18 +104,8 @@ def test_camera_reporting_another_robot_stops_without_lurch(mission: Mission) ->
     assert fleet.error() < 0.005
 
 
-def test_a_measured_heading_that_flips_counts_as_a_jump() -> None:
-    fleet = Fleet(MEASURED)
-    fleet.run(10.0)
-    fleet.meddle = changed(POSE.key("robot1"), lambda seen: replace(seen, heading=-seen.heading))
-    fleet.run(0.1)
-    assert fleet.last_command("robot1") == AT_REST
-    assert "rad" in str(fleet.status("robot1").reason)
-
-
 def test_measured_heading_comes_from_odometry_at_once() -> None:
-    fleet = Fleet(with_robots("turtlebot3_pair", heading="measured", odometry_frame="start"))
-    fleet.run(0.3)
+    fleet = Fleet(with_robots("turtlebot3_pair", heading="measured", odometry_frame="start")).after(0.3)
     for name in fleet.mission.followers:
         assert heading_error(fleet, name) < 0.02
     fleet.run(20.0)
@@ -137,9 +113,7 @@ def test_measured_heading_comes_from_odometry_at_once() -> None:
 
 
 @pytest.mark.parametrize("heading", ["observer", "measured"])
-def test_rare_positions_do_not_spoil_heading(
-    heading: str,
-) -> None:
+def test_rare_positions_do_not_spoil_heading(heading: str) -> None:
     # a ramp begins anew after each gap: it would hold back a robot that is stopped twice a second
     fleet = Fleet(with_robots("turtlebot3_pair", localisation="external", heading=heading, ramp=0.0))
     count = itertools.count()
@@ -154,23 +128,17 @@ def test_rare_positions_do_not_spoil_heading(
 @pytest.mark.slow
 @pytest.mark.parametrize("mission", [SEEN, MEASURED], ids=["observer", "measured"])
 def test_frozen_camera_position_stops_robot(mission: Mission) -> None:
-    fleet = Fleet(mission)
-    fleet.run(20.0)
+    fleet = Fleet(mission).after(20.0)
     frozen: list[Pose] = []
 
-    def freeze(sample: Sample) -> tuple[Sample]:
-        if sample.key != POSE.key("robot1"):
-            return (sample,)
-        seen = decode(Pose, sample.payload)
+    def freeze(seen: Pose) -> Pose:
         frozen.append(seen)
-        return (sample._replace(payload=encode(replace(frozen[0], stamp=seen.stamp))),)
+        return replace(frozen[0], stamp=seen.stamp)
 
-    fleet.meddle = freeze
-    driven = fleet.plant("robot1").path
-    fleet.run(10.0)
+    fleet.meddle = altered(POSE.key("robot1"), Pose, freeze)
+    assert fleet.driven("robot1", 10.0) < 0.15
     assert fleet.last_command("robot1") == AT_REST
     assert fleet.status("robot1").reason.code is Code.MOTION_FROZEN
-    assert fleet.plant("robot1").path - driven < 0.15
     fleet.meddle = lambda sample: (sample,)
     fleet.run(40.0)
     assert fleet.status("robot1").state == "run"
@@ -178,14 +146,14 @@ def test_frozen_camera_position_stops_robot(mission: Mission) -> None:
 
 
 def test_flipped_measured_heading_stops_robot() -> None:
-    fleet = Fleet(MEASURED)
-    fleet.run(20.0)
-    fleet.meddle = changed(POSE.key("robot1"), lambda seen: replace(seen, heading=-seen.heading))
-    driven = fleet.plant("robot1").path
-    fleet.run(10.0)
+    fleet = Fleet(MEASURED).after(20.0)
+    fleet.meddle = altered(POSE.key("robot1"), Pose, lambda seen: replace(seen, heading=-seen.heading))
+    driven = fleet.driven("robot1", 0.1)
+    assert fleet.last_command("robot1") == AT_REST
+    assert "rad" in str(fleet.status("robot1").reason)
+    assert driven + fleet.driven("robot1", 9.9) < 0.3
     assert fleet.last_command("robot1") == AT_REST
     assert "heading" in str(fleet.status("robot1").reason)
-    assert fleet.plant("robot1").path - driven < 0.3
     fleet.meddle = lambda sample: (sample,)
     fleet.run(20.0)
     assert fleet.status("robot1").state == "run"
@@ -196,7 +164,7 @@ def test_flipped_measured_heading_stops_robot() -> None:
 def test_wrongly_mounted_marker_is_detected_within_half_metre(degrees: float) -> None:
     off = cmath.rect(1.0, math.radians(degrees))
     fleet = Fleet(MEASURED)
-    fleet.meddle = changed(POSE.key("robot1"), lambda seen: replace(seen, heading=seen.heading * off))
+    fleet.meddle = altered(POSE.key("robot1"), Pose, lambda seen: replace(seen, heading=seen.heading * off))
     fleet.run(20.0)
     assert fleet.last_command("robot1") == AT_REST
     assert "heading" in str(fleet.status("robot1").reason)

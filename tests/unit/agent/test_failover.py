@@ -32,8 +32,7 @@ PERIOD = 0.05
 
 def driving(mission: Mission = PATROL, seed: int = 1, seconds: float = 4.0) -> Fleet:
     """The leader's own process has led a while, and the team is in formation."""
-    fleet = Fleet(mission, seed=seed)
-    fleet.run(seconds)
+    fleet = Fleet(mission, seed=seed).after(seconds)
     assert [leader_term.name for leader_term in fleet.leader_terms] == ["leader"]
     assert fleet.error() < 0.1
     return fleet

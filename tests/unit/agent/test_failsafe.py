@@ -145,9 +145,7 @@ def test_every_row_of_the_table_is_reached_by_some_doubt() -> None:
 
 
 @pytest.mark.parametrize("doubt", [doubt for doubt, _, _ in DOUBTS])
-def test_reason_is_own_unless_shared_by_all_robots(
-    doubt: dict[str, Any],
-) -> None:
+def test_reason_is_own_unless_shared_by_all_robots(doubt: dict[str, Any]) -> None:
     everybody = any(
         doubt == one or {**doubt, "neighbours": {}} == {**one, "neighbours": {}} for one in TOGETHER
     )

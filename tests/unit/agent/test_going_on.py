@@ -19,6 +19,7 @@ from formation.stability.losses import losing
 from formation.topics import ODOM, POSITION
 from formation.wire import Sample
 from tests.support.fleet import Fleet
+from tests.support.meddling import lost, on
 from tests.support.missions import team, teams
 from tests.unit.agent.sudden import most_sudden
 
@@ -31,9 +32,7 @@ BEHIND = {"robot1": "robot2", "robot5": "robot4"}
 
 
 def under_way(mission: Mission = PATROL, seconds: float = 9.0) -> Fleet:
-    fleet = Fleet(mission)
-    fleet.run(seconds)
-    return fleet
+    return Fleet(mission).after(seconds)
 
 
 def off(fleet: Fleet) -> dict[str, float]:
@@ -44,16 +43,11 @@ def off(fleet: Fleet) -> dict[str, float]:
     return {n: abs(point - leader - slot) for n, point, slot in zip(followers, points, slots, strict=True)}
 
 
-def restart(fleet: Fleet, name: str) -> None:
-    fleet.agents[name] = fleet.nodes[name].core = fleet.new_agent(name)
-    fleet.revive(name)
-
-
 def dead(fleet: Fleet, name: str) -> Callable[[], None]:
     """Its agent is; the watchdog has it stand."""
     fleet.kill(name)
     fleet.world._hosted[name].plant.obey(AT_REST)
-    return lambda: restart(fleet, name)
+    return lambda: fleet.restart(name)
 
 
 def stopped(fleet: Fleet, name: str) -> Callable[[], None]:
@@ -67,7 +61,7 @@ def held(fleet: Fleet, name: str) -> Callable[[], None]:
 
 
 def without_odometry(fleet: Fleet, name: str) -> Callable[[], None]:
-    fleet.meddle = lambda sample: () if sample.key == ODOM.key(name) else (sample,)
+    fleet.meddle = lost(ODOM.key(name))
 
     def mended() -> None:
         fleet.meddle = lambda sample: (sample,)
@@ -198,9 +192,7 @@ def test_no_robot_is_unavailable_before_it_has_set_out() -> None:
 
 
 @pytest.mark.slow
-def test_robot_off_slot_counts_as_available_after_patience(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_robot_off_slot_counts_as_available_after_patience(monkeypatch: pytest.MonkeyPatch) -> None:
     fleet = under_way()
     fleet.ask("robot1", "hold")
     fleet.run(1.0)
@@ -219,7 +211,7 @@ def test_predicted_robots_hold_on_loss_and_resume_afterwards(mission: Mission, d
     lost = data.draw(st.sampled_from(mission.followers))
     lose = data.draw(st.sampled_from([dead, held]))
     fleet = under_way(mission, 2.0)
-    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
+    assert fleet.states == {AgentState.RUN}
     restore = lose(fleet, lost)
     fleet.run(2.5)
     foretold = losing(mission, lost)
@@ -231,7 +223,7 @@ def test_predicted_robots_hold_on_loss_and_resume_afterwards(mission: Mission, d
         assert fleet.agents[name].neighbours.guides == guides
     restore()
     fleet.run(2.0 * FAULT_FREE_TIME)
-    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
+    assert fleet.states == {AgentState.RUN}
     assert not any(agent.state.availability.published for agent in fleet.agents.values())
     for name in mission.followers:
         assert fleet.agents[name].neighbours.guides == mission.robots[name].neighbours
@@ -250,7 +242,7 @@ def test_all_robots_resume_after_release_in_any_order(mission: Mission, data: st
         fleet.ask(name, "run")
         fleet.run(data.draw(st.sampled_from([0.0, 0.3, 2.0])))
     fleet.run(2.0 * FAULT_FREE_TIME)
-    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
+    assert fleet.states == {AgentState.RUN}
     assert not any(agent.state.availability.published for agent in fleet.agents.values())
     for name in mission.followers:
         assert fleet.agents[name].neighbours.guides == mission.robots[name].neighbours
@@ -272,14 +264,12 @@ def test_two_unavailable_robots_do_not_wait_for_each_other() -> None:
 
 @pytest.mark.slow
 def test_forged_unavailability_stops_no_robot_with_another_neighbour() -> None:
-    def forged(sample: Sample) -> tuple[Sample, ...]:
-        if sample.key != POSITION.key("robot2") or sample.attachment is None:
-            return (sample,)
-        return (sample._replace(attachment=sample.attachment[:-1] + b',"unavailable":true}'),)
+    def forged(sample: Sample) -> tuple[Sample]:
+        return (sample._replace(attachment=(sample.attachment or b"")[:-1] + b',"unavailable":true}'),)
 
     fleet = under_way(SIX)
-    fleet.meddle = forged
+    fleet.meddle = on(POSITION.key("robot2"), forged)
     fleet.run(3.0)
-    assert {agent.decision.state for agent in fleet.agents.values()} == {AgentState.RUN}
+    assert fleet.states == {AgentState.RUN}
     assert max(off(fleet).values()) < 0.02
     assert fleet.agents["robot3"].neighbours.guides == ("robot1",)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import random
+from collections.abc import Callable
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,6 +17,7 @@ from formation.protocol.outcome import Recipients
 from formation.protocol.stops import MAX_REMEMBERED_REQUESTS, TRAVEL_TIME
 from formation.transport import asking
 from formation.transport.mailbox import Question
+from tests.campaigns.timings.orders import SCENARIOS
 from tests.unit.formation.test_asking import Clock
 
 GO: dict[str, Do] = {"stop": "release", "hold": "run"}
@@ -225,3 +229,14 @@ def test_stop_counts_from_its_request_despite_later_answer() -> None:
     assert not ask(latch, "release", "late", 100.0, age=5.0).ok
     assert latch.mode == "stop"
     assert ask(latch, "release", "c", 106.0, age=5.0).ok
+
+
+Scenario = Callable[[random.Random], None]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", range(3))
+@pytest.mark.parametrize("scenario", SCENARIOS, ids=lambda one: one.__name__)
+def test_no_order_is_lost_and_none_starts_motion(scenario: Scenario, part: int) -> None:
+    for seed in range(10 * part, 10 * part + 10):
+        scenario(random.Random(f"{scenario.__name__} {seed}"))

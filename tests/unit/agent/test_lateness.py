@@ -34,7 +34,7 @@ def test_own_positions_below_the_limit_keep_formation(late: float) -> None:
         fleet.sensors[name] = Link(0.0, (late, late))
     fleet.run(20.0)
     assert fleet.error() < SIX.settled
-    assert all(agent.decision.state is AgentState.RUN for agent in fleet.agents.values())
+    assert fleet.states == {AgentState.RUN}
 
 
 @pytest.mark.slow
@@ -55,8 +55,7 @@ def test_robots_hold_soon_after_the_leader_dies_behind_slow_links(words: str) ->
 
 
 def test_hold_takes_effect_soon_behind_links_that_slow_down() -> None:
-    fleet = Fleet(PAIR)
-    fleet.run(8.0)
+    fleet = Fleet(PAIR).after(8.0)
     fleet.links["leader", "robot2"] = Link(0.0, PROMPT, growth=1.0, since=fleet.now)
     fleet.run(3.0)
     fleet.ask("robot1", "hold")
@@ -65,8 +64,7 @@ def test_hold_takes_effect_soon_behind_links_that_slow_down() -> None:
 
 
 def test_robot_follows_again_when_links_are_well() -> None:
-    fleet = Fleet(PAIR)
-    fleet.run(8.0)
+    fleet = Fleet(PAIR).after(8.0)
     fleet.links["leader", "robot2"] = Link(0.0, PROMPT, growth=1.0, since=fleet.now)
     fleet.run(5.0)
     assert _state(fleet) is AgentState.HOLD
@@ -76,8 +74,7 @@ def test_robot_follows_again_when_links_are_well() -> None:
 
 
 def test_thawed_leader_is_followed_at_once() -> None:
-    fleet = Fleet(PAIR)
-    fleet.run(8.0)
+    fleet = Fleet(PAIR).after(8.0)
     fleet.freeze("leader")
     fleet.run(5.0)
     fleet.thaw("leader")
@@ -87,8 +84,7 @@ def test_thawed_leader_is_followed_at_once() -> None:
 
 @pytest.mark.slow
 def test_uneven_links_never_hold_for_good() -> None:
-    fleet = Fleet(SIX, delay=(0.1, 0.3), seed=3)
-    fleet.run(15.0)
+    fleet = Fleet(SIX, delay=(0.1, 0.3), seed=3).after(15.0)
     held: list[Reason] = []
     for _ in range(100):
         fleet.run(0.1)

@@ -41,8 +41,7 @@ def farthest(fleet: Fleet) -> float:
 def test_edges_stay_within_four_centimetres_during_shape_transition(
     mission: str, shapes: tuple[str, ...]
 ) -> None:
-    fleet = Fleet(load(mission))
-    fleet.run(9.0)
+    fleet = Fleet(load(mission)).after(9.0)
     since = fleet.now
     for shape in shapes:
         assert fleet.order_shape(shape).ok
@@ -71,8 +70,7 @@ def unaware_of_velocities(slots: Taken) -> None:
 
 
 def test_without_their_slots_velocity_they_would_lag_behind() -> None:
-    fleet = Fleet(SIX)
-    fleet.run(9.0)
+    fleet = Fleet(SIX).after(9.0)
     for agent in fleet.agents.values():
         unaware_of_velocities(agent._slots)
     fleet.order_shape("wedge")
@@ -85,8 +83,7 @@ def test_without_their_slots_velocity_they_would_lag_behind() -> None:
 
 @pytest.mark.slow
 def test_jumping_order_is_limited_to_slot_speed() -> None:
-    fleet = Fleet(SIX)
-    fleet.run(9.0)
+    fleet = Fleet(SIX).after(9.0)
     since, jump = fleet.now, Slots(mix={"wedge": 1.0}, rotation=1.5)
 
     def meddled(sample: Sample) -> tuple[Sample, ...]:
@@ -126,9 +123,7 @@ def test_slots_that_are_none_are_refused(slots: Slots, why: str) -> None:
 
 
 @given(st.lists(st.tuples(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), st.floats(0.0, 0.5)), max_size=40))
-def test_reaching_a_limit_from_rest_takes_the_ramp(
-    wishes: list[tuple[float, float, float]],
-) -> None:
+def test_reaching_a_limit_from_rest_takes_the_ramp(wishes: list[tuple[float, float, float]]) -> None:
     sent, moment, spec = Wishes(SIX, "robot2"), 10.0, SIX.robots["robot2"]
     sent.put(moment, AT_REST)
     for speed, turn_rate, wait in wishes:

@@ -15,13 +15,14 @@ from formation.agent.persistence.store import Store
 from formation.agent.process import REFUSED_PERIOD, Sides
 from formation.agent.safety.commander import FAREWELL
 from formation.agent.status import Surroundings
-from formation.mission.file import load, parse, read
+from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.protocol.reasons import Code
 from formation.protocol.status import AgentState
 from formation.ros2.messages import Number, Odometry, encode
 from formation.topics import Topic
 from formation.wire import BadMessage, Now, Outgoing, Sample
+from tests.support.missions import with_robots
 from tests.support.restarting import Drawer
 
 SIX = load("six_robots")
@@ -180,13 +181,8 @@ def test_positions_of_neighbours_come_from_the_fleet_and_are_not_repeated() -> N
     assert ("fleet", "robot1/position") not in setting.turn(position)
 
 
-def local() -> Mission:
-    text, source = read("six_robots")
-    return parse(text.replace("rate = 20 ", 'rate = 20\nmeasurement = "local" '), source)
-
-
 def test_what_a_sensor_sees_is_heard_beside_the_robot_and_repeated() -> None:
-    setting = Setting(local())
+    setting = Setting(with_robots("six_robots", measurement="local"))
     assert "robot2/relative/robot1" in setting.robot.subscribed
     seen = Sample("robot2/relative/robot1", b"\x00\x01\x00\x00 seen", None, 1.0)
     assert ("fleet", "robot2/relative/robot1") in setting.turn(seen)
@@ -223,9 +219,7 @@ def test_a_command_does_not_wait_for_a_look_around(monkeypatch: pytest.MonkeyPat
     assert setting.turn(ODOMETRY)[-1] == ("robot", "looked")
 
 
-def test_refusals_are_queried_rarely(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_refusals_are_queried_rarely(monkeypatch: pytest.MonkeyPatch) -> None:
     setting = Setting()
     result = list[Surroundings]()
     monkeypatch.setattr(setting.agent, "aware", result.append)
@@ -237,9 +231,7 @@ def test_refusals_are_queried_rarely(
     assert setting.fleet.requested == 2
 
 
-def test_agent_with_failing_status_still_stops_its_robot(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_agent_with_failing_status_still_stops_its_robot(monkeypatch: pytest.MonkeyPatch) -> None:
     setting = Setting()
     setting.turn(ODOMETRY)
     setting.log.clear()

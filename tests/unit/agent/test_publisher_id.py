@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
 
 import pytest
@@ -17,14 +16,13 @@ from formation.ros2.messages import Pose, decode, encode
 from formation.topics import POSITION
 from formation.wire import BadMessage, Sample
 from tests.support.fleet import Fleet
+from tests.support.meddling import Meddle, on
 from tests.support.missions import with_robots
 
 SIX = load("six_robots")
 KEY = POSITION.key("robot2")
 PERIOD = 0.05
 LIMIT = 3 * PERIOD
-
-Meddle = Callable[[Sample], tuple[Sample, ...]]
 
 
 def decoded(sample: Sample, **changes: object) -> Sample:
@@ -114,12 +112,7 @@ def test_replayed_messages_of_dead_neighbour_are_not_followed() -> None:
     fleet.kill("robot2")
     tape = iter(kept[-150:])
 
-    def play(sample: Sample) -> tuple[Sample, ...]:
-        if sample.key != POSITION.key("robot1"):
-            return (sample,)
-        return (sample, next(tape)._replace(arrived=sample.arrived))
-
-    fleet.meddle = play
+    fleet.meddle = on(POSITION.key("robot1"), lambda one: (one, next(tape)._replace(arrived=one.arrived)))
     fleet.run(2.0)
     assert fleet.agents["robot3"].neighbours.each["robot2"].stream.state.arrived == pytest.approx(
         8.0, abs=0.1
@@ -128,10 +121,8 @@ def test_replayed_messages_of_dead_neighbour_are_not_followed() -> None:
 
 @pytest.mark.slow
 def test_successor_agent_is_followed_after_first_falls_silent() -> None:
-    fleet = Fleet(SIX)
-    fleet.run(8.0)
-    fleet.nodes["robot2"].core = fleet.agents["robot2"] = fleet.new_agent("robot2")  # with a new publisher id
-    fleet.revive("robot2")
+    fleet = Fleet(SIX).after(8.0)
+    fleet.restart("robot2")  # with a new publisher id
     stream = fleet.agents["robot3"].neighbours.each["robot2"].stream
     last = stream.state.arrived or 0.0
     fleet.run(last + LIMIT - fleet.now)
@@ -158,9 +149,7 @@ def test_former_publisher_repeats_nothing_but_may_return() -> None:
 
 
 @pytest.mark.parametrize("told_at", [20.0, 50.0, 100.0])
-def test_robot_above_nominal_rate_is_heard_after_outage(
-    told_at: float,
-) -> None:
+def test_robot_above_nominal_rate_is_heard_after_outage(told_at: float) -> None:
     publisher, received = AcceptedPublisher("robot2", 20.0), 0.0
     for count in range(round(20.0 * told_at)):
         mono = count / told_at
@@ -181,9 +170,7 @@ def test_highest_possible_count_silences_no_publisher() -> None:
 
 
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 40), st.floats(0.0, 0.1)), max_size=80))
-def test_one_publisher_at_a_time_with_rising_count(
-    messages: list[tuple[str, int, float]],
-) -> None:
+def test_one_publisher_at_a_time_with_rising_count(messages: list[tuple[str, int, float]]) -> None:
     publisher, mono = AcceptedPublisher("robot2", 20.0), 0.0
     admitted: list[tuple[str, int, float]] = []
     for who, count, wait in messages:
@@ -202,14 +189,10 @@ def test_one_publisher_at_a_time_with_rising_count(
 
 def test_a_leader_has_one_publisher_as_well() -> None:
     fleet = Fleet(with_robots("turtlebot3_pair"))
-
-    def second_leader(sample: Sample) -> tuple[Sample, ...]:
-        if sample.key != POSITION.key("leader"):
-            return (sample,)
-        return (sample, moved(decoded(sample, publisher_id="second"), -3.0))
-
     honest = Fleet(with_robots("turtlebot3_pair"))
-    fleet.meddle = second_leader
+    fleet.meddle = on(
+        POSITION.key("leader"), lambda one: (one, moved(decoded(one, publisher_id="second"), -3.0))
+    )
     for one in (fleet, honest):
         one.run(10.0)
     assert fleet.commands == honest.commands

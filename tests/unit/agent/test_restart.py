@@ -82,9 +82,7 @@ def test_restarted_agent_resumes_straight_within_limits_and_forms(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("gone", [0.5, 5.4])
-def test_without_state_heading_comes_from_world_odometry(
-    gone: float,
-) -> None:
+def test_without_state_heading_comes_from_world_odometry(gone: float) -> None:
     team = driving(BACK, 18.0)
     team.lose("robot3", gone)
     team.begin("robot3", empty=True)
@@ -102,8 +100,7 @@ def test_without_state_external_pose_assumes_heading_of_leader() -> None:
 
 
 def test_first_heading_guess_is_from_mission() -> None:
-    team = Team(SIX)
-    team.run(0.4)
+    team = Team(SIX).after(0.4)
     assert team.heading_error("robot4") > 45.0
     assert team.agents["robot4"].decision.state is AgentState.RUN
 

@@ -20,6 +20,7 @@ from formation.ros2.messages import Diagnostics, Number, Odometry, Pose, TwistSt
 from formation.topics import ALIVE, CMD_VEL, ODOM, POSITION, STATUS, TABLE
 from formation.wire import Now, Outgoing, Sample
 from tests.support.fleet import EPOCH, Fleet
+from tests.support.meddling import lost
 from tests.support.missions import with_robots
 
 PAIR = with_robots("turtlebot3_pair", speed_step=0.01, turn_rate_step=0.01)
@@ -45,13 +46,12 @@ def status(outbox: list[Outgoing], name: str) -> Diagnostics:
 def test_disconnected_robot_gets_zero_and_status_gives_reason(
     surroundings: Surroundings, reason: Code, link: RobotLink
 ) -> None:
-    fleet = Fleet(PAIR)
-    fleet.run(3.0)
+    fleet = Fleet(PAIR).after(3.0)
     agent = fleet.agents["robot1"]
     integral = agent.state.integral
     agent.aware(surroundings)
     fleet.run(2.0)
-    assert {command[1:] for command in fleet.commands["robot1"] if command[0] > 3.06} == {AT_REST}
+    assert set(fleet.commands_since("robot1", 3.06)) == {AT_REST}
     result = fleet._published["robot1"].statuses[0]
     assert result.level == 1
     assert fleet.status("robot1").reason == Reason(reason)
@@ -65,8 +65,7 @@ def test_disconnected_robot_gets_zero_and_status_gives_reason(
 
 
 def test_unknown_link_is_not_reported() -> None:
-    fleet = Fleet(SIX)
-    fleet.run(1.0)
+    fleet = Fleet(SIX).after(1.0)
     assert fleet.status("robot2").link is RobotLink.UNKNOWN
     assert "link" not in fleet.message("robot2")
 
@@ -90,7 +89,7 @@ class Moored(Fleet):
 @pytest.mark.parametrize("source", ["odometry", "external"])
 def test_readonly_agent_reports_commands_without_windup(source: str) -> None:
     fleet = Moored(with_robots("turtlebot3_pair", localisation=source, speed_step=0.01, turn_rate_step=0.01))
-    fleet.meddle = lambda sample: () if sample.key == CMD_VEL.key("robot1") else (sample,)
+    fleet.meddle = lost(CMD_VEL.key("robot1"))
     agent = fleet.agents["robot1"]
     agent.aware(LOST)  # nothing is published there, so nobody can be seen to listen
     fleet.run(10.0)
@@ -109,7 +108,7 @@ def test_readonly_agent_reports_commands_without_windup(source: str) -> None:
 @pytest.mark.parametrize("law", [name for name, one in LAWS.items() if one.integral])
 def test_readonly_integral_stays_zero(law: str) -> None:
     fleet, driven = Moored(PAIR, law=law), Fleet(PAIR, law=law)
-    fleet.meddle = lambda sample: () if sample.key == CMD_VEL.key("robot1") else (sample,)
+    fleet.meddle = lost(CMD_VEL.key("robot1"))
     for one in (fleet, driven):
         one.run(10.0)
     assert driven.agents["robot1"].state.integral != 0j

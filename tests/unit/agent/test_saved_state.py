@@ -16,10 +16,10 @@ from formation.agent.process import Sides, drive
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.protocol.status import AgentState
-from formation.ros2.messages import Odometry, Pose, decode, encode
+from formation.ros2.messages import Odometry, Pose
 from formation.topics import ODOM, POSE
 from formation.transport.runtime.process import clocks
-from formation.wire import Sample
+from tests.support import meddling
 from tests.support.missions import with_robots
 from tests.support.recorded import Wire
 from tests.support.restarting import Team, driving, turning_back
@@ -118,9 +118,7 @@ def test_saved_state_that_its_agent_failed_with_is_set_aside(caplog: pytest.LogC
 
 
 @pytest.mark.slow
-def test_proven_saved_state_survives_a_failure(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+def test_proven_saved_state_survives_a_failure(caplog: pytest.LogCaptureFixture) -> None:
     team = lost(1.0)
     news(team, caplog)
     team.run(RESTORE_TRIAL_TIME)
@@ -163,17 +161,10 @@ def test_a_robot_that_was_carried_meanwhile_begins_anew(
     localisation: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     team = lost(1.0, with_robots("six_robots", localisation=localisation))
-
-    def carried(sample: Sample) -> Iterator[Sample]:
-        if sample.key == ODOM.key("robot3"):
-            seen = decode(Odometry, sample.payload)
-            sample = sample._replace(payload=encode(replace(seen, position=seen.position + 9.0)))
-        elif sample.key == POSE.key("robot3"):
-            pose = decode(Pose, sample.payload)
-            sample = sample._replace(payload=encode(replace(pose, position=pose.position + 9.0)))
-        yield sample
-
-    team.meddle = carried
+    key, kind = (ODOM, Odometry) if localisation == "odometry" else (POSE, Pose)
+    team.meddle = meddling.altered(
+        key.key("robot3"), kind, lambda seen: replace(seen, position=seen.position + 9.0)
+    )
     assert "jumped by 9.06 m" in news(team, caplog)
 
 
@@ -181,13 +172,9 @@ def test_a_robot_that_was_carried_meanwhile_begins_anew(
 def test_odometry_of_another_frame_begins_anew(caplog: pytest.LogCaptureFixture) -> None:
     team = lost(1.0)
 
-    def renamed(sample: Sample) -> Iterator[Sample]:
-        if sample.key == ODOM.key("robot3"):
-            seen = replace(decode(Odometry, sample.payload), frame="elsewhere")
-            sample = sample._replace(payload=encode(seen))
-        yield sample
-
-    team.meddle = renamed
+    team.meddle = meddling.altered(
+        ODOM.key("robot3"), Odometry, lambda seen: replace(seen, frame="elsewhere")
+    )
     assert "odometry counts in elsewhere, and counted in map" in news(team, caplog)
 
 
@@ -205,8 +192,7 @@ def test_the_integral_is_taken_over_only_while_it_means_something(gone: float) -
 
 @pytest.mark.slow
 def test_realigned_odometry_persists_over_agent_death() -> None:
-    team = Team(turning_back(odometry_frame="start"))
-    team.run(8.0)
+    team = Team(turning_back(odometry_frame="start")).after(8.0)
     reset_odometry(team.world._hosted["robot3"].plant)
     team.run(3.0)
     assert team.agents["robot3"].here.state.jumps == 1
@@ -223,8 +209,7 @@ def test_odometry_reset_without_agent_restores_approximate_position(
     empty: bool, least: float, most: float
 ) -> None:
     """To where its way was last kept; without that it is taken to be at its start."""
-    team = Team(turning_back(odometry_frame="start"))
-    team.run(8.0)
+    team = Team(turning_back(odometry_frame="start")).after(8.0)
     team.lose("robot3", 1.0)
     reset_odometry(team.world._hosted["robot3"].plant)
     team.run(0.5)
@@ -244,7 +229,7 @@ def test_a_voted_term_survives_a_restart() -> None:
 def test_unused_state_is_not_overwritten_by_dying_agent() -> None:
     team = lost(1.0)
     kept = team.drawers["robot3"].texts["state"]
-    team.meddle = lambda sample: () if sample.key == ODOM.key("robot3") else (sample,)
+    team.meddle = meddling.lost(ODOM.key("robot3"))
     team.begin("robot3")
     team.run(2.0)
     assert team.drawers["robot3"].texts["state"] == kept

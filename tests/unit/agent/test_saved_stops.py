@@ -210,5 +210,5 @@ def test_stopped_robot_stays_stopped_after_full_restart() -> None:
     for name in SIX.followers:
         team.begin(name)
     team.run(5.0)
-    assert {agent.decision.state for agent in team.agents.values()} == {AgentState.STOP}
+    assert team.states == {AgentState.STOP}
     assert {team.last_command(name) for name in SIX.followers} == {(0.0, 0.0)}

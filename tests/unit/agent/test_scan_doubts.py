@@ -21,6 +21,7 @@ from formation.sensing.raycast import Scanner as Device
 from formation.topics import ODOM, SCAN
 from formation.wire import Sample
 from tests.support.fleet import Fleet
+from tests.support.meddling import Meddle, altered, on
 from tests.support.missions import team
 from tests.unit.agent.scanned import Robot, at, mission, post, scan
 from tests.unit.agent.test_scanning import ACROSS, ALONE, among, room, with_mode
@@ -68,8 +69,7 @@ def test_one_speed_that_cannot_be_carries_no_wall_behind_the_robot(
 
 
 def test_impossible_odometry_speed_holds_robot_that_requires_scan() -> None:
-    fleet = Fleet(team(ALONE, scanner="required"))
-    fleet.run(6.0)
+    fleet = Fleet(team(ALONE, scanner="required")).after(6.0)
     fleet.meddle = once_wrong(6.0, 1)
     fleet.run(0.1)
     assert fleet.commands["robot1"][-1][1:] == AT_REST
@@ -115,8 +115,8 @@ def test_motion_history_is_limited_to_needed_duration() -> None:
 # Scans that are late, or whose clock is wrong
 
 
-def late(way: float) -> Callable[[Sample], Iterable[Sample]]:
-    return lambda sample: (sample._replace(arrived=sample.arrived + way),) if sample.key == KEY else (sample,)
+def late(way: float) -> Meddle:
+    return on(KEY, lambda sample: (sample._replace(arrived=sample.arrived + way),))
 
 
 @pytest.mark.parametrize("way", [0.5, 0.7, 1.0, 1.5])
@@ -186,14 +186,7 @@ def test_a_scanner_that_is_blind_beyond_body_and_margin_is_doubted(
 @pytest.mark.parametrize(("scanner", "state"), [("required", "hold"), ("optional", "run")])
 def test_blind_scanner_holds_if_required_and_warns_otherwise(scanner: str, state: str) -> None:
     fleet = Fleet(team(ALONE, scanner=scanner))
-
-    def blind(sample: Sample) -> Iterable[Sample]:
-        if sample.key == KEY:
-            seen = dataclasses.replace(decode(LaserScan, sample.payload), range_min=0.5)
-            sample = sample._replace(payload=encode(seen))
-        return (sample,)
-
-    fleet.meddle = blind
+    fleet.meddle = altered(KEY, LaserScan, lambda seen: dataclasses.replace(seen, range_min=0.5))
     fleet.run(3.0)
     assert fleet.status("robot1").state == state
     message = fleet.message("robot1")
@@ -300,4 +293,4 @@ def test_robots_stop_before_posts_while_scans_are_frozen(exact: bool) -> None:
         assert fleet.plant(one).path - before[one] < 0.1
         assert fleet.agents[one].decision.reason.code is Code.SCAN_FROZEN
     fleet.run(2.0)
-    assert all(agent.decision.state is AgentState.RUN for agent in fleet.agents.values())
+    assert fleet.states == {AgentState.RUN}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 import struct
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 
 import pytest
 
@@ -20,6 +20,7 @@ from formation.sensing.scan import Circle, Mate
 from formation.topics import SCAN
 from formation.wire import Now, Sample
 from tests.support.fleet import Fleet
+from tests.support.meddling import lost, on
 from tests.support.missions import team
 from tests.support.mutations import mutated
 
@@ -65,10 +66,6 @@ def room(fleet: Fleet, seconds: float) -> float:
 def _from_wall(here: complex, begin: complex, end: complex) -> float:
     along = ((here - begin) / (end - begin)).real
     return abs(here - begin - min(max(along, 0.0), 1.0) * (end - begin))
-
-
-def scans(change: Callable[[Sample], Iterable[Sample]]) -> Callable[[Sample], Iterable[Sample]]:
-    return lambda sample: change(sample) if sample.key == KEY else (sample,)
 
 
 # Out of the way of what stands about
@@ -122,8 +119,7 @@ def test_robot_stops_before_a_wall_without_the_filter(mode: str, law: str) -> No
 
 
 def test_holding_robot_reports_zone_clear() -> None:
-    fleet = Fleet(with_mode(among(team(ALONE, scanner="optional"), ACROSS), "off"))
-    fleet.run(20.0)
+    fleet = Fleet(with_mode(among(team(ALONE, scanner="optional"), ACROSS), "off")).after(20.0)
     fleet.ask("leader", "hold")
     fleet.run(1.0)
     assert fleet.status("robot1").state == "hold"
@@ -135,16 +131,15 @@ def test_holding_robot_reports_zone_clear() -> None:
 
 def test_robot_waits_for_first_required_scan() -> None:
     fleet = Fleet(team(ALONE, scanner="required"))
-    fleet.meddle = scans(lambda _: ())
+    fleet.meddle = lost(KEY)
     fleet.run(3.0)
     assert (fleet.status("robot1").state, fleet.status("robot1").reason.code) == ("waiting", Code.NO_SCAN)
-    assert {command[1:] for command in fleet.commands["robot1"]} == {AT_REST}
+    assert set(fleet.commands_since("robot1", 0.0)) == {AT_REST}
 
 
 def test_silent_required_scanner_holds_robot_until_it_returns() -> None:
-    fleet = Fleet(team(ALONE, scanner="required"))
-    fleet.run(6.0)
-    fleet.meddle = scans(lambda _: ())
+    fleet = Fleet(team(ALONE, scanner="required")).after(6.0)
+    fleet.meddle = lost(KEY)
     fell_silent = fleet.now
     fleet.run(2.0)
     result = fleet.status("robot1")
@@ -161,9 +156,8 @@ def test_silent_required_scanner_holds_robot_until_it_returns() -> None:
 
 
 def test_a_robot_goes_on_without_a_scanner_that_is_optional() -> None:
-    fleet = Fleet(team(ALONE, scanner="optional"))
-    fleet.run(6.0)
-    fleet.meddle = scans(lambda _: ())
+    fleet = Fleet(team(ALONE, scanner="optional")).after(6.0)
+    fleet.meddle = lost(KEY)
     for _ in range(12):
         fleet.run(0.25)
         assert fleet.status("robot1").state == "run"
@@ -185,9 +179,7 @@ def test_known_teammate_nearby_is_not_taken_for_stranger() -> None:
     assert result == {"all": (True, False), (): (False, True)}
 
 
-def test_post_is_no_teammate_while_heading_is_unknown(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_post_is_no_teammate_while_heading_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
     """The second believes to face the first, and faces a post as far away instead."""
     mission = team(IN_FILE, scanner="required", avoid="all")
     robots = dict(mission.robots)
@@ -215,8 +207,7 @@ def test_post_is_no_teammate_while_heading_is_unknown(
 def test_silent_teammate_seen_by_scanner_is_passed(when: float) -> None:
     mission = team(IN_FILE, scanner="required", avoid="all")
     in_line = {"row": {"robot1": (-0.8, 0.0), "robot2": (-1.6, 0.0)}}
-    fleet = Fleet(mission.model_copy(update={"shapes": in_line}))
-    fleet.run(when)
+    fleet = Fleet(mission.model_copy(update={"shapes": in_line})).after(when)
     fleet.kill("robot1")
     fleet.world._hosted["robot1"].plant.obey(AT_REST)
     there = fleet.plant("robot1").position
@@ -254,7 +245,7 @@ def test_bad_scans_are_counted_and_change_no_command() -> None:
         stranger = sample._replace(key=SCAN.key("robot9"))
         return [*(sample._replace(payload=one) for one in payloads), stranger, sample, sample]
 
-    attacked.meddle = scans(bad)
+    attacked.meddle = on(KEY, bad)
     spared.run(15.0)
     attacked.run(14.99)
     sent[KEY] += len(seen)  # which came twice
@@ -273,10 +264,8 @@ def _single(number: float) -> bytes:
 def test_scans_that_were_garbled_crash_nothing_and_keep_the_limits() -> None:
     dice = random.Random(4)
     fleet = Fleet(among(team(ALONE, scanner="required"), POST))
-    fleet.meddle = scans(
-        lambda sample: [
-            *(sample._replace(payload=mutated(dice, [sample.payload])) for _ in range(40)), sample
-        ]
+    fleet.meddle = on(
+        KEY, lambda one: [*(one._replace(payload=mutated(dice, [one.payload])) for _ in range(40)), one]
     )  # fmt: skip
     fleet.run(20.0)
     limits = fleet.mission.robots["robot1"].limits

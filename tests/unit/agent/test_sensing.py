@@ -1,7 +1,8 @@
-"""Sensors that lie, blocked wheels, carried robots: the robot holds, probes, and goes on."""
+"""Sensors that lie, stutter or are late, blocked wheels, carried robots: the robot holds and probes."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -9,10 +10,11 @@ import pytest
 from formation.agent.simulated.faults import Fault, read
 from formation.protocol.reasons import Code
 from formation.protocol.status import AgentState
-from formation.ros2.messages import Odometry, decode, encode
+from formation.ros2.messages import Odometry
 from formation.topics import ODOM
 from formation.wire import Sample
 from tests.support.fleet import Fleet
+from tests.support.meddling import altered
 from tests.support.sensing import SOURCES, faulty, late, mission_of, noisy, resting, watch
 
 BEGIN = 8.0
@@ -34,22 +36,17 @@ def suffering(name: str, source: str, kind: str, size: float = 0.0, lasts: float
 @pytest.mark.parametrize(("kind", "size"), [("frozen", 0.0), ("tremble", 1e-3), ("blocked", 0.0)])
 def test_robot_without_seen_motion_stops_and_resumes(source: str, kind: str, size: float) -> None:
     fleet, robot = suffering("six_robots", source, kind, size, lasts=6.0)
-    before = fleet.plant(robot).path
-    fleet.run(4.5)
-    assert fleet.plant(robot).path - before < BOUND
+    assert fleet.driven(robot, 4.5) < BOUND
     assert fleet.agents[robot].decision.state is AgentState.HOLD
     assert "frozen or robot blocked" in str(fleet.status(robot).reason)
-    fleet.run(25.0)
+    assert fleet.driven(robot, 25.0) > 2.0
     assert fleet.agents[robot].decision.state is AgentState.RUN
-    assert fleet.plant(robot).path - before > 2.0
 
 
 @pytest.mark.slow
 def test_probes_stay_bounded_however_long_it_lasts() -> None:
     fleet, robot = suffering("turtlebot3_pair", "odometry", "tremble", 1e-3)
-    before = fleet.plant(robot).path
-    fleet.run(70.0)
-    assert fleet.plant(robot).path - before < BOUND
+    assert fleet.driven(robot, 70.0) < BOUND
     assert fleet.agents[robot].decision.probes
 
 
@@ -65,15 +62,12 @@ def test_hold_and_run_probe_again_at_once() -> None:
     assert fleet.agents[robot].decision.state is AgentState.RUN
 
 
-def test_reported_speeds_that_contradict_positions_hold_the_robot() -> None:
-    fleet, robot = suffering("six_robots", "odometry", "speeds", 0.0)
-    assert fleet.agents[robot].decision.state is AgentState.HOLD
-    assert fleet.agents[robot].decision.reason.code is Code.MOTION_SPEEDS
-
-
-def test_reported_speeds_of_the_wrong_sign_hold_the_robot() -> None:
-    fleet, robot = suffering("six_robots", "odometry", "speeds", -1.0)
-    assert "its speeds say -" in str(fleet.agents[robot].decision.reason)
+@pytest.mark.parametrize(("size", "words"), [(0.0, "its speeds say "), (-1.0, "its speeds say -")])
+def test_reported_speeds_that_contradict_positions_hold_the_robot(size: float, words: str) -> None:
+    fleet, robot = suffering("six_robots", "odometry", "speeds", size)
+    decision = fleet.agents[robot].decision
+    assert (decision.state, decision.reason.code) == (AgentState.HOLD, Code.MOTION_SPEEDS)
+    assert words in str(decision.reason)
 
 
 @pytest.mark.slow
@@ -90,20 +84,15 @@ def test_a_carried_robot_holds_until_it_is_put_down() -> None:
 @pytest.mark.slow
 def test_a_robot_that_spins_in_place_is_checked_by_its_heading() -> None:
     mission = mission_of("six_robots", "odometry")
-    fleet = Fleet(mission)
-    fleet.run(BEGIN)
+    fleet = Fleet(mission).after(BEGIN)
     agent = fleet.agents["robot2"]
-    key, held = ODOM.key("robot2"), list[Odometry]()
+    held = list[Odometry]()
 
-    def freeze(sample: Sample) -> tuple[Sample]:
-        if sample.key != key:
-            return (sample,)
-        result = decode(Odometry, sample.payload)
-        held.append(result)
-        # positions follow, the heading does not
-        return (sample._replace(payload=encode(replace(result, heading=held[0].heading))),)
+    def freeze(seen: Odometry) -> Odometry:
+        held.append(seen)
+        return replace(seen, heading=held[0].heading)  # positions follow, the heading does not
 
-    fleet.meddle = freeze
+    fleet.meddle = altered(ODOM.key("robot2"), Odometry, freeze)
     fleet.ask(mission.leader, "hold")
     fleet.run(0.5)
     law = agent._params.law
@@ -140,3 +129,81 @@ def test_a_fault_that_cannot_be_read_is_named(text: str) -> None:
 
 def test_a_fault_is_read() -> None:
     assert read("robot2:tremble=1e-3@20+10") == Fault("robot2", "tremble", 1e-3, 20.0, 10.0)
+
+
+@pytest.mark.parametrize("late", [0.4, 0.6, 1.0])
+def test_late_odometry_with_fresh_stamps_holds_the_robot(late: float) -> None:
+    fleet = faulty(mission_of("six_robots", "odometry"), Fault("robot3", "restamped", late, 0.0))
+    fleet.run(3.0)
+    before = fleet.plant("robot3").path
+    decision = fleet.agents["robot3"].decision
+    assert decision.reason.code is Code.MOTION_LATE
+    assert decision.reason.values["seen"] == pytest.approx(late, abs=0.06)
+    fleet.run(17.0)
+    assert fleet.plant("robot3").path - before < BOUND
+
+
+@pytest.mark.slow
+def test_robot_goes_on_when_odometry_is_prompt_again() -> None:
+    fleet = faulty(mission_of("six_robots", "odometry"), Fault("robot3", "restamped", 0.4, 0.0, 6.0))
+    fleet.run(30.0)
+    assert fleet.agents["robot3"].decision.state is AgentState.RUN
+    assert fleet.error() < 0.05
+
+
+@pytest.mark.slow
+def test_delay_within_limit_with_noise_causes_no_hold() -> None:
+    mission = noisy(mission_of("six_robots", "odometry"), 0.005)
+    assert watch(faulty(mission, Fault("robot2", "restamped", 0.3, 0.0)), 20.0).holds == {}
+
+
+def test_stuttering_fault_drives_no_further_than_frozen() -> None:
+    fleet: Fleet = faulty(mission_of("six_robots", "odometry"), Fault("robot3", "stutter", 0.35, 8.0))
+    fleet.run(9.5)
+    assert fleet.driven("robot3", 8.0) < BOUND
+
+
+def bursts(fleet: Fleet, robot: str, burst: float, gap: float) -> Callable[[Sample], tuple[Sample, ...]]:
+    """Lose the robot's odometry for `gap` after each `burst` [s]."""
+
+    def meddle(sample: Sample) -> tuple[Sample, ...]:
+        if sample.key == ODOM.key(robot) and fleet.now > BEGIN and fleet.now % (burst + gap) > burst:
+            return ()
+        return (sample,)
+
+    return meddle
+
+
+def stuttering(burst: float, gap: float) -> Fleet:
+    """A fleet in which the odometry of robot3 freezes and comes in bursts."""
+    fleet = faulty(mission_of("six_robots", "odometry"), Fault("robot3", "frozen", 0.0, BEGIN))
+    fleet.meddle = bursts(fleet, "robot3", burst, gap)
+    return fleet
+
+
+@pytest.mark.parametrize(("burst", "gap"), [(0.35, 0.6), (0.2, 0.2)])
+def test_frozen_odometry_in_bursts_holds_the_robot(burst: float, gap: float) -> None:
+    fleet = stuttering(burst, gap)
+    fleet.run(BEGIN + 1.5)
+    assert fleet.driven("robot3", 10.0) < BOUND
+    assert fleet.agents["robot3"].motion.state.doubt is not None
+
+
+def test_interrupted_probes_stay_bounded() -> None:
+    fleet = stuttering(1.45, 0.2)
+    fleet.run(BEGIN + 1.5)
+    assert fleet.driven("robot3", 30.0) < BOUND
+    assert fleet.agents["robot3"]._probe.state.tries > 2
+
+
+def test_odometry_that_comes_in_bursts_causes_no_doubt() -> None:
+    fleet = Fleet(mission_of("six_robots", "odometry"))
+    fleet.meddle = bursts(fleet, "robot3", 0.5, 0.3)
+    while fleet.now < BEGIN + 15.0:
+        fleet.run(0.1)
+        assert fleet.agents["robot3"].motion.state.doubt is None
+    assert fleet.agents["robot3"].decision.reason.code in {
+        Code.RUNNING,
+        Code.POSITION_SILENT,
+        Code.POSITION_GAP,
+    }

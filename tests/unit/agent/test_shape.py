@@ -16,9 +16,7 @@ AT_REST = (0.0, 0.0)
 
 
 def driving(seconds: float = 10.0, *, loss: float = 0.0) -> Fleet:
-    fleet = Fleet(SIX, loss=loss, seed=3)
-    fleet.run(seconds)
-    return fleet
+    return Fleet(SIX, loss=loss, seed=3).after(seconds)
 
 
 def within_limits(fleet: Fleet) -> bool:
@@ -91,8 +89,7 @@ def test_an_agent_that_starts_anew_takes_the_shape_of_the_others() -> None:
     fleet.run(5.0)
     fleet.kill("robot5")
     fleet.run(1.0)
-    fleet.agents["robot5"] = fleet.nodes["robot5"].core = fleet.new_agent("robot5")
-    fleet.revive("robot5")
+    fleet.restart("robot5")
     fleet.run(10.0)
     assert fleet.error() < SIX.settled
 

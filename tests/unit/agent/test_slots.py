@@ -32,9 +32,7 @@ def turned(beat: int, rate: float) -> Order:
 
 
 @given(st.lists(st.tuples(st.integers(1, 5), st.floats(0.001, 0.5)), min_size=1, max_size=50))
-def test_constant_order_gives_exact_slots_at_rest(
-    received: list[tuple[int, float]],
-) -> None:
+def test_constant_order_gives_exact_slots_at_rest(received: list[tuple[int, float]]) -> None:
     slots, beat, moment = Slots(SIX, "robot4"), 7, 100.0
     for beats, wait in received:
         beat, moment = beat + beats, moment + wait
@@ -65,9 +63,7 @@ def test_newly_started_agent_adopts_current_slots(rotation: float, scale: float,
         max_size=20,
     )
 )
-def test_slot_speed_never_exceeds_its_share(
-    jumps: list[tuple[float, float, int, float, int]],
-) -> None:
+def test_slot_speed_never_exceeds_its_share(jumps: list[tuple[float, float, int, float, int]]) -> None:
     slots, beat, moment = Slots(SIX, "robot5"), 1, 0.0
     slots.follow(ordered(beat), moment, moment)
     most = MAX_SLOT_SPEED_SHARE * SIX.robot.max_speed

@@ -180,9 +180,7 @@ class World:
 @pytest.mark.slow
 @settings(max_examples=30)
 @given(data=st.data())
-def test_agent_with_restored_state_sends_identical_bytes(
-    data: st.DataObject,
-) -> None:
+def test_agent_with_restored_state_sends_identical_bytes(data: st.DataObject) -> None:
     world = World(data)
     world.fleet.run(data.draw(st.floats(0.0, 4.0)))
     for _ in range(data.draw(st.integers(0, 3))):
@@ -318,8 +316,7 @@ def test_so_is_every_vector(number: complex) -> None:
 
 
 def remembered() -> tuple[Agent, Any]:
-    fleet = Fleet(MISSIONS["six"])
-    fleet.run(3.0)
+    fleet = Fleet(MISSIONS["six"]).after(3.0)
     return fleet.agents["robot3"], through_a_file(fleet.agents["robot3"])
 
 
@@ -350,9 +347,7 @@ def refusal(agent: Agent, saved: Any) -> str | None:
 
 
 @given(data=st.data())
-def test_invalid_state_is_refused_and_changes_nothing(
-    data: st.DataObject,
-) -> None:
+def test_invalid_state_is_refused_and_changes_nothing(data: st.DataObject) -> None:
     saved = deepcopy(SAVED)
     container, index = data.draw(st.sampled_from(places(saved)))
     if isinstance(container, dict) and data.draw(st.booleans()):

@@ -209,9 +209,7 @@ def test_delay_is_by_the_new_clock_soon_after_it_was_set() -> None:
 
 
 @given(st.lists(st.tuples(st.floats(-1e7, 1e7), st.floats(0.0, 0.5)), max_size=30))
-def test_admitted_interval_is_positive_and_within_wait(
-    messages: list[tuple[float, float]],
-) -> None:
+def test_admitted_interval_is_positive_and_within_wait(messages: list[tuple[float, float]]) -> None:
     stream, mono, last = Stream(RATE), 0.0, 0.0
     for offset, wait in messages:
         mono += wait

@@ -298,8 +298,7 @@ def test_failing_trace_blocks_no_command_and_logs_once(
 
 
 def test_what_is_told_is_read_to_the_last_bit() -> None:
-    fleet = RecordedFleet(with_robots("turtlebot3_pair", localisation="external"))
-    fleet.run(6.0)
+    fleet = RecordedFleet(with_robots("turtlebot3_pair", localisation="external")).after(6.0)
     traces = [s.attachment for s, _ in fleet.record if s.key.endswith(CMD_VEL.name) and s.attachment]
     assert len(traces) > 100
     for attachment in traces:

@@ -129,8 +129,7 @@ def test_no_command_jumps_when_gains_are_accepted(mission: Mission, law: str) ->
 @pytest.mark.slow
 @pytest.mark.parametrize("gains", [{"k_p": 6.0, "k_i": 4.0}, {"k_p": 0.5, "k_i": 0.1}, {"k_i": 0.0}])
 def test_in_formation_nothing_is_felt_of_other_gains(gains: dict[str, float]) -> None:
-    fleet = Fleet(SIX, seed=1)
-    fleet.run(20.0)
+    fleet = Fleet(SIX, seed=1).after(20.0)
     assert fleet.error() < 0.05
     assert tune(fleet, **gains).ok
     fleet.run(5.0)
@@ -139,8 +138,7 @@ def test_in_formation_nothing_is_felt_of_other_gains(gains: dict[str, float]) ->
 
 
 def test_new_and_disconnected_agents_reach_same_gains() -> None:
-    fleet = Fleet(SIX, seed=2, loss=0.1)
-    fleet.run(3.0)
+    fleet = Fleet(SIX, seed=2, loss=0.1).after(3.0)
     fleet.kill("robot4")
     assert tune(fleet, k_p=3.0, k_i=0.5).ok
     fleet.run(1.0)
@@ -155,8 +153,7 @@ def test_new_and_disconnected_agents_reach_same_gains() -> None:
 
 
 def test_gains_survive_the_leader_that_ordered_them() -> None:
-    fleet = Fleet(PATROL, seed=2)
-    fleet.run(5.0)
+    fleet = Fleet(PATROL, seed=2).after(5.0)
     assert tune(fleet, k_p=3.0).ok
     fleet.run(0.3)
     fleet.kill("leader")
@@ -170,8 +167,7 @@ def test_gains_survive_the_leader_that_ordered_them() -> None:
 
 
 def test_restarted_agent_keeps_gains_and_integral() -> None:
-    fleet = Fleet(PAIR, seed=2)
-    fleet.run(6.0)
+    fleet = Fleet(PAIR, seed=2).after(6.0)
     assert tune(fleet, k_p=2.5, k_i=0.3).ok
     fleet.run(4.0)
     name = PAIR.followers[-1]
@@ -199,8 +195,7 @@ def test_restarted_agent_keeps_gains_and_integral() -> None:
 
 @pytest.mark.parametrize("law", LAWS)
 def test_commands_are_computed_again_to_the_last_bit_across_changes(law: str) -> None:
-    fleet = RecordedFleet(SIX, law=law, loss=0.1)
-    fleet.run(2.0)
+    fleet = RecordedFleet(SIX, law=law, loss=0.1).after(2.0)
     assert tune(fleet, k_p=3.0, k_i=0.5).ok
     fleet.run(0.5)
     assert tune(fleet, k_p=1.0).ok

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,14 @@ from formation.control.laws import LAWS
 from formation.mission.file import load, parse, read
 from formation.mission.model import Mission
 from formation.monitor.metrics.keys import watched
+from formation.protocol.order import MAX_REQUEST_BYTES, PositionAttachment
 from formation.ros2.messages import Twist, encode
 from formation.topics import BALLOT, CMD_VEL, ODOM, POSITION, SCAN
 from formation.wire import Now, Sample
-from tests.support.missions import with_robots
-from tests.support.recorded import RecordedFleet, Recording, all_alike, verify
+from tests.support.fleet import EPOCH
+from tests.support.missions import team, with_robots
+from tests.support.recorded import Looped, RecordedFleet, Recording, all_alike, verify
+from tests.support.signed import SignedFleet
 
 SIX, PAIR, CHAINS = load("six_robots"), load("turtlebot3_pair"), load("two_chains")
 POSTS = load("posts")
@@ -31,8 +35,7 @@ STEPS = {"speed_step": 0.01, "turn_rate_step": 0.01}
 
 
 def six(seconds: float = 8.0) -> Recording:
-    fleet = RecordedFleet(SIX)
-    fleet.run(seconds)
+    fleet = RecordedFleet(SIX).after(seconds)
     return fleet.record
 
 
@@ -48,6 +51,11 @@ def changed(old: str, new: str, mission: str = "six_robots") -> Mission:
 
 def without(record: Recording, *gone: Callable[[Sample, float], bool]) -> Recording:
     return [(sample, wall) for sample, wall in record if not any(one(sample, wall) for one in gone)]
+
+
+def nth(number: int) -> int:
+    """Where a command of robot3 is in the recording."""
+    return [index for index, (sample, _) in enumerate(RUN) if sample.key == COMMAND][number]
 
 
 def between(key: str, since: float, until: float) -> Callable[[Sample, float], bool]:
@@ -70,8 +78,7 @@ def between(key: str, since: float, until: float) -> Callable[[Sample, float], b
     ids=["six", "pair", "chains", "local", "start frame", "measured heading", "external", "posts"],
 )  # fmt: skip
 def test_every_command_of_run_is_reproduced_exactly(mission: Mission, law: str) -> None:
-    fleet = RecordedFleet(mission, law=law, loss=0.1)
-    fleet.run(6.0)
+    fleet = RecordedFleet(mission, law=law, loss=0.1).after(6.0)
     assert all_alike(verify(mission, fleet.record))
 
 
@@ -132,26 +139,21 @@ def test_another_law_than_the_recorded_one_differs() -> None:
 
 
 @pytest.mark.slow
-def test_a_command_that_was_altered_in_the_recording_is_found() -> None:
-    at = [number for number, (sample, _) in enumerate(RUN) if sample.key == COMMAND][50]
+@pytest.mark.parametrize(
+    ("payload", "recorded"),
+    [(encode(Twist(0.1, 0.2)), (0.1, 0.2)), (b"\0\1\0\0 rubbish", None)],
+    ids=["altered", "no command"],
+)
+def test_a_command_altered_in_the_recording_is_found(
+    payload: bytes, recorded: tuple[float, float] | None
+) -> None:
+    at = nth(50)
     forged = list(RUN)
-    forged[at] = (RUN[at][0]._replace(payload=encode(Twist(0.1, 0.2))), RUN[at][1])
+    forged[at] = (RUN[at][0]._replace(payload=payload), RUN[at][1])
     one = verify(SIX, forged)["robot3"]
-    assert (one.differing, one.first and one.first.number) == (1, 51)
     assert one.first is not None
-    assert one.first.recorded is not None
-    assert (one.first.recorded.speed, one.first.recorded.turn_rate) == (0.1, 0.2)
-
-
-@pytest.mark.slow
-def test_one_that_is_no_command_at_all_is_found_as_well() -> None:
-    at = [number for number, (sample, _) in enumerate(RUN) if sample.key == COMMAND][50]
-    forged = list(RUN)
-    forged[at] = (RUN[at][0]._replace(payload=b"\0\1\0\0 rubbish"), RUN[at][1])
-    one = verify(SIX, forged)["robot3"]
-    assert one.differing == 1
-    assert one.first is not None
-    assert one.first.recorded is None
+    assert (one.differing, one.first.number) == (1, 51)
+    assert (one.first.recorded and one.first.recorded[:2]) == recorded
 
 
 def test_late_recording_is_judged_from_first_state() -> None:
@@ -182,7 +184,7 @@ def test_commands_that_are_missing_are_counted() -> None:
 
 
 def test_a_command_said_twice_is_passed_over_and_nothing_else() -> None:
-    at = [number for number, (sample, _) in enumerate(RUN) if sample.key == COMMAND][50]
+    at = nth(50)
     one = verify(SIX, [*RUN[: at + 1], RUN[at], *RUN[at + 1 :]])["robot3"]
     assert [(stretch.commands, stretch.reason) for stretch in one.unjudged] == [(1, "comes a second time")]
     assert one.compared == one.exact == one.commands - 1
@@ -234,8 +236,7 @@ def test_a_trace_that_was_tampered_with_never_ends_the_verification(data: st.Dat
     rubbish: Any = data.draw(
         st.sampled_from([None, True, -1, 1e300, "x", [], {}, [[1.0, 2.0, [[9, 9, 9.0]]]]])
     )
-    at = data.draw(st.sampled_from([0, 3, 40]))
-    number = [index for index, (sample, _) in enumerate(RUN) if sample.key == COMMAND][at]
+    number = nth(data.draw(st.sampled_from([0, 3, 40])))
     sample, wall = RUN[number]
     result = json.loads(sample.attachment or b"")
     name = data.draw(st.sampled_from([*result, "state", "gap", "agent", "halt"]))
@@ -249,9 +250,7 @@ def test_a_trace_that_was_tampered_with_never_ends_the_verification(data: st.Dat
     assert one.commands == sum(sample.key == COMMAND for sample, _ in RUN)
 
 
-def test_failing_agent_counts_as_difference_until_next_state(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_failing_agent_counts_as_difference_until_next_state(monkeypatch: pytest.MonkeyPatch) -> None:
     count = itertools.count()
     act = Agent.act
 
@@ -297,3 +296,127 @@ def test_so_many_stretches_are_told_one_by_one_and_no_more() -> None:
     assert len(verdict.unjudged) == MOST_STRETCHES
     assert sum(stretch.commands for stretch in verdict.unjudged) == verdict.commands == 3 * MOST_STRETCHES
     assert verdict.unjudged[-1].reason == "several reasons"
+
+
+@pytest.mark.slow
+def test_killed_agent_and_its_successor_are_both_judged() -> None:
+    fleet = RecordedFleet(SIX).after(4.0)
+    fleet.kill("robot3")
+    fleet.run(1.0)
+    fleet.restart("robot3")
+    fleet.run(4.0)
+    assert all_alike(verify(SIX, fleet.record))
+
+
+def test_new_agent_with_missing_beginning_is_distinguished() -> None:
+    fleet = RecordedFleet(SIX).after(2.0)
+    fleet.restart("robot3")
+    cut = len(fleet.record)
+    fleet.run(1.0)
+    end = len(fleet.record)
+    fleet.run(2.0)
+    one = verify(SIX, fleet.record[:cut] + fleet.record[end:])["robot3"]
+    assert ["another agent publishes" in stretch.reason for stretch in one.unjudged] == [True]
+
+
+def test_two_agents_that_speak_for_one_robot_are_both_judged() -> None:
+    fleet = RecordedFleet(SIX).after(2.0)
+    other = Looped(fleet.new_agent("robot3"), fleet.record)
+    fleet.meddle = lambda sample: (sample,)
+    step = fleet.loop("robot3").step
+
+    def both(now: Now, inbox: Any) -> Any:
+        other.step(now, inbox)
+        return step(now, inbox)
+
+    fleet.loop("robot3").step = both  # type: ignore[method-assign]
+    fleet.run(3.0)
+    one = verify(SIX, fleet.record)["robot3"]
+    assert one.commands > 150
+    assert one.exact == one.commands
+
+
+def test_operator_requests_and_halt_are_reproduced() -> None:
+    fleet = RecordedFleet(PAIR).after(2.0)
+    requested = [
+        ("stop", "a"),
+        ("release", "b"),
+        ("hold", ""),
+        ("release", "b"),
+        ("stop", "b"),
+        ("stop", "a"),
+    ]
+    for do, number in (*requested, ("release", ""), ("run", "")):
+        fleet.ask_once("robot1", do, number)
+        fleet.run(0.5)
+    fleet.ask("leader", "stop")
+    fleet.run(1.0)
+    for name in PAIR.followers:
+        fleet.halt(name)
+    assert all_alike(verify(PAIR, fleet.record))
+
+
+def test_longest_obeyed_stop_is_reproduced() -> None:
+    fleet = RecordedFleet(PAIR).after(2.0)
+    fleet.loop("robot1").sides.request(b'{"do":"stop"}'.ljust(MAX_REQUEST_BYTES), fleet.now)
+    fleet.run(2.0)
+    assert all_alike(verify(PAIR, fleet.record))
+
+
+@pytest.mark.slow
+def test_robot_link_outage_is_reproduced() -> None:
+    fleet = RecordedFleet(SIX).after(2.0)
+    fleet.loop("robot3").robot.connected = False
+    fleet.run(1.0)
+    fleet.loop("robot3").robot.connected = True
+    fleet.run(2.0)
+    assert all_alike(verify(SIX, fleet.record))
+
+
+@pytest.mark.parametrize("mission", [SIX, with_robots("turtlebot3_pair", localisation="external")])
+def test_an_agent_that_moves_nothing_is_verified_as_well(mission: Mission) -> None:
+    fleet = RecordedFleet(mission)
+    name = mission.followers[0]
+    agent = Agent(mission, name, readonly=True, publisher_id="looks")
+    fleet.nodes[name].core = Looped(agent, fleet.record)
+    fleet.run(6.0)
+    assert all_alike(verify(mission, fleet.record))
+
+
+TEAM = team({"r0": ["leader"], "r1": ["leader"], "r2": ["r0", "r1"]})
+
+
+@dataclass
+class SignedRecordedFleet(RecordedFleet, SignedFleet):
+    """Whose processes have certificates."""
+
+    def passed(self, sample: Sample) -> None:
+        self.record.append((sample, EPOCH + self.now))
+
+
+def unsigned(sender: str, attachment: PositionAttachment) -> PositionAttachment:
+    """r0 relays everything without its signature, and from then on forges its mode."""
+    if sender != "r0" or attachment.order is None:
+        return attachment
+    what = attachment.order.model_copy(update={"mode": "stop"})
+    return attachment.model_copy(update={"order": what, "signed": "", "signature": ""})
+
+
+def test_a_signed_run_is_computed_again_without_keys() -> None:
+    fleet = SignedRecordedFleet(TEAM, loss=0.1)
+    fleet.run(4.0)
+    assert any(b"certificate" in (sample.attachment or b"") for sample, _ in fleet.record)
+    assert all_alike(verify(TEAM, fleet.record))
+
+
+@pytest.mark.slow
+def test_refused_orders_are_refused_again_without_keys() -> None:
+    """r2 hears nothing but refused orders in the end, so it holds; its replica must do the same."""
+    fleet = SignedRecordedFleet(TEAM)
+    fleet.run(3.0)
+    fleet.tamper = unsigned
+    fleet.kill("r1")
+    fleet.run(2.5)
+    assert str(fleet.agents["r2"].decision.reason) == "order not signed by leader: it has no signature"
+    verdicts = verify(TEAM, fleet.record)
+    assert all_alike(verdicts)

@@ -289,6 +289,33 @@ def test_only_parking_leads_to_disarmed() -> None:
     }
 
 
+def frozen() -> Watchdog:
+    """Its agent lived for 5 s, and then the watchdog was frozen."""
+    watchdog = connected()
+    lived(watchdog, 0.0, 4.99, steady(0.0, 4.95))
+    return watchdog
+
+
+def waited(end: float) -> list[Sample]:
+    """Signs of life from 5 s to `end`, all read when the watchdog thaws."""
+    return [sign(15.0, 5.0 + i * PERIOD) for i in range(round((end - 5.0) / PERIOD) + 1)]
+
+
+def test_thawed_watchdog_does_not_believe_signs_that_waited() -> None:
+    watchdog, signs = frozen(), waited(5.95)  # the agent died then
+    assert watchdog.step(at(15.0), signs[:10]) == []
+    assert watchdog.state.value == "listening"
+    assert len(watchdog.step(at(15.16), signs[10:])) == 1
+    assert watchdog.state.value == "parking"
+
+
+def test_thawed_watchdog_leaves_a_healthy_agent_alone() -> None:
+    watchdog = frozen()
+    assert watchdog.step(at(15.0), waited(6.95)) == []
+    assert watchdog.step(at(15.03), [sign(15.03, 15.02)]) == []
+    assert watchdog.state is WatchdogState.WATCHING
+
+
 def stopped_after(
     rate: float, kind: Literal["twist", "twist_stamped"], death: float, delays: Sequence[float]
 ) -> float:

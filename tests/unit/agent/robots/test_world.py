@@ -11,10 +11,11 @@ import pytest
 from formation.agent.simulated.faults import Fault, with_faults
 from formation.agent.simulated.simulated import World, kinematic
 from formation.control.unicycle import control_point
-from formation.mission.file import load, parse, read
+from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.ros2.messages import Displacement, Odometry, Pose, Twist, TwistStamped, decode, encode
 from formation.wire import Now, Outgoing, Sample
+from tests.support.missions import with_robots
 
 EPOCH = 1.7e9
 
@@ -47,8 +48,7 @@ def run(world: World, until: float, step: float = 0.05, inbox: Iterable[Sample] 
 
 @pytest.fixture
 def local() -> Mission:
-    text, name = read("six_robots")
-    return parse(text.replace("rate = 20 ", 'rate = 20\nmeasurement = "local" '), name)
+    return with_robots("six_robots", measurement="local")
 
 
 def test_robots_publish_odometry_and_ground_truth_at_rate() -> None:
