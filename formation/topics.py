@@ -44,7 +44,9 @@ class Topic:
     alternative: str = ""
     """Second type some robots use on the same key."""
     agent_input: bool = False
-    """Whether an agent's commands depend on it."""
+    """Whether an agent reads it, so that a recording must have it to run the agent again."""
+    sensor_data: bool = False
+    """Whether ROS 2 declares it with the QoS of sensor data: best effort, the last 5 kept."""
     monitored: tuple[Role, ...] = ()
     """Roles of which the monitor subscribes to this key, `{other}` aside."""
     promised_rate: Literal["robot"] | float | None = None
@@ -93,7 +95,7 @@ POSITION = Topic(
 )  # fmt: skip
 SCAN = Topic(
     "scan", "{robot}/scan", "sensor_msgs/msg/LaserScan", "robot", "its agent (optional)", "5 Hz", Qos(),
-    "range scan", "robot", agent_input=True, monitored=("follower",),
+    "range scan", "robot", agent_input=True, sensor_data=True, monitored=("follower",),
 )  # fmt: skip
 RELATIVE = Topic(
     "relative", "{robot}/relative/{other}", "geometry_msgs/msg/PointStamped", "sensor on the robot",

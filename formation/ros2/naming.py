@@ -20,7 +20,7 @@ from typing import Self
 from formation.ros2.messages import type_hash
 from formation.ros2.ros_names import Ros, RosNames, RosRobot, address
 from formation.ros2.tokens import QOS, SENSOR_QOS, Token, dds_type, hidden
-from formation.topics import SCAN, Topic
+from formation.topics import Topic
 
 _ATTACHMENT = struct.Struct("<qqB16s")
 
@@ -139,5 +139,5 @@ def _tokens(node: str, zid: str, kept: Iterable[tuple[RosNames, list[tuple[str, 
                 topic=place.spelled(key),
                 type=ros_type,
                 type_hash=type_hash(ros_type),
-                qos=SENSOR_QOS if topic.name == SCAN.name else QOS,
+                qos=SENSOR_QOS if topic.sensor_data else QOS,
             )
