@@ -15,8 +15,6 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from pydantic import BaseModel
-from tests.support.reference.pages import PAGES as GENERATED
-from tests.support.reference.pages import REGENERATE
 
 from formation.deploy.cli import COMMANDS
 from formation.deploy.env import ROOT
@@ -26,6 +24,8 @@ from formation.monitor.metrics.events import STATES
 from formation.topics import markdown
 from formation.transport.runtime.command_line import EXTRAS
 from tests.support.reference import mission_keys
+from tests.support.reference.__main__ import PAGES as GENERATED
+from tests.support.reference.__main__ import REGENERATE
 from tests.support.reference.mission_keys import TABLES
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
