@@ -16,7 +16,6 @@ read after everything is sent, for the next step, so that no command waits for i
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from formation.agent.core import Agent
@@ -114,7 +113,7 @@ class Sides:
         yield from commands
         if tells:
             if commands:
-                os.sched_yield()  # the thread that writes them to the socket may run before reports are made
+                self._process.let_threads_run()  # the commands may reach the socket before reports are made
             yield from self._agent.tell(now)
         self._trace.stepped(now, Link(around.connected, around.routed, around.rival), received)
         if self._persistence is not None:

@@ -275,7 +275,7 @@ class MotionCheck:
         if travel is None:
             self._delay.state.seen.clear()
             return
-        self._delay.add(moment, travel.displacement, self.model.back(SPACING, LOOKBACK_COUNT))
+        self._delay.add(moment, travel.displacement, self.model.positions_back(SPACING, LOOKBACK_COUNT))
         doubt = self.state.doubt
         if doubt is None or doubt.kind is MotionFault.FROZEN:
             delay = self._delay.judge(limit)

@@ -173,20 +173,33 @@ class MotionModel:
 
     def back(self, spacing: float, count: int) -> list[Modelled]:
         """The newest state and those before it, `spacing` [s] apart, newest first, `count` in all."""
-        states, number, found = self.state.states, len(self.state.states) - 1, [self.state.states[-1]]
+        found = [_between(before, after, moment) for before, after, moment in self._around(spacing, count)]
+        return [self.now, *found]
+
+    def positions_back(self, spacing: float, count: int) -> list[complex]:
+        """The positions of `back` [m]; quicker than the whole states."""
+        around = self._around(spacing, count)
+        found = [_position_between(before, after, moment) for before, after, moment in around]
+        return [self.now.position, *found]
+
+    def _around(self, spacing: float, count: int) -> Iterator[tuple[Modelled, Modelled, float]]:
+        """Yield the states before and after each moment of `back`, and the moment."""
+        earlier = reversed(self.state.states)
+        newest = after = next(earlier)
+        before = next(earlier, after)
         for step in range(1, count):
-            moment = states[-1].moment - step * spacing
-            while number > 0 and states[number - 1].moment >= moment:
-                number -= 1
-            found.append(_between(states[max(number - 1, 0)], states[number], moment))
-        return found
+            moment = newest.moment - step * spacing
+            while before is not after and before.moment >= moment:
+                after = before
+                before = next(earlier, after)
+            yield before, after, moment
 
 
 def _between(before: Modelled, after: Modelled, moment: float) -> Modelled:
     """State at `moment`, interpolated along the straight line."""
     if moment <= before.moment or before.moment == float("-inf"):
         return before
-    share = min(1.0, (moment - before.moment) / (after.moment - before.moment))
+    share = _share(before, after, moment)
     return Modelled(
         moment,
         before.position + share * (after.position - before.position),
@@ -196,6 +209,17 @@ def _between(before: Modelled, after: Modelled, moment: float) -> Modelled:
         before.path + share * (after.path - before.path),
         before.turning + share * (after.turning - before.turning),
     )
+
+
+def _position_between(before: Modelled, after: Modelled, moment: float) -> complex:
+    """The position of `_between`."""
+    if moment <= before.moment or before.moment == float("-inf"):
+        return before.position
+    return before.position + _share(before, after, moment) * (after.position - before.position)
+
+
+def _share(before: Modelled, after: Modelled, moment: float) -> float:
+    return min(1.0, (moment - before.moment) / (after.moment - before.moment))
 
 
 @dataclass(slots=True, kw_only=True)
@@ -222,10 +246,10 @@ class OwnDelay:
         self.state = OwnDelayState()
         self._misfit = math.hypot(MIN_MISFIT, NOISE_DEVIATIONS * noise)
 
-    def add(self, moment: float, moved: complex, models: Sequence[Modelled]) -> None:
+    def add(self, moment: float, moved: complex, points: Sequence[complex]) -> None:
         """Add a measurement at `moment` [s, monotonic], `moved` [m] from the one before.
 
-        `models` are `LOOKBACK_COUNT` states of the dead reckoning, `SPACING` apart, newest first.
+        `points` are `LOOKBACK_COUNT` positions of the dead reckoning [m], `SPACING` apart, newest first.
         """
         state = self.state
         before = state.seen[-1] if state.seen else (moment, 0j)
@@ -237,15 +261,18 @@ class OwnDelay:
             return
         share = (moment - WINDOW_TIME - oldest[0]) / (next_one[0] - oldest[0])
         start = oldest[1] + share * (next_one[1] - oldest[1])
-        self._add(abs(state.seen[-1][1] - start), models, math.exp((before[0] - moment) / FADING_TIME))
+        self._add(abs(state.seen[-1][1] - start), points, math.exp((before[0] - moment) / FADING_TIME))
 
-    def _add(self, seen: float, models: Sequence[Modelled], kept: float) -> None:
+    def _add(self, seen: float, points: Sequence[complex], kept: float) -> None:
         state = self.state
         state.count, state.squares = kept * state.count + 1.0, kept * state.squares + seen * seen
-        for index in range(GRID_COUNT):
-            commanded = abs(models[index].position - models[index + WINDOW_STEPS].position)
-            state.model_squares[index] = kept * state.model_squares[index] + commanded * commanded
-            state.products[index] = kept * state.products[index] + commanded * seen
+        commanded = [abs(now - before) for now, before in zip(points, points[WINDOW_STEPS:], strict=False)]
+        state.model_squares[:] = [
+            kept * sum_ + one * one for sum_, one in zip(state.model_squares, commanded, strict=True)
+        ]
+        state.products[:] = [
+            kept * sum_ + one * seen for sum_, one in zip(state.products, commanded, strict=True)
+        ]
 
     def misfits(self) -> list[float]:
         """Mean square that is left by each delay [m²]."""

@@ -135,6 +135,9 @@ class VirtualProcess(Runtime):
     def tend(self, mono: float) -> None:
         """Do nothing: there is no systemd, and there are no sockets."""
 
+    def let_threads_run(self) -> None:
+        """Do nothing: there are no threads."""
+
     def play(self, main: Pauses) -> None:
         """Begin `main` now."""
         self._main = main

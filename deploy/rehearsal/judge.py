@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -195,12 +196,16 @@ class Judge:
         return self.settled_at is not None
 
     def look_recorded(self, recorder: Recorder) -> None:
-        """Check that an ended recording has every message that its monitor received or published."""
+        """Check that an ended recording has every message that its monitor read or published.
+
+        What arrived after the monitor's last step was never read.
+        """
         watched = self._fleet.watched
         if watched is None:
             return
-        lost = watched.process.mailbox.overflowed
-        expected = watched.process.mailbox.received + watched.bus.published
+        mailbox = watched.process.mailbox
+        lost, unread = mailbox.overflowed, Counter(one.key for one in mailbox.drain())
+        expected = mailbox.received + watched.bus.published - unread
         missing = expected - recorder.recorded
         if recorder.failure is not None or recorder.lost or missing.total() > lost:
             what = recorder.failure or f"{recorder.lost} messages lost, not recorded: {dict(missing)}"

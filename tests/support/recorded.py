@@ -56,7 +56,9 @@ class Looped:
     ) -> None:
         self.agent, self.record = agent, record
         self.fleet, self.robot = Wire(), Wire()
-        process: Any = SimpleNamespace(bus=self.fleet, robot=self.robot, clock=clock)
+        process: Any = SimpleNamespace(
+            bus=self.fleet, robot=self.robot, clock=clock, let_threads_run=lambda: None
+        )
         self.sides = Sides(agent, process, persistence=persistence)
         self.sides.declare()
         self.publications, self.subscriptions = agent.publications, agent.subscriptions

@@ -8,6 +8,7 @@ how time passes. A `formation.transport.runtime.process.Process` sleeps; a rehea
 from __future__ import annotations
 
 import logging
+import os
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
@@ -164,6 +165,10 @@ class Runtime(ABC):
     @abstractmethod
     def tend(self, mono: float) -> None:
         """Do what a process does now and then beside its core, at `mono` [s]."""
+
+    def let_threads_run(self) -> None:
+        """Let other threads of this process run first, such as the one that writes to sockets."""
+        os.sched_yield()
 
     def declare(self, core: Core, check: Callable[[Sample, float], Sample] | None = None) -> None:
         """Declare all that `core` publishes and subscribes to on the fleet's bus. Raises BusError.

@@ -70,7 +70,12 @@ class Setting:
         self.log: list[tuple[str, str, bytes | None]] = []
         self.fleet, self.robot = Wire("fleet", self.log), Wire("robot", self.log)
         self.agent = Agent(mission, "robot2", readonly=readonly, publisher_id="v")
-        process: Any = SimpleNamespace(bus=self.fleet, robot=self.robot, clock=lambda: Now(1.2, 100.2))
+        process: Any = SimpleNamespace(
+            bus=self.fleet,
+            robot=self.robot,
+            clock=lambda: Now(1.2, 100.2),
+            let_threads_run=lambda: None,
+        )
         self.process = process
         self.sides = Sides(self.agent, process)
         self.sides.declare()
