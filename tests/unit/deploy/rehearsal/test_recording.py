@@ -9,11 +9,13 @@ import pytest
 
 from formation.deploy.recordings import report
 from formation.deploy.refusal import Refusal
+from formation.deploy.rehearsal import rehearsal
 from formation.deploy.rehearsal.faults import KINDS, parse
 from formation.deploy.rehearsal.rehearsal import Plan, rehearse, run
 from formation.deploy.rehearse import main
 from formation.mission.file import load, read
 from formation.mission.file import parse as parse_mission
+from formation.monitor.process import STOP_TIMEOUT_SECONDS
 from formation.monitor.recording import reader
 from formation.monitor.recording.recorder import Recorder
 from formation.wire import Sample
@@ -58,6 +60,16 @@ def test_message_that_is_not_recorded_is_found(tmp_path: Path, monkeypatch: pyte
     verdict = run(Plan(PAIR, record=tmp_path / "less.mcap"), 0, ())
     assert verdict.broken == {"record"}
     assert "robot2/odom" in verdict.violations[0].what
+
+
+@pytest.mark.parametrize("late", [0.0, 0.01, 0.02, 0.03, 0.04])
+def test_message_after_the_last_step_of_the_monitor_is_not_missed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late: float
+) -> None:
+    """As in `formation rehearse posts --seed 5`, where robot6's messages came then."""
+    monkeypatch.setattr(rehearsal, "START_TIME", 3.0)
+    monkeypatch.setattr(rehearsal, "STOP_TIMEOUT_SECONDS", STOP_TIMEOUT_SECONDS + late)
+    assert run(Plan(PAIR, record=tmp_path / "run.mcap"), 0, ()).violations == ()
 
 
 def test_report_reads_a_rehearsal(tmp_path: Path, capsys: Capsys) -> None:
