@@ -72,6 +72,18 @@ def machine() -> str:
     return f"{cores}, {platform.system()}, Python {python}, eclipse-zenoh {version('eclipse-zenoh')}"
 
 
+def one_of(names: Iterable[str]) -> Callable[[str], str]:
+    """The type of an argument that is one of `names`; `choices` refuses a list that may be empty."""
+    known = list(names)
+
+    def name(text: str) -> str:
+        if text not in known:
+            raise argparse.ArgumentTypeError(f"{text!r}: must be one of {', '.join(known)}")
+        return text
+
+    return name
+
+
 def count(most: int) -> Callable[[str], int]:
     """The type of an argument that is a whole number from 1 to `most`."""
 

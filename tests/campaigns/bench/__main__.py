@@ -32,7 +32,7 @@ from tests.campaigns.bench import (
     bench_step,
     control_curves,
 )
-from tests.campaigns.document import DOCS, head, section, stamp, update
+from tests.campaigns.document import DOCS, head, one_of, section, stamp, update
 
 JSON, TEXT = "benchmarks.json", "benchmarks.md"
 HEAD = """\
@@ -98,7 +98,11 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(
-        "part", nargs="*", metavar="PART", choices=PARTS, help=f"of {', '.join(PARTS)}; all if none is named"
+        "part",
+        nargs="*",
+        metavar="PART",
+        type=one_of(PARTS),
+        help=f"of {', '.join(PARTS)}; all by default",
     )
     parser.add_argument("--quick", action="store_true", help="short, printed only; the figures mean little")
     parser.add_argument("--peers", metavar="FOLDER", help="the virtual environment of ir-sim, for `batch`")

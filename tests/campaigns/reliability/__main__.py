@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import cast
 
-from tests.campaigns.document import DOCS, Found, count, head, section, stamp, update
+from tests.campaigns.document import DOCS, Found, count, head, one_of, section, stamp, update
 from tests.campaigns.reliability import failover, faults, network, sensors, shapes, soak, stop
 from tests.campaigns.reliability.campaign import Options, Part, tell
 from tests.support.needs import missing
@@ -128,7 +128,7 @@ def _flags() -> argparse.ArgumentParser:
     )
     parts = (*PARTS, "all")
     flags.add_argument(
-        "parts", metavar="PART", nargs="*", choices=parts, help=f"{', '.join(PARTS)}, or all (but soak)"
+        "parts", metavar="PART", nargs="*", type=one_of(parts), help=f"{', '.join(PARTS)}, or all (but soak)"
     )
     flags.add_argument(
         "--tries", type=count(1000), default=20, metavar="N", help="of every row (default: 20)"

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import cast
 
-from tests.campaigns.document import DOCS, Found, count, head, section, stamp, update
+from tests.campaigns.document import DOCS, Found, count, head, one_of, section, stamp, update
 from tests.campaigns.figures import markdown, verdict
 from tests.campaigns.safety import (
     crossing,
@@ -100,7 +100,11 @@ def _flags() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     flags.add_argument(
-        "parts", metavar="PART", nargs="*", choices=PARTS, help=f"of {', '.join(PARTS)}; all if none is named"
+        "parts",
+        metavar="PART",
+        nargs="*",
+        type=one_of(PARTS),
+        help=f"of {', '.join(PARTS)}; all by default",
     )
     flags.add_argument("--quick", action="store_true", help="a few tries, printed only; they mean little")
     flags.add_argument(
