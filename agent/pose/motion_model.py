@@ -197,9 +197,9 @@ class MotionModel:
 
 def _between(before: Modelled, after: Modelled, moment: float) -> Modelled:
     """State at `moment`, interpolated along the straight line."""
-    if moment <= before.moment or before.moment == float("-inf"):
-        return before
     share = _share(before, after, moment)
+    if share == 0.0:
+        return before
     return Modelled(
         moment,
         before.position + share * (after.position - before.position),
@@ -213,12 +213,13 @@ def _between(before: Modelled, after: Modelled, moment: float) -> Modelled:
 
 def _position_between(before: Modelled, after: Modelled, moment: float) -> complex:
     """The position of `_between`."""
-    if moment <= before.moment or before.moment == float("-inf"):
-        return before.position
     return before.position + _share(before, after, moment) * (after.position - before.position)
 
 
 def _share(before: Modelled, after: Modelled, moment: float) -> float:
+    """How far `moment` is from the one state to the other, from 0 to 1."""
+    if moment <= before.moment or before.moment == float("-inf"):
+        return 0.0
     return min(1.0, (moment - before.moment) / (after.moment - before.moment))
 
 
@@ -268,10 +269,10 @@ class OwnDelay:
         state.count, state.squares = kept * state.count + 1.0, kept * state.squares + seen * seen
         commanded = [abs(now - before) for now, before in zip(points, points[WINDOW_STEPS:], strict=False)]
         state.model_squares[:] = [
-            kept * sum_ + one * one for sum_, one in zip(state.model_squares, commanded, strict=True)
+            kept * total + one * one for total, one in zip(state.model_squares, commanded, strict=True)
         ]
         state.products[:] = [
-            kept * sum_ + one * seen for sum_, one in zip(state.products, commanded, strict=True)
+            kept * total + one * seen for total, one in zip(state.products, commanded, strict=True)
         ]
 
     def misfits(self) -> list[float]:

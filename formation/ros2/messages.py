@@ -12,10 +12,10 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cache, lru_cache
+from functools import cache
 from itertools import chain
 from types import MappingProxyType
-from typing import ClassVar, Self, TypeVar, cast
+from typing import ClassVar, Self, TypeVar
 
 from formation.ros2 import ros
 from formation.ros2.cdr import Reader, Writer
@@ -48,8 +48,6 @@ __all__ = [
 
 MAX_PAYLOAD_BYTES = 64 * 1024
 """Greatest size of a payload that is read; an Odometry has 724 bytes."""
-MAX_CACHED_BYTES = 256
-"""Greatest size of a payload of which the decoded message is kept; a Pose has 104 bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -312,10 +310,6 @@ def encode(message: Message) -> bytes:
 
 def decode(cls: type[M], payload: bytes) -> M:
     """Decode a `cls` from CDR of either byte order. Raises BadMessage, nothing else, if it is invalid."""
-    return cast("M", _known(cls, payload)) if len(payload) <= MAX_CACHED_BYTES else _decoded(cls, payload)
-
-
-def _decoded(cls: type[M], payload: bytes) -> M:
     try:
         if len(payload) > MAX_PAYLOAD_BYTES:
             raise BadMessage(f"{len(payload)} bytes, at most {MAX_PAYLOAD_BYTES} are read")
@@ -325,12 +319,6 @@ def _decoded(cls: type[M], payload: bytes) -> M:
     except BadMessage as error:
         raise BadMessage(f"{cls.ROS_TYPE}: {error}") from None
     return message
-
-
-@lru_cache(maxsize=256)
-def _known(cls: type[Message], payload: bytes) -> Message:
-    """Decode, or return what was decoded before: a process that hosts several robots receives copies."""
-    return _decoded(cls, payload)
 
 
 def _level(level: int) -> int:

@@ -88,7 +88,7 @@ def curve_flags(description: str | None, rounds: int) -> argparse.ArgumentParser
 
 
 def progress(words: str) -> None:
-    """Tell who waits how far it is."""
+    """Print progress on stderr."""
     print(words, file=sys.stderr, flush=True)
 
 

@@ -388,7 +388,7 @@ TEAM = team({"r0": ["leader"], "r1": ["leader"], "r2": ["r0", "r1"]})
 
 @dataclass
 class SignedRecordedFleet(RecordedFleet, SignedFleet):
-    """Whose processes have certificates."""
+    """All its processes have certificates."""
 
     def passed(self, sample: Sample) -> None:
         self.record.append((sample, EPOCH + self.now))

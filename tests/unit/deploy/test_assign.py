@@ -216,7 +216,10 @@ def test_line_ends_stay_as_they_are(capsys: Capsys) -> None:
         ("six_robots --dry-run --positions none.json", "No such file"),
         ("six_robots --dry-run --positions there.toml", "not JSON"),
         ("six_robots --dry-run --positions list.json", "must be an object"),
-        ("six_robots --dry-run --positions who.json", "unknown robot robot9; known: robot1, robot2"),
+        (
+            "six_robots --dry-run --positions unknown_robot.json",
+            "unknown robot robot9; known: robot1, robot2",
+        ),
         ("six_robots --dry-run --positions point.json", "robot2 = [1, True]: must be [x, y]"),
         ("six_robots --dry-run --positions deep.json", "a thousand deep"),
         ("six_robots --dry-run --positions far.json", "two numbers from -100000 to 100000 in metres"),
@@ -227,7 +230,7 @@ def test_line_ends_stay_as_they_are(capsys: Capsys) -> None:
 def test_what_cannot_be_is_one_line_that_says_what_can(arguments: str, says: str, capsys: Capsys) -> None:
     Path("there.toml").write_text("precious", encoding="utf-8")
     Path("list.json").write_text("[1, 2]", encoding="utf-8")
-    Path("who.json").write_text('{"robot9": [1, 2]}', encoding="utf-8")
+    Path("unknown_robot.json").write_text('{"robot9": [1, 2]}', encoding="utf-8")
     Path("point.json").write_text('{"robot2": [1, true]}', encoding="utf-8")
     Path("deep.json").write_text("[" * 100_000, encoding="utf-8")
     Path("far.json").write_text('{"robot2": [1, -1.7e308]}', encoding="utf-8")

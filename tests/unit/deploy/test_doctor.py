@@ -92,7 +92,7 @@ ILLS: dict[str, tuple[Mapping[str, Any], str, str]] = {
     "silent neighbour": ({"newest_status": status_of(age={"leader": 7.3})}, "neighbour-silent",
         "leader has been silent for 7.3 s"),
     "no router": (
-        {"router_trouble": "nobody", "routed": None, "watchdog_state": None, "odometry": Stream(),
+        {"router_trouble": "silent", "routed": None, "watchdog_state": None, "odometry": Stream(),
          "status": Stream()},
         "router-missing", "nothing answers at tcp/127.0.0.1:7447",
     ),

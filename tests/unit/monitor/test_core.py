@@ -155,7 +155,7 @@ def test_unknown_simulated_robot_is_refused_with_possible_names(name: str) -> No
 
 
 def traffic(fleet: Fleet, rng: random.Random, start: float, end: float) -> Iterator[Sample]:
-    """Six robots on a bad radio, and somebody who sends rubbish."""
+    """Six robots on a bad radio, and a stranger that sends invalid messages."""
     gone = {name for name in fleet.mission.names if rng.random() < 0.2}
     for sample in fleet.positions(start, end):
         if sample.key.partition("/")[0] not in gone:

@@ -1,4 +1,4 @@
-"""Who leads a team with standbys, and its candidates: in metrics and events."""
+"""The candidate that leads, and the others, in metrics and events."""
 
 from __future__ import annotations
 
