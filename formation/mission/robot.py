@@ -178,7 +178,7 @@ class SimulatedScanner(Table):
     range_max: Annotated[float, Field(gt=0.0, le=1e3)] = 3.5
     """Longest distance that the scanner measures [m]."""
     noise: NotNegative = 0.005
-    """Least standard deviation of a distance [m]."""
+    """Least standard deviation of a distance [m]; 1 µm if it is less."""
     relative_noise: NotNegative = 0.0175
     """Standard deviation as a share of the distance, beyond half a metre."""
     lost: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0

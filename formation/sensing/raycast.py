@@ -34,6 +34,8 @@ class Scanner(NamedTuple):
     """Share of beams that do not come back, at random."""
 
 
+MIN_NOISE = 1e-6
+"""Least standard deviation of a distance [m]: no real scanner measures twice the same to the last bit."""
 NOISE_GROWTH_DISTANCE = 0.5
 """Distance from which noise grows with the distance [m]."""
 LOST_RANGE = 0.0
@@ -68,7 +70,7 @@ def measured(
     readings = []
     for distance, deviation, chance in zip(distances, normal, uniform, strict=True):
         share = scanner.relative_noise if distance > NOISE_GROWTH_DISTANCE else 0.0
-        reading = distance + max(scanner.noise, share * distance) * deviation
+        reading = distance + max(scanner.noise, share * distance, MIN_NOISE) * deviation
         lost = chance < scanner.lost or distance == math.inf
         in_range = scanner.range_min <= reading <= scanner.range_max
         readings.append(reading if in_range and not lost else LOST_RANGE)

@@ -85,7 +85,12 @@ def analyse(mission: Mission, law: str | None = None) -> Analysis:
     problems = [*faults, *_sampling(mission, mu, stable=not faults), *feasibility.problems(mission)]
     if controller.collision_filter:
         problems += crowding.problems(mission)
-        warnings += [*crowding.could_meet(mission), *crowding.warnings(mission), *crowding.starts(mission)]
+        warnings += [
+            *crowding.could_meet(mission),
+            *crowding.warnings(mission),
+            *crowding.starts(mission),
+            *crowding.rows(mission),
+        ]
     else:
         warnings += crowding.unfiltered(mission)
     if settling is None:

@@ -40,6 +40,18 @@ class Room(NamedTuple):
     second: str
 
 
+class Gap(NamedTuple):
+    """The free way between two slots for a third robot."""
+
+    needed: float
+    """Least distance between the slots [m]."""
+    distance: float
+    """[m]"""
+    shape: str
+    first: str
+    second: str
+
+
 class Segment(NamedTuple):
     """A straight path, relative to the leader [m]."""
 
@@ -110,6 +122,43 @@ def rooms_of(mission: Mission, shape: str) -> Iterator[Room]:
                 bounded = abs(away - lever) - lever - radii - passing
             if math.isfinite(least := min(braked, bounded)):
                 yield Room(least, abs(slots[other] - slots[name]), shape, name, other)
+
+
+def rows(mission: Mission) -> Iterator[str]:
+    """Warn of rows of slots that no robot can pass: one that came behind them would never reach its slot."""
+    if mission.collisions.mode != "on":
+        return
+    gaps = [gap for shape in mission.shapes for gap in _narrow(mission, shape)]
+    if not gaps:
+        return
+    widest = max(gaps, key=lambda gap: gap.needed)
+    yield (
+        f"slots of {widest.first} and {widest.second} in {widest.shape}{_others(gaps)} are "
+        f"{widest.distance:.3g} m apart: no robot can pass between them, and one that was left behind may "
+        f"follow such a row without reaching its slot; slots should be at least {widest.needed:.3g} m apart"
+    )
+
+
+def _narrow(mission: Mission, shape: str) -> Iterator[Gap]:
+    """Pairs of slots between which the filter lets no robot pass that avoids both.
+
+    A disc around the front of its body contains the body, and keeps the margin on both sides.
+    """
+    avoided = {name: set(mission.avoided_by(name)) for name in mission.followers}
+    slots = {name: mission.slot(name, shape) for name in mission.followers}
+    for first, second in combinations(mission.followers, 2):
+        passing = [
+            front(AvoidanceParameters(me.radius, 0.0, 0.0), me.limits) + me.radius
+            for name, me in mission.robots.items()
+            if name in avoided and {first, second} <= avoided[name]
+        ]
+        if not passing:
+            continue
+        bodies = mission.robots[first].radius + mission.robots[second].radius
+        needed = bodies + 2.0 * (max(passing) + mission.collisions.room)
+        distance = abs(slots[first] - slots[second])
+        if distance < needed - BOUND_TOLERANCE:
+            yield Gap(needed, distance, shape, first, second)
 
 
 def _tight(mission: Mission, shape: str) -> Iterator[Room]:

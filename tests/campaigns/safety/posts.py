@@ -144,9 +144,7 @@ ABOUT = filled(
     "disc ahead that the collision filter keeps clear 50 cm. *With noise* scanners have the noise of an",
     "LDS-01 (10 mm, 3.5 % beyond half a metre, two standard deviations) and lose 10 % of their beams. *Form",
     f"again*: the formation error, summed over all edges, stays under {100 * FORMED:.0f} cm over the last",
-    f"{LAST:.0f} s. A scan that stays the same to the last bit while its robot moves counts as frozen:",
-    "a robot in formation that sees only robots that move along, by a scanner without any noise, holds now",
-    "and then for about a second, so few layouts form again in the row *clean*. Real scanners have noise.",
+    f"{LAST:.0f} s.",
 ).strip()
 HEADER = (
     "scans", "layouts", "touched", "nearest post", "nearest bodies", "form again", "error then",

@@ -25,10 +25,7 @@ a random moment on the way to its slot or in formation, for {LASTS:g} s; {SEEDS}
 source. *Driven* is the true way from {GRACE:g} s after the robot first drove with the fault until that ended,
 probes included. A robot must notice late positions from an age of half its delay margin on; its way counts
 where they are older. *Settled* is the time from the end of the fault until the formation had settled, or
-where odometry counts from the start, until all robots ran again. *Not settled*: in
-two_chains a robot whose chain has waited can come to the far side of the other chain. All robots run, and it
-drives beside that moving row without getting through, for as long as the run lasts: the collision filter
-gives the row right of way, and its detours lead along the row."""
+where odometry counts from the start, until all robots ran again."""
 
 
 class Case(NamedTuple):

@@ -89,7 +89,7 @@ def test_with_keep_slots_measure_each_other_as_they_did(capsys: Capsys) -> None:
     Path("mine.toml").write_text(text.replace("x = [", "left6 = ["), encoding="utf-8")
     assigned(capsys, "mine.toml", "--graph", "keep")
     after = load("mine.toml")
-    assert after.slot("left1") == complex(-0.6, 0.4)
+    assert after.slot("left1") == complex(-0.7, 0.4)
     assert after.robots["left1"].neighbours == ("left5",)  # as that slot did
     assert after.robots["left6"].neighbours == ("leader",)
 

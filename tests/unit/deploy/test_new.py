@@ -15,6 +15,7 @@ from formation.mission.file import load
 from formation.simulation.simulate import simulate
 from formation.slots.shapes import SHAPES
 from formation.stability.analysis import analyse
+from formation.stability.crowding import rows
 from tests.campaigns.safety.missions import faults, made
 from tests.unit.deploy.commands import Capsys, output_of, refused
 
@@ -66,8 +67,16 @@ def test_least_spacing_leaves_room_at_starts_and_slots(shape: str, profile: str)
     )
     assert min(abs(a - b) for a, b in combinations(starts, 2)) > 2.4 * radius
     found = analyse(mission)
-    assert not [*found.problems, *found.warnings]
+    assert found.problems == ()
+    assert found.warnings == tuple(rows(mission)), "no robot can pass between such slots"
     assert simulate(mission).converged.all()
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_default_spacing_lets_a_robot_pass_between_slots(shape: str, profile: str) -> None:
+    assert main(["new", shape, "--robots", "7", "--robot", profile]) == 0
+    assert list(rows(load(f"{shape}_7.toml"))) == []
 
 
 def test_recorded_command_recreates_the_same_file(capsys: Capsys) -> None:
@@ -120,7 +129,7 @@ def test_a_machine_reads_what_was_written(capsys: Capsys) -> None:
         "mission": "grid-12",
         "shape": "grid",
         "robots": 12,
-        "spacing": 0.5,
+        "spacing": 0.6,
         "profile": "turtlebot3_burger",
         "edges": sum(map(len, load("grid_12.toml").graph.neighbours)),
         "depth": 4,

@@ -13,7 +13,16 @@ from formation.mission.file import load, shipped
 from formation.mission.model import Mission
 from formation.simulation.simulate import simulate
 from formation.stability.analysis import analyse
-from formation.stability.crowding import Segment, between, could_meet, problems, rooms_of, unavoided, warnings
+from formation.stability.crowding import (
+    Segment,
+    between,
+    could_meet,
+    problems,
+    rooms_of,
+    rows,
+    unavoided,
+    warnings,
+)  # fmt: skip
 from tests.unit.formation import scenarios
 from tests.unit.formation.planar import vectors
 
@@ -171,3 +180,25 @@ def test_printed_law_warns_that_it_avoids_none() -> None:
     assert result not in analyse(SIX).warnings
     assert scenarios.six().collisions.mode == "off"
     assert result not in analyse(scenarios.six(), "paper").warnings
+
+
+@pytest.mark.parametrize(("spacing", "warned"), [(0.639, True), (0.641, False)])
+def test_rows_too_narrow_to_pass_are_warned_of(spacing: float, warned: bool) -> None:
+    """Bodies of 0.1 m with the front 0.1 m ahead and margins of 2 cm pass each other from 0.64 m on."""
+    slots = np.array([0, *(-1 + spacing * k * 1j for k in range(4))])
+    row = scenarios.build(slots, ((), *[(0,)] * 4), robot={"control_point_offset": 0.2})
+    found = list(rows(scenarios.clearing(row)))
+    assert found == list(rows(scenarios.clearing(row, mode="on")))
+    assert bool(found) is warned
+    assert all("at least 0.64 m apart" in one and "0.639 m apart" in one for one in found)
+    assert set(found) <= set(analyse(scenarios.clearing(row)).warnings)
+
+
+def test_two_slots_without_a_third_robot_are_no_row() -> None:
+    pair = scenarios.build(np.array([0, -1, -1 + 0.5j]), ((), (0,), (0,)))
+    assert list(rows(scenarios.clearing(pair))) == []
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_shipped_missions_let_robots_pass(name: str) -> None:
+    assert list(rows(load(name))) == []
