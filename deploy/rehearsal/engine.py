@@ -91,9 +91,12 @@ class VirtualProcess(Runtime):
         capacity: int = MAX_WAITING_MESSAGES,
         *,
         wakes: bool = True,
+        certified: str | None = None,
     ) -> None:
         """`capacity` bounds the messages that wait; without `wakes` none ends a pause early."""
         self.name, self.machine, self.stop = name, machine, Ending()
+        self.certified = certified
+        """The name in its certificate; None for a process that the field does not have."""
         self.alive = True
         self.failure: Exception | None = None
         """The exception that ended it."""

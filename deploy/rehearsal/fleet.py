@@ -24,9 +24,10 @@ from formation.agent.simulated.plant import Moving
 from formation.agent.simulated.simulated import World, host, kinematic
 from formation.agent.watchdog.core import Watchdog
 from formation.agent.watchdog.process import watch
+from formation.deploy.fleet import access
 from formation.deploy.rehearsal.air import LOCAL_DELAY, Air, Weather
 from formation.deploy.rehearsal.engine import UPTIME, Engine, Machine, VirtualProcess
-from formation.deploy.rehearsal.sides import Exchange, FleetPort, RobotPort
+from formation.deploy.rehearsal.sides import Exchange, FleetPort, Permits, RobotPort
 from formation.leader.core import Leader
 from formation.leader.process import lead
 from formation.mission.model import Mission
@@ -154,7 +155,7 @@ class Fleet:
             raise ValueError(f"a fault of kind {sensor_faults[0].kind}: needs the kinematic world")
         self.mission, self.engine = mission, Engine()
         self.air = Air(seed, lambda: self.engine.now, weather)
-        self.fleet = Exchange(self.engine, self.air.ways)
+        self.fleet = Exchange(self.engine, self.air.ways, _permits(mission))
         self.local = Exchange(self.engine, lambda *_: (LOCAL_DELAY,))
         self.machines = {name: Machine(name) for name in (*mission.names, *mission.standbys, MONITOR)}
         self.disks = {name: Disk() for name in self.machines}
@@ -205,7 +206,7 @@ class Fleet:
             publisher_id=self._publisher_id(name),
             certificate=verifier.carry if verifier else _no_certificate,
         )
-        process = self._process(f"agent {name}", name)
+        process = self._process(f"agent {name}", name, name)
         process.plug(self._fleet_port(process), self._robot_port(process, name))
         self.agents[name] = agent, process
         self._tamper(name)
@@ -226,7 +227,7 @@ class Fleet:
 
     def start_rival(self, name: str) -> None:
         """Start a second agent of a robot, which has no disk."""
-        process = self._process(f"second agent {name}", name)
+        process = self._process(f"second agent {name}", name, name)
         process.plug(self._fleet_port(process), self._robot_port(process, name))
         agent = Agent(self.mission, name, publisher_id=self._publisher_id(name))
         self.rivals[name] = process
@@ -247,7 +248,7 @@ class Fleet:
         leader = Leader(
             self.mission, name, publisher_id=self._publisher_id(name), known=terms.read(), signer=signer
         )
-        process = self._process(f"leader {name}", name)
+        process = self._process(f"leader {name}", name, name)
         process.plug(self._fleet_port(process), None)
         self.candidates[name] = leader, process
         process.play(lead(leader, process, verifier, terms.save))
@@ -255,7 +256,12 @@ class Fleet:
     def start_monitor(self, recorder: Recorder | None) -> None:
         """Start the monitor, which records with `recorder`."""
         process = VirtualProcess(
-            self.engine, "monitor", self.machines[MONITOR], MAX_WAITING_MESSAGES, wakes=False
+            self.engine,
+            "monitor",
+            self.machines[MONITOR],
+            MAX_WAITING_MESSAGES,
+            wakes=False,
+            certified=access.MONITOR,
         )
         self.processes.append(process)
         hosts = list(dict.fromkeys(host for _, host in self.robots.values()))
@@ -327,8 +333,8 @@ class Fleet:
             self.robots[name] = world, process
         process.play(host(world, process))
 
-    def _process(self, name: str, machine: str) -> VirtualProcess:
-        process = VirtualProcess(self.engine, name, self.machines[machine])
+    def _process(self, name: str, machine: str, certified: str | None = None) -> VirtualProcess:
+        process = VirtualProcess(self.engine, name, self.machines[machine], certified=certified)
         self.processes.append(process)
         return process
 
@@ -340,6 +346,16 @@ class Fleet:
 
     def _publisher_id(self, name: str) -> str:
         return f"{name}-{next(self._numbers)}"
+
+
+def _permits(mission: Mission) -> Permits:
+    """Return the access rules of the field."""
+    put = {(one.sender, one.receiver, one.key) for one in access.words(mission) if one.message == "put"}
+
+    def permits(sender: str | None, receiver: str | None, key: str) -> bool:
+        return sender is None or receiver is None or (sender, receiver, key) in put
+
+    return permits
 
 
 def _no_certificate(_mono: float) -> str:

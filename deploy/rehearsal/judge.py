@@ -6,6 +6,7 @@
 | limits | commands are finite and within the robot's limits |
 | ramp | no command is faster than the one before by more than the ramp allows |
 | zero | an agent that is not in state `run` commands zero, or a slow probe |
+| access | no process sends another what the access rules of the field refuse |
 | orders | where orders are signed, robots follow only what a candidate has ordered |
 | stop | a robot that acknowledged a stop stands until it is released, whatever restarts |
 | hold | without faults no robot holds by itself once it drives |
@@ -53,6 +54,7 @@ RULES = (
     "limits",
     "ramp",
     "zero",
+    "access",
     "orders",
     "stop",
     "hold",
@@ -180,6 +182,8 @@ class Judge:
         self._check_leaders()
         self._check_bodies()
         self._check_blind()
+        for sender, receiver, key in self._fleet.fleet.refused:
+            self._tell("access", sender, f"sends {key} to {receiver}: the rules of the field refuse it")
         if self._fleet.keys is not None:
             self._check_orders()
         if self._faultless:

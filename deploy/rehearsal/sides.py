@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 Ways = Callable[[str, str, int], Iterable[float]]
 """``ways(sender, receiver, size)``: the delay of each copy that arrives [s], by names of machines."""
 Check = Callable[[Sample, float], Sample]
+Permits = Callable[[str | None, str | None, str], bool]
+"""``permits(sender, receiver, key)``: whether one may send the other that key, by their certificates."""
 HEADER_BYTES = 80
 """Of each message, beside key, payload and attachment."""
 
@@ -35,12 +37,14 @@ class _Subscription(NamedTuple):
 class Exchange:
     """All links of one bus."""
 
-    def __init__(self, engine: Engine, ways: Ways) -> None:
-        self.engine, self._ways = engine, ways
+    def __init__(self, engine: Engine, ways: Ways, permits: Permits = lambda *_: True) -> None:
+        self.engine, self._ways, self._permits = engine, ways, permits
         self.subscriptions: defaultdict[str, list[_Subscription]] = defaultdict(list)
         self.answers: defaultdict[str, list[tuple[VirtualProcess, Handler]]] = defaultdict(list)
         self.watchers: list[Callable[[VirtualProcess, Outgoing], None]] = []
         """Called with each message when it is published."""
+        self.refused: dict[tuple[str, str, str], None] = {}
+        """Refused messages in order: the names of sender and receiver, and the key."""
 
     def publish(self, port: FleetPort | RobotPort, out: Outgoing) -> None:
         """Send `out` to all subscribers."""
@@ -50,6 +54,9 @@ class Exchange:
         sender = port.process.machine.name
         for one in self.subscriptions.get(out.key, ()):
             if one.from_others and one.port is port:
+                continue
+            if not self._permits(port.process.certified, one.port.process.certified, out.key):
+                self.refused[port.process.name, one.port.process.name, out.key] = None
                 continue
             receiver = one.port.process.machine.name
             ways = (0.0,) if one.port is port else self._ways(sender, receiver, size)
@@ -157,7 +164,7 @@ class FleetPort(_Port):
 
     @property
     def refused(self) -> Counter[str]:
-        """Nothing is refused: there are no access rules."""
+        """Nothing: the judge reports refused messages."""
         return Counter()
 
     @property

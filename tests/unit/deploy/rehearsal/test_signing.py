@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from formation.deploy.fleet import access
 from formation.deploy.rehearsal.faults import parse
 from formation.deploy.rehearsal.rehearsal import Plan, Verdict, run
 from formation.deploy.rehearsal.signing import Insider, Keys
@@ -89,3 +90,12 @@ def test_unsigned_order_of_a_leader_breaks_the_rule(monkeypatch: pytest.MonkeyPa
 
 def test_same_seed_gives_the_same_signed_run() -> None:
     assert insiders("robot3:forge@3+4", seed=5) == insiders("robot3:forge@3+4", seed=5)
+
+
+def test_missing_access_rule_is_reported_and_refuses_the_message(monkeypatch: pytest.MonkeyPatch) -> None:
+    lost = POSITION.key("robot1")
+    permitted = [one for one in access.words(SIX) if (one.receiver, one.key) != ("robot3", lost)]
+    monkeypatch.setattr(access, "words", lambda _mission: iter(permitted))
+    verdict = run(Plan(SIX, seconds=5.0), 0, [])
+    (broken,) = [one for one in verdict.violations if one.rule == "access"]
+    assert (broken.robot, "robot3" in broken.what, lost in broken.what) == ("leader robot1", True, True)
