@@ -85,7 +85,7 @@ def test_slot_is_assigned_in_every_shape(capsys: Capsys) -> None:
 
 def test_with_keep_slots_measure_each_other_as_they_did(capsys: Capsys) -> None:
     text = read("two_chains")[0]
-    text = text.replace("left1 = [-0.6, 0.4]", "x = [-0.6, 0.4]").replace("left6 = [-3.6,", "left1 = [-3.6,")
+    text = text.replace("left1 = [-0.7, 0.4]", "x = [-0.7, 0.4]").replace("left6 = [-4.2,", "left1 = [-4.2,")
     Path("mine.toml").write_text(text.replace("x = [", "left6 = ["), encoding="utf-8")
     assigned(capsys, "mine.toml", "--graph", "keep")
     after = load("mine.toml")

@@ -11,9 +11,12 @@ from formation.agent.simulated.simulated import World
 from formation.mission.file import load, parse, read
 from formation.mission.model import Mission
 from formation.ros2.messages import LaserScan, Twist, decode, encode
+from formation.sensing.raycast import MIN_NOISE
 from formation.wire import Now, Sample
 
 EPOCH = 1.7e9
+RANGE_NOISE = 6.0 * MIN_NOISE
+"""Greatest error of a range by a scanner without more noise than it must have [m]."""
 EXACT = "[simulated_scanner]\nnoise = 0.0\nrelative_noise = 0.0\n"
 
 
@@ -56,8 +59,8 @@ def test_it_sees_posts_walls_and_other_robots_where_they_are() -> None:
     there += "[[simulation.walls]]\nbegin = [-4.0, 2.5]\nend = [-1.6, 2.5]"
     world = World(mission(there))
     scan = scans(world, "robot2")[0]  # at -1.5 + 2j, facing +y
-    assert beam(scan, 1 + 0j) == pytest.approx(0.9, abs=1e-6)
-    assert beam(scan, 1 + 1j) == pytest.approx(0.5 * math.sqrt(2.0), rel=1e-6)
+    assert beam(scan, 1 + 0j) == pytest.approx(0.9, abs=RANGE_NOISE)
+    assert beam(scan, 1 + 1j) == pytest.approx(0.5 * math.sqrt(2.0), abs=RANGE_NOISE)
     other = (-3.0 + 1.5j - (-1.5 + 2j)) / 1j
     assert beam(scan, other) == pytest.approx(abs(other) - 0.1, abs=0.01)
     assert beam(scan, -1j) == 0.0  # nothing there
@@ -66,7 +69,7 @@ def test_it_sees_posts_walls_and_other_robots_where_they_are() -> None:
 def test_the_scanner_sees_from_where_it_is_mounted() -> None:
     post = EXACT + "[[simulation.posts]]\nx = -1.5\ny = 3.0\nradius = 0.1\n"
     scan = scans(World(mission(post, "x = -0.1, yaw_deg = 90")), "robot2")[0]
-    assert beam(scan, -1j) == pytest.approx(1.0, abs=1e-6)
+    assert beam(scan, -1j) == pytest.approx(1.0, abs=RANGE_NOISE)
 
 
 def test_a_robot_that_moves_sees_things_come_nearer() -> None:
@@ -74,7 +77,7 @@ def test_a_robot_that_moves_sees_things_come_nearer() -> None:
     ahead = Sample("robot2/cmd_vel", encode(Twist(0.5, 0.0)), None, 0.0)
     seen = scans(World(mission(post)), "robot2", 1.0, ahead)
     steps = [beam(one, 1 + 0j) - beam(two, 1 + 0j) for one, two in pairwise(seen)]
-    assert steps == pytest.approx([0.1] * len(steps), abs=1e-6)
+    assert steps == pytest.approx([0.1] * len(steps), abs=RANGE_NOISE)
 
 
 def test_noise_and_losses_are_a_robots_own_and_the_seeds() -> None:
