@@ -19,11 +19,11 @@ from formation.deploy.rehearsal.fleet import Fleet
 from formation.deploy.rehearsal.operator import Operator
 from formation.deploy.rehearsal.rehearsal import Plan, Verdict, rehearse, run, shrunk
 from formation.deploy.rehearse import main
+from formation.deploy.testing.pytest_plugin import MakeRehearsed
 from formation.leader.candidacy import Candidacy
 from formation.mission.file import load, read
 from formation.protocol.order import OperatorReply
 from formation.protocol.status import AgentState
-from formation.pytest_plugin import MakeRehearsed
 from formation.ros2.messages import Twist, encode
 from formation.topics import CMD_VEL
 from formation.wire import Outgoing

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from formation.pytest_plugin import MakeProcesses
+from formation.deploy.testing.pytest_plugin import MakeProcesses
 
 pytestmark = pytest.mark.processes
 PAIR = "turtlebot3_pair"
@@ -70,7 +70,7 @@ def test_unknown_robots_are_refused(process_fleet: MakeProcesses) -> None:
 
 
 def wait_for_state(fleet: object, robot: str, state: str) -> None:
-    from formation.testing import ProcessFleet
+    from formation.deploy.testing.processes import ProcessFleet
 
     assert isinstance(fleet, ProcessFleet)
     for _ in range(600):

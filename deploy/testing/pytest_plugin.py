@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import pytest
 
 if TYPE_CHECKING:
-    from formation.testing import ProcessFleet, RehearsedFleet
+    from formation.deploy.testing.processes import ProcessFleet
+    from formation.deploy.testing.rehearsed import RehearsedFleet
 
 
 class MakeRehearsed(Protocol):
@@ -31,7 +32,7 @@ class MakeProcesses(Protocol):
 @pytest.fixture
 def rehearsed_fleet() -> Iterator[MakeRehearsed]:
     """Make fleets of all processes of a mission, in memory on a virtual clock."""
-    from formation.testing.rehearsed import RehearsedFleet  # noqa: PLC0415
+    from formation.deploy.testing.rehearsed import RehearsedFleet  # noqa: PLC0415
 
     with ExitStack() as fleets:
 
@@ -44,7 +45,7 @@ def rehearsed_fleet() -> Iterator[MakeRehearsed]:
 @pytest.fixture
 def process_fleet(tmp_path: Path) -> Iterator[MakeProcesses]:
     """Make fleets of real processes on this machine, with logs and recordings in `tmp_path`."""
-    from formation.testing.processes import ProcessFleet  # noqa: PLC0415
+    from formation.deploy.testing.processes import ProcessFleet  # noqa: PLC0415
 
     with ExitStack() as fleets:
         made: list[ProcessFleet] = []

@@ -17,10 +17,10 @@ from formation.deploy.local.launch import Child, Launcher
 from formation.deploy.local.plan import Program, leaders, programs
 from formation.deploy.local.ports import Ports
 from formation.deploy.terminal.snapshot import RobotNow, Snapshot
+from formation.deploy.testing.fleet import DrivenFleet, mission_of
+from formation.deploy.testing.relays import HOST, Relays
 from formation.monitor.metrics.events import Event
 from formation.protocol.outcome import Outcome
-from formation.testing.fleet import DrivenFleet, mission_of
-from formation.testing.relays import HOST, Relays
 from formation.transport import asking, wiring
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig

@@ -14,9 +14,9 @@ from formation.deploy.rehearsal.faults import SENSORS, inject, parse
 from formation.deploy.rehearsal.fleet import Fleet, WorldName
 from formation.deploy.rehearsal.judge import LOOK_PERIOD, Judge, Violation, command_in
 from formation.deploy.rehearsal.operator import Operator
+from formation.deploy.testing.fleet import DrivenFleet, mission_of
 from formation.protocol.order import OperatorReply, OperatorRequest
 from formation.protocol.outcome import Answer, Outcome
-from formation.testing.fleet import DrivenFleet, mission_of
 from formation.topics import CMD_VEL
 from formation.transport import asking
 from formation.wire import Outgoing

@@ -6,9 +6,9 @@ from contextlib import nullcontext
 
 import pytest
 
+from formation.deploy.testing.pytest_plugin import MakeRehearsed
+from formation.deploy.testing.rehearsed import BrokenRuleError
 from formation.mission.file import read
-from formation.pytest_plugin import MakeRehearsed
-from formation.testing import BrokenRuleError
 
 
 def test_fleet_settles_and_goes_on_without_killed_robot(rehearsed_fleet: MakeRehearsed) -> None:

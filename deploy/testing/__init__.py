@@ -9,8 +9,3 @@ Both have the same methods. With pytest the fixtures `rehearsed_fleet` and `proc
         fleet.run(10.0)
         assert fleet.state("robot2") == "run"
 """
-
-from formation.testing.processes import ProcessFleet
-from formation.testing.rehearsed import BrokenRuleError, RehearsedFleet
-
-__all__ = ["BrokenRuleError", "ProcessFleet", "RehearsedFleet"]
