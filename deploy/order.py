@@ -25,6 +25,7 @@ from formation.mission.file import (
 from formation.mission.model import Mission
 from formation.protocol.order import TAKES, OperatorRequest
 from formation.protocol.outcome import Outcome
+from formation.stability import intent
 from formation.transport import asking, wiring
 from formation.transport.asking import OPERATOR
 from formation.transport.bus import Bus
@@ -117,7 +118,7 @@ def stop(arguments: Sequence[str]) -> int:
         options.mission = found(Path())
         print(f"formation: stopping {options.mission}", file=sys.stderr, flush=True)
     mission = read_mission(options.mission)
-    code = give(options, mission, asking.request_for(mission, "stop"))
+    code = give(options, mission, intent.request_for(mission, "stop"))
     if code and not named:
         print("formation: if another mission runs: formation stop MISSION", file=sys.stderr)
     return code
@@ -203,7 +204,7 @@ def _request(mission: Mission, words: Sequence[str]) -> OperatorRequest:
 
 def _request_for(mission: Mission, do: str, what: dict[str, Any]) -> OperatorRequest:
     with refusing(ValueError):
-        return asking.request_for(mission, do, **what)
+        return intent.request_for(mission, do, **what)
 
 
 def _gains(words: Sequence[str]) -> dict[str, float]:

@@ -21,6 +21,7 @@ from formation.deploy.testing.fleet import DrivenFleet, mission_of
 from formation.deploy.testing.relays import HOST, Relays
 from formation.monitor.metrics.events import Event
 from formation.protocol.outcome import Outcome
+from formation.stability import intent
 from formation.transport import asking, wiring
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig
@@ -167,7 +168,7 @@ class ProcessFleet(DrivenFleet):
 
         Raises ValueError for an order that is not legal.
         """
-        request = asking.request_for(self.mission, order, **what)
+        request = intent.request_for(self.mission, order, **what)
         recipients = asking.addressed(self.mission, request.do)
         dialled = tuple(self._agents[name] for name in recipients.names)
         config = BusConfig(connect=dialled, namespace=self.mission.team or "", name=asking.OPERATOR)

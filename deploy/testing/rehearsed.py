@@ -17,6 +17,7 @@ from formation.deploy.rehearsal.operator import Operator
 from formation.deploy.testing.fleet import DrivenFleet, mission_of
 from formation.protocol.order import OperatorReply, OperatorRequest
 from formation.protocol.outcome import Answer, Outcome
+from formation.stability import intent
 from formation.topics import CMD_VEL
 from formation.transport import asking
 from formation.wire import Outgoing
@@ -157,7 +158,7 @@ class RehearsedFleet(DrivenFleet):
 
         Raises ValueError for an order that is not legal.
         """
-        do = asking.request_for(self.mission, order, **what).do
+        do = intent.request_for(self.mission, order, **what).do
         self._judge.expect("stop" if do == "stop" else "hold")
         answers: dict[str, Answer] = {}
         began = self.now

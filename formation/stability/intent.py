@@ -1,21 +1,23 @@
-"""Check an operator's request, and refuse it with a reason before any robot moves.
+"""Make an operator's request, check it, and refuse it with a reason before any robot moves.
 
-Pure. The leader, which knows the present shape, and a client, which does not, use the same checks.
+The checks are pure. The leader, which knows the present shape, and a client, which does not, use the same.
 """
 
 from __future__ import annotations
 
 import math
+import secrets
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
+from pydantic import ValidationError
 
 from formation.control.arrays import ComplexArray
 from formation.mission.model import Mission
 from formation.mission.route import Circle, Leg, Route, Straight
-from formation.protocol.order import TAKES, OperatorRequest, Tuned
+from formation.protocol.order import MAX_REQUEST_BYTES, TAKES, Do, OperatorRequest, Tuned, encode
 from formation.slots.geofence import Geofence
 from formation.slots.shape import PlacedShape
 from formation.stability import tuning
@@ -28,6 +30,32 @@ MIN_TIME_IN_BOUNDS = 1.0
 """Time in which a route must not leave the bounds [s]."""
 MAX_SCALE = 1e3
 """Greatest scale of an order."""
+
+
+def request_for(mission: Mission, do: str, **what: Any) -> OperatorRequest:
+    """A request with its own id. Raises ValueError for an invalid one; the text names the legal ones.
+
+    `what` are its fields, see `formation.protocol.order.TAKES`. The leader may refuse more, as it knows
+    the figure.
+    """
+    legal = [one for one in get_args(Do) if one != "query"]
+    if do not in legal:
+        raise ValueError(f"{do!r}: must be one of {', '.join(legal)}")
+    what, takes = {name: value for name, value in what.items() if value is not None}, TAKES.get(do, ())
+    for name in what:
+        if name not in takes:
+            raise ValueError(f"{do}: takes no {name}")
+    if do == "shape" and not what.get("shape"):
+        raise ValueError(f"shape: must be one of {', '.join(mission.shapes)}")
+    try:
+        request = OperatorRequest.model_validate({"do": do, **what, "id": secrets.token_hex(8)})
+    except ValidationError as error:
+        raise ValueError(f"{do}: {_plain(error)}") from None
+    if why := refusal(mission, request):
+        raise ValueError(why)
+    if len(encode(request)) > MAX_REQUEST_BYTES:
+        raise ValueError(f"{do}: too long, at most {MAX_REQUEST_BYTES} bytes are sent")
+    return request
 
 
 def refusal(
@@ -120,6 +148,13 @@ def tuned(request: OperatorRequest, before: Tuned) -> Tuned:
     return before.model_copy(
         update={name: float(f"{value:.6g}") for name, value in requested.items() if value is not None}
     )
+
+
+def _plain(error: ValidationError) -> str:
+    first = error.errors(include_url=False, include_context=False)[0]
+    where = ".".join(str(part) for part in first["loc"])
+    message = first["msg"].replace("Input should be", "must be")
+    return f"{where} = {first['input']!r}: {message}" if where else message
 
 
 def _untunable(mission: Mission, request: OperatorRequest, gains: Tuned | None) -> str | None:

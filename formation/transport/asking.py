@@ -8,19 +8,15 @@ as it is linked: no robot waits for one that is unreachable or silent.
 
 from __future__ import annotations
 
-import secrets
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, get_args
-
-from pydantic import ValidationError
+from typing import Protocol
 
 from formation.mission.model import Mission
 from formation.protocol import order
-from formation.protocol.order import MAX_ENDED, MAX_REQUEST_BYTES, TAKES, Do, OperatorReply, OperatorRequest
+from formation.protocol.order import MAX_ENDED, OperatorReply, OperatorRequest
 from formation.protocol.outcome import Answer, Outcome, Recipients
-from formation.stability import intent
 from formation.topics import ORDER
 from formation.transport.mailbox import Reply
 from formation.wire import BadMessage
@@ -70,32 +66,6 @@ Put = Callable[[str, bytes, float], Question]
 def addressed(mission: Mission, do: str) -> Recipients:
     """The processes that must answer the request `do`."""
     return Recipients(mission.candidates, mission.followers if do in EVERYONE else ())
-
-
-def request_for(mission: Mission, do: str, **what: Any) -> OperatorRequest:
-    """A request with its own id. Raises ValueError for an invalid one; the text names the legal ones.
-
-    `what` are its fields, see `formation.protocol.order.TAKES`. The leader may refuse more, as it knows
-    the figure.
-    """
-    legal = [one for one in get_args(Do) if one != "query"]
-    if do not in legal:
-        raise ValueError(f"{do!r}: must be one of {', '.join(legal)}")
-    what, takes = {name: value for name, value in what.items() if value is not None}, TAKES.get(do, ())
-    for name in what:
-        if name not in takes:
-            raise ValueError(f"{do}: takes no {name}")
-    if do == "shape" and not what.get("shape"):
-        raise ValueError(f"shape: must be one of {', '.join(mission.shapes)}")
-    try:
-        request = OperatorRequest.model_validate({"do": do, **what, "id": secrets.token_hex(8)})
-    except ValidationError as error:
-        raise ValueError(f"{do}: {_plain(error)}") from None
-    if why := intent.refusal(mission, request):
-        raise ValueError(why)
-    if len(order.encode(request)) > MAX_REQUEST_BYTES:
-        raise ValueError(f"{do}: too long, at most {MAX_REQUEST_BYTES} bytes are sent")
-    return request
 
 
 def give(
@@ -243,13 +213,6 @@ def _take(outcome: Outcome, replies: Sequence[Reply], put_at: float) -> None:
             reason = "".join(c if c.isprintable() else " " for c in new.reason)
             answer = Answer(new.model_copy(update={"reason": reason}), put_at * 1e3 + reply.ms)
             outcome.answers[new.robot] = answer
-
-
-def _plain(error: ValidationError) -> str:
-    first = error.errors(include_url=False, include_context=False)[0]
-    where = ".".join(str(part) for part in first["loc"])
-    message = first["msg"].replace("Input should be", "must be")
-    return f"{where} = {first['input']!r}: {message}" if where else message
 
 
 def _now() -> float:

@@ -25,6 +25,7 @@ from formation.monitor.metrics.events import INFO, WARNING, Event
 from formation.protocol.order import Do, OperatorRequest
 from formation.protocol.outcome import Outcome
 from formation.protocol.stops import MAX_REMEMBERED_REQUESTS, RESTS
+from formation.stability import intent
 from formation.transport import asking, wiring
 from formation.transport.asking import OPERATOR
 from formation.transport.bus import Bus
@@ -199,7 +200,7 @@ class Operator:
         `formation.protocol.order.TAKES`. Raises ValueError, or its subclass Overruled, if the order is not
         given.
         """
-        request = asking.request_for(self._mission, do, **what)
+        request = intent.request_for(self._mission, do, **what)
         behind = None if seen is None else max(time.time() - seen, 0.0)
         with self._lock:
             given, new = self._precedence.give(request, time.monotonic(), click=click, behind=behind)

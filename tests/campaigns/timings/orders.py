@@ -27,6 +27,7 @@ from formation.protocol import order
 from formation.protocol.order import OperatorReply, OperatorRequest
 from formation.protocol.outcome import Outcome
 from formation.protocol.status import AgentState
+from formation.stability import intent
 from formation.topics import ORDER
 from formation.transport import asking
 from formation.transport.mailbox import Reply
@@ -93,7 +94,7 @@ class Console:
 
     def give(self, do: str, seconds: float = 1.0) -> Outcome:
         """Give an order, and go on until everybody has answered, for at most so long [s]."""
-        request = asking.request_for(MISSION, do)
+        request = intent.request_for(MISSION, do)
         if do == "run":
             self.obliged.clear()
         with self._in_virtual_time():

@@ -17,8 +17,8 @@ from formation.monitor.metrics.events import INFO, WARNING, Event
 from formation.monitor.web import control
 from formation.monitor.web.control import Operator, Overruled
 from formation.protocol.order import Mode, OperatorRequest, decode
+from formation.stability import intent
 from formation.topics import ORDER
-from formation.transport import asking
 from formation.transport.bus_config import BusError
 from formation.transport.mailbox import Question, Reply
 from tests.unit.leader.leading import leading
@@ -311,10 +311,10 @@ def test_overtaken_order_is_not_sent(
 
     monkeypatch.setattr(operator, "_put", held_up)
     with operator._lock:
-        given, _ = operator._precedence.give(asking.request_for(SIX, "run"), 0.0)
+        given, _ = operator._precedence.give(intent.request_for(SIX, "run"), 0.0)
         run = pages.submit(operator._give, given)  # looks whether it is over, and then waits for the lock
         assert at_the_door.wait(20.0)
-        operator._precedence.give(asking.request_for(SIX, "stop"), 1.0)
+        operator._precedence.give(intent.request_for(SIX, "stop"), 1.0)
     run.result(20.0)
     assert given.over
     assert not team.received

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, get_args
+from typing import get_args
 
 import pytest
 
 from formation.mission.file import load
 from formation.mission.model import Mission
-from formation.mission.route import Straight
 from formation.protocol import order
-from formation.protocol.order import MAX_REQUEST_BYTES, Do, Mode, OperatorReply, OperatorRequest
+from formation.protocol.order import Do, Mode, OperatorReply, OperatorRequest
 from formation.protocol.outcome import Outcome, Recipients
 from formation.protocol.stops import MOTION, Rest
+from formation.stability import intent
 from formation.transport import asking
 from formation.transport.mailbox import Question, Reply
 
@@ -240,42 +240,10 @@ def test_what_changes_motion_is_put_to_every_robot(do: Do) -> None:
     assert recipients.each == (mission.followers if do in MOTION else ())
 
 
-def test_requests_have_unique_ids_and_known_shapes() -> None:
-    assert len({asking.request_for(SIX, "stop").id for _ in range(10)}) == 10
-    assert asking.request_for(SIX, "shape", shape="wedge").shape == "wedge"
-    for shape in (None, "circle", ""):
-        with pytest.raises(ValueError, match="must be one of hexagon, wedge"):
-            asking.request_for(SIX, "shape", shape=shape)
-
-
-@pytest.mark.parametrize(
-    ("do", "what", "output"),
-    [
-        ("fly", {}, "'fly': must be one of hold, run, stop, release, shape"),
-        ("hold", {"shape": "wedge"}, "hold: takes no shape"),
-        ("rotate", {}, "rotate: rotate takes degrees"),
-        ("rotate", {"degrees": 4000.0}, "degrees = 4000.0: must be less than or equal to 3600"),
-        ("rotate", {"degrees": "30"}, "degrees = '30': must be a valid number"),
-        ("scale", {"factor": 0.0}, "factor = 0.0: must be greater than or equal to 0.001"),
-        ("speed", {"speed": 0.1}, "speed takes speed and degrees"),
-    ],
-)
-def test_what_cannot_be_asked_is_named_with_what_can(do: str, what: dict[str, Any], output: str) -> None:
-    with pytest.raises(ValueError, match=output.replace("(", r"\(")):
-        asking.request_for(SIX, do, **what)
-
-
-def test_route_above_the_size_limit_is_not_sent() -> None:
-    legs = [Straight(speed=0.1, heading_deg=100.0 / 3.0, duration=100.0 / 3.0)] * 300
-    with pytest.raises(ValueError, match=f"route: too long, at most {MAX_REQUEST_BYTES} bytes are sent"):
-        asking.request_for(SIX, "route", legs=legs)
-    assert len(order.encode(asking.request_for(SIX, "route", legs=legs[:100]))) < MAX_REQUEST_BYTES
-
-
 @pytest.mark.parametrize("do", ["release", "run", "stop", "hold"])
 def test_each_repetition_of_a_request_gives_its_age(do: str) -> None:
     fleet = Fleet()
-    asking.ask(fleet.put, Recipients(("robot1",)), asking.request_for(SIX, do), 0.2)
+    asking.ask(fleet.put, Recipients(("robot1",)), intent.request_for(SIX, do), 0.2)
     ages = [one.age for one in fleet.received]
     assert ages[0] == 0.0 < ages[1]
     assert ages[-1] > 0.1
@@ -285,7 +253,7 @@ def test_each_repetition_of_a_request_gives_its_age(do: str) -> None:
 def test_request_age_includes_laptop_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
     fleet, clock = Fleet(), iter([0.0, 0.0, 600.0, 600.0])
     monkeypatch.setattr(asking, "_now", lambda: next(clock))
-    release, twice = asking.request_for(SIX, "release"), lambda: len(fleet.received) == 2
+    release, twice = intent.request_for(SIX, "release"), lambda: len(fleet.received) == 2
     asking.ask(fleet.put, Recipients(("robot1",)), release, 900.0, twice)
     assert [one.age for one in fleet.received] == [0.0, 600.0]
     assert getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC) == asking._CLOCK
@@ -329,7 +297,7 @@ class Robots:
 
     def give(self, do: str, *, seconds: float = 3.0) -> Outcome:
         first, *others = self.rests
-        request = asking.request_for(SIX, do)
+        request = intent.request_for(SIX, do)
         return asking.give(self.put, Recipients((first,), tuple(others)), request, seconds)
 
     @property

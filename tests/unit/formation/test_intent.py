@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,12 +16,11 @@ from formation.agent.following.gains import Bearable
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.mission.route import Circle, Leg, Straight
-from formation.protocol.order import MAX_REASON_CHARS, OperatorRequest, Tuned
+from formation.protocol.order import MAX_REASON_CHARS, MAX_REQUEST_BYTES, OperatorRequest, Tuned, encode
 from formation.slots.shape import PlacedShape
 from formation.stability import intent, spectrum, tuning
 from formation.stability.feasibility import problems
-from formation.stability.intent import refusal, straight, wish
-from formation.transport.asking import request_for
+from formation.stability.intent import refusal, request_for, straight, wish
 from tests.campaigns.safety.gains import MARGIN, drawn, held, stable, unstable
 from tests.unit.formation import scenarios
 
@@ -289,6 +289,38 @@ def test_the_loop_without_an_integral_is_judged_by_its_positions_alone() -> None
     assert tuning.refusal(SIX, Tuned(k_p=2.0, k_i=0.0)) is None
     assert tuning.refusal(scenarios.ring(6), Tuned(k_p=2.0, k_i=0.0)) is None
     assert tuning.refusal(SIX, Tuned(k_p=30.0, k_i=0.0)) is not None
+
+
+def test_requests_have_unique_ids_and_known_shapes() -> None:
+    assert len({request_for(SIX, "stop").id for _ in range(10)}) == 10
+    assert request_for(SIX, "shape", shape="wedge").shape == "wedge"
+    for shape in (None, "circle", ""):
+        with pytest.raises(ValueError, match="must be one of hexagon, wedge"):
+            request_for(SIX, "shape", shape=shape)
+
+
+@pytest.mark.parametrize(
+    ("do", "what", "output"),
+    [
+        ("fly", {}, "'fly': must be one of hold, run, stop, release, shape"),
+        ("hold", {"shape": "wedge"}, "hold: takes no shape"),
+        ("rotate", {}, "rotate: rotate takes degrees"),
+        ("rotate", {"degrees": 4000.0}, "degrees = 4000.0: must be less than or equal to 3600"),
+        ("rotate", {"degrees": "30"}, "degrees = '30': must be a valid number"),
+        ("scale", {"factor": 0.0}, "factor = 0.0: must be greater than or equal to 0.001"),
+        ("speed", {"speed": 0.1}, "speed takes speed and degrees"),
+    ],
+)
+def test_what_cannot_be_asked_is_named_with_what_can(do: str, what: dict[str, Any], output: str) -> None:
+    with pytest.raises(ValueError, match=output.replace("(", r"\(")):
+        request_for(SIX, do, **what)
+
+
+def test_route_above_the_size_limit_is_not_sent() -> None:
+    legs = [Straight(speed=0.1, heading_deg=100.0 / 3.0, duration=100.0 / 3.0)] * 300
+    with pytest.raises(ValueError, match=f"route: too long, at most {MAX_REQUEST_BYTES} bytes are sent"):
+        request_for(SIX, "route", legs=legs)
+    assert len(encode(request_for(SIX, "route", legs=legs[:100]))) < MAX_REQUEST_BYTES
 
 
 def test_single_gain_is_left_to_the_leader_to_judge() -> None:
