@@ -1,7 +1,7 @@
 """The collision filter: changes the law's command so that bodies do not collide.
 
 Not in the paper. Three layers, combined in `avoid`; each passes on unchanged a command that violates nothing
-(docs/decisions/0039-out-of-each-others-way.md has the proof of the brake and the measurements):
+(docs/decisions/0039-collision-filter.md has the proof of the brake and the measurements):
 
 1. Right of way. A half-plane for each obstacle bounds how fast the front of the body may approach it. A robot
    without right of way gets out of the way; one that has it only keeps its distance. The command is the

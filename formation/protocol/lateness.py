@@ -111,7 +111,7 @@ def own_age_limit(neighbours: int, k_p: float, k_i: float, rate: float, longest:
 
     The delay margin is that of λ² + (k_P λ + k_I) d e^{-λτ} with d neighbours, as in
     `formation.stability.spectrum.delay_margin`. Sampling, and turning by an old heading, take up to half
-    of it (docs/decisions/0045-too-old-to-act-on.md). At least two periods of `rate` [Hz], at most
+    of it (docs/decisions/0045-late-messages.md). At least two periods of `rate` [Hz], at most
     `longest` [s].
     """
     if k_p <= 0.0 or neighbours < 1:

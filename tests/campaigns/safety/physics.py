@@ -31,7 +31,7 @@ MOST = 0.03
 TITLE = "Robots with mass"
 ABOUT = f"""\
 Both shipped missions of the paper as they are, in the MuJoCo world
-([decision 41](decisions/0041-robots-with-mass.md)): production agents on a fake clock, {STARTS} starts of
+([decision 41](decisions/0041-physics-world.md)): production agents on a fake clock, {STARTS} starts of
 each, {SECONDS:.0f} s. Starts are drawn as `formation simulate` draws them: control points within ± 3 m of the
 six robots' slots, ± 1 m of the pair's, any heading, bodies {100 * MIN_START_CLEARANCE:.0f} cm
 apart. The leader drives all the time, at 0.2 and at 0.05 m/s. *Off* is by how much relative positions of
