@@ -108,7 +108,13 @@ def test_steps_longer_than_the_robots_period_cause_no_gap() -> None:
 # In simulation
 
 
-@every_law
+@pytest.mark.parametrize(
+    "law",
+    [
+        pytest.param(law, id=name, marks=() if name == "field" else pytest.mark.slow)
+        for name, law in LAWS.items()  # each other one takes ten seconds to compile
+    ],
+)
 def test_simulated_commands_change_no_faster_than_the_ramp(law: Controller) -> None:
     history = simulate(SIX, law=law, horizon=5.0, step=0.02, keep=True).history
     assert history is not None

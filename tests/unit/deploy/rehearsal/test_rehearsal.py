@@ -40,7 +40,10 @@ def rehearsed(*texts: str, mission: Any = SIX, seed: int = 0) -> Verdict:
     return run(Plan(mission), seed, faults(*texts, mission=mission))
 
 
-@pytest.mark.parametrize("name", ["six_robots", "patrol", "two_chains", "turtlebot3_pair"])
+@pytest.mark.parametrize(
+    "name",
+    ["six_robots", "patrol", pytest.param("two_chains", marks=pytest.mark.slow), "turtlebot3_pair"],
+)
 def test_every_rule_holds_without_faults(name: str) -> None:
     verdict = run(Plan(load(name)), 0, ())
     assert verdict.violations == ()
@@ -216,6 +219,7 @@ def test_agent_may_act_on_positions_within_its_age_limit() -> None:
     assert verdict.blind_path == 0.0
 
 
+@pytest.mark.slow
 def test_robots_with_mass_are_rehearsed_without_sensor_faults(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MUJOCO_GL", "disable")
     pytest.importorskip("mujoco")
@@ -226,7 +230,7 @@ def test_robots_with_mass_are_rehearsed_without_sensor_faults(monkeypatch: pytes
 
 
 def test_formation_that_does_not_settle_is_found() -> None:
-    verdict = rehearsed("robot2:full@1+1", mission=SIX.changed(settled=-1.0))
+    verdict = rehearsed("robot2:full@1+1", mission=PAIR.changed(settled=-1.0))
     assert "formation" in verdict.broken
     (violation,) = [one for one in verdict.violations if one.rule == "formation"]
     assert "robot2: " in violation.what
@@ -295,8 +299,10 @@ LOCAL = read("six_robots")[0].replace("rate = 20 ", 'rate = 20\nmeasurement = "l
 
 @pytest.mark.parametrize(
     ("mission", "fault", "reason"),
-    [(LOCAL, "robot3:relative_late=1@6+4", "sensor"), ("posts", "robot3:scan_late=1@6+4", "scan")],
-    ids=["relative", "scan"],
+    [
+        pytest.param(LOCAL, "robot3:relative_late=1@6+4", "sensor", id="relative"),
+        pytest.param("posts", "robot3:scan_late=1@6+4", "scan", id="scan", marks=pytest.mark.slow),
+    ],
 )
 def test_robot_holds_while_a_sensor_is_late(
     rehearsed_fleet: MakeRehearsed, mission: str, fault: str, reason: str
