@@ -109,7 +109,7 @@ class RecordedFleet(Fleet):
 
     def halt(self, name: str) -> None:
         """Have an agent end well."""
-        self._send(name, self.loop(name).halt(Now(self.now, EPOCH + self.now), "told to"))
+        self._send(name, self.loop(name).halt(self.moment, "told to"))
         self.kill(name)
 
     def ask_once(self, name: str, do: str, number: str = "") -> OperatorReply:

@@ -19,8 +19,8 @@ from formation.protocol.order import OperatorReply, OperatorRequest, decode, enc
 from formation.ros2.messages import Twist, TwistStamped
 from formation.ros2.messages import encode as encode_message
 from formation.topics import CMD_VEL
-from formation.wire import Now, Sample
-from tests.support.fleet import EPOCH, named
+from formation.wire import Sample
+from tests.support.fleet import named
 from tests.support.missions import with_keys
 from tests.support.recorded import Looped, RecordedFleet
 
@@ -72,10 +72,6 @@ class Team(RecordedFleet):
             self.drawers[name] = Drawer()
             self.begin(name)
 
-    @property
-    def moment(self) -> Now:
-        return Now(self.now, EPOCH + self.now)
-
     def begin(self, name: str, *, empty: bool = False, boot: str = BOOT) -> None:
         """Start an agent's process with what it finds in its drawer, or with none at all."""
         self.agents[name] = self.new_agent(name)
@@ -102,6 +98,11 @@ class Team(RecordedFleet):
             zero = TwistStamped(0.0, 0.0, 0.0) if spec.cmd_vel == "twist_stamped" else Twist(0.0, 0.0)
             self._deliver("world", Sample(CMD_VEL.key(name), encode_message(zero), None, self.now + 0.0005))
             self.run(seconds - silence)
+
+    def replace(self, name: str, seconds: float = 1.0, *, empty: bool = False, boot: str = BOOT) -> None:
+        """Lose an agent for so long, and start the next."""
+        self.lose(name, seconds)
+        self.begin(name, empty=empty, boot=boot)
 
     def tell(self, name: str, do: str, **more: Any) -> OperatorReply:
         """Ask an agent, or the leader."""

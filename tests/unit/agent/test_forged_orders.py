@@ -11,7 +11,6 @@ from formation.control.unicycle import AT_REST
 from formation.protocol import order
 from formation.protocol.order import Order, PositionAttachment, Slots, Tuned
 from formation.protocol.status import AgentState
-from formation.wire import Now
 from tests.support.fleet import EPOCH, Fleet
 from tests.support.missions import team
 from tests.support.signed import SignedFleet, issued, signed, signer
@@ -205,7 +204,7 @@ def recorded(fleet: SignedFleet) -> Iterator[PositionAttachment]:
     fleet.restart("leader")
     first = len(tape)
     fleet.run(3.0)
-    fleet.nodes["leader"].core.halt(Now(fleet.now, EPOCH + fleet.now), "SIGINT")
+    fleet.nodes["leader"].core.halt(fleet.moment, "SIGINT")
     fleet.kill("leader")
     return iter([one for one in tape[:first] if one.order and one.order.mode == "run"])
 
@@ -297,7 +296,7 @@ def test_signed_fleet_forms_and_goes_on_through_a_renewal() -> None:
     fleet.run(8.0)
     assert fleet.error() < 0.05
     assert not fleet.leader.forgers(fleet.now)
-    assert not any(agent.orders.forgers(Now(fleet.now, EPOCH + fleet.now)) for agent in fleet.agents.values())
+    assert not any(agent.orders.forgers(fleet.moment) for agent in fleet.agents.values())
 
 
 def test_robot_that_joins_late_gets_the_certificate() -> None:

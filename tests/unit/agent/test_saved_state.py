@@ -196,8 +196,7 @@ def test_realigned_odometry_persists_over_agent_death() -> None:
     reset_odometry(team.world._hosted["robot3"].plant)
     team.run(3.0)
     assert team.agents["robot3"].here.state.jumps == 1
-    team.lose("robot3", 1.0)
-    team.begin("robot3")
+    team.replace("robot3")
     team.run(6.0)
     assert team.error() < 0.05
     assert team.agents["robot3"].here.state.source.realigned == 1

@@ -172,7 +172,7 @@ def test_restarted_agent_keeps_gains_and_integral() -> None:
     fleet.run(4.0)
     name = PAIR.followers[-1]
     before = fleet.agents[name]
-    now = Now(fleet.now, EPOCH + fleet.now)
+    now = fleet.moment
     saved = json.dumps(Restorer(before, "boot").saved(now)).encode()
     received: list[Sample] = []
 
