@@ -17,8 +17,8 @@ from formation.wire import Now
 from tests.campaigns.safety.crossing import elsewhere
 from tests.support.fleet import Fleet
 from tests.support.missions import with_robots
-from tests.unit.agent.test_avoiding import room
 from tests.unit.agent.test_clocks import set_clock
+from tests.unit.agent.test_scanning import room
 
 SIX = load("six_robots")
 BOUND = MAX_ANSWER_DELAYS * MAX_DELAY

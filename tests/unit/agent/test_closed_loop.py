@@ -18,7 +18,7 @@ from tests.support.fleet import Fleet
 from tests.support.meddling import lost
 from tests.support.missions import with_robots
 from tests.unit.agent.sudden import most_sudden
-from tests.unit.agent.test_avoiding import room
+from tests.unit.agent.test_scanning import room
 from tests.unit.formation import scenarios
 
 SIX = load("six_robots")
