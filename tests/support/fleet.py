@@ -43,6 +43,13 @@ def named(request: OperatorRequest, put: Callable[[bytes], bytes]) -> OperatorRe
 
 
 EPOCH = 1.7e9
+
+
+def at(mono: float) -> Now:
+    """A moment, by clocks that are right."""
+    return Now(mono, EPOCH + mono)
+
+
 BETWEEN = (f"/{POSITION.name}", f"/{BALLOT.name}", f"/{ROUTE.name}")
 """How keys end that go from robot to robot, over links that lose, delay and repeat."""
 
@@ -297,7 +304,7 @@ class Fleet:
     @property
     def moment(self) -> Now:
         """What clocks say now that are right."""
-        return Now(self.now, EPOCH + self.now)
+        return at(self.now)
 
     @property
     def within_limits(self) -> bool:

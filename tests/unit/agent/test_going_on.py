@@ -43,6 +43,11 @@ def off(fleet: Fleet) -> dict[str, float]:
     return {n: abs(point - leader - slot) for n, point, slot in zip(followers, points, slots, strict=True)}
 
 
+def unavailable(fleet: Fleet) -> list[str]:
+    """The robots that say so."""
+    return [name for name, agent in fleet.agents.items() if agent.state.availability.published]
+
+
 def dead(fleet: Fleet, name: str) -> Callable[[], None]:
     """Its agent is; the watchdog has it stand."""
     fleet.kill(name)
@@ -169,7 +174,7 @@ def test_those_behind_a_robot_that_comes_back_follow_it_home() -> None:
     assert {fleet.agents[f"left{k}"].decision.state for k in range(1, 7)} == {AgentState.RUN}
     fleet.run(14.0)
     assert max(off(fleet).values()) < 0.1
-    assert not any(agent.state.availability.published for agent in fleet.agents.values())
+    assert unavailable(fleet) == []
 
 
 @pytest.mark.slow
@@ -180,15 +185,14 @@ def test_no_robot_is_unavailable_while_the_team_stands(do: str) -> None:
         fleet.ask(name, do)
     fleet.ask("leader", do)
     fleet.run(1.0)
-    assert not any(agent.state.availability.published for agent in fleet.agents.values())
+    assert unavailable(fleet) == []
 
 
 def test_no_robot_is_unavailable_before_it_has_set_out() -> None:
-    fleet, result = Fleet(SIX), []
+    fleet = Fleet(SIX)
     for _ in range(60):
         fleet.run(0.1)
-        result += [agent.state.availability.published for agent in fleet.agents.values()]
-    assert not any(result)
+        assert unavailable(fleet) == []
 
 
 @pytest.mark.slow
@@ -224,7 +228,7 @@ def test_predicted_robots_hold_on_loss_and_resume_afterwards(mission: Mission, d
     restore()
     fleet.run(2.0 * FAULT_FREE_TIME)
     assert fleet.states == {AgentState.RUN}
-    assert not any(agent.state.availability.published for agent in fleet.agents.values())
+    assert unavailable(fleet) == []
     for name in mission.followers:
         assert fleet.agents[name].neighbours.guides == mission.robots[name].neighbours
 
@@ -243,7 +247,7 @@ def test_all_robots_resume_after_release_in_any_order(mission: Mission, data: st
         fleet.run(data.draw(st.sampled_from([0.0, 0.3, 2.0])))
     fleet.run(2.0 * FAULT_FREE_TIME)
     assert fleet.states == {AgentState.RUN}
-    assert not any(agent.state.availability.published for agent in fleet.agents.values())
+    assert unavailable(fleet) == []
     for name in mission.followers:
         assert fleet.agents[name].neighbours.guides == mission.robots[name].neighbours
 
@@ -259,7 +263,7 @@ def test_two_unavailable_robots_do_not_wait_for_each_other() -> None:
         fleet.ask(name, "run")
     fleet.run(8.0)
     assert max(off(fleet).values()) < 0.02
-    assert not any(agent.state.availability.published for agent in fleet.agents.values())
+    assert unavailable(fleet) == []
 
 
 @pytest.mark.slow

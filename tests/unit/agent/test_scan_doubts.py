@@ -20,10 +20,10 @@ from formation.ros2.messages import LaserScan, Odometry, decode, encode
 from formation.sensing.raycast import Scanner as Device
 from formation.topics import ODOM, SCAN
 from formation.wire import Sample
-from tests.support.fleet import Fleet
+from tests.support.fleet import Fleet, at
 from tests.support.meddling import Meddle, altered, on
 from tests.support.missions import team
-from tests.unit.agent.scanned import Robot, at, mission, post, scan
+from tests.unit.agent.scanned import Robot, mission, post, scan
 from tests.unit.agent.test_scanning import ACROSS, ALONE, among, room, with_mode
 
 WALL = [(2.0 - 30j, 2.0 + 30j)]

@@ -31,17 +31,14 @@ from formation.protocol.order import encode as encode_order
 from formation.protocol.status import AgentState
 from formation.ros2.messages import MAX_PAYLOAD_BYTES, Odometry, Pose, Text, decode, encode
 from formation.topics import CMD_VEL, ODOM, POSITION
-from formation.wire import Now, Sample
+from formation.wire import Sample
+from tests.support.fleet import at
 from tests.support.missions import with_robots
 from tests.support.recorded import Looped, RecordedFleet, Recording
 
 SIX = load("six_robots")
 KEY = CMD_VEL.key("robot3")
 HELD = [ODOM.key("robot3"), *(POSITION.key(f"robot{other}") for other in (1, 2, 4, 5, 6))]
-
-
-def now(mono: float) -> Now:
-    return Now(mono, 1.7e9 + mono)
 
 
 def odometry(mono: float, attachment: bytes | None = None) -> Sample:
@@ -67,7 +64,7 @@ class Setting:
     def turn(self, mono: float, *inbox: Sample) -> Any:
         """The trace of the command that this step led to; None if it led to none, or has none."""
         self.record.clear()
-        self.loop.step(now(mono), inbox)
+        self.loop.step(at(mono), inbox)
         return self.trace()
 
     def trace(self) -> Any:
@@ -164,7 +161,7 @@ def test_the_last_words_carry_a_trace_as_well() -> None:
     setting = Setting()
     setting.turn(1.0)
     setting.record.clear()
-    setting.loop.halt(now(1.2), "SIGTERM")
+    setting.loop.halt(at(1.2), "SIGTERM")
     assert setting.trace() == {"n": 2, "publisher_id": "abc", "steps": [], "halt": [1.2, 1.7e9 + 1.2]}
 
 
@@ -220,7 +217,7 @@ def test_endless_flood_traces_state_once_per_second() -> None:
 def test_minutes_without_a_command_hold_no_more_than_so_much() -> None:
     one = Trace(Agent(SIX, "robot3"))
     for tick in range(10_000):
-        one.stepped(now(0.01 * tick), Link(True, True), [position(0.01 * tick, tick)])
+        one.stepped(at(0.01 * tick), Link(True, True), [position(0.01 * tick, tick)])
         one.requested(b'{"do":"hold"}', 0.01 * tick)
         assert len(one._steps) <= MAX_TRACED_INPUTS
     result = one.attachment()
@@ -243,7 +240,7 @@ def test_a_recording_can_keep_whatever_rides() -> None:
     for _ in range(64):
         setting.loop.sides.request(('{"do":"' + "ä\t\x7f\u2028" * 250).encode()[:1024], 1.0)
     setting.record.clear()
-    setting.loop.step(now(1.1), [])
+    setting.loop.step(at(1.1), [])
     attachment = next(sample.attachment for sample, _ in setting.record if sample.key == KEY)
     assert attachment is not None
     assert len(attachment) <= MAX_TRACE_BYTES

@@ -17,10 +17,10 @@ from formation.protocol.election import LISTENING_TIME
 from formation.protocol.order import OperatorReply, OperatorRequest, Order, Tuned
 from formation.ros2.messages import Diagnostics, decode
 from formation.topics import STATUS
-from formation.wire import Now, Outgoing
-from tests.support.fleet import named
+from formation.wire import Outgoing
+from tests.support.fleet import at, named
 from tests.unit.formation import scenarios
-from tests.unit.leader.leading import EPOCH, arriving, ask, at, drive, leading, positions, relayed, status
+from tests.unit.leader.leading import arriving, ask, drive, leading, positions, relayed, status
 
 SIX = load("six_robots")
 TUNED = Tuned(k_p=3.0, k_i=0.5)
@@ -133,7 +133,7 @@ def requested(outbox: list[Outgoing]) -> list[list[dict[str, Any]]]:
 
 
 def step(leader: Leader, mono: float) -> list[list[dict[str, Any]]]:
-    return requested(leader.step(Now(mono, EPOCH + mono), []))
+    return requested(leader.step(at(mono), []))
 
 
 def test_each_request_and_reply_are_published_several_times() -> None:
