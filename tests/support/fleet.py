@@ -11,7 +11,7 @@ import itertools
 import math
 import random
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Self
 
@@ -291,9 +291,13 @@ class Fleet:
         self.run(seconds)
         return self
 
+    def every(self, step: float, seconds: float) -> Iterator[Self]:
+        """Run, and give the fleet after each `step` [s]."""
+        return (self.after(step) for _ in range(round(seconds / step)))
+
     def errors(self, seconds: float) -> list[float]:
         """Run, and return the formation error of every quarter of a second [m]."""
-        return [self.after(0.25).error() for _ in range(round(4.0 * seconds))]
+        return [self.error() for _ in self.every(0.25, seconds)]
 
     def driven(self, name: str, seconds: float) -> float:
         """Run, and return how far the robot drove meanwhile [m]."""

@@ -120,11 +120,8 @@ def test_noise_at_the_edge_does_not_make_a_robot_flap() -> None:
     fleet = Fleet(led(0.0, mission=mission), seed=1).after(10.0)
     fleet.plant("robot3").position = -1.5 + 5.0j
     fleet.run(1.0)
-    states = []
-    for _ in range(60):
-        fleet.run(0.05)
-        states.append(fleet.agents["robot3"].decision.state)
-    assert set(states) == {AgentState.HOLD}
+    states = {fleet.agents["robot3"].decision.state for _ in fleet.every(0.05, 3.0)}
+    assert states == {AgentState.HOLD}
 
 
 def test_request_outside_the_bounds_is_refused_with_numbers() -> None:

@@ -73,10 +73,6 @@ def run_ahead(attached: PositionAttachment, **changes: object) -> PositionAttach
     return forged(attached, beat=1_000_000 + attached.count, **RUN, **changes)
 
 
-def ahead(_: SignedFleet, attachment: PositionAttachment) -> PositionAttachment:
-    return run_ahead(attachment)
-
-
 def later_term(fleet: SignedFleet, attachment: PositionAttachment) -> PositionAttachment:
     return run_ahead(attachment, term=int((EPOCH + fleet.now) * 1e9) // 64 * 64)
 
@@ -99,22 +95,15 @@ def signed_by_itself(_: SignedFleet, attachment: PositionAttachment) -> Position
     )
 
 
-def another_scale(_: SignedFleet, attachment: PositionAttachment) -> PositionAttachment:
-    slots = Slots(mix={"row": 1.0}, scale=1000.0)
-    return run_ahead(attachment, scale=1000.0, slots=slots)
+def changed(**changes: object) -> Forgery:
+    return lambda _, attachment: run_ahead(attachment, **changes)
 
 
-def other_gains(_: SignedFleet, attachment: PositionAttachment) -> PositionAttachment:
-    return run_ahead(attachment, tuned=Tuned(k_p=5.0, k_i=1.0))
-
-
-def another_route(_: SignedFleet, attachment: PositionAttachment) -> PositionAttachment:
-    return run_ahead(attachment, route="elsewhere", time=1e6)
-
-
+other_gains = changed(tuned=Tuned(k_p=5.0, k_i=1.0))
 FORGERIES: tuple[Forgery, ...] = (
-    ahead, later_term, unsigned, unsigned_later_term, signed_by_itself, another_scale, other_gains,
-    another_route,
+    changed(), later_term, unsigned, unsigned_later_term, signed_by_itself, other_gains,
+    changed(scale=1000.0, slots=Slots(mix={"row": 1.0}, scale=1000.0)),
+    changed(route="elsewhere", time=1e6),
 )  # fmt: skip
 
 

@@ -81,8 +81,7 @@ def test_thawed_leader_is_followed_at_once() -> None:
 def test_uneven_links_never_hold_for_good() -> None:
     fleet = Fleet(SIX, delay=(0.1, 0.3), seed=3).after(15.0)
     held: list[Reason] = []
-    for _ in range(100):
-        fleet.run(0.1)
+    for _ in fleet.every(0.1, 10.0):
         agents = fleet.agents.values()
         held += [one.decision.reason for one in agents if one.decision.state is AgentState.HOLD]
     assert len(held) < 10  # samples that overtake each other leave gaps of over three periods

@@ -48,8 +48,7 @@ def test_edges_stay_within_four_centimetres_during_shape_transition(
     for shape in shapes:
         assert fleet.order_shape(shape).ok
         worst = fastest = 0.0
-        for _ in range(30):
-            fleet.run(0.1)
+        for _ in fleet.every(0.1, 3.0):
             worst = max(worst, farthest(fleet))
             fastest = max(
                 fastest, *(abs(v) for a in fleet.agents.values() for v in a._slots.state.velocity.values())
@@ -76,11 +75,7 @@ def test_without_their_slots_velocity_they_would_lag_behind() -> None:
     for agent in fleet.agents.values():
         unaware_of_velocities(agent._slots)
     fleet.order_shape("wedge")
-    worst = 0.0
-    for _ in range(30):
-        fleet.run(0.1)
-        worst = max(worst, farthest(fleet))
-    assert worst > 0.05
+    assert max(farthest(fleet) for _ in fleet.every(0.1, 3.0)) > 0.05
 
 
 @pytest.mark.slow

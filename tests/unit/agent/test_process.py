@@ -148,12 +148,6 @@ def test_readonly_agent_sends_robot_no_command_or_life() -> None:
     assert {key for side, key, _ in setting.log if side == "robot"} == {"robot2/status"}
 
 
-def test_the_last_words_are_zero_velocity_to_the_robot_first() -> None:
-    setting = Setting()
-    setting.sides.send(setting.sides.halt(Now(2.0, 101.0), "SIGTERM"))
-    assert setting.log[0][:2] == ("robot", "robot2/cmd_vel")
-
-
 def test_positions_of_neighbours_come_from_the_fleet_and_are_not_repeated() -> None:
     setting = Setting()
     others = [f"robot{other}/position" for other in (1, 3, 4, 5, 6)]  # whom it measures, then whom it avoids

@@ -51,8 +51,7 @@ def room(fleet: Fleet, seconds: float) -> float:
     posts = [post.disc for post in fleet.mission.simulation.posts]
     walls = [wall.line for wall in fleet.mission.simulation.walls]
     bodies = [(name, fleet.mission.robots[name].radius) for name in fleet.mission.followers]
-    for _ in range(round(seconds / 0.05)):
-        fleet.run(0.05)
+    for _ in fleet.every(0.05, seconds):
         fleet.points()  # has all be where they are by now
         for number, (name, radius) in enumerate(bodies):
             here = fleet.plant(name).position
@@ -158,9 +157,7 @@ def test_silent_required_scanner_holds_robot_until_it_returns() -> None:
 def test_a_robot_goes_on_without_a_scanner_that_is_optional() -> None:
     fleet = Fleet(team(ALONE, scanner="optional")).after(6.0)
     fleet.meddle = lost(KEY)
-    for _ in range(12):
-        fleet.run(0.25)
-        assert fleet.status("robot1").state == "run"
+    assert {fleet.status("robot1").state for _ in fleet.every(0.25, 3.0)} == {"run"}
     assert fleet.error() < 0.01
 
 

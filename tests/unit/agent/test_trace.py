@@ -68,8 +68,12 @@ class Setting:
         return self.trace()
 
     def trace(self) -> Any:
-        attachments = [sample.attachment for sample, _ in self.record if sample.key == KEY]
-        return json.loads(attachments[0]) if attachments and attachments[0] is not None else None
+        return json.loads(self.attachment) if self.attachment else None
+
+    @property
+    def attachment(self) -> bytes:
+        """Of the newest command; empty if there is none."""
+        return next((sample.attachment or b"" for sample, _ in self.record if sample.key == KEY), b"")
 
 
 def test_command_trace_carries_all_steps_since_last_command() -> None:
@@ -143,7 +147,7 @@ def test_longest_obeyed_request_is_traced_and_read(size: int) -> None:
     setting.loop.sides.request(stop, 1.05)
     assert setting.turn(1.1)["steps"][0] == [1.05, stop.decode()]
     assert setting.agent.decision.state is AgentState.STOP
-    reported = read(next(sample.attachment or b"" for sample, _ in setting.record if sample.key == KEY))
+    reported = read(setting.attachment)
     assert reported.steps[0] == RequestStep(1.05, stop.decode())
 
 
@@ -241,10 +245,8 @@ def test_a_recording_can_keep_whatever_rides() -> None:
         setting.loop.sides.request(('{"do":"' + "ä\t\x7f\u2028" * 250).encode()[:1024], 1.0)
     setting.record.clear()
     setting.loop.step(at(1.1), [])
-    attachment = next(sample.attachment for sample, _ in setting.record if sample.key == KEY)
-    assert attachment is not None
-    assert len(attachment) <= MAX_TRACE_BYTES
-    text = attachment.decode("ascii")
+    assert len(setting.attachment) <= MAX_TRACE_BYTES
+    text = setting.attachment.decode("ascii")
     assert "at most" in json.loads(text)["gap"]
     assert text.isprintable()
     assert decode(Text, encode(Text(text))).text == text
@@ -289,7 +291,7 @@ def test_failing_trace_blocks_no_command_and_logs_once(
             assert commands(broken, first) == expected[0]
         assert commands(broken, then) == expected[1]
     assert [message.count("something nobody thought of") for message in caplog.messages] == [1]
-    reported = read(next(sample.attachment or b"" for sample, _ in broken.record if sample.key == KEY))
+    reported = read(broken.attachment)
     assert reported.n == 5
     assert reported.gap == ""
 

@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 import cmath
-import json
 import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.agent.core import Agent
 from formation.agent.following.gains import INTEGRAL_RATE_RATIO, MAX_GAIN_RATE, Tuning
 from formation.agent.following.gains import MAX_COMMAND_STEP_SHARE as MOST
 from formation.agent.following.orders import Orders
-from formation.agent.persistence.restore import Restorer
 from formation.control.controller import Measured
 from formation.control.laws import LAWS
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.protocol.order import Order, Tuned, decode
-from formation.topics import ODOM
-from formation.wire import BadMessage, Now, Sample
+from formation.wire import BadMessage, Now
 from tests.campaigns.safety.gains import changed, limited, tune
 from tests.support.fleet import EPOCH, Fleet
 from tests.support.recorded import RecordedFleet, all_alike, verify
+from tests.support.restarting import driving
 from tests.unit.agent.sudden import most_sudden
 
 SIX, PAIR, PATROL = load("six_robots"), load("turtlebot3_pair"), load("patrol")
@@ -167,28 +164,13 @@ def test_gains_survive_the_leader_that_ordered_them() -> None:
 
 
 def test_restarted_agent_keeps_gains_and_integral() -> None:
-    fleet = Fleet(PAIR, seed=2).after(6.0)
-    assert tune(fleet, k_p=2.5, k_i=0.3).ok
-    fleet.run(4.0)
-    name = PAIR.followers[-1]
-    before = fleet.agents[name]
-    now = fleet.moment
-    saved = json.dumps(Restorer(before, "boot").saved(now)).encode()
-    received: list[Sample] = []
-
-    def listen(sample: Sample) -> tuple[Sample, ...]:
-        received.append(sample)
-        return (sample,)
-
-    fleet.meddle = listen
-    fleet.run(0.2)
-    after = Agent(PAIR, name, publisher_id="after")
-    restorer = Restorer(after, "boot")
-    restorer.take_saved(saved, now)
-    odometry = next(sample for sample in received if sample.key == ODOM.key(name))
-    taken = restorer.meet([odometry], Now(odometry.arrived, EPOCH + odometry.arrived))
-    assert taken is not None
-    assert taken.news.startswith("goes on")
+    team, name = driving(PAIR, 6.0), PAIR.followers[-1]
+    assert tune(team, k_p=2.5, k_i=0.3).ok
+    team.run(4.0)
+    team.replace(name, 0.2)
+    after = team.agents[name]
+    while after.here.stream.state.arrived is None:
+        team.run(0.001)
     assert (after.tuning.state.k_p, after.tuning.state.k_i) == (2.5, 0.3)
     assert after.state.integral != 0j
 

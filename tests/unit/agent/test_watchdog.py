@@ -209,21 +209,18 @@ def test_halted_watchdog_sends_zero_only_without_healthy_agent(watchdog: object,
 
 
 @pytest.mark.parametrize(
-    "payload",
-    [b"", CDR, encode(Twist(0.1, 0.0)), encode(Number(-7.0)), CDR + b"\xff" * 8],
+    ("key", "payload", "where"),
+    [
+        *((ALIVE_2, payload, ALIVE_2) for payload in (b"", CDR, CDR + b"\xff" * 8)),
+        *((ALIVE_2, encode(message), ALIVE_2) for message in (Twist(0.1, 0.0), Number(-7.0))),
+        (ALIVE.key("robot3"), encode(Number(1.0)), "elsewhere"),
+    ],
 )
-def test_invalid_signs_of_life_do_not_prevent_braking(payload: bytes) -> None:
+def test_signs_of_life_that_are_none_do_not_prevent_braking(key: str, payload: bytes, where: str) -> None:
     watchdog = watching()
-    noise = [Sample(ALIVE_2, payload, None, 0.02 + i * PERIOD) for i in range(20)]
+    noise = [Sample(key, payload, None, 0.02 + i * PERIOD) for i in range(20)]
     assert lived(watchdog, 0.0, 0.9, noise)[0] == pytest.approx(LIMIT)
-    assert watchdog.dropped == {ALIVE_2: 18}
-
-
-def test_another_robots_sign_of_life_is_not_its_agents() -> None:
-    watchdog = watching()
-    other = [sign(i * PERIOD)._replace(key=ALIVE.key("robot3")) for i in range(1, 20)]
-    assert lived(watchdog, 0.0, 0.9, other)[0] == pytest.approx(LIMIT)
-    assert watchdog.dropped == {"elsewhere": 18}
+    assert watchdog.dropped == {where: 18}
 
 
 def test_queued_signs_of_life_count_from_their_arrival() -> None:

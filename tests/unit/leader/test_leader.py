@@ -8,7 +8,6 @@ import pytest
 from formation.mission.file import load, parse
 from formation.mission.model import Mission
 from formation.mission.route import Route
-from formation.protocol import order
 from formation.protocol.order import LEADER_TIMEOUT_SECONDS, OperatorReply
 from formation.protocol.reasons import Code
 from formation.ros2.messages import Diagnostics, decode
@@ -75,12 +74,6 @@ def test_its_beat_rises_with_every_position_in_every_mode(mission: Mission) -> N
     assert [one.order.beat for one in result] == list(range(1, len(result) + 1))
     assert len({one.order.term for one in result}) == 1
     assert len(result) >= 100
-
-
-def test_a_leader_that_starts_again_begins_a_later_term(mission: Mission) -> None:
-    first = drive(listened(mission), 0.0, 1.0)[-1].order
-    second = drive(listened(mission, 3.0), 3.0, 1.0)[0].order
-    assert order.newer(second, first)
 
 
 def test_hold_pauses_route_time_until_run(mission: Mission) -> None:
