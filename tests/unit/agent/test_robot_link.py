@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import pytest
 
 from formation.agent.core import Agent
@@ -16,6 +18,7 @@ from formation.protocol.status import AgentState, RobotLink
 from formation.protocol.status_codec import LINKS
 from formation.ros2.messages import Diagnostics, Number, TwistStamped, decode
 from formation.topics import ALIVE, CMD_VEL, STATUS, TABLE
+from formation.wire import Now, Outgoing, Sample
 from tests.support.fleet import Fleet, at
 from tests.support.meddling import lost
 from tests.support.missions import with_robots
@@ -121,17 +124,21 @@ def test_a_readonly_agent_that_would_not_run_says_so() -> None:
     assert (result.values["state"], result.values["readonly"]) == ("waiting", "true")
 
 
-def test_each_command_goes_first_and_with_it_a_sign_of_life() -> None:
-    fleet, resting = Fleet(PAIR).after(3.0), Agent(PAIR, "robot1")
-    for agent, start, state in ((fleet.agents["robot1"], fleet.now, "run"), (resting, 7.0, "waiting")):
-        alive: list[float] = []
-        for step in (1, 2):
-            outbox = list(agent.step(at(start + 0.06 * step), []))
-            assert agent.decision.state == state
+def test_each_command_goes_first_and_with_it_a_sign_of_life(monkeypatch: pytest.MonkeyPatch) -> None:
+    fleet = Fleet(PAIR)
+    step, alive = fleet.agents["robot1"].step, list[tuple[float, float]]()
+
+    def stepped(now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
+        outbox = list(step(now, inbox))
+        if any(out.key == CMD_VEL.key("robot1") for out in outbox):
             assert [out.key for out in outbox[:2]] == [CMD_VEL.key("robot1"), ALIVE.key("robot1")]
-            alive.append(decode(Number, outbox[1].payload).value)
-        assert alive[1] - alive[0] == pytest.approx(0.06)
-    assert alive[0] == 0.0
+            alive.append((now.mono, decode(Number, outbox[1].payload).value))
+        return outbox
+
+    monkeypatch.setattr(fleet.agents["robot1"], "step", stepped)
+    fleet.run(3.0)
+    assert len(alive) > 50
+    assert [value for _, value in alive] == pytest.approx([at - alive[0][0] for at, _ in alive])
 
 
 def test_halting_agent_sends_zero_then_farewell_then_status() -> None:
