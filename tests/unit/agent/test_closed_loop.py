@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from statistics import median
 
 import pytest
 
-from formation.agent.pose.sources import OdometrySource
 from formation.control.ramp import MAX_CHANGE_SHARE
 from formation.mission.file import load, shipped
 from formation.protocol.order import LEADER_TIMEOUT_SECONDS
@@ -147,19 +145,6 @@ def test_leader_stop_reaches_all_robots_hop_by_hop() -> None:
     fleet.run(6 * 0.06 + 0.1)
     assert {fleet.status(name).state for name in fleet.mission.followers} == {"stop"}
     assert {fleet.last_command(name) for name in fleet.mission.followers} == {AT_REST}
-
-
-def test_odometry_jump_stops_robot_without_lurch() -> None:
-    fleet = Fleet(SIX).after(8.0)
-    source = fleet.agents["robot3"].here._source
-    assert isinstance(source, OdometrySource)
-    assert source.state.last is not None
-    source.state.last = replace(source.state.last, position=source.state.last.position + 5.0)
-    fleet.run(0.1)
-    assert fleet.last_command("robot3") == AT_REST
-    assert "jumped" in str(fleet.status("robot3").reason)
-    fleet.run(10.0)
-    assert fleet.error() < SIX.settled
 
 
 @pytest.mark.parametrize("name", shipped())

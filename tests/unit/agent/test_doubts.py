@@ -21,17 +21,6 @@ AT_REST = (0.0, 0.0)
 
 
 @pytest.mark.slow
-def test_agent_restarted_after_leader_death_stays_at_rest() -> None:
-    fleet = Fleet(SIX).after(2.0)
-    fleet.kill("leader")
-    fleet.run(3.0)
-    fleet.restart("robot4")  # far from its place, between neighbours that relay the leader's last order
-    fleet.run(3.0)
-    assert set(fleet.commands_since("robot4", 5.0)) == {AT_REST}
-    assert fleet.status("robot4").reason.code is Code.NO_ORDER
-
-
-@pytest.mark.slow
 def test_an_agent_that_restarts_on_the_way_takes_its_place() -> None:
     fleet = Fleet(SIX).after(2.0)
     fleet.restart("robot4")

@@ -66,20 +66,15 @@ def test_restarted_agent_resumes_straight_within_limits_and_forms(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("gone", [0.5, 5.4])
-def test_without_state_heading_comes_from_world_odometry(gone: float) -> None:
-    team = driving(BACK, 18.0)
+@pytest.mark.parametrize(
+    ("mission", "gone", "most"), [(BACK, 0.5, STRAIGHT), (BACK, 5.4, STRAIGHT), (SEEN, 0.5, 10.0)]
+)
+def test_without_state_heading_is_odometrys_or_leaders(mission: Mission, gone: float, most: float) -> None:
+    team = driving(mission, 18.0)
     team.replace("robot3", gone, empty=True)
-    assert first_heading_error(team, "robot3") < STRAIGHT
+    assert first_heading_error(team, "robot3") < most
     team.run(8.0)
     assert team.error() < 0.02
-
-
-@pytest.mark.slow
-def test_without_state_external_pose_assumes_heading_of_leader() -> None:
-    team = driving(SEEN, 18.0)
-    team.replace("robot3", 0.5, empty=True)
-    assert first_heading_error(team, "robot3") < 10.0
 
 
 def test_first_heading_guess_is_from_mission() -> None:

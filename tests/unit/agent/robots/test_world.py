@@ -17,6 +17,7 @@ from formation.ros2.messages import Displacement, Odometry, Pose, Twist, TwistSt
 from formation.wire import Outgoing, Sample
 from tests.support.fleet import EPOCH, at
 from tests.support.missions import with_robots
+from tests.support.mutations import mutated
 
 
 def twist(robot: str, arrived: float, speed: float, turn_rate: float = 0.0) -> Sample:
@@ -166,11 +167,7 @@ def test_mutilated_commands_never_move_a_robot_faster_than_it_can() -> None:
     world, chance = World(load("turtlebot3_pair"), ["robot1"]), random.Random(1)
     whole = encode(TwistStamped(EPOCH, 0.1, 0.5))
     for i in range(2_000):
-        broken = bytearray(whole)
-        for _ in range(chance.randint(1, 4)):
-            broken[chance.randrange(len(broken))] = chance.randrange(256)
-        payload = bytes(broken[: chance.randint(0, len(broken))]) if chance.random() < 0.3 else bytes(broken)
-        world.step(at(i * 0.01), [Sample("robot1/cmd_vel", payload, None, i * 0.01)])
+        world.step(at(i * 0.01), [Sample("robot1/cmd_vel", mutated(chance, [whole]), None, i * 0.01)])
         plant = world.plant("robot1")
         assert abs(plant.command.speed) <= 0.2108
         assert abs(plant.command.turn_rate) <= 2.635

@@ -248,11 +248,8 @@ def test_no_candidate_leads_between_two_leader_terms() -> None:
     leader_terms = found_terms(
         [*leading(FIRST, 10.0, 12.0), *leading(SECOND, 12.9, 15.0), *leading(AGAIN, 15.3, 16.0)]
     )
-    assert [(one.name, one.term) for one in leader_terms] == [
-        ("robot1", FIRST),
-        ("spare1", SECOND),
-        ("robot1", AGAIN),
-    ]
+    terms = [("robot1", FIRST), ("spare1", SECOND), ("robot1", AGAIN)]
+    assert [(one.name, one.term) for one in leader_terms] == terms
     assert [one.positions for one in leader_terms] == [41, 43, 15]
     assert not overlaps(leader_terms)
     first, second, third = (one.published for one in leader_terms)
@@ -260,24 +257,23 @@ def test_no_candidate_leads_between_two_leader_terms() -> None:
     assert third.begin - second.end == pytest.approx(0.3, abs=0.051)
 
 
+@pytest.mark.parametrize(
+    "others",
+    [
+        [*leading(SECOND, 12.5, 15.0), *leading(FIRST, 14.0, 14.01)],
+        leading(FIRST, 11.0, 13.0, publisher_id="double"),
+    ],
+    ids=["a single late message of the former leader", "two processes in one term"],
+)
+def test_second_leader_beside_a_first_is_found(others: list[Sample]) -> None:
+    assert len(overlaps(found_terms([*leading(FIRST, 10.0, 12.0), *others]))) == 1
+
+
 def test_a_leader_that_goes_on_beside_its_successor_is_found() -> None:
     leader_terms = found_terms([*leading(FIRST, 10.0, 13.5), *leading(SECOND, 12.9, 15.0)])
     (both,) = overlaps(leader_terms)
     assert (both.former.name, both.latter.name) == ("robot1", "spare1")
     assert both.span.end - both.span.begin == pytest.approx(0.6, abs=0.051)
-
-
-def test_single_late_message_of_former_leader_is_found() -> None:
-    assert overlaps(
-        found_terms([*leading(FIRST, 10.0, 12.0), *leading(SECOND, 12.5, 15.0), *leading(FIRST, 14.0, 14.01)])
-    )
-
-
-def test_two_processes_in_one_term_are_two_leaders() -> None:
-    leader_terms = found_terms(
-        [*leading(FIRST, 10.0, 12.0), *leading(FIRST, 11.0, 13.0, publisher_id="double")]
-    )
-    assert len(overlaps(leader_terms)) == 1
 
 
 def test_delayed_messages_are_no_second_leader_by_stamp() -> None:
