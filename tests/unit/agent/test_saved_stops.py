@@ -199,7 +199,7 @@ def test_stopped_robot_stays_stopped_after_full_restart() -> None:
     for name in ("leader", *SIX.followers):
         team.kill(name)
     team.run(1.0)
-    team.begin_leader()
+    team.restart("leader")
     for name in SIX.followers:
         team.begin(name)
     team.run(5.0)

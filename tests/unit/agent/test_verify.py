@@ -334,7 +334,8 @@ def test_two_agents_that_speak_for_one_robot_are_both_judged() -> None:
 def test_operator_requests_and_halt_are_reproduced() -> None:
     fleet = RecordedFleet(PAIR).after(2.0)
     for words in ("stop a", "release b", "hold ", "release b", "stop b", "stop a", "release ", "run "):
-        fleet.ask_once("robot1", *words.split(" "))
+        do, number = words.split(" ")
+        fleet.tell("robot1", do, id=number)
         fleet.run(0.5)
     fleet.loop("robot1").sides.request(b'{"do":"stop"}'.ljust(MAX_REQUEST_BYTES), fleet.now)
     fleet.ask("leader", "stop")
