@@ -10,14 +10,10 @@ from formation.agent.pose.stream import Stream, TooLateError
 from formation.control.tracker import MAX_DELAY
 from formation.protocol.lateness import SETTLED_TIME
 from formation.wire import BadMessage, Now
+from tests.support.fleet import EPOCH, at
 
-EPOCH = 1.7e9
 RATE = 20.0
 PERIOD = 1.0 / RATE
-
-
-def at(mono: float, clock_error: float = 0.0) -> Now:
-    return Now(mono, EPOCH + mono + clock_error)
 
 
 def stream_after(*moments: float, sender_error: float = 0.0) -> Stream:

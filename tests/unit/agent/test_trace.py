@@ -56,8 +56,8 @@ def position(mono: float, count: int, robot: str = "robot1") -> Sample:
 class Setting:
     """One agent in its loop."""
 
-    def __init__(self, agent: Agent | None = None, *, readonly: bool = False) -> None:
-        self.agent = agent or Agent(SIX, "robot3", publisher_id="abc", readonly=readonly)
+    def __init__(self, *, readonly: bool = False) -> None:
+        self.agent = Agent(SIX, "robot3", publisher_id="abc", readonly=readonly)
         self.record: Recording = []
         self.loop = Looped(self.agent, self.record)
 
@@ -170,17 +170,10 @@ def test_the_last_words_carry_a_trace_as_well() -> None:
 
 
 def test_on_the_robots_side_nothing_rides() -> None:
-    setting = Setting()
-    result = list[tuple[str, bytes | None]]()
-
-    def publish(key: str, _payload: bytes, attachment: bytes | None = None) -> None:
-        result.append((key, attachment))
-
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(setting.loop.robot, "publish", publish)
-        setting.turn(1.0, odometry(1.0))
-    assert KEY in dict(result)
-    assert {attachment for _, attachment in result} == {None}
+    said = Setting().loop.step(at(1.0), [odometry(1.0)])
+    beside = {out.key: out.attachment for out in said if out.key != POSITION.key("robot3")}
+    assert KEY in beside
+    assert set(beside.values()) == {None}
 
 
 def test_the_command_is_with_the_robot_before_the_trace_is_made(monkeypatch: pytest.MonkeyPatch) -> None:

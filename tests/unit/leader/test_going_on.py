@@ -127,12 +127,6 @@ def test_older_relayed_order_takes_no_leader_back(mission: Mission) -> None:
     assert leader.route_time > 2.5
 
 
-def test_hold_is_for_a_team_that_is_not_under_way(mission: Mission) -> None:
-    last = drive(listened(mission), 0.0, 2.0)[-1].order
-    assert restarted(mission, last, 4.0, hold=True).mode == "run"
-    assert leading(mission, hold=True).mode == "hold"
-
-
 def test_anew_begins_at_the_start_but_a_stop_stays(mission: Mission) -> None:
     last = last_of(mission, b'{"do":"stop"}').order
     after = restarted(mission, last, 6.0, anew=True)

@@ -56,6 +56,8 @@ def test_gains_are_sent_immediately_and_in_every_order() -> None:
     (at_once,) = positions(0.5511, leader.step(at(0.5511), []))
     assert at_once.order.tuned == TUNED
     assert {one.order.tuned for one in drive(leader, 0.6, 1.0)} == {TUNED}
+    result = status(SIX.leader, leader.step(at(2.6), []))
+    assert (result.k_p, result.k_i) == (3.0, 0.5)
 
 
 def test_delay_margin_leaves_out_an_integral_that_the_law_lacks() -> None:
@@ -101,13 +103,6 @@ def test_new_leader_orders_the_relayed_gains() -> None:
 @pytest.mark.parametrize("tuned", [Tuned(k_p=60.0, k_i=1.0), Tuned(k_p=2.0, k_i=50.0)])
 def test_gains_unstable_on_graph_are_not_adopted(tuned: Tuned) -> None:
     assert drive(going_on(SIX, tuned), 2.0, 0.2)[-1].order.tuned is None
-
-
-def test_leader_status_shows_the_ordered_gains() -> None:
-    leader = leading(SIX)
-    assert tune(leader, k_p=3.0, k_i=0.5)[0]
-    result = status(SIX.leader, leader.step(at(0.6), []))
-    assert (result.k_p, result.k_i) == (3.0, 0.5)
 
 
 TEN: list[dict[str, Any]] = [
