@@ -216,6 +216,11 @@ def test_a_stretch_without_messages_is_no_delay() -> None:
     assert player.lost == 0.0
 
 
+def test_unordered_messages_are_played_in_file_order() -> None:
+    player = Player(Reel([START, START + 1.0, START + 0.99, START + 2.0]), 0.0)
+    assert numbers(played(player, 0.0, 1.0)) == [0, 1, 2]
+
+
 def test_one_message_is_a_recording() -> None:
     player = Player(Reel([START]), 0.0)
     assert numbers(player.next_batch(0.0, MANY).due) == [0]
