@@ -11,7 +11,7 @@ import itertools
 import math
 import random
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Self
 
@@ -29,7 +29,7 @@ from formation.protocol.status import AgentState, AgentStatus
 from formation.protocol.status_codec import decode as decode_status
 from formation.ros2.messages import Diagnostics, Twist, TwistStamped, decode
 from formation.simulation.edges import Edges, formation_error
-from formation.topics import BALLOT, CMD_VEL, ODOM, POSE, POSITION, ROUTE, SCAN, STATUS
+from formation.topics import BALLOT, CMD_VEL, ODOM, POSE, POSITION, ROUTE, STATUS
 from formation.transport.runtime.loop import Core
 from formation.wire import Now, Outgoing, Sample
 
@@ -43,6 +43,13 @@ def named(request: OperatorRequest, put: Callable[[bytes], bytes]) -> OperatorRe
 
 
 EPOCH = 1.7e9
+
+
+def at(mono: float) -> Now:
+    """A moment, by clocks that are right."""
+    return Now(mono, EPOCH + mono)
+
+
 BETWEEN = (f"/{POSITION.name}", f"/{BALLOT.name}", f"/{ROUTE.name}")
 """How keys end that go from robot to robot, over links that lose, delay and repeat."""
 
@@ -284,11 +291,33 @@ class Fleet:
         self.run(seconds)
         return self
 
+    def every(self, step: float, seconds: float) -> Iterator[Self]:
+        """Run, and give the fleet after each `step` [s]."""
+        return (self.after(step) for _ in range(round(seconds / step)))
+
+    def errors(self, seconds: float) -> list[float]:
+        """Run, and return the formation error of every quarter of a second [m]."""
+        return [self.error() for _ in self.every(0.25, seconds)]
+
     def driven(self, name: str, seconds: float) -> float:
         """Run, and return how far the robot drove meanwhile [m]."""
         before = self.plant(name).path
         self.run(seconds)
         return self.plant(name).path - before
+
+    @property
+    def moment(self) -> Now:
+        """What clocks say now that are right."""
+        return at(self.now)
+
+    @property
+    def within_limits(self) -> bool:
+        """Whether no command has exceeded its robot's limits."""
+        return all(
+            abs(speed) <= robot.max_speed and abs(turn_rate) <= robot.max_turn_rate
+            for name, robot in self.mission.robots.items()
+            for _, speed, turn_rate in self.commands[name]
+        )
 
     @property
     def states(self) -> set[AgentState]:
@@ -358,9 +387,3 @@ class Fleet:
             self.commands[sender].append((self.now, twist.speed, twist.turn_rate))
         elif sender in self.agents and out.key == STATUS.key(sender):
             self._published[sender] = decode(Diagnostics, out.payload)
-
-
-def keys_of_neighbours(mission: Mission, name: str) -> set[str]:
-    ballots = {BALLOT.key(one) for one in mission.candidates} if mission.standbys else set()
-    scans = {SCAN.key(name)} if mission.robots[name].scanner != "none" else set()
-    return {ODOM.key(name)} | {POSITION.key(other) for other in mission.received_by(name)} | ballots | scans

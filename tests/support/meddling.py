@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from formation.protocol import order
+from formation.protocol.order import PositionAttachment
 from formation.ros2.messages import decode, encode
 from formation.wire import Sample
 
@@ -24,3 +26,14 @@ def lost(key: str) -> Meddle:
 def altered(key: str, message: type[Any], change: Callable[[Any], Any]) -> Meddle:
     """Replace each `message` of `key` by what `change` returns for it."""
     return on(key, lambda sample: (sample._replace(payload=encode(change(decode(message, sample.payload)))),))
+
+
+def reordered(key: str, **changes: Any) -> Meddle:
+    """Change the orders that come with positions of `key`."""
+
+    def change(sample: Sample) -> tuple[Sample]:
+        attached = order.decode(PositionAttachment, sample.attachment or b"")
+        other = attached.order and attached.order.model_copy(update=changes)
+        return (sample._replace(attachment=order.encode(attached.model_copy(update={"order": other}))),)
+
+    return on(key, change)

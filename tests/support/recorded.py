@@ -102,21 +102,22 @@ class RecordedFleet(Fleet):
         return core
 
     def restart(self, name: str) -> None:
-        """Kill an agent and start another."""
-        self.agents[name] = self.new_agent(name)
-        self.nodes[name].core = Looped(self.agents[name], self.record)
-        self.revive(name)
+        super().restart(name)
+        if name in self.agents:
+            self.nodes[name].core = Looped(self.agents[name], self.record)
 
     def halt(self, name: str) -> None:
         """Have an agent end well."""
-        self._send(name, self.loop(name).halt(Now(self.now, EPOCH + self.now), "told to"))
+        self._send(name, self.loop(name).halt(self.moment, "told to"))
         self.kill(name)
 
-    def ask_once(self, name: str, do: str, number: str = "") -> OperatorReply:
-        """Put a request to an agent's loop."""
-        sides, request = self.loop(name).sides, OperatorRequest.model_validate({"do": do, "id": number})
-        request = named(request, lambda data: sides.request(data, self.now))
-        return decode(OperatorReply, sides.request(encode(request), self.now))
+    def tell(self, name: str, do: str, **more: Any) -> OperatorReply:
+        """Ask an agent in its loop, or the leader."""
+        requested = self.leader if name == self.mission.leader else self.loop(name).sides
+        request = named(
+            OperatorRequest.model_validate({"do": do, **more}), lambda data: requested.request(data, self.now)
+        )
+        return decode(OperatorReply, requested.request(encode(request), self.now))
 
     def _note(self, sender: str, out: Outgoing) -> None:
         super()._note(sender, out)

@@ -12,15 +12,12 @@ from typing import Any
 from formation.agent.persistence.restore import Persistence
 from formation.agent.persistence.state import Json
 from formation.control.tracker import FRESH_PERIODS
-from formation.leader.core import Leader
 from formation.mission.file import load, parse, read
 from formation.mission.model import Mission
-from formation.protocol.order import OperatorReply, OperatorRequest, decode, encode
 from formation.ros2.messages import Twist, TwistStamped
 from formation.ros2.messages import encode as encode_message
 from formation.topics import CMD_VEL
-from formation.wire import Now, Sample
-from tests.support.fleet import EPOCH, named
+from formation.wire import Sample
 from tests.support.missions import with_keys
 from tests.support.recorded import Looped, RecordedFleet
 
@@ -72,10 +69,6 @@ class Team(RecordedFleet):
             self.drawers[name] = Drawer()
             self.begin(name)
 
-    @property
-    def moment(self) -> Now:
-        return Now(self.now, EPOCH + self.now)
-
     def begin(self, name: str, *, empty: bool = False, boot: str = BOOT) -> None:
         """Start an agent's process with what it finds in its drawer, or with none at all."""
         self.agents[name] = self.new_agent(name)
@@ -85,12 +78,6 @@ class Team(RecordedFleet):
         looped.sides.begin(self.moment)
         self.nodes[name].core = looped
         self.revive(name)
-
-    def begin_leader(self) -> None:
-        """Start the leader's process again."""
-        self.leader = Leader(self.mission, publisher_id=next(self.publisher_ids))
-        self.nodes["leader"].core = self.leader
-        self.revive("leader")
 
     def lose(self, name: str, seconds: float) -> None:
         """Kill an agent; its watchdog tells the robot to stand after 3 periods of silence."""
@@ -103,13 +90,10 @@ class Team(RecordedFleet):
             self._deliver("world", Sample(CMD_VEL.key(name), encode_message(zero), None, self.now + 0.0005))
             self.run(seconds - silence)
 
-    def tell(self, name: str, do: str, **more: Any) -> OperatorReply:
-        """Ask an agent, or the leader."""
-        requested = self.leader if name == self.mission.leader else self.loop(name).sides
-        request = named(
-            OperatorRequest.model_validate({"do": do, **more}), lambda data: requested.request(data, self.now)
-        )
-        return decode(OperatorReply, requested.request(encode(request), self.now))
+    def replace(self, name: str, seconds: float = 1.0, *, empty: bool = False, boot: str = BOOT) -> None:
+        """Lose an agent for so long, and start the next."""
+        self.lose(name, seconds)
+        self.begin(name, empty=empty, boot=boot)
 
     def heading_error(self, name: str) -> float:
         """How far an agent's heading is off its robot's, now [deg]."""

@@ -14,9 +14,9 @@ from formation.mission.model import Mission
 from formation.ros2.messages import LaserScan, decode, encode
 from formation.sensing.raycast import Scanner as Device
 from formation.sensing.raycast import cast, measured
-from formation.wire import Now
+from tests.support.fleet import EPOCH, at
 
-EPOCH, STEP = 1.7e9, 0.01
+STEP = 0.01
 LAG, RADIUS, MARGIN = 0.1, 0.1, 0.05
 Wall = tuple[complex, complex]
 Disc = tuple[complex, float]
@@ -26,10 +26,6 @@ def mission(scanner: str = "required", scan: str = "", lag: float = LAG) -> Miss
     text, name = read("six_robots")
     robot = f'[robot]\nscanner = "{scanner}"\nscan = {{ margin = {MARGIN}, lag = {lag}{scan} }}'
     return parse(text.replace("[robot]", robot), name)
-
-
-def at(mono: float) -> Now:
-    return Now(mono, EPOCH + mono)
 
 
 def scan(

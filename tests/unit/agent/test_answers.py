@@ -17,8 +17,8 @@ from formation.wire import Now
 from tests.campaigns.safety.crossing import elsewhere
 from tests.support.fleet import Fleet
 from tests.support.missions import with_robots
-from tests.unit.agent.test_avoiding import room
 from tests.unit.agent.test_clocks import set_clock
+from tests.unit.agent.test_scanning import room
 
 SIX = load("six_robots")
 BOUND = MAX_ANSWER_DELAYS * MAX_DELAY
@@ -60,27 +60,22 @@ def received(answerer: str, rate: float = 20.0) -> tuple[Answers, Neighbour]:
 
 
 @pytest.mark.parametrize(
-    ("age", "robot", "stamp", "young"),
+    ("answerer", "age", "robot", "stamp", "young"),
     [
-        (0.1, "robot2", 100.0, True),
-        (BOUND - 0.01, "robot2", 100.0, True),
-        (BOUND + 0.01, "robot2", 100.0, False),
-        (0.1, "robot4", 100.0, False),
-        (0.1, "robot2", 99.9, False),
+        ("robot3", 0.1, "robot2", 100.0, True),
+        ("robot3", BOUND - 0.01, "robot2", 100.0, True),
+        ("robot3", BOUND + 0.01, "robot2", 100.0, False),
+        ("robot3", 0.1, "robot4", 100.0, False),
+        ("robot3", 0.1, "robot2", 99.9, False),
+        ("robot6", 0.1, "robot2", 100.0, False),
     ],
 )
 def test_only_a_recent_position_of_this_robot_answers(
-    age: float, robot: str, stamp: float, young: bool
+    answerer: str, age: float, robot: str, stamp: float, young: bool
 ) -> None:
     mine, _ = received("robot3")
     mine.record_sent(100.0, 5.0)
-    assert mine.answered("robot3", ReceivedPosition(robot=robot, stamp=stamp), 5.0 + age) is young
-
-
-def test_a_robot_that_is_not_asked_answers_nothing() -> None:
-    mine, _ = received("robot3")
-    mine.record_sent(100.0, 5.0)
-    assert not mine.answered("robot6", ReceivedPosition(robot="robot2", stamp=100.0), 5.1)
+    assert mine.answered(answerer, ReceivedPosition(robot=robot, stamp=stamp), 5.0 + age) is young
 
 
 def test_each_robot_that_was_heard_is_named_in_turn() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from formation.protocol.status import CollisionMode
 from formation.topics import POSITION
 from tests.support.fleet import Fleet
 from tests.support.missions import team
+from tests.unit.agent.test_scanning import room
 from tests.unit.formation import scenarios
 
 SIX = load("six_robots")
@@ -35,20 +35,6 @@ def changed(mission: Mission, **robots: Any) -> Mission:
 
 LONERS = changed(SIX, avoid=())
 """Robots that avoid only those that they measure."""
-
-
-def room(fleet: Fleet, seconds: float) -> float:
-    """How near two bodies come to each other [m]."""
-    least = float("inf")
-    for _ in range(round(seconds / 0.05)):
-        fleet.run(0.05)
-        fleet.points()  # has all be where they are by now
-        robots = fleet.world._hosted
-        for one, other in combinations(fleet.mission.followers, 2):
-            radii = fleet.mission.robots[one].radius + fleet.mission.robots[other].radius
-            away = abs(robots[one].plant.position - robots[other].plant.position)
-            least = min(least, away - radii)
-    return least
 
 
 @pytest.mark.slow

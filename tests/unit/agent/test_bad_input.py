@@ -17,17 +17,17 @@ from formation.protocol.status import AgentState
 from formation.ros2.messages import Diagnostics, Odometry, Pose, Twist, decode, encode
 from formation.topics import CMD_VEL, ODOM, POSITION, STATUS
 from formation.wire import Now, Outgoing, Sample
+from tests.support.fleet import EPOCH, at
 from tests.support.mutations import mutated
 from tests.unit.formation.scenarios import build
 
 SIX = load("six_robots")
-EPOCH = 1.7e9
 PERIOD = 0.05
 ME, NEIGHBOURS = "robot3", ("robot1", "robot2")
 
 
 def moment(step: int) -> Now:
-    return Now(step * PERIOD, EPOCH + step * PERIOD)
+    return at(step * PERIOD)
 
 
 def inbox(step: int, me: Odometry | None = None) -> list[Sample]:
@@ -121,8 +121,8 @@ def test_status_stays_short_with_a_hundred_neighbours() -> None:
     stranger = order.encode(PositionAttachment(publisher_id="v", count=1, mission=mission.tag))
     stranger = stranger.replace(b"}", b', "' + b"x" * 900 + b'": 1}')
     for other in mission.robots[name].neighbours:
-        agent.step(Now(0.0, EPOCH), [Sample(POSITION.key(other), position, stranger, 0.0)])
-    (status,) = [out for out in agent.step(Now(1.0, EPOCH + 1.0), []) if out.key == STATUS.key(name)]
+        agent.step(at(0.0), [Sample(POSITION.key(other), position, stranger, 0.0)])
+    (status,) = [out for out in agent.step(at(1.0), []) if out.key == STATUS.key(name)]
     values = decode(Diagnostics, status.payload).statuses[0].values
     assert sum(key.startswith("dropped.") for key in values) == len(mission.robots[name].neighbours)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import pytest
@@ -12,12 +11,12 @@ from formation.mission.file import load
 from formation.mission.model import Bounds, Mission
 from formation.mission.route import Straight
 from formation.protocol import order
-from formation.protocol.order import OperatorRequest, Place, PositionAttachment
+from formation.protocol.order import OperatorRequest, Place
 from formation.protocol.status import AgentState
-from formation.ros2.messages import Pose, decode, encode
+from formation.ros2.messages import Pose
 from formation.topics import POSITION
-from formation.wire import Sample
 from tests.support.fleet import Fleet
+from tests.support.meddling import altered, reordered
 from tests.support.missions import with_robots
 from tests.unit.leader.leading import ask
 
@@ -39,45 +38,13 @@ def farthest(fleet: Fleet) -> float:
     return max(area.breach(fleet.plant(name).position, "").excess for name in fleet.mission.followers)
 
 
-def forged(
-    change: Callable[[PositionAttachment], PositionAttachment], since: float, fleet: list[Fleet]
-) -> Callable[[Sample], list[Sample]]:
-    """Change what the leader attaches to its positions from `since` on."""
-
-    def meddle(sample: Sample) -> list[Sample]:
-        if sample.key != POSITION.key("robot1") or sample.attachment is None or fleet[0].now < since:
-            return [sample]
-        return [
-            sample._replace(
-                attachment=order.encode(change(order.decode(PositionAttachment, sample.attachment)))
-            )
-        ]
-
-    return meddle
-
-
-def scaled(decoded: PositionAttachment) -> PositionAttachment:
-    assert decoded.order is not None
-    return decoded.model_copy(
-        update={"order": decoded.order.model_copy(update={"scale": 1000.0, "slots": None})}
-    )
-
-
-def moved(decoded: PositionAttachment) -> PositionAttachment:
-    assert decoded.order is not None
-    place = Place(x=0.0, y=-29.0, heading=0.0)
-    return decoded.model_copy(update={"order": decoded.order.model_copy(update={"place": place})})
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("change", [scaled, moved])
-def test_forged_order_outside_the_bounds_is_refused(
-    change: Callable[[PositionAttachment], PositionAttachment],
-) -> None:
-    fleets: list[Fleet] = []
-    fleet = Fleet(SIX, seed=1, meddle=forged(change, 10.0, fleets))
-    fleets.append(fleet)
-    fleet.run(10.0)
+@pytest.mark.parametrize(
+    "change", [{"scale": 1000.0, "slots": None}, {"place": Place(x=0.0, y=-29.0, heading=0.0)}]
+)
+def test_forged_order_outside_the_bounds_is_refused(change: dict[str, object]) -> None:
+    fleet = Fleet(SIX, seed=1).after(10.0)
+    fleet.meddle = reordered(POSITION.key("robot1"), **change)
     before = fleet.points()
     fleet.run(10.0)
     assert max(abs(now - then) for now, then in zip(fleet.points()[1:], before[1:], strict=True)) < 0.5
@@ -88,19 +55,13 @@ def test_forged_order_outside_the_bounds_is_refused(
 @pytest.mark.slow
 def test_false_leader_position_leads_no_robot_out() -> None:
     """Its orders are inside the bounds, its position goes out at 0.5 m/s."""
-    mission = within(SIX, (-5.0, 12.0), (-4.0, 6.0))
-    fleets: list[Fleet] = []
-
-    def meddle(sample: Sample) -> Iterable[Sample]:
-        if sample.key == POSITION.key("robot1") and fleets[0].now > 10.0:
-            pose = decode(Pose, sample.payload)
-            away = pose.position + 0.5 * (fleets[0].now - 10.0)
-            return [sample._replace(payload=encode(replace(pose, position=away)))]
-        return [sample]
-
-    fleet = Fleet(mission, seed=1, meddle=meddle)
-    fleets.append(fleet)
-    fleet.run(40.0)
+    fleet = Fleet(within(SIX, (-5.0, 12.0), (-4.0, 6.0)), seed=1).after(10.0)
+    fleet.meddle = altered(
+        POSITION.key("robot1"),
+        Pose,
+        lambda pose: replace(pose, position=pose.position + 0.5 * (fleet.now - 10.0)),
+    )
+    fleet.run(30.0)
     assert farthest(fleet) < 0.0
     assert fleet.states == {AgentState.HOLD}
     assert "outside the bounds: robot1" in fleet.message("robot2")
@@ -159,11 +120,8 @@ def test_noise_at_the_edge_does_not_make_a_robot_flap() -> None:
     fleet = Fleet(led(0.0, mission=mission), seed=1).after(10.0)
     fleet.plant("robot3").position = -1.5 + 5.0j
     fleet.run(1.0)
-    states = []
-    for _ in range(60):
-        fleet.run(0.05)
-        states.append(fleet.agents["robot3"].decision.state)
-    assert set(states) == {AgentState.HOLD}
+    states = {fleet.agents["robot3"].decision.state for _ in fleet.every(0.05, 3.0)}
+    assert states == {AgentState.HOLD}
 
 
 def test_request_outside_the_bounds_is_refused_with_numbers() -> None:

@@ -45,46 +45,27 @@ def test_without_delay_compensation_a_delay_leaves_an_error() -> None:
 @pytest.mark.slow
 def test_delays_around_the_limit_cause_no_lurch() -> None:
     fleet = Fleet(UNRAMPED, delay=(0.35, 0.65), seed=1).after(12.0)
-    errors = []
-    for _ in range(40):
-        fleet.run(0.25)
-        errors.append(fleet.error())
-    assert median(errors) < 0.3 * EDGES * SPEED * 0.5
+    assert median(fleet.errors(10.0)) < 0.3 * EDGES * SPEED * 0.5
     assert most_sudden(fleet, since=12.0) < 0.5
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("error", [-3600.0, -10.0, 1.2, 10.0, 3600.0])
-def test_robot_with_wrong_clock_still_takes_its_place(error: float) -> None:
+@pytest.mark.parametrize("error", [-3600.0, -10.0, -0.5, -0.3, -0.1, 0.1, 0.3, 0.5, 0.7, 1.2, 10.0, 3600.0])
+def test_wrong_clock_costs_at_most_the_path_meanwhile(error: float) -> None:
     fleet = Fleet(SIX)
     set_clock(fleet, "robot3", error)
     fleet.run(15.0)
-    assert fleet.error() < SIX.settled
-    assert fleet.status("robot3").clock
+    plain = abs(error) > 1.0
+    assert fleet.error() < (SIX.settled if plain else EDGES * SPEED * abs(error))
+    assert fleet.status("robot3").clock or not plain
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("error", [-0.5, -0.3, -0.1, 0.1, 0.3, 0.5, 0.7])
-def test_small_clock_error_costs_only_the_path_meanwhile(error: float) -> None:
-    fleet = Fleet(SIX)
-    set_clock(fleet, "robot3", error)
-    fleet.run(15.0)
-    assert fleet.error() < EDGES * SPEED * abs(error)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("step", [-10.0, -0.3, 0.3, 0.5, 0.7, 10.0])
+@pytest.mark.parametrize("step", [-3600.0, -10.0, -0.3, 0.3, 0.5, 0.7, 10.0, 3600.0])
 def test_clock_change_while_driving_causes_no_lurch(step: float) -> None:
     fleet = Fleet(UNRAMPED).after(14.0)
     set_clock(fleet, "robot3", step)
     fleet.run(4.0)
     assert most_sudden(fleet, since=13.9) < 0.5
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("step", [-3600.0, -10.0, 10.0, 3600.0])
-def test_a_clock_that_is_set_while_driving_is_survived(step: float) -> None:
-    fleet = Fleet(SIX).after(10.0)
-    set_clock(fleet, "robot3", step)
-    fleet.run(10.0)
-    assert fleet.error() < SIX.settled
+    fleet.run(6.0)
+    assert fleet.error() < SIX.settled or abs(step) < 1.0

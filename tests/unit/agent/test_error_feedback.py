@@ -21,30 +21,22 @@ def pair(*, feedback: bool, leader_speed: float = 0.05) -> Mission:
     return mission.model_copy(update={"route": (leg.model_copy(update={"speed": leader_speed}),)})
 
 
-class Wanted:
-    """Overhears what the law wants of one robot, before anything is made of it."""
-
-    def __init__(self, fleet: Fleet, name: str) -> None:
-        self.commands: list[Command] = []
-        agent = fleet.agents[name]
-        law = agent._params.law
-
-        def from_others(*arguments: Any) -> tuple[Command, Any]:
-            command, integral = law(*arguments)
-            self.commands.append(Command(float(command.speed), float(command.turn_rate)))
-            return command, integral
-
-        agent._params = agent._params._replace(law=from_others)
-
-
 def means(mission: Mission) -> tuple[float, float]:
     """Mean forward speed over 10 s in formation: wanted by the law, and as the robot takes it [m/s]."""
-    fleet = Fleet(mission).after(20.0)
-    wanted, before = Wanted(fleet, "robot1"), len(fleet.commands["robot1"])
+    fleet, wanted = Fleet(mission).after(20.0), list[float]()
+    agent, before = fleet.agents["robot1"], len(fleet.commands["robot1"])
+    law = agent._params.law
+
+    def overheard(*arguments: Any) -> tuple[Command, Any]:
+        command, integral = law(*arguments)
+        wanted.append(float(command.speed))
+        return command, integral
+
+    agent._params = agent._params._replace(law=overheard)
     fleet.run(10.0)
     reported = [int(speed * 100) / 100 for _, speed, _ in fleet.commands["robot1"][before:]]
-    assert len(reported) == len(wanted.commands) == pytest.approx(200, abs=2)
-    return fmean(command.speed for command in wanted.commands), fmean(reported)
+    assert len(reported) == len(wanted) == pytest.approx(200, abs=2)
+    return fmean(wanted), fmean(reported)
 
 
 @pytest.mark.parametrize("leader_speed", [0.045, 0.05, 0.0511, 0.0549, 0.0599])

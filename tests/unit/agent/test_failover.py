@@ -11,6 +11,7 @@ from formation.mission.model import Mission
 from formation.mission.robot import Start
 from formation.wire import Sample
 from tests.support.fleet import Fleet, Link
+from tests.unit.agent.sudden import most_sudden
 
 
 def in_place(mission: Mission) -> Mission:
@@ -43,15 +44,7 @@ def fleet() -> Iterator[Fleet]:
     fleet = driving()
     yield fleet
     assert fleet.most_at_once == 1
-    for name, commands in fleet.commands.items():
-        spec = fleet.mission.robots[name]
-        for _, speed, turn_rate in commands:
-            assert abs(speed) <= spec.max_speed
-            assert abs(turn_rate) <= spec.max_turn_rate
-
-
-def silence(fleet: Fleet, died: float) -> float:
-    return fleet.leader_terms[-1].since - died
+    assert fleet.within_limits
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -61,7 +54,7 @@ def test_standby_continues_from_position_of_dead_leader(seed: int) -> None:
     fleet.kill("leader")
     fleet.run(PATROL.takeover + 2 * PERIOD)
     assert [leader_term.name for leader_term in fleet.leader_terms] == ["leader", "deputy"]
-    assert silence(fleet, died) <= PATROL.takeover
+    assert fleet.leader_terms[-1].since - died <= PATROL.takeover
     deputy, since = fleet.candidates["deputy"], fleet.now - fleet.leader_terms[-1].since
     moved = (
         abs(deputy.where(fleet.now - since) - last) if since < PERIOD else abs(deputy.where(fleet.now) - last)
@@ -77,15 +70,7 @@ def test_standby_continues_from_position_of_dead_leader(seed: int) -> None:
 def test_the_robots_hardly_notice_it(fleet: Fleet) -> None:
     fleet.kill("leader")
     fleet.run(4.0)
-    for name in fleet.agents:
-        steps = [
-            (abs(b[1] - a[1]), abs(b[2] - a[2]))
-            for a, b in zip(fleet.commands[name], fleet.commands[name][1:], strict=False)
-            if b[0] > fleet.now - 4.0
-        ]
-        spec = fleet.mission.robots[name]
-        assert max(speed for speed, _ in steps) <= 0.5 * spec.max_speed
-        assert max(turn for _, turn in steps) <= 0.5 * spec.max_turn_rate
+    assert most_sudden(fleet, fleet.now - 4.0, rests=True) <= 0.5
 
 
 def test_orders_stay_in_force_under_next_leader(fleet: Fleet) -> None:

@@ -30,90 +30,65 @@ def reason(code: Code, **values: float) -> Reason:
     return Reason.of(code, source="odometry", **values)
 
 
-DOUBTS: list[tuple[dict[str, Any], AgentState, str]] = [
-    ({"latched": "stop"}, AgentState.STOP, "stopped by the operator"),
-    ({"latched": "hold"}, AgentState.HOLD, "held by the operator"),
-    ({"finite": False}, AgentState.HOLD, "no finite command"),
-    ({"silence": NEVER}, AgentState.WAITING, "no odometry yet"),
-    ({"silence": 0.16}, AgentState.HOLD, "odometry silent for 0.16 s"),
-    ({"connected": False}, AgentState.HOLD, "no link to the robot"),
-    ({"routed": False}, AgentState.HOLD, "does not listen to cmd_vel"),
-    ({"silence": 0.16, "source": "pose"}, AgentState.HOLD, "pose silent for 0.16 s"),
+OUTSIDE = Reason.of(Code.OUTSIDE_BOUNDS, axis="x", value=31.2, limit=25.0)
+LATE = Reason.of(Code.RELATIVE_LATE, robot="robot3", age=1.0, limit=0.18)
+OTHER_MISSION = (
+    "robot1 runs mission 89ef4567, this process 0123abcd: give all the same one (formation deploy push)"
+)
+UNANSWERED = "do not answer: robot3 by +3.0 s, robot4 by -7.2 s; limit 0.5 s; check the network"
+UNSIGNED = "order not signed by leader: it has no signature"
+GONE, NONE = {"robot1": 0.4}, "no neighbour can be followed"
+HOLD: list[tuple[dict[str, Any], str]] = [
+    ({"latched": "hold"}, "held by the operator"),
+    ({"finite": False}, "no finite command"),
+    ({"silence": 0.16}, "odometry silent for 0.16 s"),
+    ({"connected": False}, "no link to the robot"),
+    ({"routed": False}, "does not listen to cmd_vel"),
+    ({"silence": 0.16, "source": "pose"}, "pose silent for 0.16 s"),
+    ({"too_old": True, "age": 0.4, "age_limit": 0.2}, "was 0.40 s old when it came; limit 0.20 s"),
+    ({"jumped": reason(Code.POSITION_JUMPED, distance=0.8)}, "odometry jumped by 0.80 m"),
+    ({"doubt": reason(Code.POSITION_TOO_FAR, limit=1e6)}, "odometry is beyond"),
+    ({"follows": False}, "no two odometry messages within 0.15 s"),
+    ({"outside": OUTSIDE}, "outside the bounds: x = 31.20 m, limit 25.00 m"),
+    ({"motion": Disagreement(MotionFault.FROZEN, 0.52, 0.0, 0.8)}, "commanded 0.52 m in 0.8 s"),
+    ({"motion": Disagreement(MotionFault.TURN, 0.5, 0.0, 0.8)}, "turned 0.00 rad"),
+    ({"motion": Disagreement(MotionFault.SPEEDS, 0.1, -0.1, 0.8)}, "its speeds say -0.10 m"),
+    ({"motion": Disagreement(MotionFault.CARRIED, 0.0, 0.1, 0.8)}, "moved without command"),
+    ({"motion": Disagreement(MotionFault.TURNED, 0.0, 0.5, 0.8)}, "turned without command"),
+    ({"scan_silence": 0.7, "scan_limit": 0.6}, "range scan silent for 0.70 s"),
+    ({"scan_doubt": reason(Code.SCAN_BLIND, value=0.5, limit=0.15)}, "range scan has range_min 0.5 m"),
+    ({"rival": True}, "another agent commands this robot"),
+    ({"mission": "0123abcd", "other_missions": {"robot1": "89ef4567"}}, OTHER_MISSION),
+    ({"relative_doubt": LATE}, "robot3 was 1.00 s old when it came"),
+    ({"unanswered": {"robot3": Unanswered(3.0, 0.5), "robot4": Unanswered(-7.2, 1.5)}}, UNANSWERED),
+    ({"beat_silence": LEADER_TIMEOUT_SECONDS + 0.2}, "beat stopped 1.2 s ago"),
+    ({"order": RUN.model_copy(update={"mode": "hold"})}, "held by the leader"),
+    ({"beat_silence": 1.1, "unsigned": UNSIGNED}, UNSIGNED),
+    ({"followed": 0, "neighbours": GONE}, f"{NONE}; silent: robot1 0.40 s"),
+    ({"followed": 0, "neighbours": GONE, "leaderless": True}, "silent: robot1 0.40 s"),
     (
-        {"too_old": True, "age": 0.4, "age_limit": 0.2},
-        AgentState.HOLD,
-        "was 0.40 s old when it came; limit 0.20 s",
-    ),
-    ({"jumped": reason(Code.POSITION_JUMPED, distance=0.8)}, AgentState.HOLD, "odometry jumped by 0.80 m"),
-    ({"doubt": reason(Code.POSITION_TOO_FAR, limit=1e6)}, AgentState.HOLD, "odometry is beyond"),
-    ({"follows": False}, AgentState.HOLD, "no two odometry messages within 0.15 s"),
-    (
-        {"outside": Reason.of(Code.OUTSIDE_BOUNDS, axis="x", value=31.2, limit=25.0)},
-        AgentState.HOLD,
-        "outside the bounds: x = 31.20 m, limit 25.00 m",
-    ),
-    ({"frozen": 3.2}, AgentState.WAITING, "this process was frozen for 3.2 s"),
-    (
-        {"motion": Disagreement(MotionFault.FROZEN, 0.52, 0.0, 0.8)},
-        AgentState.HOLD,
-        "commanded 0.52 m in 0.8 s",
-    ),
-    ({"motion": Disagreement(MotionFault.TURN, 0.5, 0.0, 0.8)}, AgentState.HOLD, "turned 0.00 rad"),
-    ({"motion": Disagreement(MotionFault.SPEEDS, 0.1, -0.1, 0.8)}, AgentState.HOLD, "its speeds say -0.10 m"),
-    ({"motion": Disagreement(MotionFault.CARRIED, 0.0, 0.1, 0.8)}, AgentState.HOLD, "moved without command"),
-    ({"motion": Disagreement(MotionFault.TURNED, 0.0, 0.5, 0.8)}, AgentState.HOLD, "turned without command"),
-    ({"scan_silence": NEVER}, AgentState.WAITING, "no range scan yet"),
-    ({"scan_silence": 0.7, "scan_limit": 0.6}, AgentState.HOLD, "range scan silent for 0.70 s"),
-    (
-        {"scan_doubt": Reason.of(Code.SCAN_BLIND, value=0.5, limit=0.15)},
-        AgentState.HOLD,
-        "range scan has range_min 0.5 m",
-    ),
-    ({"rival": True}, AgentState.HOLD, "another agent commands this robot"),
-    (
-        {"mission": "0123abcd", "other_missions": {"robot1": "89ef4567"}},
-        AgentState.HOLD,
-        "robot1 runs mission 89ef4567, this process 0123abcd: give all the same one (formation deploy push)",
+        {"followed": 0, "neighbours": {**GONE, "robot2": 0.02}, "not_followed": ("robot2",)},
+        f"{NONE}; silent: robot1 0.40 s; unavailable: robot2",
     ),
     (
-        {"relative_doubt": Reason.of(Code.RELATIVE_LATE, robot="robot3", age=1.0, limit=0.18)},
-        AgentState.HOLD,
-        "robot3 was 1.00 s old when it came",
+        {"followed": 0, "not_followed": ("robot1",), "beyond": ("robot1",)},
+        f"{NONE}; outside the bounds: robot1",
     ),
-    (
-        {"unanswered": {"robot3": Unanswered(3.0, 0.5), "robot4": Unanswered(-7.2, 1.5)}},
-        AgentState.HOLD,
-        "do not answer: robot3 by +3.0 s, robot4 by -7.2 s; limit 0.5 s; check the network",
-    ),
-    ({"order": None}, AgentState.WAITING, "no order from the leader yet"),
-    ({"beat_silence": LEADER_TIMEOUT_SECONDS + 0.2}, AgentState.HOLD, "beat stopped 1.2 s ago"),
-    ({"order": RUN.model_copy(update={"mode": "stop"})}, AgentState.STOP, "stopped by the leader"),
-    ({"order": RUN.model_copy(update={"mode": "hold"})}, AgentState.HOLD, "held by the leader"),
-    (
-        {"beat_silence": 1.1, "unsigned": "order not signed by leader: it has no signature"},
-        AgentState.HOLD,
-        "order not signed by leader: it has no signature",
-    ),
-    (
-        {"followed": 0, "neighbours": {"robot1": 0.4}},
-        AgentState.HOLD,
-        "no neighbour can be followed; silent: robot1 0.40 s",
-    ),
-    (
-        {"followed": 0, "neighbours": {"robot1": 0.4}, "leaderless": True},
-        AgentState.HOLD,
-        "silent: robot1 0.40 s",
-    ),
-    (
-        {"followed": 0, "neighbours": {"robot1": 0.4, "robot2": 0.02}, "not_followed": ("robot2",)},
-        AgentState.HOLD,
-        "no neighbour can be followed; silent: robot1 0.40 s; unavailable: robot2",
-    ),
-    (
-        {"followed": 0, "neighbours": {"robot1": 0.02}, "not_followed": ("robot1",), "beyond": ("robot1",)},
-        AgentState.HOLD,
-        "no neighbour can be followed; outside the bounds: robot1",
-    ),
+]
+WAIT: list[tuple[dict[str, Any], str]] = [
+    ({"silence": NEVER}, "no odometry yet"),
+    ({"frozen": 3.2}, "this process was frozen for 3.2 s"),
+    ({"scan_silence": NEVER}, "no range scan yet"),
+    ({"order": None}, "no order from the leader yet"),
+]
+STOP: list[tuple[dict[str, Any], str]] = [
+    ({"latched": "stop"}, "stopped by the operator"),
+    ({"order": RUN.model_copy(update={"mode": "stop"})}, "stopped by the leader"),
+]
+DOUBTS = [
+    (doubt, state, words)
+    for state, rows in ((AgentState.HOLD, HOLD), (AgentState.WAITING, WAIT), (AgentState.STOP, STOP))
+    for doubt, words in rows
 ]
 TOGETHER: list[dict[str, Any]] = [
     {"order": None},

@@ -43,6 +43,20 @@ def off(fleet: Fleet) -> dict[str, float]:
     return {n: abs(point - leader - slot) for n, point, slot in zip(followers, points, slots, strict=True)}
 
 
+def unavailable(fleet: Fleet) -> list[str]:
+    """The robots that say so."""
+    return [name for name, agent in fleet.agents.items() if agent.state.availability.published]
+
+
+def follow_their_own(fleet: Fleet, mission: Mission) -> None:
+    """All robots run again, soon after the last was lost, and measure whom they should."""
+    fleet.run(2.0 * FAULT_FREE_TIME)
+    assert fleet.states == {AgentState.RUN}
+    assert unavailable(fleet) == []
+    for name in mission.followers:
+        assert fleet.agents[name].neighbours.guides == mission.robots[name].neighbours
+
+
 def dead(fleet: Fleet, name: str) -> Callable[[], None]:
     """Its agent is; the watchdog has it stand."""
     fleet.kill(name)
@@ -98,10 +112,7 @@ def test_others_stay_in_formation_when_one_cannot_follow(
     others = [other for other in PATROL.followers if other != name]
     since = fleet.now
     restore = lose(fleet, name)
-    worst = 0.0
-    for _ in range(40):
-        fleet.run(0.1)
-        worst = max(worst, *(off(fleet)[other] for other in others))
+    worst = max(off(fleet)[other] for _ in fleet.every(0.1, 4.0) for other in others)
     assert {fleet.agents[other].decision.state for other in others} == {AgentState.RUN}
     assert fleet.agents[BEHIND[name]].neighbours.guides == ("leader",)
     assert fleet.status(BEHIND[name]).follows == ("leader",)
@@ -111,12 +122,8 @@ def test_others_stay_in_formation_when_one_cannot_follow(
     assert most_sudden(fleet, since) < (0.25 if lose is blocked else 0.1)
     since = fleet.now
     restore()
-    worst = 0.0
-    # a probe stands for half a second more to see that nothing moves late
-    for _ in range(80 if lose is blocked else 60):
-        fleet.run(0.1)
-        worst = max(worst, *(off(fleet)[other] for other in others))
-    assert worst < 0.02
+    seconds = 8.0 if lose is blocked else 6.0  # a probe stands for longer to see that nothing moves late
+    assert max(off(fleet)[other] for _ in fleet.every(0.1, seconds) for other in others) < 0.02
     assert max(off(fleet).values()) < 0.02
     assert fleet.agents[BEHIND[name]].neighbours.guides == (name,)
     assert most_sudden(fleet, since) < 0.25
@@ -148,7 +155,7 @@ def test_a_blocked_robot_holds_says_so_and_probes() -> None:
 
 
 @pytest.mark.slow
-def test_robot_without_neighbour_holds_and_names_unavailable_one() -> None:
+def test_those_behind_a_held_robot_hold_and_follow_it_home() -> None:
     fleet = under_way(load("two_chains"))
     fleet.ask("left3", "hold")
     fleet.run(3.0)
@@ -157,19 +164,12 @@ def test_robot_without_neighbour_holds_and_names_unavailable_one() -> None:
     assert str(fleet.status("left4").reason) == "no neighbour can be followed; unavailable: left3"
     assert {fleet.status(f"left{k}").state for k in (4, 5, 6)} == {"hold"}
     assert {fleet.status(f"left{k}").state for k in (1, 2)} == {"run"}
-
-
-@pytest.mark.slow
-def test_those_behind_a_robot_that_comes_back_follow_it_home() -> None:
-    fleet = under_way(load("two_chains"))
-    fleet.ask("left3", "hold")
-    fleet.run(3.0)
     fleet.ask("left3", "run")
     fleet.run(1.0)
     assert {fleet.agents[f"left{k}"].decision.state for k in range(1, 7)} == {AgentState.RUN}
     fleet.run(14.0)
     assert max(off(fleet).values()) < 0.1
-    assert not any(agent.state.availability.published for agent in fleet.agents.values())
+    assert unavailable(fleet) == []
 
 
 @pytest.mark.slow
@@ -180,15 +180,11 @@ def test_no_robot_is_unavailable_while_the_team_stands(do: str) -> None:
         fleet.ask(name, do)
     fleet.ask("leader", do)
     fleet.run(1.0)
-    assert not any(agent.state.availability.published for agent in fleet.agents.values())
+    assert unavailable(fleet) == []
 
 
 def test_no_robot_is_unavailable_before_it_has_set_out() -> None:
-    fleet, result = Fleet(SIX), []
-    for _ in range(60):
-        fleet.run(0.1)
-        result += [agent.state.availability.published for agent in fleet.agents.values()]
-    assert not any(result)
+    assert not any(unavailable(fleet) for fleet in Fleet(SIX).every(0.1, 6.0))
 
 
 @pytest.mark.slow
@@ -222,11 +218,7 @@ def test_predicted_robots_hold_on_loss_and_resume_afterwards(mission: Mission, d
     for name, guides in foretold.instead.items():
         assert fleet.agents[name].neighbours.guides == guides
     restore()
-    fleet.run(2.0 * FAULT_FREE_TIME)
-    assert fleet.states == {AgentState.RUN}
-    assert not any(agent.state.availability.published for agent in fleet.agents.values())
-    for name in mission.followers:
-        assert fleet.agents[name].neighbours.guides == mission.robots[name].neighbours
+    follow_their_own(fleet, mission)
 
 
 @pytest.mark.slow
@@ -241,11 +233,7 @@ def test_all_robots_resume_after_release_in_any_order(mission: Mission, data: st
     for name in data.draw(st.permutations(some)):
         fleet.ask(name, "run")
         fleet.run(data.draw(st.sampled_from([0.0, 0.3, 2.0])))
-    fleet.run(2.0 * FAULT_FREE_TIME)
-    assert fleet.states == {AgentState.RUN}
-    assert not any(agent.state.availability.published for agent in fleet.agents.values())
-    for name in mission.followers:
-        assert fleet.agents[name].neighbours.guides == mission.robots[name].neighbours
+    follow_their_own(fleet, mission)
 
 
 @pytest.mark.slow
@@ -259,7 +247,7 @@ def test_two_unavailable_robots_do_not_wait_for_each_other() -> None:
         fleet.ask(name, "run")
     fleet.run(8.0)
     assert max(off(fleet).values()) < 0.02
-    assert not any(agent.state.availability.published for agent in fleet.agents.values())
+    assert unavailable(fleet) == []
 
 
 @pytest.mark.slow

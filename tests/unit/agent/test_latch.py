@@ -201,25 +201,20 @@ def test_a_release_or_run_older_than_the_rest_is_refused(rest: Do) -> None:
     assert latch.mode != rest
 
 
-def test_release_requested_after_stop_counts_when_late() -> None:
+@pytest.mark.parametrize(
+    ("received", "age", "ok"),
+    [
+        (110.0, 9.9, True),
+        (100.05, 0.04, True),  # its repetition is the first that arrives
+        (110.0, 10.0 - 0.8 * TRAVEL_TIME, False),
+        (110.0, 10.0 - 1.2 * TRAVEL_TIME, True),
+    ],
+)
+def test_release_requested_after_stop_counts_when_late(received: float, age: float, ok: bool) -> None:
     latch = Latch("robot1")
     ask(latch, "stop", received=100.0)
-    assert ask(latch, "release", "late", 110.0, age=9.9).ok
-    assert latch.mode == "hold"
-
-
-def test_immediate_release_counts_when_only_its_repetition_arrives() -> None:
-    latch = Latch("robot1")
-    ask(latch, "stop", received=100.0)
-    assert ask(latch, "release", "next", 100.05, age=0.04).ok
-    assert latch.mode == "hold"
-
-
-def test_release_too_close_to_stop_is_refused() -> None:
-    latch = Latch("robot1")
-    ask(latch, "stop", received=100.0)
-    for age, ok in ((10.0 - 0.8 * TRAVEL_TIME, False), (10.0 - 1.2 * TRAVEL_TIME, True)):
-        assert ask(latch, "release", f"at{age:g}", 110.0, age).ok is ok
+    assert ask(latch, "release", "late", received, age).ok is ok
+    assert latch.mode == ("hold" if ok else "stop")
 
 
 def test_stop_counts_from_its_request_despite_later_answer() -> None:

@@ -81,10 +81,7 @@ def test_jump_is_detected_in_time_and_after_gap(driver: Driver, gap: float) -> N
 
 def test_gyroscope_reset_jumps_without_changing_estimated_heading(driver: Driver) -> None:
     before = driver.here.heading
-    driver.heading *= 1j
-    message = Odometry(EPOCH + driver.mono + PERIOD, driver.position + 0.025, driver.heading, 0.5, 0.0)
-    driver.mono += PERIOD
-    assert driver.here.update_pose(message, driver.mono, Now(driver.mono, EPOCH + driver.mono)) is None
+    assert driver.drive(turn=math.pi / 2.0, move=0.025 - 0.025j) is None
     assert str(driver.here.state.jumped) == "odometry jumped by +1.57 rad"
     assert driver.here.heading == before
 
@@ -95,9 +92,7 @@ def test_impossible_speed_does_not_change_estimated_heading(law: str) -> None:
     for _ in range(40):
         driver.drive()
     before = driver.here.heading
-    driver.mono += PERIOD
-    message = Odometry(EPOCH + driver.mono, driver.position + 0.025, driver.heading, -1e3, 0.0)
-    assert driver.here.update_pose(message, driver.mono, Now(driver.mono, EPOCH + driver.mono)) is None
+    assert driver.drive(speed=-1e3, move=1e3 * PERIOD + 0.025) is None
     assert driver.here.state.jumped is not None
     assert driver.here.heading == before
 

@@ -14,11 +14,12 @@ from formation.control.ramp import FIRST_CHANGE_SHARE, MAX_RAMP_PERIODS
 from formation.control.unicycle import AT_REST, Command
 from formation.mission.file import load
 from formation.mission.model import Mission
-from formation.protocol.order import Order, PositionAttachment, Slots, decode, encode
+from formation.protocol.order import Order, Slots
 from formation.simulation.edges import Edges, edge_errors
 from formation.topics import POSITION
-from formation.wire import BadMessage, Now, Sample
+from formation.wire import BadMessage, Now
 from tests.support.fleet import Fleet
+from tests.support.meddling import reordered
 from tests.support.missions import with_robots
 from tests.unit.agent.sudden import most_sudden
 from tests.unit.agent.wished import Wishes
@@ -26,6 +27,7 @@ from tests.unit.agent.wished import Wishes
 SIX = load("six_robots")
 GAP = 0.15
 """After so long a silence of its agent a watchdog stops the robot [s]."""
+WISHES = st.builds(Command, st.floats(-1.5, 1.5), st.floats(-1.5, 1.5))
 
 
 def farthest(fleet: Fleet) -> float:
@@ -46,8 +48,7 @@ def test_edges_stay_within_four_centimetres_during_shape_transition(
     for shape in shapes:
         assert fleet.order_shape(shape).ok
         worst = fastest = 0.0
-        for _ in range(30):
-            fleet.run(0.1)
+        for _ in fleet.every(0.1, 3.0):
             worst = max(worst, farthest(fleet))
             fastest = max(
                 fastest, *(abs(v) for a in fleet.agents.values() for v in a._slots.state.velocity.values())
@@ -74,28 +75,14 @@ def test_without_their_slots_velocity_they_would_lag_behind() -> None:
     for agent in fleet.agents.values():
         unaware_of_velocities(agent._slots)
     fleet.order_shape("wedge")
-    worst = 0.0
-    for _ in range(30):
-        fleet.run(0.1)
-        worst = max(worst, farthest(fleet))
-    assert worst > 0.05
+    assert max(farthest(fleet) for _ in fleet.every(0.1, 3.0)) > 0.05
 
 
 @pytest.mark.slow
 def test_jumping_order_is_limited_to_slot_speed() -> None:
     fleet = Fleet(SIX).after(9.0)
     since, jump = fleet.now, Slots(mix={"wedge": 1.0}, rotation=1.5)
-
-    def meddled(sample: Sample) -> tuple[Sample, ...]:
-        if sample.key != POSITION.key("robot1") or sample.attachment is None:
-            return (sample,)
-        decoded = decode(PositionAttachment, sample.attachment)
-        if decoded.order is None:
-            return (sample,)
-        forged = decoded.model_copy(update={"order": decoded.order.model_copy(update={"slots": jump})})
-        return (sample._replace(attachment=encode(forged)),)
-
-    fleet.meddle = meddled
+    fleet.meddle = reordered(POSITION.key("robot1"), slots=jump)
     most = MAX_SLOT_SPEED_SHARE * SIX.robot.max_speed
     for _ in range(100):
         before, began = {n: dict(a._slots.state.at) for n, a in fleet.agents.items()}, fleet.now
@@ -122,14 +109,14 @@ def test_slots_that_are_none_are_refused(slots: Slots, why: str) -> None:
         orders.receive(order, "robot1", 0.0, Now(0.0, 1.7e9))
 
 
-@given(st.lists(st.tuples(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), st.floats(0.0, 0.5)), max_size=40))
-def test_reaching_a_limit_from_rest_takes_the_ramp(wishes: list[tuple[float, float, float]]) -> None:
+@given(st.lists(st.tuples(WISHES, st.floats(0.0, 0.5)), max_size=40))
+def test_reaching_a_limit_from_rest_takes_the_ramp(wishes: list[tuple[Command, float]]) -> None:
     sent, moment, spec = Wishes(SIX, "robot2"), 10.0, SIX.robots["robot2"]
     sent.put(moment, AT_REST)
-    for speed, turn_rate, wait in wishes:
+    for wish, wait in wishes:
         before, last, moment = sent.newest, moment, moment + wait
         silence = moment - last  # rounded, as the ramp sees it
-        sent.put(moment, Command(speed, turn_rate))
+        sent.put(moment, wish)
         after_a_gap = silence > GAP and before != AT_REST
         share = (
             FIRST_CHANGE_SHARE if after_a_gap else min(silence, MAX_RAMP_PERIODS / spec.rate) / spec.ramp
@@ -139,32 +126,21 @@ def test_reaching_a_limit_from_rest_takes_the_ramp(wishes: list[tuple[float, flo
             assert abs(sent.newest.turn_rate - before.turn_rate) <= share * spec.max_turn_rate
 
 
-@given(
-    st.floats(-1.5, 1.5),
-    st.floats(-1.5, 1.5),
-    st.floats(-1.5, 1.5),
-    st.floats(-1.5, 1.5),
-    st.floats(GAP, 2.0),
-)
-def test_watchdog_zero_after_gap_causes_no_large_jump(
-    speed: float, turn_rate: float, then: float, turning: float, gap: float
-) -> None:
+@given(WISHES, WISHES, st.floats(GAP, 2.0))
+def test_watchdog_zero_after_gap_causes_no_large_jump(wish: Command, then: Command, gap: float) -> None:
     wishes, moment, spec = Wishes(SIX, "robot2"), 10.0, SIX.robots["robot2"]
     for _ in range(10):
         moment += 0.05
-        wishes.put(moment, Command(speed, turn_rate))
-    before = wishes.newest
+        wishes.put(moment, wish)
+    before, most = wishes.newest, FIRST_CHANGE_SHARE + 1e-9
     for wait in (gap + 0.01, 0.05):
         moment += wait
-        wishes.put(moment, Command(then, turning))
+        wishes.put(moment, then)
         if wishes.newest == AT_REST:
             return
         for last in (before, AT_REST):  # or the watchdog was faster
-            assert abs(wishes.newest.speed - last.speed) <= (FIRST_CHANGE_SHARE + 1e-9) * spec.max_speed
-            assert (
-                abs(wishes.newest.turn_rate - last.turn_rate)
-                <= (FIRST_CHANGE_SHARE + 1e-9) * spec.max_turn_rate
-            )
+            assert abs(wishes.newest.speed - last.speed) <= most * spec.max_speed
+            assert abs(wishes.newest.turn_rate - last.turn_rate) <= most * spec.max_turn_rate
         before = wishes.newest
 
 

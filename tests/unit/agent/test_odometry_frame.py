@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import cmath
+import itertools
 import math
 import random
 from dataclasses import replace
-from itertools import pairwise
 
 import pytest
 
@@ -85,9 +85,13 @@ def test_restarted_agent_knows_position_and_heading_since_start() -> None:
     assert abs(driver.true_heading - PAIR.first_heading("robot2")) > 0.1
 
 
-@pytest.mark.parametrize("far", [0.02, 0.05, 0.5, 5.0])
-@pytest.mark.parametrize("way", [0, 90, 180, 270])
-@pytest.mark.parametrize("turn", [0.0, 0.2, math.pi])
+@pytest.mark.parametrize(
+    ("far", "way", "turn"),
+    [
+        *itertools.product([0.02, 0.05, 0.5, 5.0], [0, 90, 180, 270], [0.0, 0.2, math.pi]),
+        (0.0, 0, 0.2),
+    ],
+)
 def test_a_robot_that_counts_anew_is_still_where_it_was(far: float, way: float, turn: float) -> None:
     driver = Driver()
     driver.drive(times=60)
@@ -111,16 +115,6 @@ def test_turn_during_odometry_jump_keeps_estimated_heading() -> None:
     driver.drive()  # by 0.1 rad
     assert driver.here.state.jumps == 1
     assert abs(cmath.phase(driver.here.heading / driver.true_heading)) < 1e-3
-
-
-def test_turned_odometry_count_leaves_pose_unchanged() -> None:
-    driver = Driver()
-    driver.drive(times=60)
-    driver.count_anew(driver.position, driver.heading * cmath.rect(1.0, 0.2))
-    driver.drive(times=30)
-    assert driver.here.state.jumps == 1
-    assert driver.error < 1e-3
-    assert driver.turned < 1e-3
 
 
 @pytest.mark.parametrize("silence", [0.2, 3.0, 60.0])
@@ -206,7 +200,7 @@ def test_robot_with_doubtful_position_publishes_none() -> None:
     fleet.run(5.0)
     reset_odometry(fleet.world.plant("robot3"))
     fleet.run(1.0)
-    gaps = sorted(after - before for before, after in pairwise(received))
+    gaps = sorted(after - before for before, after in itertools.pairwise(received))
     assert 0.15 < gaps[-1] < 0.35
     assert gaps[-2] < 0.1
     fleet.run(10.0)

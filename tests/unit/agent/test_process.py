@@ -71,10 +71,7 @@ class Setting:
         self.fleet, self.robot = Wire("fleet", self.log), Wire("robot", self.log)
         self.agent = Agent(mission, "robot2", readonly=readonly, publisher_id="v")
         process: Any = SimpleNamespace(
-            bus=self.fleet,
-            robot=self.robot,
-            clock=lambda: Now(1.2, 100.2),
-            let_threads_run=lambda: None,
+            bus=self.fleet, robot=self.robot, clock=lambda: Now(1.2, 100.2), let_threads_run=lambda: None
         )
         self.process = process
         self.sides = Sides(self.agent, process)
@@ -134,22 +131,11 @@ def test_second_agent_on_the_robot_makes_both_hold() -> None:
     assert setting.agent.decision.reason.code is not Code.SECOND_AGENT
 
 
-def test_farewell_is_no_second_agent() -> None:
-    setting = Setting()
-    setting.turn(ODOMETRY, Sample("robot2/alive", encode(Number(FAREWELL)), None, 1.0))
+@pytest.mark.parametrize(("value", "readonly"), [(FAREWELL, False), (12.0, True)])
+def test_farewell_or_readonly_makes_no_second_agent(value: float, *, readonly: bool) -> None:
+    setting = Setting(readonly=readonly)
+    setting.turn(ODOMETRY, Sample("robot2/alive", encode(Number(value)), None, 1.0))
     assert setting.agent.decision.reason.code is not Code.SECOND_AGENT
-
-
-def test_readonly_agent_does_not_hold_beside_another() -> None:
-    setting = Setting(readonly=True)
-    setting.turn(ODOMETRY, Sample("robot2/alive", encode(Number(12.0)), None, 1.0))
-    assert setting.agent.decision.reason.code is not Code.SECOND_AGENT
-
-
-def test_signs_of_life_stay_on_the_robot() -> None:
-    setting = Setting()
-    assert "robot2/alive" in setting.robot.advertised
-    assert "robot2/alive" not in setting.fleet.advertised
 
 
 def test_readonly_agent_sends_robot_no_command_or_life() -> None:
@@ -162,19 +148,6 @@ def test_readonly_agent_sends_robot_no_command_or_life() -> None:
     assert {key for side, key, _ in setting.log if side == "robot"} == {"robot2/status"}
 
 
-def test_the_last_words_are_zero_velocity_to_the_robot_first() -> None:
-    setting = Setting()
-    setting.sides.send(setting.sides.halt(Now(2.0, 101.0), "SIGTERM"))
-    assert setting.log[0][:2] == ("robot", "robot2/cmd_vel")
-
-
-def test_a_scan_is_repeated_and_is_none_of_the_agents_business() -> None:
-    setting = Setting()
-    assert "robot2/scan" in setting.robot.subscribed
-    assert ("fleet", "robot2/scan") in setting.turn(SEEN)
-    assert setting.sides.dropped == {}
-
-
 def test_positions_of_neighbours_come_from_the_fleet_and_are_not_repeated() -> None:
     setting = Setting()
     others = [f"robot{other}/position" for other in (1, 3, 4, 5, 6)]  # whom it measures, then whom it avoids
@@ -182,6 +155,8 @@ def test_positions_of_neighbours_come_from_the_fleet_and_are_not_repeated() -> N
     assert setting.robot.subscribed == ["robot2/odom", "robot2/scan", "robot2/alive"]
     assert setting.fleet.waiting == set(others), "it is the robot's own messages that drive an agent"
     assert setting.robot.waiting == {"robot2/alive"}
+    assert "robot2/alive" in setting.robot.advertised
+    assert "robot2/alive" not in setting.fleet.advertised
     position = Sample("robot1/position", b"anything", None, 1.0)
     assert ("fleet", "robot1/position") not in setting.turn(position)
 
@@ -199,6 +174,7 @@ def test_everything_heard_is_repeated_once_and_in_order(received: Sequence[Sampl
     repeated = [key for _, key in setting.turn(*received)][-len(received) :]
     assert repeated == [sample.key for sample in received]
     assert not {"robot2/odom", "robot2/scan"} & {key for _, key in setting.turn(mono=1.01)}
+    assert setting.sides.dropped == {}
 
 
 def test_the_agent_knows_how_it_was_connected_when_it_last_spoke(monkeypatch: pytest.MonkeyPatch) -> None:

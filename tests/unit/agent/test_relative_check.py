@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from typing import Any
 
 import pytest
 
@@ -23,6 +24,10 @@ PERIOD, ROBOT = 0.05, "robot3"
 AHEAD = Travel(0.01, 0.0, 0.01 + 0j)
 
 
+Seen = Callable[[int], Any]
+"""A displacement of each period, or None."""
+
+
 class Watched:
     """A check of one neighbour, and the robot's motion."""
 
@@ -34,8 +39,8 @@ class Watched:
         self,
         travel: Travel | None,
         periods: int,
-        seen: Callable[[int], complex],
-        reported: Callable[[int], complex | None] = lambda _: None,
+        seen: Seen,
+        reported: Seen = lambda _: None,
     ) -> bool:
         """Move on for so many `periods`; return whether the sensor is doubted then."""
         for number in range(periods):
@@ -64,8 +69,20 @@ def test_trembling_displacement_is_doubted_beside_standing_neighbour() -> None:
     assert watched.move(AHEAD, 20, lambda n: 1.0 + 0.001 * (n % 3), lambda _: 1.0 + 0j)
 
 
-def test_robot_at_rest_doubts_nothing() -> None:
-    assert not Watched().move(Travel(0.0, 0.0, 0j), 400, still, lambda n: 0.01j * n)
+@pytest.mark.parametrize(
+    ("by_odometry", "travel", "periods", "seen", "reported"),
+    [
+        (True, Travel(0.0, 0.0, 0j), 400, still, lambda n: 0.01j * n),
+        (True, AHEAD, 200, lambda n: 3.0 - 0.01 * n, lambda _: 3.0 + 0j),
+        (True, None, 400, still, lambda _: None),
+        (False, Travel(0.0, 0.02, 0j), 400, still, lambda _: None),
+    ],
+    ids=["at rest", "it follows the motion", "unknown motion", "a commanded turn"],
+)
+def test_displacement_without_evidence_against_it_is_believed(
+    by_odometry: bool, travel: Travel | None, periods: int, seen: Seen, reported: Seen
+) -> None:
+    assert not Watched(by_odometry=by_odometry).move(travel, periods, seen, reported)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.6, 3.0])
@@ -74,18 +91,6 @@ def test_formation_at_speed_is_no_fault_in_any_frame(angle: float) -> None:
         return rotation(angle) * 0.0095 * number
 
     assert not Watched().move(AHEAD, 2000, lambda n: 1.0 + 1e-6 * (n % 2), reported)
-
-
-def test_displacement_that_follows_the_motion_is_believed() -> None:
-    assert not Watched().move(AHEAD, 200, lambda n: 3.0 - 0.01 * n, lambda _: 3.0 + 0j)
-
-
-def test_unknown_own_motion_doubts_nothing() -> None:
-    assert not Watched().move(None, 400, still)
-
-
-def test_commanded_turn_alone_is_no_evidence() -> None:
-    assert not Watched(by_odometry=False).move(Travel(0.0, 0.02, 0j), 400, still)
 
 
 def test_doubt_ends_with_the_first_other_displacement() -> None:

@@ -15,6 +15,7 @@ from formation.mission.model import Mission
 from formation.protocol.status import AgentState
 from tests.support.recorded import verify
 from tests.support.restarting import Team, driving, turning_back
+from tests.unit.agent.sudden import most_sudden
 
 SIX = load("six_robots")
 BACK = turning_back()
@@ -42,22 +43,6 @@ def turned_unseen(team: Team, name: str, gone: float) -> float:
     return math.degrees(spec.max_turn_rate * (SAVE_PERIOD + min(gone, until_stopped) + 1.0 / spec.rate))
 
 
-def within_limits(team: Team, name: str) -> bool:
-    spec = team.mission.robots[name]
-    return all(abs(u) <= spec.max_speed and abs(w) <= spec.max_turn_rate for _, u, w in team.commands[name])
-
-
-def largest_jump(team: Team, name: str, since: float) -> float:
-    """Between two commands, but for those that stop the robot, as a share of the limit."""
-    spec, jump, before = team.mission.robots[name], 0.0, (0.0, 0.0)
-    for moment, speed, turn_rate in team.commands[name]:
-        if moment >= since and (speed, turn_rate) != (0.0, 0.0):
-            change = abs(speed - before[0]) / spec.max_speed, abs(turn_rate - before[1]) / spec.max_turn_rate
-            jump = max(jump, *change)
-        before = (speed, turn_rate)
-    return jump
-
-
 @pytest.mark.slow
 @settings(max_examples=5)
 @given(
@@ -76,27 +61,20 @@ def test_restarted_agent_resumes_straight_within_limits_and_forms(
     assert first_heading_error(team, name) < STRAIGHT + turned_unseen(team, name, gone)
     team.run(5.0)
     assert team.error() < 0.02
-    assert within_limits(team, name)
-    assert largest_jump(team, name, back) < 0.5
+    assert team.within_limits
+    assert most_sudden(team, back) < 0.5
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("gone", [0.5, 5.4])
-def test_without_state_heading_comes_from_world_odometry(gone: float) -> None:
-    team = driving(BACK, 18.0)
-    team.lose("robot3", gone)
-    team.begin("robot3", empty=True)
-    assert first_heading_error(team, "robot3") < STRAIGHT
+@pytest.mark.parametrize(
+    ("mission", "gone", "most"), [(BACK, 0.5, STRAIGHT), (BACK, 5.4, STRAIGHT), (SEEN, 0.5, 10.0)]
+)
+def test_without_state_heading_is_odometrys_or_leaders(mission: Mission, gone: float, most: float) -> None:
+    team = driving(mission, 18.0)
+    team.replace("robot3", gone, empty=True)
+    assert first_heading_error(team, "robot3") < most
     team.run(8.0)
     assert team.error() < 0.02
-
-
-@pytest.mark.slow
-def test_without_state_external_pose_assumes_heading_of_leader() -> None:
-    team = driving(SEEN, 18.0)
-    team.lose("robot3", 0.5)
-    team.begin("robot3", empty=True)
-    assert first_heading_error(team, "robot3") < 10.0
 
 
 def test_first_heading_guess_is_from_mission() -> None:
@@ -108,13 +86,11 @@ def test_first_heading_guess_is_from_mission() -> None:
 @pytest.mark.slow
 def test_recording_of_restarted_agent_verifies_exactly() -> None:
     team = driving(BACK, 14.0)
-    team.lose("robot3", 0.7)
-    team.begin("robot3")
+    team.replace("robot3", 0.7)
     team.run(3.0)
     team.tell("robot3", "stop", id="a")
     team.run(0.5)
-    team.lose("robot3", 0.7)
-    team.begin("robot3")
+    team.replace("robot3", 0.7)
     team.run(0.5)
     team.tell("robot3", "release", id="b")
     team.tell("robot3", "run", id="c")

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import pytest
 
 from formation.agent.core import Agent
 from formation.agent.safety.commander import FAREWELL
 from formation.agent.status import Surroundings
 from formation.control.laws import LAWS
-from formation.control.unicycle import Command, advance
 from formation.mission.file import load
 from formation.protocol import order
-from formation.protocol.order import OperatorReply, Order, PositionAttachment
-from formation.protocol.order import encode as encode_order
+from formation.protocol.order import OperatorReply
 from formation.protocol.reasons import Code, Reason
 from formation.protocol.status import AgentState, RobotLink
 from formation.protocol.status_codec import LINKS
-from formation.ros2.messages import Diagnostics, Number, Odometry, Pose, TwistStamped, decode, encode
-from formation.topics import ALIVE, CMD_VEL, ODOM, POSITION, STATUS, TABLE
+from formation.ros2.messages import Diagnostics, Number, TwistStamped, decode
+from formation.topics import ALIVE, CMD_VEL, STATUS, TABLE
 from formation.wire import Now, Outgoing, Sample
-from tests.support.fleet import EPOCH, Fleet
+from tests.support.fleet import Fleet, at
 from tests.support.meddling import lost
 from tests.support.missions import with_robots
 
@@ -28,11 +28,6 @@ SIX = load("six_robots")
 AT_REST = (0.0, 0.0)
 LOST = Surroundings(connected=True, routed=False)
 FINE = Surroundings(connected=True, routed=True)
-
-
-def status(outbox: list[Outgoing], name: str) -> Diagnostics:
-    (one,) = [out for out in outbox if out.key == STATUS.key(name)]
-    return decode(Diagnostics, one.payload)
 
 
 @pytest.mark.slow
@@ -124,44 +119,31 @@ def test_answers_tell_readonly_agents_apart(*, readonly: bool) -> None:
 
 def test_a_readonly_agent_that_would_not_run_says_so() -> None:
     agent = Agent(PAIR, "robot1", readonly=True)
-    result = status(agent.step(Now(1.0, EPOCH), []), "robot1").statuses[0]
+    (said,) = [out for out in agent.step(at(1.0), []) if out.key == STATUS.key("robot1")]
+    result = decode(Diagnostics, said.payload).statuses[0]
     assert (result.values["state"], result.values["readonly"]) == ("waiting", "true")
 
 
-def test_each_command_goes_first_and_with_it_a_sign_of_life() -> None:
-    agent = Agent(PAIR, "robot1", publisher_id="v")
-    alive: list[float] = []
-    position, heading, moving = -0.9 + 0.6j, 1 + 0j, Command(0.0, 0.0)
-    for step in range(40):
-        position, heading = advance(position, heading, *moving, 0.05)
-        now = Now(7.0 + 0.05 * step, EPOCH + 0.05 * step)
-        result = Order(term=1, beat=step, mode="run", shape="triangle")
-        attachment = PositionAttachment(publisher_id="l", count=step, order=result, mission=PAIR.tag)
-        leader = encode(Pose(now.wall, 0.0025 * step, 1 + 0j))
-        odometry = encode(Odometry(now.wall, position, heading, *moving))
-        inbox = [
-            Sample(POSITION.key("leader"), leader, encode_order(attachment), now.mono),
-            Sample(ODOM.key("robot1"), odometry, None, now.mono),
-        ]
-        outbox = agent.step(now, inbox)
-        assert [out.key for out in outbox[:2]] == [CMD_VEL.key("robot1"), ALIVE.key("robot1")]
-        twist = decode(TwistStamped, outbox[0].payload)
-        moving = Command(twist.speed, twist.turn_rate)
-        alive.append(decode(Number, outbox[1].payload).value)
-    assert agent.decision.state == "run"
-    assert alive == pytest.approx([0.05 * step for step in range(40)], abs=1e-9)
+def test_each_command_goes_first_and_with_it_a_sign_of_life(monkeypatch: pytest.MonkeyPatch) -> None:
+    fleet = Fleet(PAIR)
+    step, alive = fleet.agents["robot1"].step, list[tuple[float, float]]()
 
+    def stepped(now: Now, inbox: Sequence[Sample]) -> list[Outgoing]:
+        outbox = list(step(now, inbox))
+        if any(out.key == CMD_VEL.key("robot1") for out in outbox):
+            assert [out.key for out in outbox[:2]] == [CMD_VEL.key("robot1"), ALIVE.key("robot1")]
+            alive.append((now.mono, decode(Number, outbox[1].payload).value))
+        return outbox
 
-def test_a_robot_at_rest_has_an_agent_that_is_alive() -> None:
-    agent = Agent(PAIR, "robot1")
-    for step in range(10):
-        outbox = agent.step(Now(0.06 * step, EPOCH + 0.06 * step), [])
-        assert [out.key for out in outbox[:2]] == [CMD_VEL.key("robot1"), ALIVE.key("robot1")]
+    monkeypatch.setattr(fleet.agents["robot1"], "step", stepped)
+    fleet.run(3.0)
+    assert len(alive) > 50
+    assert [value for _, value in alive] == pytest.approx([at - alive[0][0] for at, _ in alive])
 
 
 def test_halting_agent_sends_zero_then_farewell_then_status() -> None:
     agent = Agent(PAIR, "robot1")
-    command, leave, result = agent.halt(Now(1.0, EPOCH), "SIGTERM")
+    command, leave, result = agent.halt(at(1.0), "SIGTERM")
     assert decode(TwistStamped, command.payload).speed == 0.0
     assert leave.key == ALIVE.key("robot1")
     assert decode(Number, leave.payload).value == FAREWELL

@@ -80,28 +80,21 @@ def test_state_with_nan_in_stream_is_refused(where: str, caplog: pytest.LogCaptu
 
 @pytest.mark.parametrize(
     ("place", "value"),
-    [
-        ("estimate", [1.7e308, 1.7e308]),  # an agent would fail with at its first step
-        ("jumps", "DIGITS"),  # too long to be shown
-    ],
+    [("estimate", "[1.7e308, 1.7e308]"), ("jumps", 5000 * "1")],
+    ids=["an agent would fail with it at its first step", "too long to be shown"],
 )
 def test_state_that_an_agent_would_fail_with_is_refused(
-    place: str, value: Any, caplog: pytest.LogCaptureFixture
+    place: str, value: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     team = lost(1.0)
     here = json.loads(team.drawers["robot3"].texts["state"])["here"]
     assert place in here
-    text = json.dumps({**here, place: "PLACE"}).replace('"PLACE"', _json(value))
+    text = json.dumps({**here, place: "PLACE"}).replace('"PLACE"', value)
     way = team.drawers["robot3"].texts["state"]
     team.drawers["robot3"].texts["state"] = way.replace(json.dumps(here).encode(), text.encode())
     assert team.drawers["robot3"].texts["state"] != way
     assert "starts without the saved state" in news(team, caplog)
     assert team.agents["robot3"].decision.state is AgentState.RUN
-
-
-def _json(value: Any) -> str:
-    """As JSON has it, also a number of thousands of digits."""
-    return 5000 * "1" if value == "DIGITS" else json.dumps(value)
 
 
 def test_saved_state_that_its_agent_failed_with_is_set_aside(caplog: pytest.LogCaptureFixture) -> None:
@@ -196,8 +189,7 @@ def test_realigned_odometry_persists_over_agent_death() -> None:
     reset_odometry(team.world._hosted["robot3"].plant)
     team.run(3.0)
     assert team.agents["robot3"].here.state.jumps == 1
-    team.lose("robot3", 1.0)
-    team.begin("robot3")
+    team.replace("robot3")
     team.run(6.0)
     assert team.error() < 0.05
     assert team.agents["robot3"].here.state.source.realigned == 1

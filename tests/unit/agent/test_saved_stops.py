@@ -34,8 +34,7 @@ def stopped(do: str = "stop") -> Team:
 def test_operator_stop_persists_over_restarts_until_released(do: str, state: AgentState, boot: str) -> None:
     team = stopped(do)
     for _ in range(2):
-        team.lose("robot3", 1.0)
-        team.begin("robot3", boot=boot)
+        team.replace("robot3", boot=boot)
         team.run(3.0)
         assert team.agents["robot3"].decision.state is state
         assert team.agents["robot3"].decision.reason.code in BEFORE
@@ -44,8 +43,7 @@ def test_operator_stop_persists_over_restarts_until_released(do: str, state: Age
     assert team.tell("robot3", "run").ok
     team.run(1.0)
     assert team.agents["robot3"].decision.state is AgentState.RUN
-    team.lose("robot3", 1.0)
-    team.begin("robot3", boot=boot)
+    team.replace("robot3", boot=boot)
     team.run(1.0)
     assert team.agents["robot3"].decision.state is AgentState.RUN
 
@@ -54,8 +52,7 @@ def test_operator_stop_persists_over_restarts_until_released(do: str, state: Age
 def test_the_hold_after_a_release_outlives_the_process() -> None:
     team = stopped("stop")
     for state, do in ((AgentState.STOP, "release"), (AgentState.HOLD, "run")):
-        team.lose("robot3", 1.0)
-        team.begin("robot3")
+        team.replace("robot3")
         team.run(2.0)
         assert state_of(team) is state
         assert team.agents["robot3"].decision.reason.code in BEFORE
@@ -68,8 +65,7 @@ def test_the_hold_after_a_release_outlives_the_process() -> None:
 def test_a_release_after_a_restart_ends_the_stop_that_it_names() -> None:
     team = driving(SIX, 5.0)
     team.tell("robot3", "stop", id="s2")
-    team.lose("robot3", 1.0)
-    team.begin("robot3")
+    team.replace("robot3")
     assert team.tell("robot3", "release", id="r1", ends=("s1",)).code == "another"
     assert team.tell("robot3", "release", id="r2", ends=("s1", "s2")).mode == "hold"
 
@@ -93,8 +89,7 @@ def test_stored_stops_without_holding_restore_no_hold(mode: str | None, state: A
 def test_a_stop_that_is_killed_right_after_its_acknowledgement_is_kept() -> None:
     team = driving(SIX, 5.0)
     assert team.tell("robot3", "stop").ok
-    team.lose("robot3", 1.0)  # not a single step has been taken
-    team.begin("robot3")
+    team.replace("robot3")  # not a single step has been taken
     team.run(2.0)
     assert team.agents["robot3"].decision.state is AgentState.STOP
 
@@ -176,8 +171,7 @@ def test_repeated_release_after_restart_ends_no_later_stop() -> None:
     team.run(0.5)
     team.tell("robot3", "stop", id="s")
     team.run(0.5)
-    team.lose("robot3", 1.0)
-    team.begin("robot3")
+    team.replace("robot3")
     for _ in range(3):
         team.tell("robot3", "release", id="r", age=2.0)  # its operator still waits for another robot
         team.tell("robot3", "release", id="older", age=3.0)
@@ -189,8 +183,7 @@ def test_repeated_release_after_restart_ends_no_later_stop() -> None:
 @pytest.mark.parametrize("boot", ["this very boot", "another"])
 def test_release_requested_before_stop_is_refused_after_restart(boot: str) -> None:
     team = stopped()
-    team.lose("robot3", 2.0)
-    team.begin("robot3", boot=boot)
+    team.replace("robot3", 2.0, boot=boot)
     assert not team.tell("robot3", "release", id="old", age=5.0).ok
     team.run(0.5)
     assert not team.tell("robot3", "release", id="old-too", age=5.0).ok
@@ -206,7 +199,7 @@ def test_stopped_robot_stays_stopped_after_full_restart() -> None:
     for name in ("leader", *SIX.followers):
         team.kill(name)
     team.run(1.0)
-    team.begin_leader()
+    team.restart("leader")
     for name in SIX.followers:
         team.begin(name)
     team.run(5.0)

@@ -14,7 +14,8 @@ from formation.control.unicycle import Command
 from formation.control.zones import Zone
 from formation.ros2.messages import BadMessage
 from formation.sensing.scan import Mate, obstacles
-from tests.unit.agent.scanned import MARGIN, Robot, at, mission, post, scan
+from tests.support.fleet import at
+from tests.unit.agent.scanned import MARGIN, Robot, mission, post, scan
 
 # How fast it may go
 

@@ -51,8 +51,7 @@ def room(fleet: Fleet, seconds: float) -> float:
     posts = [post.disc for post in fleet.mission.simulation.posts]
     walls = [wall.line for wall in fleet.mission.simulation.walls]
     bodies = [(name, fleet.mission.robots[name].radius) for name in fleet.mission.followers]
-    for _ in range(round(seconds / 0.05)):
-        fleet.run(0.05)
+    for _ in fleet.every(0.05, seconds):
         fleet.points()  # has all be where they are by now
         for number, (name, radius) in enumerate(bodies):
             here = fleet.plant(name).position
@@ -158,9 +157,7 @@ def test_silent_required_scanner_holds_robot_until_it_returns() -> None:
 def test_a_robot_goes_on_without_a_scanner_that_is_optional() -> None:
     fleet = Fleet(team(ALONE, scanner="optional")).after(6.0)
     fleet.meddle = lost(KEY)
-    for _ in range(12):
-        fleet.run(0.25)
-        assert fleet.status("robot1").state == "run"
+    assert {fleet.status("robot1").state for _ in fleet.every(0.25, 3.0)} == {"run"}
     assert fleet.error() < 0.01
 
 
@@ -268,11 +265,8 @@ def test_scans_that_were_garbled_crash_nothing_and_keep_the_limits() -> None:
         KEY, lambda one: [*(one._replace(payload=mutated(dice, [one.payload])) for _ in range(40)), one]
     )  # fmt: skip
     fleet.run(20.0)
-    limits = fleet.mission.robots["robot1"].limits
     assert fleet.agents["robot1"].dropped[KEY] > 1000
-    assert all(
-        abs(u) <= limits.max_speed and abs(w) <= limits.max_turn_rate for _, u, w in fleet.commands["robot1"]
-    )
+    assert fleet.within_limits
 
 
 def test_agent_subscribes_to_scan_only_with_scanner() -> None:

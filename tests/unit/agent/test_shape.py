@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import combinations
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -19,14 +17,6 @@ def driving(seconds: float = 10.0, *, loss: float = 0.0) -> Fleet:
     return Fleet(SIX, loss=loss, seed=3).after(seconds)
 
 
-def within_limits(fleet: Fleet) -> bool:
-    return all(
-        abs(u) <= SIX.robots[name].max_speed and abs(w) <= SIX.robots[name].max_turn_rate
-        for name in SIX.followers
-        for _, u, w in fleet.commands[name]
-    )
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("loss", [0.0, 0.3])
 def test_the_team_takes_another_shape_within_its_limits_and_goes_back(loss: float) -> None:
@@ -37,18 +27,7 @@ def test_the_team_takes_another_shape_within_its_limits_and_goes_back(loss: floa
         assert fleet.error() > SIX.settled
         fleet.run(9.5)
         assert fleet.error() < SIX.settled
-    assert within_limits(fleet)
-
-
-@pytest.mark.slow
-def test_bodies_keep_distance_during_shape_transition() -> None:
-    fleet, touching = driving(), 2.0 * SIX.robot.radius
-    for shape in ("wedge", "hexagon"):
-        fleet.order_shape(shape)
-        for _ in range(100):
-            fleet.run(0.1)
-            bodies = [fleet.world._hosted[name].plant.position for name in SIX.followers]
-            assert min(abs(one - other) for one, other in combinations(bodies, 2)) > 2.0 * touching
+    assert fleet.within_limits
 
 
 def test_all_robots_follow_a_new_shape_while_driving() -> None:
@@ -79,32 +58,7 @@ def test_a_robot_at_rest_takes_the_shape_when_it_runs(rest: str) -> None:
         assert fleet.set_going(name).ok
     fleet.run(10.0)
     assert fleet.error() < SIX.settled
-    assert within_limits(fleet)
-
-
-@pytest.mark.slow
-def test_an_agent_that_starts_anew_takes_the_shape_of_the_others() -> None:
-    fleet = driving()
-    fleet.order_shape("wedge")
-    fleet.run(5.0)
-    fleet.kill("robot5")
-    fleet.run(1.0)
-    fleet.restart("robot5")
-    fleet.run(10.0)
-    assert fleet.error() < SIX.settled
-
-
-@pytest.mark.slow
-def test_restarted_leader_continues_with_requested_shape() -> None:
-    fleet = driving()
-    fleet.order_shape("wedge")
-    fleet.run(5.0)
-    fleet.kill("leader")
-    fleet.restart("leader")
-    fleet.run(10.0)
-    shapes = {agent.orders.newest.shape for agent in fleet.agents.values() if agent.orders.newest}
-    assert shapes == {"wedge"}
-    assert fleet.error() < SIX.settled
+    assert fleet.within_limits
 
 
 orders = st.one_of(
@@ -128,4 +82,4 @@ def test_whatever_is_ordered_in_whatever_haste_no_command_exceeds_a_limit(
         fleet.run(wait)
         if fleet.leader.mode == "stop" and wait > 0.2:
             assert {fleet.last_command(name) for name in SIX.followers} == {AT_REST}
-    assert within_limits(fleet)
+    assert fleet.within_limits

@@ -51,18 +51,12 @@ def test_newly_started_agent_adopts_current_slots(rotation: float, scale: float,
     assert set(slots.state.velocity.values()) == {0j}
 
 
-@given(
-    st.lists(
-        st.tuples(
-            st.floats(-3.0, 3.0),
-            st.floats(0.1, 5.0),
-            st.integers(1, 30),
-            st.floats(0.0, 0.3),
-            st.integers(1, 3),
-        ),
-        max_size=20,
-    )
+JUMPS = st.tuples(
+    st.floats(-3.0, 3.0), st.floats(0.1, 5.0), st.integers(1, 30), st.floats(0.0, 0.3), st.integers(1, 3)
 )
+
+
+@given(st.lists(JUMPS, max_size=20))
 def test_slot_speed_never_exceeds_its_share(jumps: list[tuple[float, float, int, float, int]]) -> None:
     slots, beat, moment = Slots(SIX, "robot5"), 1, 0.0
     slots.follow(ordered(beat), moment, moment)

@@ -31,17 +31,14 @@ from formation.protocol.order import encode as encode_order
 from formation.protocol.status import AgentState
 from formation.ros2.messages import MAX_PAYLOAD_BYTES, Odometry, Pose, Text, decode, encode
 from formation.topics import CMD_VEL, ODOM, POSITION
-from formation.wire import Now, Sample
+from formation.wire import Sample
+from tests.support.fleet import at
 from tests.support.missions import with_robots
 from tests.support.recorded import Looped, RecordedFleet, Recording
 
 SIX = load("six_robots")
 KEY = CMD_VEL.key("robot3")
 HELD = [ODOM.key("robot3"), *(POSITION.key(f"robot{other}") for other in (1, 2, 4, 5, 6))]
-
-
-def now(mono: float) -> Now:
-    return Now(mono, 1.7e9 + mono)
 
 
 def odometry(mono: float, attachment: bytes | None = None) -> Sample:
@@ -59,20 +56,24 @@ def position(mono: float, count: int, robot: str = "robot1") -> Sample:
 class Setting:
     """One agent in its loop."""
 
-    def __init__(self, agent: Agent | None = None, *, readonly: bool = False) -> None:
-        self.agent = agent or Agent(SIX, "robot3", publisher_id="abc", readonly=readonly)
+    def __init__(self, *, readonly: bool = False) -> None:
+        self.agent = Agent(SIX, "robot3", publisher_id="abc", readonly=readonly)
         self.record: Recording = []
         self.loop = Looped(self.agent, self.record)
 
     def turn(self, mono: float, *inbox: Sample) -> Any:
         """The trace of the command that this step led to; None if it led to none, or has none."""
         self.record.clear()
-        self.loop.step(now(mono), inbox)
+        self.loop.step(at(mono), inbox)
         return self.trace()
 
     def trace(self) -> Any:
-        attachments = [sample.attachment for sample, _ in self.record if sample.key == KEY]
-        return json.loads(attachments[0]) if attachments and attachments[0] is not None else None
+        return json.loads(self.attachment) if self.attachment else None
+
+    @property
+    def attachment(self) -> bytes:
+        """Of the newest command; empty if there is none."""
+        return next((sample.attachment or b"" for sample, _ in self.record if sample.key == KEY), b"")
 
 
 def test_command_trace_carries_all_steps_since_last_command() -> None:
@@ -146,7 +147,7 @@ def test_longest_obeyed_request_is_traced_and_read(size: int) -> None:
     setting.loop.sides.request(stop, 1.05)
     assert setting.turn(1.1)["steps"][0] == [1.05, stop.decode()]
     assert setting.agent.decision.state is AgentState.STOP
-    reported = read(next(sample.attachment or b"" for sample, _ in setting.record if sample.key == KEY))
+    reported = read(setting.attachment)
     assert reported.steps[0] == RequestStep(1.05, stop.decode())
 
 
@@ -164,22 +165,15 @@ def test_the_last_words_carry_a_trace_as_well() -> None:
     setting = Setting()
     setting.turn(1.0)
     setting.record.clear()
-    setting.loop.halt(now(1.2), "SIGTERM")
+    setting.loop.halt(at(1.2), "SIGTERM")
     assert setting.trace() == {"n": 2, "publisher_id": "abc", "steps": [], "halt": [1.2, 1.7e9 + 1.2]}
 
 
 def test_on_the_robots_side_nothing_rides() -> None:
-    setting = Setting()
-    result = list[tuple[str, bytes | None]]()
-
-    def publish(key: str, _payload: bytes, attachment: bytes | None = None) -> None:
-        result.append((key, attachment))
-
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(setting.loop.robot, "publish", publish)
-        setting.turn(1.0, odometry(1.0))
-    assert KEY in dict(result)
-    assert {attachment for _, attachment in result} == {None}
+    said = Setting().loop.step(at(1.0), [odometry(1.0)])
+    beside = {out.key: out.attachment for out in said if out.key != POSITION.key("robot3")}
+    assert KEY in beside
+    assert set(beside.values()) == {None}
 
 
 def test_the_command_is_with_the_robot_before_the_trace_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -220,7 +214,7 @@ def test_endless_flood_traces_state_once_per_second() -> None:
 def test_minutes_without_a_command_hold_no_more_than_so_much() -> None:
     one = Trace(Agent(SIX, "robot3"))
     for tick in range(10_000):
-        one.stepped(now(0.01 * tick), Link(True, True), [position(0.01 * tick, tick)])
+        one.stepped(at(0.01 * tick), Link(True, True), [position(0.01 * tick, tick)])
         one.requested(b'{"do":"hold"}', 0.01 * tick)
         assert len(one._steps) <= MAX_TRACED_INPUTS
     result = one.attachment()
@@ -243,11 +237,9 @@ def test_a_recording_can_keep_whatever_rides() -> None:
     for _ in range(64):
         setting.loop.sides.request(('{"do":"' + "ä\t\x7f\u2028" * 250).encode()[:1024], 1.0)
     setting.record.clear()
-    setting.loop.step(now(1.1), [])
-    attachment = next(sample.attachment for sample, _ in setting.record if sample.key == KEY)
-    assert attachment is not None
-    assert len(attachment) <= MAX_TRACE_BYTES
-    text = attachment.decode("ascii")
+    setting.loop.step(at(1.1), [])
+    assert len(setting.attachment) <= MAX_TRACE_BYTES
+    text = setting.attachment.decode("ascii")
     assert "at most" in json.loads(text)["gap"]
     assert text.isprintable()
     assert decode(Text, encode(Text(text))).text == text
@@ -292,7 +284,7 @@ def test_failing_trace_blocks_no_command_and_logs_once(
             assert commands(broken, first) == expected[0]
         assert commands(broken, then) == expected[1]
     assert [message.count("something nobody thought of") for message in caplog.messages] == [1]
-    reported = read(next(sample.attachment or b"" for sample, _ in broken.record if sample.key == KEY))
+    reported = read(broken.attachment)
     assert reported.n == 5
     assert reported.gap == ""
 

@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 import cmath
-import json
 import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formation.agent.core import Agent
 from formation.agent.following.gains import INTEGRAL_RATE_RATIO, MAX_GAIN_RATE, Tuning
 from formation.agent.following.gains import MAX_COMMAND_STEP_SHARE as MOST
 from formation.agent.following.orders import Orders
-from formation.agent.persistence.restore import Restorer
 from formation.control.controller import Measured
 from formation.control.laws import LAWS
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.protocol.order import Order, Tuned, decode
-from formation.topics import ODOM
-from formation.wire import BadMessage, Now, Sample
+from formation.wire import BadMessage, Now
 from tests.campaigns.safety.gains import changed, limited, tune
 from tests.support.fleet import EPOCH, Fleet
 from tests.support.recorded import RecordedFleet, all_alike, verify
+from tests.support.restarting import driving
 from tests.unit.agent.sudden import most_sudden
 
 SIX, PAIR, PATROL = load("six_robots"), load("turtlebot3_pair"), load("patrol")
@@ -92,21 +89,14 @@ def test_gains_depend_on_time_not_on_message_rate(to: Tuned, split: list[float])
 
 
 @given(
-    since=GAINS, to=GAINS, dt=st.floats(0.0, 1.0), relative=PLANE, desired=PLANE, velocity=PLANE,
-    integral=st.complex_numbers(max_magnitude=1e3), kind=st.sampled_from(sorted(LAWS)),
+    since=GAINS, to=GAINS, dt=st.floats(0.0, 1.0), integral=st.complex_numbers(max_magnitude=1e3),
+    what=st.builds(Measured, PLANE, PLANE, st.just(2), PLANE), kind=st.sampled_from(sorted(LAWS)),
 )  # fmt: skip
 def test_changing_gains_never_makes_command_jump(
-    since: Tuned,
-    to: Tuned,
-    dt: float,
-    relative: complex,
-    desired: complex,
-    velocity: complex,
-    integral: complex,
-    kind: str,
+    since: Tuned, to: Tuned, dt: float, integral: complex, what: Measured, kind: str
 ) -> None:
     one, limits, heading = some(since.k_p, since.k_i, kind), SIX.robots["robot2"].limits, cmath.rect(1.0, 0.7)
-    what, law = Measured(relative, desired, 2, velocity if LAWS[kind].feed_forward else 0j), LAWS[kind].step
+    what, law = what if LAWS[kind].feed_forward else what._replace(velocity=0j), LAWS[kind].step
     before, _ = law(integral, heading, what, one.gains, limits, 0.05)
     gains, rescaled = one.follow(ordered(to), dt, integral, heading, what)
     after, _ = law(rescaled, heading, what, gains, limits, 0.05)
@@ -167,28 +157,13 @@ def test_gains_survive_the_leader_that_ordered_them() -> None:
 
 
 def test_restarted_agent_keeps_gains_and_integral() -> None:
-    fleet = Fleet(PAIR, seed=2).after(6.0)
-    assert tune(fleet, k_p=2.5, k_i=0.3).ok
-    fleet.run(4.0)
-    name = PAIR.followers[-1]
-    before = fleet.agents[name]
-    now = Now(fleet.now, EPOCH + fleet.now)
-    saved = json.dumps(Restorer(before, "boot").saved(now)).encode()
-    received: list[Sample] = []
-
-    def listen(sample: Sample) -> tuple[Sample, ...]:
-        received.append(sample)
-        return (sample,)
-
-    fleet.meddle = listen
-    fleet.run(0.2)
-    after = Agent(PAIR, name, publisher_id="after")
-    restorer = Restorer(after, "boot")
-    restorer.take_saved(saved, now)
-    odometry = next(sample for sample in received if sample.key == ODOM.key(name))
-    taken = restorer.meet([odometry], Now(odometry.arrived, EPOCH + odometry.arrived))
-    assert taken is not None
-    assert taken.news.startswith("goes on")
+    team, name = driving(PAIR, 6.0), PAIR.followers[-1]
+    assert tune(team, k_p=2.5, k_i=0.3).ok
+    team.run(4.0)
+    team.replace(name, 0.2)
+    after = team.agents[name]
+    while after.here.stream.state.arrived is None:
+        team.run(0.001)
     assert (after.tuning.state.k_p, after.tuning.state.k_i) == (2.5, 0.3)
     assert after.state.integral != 0j
 

@@ -34,12 +34,7 @@ POSTS = load("posts")
 STEPS = {"speed_step": 0.01, "turn_rate_step": 0.01}
 
 
-def six(seconds: float = 8.0) -> Recording:
-    fleet = RecordedFleet(SIX).after(seconds)
-    return fleet.record
-
-
-RUN = six()
+RUN = RecordedFleet(SIX).after(8.0).record
 COMMAND = CMD_VEL.key("robot3")
 
 
@@ -338,28 +333,15 @@ def test_two_agents_that_speak_for_one_robot_are_both_judged() -> None:
 
 def test_operator_requests_and_halt_are_reproduced() -> None:
     fleet = RecordedFleet(PAIR).after(2.0)
-    requested = [
-        ("stop", "a"),
-        ("release", "b"),
-        ("hold", ""),
-        ("release", "b"),
-        ("stop", "b"),
-        ("stop", "a"),
-    ]
-    for do, number in (*requested, ("release", ""), ("run", "")):
-        fleet.ask_once("robot1", do, number)
+    for words in ("stop a", "release b", "hold ", "release b", "stop b", "stop a", "release ", "run "):
+        do, number = words.split(" ")
+        fleet.tell("robot1", do, id=number)
         fleet.run(0.5)
+    fleet.loop("robot1").sides.request(b'{"do":"stop"}'.ljust(MAX_REQUEST_BYTES), fleet.now)
     fleet.ask("leader", "stop")
     fleet.run(1.0)
     for name in PAIR.followers:
         fleet.halt(name)
-    assert all_alike(verify(PAIR, fleet.record))
-
-
-def test_longest_obeyed_stop_is_reproduced() -> None:
-    fleet = RecordedFleet(PAIR).after(2.0)
-    fleet.loop("robot1").sides.request(b'{"do":"stop"}'.ljust(MAX_REQUEST_BYTES), fleet.now)
-    fleet.run(2.0)
     assert all_alike(verify(PAIR, fleet.record))
 
 
@@ -418,5 +400,4 @@ def test_refused_orders_are_refused_again_without_keys() -> None:
     fleet.kill("r1")
     fleet.run(2.5)
     assert str(fleet.agents["r2"].decision.reason) == "order not signed by leader: it has no signature"
-    verdicts = verify(TEAM, fleet.record)
-    assert all_alike(verdicts)
+    assert all_alike(verify(TEAM, fleet.record))

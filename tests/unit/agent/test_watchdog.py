@@ -19,17 +19,14 @@ from formation.mission.model import Mission
 from formation.protocol.status import WatchdogState
 from formation.ros2.messages import Number, Twist, TwistStamped, decode, encode
 from formation.topics import ALIVE, CMD_VEL, command_topic
-from formation.wire import Now, Outgoing, Sample
+from formation.wire import Outgoing, Sample
+from tests.support.fleet import EPOCH, at
 
-EPOCH = 1.7e9
 SIX = load("six_robots")
-PERIOD = 0.05
-LIMIT = 0.15
+PERIOD, LIMIT = 0.05, 0.15
+CDR = b"\x00\x01\x00\x00"
+"""How every message begins."""
 ALIVE_2, CMD_2 = ALIVE.key("robot2"), CMD_VEL.key("robot2")
-
-
-def at(seconds: float) -> Now:
-    return Now(seconds, EPOCH + seconds)
 
 
 def sign(moment: float, value: float = 1.0) -> Sample:
@@ -139,14 +136,6 @@ def test_robot_is_parked_and_watchdog_disarmed_after_farewell() -> None:
     assert watchdog.due == float("inf")
 
 
-def test_farewell_frees_robot_of_a_dead_agent() -> None:
-    watchdog = watching()
-    assert len(lived(watchdog, 0.0, 30.0)) > 100
-    result = lived(watchdog, 30.0, 60.0, [sign(30.0, FAREWELL)])
-    assert result[-1] <= 30.0 + PARKING_TIME
-    assert watchdog.state is WatchdogState.DISARMED
-
-
 def test_agent_starting_during_parking_drives_at_once() -> None:
     watchdog = watching()
     result = lived(watchdog, 0.1, 2.0, [sign(0.1, FAREWELL), *steady(0.3, 2.0)])
@@ -178,9 +167,7 @@ def test_time_without_router_does_not_count_as_silence() -> None:
 
 
 def test_a_watchdog_that_finds_its_router_again_begins_anew() -> None:
-    watchdog = connected()
-    lived(watchdog, 0.0, 10.0)
-    assert watchdog.state is WatchdogState.DISARMED
+    watchdog = parked()
     watchdog.aware(connected=False, now=at(10.0))
     watchdog.aware(connected=True, now=at(11.0))
     assert lived(watchdog, 11.0, 20.0)[0] == pytest.approx(11.0 + LIMIT)
@@ -222,27 +209,18 @@ def test_halted_watchdog_sends_zero_only_without_healthy_agent(watchdog: object,
 
 
 @pytest.mark.parametrize(
-    "payload",
+    ("key", "payload", "where"),
     [
-        b"",
-        b"\x00\x01\x00\x00",
-        encode(Twist(0.1, 0.0)),
-        encode(Number(-7.0)),
-        b"\x00\x01\x00\x00" + b"\xff" * 8,
+        *((ALIVE_2, payload, ALIVE_2) for payload in (b"", CDR, CDR + b"\xff" * 8)),
+        *((ALIVE_2, encode(message), ALIVE_2) for message in (Twist(0.1, 0.0), Number(-7.0))),
+        (ALIVE.key("robot3"), encode(Number(1.0)), "elsewhere"),
     ],
 )
-def test_invalid_signs_of_life_do_not_prevent_braking(payload: bytes) -> None:
+def test_signs_of_life_that_are_none_do_not_prevent_braking(key: str, payload: bytes, where: str) -> None:
     watchdog = watching()
-    noise = [Sample(ALIVE_2, payload, None, 0.02 + i * PERIOD) for i in range(20)]
+    noise = [Sample(key, payload, None, 0.02 + i * PERIOD) for i in range(20)]
     assert lived(watchdog, 0.0, 0.9, noise)[0] == pytest.approx(LIMIT)
-    assert watchdog.dropped == {ALIVE_2: 18}
-
-
-def test_another_robots_sign_of_life_is_not_its_agents() -> None:
-    watchdog = watching()
-    other = [sign(i * PERIOD)._replace(key=ALIVE.key("robot3")) for i in range(1, 20)]
-    assert lived(watchdog, 0.0, 0.9, other)[0] == pytest.approx(LIMIT)
-    assert watchdog.dropped == {"elsewhere": 18}
+    assert watchdog.dropped == {where: 18}
 
 
 def test_queued_signs_of_life_count_from_their_arrival() -> None:

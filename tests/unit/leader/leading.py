@@ -14,10 +14,9 @@ from formation.protocol.order import OperatorReply, OperatorRequest, Order, Posi
 from formation.protocol.status import LeaderStatus
 from formation.ros2.messages import Pose, decode, encode
 from formation.topics import POSITION, STATUS
-from formation.wire import BadMessage, Now, Outgoing, Sample
-from tests.support.fleet import named
+from formation.wire import BadMessage, Outgoing, Sample
+from tests.support.fleet import EPOCH, at, named
 
-EPOCH = 1.7e9
 _COUNT = itertools.count(1)
 CURVED = """
 name = "curved"
@@ -51,10 +50,6 @@ class Said(NamedTuple):
     pose: Pose
     order: Order
     publisher_id: str = ""
-
-
-def at(mono: float) -> Now:
-    return Now(mono, EPOCH + mono)
 
 
 def listened(mission: Mission, start: float = 0.0, **how: Any) -> Leader:

@@ -11,14 +11,14 @@ from formation.leader.core import Leader
 from formation.mission.file import load, parse
 from formation.mission.model import Mission
 from formation.protocol.election import TERM_EXPIRY_TIME
-from formation.protocol.order import Order, Place, Slots, newer
+from formation.protocol.order import Mode, Order, Place, Slots, newer
 from formation.protocol.status import AgentState
-from tests.support.fleet import Fleet
+from tests.support.fleet import Fleet, at
 from tests.unit.leader.leading import (
     CURVED,
+    Said,
     arriving,
     ask,
-    at,
     drive,
     leading,
     listened,
@@ -34,6 +34,15 @@ MODES = ([b'{"do":"run"}'], [b'{"do":"hold"}'], [b'{"do":"stop"}'], [b'{"do":"ho
 @pytest.fixture
 def mission() -> Mission:
     return parse(CURVED)
+
+
+def last_of(mission: Mission, *requests: bytes) -> Said:
+    """What a leader says last that has led for 5 s, and was asked this in the last of them."""
+    leader = listened(mission)
+    drive(leader, 0.0, 4.0)
+    for request in requests:
+        ask(leader, request)
+    return drive(leader, 4.0, 1.0)[-1]
 
 
 def restarted(mission: Mission, newest: Order, mono: float, **how: Any) -> Leader:
@@ -63,11 +72,7 @@ def test_leader_starts_after_hearing_every_linked_robot(mission: Mission) -> Non
 
 @pytest.mark.parametrize("requested", MODES)
 def test_restarted_leader_continues_from_last_order(mission: Mission, requested: list[bytes]) -> None:
-    before = listened(mission)
-    drive(before, 0.0, 4.0)
-    for request in (*requested, b'{"do":"shape","shape":"near"}', b'{"do":"scale","factor":1.5}'):
-        ask(before, request)
-    last = drive(before, 4.0, 1.0)[-1]
+    last = last_of(mission, *requested, b'{"do":"shape","shape":"near"}', b'{"do":"scale","factor":1.5}')
     after = restarted(mission, last.order, 6.0)
     first = drive(after, 6.0, 0.04) or positions(6.0, after.step(at(6.04), []))
     assert abs(first[0].pose.position - last.pose.position) < 0.02
@@ -82,18 +87,19 @@ def test_restarted_leader_continues_from_last_order(mission: Mission, requested:
 
 
 def test_the_shape_goes_on_from_where_it_was(mission: Mission) -> None:
+    def bobs_slot(leader: Leader) -> complex:
+        return leader.plan.shape_transition.placed_shape.slot(mission, "bob")
+
     before = leading(mission)
     ask(before, b'{"do":"shape","shape":"near"}')
     last = drive(before, 0.04, 1.2)[-1].order
     assert last.slots is not None
     after = restarted(mission, last, 5.0)
-    assert after.plan.shape_transition.placed_shape.slot(mission, "bob") == pytest.approx(
-        before.plan.shape_transition.placed_shape.slot(mission, "bob"), abs=1e-6
-    )
-    slots = [after.plan.shape_transition.placed_shape.slot(mission, "bob")]
+    assert bobs_slot(after) == pytest.approx(bobs_slot(before), abs=1e-6)
+    slots = [bobs_slot(after)]
     for k in range(100):
         after.step(at(5.04 + 0.04 * k), [])
-        slots.append(after.plan.shape_transition.placed_shape.slot(mission, "bob"))
+        slots.append(bobs_slot(after))
     assert slots[-1] == pytest.approx(-0.5)
     assert max(abs(b - a) for a, b in pairwise(slots)) < 0.7 * 0.04
 
@@ -102,11 +108,7 @@ def test_the_shape_goes_on_from_where_it_was(mission: Mission) -> None:
 def test_leader_continues_last_order_received_after_its_start(
     mission: Mission, requested: list[bytes]
 ) -> None:
-    before = listened(mission)
-    drive(before, 0.0, 4.0)
-    for request in requested:
-        ask(before, request)
-    last = drive(before, 4.0, 1.0)[-1]
+    last = last_of(mission, *requested)
     after = Leader(mission, publisher_id="another")
     assert drive(after, 6.0, 1.5)[-1].pose.position != last.pose.position, "it has heard nobody"
     first = positions(7.52, after.step(at(7.52), [arriving(relayed("bob", last.order, of=mission), 7.5)]))[0]
@@ -125,45 +127,28 @@ def test_older_relayed_order_takes_no_leader_back(mission: Mission) -> None:
     assert leader.route_time > 2.5
 
 
-def test_hold_is_for_a_team_that_is_not_under_way(mission: Mission) -> None:
-    last = drive(listened(mission), 0.0, 2.0)[-1].order
-    assert restarted(mission, last, 4.0, hold=True).mode == "run"
-    assert leading(mission, hold=True).mode == "hold"
-
-
 def test_anew_begins_at_the_start_but_a_stop_stays(mission: Mission) -> None:
-    before = listened(mission)
-    drive(before, 0.0, 4.0)
-    ask(before, b'{"do":"stop"}')
-    last = drive(before, 4.0, 1.0)[-1].order
+    last = last_of(mission, b'{"do":"stop"}').order
     after = restarted(mission, last, 6.0, anew=True)
     assert (after.mode, after.route_time, after.where(6.0)) == ("stop", 0.0, 2.0 - 1.0j)
     assert after.term > last.term
 
 
 @pytest.mark.parametrize(
-    ("request_", "mode"), [(b'{"do":"stop"}', "stop"), (b'{"do":"hold"}', "hold"), (b'{"do":"run"}', "run")]
+    ("do", "relays", "mode"),
+    [("stop", "run", "stop"), ("hold", "run", "hold"), ("run", "run", "run"), ("run", "stop", "stop")],
 )
-def test_request_while_listening_overrides_relayed_order(
-    mission: Mission, request_: bytes, mode: str
+def test_request_while_listening_overrides_any_relayed_but_a_stop(
+    mission: Mission, do: str, relays: Mode, mode: str
 ) -> None:
-    relaying = Order(term=TERM, beat=9, mode="run", shape="line", time=1.0)
+    relaying = Order(term=TERM, beat=9, mode=relays, shape="line", time=1.0)
     leader = Leader(mission)
     leader.step(at(0.0), [])
-    assert ask(leader, request_).ok
+    assert ask(leader, f'{{"do":"{do}"}}'.encode()).ok
     leader.step(at(0.1), [arriving(relayed("bob", relaying, of=mission), 0.1)])
     assert leader.leads
     assert leader.mode == mode
     assert leader.route_time == 1.0
-
-
-def test_relayed_stop_overrides_run_requested_while_listening(mission: Mission) -> None:
-    stopped = Order(term=TERM, beat=9, mode="stop", shape="line", time=1.0)
-    leader = Leader(mission)
-    leader.step(at(0.0), [])
-    ask(leader, b'{"do":"run"}')
-    leader.step(at(0.1), [arriving(relayed("bob", stopped, of=mission), 0.1)])
-    assert leader.mode == "stop"
 
 
 @pytest.mark.parametrize("do", ["shape", "rotate", "scale", "speed", "route"])
@@ -282,17 +267,12 @@ def test_hold_waits_after_an_outage(mission: Mission, *, stale: bool, hold: bool
 
 
 @pytest.mark.parametrize("order", [("bob", "eve"), ("eve", "bob")])
-def test_one_robot_that_knows_of_an_outage_is_enough(order: tuple[str, str]) -> None:
-    told = {"bob": ("bob", RUNNING, True), "eve": ("eve", RUNNING, False)}
-    assert begun(TWO, *(told[name] for name in order)).mode == "hold"
-
-
-@pytest.mark.parametrize("order", [("bob", "eve"), ("eve", "bob")])
-def test_robot_cut_off_before_is_no_outage(order: tuple[str, str]) -> None:
-    """It relays an earlier beat than the others."""
-    old = RUNNING.model_copy(update={"beat": 40})
-    told = {"bob": ("bob", old, True), "eve": ("eve", RUNNING, False)}
-    assert begun(TWO, *(told[name] for name in order)).mode == "run"
+@pytest.mark.parametrize(("beat", "mode"), [(90, "hold"), (40, "run")])
+def test_one_robot_that_knows_of_an_outage_is_enough(order: tuple[str, str], beat: int, mode: str) -> None:
+    """Unless it relays an earlier beat than the others: it was cut off before."""
+    stale = RUNNING.model_copy(update={"beat": beat})
+    told = {"bob": ("bob", stale, True), "eve": ("eve", RUNNING, False)}
+    assert begun(TWO, *(told[name] for name in order)).mode == mode
 
 
 @pytest.mark.parametrize(("stale", "mode"), [(True, "hold"), (False, "run")])

@@ -19,7 +19,8 @@ from formation.protocol.order import OperatorReply
 from formation.transport.mailbox import Handler
 from formation.transport.runtime.process import BadInput, Process, clocks
 from formation.wire import Outgoing
-from tests.unit.leader.leading import CURVED, at
+from tests.support.fleet import at
+from tests.unit.leader.leading import CURVED
 
 SIX, PATROL = load("six_robots"), load("patrol")
 

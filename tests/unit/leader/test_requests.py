@@ -17,10 +17,10 @@ from formation.protocol.election import LISTENING_TIME
 from formation.protocol.order import OperatorReply, OperatorRequest, Order, Tuned
 from formation.ros2.messages import Diagnostics, decode
 from formation.topics import STATUS
-from formation.wire import Now, Outgoing
-from tests.support.fleet import named
+from formation.wire import Outgoing
+from tests.support.fleet import at, named
 from tests.unit.formation import scenarios
-from tests.unit.leader.leading import EPOCH, arriving, ask, at, drive, leading, positions, relayed, status
+from tests.unit.leader.leading import arriving, ask, drive, leading, positions, relayed, status
 
 SIX = load("six_robots")
 TUNED = Tuned(k_p=3.0, k_i=0.5)
@@ -56,6 +56,8 @@ def test_gains_are_sent_immediately_and_in_every_order() -> None:
     (at_once,) = positions(0.5511, leader.step(at(0.5511), []))
     assert at_once.order.tuned == TUNED
     assert {one.order.tuned for one in drive(leader, 0.6, 1.0)} == {TUNED}
+    result = status(SIX.leader, leader.step(at(2.6), []))
+    assert (result.k_p, result.k_i) == (3.0, 0.5)
 
 
 def test_delay_margin_leaves_out_an_integral_that_the_law_lacks() -> None:
@@ -103,13 +105,6 @@ def test_gains_unstable_on_graph_are_not_adopted(tuned: Tuned) -> None:
     assert drive(going_on(SIX, tuned), 2.0, 0.2)[-1].order.tuned is None
 
 
-def test_leader_status_shows_the_ordered_gains() -> None:
-    leader = leading(SIX)
-    assert tune(leader, k_p=3.0, k_i=0.5)[0]
-    result = status(SIX.leader, leader.step(at(0.6), []))
-    assert (result.k_p, result.k_i) == (3.0, 0.5)
-
-
 TEN: list[dict[str, Any]] = [
     {"do": "stop"},
     {"do": "release"},
@@ -133,7 +128,7 @@ def requested(outbox: list[Outgoing]) -> list[list[dict[str, Any]]]:
 
 
 def step(leader: Leader, mono: float) -> list[list[dict[str, Any]]]:
-    return requested(leader.step(Now(mono, EPOCH + mono), []))
+    return requested(leader.step(at(mono), []))
 
 
 def test_each_request_and_reply_are_published_several_times() -> None:

@@ -162,20 +162,12 @@ def test_longest_order_of_worst_mission_can_be_relayed(length: int, mixed: int) 
         for result in drive(leader, 500.0 + k, 0.12):
             worded = result.order.model_copy(update={"beat": 2**40, "holding": True, "base_mode": "hold"})
             reported = PositionAttachment(
-                publisher_id="v" * 64,
-                count=2**40,
-                order=worded,
-                unavailable=True,
-                voted_term=2**63 - 1,
-                last_ballot=2**63 - 1,
-                mission=worst.tag,
-                refused=2**63 - 1,
-                because="earlier",
+                publisher_id="v" * 64, count=2**40, order=worded, unavailable=True,
+                voted_term=2**63 - 1, last_ballot=2**63 - 1, mission=worst.tag,
+                refused=2**63 - 1, because="earlier",
                 received=ReceivedPosition(robot="r" * 64, stamp=1_700_000_000.123456),
-            )
-            longest, most = (
-                max(longest, len(encode(reported))),
-                max(most, len(leader.plan.shape_transition.placed_shape.mix)),
-            )
+            )  # fmt: skip
+            longest = max(longest, len(encode(reported)))
+            most = max(most, len(leader.plan.shape_transition.placed_shape.mix))
     assert most == mixed
     assert 800 < longest < MAX_ATTACHMENT_BYTES - 40

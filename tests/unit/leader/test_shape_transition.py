@@ -27,6 +27,7 @@ from formation.simulation.edges import Edges, formation_error
 from formation.slots.shape import PlacedShape
 from formation.stability.intent import SLOT_SPEED_SHARE
 from tests.support.fleet import Fleet
+from tests.unit.agent.sudden import most_sudden
 from tests.unit.leader.leading import ask
 
 SIX = load("six_robots")
@@ -252,24 +253,6 @@ class Watched:
         slots = np.array(self.fleet.leader.plan.shape_transition.placed_shape.slots(self.fleet.mission))
         return float(formation_error(Edges(self.fleet.mission.graph), np.array(self.fleet.points()), slots))
 
-    def within_limits(self) -> bool:
-        mission = self.fleet.mission
-        return all(
-            abs(speed) <= mission.robots[name].max_speed
-            and abs(turn_rate) <= mission.robots[name].max_turn_rate
-            for name in mission.followers
-            for _, speed, turn_rate in self.fleet.commands[name]
-        )
-
-    def largest_jump(self, since: float) -> float:
-        """Between two commands in a row, as a share of the robot's limit."""
-        spec = self.fleet.mission.robot
-        return max(
-            max(abs(after[1] - before[1]) / spec.max_speed, abs(after[2] - before[2]) / spec.max_turn_rate)
-            for name in self.fleet.mission.followers
-            for before, after in pairwise(one for one in self.fleet.commands[name] if one[0] >= since)
-        )
-
     def want(self, request: str) -> None:
         reply = ask(self.fleet.leader, request.encode())
         assert reply.ok, reply.reason
@@ -288,8 +271,8 @@ def test_from_hexagon_to_line_to_wedge_while_driving(record_property: Callable[[
         assert watched.near < 7.0
         assert watched.closest > 2.0 * TOUCHING
         assert watched.worst < 0.8  # over nine edges; a jump of the slots would make it over 10 m
-        assert watched.largest_jump(since) < 0.5
-    assert watched.within_limits()
+        assert most_sudden(watched.fleet, since, rests=True) < 0.5
+    assert watched.fleet.within_limits
 
 
 @pytest.mark.slow
@@ -308,8 +291,8 @@ def test_larger_turned_and_changed_over_while_it_changes() -> None:
         assert watched.worst < 0.8
     watched.run(12.0)
     assert watched.near < 9.0
-    assert watched.within_limits()
-    assert watched.largest_jump(since) < 0.5
+    assert watched.fleet.within_limits
+    assert most_sudden(watched.fleet, since, rests=True) < 0.5
 
 
 @pytest.mark.slow
@@ -325,7 +308,7 @@ def test_a_shape_that_turns_goes_round_a_corner_behind_its_leader() -> None:
     assert watched.closest > 2.0 * TOUCHING
     ahead = watched.fleet.points()
     assert abs(ahead[3] - ahead[0] - (0.0 - 2.0j)) < NEAR
-    assert watched.within_limits()
+    assert watched.fleet.within_limits
 
 
 @pytest.mark.slow
@@ -345,7 +328,7 @@ def test_while_the_team_holds_no_slot_moves_and_then_none_jumps() -> None:
     watched.run(10.0)
     assert watched.worst < 0.8
     assert watched.fleet.error() < NEAR
-    assert watched.largest_jump(since) < 0.5
+    assert most_sudden(watched.fleet, since, rests=True) < 0.5
 
 
 @pytest.mark.slow
@@ -364,7 +347,7 @@ def test_leader_restarted_during_shape_transition_continues_it() -> None:
     assert watched.worst < 9 * 0.4  # over nine edges; robots have rolled on for a moment, and come back
     assert watched.fleet.error() < NEAR
     assert watched.fleet.leader.plan.shape_transition.wish.shape == "line"
-    assert watched.within_limits()
+    assert watched.fleet.within_limits
 
 
 @pytest.mark.slow

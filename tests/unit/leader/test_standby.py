@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 
@@ -14,7 +14,8 @@ from formation.protocol.order import Ballot, Order
 from formation.ros2.messages import Text, decode
 from formation.topics import BALLOT, ROUTE
 from formation.wire import Outgoing
-from tests.unit.leader.leading import CURVED, Said, arriving, ask, at, positions, relayed, status
+from tests.support.fleet import at
+from tests.unit.leader.leading import CURVED, Said, arriving, ask, positions, relayed, status
 
 TERM = int(1.6e9 * 1e9)
 
@@ -63,29 +64,20 @@ def test_a_candidate_that_has_just_started_takes_stop_and_hold_only(stood: Missi
     assert ask(leader, b'{"do":"stop"}').ok
 
 
-def test_a_leader_that_lost_its_lease_keeps_its_hold(stood: Mission) -> None:
+@pytest.mark.parametrize(("mine", "others"), [("hold", "run"), ("run", "hold")])
+def test_leader_that_lost_its_lease_keeps_any_hold(
+    stood: Mission, mine: str, others: Literal["hold", "run"]
+) -> None:
     leader = Leader(stood)
     mono, _ = elected(leader, 0.0)
-    assert ask(leader, b'{"do":"hold"}').ok
+    assert ask(leader, f'{{"do":"{mine}"}}'.encode()).ok
     for k in range(1, 60):
         leader.step(at(mono + k / 50), [])
     assert not leader.leads
-    running = Order(term=leader.term + 1, beat=9, mode="run", shape="line", time=1.0)
-    elected(leader, mono + 5.0, running)
+    said = Order(term=leader.term + 1, beat=9, mode=others, shape="line", base_mode=others, time=1.0)
+    elected(leader, mono + 5.0, said)
     assert leader.mode == "hold"
     assert ask(leader, b'{"do":"run"}').mode == "run"
-
-
-def test_a_leader_that_led_before_restores_what_others_were_told(stood: Mission) -> None:
-    leader = Leader(stood)
-    mono, _ = elected(leader, 0.0)
-    assert ask(leader, b'{"do":"run"}').ok
-    for k in range(1, 60):
-        leader.step(at(mono + k / 50), [])
-    assert not leader.leads
-    held = Order(term=leader.term + 1, beat=9, mode="hold", shape="line", base_mode="hold", time=1.0)
-    elected(leader, mono + 5.0, held)
-    assert leader.mode == "hold"
 
 
 def test_a_standby_that_was_stopped_leads_a_team_that_is_stopped(stood: Mission) -> None:

@@ -27,9 +27,11 @@ from formation.topics import (
     RELATIVE,
     SCAN,
     STATUS,
+    Topic,
 )
 from formation.transport import wiring
 from formation.wire import Sample
+from tests.support.missions import with_robots
 from tests.support.monitored import Fleet, command, now, odometry, status
 from tests.support.mutations import mutated
 
@@ -78,16 +80,28 @@ def test_subscriptions_are_spelled_out_and_no_robot_is_missing() -> None:
         assert {ODOM.key(name), CMD_VEL.key(name), SCAN.key(name), STATUS.key(name)} <= set(keys)
 
 
+@pytest.mark.parametrize(
+    ("keys", "topic", "some"),
+    [
+        ({"localisation": "external"}, POSE, {POSE.key(f"robot{k}") for k in range(2, 7)}),
+        ({"measurement": "local"}, RELATIVE, {RELATIVE.key("robot4", f"robot{k}") for k in (2, 3)}),
+    ],
+)
+def test_poses_and_displacements_are_read_where_robots_use_them(
+    keys: dict[str, str], topic: Topic, some: set[str]
+) -> None:
+    subscribed = set(Monitor(with_robots("six_robots", **keys)).subscriptions)
+    assert some <= subscribed
+    assert RELATIVE.key("robot4", "robot1") not in subscribed
+    assert not [one for one in watched(load("six_robots")) if one.topic in {topic, ALIVE}]
+
+
 def test_truth_is_subscribed_only_for_simulated_robots() -> None:
     mission = load("six_robots")
     monitor = Monitor(mission, ["robot3", "robot5"])
     assert monitor.truths == tuple((GROUND_TRUTH, GROUND_TRUTH.key(name)) for name in ("robot3", "robot5"))
     assert Monitor(mission).truths == ()
     assert not [key for key in monitor.subscriptions if GROUND_TRUTH.name in key]
-
-
-def test_monitor_does_not_read_signs_of_life_for_the_watchdog() -> None:
-    assert not [one for one in watched(load("six_robots")) if one.topic == ALIVE]
 
 
 def test_without_simulated_robots_only_truth_is_missing() -> None:
@@ -102,50 +116,26 @@ def test_without_simulated_robots_only_truth_is_missing() -> None:
     assert "true" not in line(snapshot)
 
 
-def test_poses_are_listened_to_where_a_camera_finds_the_robots() -> None:
-    text, name = read("six_robots")
-    mission = parse(text.replace("rate = 20 ", 'localisation = "external"\nrate = 20 '), name)
-    assert {POSE.key(follower) for follower in mission.followers} <= set(Monitor(mission).subscriptions)
-    assert not [key for key in Monitor(load("six_robots")).subscriptions if key.endswith(POSE.name)]
-
-
-def test_displacements_are_listened_to_where_robots_measure_them() -> None:
-    text, name = read("six_robots")
-    mission = parse(text.replace("rate = 20 ", 'measurement = "local"\nrate = 20 '), name)
-    keys = set(Monitor(mission).subscriptions)
-    assert {RELATIVE.key("robot4", "robot2"), RELATIVE.key("robot4", "robot3")} <= keys
-    assert RELATIVE.key("robot4", "robot1") not in keys
-    assert not [key for key in Monitor(load("six_robots")).subscriptions if "relative" in key]
-
-
-def test_by_default_they_are_where_formation_robot_puts_them() -> None:
-    mission = load("six_robots")
-    assert usual_stage(mission) == wiring.endpoints(mission).robots
+@pytest.mark.parametrize(
+    ("endpoints", "places"),
+    [
+        (["tcp/127.0.0.1:9"], dict.fromkeys(("robot1", "robot2"), "tcp/127.0.0.1:9")),
+        (["tcp/desk:9#iface=lo"], dict.fromkeys(("robot1", "robot2"), "tcp/desk:9#iface=lo")),
+        (["robot2=tls/desk:9?so_sndbuf=1"], {"robot2": "tls/desk:9?so_sndbuf=1"}),
+        (["robot1=tcp/desk:8", "robot2=tcp/desk:9"], {"robot1": "tcp/desk:8", "robot2": "tcp/desk:9"}),
+        (["robot1,robot2=tcp/desk:8"], dict.fromkeys(("robot1", "robot2"), "tcp/desk:8")),
+    ],
+)
+def test_endpoint_is_where_all_or_the_named_robots_are(endpoints: list[str], places: dict[str, str]) -> None:
+    assert given_stage(load("turtlebot3_pair"), endpoints) == places
 
 
 def test_robot_with_endpoint_in_mission_is_not_simulated() -> None:
+    assert usual_stage(load("six_robots")) == wiring.endpoints(load("six_robots")).robots
     text, name = read("turtlebot3_pair")
     real = '[robots.robot1]\nrobot_endpoint = "tcp/127.0.0.1:7447"'
     mission = parse(text.replace("[robots.robot1]", real), name)
     assert list(usual_stage(mission)) == ["robot2"]
-
-
-def test_one_endpoint_is_where_all_are() -> None:
-    mission = load("turtlebot3_pair")
-    assert given_stage(mission, ["tcp/127.0.0.1:9"]) == dict.fromkeys(mission.followers, "tcp/127.0.0.1:9")
-
-
-def test_some_robots_can_be_put_behind_one_endpoint_and_others_nowhere() -> None:
-    mission = load("six_robots")
-    found = given_stage(mission, ["robot2,robot3=tcp/127.0.0.1:8", "robot4=tls/desk:9?so_sndbuf=1"])
-    assert found == {
-        "robot2": "tcp/127.0.0.1:8", "robot3": "tcp/127.0.0.1:8", "robot4": "tls/desk:9?so_sndbuf=1",
-    }  # fmt: skip
-
-
-def test_an_endpoint_may_have_an_equals_sign_of_its_own() -> None:
-    mission = load("turtlebot3_pair")
-    assert set(given_stage(mission, ["tcp/desk:9#iface=lo"]).values()) == {"tcp/desk:9#iface=lo"}
 
 
 @pytest.mark.parametrize("name", ["robot9", "leader", ""])

@@ -20,6 +20,11 @@ def plant(kind: Body, position: complex = 0j, heading: complex = 1 + 0j, seed: i
     return Plant(kind, position, heading, np.random.default_rng(seed))
 
 
+def drive(one: Plant, speed: float, turn_rate: float, seconds: float) -> None:
+    one.obey(Command(speed, turn_rate))
+    one.advance(seconds)
+
+
 def pose(one: Plant) -> tuple[complex, complex]:
     return one.position, one.heading
 
@@ -27,8 +32,7 @@ def pose(one: Plant) -> tuple[complex, complex]:
 @given(SPEEDS, SPEEDS.filter(lambda w: abs(w) > 1e-3), st.floats(0.0, 20.0), st.floats(-math.pi, math.pi))
 def test_without_lag_it_goes_along_the_exact_arc(u: float, w: float, t: float, angle: float) -> None:
     one = plant(Body(), 2.0 - 1.0j, cmath.rect(1.0, angle))
-    one.obey(Command(u, w))
-    one.advance(t)
+    drive(one, u, w, t)
     turned = cmath.rect(1.0, angle + w * t)
     centre = 2.0 - 1.0j + 1j * (u / w) * cmath.rect(1.0, angle)
     assert one.heading == pytest.approx(turned, abs=1e-9)
@@ -37,8 +41,7 @@ def test_without_lag_it_goes_along_the_exact_arc(u: float, w: float, t: float, a
 
 def test_wheels_follow_a_command_exponentially() -> None:
     one = plant(Body(lag=0.2))
-    one.obey(Command(1.0, -0.5))
-    one.advance(0.2)
+    drive(one, 1.0, -0.5, 0.2)
     assert one.moving.speed == pytest.approx(1.0 - math.exp(-1.0))
     assert one.moving.turn_rate == pytest.approx(-0.5 * (1.0 - math.exp(-1.0)))
     one.advance(20.0)
@@ -47,18 +50,15 @@ def test_wheels_follow_a_command_exponentially() -> None:
 
 def test_straight_line_lag_costs_time_constant_times_speed() -> None:
     one = plant(Body(lag=0.2))
-    one.obey(Command(1.0, 0.0))
-    one.advance(10.0)
+    drive(one, 1.0, 0.0, 10.0)
     assert one.position == pytest.approx(10.0 - 0.2)
-    one.obey(Command(0.0, 0.0))
-    one.advance(10.0)
+    drive(one, 0.0, 0.0, 10.0)
     assert one.position == pytest.approx(10.0)
 
 
 def test_pose_integrates_unicycle_while_wheel_speed_changes() -> None:
     one, lag, end, steps = plant(Body(lag=0.15), heading=1j), 0.15, 0.7, 200_000
-    one.obey(Command(1.2, -1.5))
-    one.advance(end)
+    drive(one, 1.2, -1.5, end)
     # the same written out: midpoint rule of Eq. (1) on steps a thousand times finer
     t = (np.arange(steps) + 0.5) * (end / steps)
     u, theta = 1.2 * (1.0 - np.exp(-t / lag)), math.pi / 2 - 1.5 * (t - lag * (1.0 - np.exp(-t / lag)))
@@ -81,17 +81,9 @@ def test_it_does_not_matter_how_time_is_cut_into_pieces(pieces: list[float]) -> 
     assert in_pieces.odometry()[0] == pytest.approx(at_once.odometry()[0], abs=1e-5)
 
 
-def test_the_last_command_holds_for_ever() -> None:
-    one = plant(Body())
-    one.obey(Command(0.2, 0.0))
-    one.advance(86400.0)
-    assert one.position == pytest.approx(0.2 * 86400.0)
-
-
 def test_no_time_and_time_running_backwards_move_nothing() -> None:
     one = plant(BURGER)
-    one.obey(Command(0.2, 1.0))
-    one.advance(0.0)
+    drive(one, 0.2, 1.0, 0.0)
     one.advance(-5.0)
     assert pose(one) == (0j, 1 + 0j)
     assert one.moving == (0.0, 0.0)
@@ -120,33 +112,22 @@ def test_a_command_is_never_exceeded_nor_are_the_clamps(speed: float, turn_rate:
         assert abs(done) == limit or abs(requested - done) <= 0.01 + 1e-7
 
 
-def test_turtlebot_command_is_limited_by_firmware() -> None:
-    one = plant(BURGER)
-    one.obey(Command(5.0, -9.0))
-    assert one.command == (0.2108, -2.635)
-
-
 def test_the_odometry_of_an_ideal_robot_is_the_truth() -> None:
     one = plant(PROFILES["ideal"], 3.0 + 4.0j, 1j)
-    one.obey(Command(0.3, 0.4))
-    one.advance(7.0)
+    drive(one, 0.3, 0.4, 7.0)
     assert one.odometry() == pose(one)
 
 
 def test_drift_grows_with_path_only() -> None:
     one = plant(Body(drift=0.01))
     for metres in (1.0, 2.0, 3.0):
-        one.obey(Command(1.0, 0.0))
-        one.advance(1.0)
+        drive(one, 1.0, 0.0, 1.0)
         assert one.path == pytest.approx(metres)
         assert abs(one.odometry()[0] - one.position) == pytest.approx(0.01 * metres)
-    one.obey(Command(0.0, 0.0))
-    one.advance(3600.0)
-    one.obey(Command(0.0, 1.0))
-    one.advance(math.pi)
+    drive(one, 0.0, 0.0, 3600.0)
+    drive(one, 0.0, 1.0, math.pi)
     assert abs(one.odometry()[0] - one.position) == pytest.approx(0.03)
-    one.obey(Command(-1.0, 0.0))
-    one.advance(1.0)
+    drive(one, -1.0, 0.0, 1.0)
     assert abs(one.odometry()[0] - one.position) == pytest.approx(0.04)
 
 

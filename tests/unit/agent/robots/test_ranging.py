@@ -12,9 +12,9 @@ from formation.mission.file import load, parse, read
 from formation.mission.model import Mission
 from formation.ros2.messages import LaserScan, Twist, decode, encode
 from formation.sensing.raycast import MIN_NOISE
-from formation.wire import Now, Sample
+from formation.wire import Sample
+from tests.support.fleet import at
 
-EPOCH = 1.7e9
 RANGE_NOISE = 6.0 * MIN_NOISE
 """Greatest error of a range by a scanner without more noise than it must have [m]."""
 EXACT = "[simulated_scanner]\nnoise = 0.0\nrelative_noise = 0.0\n"
@@ -30,8 +30,7 @@ def mission(text: str, scan: str = "rate = 5") -> Mission:
 def scans(world: World, robot: str, until: float = 0.4, reported: Sample | None = None) -> list[LaserScan]:
     found = []
     for tick in range(round(until / 0.01) + 1):
-        now = Now(0.01 * tick, EPOCH + 0.01 * tick)
-        outbox = world.step(now, [reported] if reported and not tick else [])
+        outbox = world.step(at(0.01 * tick), [reported] if reported and not tick else [])
         found += [decode(LaserScan, out.payload) for out in outbox if out.key == f"{robot}/scan"]
     return found
 
@@ -44,7 +43,7 @@ def beam(scan: LaserScan, toward: complex) -> float:
 
 def test_each_robot_with_a_scanner_says_its_scans_at_its_rate() -> None:
     world = World(mission(""))
-    keys = [out.key for i in range(1000) for out in world.step(Now(0.002 * i, EPOCH + 0.002 * i), [])]
+    keys = [out.key for i in range(1000) for out in world.step(at(0.002 * i), [])]
     assert set(keys) == {key for _, key in world.publications}
     assert {keys.count(f"{name}/scan") for name in world.robots} == {10}
 
@@ -90,7 +89,7 @@ def test_noise_and_losses_are_a_robots_own_and_the_seeds() -> None:
 def test_a_scanner_changes_nothing_of_a_robots_odometry() -> None:
     def odometry(what: Mission) -> list[bytes]:
         world = World(what)
-        result = [out for i in range(50) for out in world.step(Now(0.05 * i, EPOCH + 0.05 * i), [])]
+        result = [out for i in range(50) for out in world.step(at(0.05 * i), [])]
         return [out.payload for out in result if out.key.endswith("odom")]
 
     assert odometry(mission("")) == odometry(load("six_robots"))

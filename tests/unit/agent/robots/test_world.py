@@ -14,14 +14,10 @@ from formation.control.unicycle import control_point
 from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.ros2.messages import Displacement, Odometry, Pose, Twist, TwistStamped, decode, encode
-from formation.wire import Now, Outgoing, Sample
+from formation.wire import Outgoing, Sample
+from tests.support.fleet import EPOCH, at
 from tests.support.missions import with_robots
-
-EPOCH = 1.7e9
-
-
-def at(mono: float) -> Now:
-    return Now(mono, EPOCH + mono)
+from tests.support.mutations import mutated
 
 
 def twist(robot: str, arrived: float, speed: float, turn_rate: float = 0.0) -> Sample:
@@ -46,6 +42,17 @@ def run(world: World, until: float, step: float = 0.05, inbox: Iterable[Sample] 
     return outbox
 
 
+def odometry(outbox: Iterable[Outgoing]) -> list[Odometry]:
+    """What robot2 says of its odometry."""
+    return [decode(Odometry, out.payload) for out in outbox if out.key == "robot2/odom"]
+
+
+def faulty(kind: str, size: float, lasts: float = 1e9) -> World:
+    """A world in which odometry of robot2 has this fault from 1 s on."""
+    plants = with_faults(kinematic, [Fault("robot2", kind, size, since=1.0, lasts=lasts)])
+    return World(load("six_robots"), ["robot2"], plants=plants)
+
+
 @pytest.fixture
 def local() -> Mission:
     return with_robots("six_robots", measurement="local")
@@ -61,18 +68,21 @@ def test_robots_publish_odometry_and_ground_truth_at_rate() -> None:
 
 @pytest.mark.parametrize(
     ("kind", "until", "stamp"),
-    [("stale", 1.9, 0.95), ("stale", 2.5, 1.5), ("backlog", 2.9, 1.9), ("stale", 4.05, 4.05)],
+    [
+        ("stale", 1.9, 0.95),
+        ("stale", 2.5, 1.5),
+        ("backlog", 2.9, 1.9),
+        ("stale", 4.05, 4.05),
+        ("restamped", 3.9, 3.9),
+    ],
 )
 def test_late_odometry_has_its_true_stamp(kind: str, until: float, stamp: float) -> None:
-    faulty = with_faults(kinematic, [Fault("robot2", kind, 1.0, since=1.0, lasts=3.0)])
-    found = last(run(World(load("six_robots"), ["robot2"], plants=faulty), until), "robot2/odom", Odometry)
+    found = last(run(faulty(kind, 1.0, lasts=3.0), until), "robot2/odom", Odometry)
     assert found.stamp - EPOCH == pytest.approx(stamp, abs=0.051)
 
 
 def test_delayed_odometry_arrives_after_prompt_odometry() -> None:
-    faulty = with_faults(kinematic, [Fault("robot2", "stale", 1.0, since=1.0, lasts=3.0)])
-    published = run(World(load("six_robots"), ["robot2"], plants=faulty), 6.0)
-    stamps = [decode(Odometry, one.payload).stamp for one in published if one.key == "robot2/odom"]
+    stamps = [one.stamp for one in odometry(run(faulty("stale", 1.0, lasts=3.0), 6.0))]
     assert len(set(stamps)) == len(stamps) == 121, "nothing is lost, nothing comes twice"
     assert sorted(stamps) != stamps
 
@@ -157,11 +167,7 @@ def test_mutilated_commands_never_move_a_robot_faster_than_it_can() -> None:
     world, chance = World(load("turtlebot3_pair"), ["robot1"]), random.Random(1)
     whole = encode(TwistStamped(EPOCH, 0.1, 0.5))
     for i in range(2_000):
-        broken = bytearray(whole)
-        for _ in range(chance.randint(1, 4)):
-            broken[chance.randrange(len(broken))] = chance.randrange(256)
-        payload = bytes(broken[: chance.randint(0, len(broken))]) if chance.random() < 0.3 else bytes(broken)
-        world.step(at(i * 0.01), [Sample("robot1/cmd_vel", payload, None, i * 0.01)])
+        world.step(at(i * 0.01), [Sample("robot1/cmd_vel", mutated(chance, [whole]), None, i * 0.01)])
         plant = world.plant("robot1")
         assert abs(plant.command.speed) <= 0.2108
         assert abs(plant.command.turn_rate) <= 2.635
@@ -175,7 +181,7 @@ def test_noise_is_independent_of_other_hosted_robots() -> None:
     apart = run(World(mission, ["robot2"], seed=6), 2.0)
 
     def path(outbox: list[Outgoing]) -> list[complex]:
-        return [decode(Odometry, out.payload).position for out in outbox if out.key == "robot2/odom"]
+        return [one.position for one in odometry(outbox)]
 
     assert path(both)[:30] == path(alone)[:30]
     assert path(alone) != path(apart)
@@ -223,6 +229,8 @@ def test_sensor_extrapolates_position_of_virtual_leader(local: Mission) -> None:
 
 def test_a_leader_that_falls_silent_is_out_of_sight(local: Mission) -> None:
     world = World(local, ["robot2"])
+    assert "robot1/position" in world.subscriptions
+    assert "robot1/position" not in World(load("six_robots")).subscriptions
     assert not [out for out in run(world, 1.0) if "relative" in out.key]
     world.step(at(1.0), [leader_at(1.0, 0j)])
     assert [out for out in world.step(at(1.1), []) if "relative" in out.key]
@@ -237,11 +245,6 @@ def test_a_leaders_position_from_another_time_is_not_believed(local: Mission) ->
     assert abs(last(world.step(at(1.2), []), "robot2/relative/robot1", Displacement).displacement) < 3.0
 
 
-def test_a_world_that_needs_no_leader_does_not_listen_to_one(local: Mission) -> None:
-    assert "robot1/position" not in World(load("six_robots")).subscriptions
-    assert "robot1/position" in World(local).subscriptions
-
-
 def test_a_sensor_cannot_see_a_robot_of_another_process(local: Mission) -> None:
     with pytest.raises(ValueError, match="'robot3' measures 'robot2' with a sensor"):
         World(local, ["robot3", "robot4"])
@@ -253,16 +256,7 @@ def test_only_followers_can_be_simulated() -> None:
             World(load("six_robots"), [name])
 
 
-def test_restamped_odometry_looks_fresh_when_it_comes() -> None:
-    faulty = with_faults(kinematic, [Fault("robot2", "restamped", 1.0, since=1.0)])
-    world = World(load("six_robots"), ["robot2"], plants=faulty)
-    found = last(run(world, 4.05), "robot2/odom", Odometry)
-    assert found.stamp - EPOCH == pytest.approx(4.05, abs=0.051)
-
-
 def test_stuttering_odometry_comes_in_bursts() -> None:
-    faulty = with_faults(kinematic, [Fault("robot2", "stutter", 0.5, since=1.0)])
-    published = run(World(load("six_robots"), ["robot2"], plants=faulty), 5.0)
-    stamps = [decode(Odometry, one.payload).stamp for one in published if one.key == "robot2/odom"]
+    stamps = [one.stamp for one in odometry(run(faulty("stutter", 0.5), 5.0))]
     assert len(stamps) == pytest.approx(60, abs=2)
     assert max(after - before for before, after in itertools.pairwise(stamps)) == pytest.approx(0.5, abs=0.06)

@@ -11,7 +11,7 @@ from prometheus_client.parser import text_string_to_metric_families as plain
 from formation.monitor.exporters.prometheus import exposition
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.snapshot import Snapshot
-from tests.support.monitored import Fleet, command, now, receive, status
+from tests.support.monitored import Fleet, command, now, received, status
 
 PLAIN, OPEN = "text/plain", "application/openmetrics-text; version=1.0.0"
 RECORDING = {"path": "a.mcap", "bytes": 4711, "seconds": 12.5, "failure": None}
@@ -25,10 +25,9 @@ NO_UNIT = (
 
 def seen(*, without: str = "") -> Snapshot:
     fleet = Fleet(away=lambda robot, _: 0.25j if robot == "robot3" else 0j)
-    metrics = Metrics(fleet.mission)
-    receive(metrics, fleet.positions(10.0, 11.0, without=without))
-    receive(metrics, [command("robot4", 10.99, 0.75, 0.3), status("robot4", 10.9, "hold", "")])
-    receive(metrics, [command("robot9", 10.99, 0.75, 0.3)])
+    said = [command(name, 10.99, 0.75, 0.3) for name in ("robot4", "robot9")]
+    positions = fleet.positions(10.0, 11.0, without=without)
+    metrics = received(fleet, *positions, status("robot4", 10.9, "hold"), *said)
     metrics.observe(now(11.0))
     return metrics.snapshot(now(11.0))
 
@@ -64,9 +63,9 @@ def test_every_key_has_its_counts_rate_and_age() -> None:
     found = families(seen())
     key = {"robot": "robot2", "key": "robot2/position"}
     assert value(found, "formation_key_rate_hertz", **key) == pytest.approx(20.0, abs=0.5)
-    received = {one.labels["key"]: one.value for one in found["formation_messages_received"].samples}
-    assert received["robot2/position"] == 20.0
-    assert "robot2/scan" not in received  # never received
+    counts = {one.labels["key"]: one.value for one in found["formation_messages_received"].samples}
+    assert counts["robot2/position"] == 20.0
+    assert "robot2/scan" not in counts  # never received
     missed = {one.labels["key"]: one.value for one in found["formation_messages_missed"].samples}
     assert missed["robot2/position"] == 0.0
     rejected = found["formation_messages_rejected"].samples

@@ -17,6 +17,7 @@ from formation.monitor.metrics.words import as_json
 from formation.topics import ODOM, POSITION, SCAN
 from formation.wire import BadMessage, Sample
 from tests.support.monitored import EPOCH, Fleet, command, now, odometry, receive, received, status
+from tests.support.mutations import mutated
 
 
 def test_different_sampling_times_cause_no_formation_error() -> None:
@@ -300,13 +301,9 @@ def test_no_mutated_message_gets_past_the_codec_or_stops_the_monitor() -> None:
     metrics = received(fleet, *good)
     for i in range(5000):
         sample = rng.choice(good)
-        payload, attachment = bytearray(sample.payload), bytearray(sample.attachment or b"{}")
-        for data in (payload, attachment):
-            for _ in range(rng.randrange(1, 6)):
-                data[rng.randrange(len(data))] = rng.randrange(256)
-        cut = rng.randrange(len(payload) + 1) if rng.random() < 0.3 else len(payload)
+        payload, attachment = (mutated(rng, [one]) for one in (sample.payload, sample.attachment or b"null"))
         at = 10.1 + i / 5000
-        metrics.process_sample(Sample(sample.key, bytes(payload[:cut]), bytes(attachment), at), at + EPOCH)
+        metrics.process_sample(Sample(sample.key, payload, attachment, at), at + EPOCH)
         if i % 100 == 0:
             json.dumps(as_json(metrics.snapshot(now(at))), allow_nan=False)
     assert sum(metrics.rejections.by_key.values()) > 2000

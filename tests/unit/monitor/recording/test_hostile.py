@@ -22,12 +22,8 @@ HUGE = 60 * 10**9
 
 
 def top(**about: str) -> bytes:
-    reported = {
-        "mission": "six-robots",
-        "mission_file": mission_text("six_robots")[0],
-        "law": "field",
-        **about,
-    }
+    text = mission_text("six_robots")[0]
+    reported = {"mission": "six-robots", "mission_file": text, "law": "field", **about}
     header = packed(Header(profile="ros2", library="somebody else's"))
     return MAGIC + header + packed(Metadata(name="formation", metadata=reported))
 

@@ -86,11 +86,8 @@ def test_recording_contains_received_messages_exactly_in_order(tmp_path: Path) -
             for _, channel, message in make_reader(stream).iter_messages()
             if not channel.topic.endswith(SUFFIX)
         ]
-    assert [(topic, message.data) for topic, message in read_back] == [
-        (f"/{s.key}", s.payload) for s in samples
-    ]
-    assert [message.log_time for _, message in read_back] == [
-        round((s.arrived + EPOCH) * 1e9) for s in samples
+    assert [(topic, message.data, message.log_time) for topic, message in read_back] == [
+        (f"/{s.key}", s.payload, round((s.arrived + EPOCH) * 1e9)) for s in samples
     ]
     assert sum(recorded.recorded.values()) == len(samples)
     assert recorded.recorded[ODOM.key("robot2")] == 20
@@ -138,10 +135,7 @@ def test_commands_have_the_type_that_the_robot_takes(tmp_path: Path, kind: str) 
         ((schema, channel, _),) = make_reader(stream).iter_messages()
     assert channel.topic == f"/{CMD_VEL.key('robot2')}"
     assert schema is not None
-    assert (
-        schema.name
-        == {"twist": "geometry_msgs/msg/Twist", "twist_stamped": "geometry_msgs/msg/TwistStamped"}[kind]
-    )
+    assert schema.name == f"geometry_msgs/msg/{'Twist' if kind == 'twist' else 'TwistStamped'}"
 
 
 def test_another_reader_of_ros_2_bags_decodes_the_recording(tmp_path: Path) -> None:

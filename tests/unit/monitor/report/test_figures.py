@@ -20,7 +20,7 @@ from formation.monitor.report.parts import View
 from formation.simulation.simulate import History, simulate
 from formation.slots.shape import PlacedShape
 from tests.support.monitored import Fleet
-from tests.support.recordings import coming_in, gathered, record, run_of, talk
+from tests.support.recordings import coming_in, run_of, talk
 
 
 @pytest.fixture(scope="module")
@@ -43,9 +43,7 @@ def test_report_writes_each_panel_and_both_paper_figures(run: Run, tmp_path: Pat
 def test_posts_and_walls_are_drawn_only_in_simulation(truth: bool, tmp_path: Path) -> None:
     post = "[[simulation.posts]]\nx = 1.0\ny = 2.0\nradius = 0.3\n"
     wall = "[[simulation.walls]]\nbegin = [0, 0]\nend = [1, 1]\n"
-    path = tmp_path / "run.mcap"
-    record(path, talk(Fleet(), 2.0, truth=truth), f"{read('six_robots')[0]}\n{post}{wall}")
-    one = gathered(path)
+    one = run_of(tmp_path, talk(Fleet(), 2.0, truth=truth), f"{read('six_robots')[0]}\n{post}{wall}")
     axes = Figure2D().subplots()
     parts.trajectories(axes, one, View.of([one]))
     posts = [patch for patch in axes.patches if isinstance(patch, Circle)]
@@ -76,8 +74,7 @@ def test_view_ends_after_formation_or_at_given_time(run: Run) -> None:
 
 
 def test_runs_that_are_compared_have_the_same_axes(run: Run, tmp_path: Path) -> None:
-    record(tmp_path / "far.mcap", talk(Fleet(away=lambda r, t: 4.0 * coming_in(r, t)), 12.0))
-    far = gathered(tmp_path / "far.mcap")
+    far = run_of(tmp_path, talk(Fleet(away=lambda r, t: 4.0 * coming_in(r, t)), 12.0))
     view = View.of([run, far])
     for which in parts.PANELS[1:]:
         first, second = (figures.panel(one, view, which).axes[0] for one in (run, far))
@@ -98,9 +95,7 @@ def test_lines_of_a_hundred_robots_become_a_picture_in_the_svg(run: Run) -> None
 
 
 def test_silent_period_is_drawn_as_gap(tmp_path: Path) -> None:
-    result = [one for one in talk(Fleet(), 12.0) if not 13.0 < one.arrived < 18.0]
-    record(tmp_path / "gap.mcap", result)
-    run = gathered(tmp_path / "gap.mcap")
+    run = run_of(tmp_path, [one for one in talk(Fleet(), 12.0) if not 13.0 < one.arrived < 18.0])
     panel = next(one for one in parts.PANELS if one.name == "forward_speeds")
     times = run.paths.time
     assert any(times[1:] == times[:-1])  # of the gap's beginning, which once divided by zero aloud

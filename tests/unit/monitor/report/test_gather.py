@@ -85,8 +85,7 @@ def test_delays_are_from_stamps_and_answers_from_odometry(run: Run) -> None:
 
 
 def test_a_command_that_answers_no_odometry_is_not_timed(tmp_path: Path) -> None:
-    result = [*talk(Fleet(), 2.0), command("robot2", START + 2.5, 0.0, 0.0)]
-    run = run_of(tmp_path, result)
+    run = run_of(tmp_path, [*talk(Fleet(), 2.0), command("robot2", START + 2.5, 0.0, 0.0)])
     assert run.robots["robot2"].commands == run.answers["robot2"].count + 1
 
 
@@ -111,8 +110,8 @@ def test_robot_centres_are_offset_from_control_points(run: Run) -> None:
 
 
 def test_silence_at_the_common_end_is_no_loss(tmp_path: Path) -> None:
-    record(tmp_path / "run.mcap", [*talk(Fleet(), 3.0), command("robot2", START + 8.0, 0.0, 0.0)])
-    assert summary.lost_robots(gathered(tmp_path / "run.mcap").keys) == []
+    run = run_of(tmp_path, [*talk(Fleet(), 3.0), command("robot2", START + 8.0, 0.0, 0.0)])
+    assert summary.lost_robots(run.keys) == []
 
 
 def test_robot_lost_midway_makes_final_error_unknown(tmp_path: Path) -> None:
@@ -198,8 +197,7 @@ def test_longest_silence_of_key_is_found_with_time(tmp_path: Path) -> None:
         for sample in talk(Fleet(), 6.0)
         if sample.key != POSITION.key("robot3") or not START + 2.0 < sample.arrived < START + 2.8
     ]
-    record(tmp_path / "run.mcap", result)
-    key = next(key for key in gathered(tmp_path / "run.mcap").keys if key.key == POSITION.key("robot3"))
+    key = next(key for key in run_of(tmp_path, result).keys if key.key == POSITION.key("robot3"))
     assert key.gap == pytest.approx(0.83, abs=0.06)
     assert key.gap_at == pytest.approx(2.0, abs=0.1)
     assert key.missed == 16
@@ -208,9 +206,7 @@ def test_longest_silence_of_key_is_found_with_time(tmp_path: Path) -> None:
 
 
 def test_the_law_that_was_driven_is_the_law_of_the_run(tmp_path: Path) -> None:
-    assert (
-        run_of(tmp_path, talk(Fleet(), 1.0), read("six_robots")[0], law="paper").mission.law.kind == "paper"
-    )
+    assert run_of(tmp_path, talk(Fleet(), 1.0), law="paper").mission.law.kind == "paper"
 
 
 FIRST, SECOND, AGAIN = 64 * 10, 64 * 20 + 1, 64 * 30
@@ -248,11 +244,8 @@ def test_no_candidate_leads_between_two_leader_terms() -> None:
     leader_terms = found_terms(
         [*leading(FIRST, 10.0, 12.0), *leading(SECOND, 12.9, 15.0), *leading(AGAIN, 15.3, 16.0)]
     )
-    assert [(one.name, one.term) for one in leader_terms] == [
-        ("robot1", FIRST),
-        ("spare1", SECOND),
-        ("robot1", AGAIN),
-    ]
+    terms = [("robot1", FIRST), ("spare1", SECOND), ("robot1", AGAIN)]
+    assert [(one.name, one.term) for one in leader_terms] == terms
     assert [one.positions for one in leader_terms] == [41, 43, 15]
     assert not overlaps(leader_terms)
     first, second, third = (one.published for one in leader_terms)
@@ -260,24 +253,23 @@ def test_no_candidate_leads_between_two_leader_terms() -> None:
     assert third.begin - second.end == pytest.approx(0.3, abs=0.051)
 
 
+@pytest.mark.parametrize(
+    "others",
+    [
+        [*leading(SECOND, 12.5, 15.0), *leading(FIRST, 14.0, 14.01)],
+        leading(FIRST, 11.0, 13.0, publisher_id="double"),
+    ],
+    ids=["a single late message of the former leader", "two processes in one term"],
+)
+def test_second_leader_beside_a_first_is_found(others: list[Sample]) -> None:
+    assert len(overlaps(found_terms([*leading(FIRST, 10.0, 12.0), *others]))) == 1
+
+
 def test_a_leader_that_goes_on_beside_its_successor_is_found() -> None:
     leader_terms = found_terms([*leading(FIRST, 10.0, 13.5), *leading(SECOND, 12.9, 15.0)])
     (both,) = overlaps(leader_terms)
     assert (both.former.name, both.latter.name) == ("robot1", "spare1")
     assert both.span.end - both.span.begin == pytest.approx(0.6, abs=0.051)
-
-
-def test_single_late_message_of_former_leader_is_found() -> None:
-    assert overlaps(
-        found_terms([*leading(FIRST, 10.0, 12.0), *leading(SECOND, 12.5, 15.0), *leading(FIRST, 14.0, 14.01)])
-    )
-
-
-def test_two_processes_in_one_term_are_two_leaders() -> None:
-    leader_terms = found_terms(
-        [*leading(FIRST, 10.0, 12.0), *leading(FIRST, 11.0, 13.0, publisher_id="double")]
-    )
-    assert len(overlaps(leader_terms)) == 1
 
 
 def test_delayed_messages_are_no_second_leader_by_stamp() -> None:
@@ -353,8 +345,7 @@ def test_a_report_says_first_if_two_led_at_once(tmp_path: Path) -> None:
 
 
 def test_a_report_without_standbys_has_no_table_of_leaders(tmp_path: Path) -> None:
-    record(tmp_path / "run.mcap", talk(Fleet(), 2.0))
-    assert not tables.leader_terms(gathered(tmp_path / "run.mcap")).rows
+    assert not tables.leader_terms(run_of(tmp_path, talk(Fleet(), 2.0))).rows
 
 
 def test_a_run_that_has_just_settled_says_the_rule() -> None:

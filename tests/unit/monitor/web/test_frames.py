@@ -41,28 +41,17 @@ def rows(one: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 def test_a_page_is_told_once_what_does_not_change() -> None:
     reported = hello(MISSION, live=True, control=False, version="1.2.3")
-    assert (reported["live"], reported["control"], reported["mission"], reported["law"]) == (
-        True,
-        False,
-        "six-robots",
-        "field",
-    )
-    assert (reported["settled"], reported["version"], reported["fields"]) == (
-        MISSION.settled,
-        "1.2.3",
-        list(FIELDS),
-    )
+    assert reported.items() >= {
+        "live": True, "control": False, "mission": "six-robots", "law": "field",
+        "settled": MISSION.settled, "version": "1.2.3", "fields": list(FIELDS),
+    }.items()  # fmt: skip
     assert [robot["name"] for robot in reported["robots"]] == list(MISSION.names)
     assert [robot["leader"] for robot in reported["robots"]] == [True] + 5 * [False]
     second = MISSION.robots["robot2"]
     assert reported["robots"][1] == {
-        "name": "robot2",
-        "leader": False,
-        "max_speed": second.max_speed,
-        "max_turn_rate": second.max_turn_rate,
-        "offset": second.control_point_offset,
-        "rate": second.rate,
-    }
+        "name": "robot2", "leader": False, "max_speed": second.max_speed, "rate": second.rate,
+        "max_turn_rate": second.max_turn_rate, "offset": second.control_point_offset,
+    }  # fmt: skip
     assert reported["robots"][0]["offset"] == 0.0
     assert hello(MISSION, live=False, control=False, version="", law="paper")["law"] == "paper"
 
@@ -228,19 +217,14 @@ def test_slots_are_drawn_correctly_during_shape_transition() -> None:
 
 
 def test_frame_names_leader_only_with_standbys() -> None:
-    assert (
-        not {"c", "leads", "since", "rotation", "scale", "forming", "waits"}
-        & frame(MISSION, received(Fleet()), now(11.0)).keys()
-    )
+    plain = frame(MISSION, received(Fleet()), now(11.0))
+    assert not {"c", "leads", "since", "rotation", "scale", "forming", "waits"} & plain.keys()
     mission = with_standbys()
     metrics = received(Fleet(mission, term=64 * 10 + 1))
     receive(metrics, [status("spare1", 10.9, "run", ""), status("robot1", 10.9, "standby", "spare1 leads")])
     one = frame(mission, metrics, now(11.0))
-    assert hello(mission, live=True, control=False, version="")["candidates"] == [
-        "robot1",
-        "spare1",
-        "spare2",
-    ]
+    reported = hello(mission, live=True, control=False, version="")
+    assert reported["candidates"] == ["robot1", "spare1", "spare2"]
     assert one["leads"] == "spare1"
     assert [row[:2] for row in one["c"]] == [
         ["standby", "spare1 leads"], ["leads", ""], ["unseen", "no status yet"],

@@ -5,11 +5,10 @@ from dataclasses import replace
 import pytest
 
 from formation.monitor.metrics.feed import freshness_limit
-from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.snapshot import RobotMetrics
 from formation.monitor.web.frames import Health, health
 from formation.topics import POSITION
-from tests.support.monitored import EPOCH, Fleet, command, now, odometry, receive, status
+from tests.support.monitored import EPOCH, Fleet, command, now, odometry, receive, received, status
 
 SPEC = Fleet().mission.robots["robot3"]
 KEY = POSITION.key("robot3")
@@ -18,8 +17,8 @@ KEY = POSITION.key("robot3")
 def well() -> RobotMetrics:
     """Robot 3 as it should be."""
     fleet = Fleet()
-    metrics = Metrics(fleet.mission)
-    receive(metrics, [*fleet.positions(10.0, 12.0), status("robot3", 11.9, "run", "in formation control")])
+    said = status("robot3", 11.9, "run", "in formation control")
+    metrics = received(fleet, *fleet.positions(10.0, 12.0), said)
     return metrics.snapshot(now(12.0)).robots["robot3"]
 
 
@@ -32,9 +31,8 @@ def test_robot_without_faults_has_full_health() -> None:
 
 
 def test_silent_robot_has_no_health() -> None:
-    fleet = Fleet()
-    metrics = Metrics(fleet.mission)
-    assert of(metrics.snapshot(now(12.0)).robots["robot3"]) == Health(0.0, "nothing received yet")
+    unseen = received(Fleet()).snapshot(now(12.0)).robots["robot3"]
+    assert of(unseen) == Health(0.0, "nothing received yet")
 
 
 def test_health_decreases_with_silence_to_zero() -> None:
@@ -66,11 +64,10 @@ def test_half_the_promised_rate_is_about_half_the_health() -> None:
 
 def test_lost_messages_count_as_long_as_they_are_recent() -> None:
     fleet = Fleet()
-    metrics = Metrics(fleet.mission)
     kept = [
         one for i, one in enumerate(fleet.positions(10.0, 14.0)) if i % 5 or not one.key.startswith("robot3")
     ]
-    receive(metrics, [*kept, status("robot3", 13.9, "run", "fine")])
+    metrics = received(fleet, *kept, status("robot3", 13.9, "run", "fine"))
     bad = metrics.snapshot(now(14.0)).robots["robot3"]
     loss = bad.keys[KEY].loss
     assert loss is not None
@@ -89,8 +86,7 @@ def test_a_wrong_clock_costs_health() -> None:
 
 def test_rejected_messages_cost_health_for_ten_seconds() -> None:
     fleet = Fleet()
-    metrics = Metrics(fleet.mission)
-    receive(metrics, fleet.positions(10.0, 12.0))
+    metrics = received(fleet, *fleet.positions(10.0, 12.0))
     assert metrics.snapshot(now(12.0)).robots["robot3"].rejected_age is None
     metrics.process_sample(command("robot3", 12.0, 0.1, 0.1)._replace(payload=b"rubbish"), 12.0 + EPOCH)
     assert metrics.snapshot(now(13.0)).robots["robot3"].rejected_age == 1.0
@@ -118,9 +114,7 @@ def test_troubles_multiply_and_the_worst_is_named() -> None:
 
 def test_health_is_known_of_every_robot_whatever_was_heard() -> None:
     fleet = Fleet()
-    metrics = Metrics(fleet.mission)
-    receive(
-        metrics, [odometry("robot2", 10.0), fleet.position("robot3", 10.0), status("robot4", 10.0, "run", "")]
-    )
+    said = odometry("robot2", 10.0), fleet.position("robot3", 10.0), status("robot4", 10.0, "run", "")
+    metrics = received(fleet, *said)
     for name, robot in metrics.snapshot(now(10.1)).robots.items():
         assert 0.0 <= health(name, robot, fleet.mission.robots[name]).share <= 1.0

@@ -67,19 +67,17 @@ def test_what_is_asked_again_after_something_else_is_no_double_click() -> None:
     assert again is not first
 
 
-def test_another_shape_is_another_wish() -> None:
+@pytest.mark.parametrize(
+    ("do", "name", "values"),
+    [("rotate", "degrees", (10.0, 20.0, 10.0)), ("shape", "shape", ("wedge", "hexagon", "wedge"))],
+)
+def test_changed_value_is_new_request_repetition_is_not(do: str, name: str, values: tuple[Any, ...]) -> None:
     orders = Precedence()
-    for number, shape in enumerate(("wedge", "hexagon", "wedge")):
-        assert orders.give(OperatorRequest(do="shape", shape=shape), 0.1 * number)[1]
-
-
-def test_changed_value_is_new_request_repetition_is_not() -> None:
-    orders = Precedence()
-    for number, degrees in enumerate((10.0, 20.0, 10.0)):
-        turn = OperatorRequest(do="rotate", degrees=degrees, id=f"{number}")
-        given, new = orders.give(turn, 0.1 * number)
+    for number, value in enumerate(values):
+        wish = OperatorRequest.model_validate({"do": do, name: value, "id": f"{number}"})
+        given, new = orders.give(wish, 0.1 * number)
         assert new
-        again = turn.model_copy(update={"id": "another", "age": 0.5})
+        again = wish.model_copy(update={"id": "another", "age": 0.5})
         assert orders.give(again, 0.1 * number + 0.05) == (given, False)
 
 
@@ -104,14 +102,6 @@ def test_same_click_with_other_request_is_new() -> None:
     give(orders, "run", 0.0, click="a")
     assert orders.give(request("hold"), 10.0, click="a")[1]
     assert orders.give(request("stop"), 20.0, click="a")[1]
-
-
-def test_a_stop_or_a_hold_ends_what_is_still_being_asked() -> None:
-    for rest in ("stop", "hold"):
-        orders = Precedence()
-        running = give(orders, "release", 0.0)
-        resting = give(orders, rest, 0.1)
-        assert (running.over, resting.over) == (True, False)
 
 
 @pytest.mark.parametrize("do", GOING)

@@ -17,7 +17,8 @@ from formation.agent.simulated.simulated import World as Hosted  # noqa: E402
 from formation.mission.file import parse, read  # noqa: E402
 from formation.mission.model import Mission  # noqa: E402
 from formation.ros2.messages import LaserScan, Odometry, Pose, TwistStamped, decode, encode  # noqa: E402
-from formation.wire import Now, Sample  # noqa: E402
+from formation.wire import Sample  # noqa: E402
+from tests.support.fleet import EPOCH, at  # noqa: E402
 from tests.support.physics_worlds import (  # noqa: E402
     PAIR,
     SIX,
@@ -26,8 +27,6 @@ from tests.support.physics_worlds import (  # noqa: E402
     beside_its_slots,
     standing,
 )
-
-EPOCH = 1.7e9
 
 
 @pytest.mark.slow
@@ -62,7 +61,7 @@ def test_robots_in_physics_say_the_same_on_the_same_keys() -> None:
     kinematic, physics = Hosted(PAIR), team.fleet.world
     assert physics.publications == kinematic.publications
     assert physics.subscriptions == kinematic.subscriptions
-    result = [world.step(Now(0.0, EPOCH), []) for world in (kinematic, physics)]
+    result = [world.step(at(0.0), []) for world in (kinematic, physics)]
     assert [out.key for out in result[0]] == [out.key for out in result[1]]
     assert [len(out.payload) for out in result[0]] == [len(out.payload) for out in result[1]]
     odometry = [decode(Odometry, out[0].payload) for out in result]
@@ -74,7 +73,7 @@ def test_wire_command_moves_robot_and_odometry_drifts() -> None:
     hosted, outbox = team.fleet.world, []
     command = Sample("robot1/cmd_vel", encode(TwistStamped(EPOCH, 0.1, 0.3)), None, 0.0)
     for number in range(501):
-        outbox += hosted.step(Now(0.01 * number, EPOCH + 0.01 * number), [command] if number == 0 else [])
+        outbox += hosted.step(at(0.01 * number), [command] if number == 0 else [])
     odometry = decode(Odometry, [out.payload for out in outbox if out.key == "robot1/odom"][-1])
     truth = decode(Pose, [out.payload for out in outbox if out.key == "robot1/ground_truth"][-1])
     start = PAIR.robots["robot1"].start
@@ -88,7 +87,7 @@ def test_a_camera_above_sees_the_truth() -> None:
     text, name = read("turtlebot3_pair")
     mission = parse(text.replace('odometry_frame = "start"', 'localisation = "external"'), name)
     team = InPhysics(mission)
-    outbox = team.fleet.world.step(Now(0.0, EPOCH), [])
+    outbox = team.fleet.world.step(at(0.0), [])
     seen = decode(Pose, next(out.payload for out in outbox if out.key == "robot1/pose"))
     assert seen.position == pytest.approx(mission.robots["robot1"].start.position, abs=1e-3)
 
@@ -96,8 +95,8 @@ def test_a_camera_above_sees_the_truth() -> None:
 def test_a_process_that_was_frozen_goes_on_where_it_was() -> None:
     world = World(PAIR)
     hosted = InPhysics(PAIR).fleet.world
-    hosted.step(Now(0.0, EPOCH), [])
-    hosted.step(Now(3600.0, EPOCH + 3600.0), [])
+    hosted.step(at(0.0), [])
+    hosted.step(at(3600.0), [])
     assert hosted.plant("robot1").position == pytest.approx(world.states["robot1"].position, abs=1e-3)
 
 
@@ -107,7 +106,7 @@ def test_wire_scan_contains_obstacles_of_physics_world() -> None:
     mission = standing(parse(text, name), posts=[(-1.5 + 3.0j, 0.1)])  # robot2 at -1.5 + 2j faces it
     hosted, result = InPhysics(mission).fleet.world, []
     for number in range(30):
-        result += hosted.step(Now(0.01 * number, EPOCH + 0.01 * number), [])
+        result += hosted.step(at(0.01 * number), [])
     assert {key for _, key in hosted.publications} == {key for _, key in Hosted(mission).publications}
     scan = next(decode(LaserScan, out.payload) for out in result if out.key == "robot2/scan")
     assert scan.ranges[0] == pytest.approx(0.9, abs=0.1)  # noise

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 
 import pytest
@@ -191,9 +190,3 @@ def test_scanner_measures_distance_to_post_wall_and_robot() -> None:
     assert ranges[270] == pytest.approx(0.9, abs=0.001)  # to the right: the post
     assert ranges[90] == pytest.approx(1.0 - world.chassis["robot3"].lds.radius, abs=0.001)  # to the left
     assert math.isinf(ranges[180])  # behind: nothing within its range
-
-
-def test_a_scanner_turns_with_its_robot() -> None:
-    heading = 0.7
-    world = World(standing(placed(SIX, robot2=(9j, heading)), posts=[(cmath.rect(1.0, heading) + 9j, 0.1)]))
-    assert world.scan("robot2", *LDS).argmin() in {359, 0, 1}
