@@ -1,0 +1,52 @@
+"""What people read of the defects."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from tests.campaigns.defects.reasons import REASONS
+from tests.campaigns.document import Found, head, section
+from tests.campaigns.figures import markdown, verdict
+
+SHARE = 0.95
+"""Share of the defects that is to be found."""
+TITLE = "Deliberate defects"
+HEAD = """\
+Mistakes that a programmer could make, each built into a copy of the product by itself. A fixed list of
+rehearsals then runs on the copy until a rule breaks. Without a defect all of them hold every rule.
+"""
+
+
+def text(found: Found) -> str:
+    """The whole page."""
+    rows = found["defects"]
+    caught = [row for row in rows if row["found"]]
+    rules = Counter(row["broken"][0]["rule"] for row in caught)
+    bars = [
+        (
+            f"{100 * SHARE:.0f} % are found by at most {found['plans']} rehearsals",
+            f"{len(caught)} of {len(rows)}",
+            verdict(len(caught) >= SHARE * len(rows)),
+        )
+    ]
+    parts = [
+        markdown(("asked for", "found", ""), bars),
+        markdown(("rule that broke first", "defects"), [(rule, str(n)) for rule, n in rules.most_common()]),
+        "Not found:\n\n" + markdown(("defect", "what it breaks", "why"), map(_missed, rows_missed(rows))),
+        "Found:\n\n" + markdown(("defect", "what it breaks", "rule", "plans", "plan"), map(_found, caught)),
+    ]
+    return head(TITLE, "defects", HEAD) + "\n" + section("defects", "", "Catalogue", found, *parts)
+
+
+def rows_missed(rows: list[Found]) -> list[Found]:
+    """Those that were not found."""
+    return [row for row in rows if not row["found"]]
+
+
+def _missed(row: Found) -> tuple[str, ...]:
+    return f"`{row['name']}`", row["breaks"], REASONS.get(row["name"], "not looked into yet")
+
+
+def _found(row: Found) -> tuple[str, ...]:
+    first = row["broken"][0]
+    return f"`{row['name']}`", row["breaks"], first["rule"], str(row["plans"]), f"`{first['plan']}`"
