@@ -9,9 +9,11 @@
 | orders | where orders are signed, robots follow only what a candidate has ordered |
 | stop | a robot that acknowledged a stop stands until it is released, whatever restarts |
 | hold | without faults no robot holds by itself once it drives |
-| leaders | at most one candidate may lead at any time |
+| leaders | at most one candidate may lead at any time, and no order follows one of a later leader |
+| watchdog | a robot stands a second after its agent was killed or suspended, if its watchdog runs |
 | blind | a robot with a frozen or late position drives less than 0.1 m |
-| touch | no two bodies touch, where the collision filter promises it |
+| touch | no two bodies touch, nor a body what its scanner sees, where the filter promises it |
+| bounds | without faults of sensors every robot stays within the mission's bounds |
 | formation | after the last fault the formation settles within `RECOVERY_TIME` |
 
 Odometry cannot tell where a robot is where its wheels slip (the physics world), nor, if it counts from
@@ -36,6 +38,7 @@ from formation.control.tracker import MAX_DELAY
 from formation.control.unicycle import AT_REST, Command
 from formation.deploy.rehearsal.engine import UPTIME, VirtualProcess
 from formation.deploy.rehearsal.fleet import Fleet
+from formation.deploy.rehearsal.places import AT_REST_STEP, Places
 from formation.mission.model import Mission
 from formation.mission.robot import RobotSpec
 from formation.monitor.recording.recorder import Recorder
@@ -57,8 +60,10 @@ RULES = (
     "stop",
     "hold",
     "leaders",
+    "watchdog",
     "blind",
     "touch",
+    "bounds",
     "formation",
     "record",
 )
@@ -81,8 +86,6 @@ GRACE_TIME = 1.0
 """Time from its first motion until the path of such a robot counts [s]."""
 MAX_BLIND_PATH = 0.1
 """Path of such a robot that breaks the rule [m]."""
-AT_REST_STEP = 1e-4
-"""Motion between two checks up to which a robot stands [m]."""
 
 
 class Violation(NamedTuple):
@@ -153,11 +156,12 @@ class Judge:
         self._paths: dict[str, tuple[complex, float]] = {}  # newest true position and path of each robot [m]
         in_time = max_delay <= mission.collisions.delay
         self._no_touch = filtered and truthful and in_time and not slipping
+        self._places = Places(fleet, faults, self._tell)
         fleet.local.watchers.append(self._command)
         self._position = POSITION.key(mission.leader)
         self._given: set[str] = set()  # the text of each order that a candidate has signed
-        if fleet.keys is not None:
-            fleet.fleet.watchers.append(self._order)
+        self._term, self._ended = 0, set[int]()  # the newest order's, and those that others have followed
+        fleet.fleet.watchers.append(self._order)
 
     @property
     def broken(self) -> set[str]:
@@ -240,11 +244,18 @@ class Judge:
         self._check_ramp(name, now, command)
         self._newest[name] = now, command
 
-    def _order(self, _process: VirtualProcess, out: Outgoing) -> None:
+    def _order(self, process: VirtualProcess, out: Outgoing) -> None:
         if out.key != self._position or out.attachment is None:
             return
-        if signed := order.decode(PositionAttachment, out.attachment).signed:
-            self._given.add(signed)
+        attachment = order.decode(PositionAttachment, out.attachment)
+        if attachment.signed:
+            self._given.add(attachment.signed)
+        term = attachment.term if attachment.order is None else attachment.order.term
+        if term in self._ended:
+            self._tell("leaders", process.name, "gives orders in a term after which another has led")
+        elif term != self._term:
+            self._ended.add(self._term)
+            self._term = term
 
     def _check_orders(self) -> None:
         for name, (agent, _) in self._fleet.agents.items():
@@ -296,6 +307,7 @@ class Judge:
 
     def _check_bodies(self) -> None:
         discs = self._fleet.discs()
+        self._places.look(discs, touches=self._no_touch)
         for name, here, _ in discs:
             before, path = self._paths.get(name, (here, 0.0))
             self._paths[name] = here, path + abs(here - before)

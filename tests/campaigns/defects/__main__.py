@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import Any
 
-from tests.campaigns.defects.catalogue.all import DEFECTS, FIRST
+from tests.campaigns.defects.catalogue.all import DEFECTS
 from tests.campaigns.defects.page import text
 from tests.campaigns.defects.plans import PLANS, QUICK, ordered
 from tests.campaigns.defects.trial import Row, tried
@@ -55,7 +55,7 @@ def main(words: Sequence[str] | None = None) -> int:
 
 def _numbers(name: str, *, quick: bool) -> list[int]:
     """The plans that a defect meets, in order."""
-    return ordered(FIRST[name])[: QUICK if quick else None]
+    return ordered(DEFECTS[name].first)[: QUICK if quick else None]
 
 
 def write(rows: dict[str, Row], seconds: float) -> None:

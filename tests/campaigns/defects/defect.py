@@ -19,6 +19,8 @@ class Defect(NamedTuple):
     """What replaces it."""
     breaks: str
     """What a user loses."""
+    first: tuple[str, ...]
+    """Groups of plans that it meets before the others."""
 
 
 def changed(defect: Defect, root: Path) -> str:

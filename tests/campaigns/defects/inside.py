@@ -106,6 +106,9 @@ def told(plan: Plan) -> list[Broken]:
     ) as fleet:  # fmt: skip
         for one in plan.told:
             fleet.run(max(0.0, one.at - fleet.now))
+            if one.do in {"cut", "heal", "kill", "start"}:
+                getattr(fleet, one.do)(**one.what)
+                continue
             outcome = fleet.order(one.do, **one.what)
             if not fleet.violations and (outcome.missing or not outcome.obeyed):
                 answers = {name: reply.reply.reason for name, reply in outcome.answers.items()}

@@ -9,7 +9,7 @@ MISSIONS = Path(__file__).parent / "missions"
 
 
 class Told(NamedTuple):
-    """What an operator orders."""
+    """What an operator orders, or does to a process or the network."""
 
     at: float
     """[s]"""
@@ -53,7 +53,7 @@ class Plan(NamedTuple):
             value = getattr(self, name)
             words += [f"--{name} {value:g}"] if value else []
         words += ["--signed"] * self.signed + ["recorded"] * self.recorded
-        words += [f"order {one.do} at {one.at:g} s" for one in self.told]
+        words += [f"{one.do} at {one.at:g} s" for one in self.told]
         return ", ".join(
             [" ".join(words[: len(words) - len(self.told)]), *words[len(words) - len(self.told) :]]
         )

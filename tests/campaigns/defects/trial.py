@@ -1,4 +1,4 @@
-"""Plan after plan beside a copy of the product with one defect, in a process of its own, until a rule breaks."""
+"""Plan after plan beside a copy of the product with one defect, in a process of its own."""
 
 from __future__ import annotations
 

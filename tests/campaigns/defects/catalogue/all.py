@@ -19,5 +19,3 @@ from tests.campaigns.defects.defect import Defect
 
 PARTS = (safety, orders, persistence, collisions, control, sensing, election, leading, watching)
 DEFECTS: Mapping[str, Defect] = {one.name: one for part in PARTS for one in part.DEFECTS}
-FIRST: Mapping[str, tuple[str, ...]] = {one.name: part.FIRST for part in PARTS for one in part.DEFECTS}
-"""Groups of plans that each meets first."""

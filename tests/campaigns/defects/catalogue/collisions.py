@@ -11,8 +11,6 @@ MATHS, FILTER, PIPELINE = (
 )
 ZONES, SCANNER, SCAN = "formation/control/zones.py", "agent/safety/scanner.py", "formation/sensing/scan.py"
 
-FIRST = ("crossing",)
-"""Groups of plans that they meet first."""
 DEFECTS = (
     Defect(
         "half-plane-inverted",
@@ -20,6 +18,7 @@ DEFECTS = (
         "return HalfPlane(towards.real, towards.imag, max(most",
         "return HalfPlane(-towards.real, -towards.imag, max(most",
         "robots drive towards each other",
+        ("crossing",),
     ),
     Defect(
         "brake-dropped",
@@ -27,6 +26,7 @@ DEFECTS = (
         "done = brake(give_way(aim, obstacles, parameters, limits), obstacles, parameters)",
         "done = give_way(aim, obstacles, parameters, limits)",
         "the filter evades and does not brake",
+        ("crossing",),
     ),
     Defect(
         "both-radii-forgotten",
@@ -34,6 +34,7 @@ DEFECTS = (
         "(lever + parameters.radius + obstacle.radius + obstacle.unsure + parameters.margin)",
         "(obstacle.unsure + parameters.margin)",
         "the filter evades from centre to centre",
+        ("crossing",),
     ),
     Defect(
         "brake-late",
@@ -41,6 +42,7 @@ DEFECTS = (
         "most = max(0.0, 0.5 * room / (parameters.hold",
         "most = max(0.0, 5.0 * room / (parameters.hold",
         "the brake lets robots approach ten times as fast",
+        ("crossing",),
     ),
     Defect(
         "no-way-out",
@@ -48,6 +50,7 @@ DEFECTS = (
         "DEADLOCK_DELAY, DETOUR_TIME = 0.5, 1.5",
         "DEADLOCK_DELAY, DETOUR_TIME = 500.0, 1.5",
         "robots that block each other wait for ever",
+        ("crossing",),
     ),
     Defect(
         "nobody-yields",
@@ -55,6 +58,7 @@ DEFECTS = (
         "name: mission.has_right_of_way(name, robot) for name in avoided",
         "name: False for name in avoided",
         "every robot takes the right of way",
+        ("crossing",),
     ),
     Defect(
         "obstacles-in-world-frame",
@@ -62,13 +66,15 @@ DEFECTS = (
         "facing * (there.at - mine) +",
         "(there.at - mine) +",
         "the filter looks for others in a wrong direction",
+        ("crossing",),
     ),
     Defect(
         "silent-robots-forgotten",
         FILTER,
-        "known = self._known(around)\n        obstacles",
-        "known = {name: one for name, one in self._known(around).items() if one.fresh(now)}\n        obstacles",
+        "known = self._known(around)\n        obst",
+        "known = {n: one for n, one in self._known(around).items() if one.fresh(now)}\n        obst",
         "a robot that has fallen silent is no obstacle",
+        ("crossing",),
     ),
     Defect(
         "filter-switched-around",
@@ -78,6 +84,7 @@ DEFECTS = (
         """wanted if params.avoids else clear, inputs, obstacles, params)
     after = ControlState(""",
         "the filter only watches",
+        ("crossing",),
     ),
     Defect(
         "zone-behind",
@@ -85,6 +92,7 @@ DEFECTS = (
         "room = free((sign * point for point in seen), radius, right, left)",
         "room = free((-sign * point for point in seen), radius, right, left)",
         "the protective zone lies behind the robot",
+        ("posts",),
     ),
     Defect(
         "strangers-are-mates",
@@ -92,6 +100,7 @@ DEFECTS = (
         "MAX_TEAM_MATE_ERROR = 0.1",
         "MAX_TEAM_MATE_ERROR = 3.0",
         "posts near a robot are taken for that robot",
+        ("posts",),
     ),
     Defect(
         "frozen-scan-unnoticed",
@@ -99,5 +108,6 @@ DEFECTS = (
         "if moved and known.beams >= MIN_EQUAL_BEAMS and",
         "if moved and known.beams < MIN_EQUAL_BEAMS and",
         "a scanner that repeats one scan is believed",
+        ("posts",),
     ),
 )

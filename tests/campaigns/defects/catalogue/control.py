@@ -22,8 +22,6 @@ NEIGHBOURS, GAINS, SLOTS = (
 )
 CORE, COMMANDER, AVAILABLE = "agent/core.py", "agent/safety/commander.py", "agent/following/attachment.py"
 
-FIRST = ("quiet", "ordered")
-"""Groups of plans that they meet first."""
 DEFECTS = (
     Defect(
         "anti-windup-reversed",
@@ -31,6 +29,7 @@ DEFECTS = (
         "growth = weight * (e + gains.anti_windup * cut_off)",
         "growth = weight * (e - gains.anti_windup * cut_off)",
         "saturation winds the integral up",
+        ("quiet",),
     ),
     Defect(
         "integral-never-decays",
@@ -38,6 +37,7 @@ DEFECTS = (
         "integral + dt * growth - (1.0 - weight) * forgotten * integral",
         "integral + dt * growth",
         "the integral stays when the formation is torn",
+        ("quiet",),
     ),
     Defect(
         "feed-forward-rotated",
@@ -45,6 +45,7 @@ DEFECTS = (
         "heading.conjugate() * measured.velocity",
         "heading * measured.velocity",
         "the neighbours' velocity is taken in a wrong frame",
+        ("quiet",),
     ),
     Defect(
         "integral-reversed",
@@ -52,6 +53,7 @@ DEFECTS = (
         "+ gains.k_i * to_body * integral",
         "- gains.k_i * to_body * integral",
         "the integral drives the robot away",
+        ("quiet",),
     ),
     Defect(
         "filter-winds-up",
@@ -59,6 +61,7 @@ DEFECTS = (
         "return integral + dt * weight * gains.anti_windup * cut_off",
         "return integral",
         "what the filter cuts off winds the integral up",
+        ("crossing",),
     ),
     Defect(
         "speed-not-clipped",
@@ -66,6 +69,7 @@ DEFECTS = (
         "Command(clip(nominal.real, max_speed),",
         "Command(nominal.real,",
         "commands beyond the speed limit",
+        ("quiet",),
     ),
     Defect(
         "ramp-unbounded-time",
@@ -73,6 +77,7 @@ DEFECTS = (
         "share = min(silence, most.longest) / most.time",
         "share = silence / most.time",
         "commands leap after a pause",
+        ("slow",),
     ),
     Defect(
         "ramp-leaps-after-gap",
@@ -80,6 +85,7 @@ DEFECTS = (
         "share = share if rests else FIRST_CHANGE_SHARE",
         "share = 1.0",
         "the first command after a gap leaps",
+        ("robotstall", "slow"),
     ),
     Defect(
         "remainder-forgotten",
@@ -87,6 +93,7 @@ DEFECTS = (
         "nearest(quantiser.speed, wanted.speed + remainder.speed)",
         "nearest(quantiser.speed, wanted.speed)",
         "slow commands are rounded away",
+        ("quiet", "pair"),
     ),
     Defect(
         "observer-blind-in-reverse",
@@ -94,6 +101,7 @@ DEFECTS = (
         "return kept + share / travel.distance * half * travel.displacement",
         "return kept + share / path * half * travel.displacement",
         "a robot that reverses learns the opposite heading",
+        ("quiet", "crossing"),
     ),
     Defect(
         "extrapolated-backwards",
@@ -101,6 +109,7 @@ DEFECTS = (
         "return track.point + track.velocity * clip(moment - track.stamp, longest)",
         "return track.point - track.velocity * clip(moment - track.stamp, longest)",
         "neighbours are expected where they were",
+        ("quiet",),
     ),
     Defect(
         "slots-reversed",
@@ -108,6 +117,7 @@ DEFECTS = (
         "desired += slots.state.at[name] - mine",
         "desired += mine - slots.state.at[name]",
         "the formation is mirrored",
+        ("quiet",),
     ),
     Defect(
         "slot-velocity-added",
@@ -115,6 +125,7 @@ DEFECTS = (
         "velocity += one.velocity - (slots",
         "velocity += one.velocity + (slots",
         "robots lag in shapes that turn",
+        ("orders", "bend"),
     ),
     Defect(
         "unavailable-for-ever",
@@ -122,6 +133,7 @@ DEFECTS = (
         "self.behind = self.error > FOLLOWING_EDGE_ERROR and moment - self.since < FAULT_FREE_TIME",
         "self.behind = self.error > -FOLLOWING_EDGE_ERROR or moment - self.since < FAULT_FREE_TIME",
         "a robot that had a fault is never followed again",
+        ("frozen",),
     ),
     Defect(
         "gains-one-way",
@@ -129,5 +141,6 @@ DEFECTS = (
         "part = most / far",
         "part = -most / far",
         "gains move away from those that are ordered",
+        ("orders",),
     ),
 )

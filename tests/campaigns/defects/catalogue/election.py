@@ -6,8 +6,6 @@ from tests.campaigns.defects.defect import Defect
 
 CANDIDACY, RULES = "leader/candidacy.py", "formation/protocol/election.py"
 
-FIRST = ("leaders",)
-"""Groups of plans that they meet first."""
 DEFECTS = (
     Defect(
         "majority-of-half",
@@ -15,6 +13,7 @@ DEFECTS = (
         "self._majority = len(mission.followers) // 2 + 1",
         "self._majority = len(mission.followers) // 2",
         "two candidates may both have enough votes",
+        ("votes", "leadercut"),
     ),
     Defect(
         "lease-by-newest-vote",
@@ -22,6 +21,7 @@ DEFECTS = (
         "return newest[self._majority - 1] + self._in_takeovers(LEASE_TIME)",
         "return newest[0] + self._in_takeovers(LEASE_TIME)",
         "one robot alone keeps a leader in office",
+        ("votes", "leadercut"),
     ),
     Defect(
         "lease-too-long",
@@ -29,6 +29,7 @@ DEFECTS = (
         "LEASE_TIME = 0.5\n",
         "LEASE_TIME = 5.0\n",
         "a leader leads on when its votes are long free",
+        ("leadercut", "muted"),
     ),
     Defect(
         "lease-unchecked",
@@ -36,6 +37,7 @@ DEFECTS = (
         "if self.leading and now.mono >= self._ends_at:",
         "if self.leading and now.mono >= self._ends_at + 1e3:",
         "a leader that lost its votes goes on",
+        ("leadercut", "muted"),
     ),
     Defect(
         "vote-counted-twice",
@@ -43,6 +45,7 @@ DEFECTS = (
         "self._voted_at[robot] = max(sent, self._voted_at.get(robot, sent))",
         'self._voted_at[f"{robot} {attachment.last_ballot % 2}"] = sent',
         "a robot's vote counts twice",
+        ("votes", "leadercut"),
     ),
     Defect(
         "vote-not-bound",
@@ -50,6 +53,7 @@ DEFECTS = (
         "free = arrived - state.renewed >= self._bound",
         "free = arrived - state.renewed >= 0.0",
         "a robot votes for two candidates at once",
+        ("votes", "leadercut"),
     ),
     Defect(
         "beat-binds-no-vote",
@@ -57,6 +61,7 @@ DEFECTS = (
         "return free and (ballot.term == state.voted_term or arrived - state.rose >= self._bound)",
         "return free",
         "a robot that receives a leader votes for another",
+        ("muted", "votes"),
     ),
     Defect(
         "quarantine-skipped",
@@ -64,6 +69,7 @@ DEFECTS = (
         "if state.alone is None or arrived - state.alone < self._quarantine:",
         "if state.alone is None:",
         "a restarted agent votes at once",
+        ("votes",),
     ),
     Defect(
         "publisher-change-counts",
@@ -71,6 +77,7 @@ DEFECTS = (
         "return arrived - known.since >= self._in_takeovers(VOTE_BOUND_TIME)",
         "return arrived >= known.since",
         "two agents of one robot both vote",
+        ("second", "votes"),
     ),
     Defect(
         "term-by-clock-only",
@@ -78,6 +85,7 @@ DEFECTS = (
         "base = max(base, known + 1 + int(now.mono * 1e9) % 10**9)",
         "base = max(base, 0)",
         "a leader with a late clock is refused",
+        ("clocks",),
     ),
     Defect(
         "takeover-unit",
@@ -85,5 +93,6 @@ DEFECTS = (
         "LEADERLESS_TIME = 0.6\n",
         "LEADERLESS_TIME = 600.0\n",
         "no standby takes over",
+        ("killed",),
     ),
 )

@@ -12,8 +12,6 @@ INTENT, ROUTE, SHAPE = (
 )
 FENCE, PLACED = "formation/slots/geofence.py", "formation/slots/shape.py"
 
-FIRST = ("leaders", "ordered")
-"""Groups of plans that they meet first."""
 DEFECTS = (
     Defect(
         "rotation-in-degrees",
@@ -21,6 +19,7 @@ DEFECTS = (
         "rotation=math.remainder(math.radians(request.degrees), math.tau)",
         "rotation=math.remainder(request.degrees, math.tau)",
         "a shape turns by another angle than ordered",
+        ("orders",),
     ),
     Defect(
         "route-time-lost",
@@ -28,6 +27,7 @@ DEFECTS = (
         "self.route_time, self.team_mode.lost, self.fenced = order.time, None, None",
         "self.route_time, self.team_mode.lost, self.fenced = 0.0, None, None",
         "a new leader begins the route again",
+        ("killed", "bend"),
     ),
     Defect(
         "stop-not-inherited",
@@ -35,6 +35,7 @@ DEFECTS = (
         'self.rest.stop = self.rest.stop or f"term-{order.term}"',
         'self.rest.stop = self.rest.stop or ""',
         "a new leader does not know of the stop",
+        ("stopkill", "leaderstop"),
     ),
     Defect(
         "shape-not-inherited",
@@ -42,6 +43,7 @@ DEFECTS = (
         "wish = Wish(order.shape, order.rotation, order.scale)",
         "wish = Wish(self._mission.first_shape, 0.0, 1.0)",
         "a new leader forgets which shape is ordered",
+        ("ordersfailover",),
     ),
     Defect(
         "fence-ignored",
@@ -49,6 +51,7 @@ DEFECTS = (
         "        self.fenced = self._fenced(dt)\n",
         "",
         "the leader leads its team out of the bounds",
+        ("fenced",),
     ),
     Defect(
         "drives-while-held",
@@ -56,6 +59,7 @@ DEFECTS = (
         'if mode != "run":\n            self.shape_transition.rest()\n            return',
         'if mode == "":\n            self.shape_transition.rest()\n            return',
         "the leader drives away while its team stands",
+        ("rests", "fenced"),
     ),
     Defect(
         "patience-inverted",
@@ -63,6 +67,7 @@ DEFECTS = (
         "if mono - since > patience}",
         "if mono - since < patience}",
         "the leader waits for ever",
+        ("robotstall", "killed"),
     ),
     Defect(
         "stamp-of-wrong-clock",
@@ -70,6 +75,7 @@ DEFECTS = (
         "pose = Pose(now.wall, self.plan.where(),",
         "pose = Pose(now.mono, self.plan.where(),",
         "the leader's positions are refused",
+        ("quiet",),
     ),
     Defect(
         "beat-stands-still",
@@ -77,5 +83,6 @@ DEFECTS = (
         "return max(self.beat + (1 if changed or self.beat == 0 else 0), periods)",
         "return self.beat + (1 if changed or self.beat == 0 else 0)",
         "robots take their leader for dead",
+        ("quiet", "slow"),
     ),
 )

@@ -8,8 +8,6 @@ ORDERS, INBOX, PUBLISHER = "agent/following/orders.py", "agent/inbox.py", "agent
 ORDER, VERIFYING = "formation/protocol/order.py", "formation/transport/security/verifying.py"
 PROCESS, MAILBOX = "agent/process.py", "formation/transport/mailbox.py"
 
-FIRST = ("signed", "robots", "leaders")
-"""Groups of plans that they meet first."""
 DEFECTS = (
     Defect(
         "earlier-term-accepted",
@@ -17,6 +15,7 @@ DEFECTS = (
         "if received.term < max(self.voter.state.voted_term, self._in_force(arrived, now)):",
         "if received.term < self.voter.state.voted_term - self._in_force(arrived, now):",
         "orders of a leader that was replaced count",
+        ("clocks", "muted"),
     ),
     Defect(
         "beat-need-not-rise",
@@ -24,6 +23,7 @@ DEFECTS = (
         "if rises(received.beat, before[0].beat, arrived - before[1], self._rate):",
         "if received.beat >= before[0].beat:",
         "an order that robots repeat to each other stays alive",
+        ("killed", "leadercut"),
     ),
     Defect(
         "late-order-accepted",
@@ -31,6 +31,7 @@ DEFECTS = (
         "            self._check_late(received, arrived)\n",
         "",
         "orders that are too old count",
+        ("leaderlate",),
     ),
     Defect(
         "unsigned-order-accepted",
@@ -38,6 +39,7 @@ DEFECTS = (
         "if sample.unverified:",
         "if sample.unverified and not sample.key:",
         "forged orders count",
+        ("signed",),
     ),
     Defect(
         "signature-cached-alone",
@@ -45,6 +47,7 @@ DEFECTS = (
         "signer, exact = candidates[0], (attachment.signed, attachment.signature)",
         "signer, exact = candidates[0], (attachment.signature, attachment.signature)",
         "another order under a signature that was seen counts",
+        ("signed",),
     ),
     Defect(
         "signature-unchecked",
@@ -54,6 +57,7 @@ DEFECTS = (
         ):""",
         "if not attachment.signature:",
         "an order with a wrong signature counts",
+        ("signed",),
     ),
     Defect(
         "missing-signature-accepted",
@@ -61,6 +65,7 @@ DEFECTS = (
         'raise _Unverified(f"{signer}: it has no signature")',
         "return",
         "an order without a signature counts",
+        ("signed",),
     ),
     Defect(
         "mission-unchecked",
@@ -68,6 +73,7 @@ DEFECTS = (
         "        neighbour.check_mission(attachment.mission, sample.arrived)\n",
         "",
         "robots follow one of another mission",
+        ("mixed",),
     ),
     Defect(
         "repeated-position-accepted",
@@ -75,6 +81,7 @@ DEFECTS = (
         "if attachment.count <= bound.count:",
         "if attachment.count < bound.count - 1_000_000:",
         "repeated positions count",
+        ("twice",),
     ),
     Defect(
         "second-publisher-accepted",
@@ -82,6 +89,7 @@ DEFECTS = (
         "if wait <= self.limit and not 0 < _term(bound) < _term(attachment) == voted_term:",
         "if wait <= 0.0 and not 0 < _term(bound) < _term(attachment) == voted_term:",
         "two publishers of one robot count in turn",
+        ("second",),
     ),
     Defect(
         "freeze-unnoticed",
@@ -89,6 +97,7 @@ DEFECTS = (
         "if last is None or moment - last <= MAX_PAUSE:",
         "if last is None or moment - last <= 1e3 * MAX_PAUSE:",
         "an agent that was frozen acts on what has waited",
+        ("robotstall", "muted"),
     ),
     Defect(
         "stops-not-saved-at-once",
@@ -96,5 +105,6 @@ DEFECTS = (
         "            self._persistence.requested()\n",
         "",
         "a stop is lost if the agent is killed",
+        ("stopkill",),
     ),
 )

@@ -10,8 +10,6 @@ RESTORE, STORE, STATE = (
     "agent/persistence/state.py",
 )
 
-FIRST = ("stops", "robots", "sensors")
-"""Groups of plans that they meet first."""
 DEFECTS = (
     Defect(
         "stop-not-restored",
@@ -19,6 +17,7 @@ DEFECTS = (
         'stop = (stops.stop or drawn) if stops.mode == "stop" else ""',
         'stop = (stops.stop or drawn) if stops.holding else ""',
         "a stop ends with the agent",
+        ("stopkill",),
     ),
     Defect(
         "vote-not-restored",
@@ -26,6 +25,7 @@ DEFECTS = (
         'return self._taken(Restored(voted_term=saved.voted_term), "")',
         'return self._taken(Restored(), "")',
         "a restarted agent forgets for whom it has voted",
+        ("votes",),
     ),
     Defect(
         "old-integral-restored",
@@ -33,6 +33,7 @@ DEFECTS = (
         "integral = saved.integral if age <= MAX_INTEGRAL_AGE else None",
         "integral = saved.integral",
         "a restarted robot pushes in an old direction",
+        ("crashed",),
     ),
     Defect(
         "pose-not-restored",
@@ -40,6 +41,7 @@ DEFECTS = (
         "here=self.here or now.here,",
         "here=now.here,",
         "odometry that counts from the start is placed at the start again",
+        ("pair",),
     ),
     Defect(
         "stops-file-not-atomic",
@@ -47,6 +49,7 @@ DEFECTS = (
         'fresh = self.stops.with_suffix(".new")',
         "fresh = self.stops",
         "a power cut leaves half a stop",
+        ("stopkill",),
     ),
     Defect(
         "checksum-unchecked",
@@ -54,6 +57,7 @@ DEFECTS = (
         'if checksum != b"%08x" % crc32(text):',
         "if not checksum:",
         "half written state is read",
+        ("torn",),
     ),
     Defect(
         "unsaved-stop-acknowledged",
@@ -61,5 +65,6 @@ DEFECTS = (
         "return self._store.written(MAX_SAVE_WAIT)",
         "return True",
         "an operator is not told that a stop is not saved",
+        ("full",),
     ),
 )

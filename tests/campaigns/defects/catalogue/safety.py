@@ -7,11 +7,14 @@ from tests.campaigns.defects.defect import Defect
 TABLE, STOPS, WATCHDOG = "agent/safety/failsafe.py", "formation/protocol/stops.py", "agent/watchdog/core.py"
 LATCH, STATUS = "agent/safety/latch.py", "agent/status.py"
 
-FIRST = ("stops", "robots")
-"""Groups of plans that they meet first."""
 DEFECTS = (
     Defect(
-        "latched-stop-ignored", TABLE, 'f.latched == "stop",', 'f.latched == "stopped",', "a robot's own stop"
+        "latched-stop-ignored",
+        TABLE,
+        'f.latched == "stop",',
+        'f.latched == "stopped",',
+        "a robot's own stop",
+        ("stop",),
     ),
     Defect(
         "leader-stop-ignored",
@@ -19,6 +22,7 @@ DEFECTS = (
         'f.order is not None and f.order.mode == "stop",',
         'f.order is not None and f.order.mode == "halt",',
         "the stop in the leader's order",
+        ("stopkill", "stop"),
     ),
     Defect(
         "lost-leader-tolerated",
@@ -30,6 +34,7 @@ DEFECTS = (
         AgentState.HOLD,
         lambda f: Reason.of(Code.LEADER_LOST""",
         "a robot follows a dead leader's last order",
+        ("killed", "muted", "leadercut"),
     ),
     Defect(
         "own-silence-tolerated",
@@ -37,6 +42,7 @@ DEFECTS = (
         "lambda f: f.silence > f.limit,",
         "lambda f: f.silence > 50.0 * f.limit,",
         "a robot drives on without positions",
+        ("stutter", "robotstall"),
     ),
     Defect(
         "old-position-used",
@@ -44,6 +50,7 @@ DEFECTS = (
         "    Row(lambda f: f.too_old, AgentState.HOLD, _too_old, own=True),\n",
         "",
         "a robot acts on positions that are too old",
+        ("late",),
     ),
     Defect(
         "rival-ignored",
@@ -51,6 +58,7 @@ DEFECTS = (
         "    Row(lambda f: f.rival, AgentState.HOLD, _plain(Code.SECOND_AGENT), own=True),\n",
         "",
         "two agents drive one robot",
+        ("second",),
     ),
     Defect(
         "mixed-missions-ignored",
@@ -58,6 +66,7 @@ DEFECTS = (
         "    Row(lambda f: bool(f.other_missions), AgentState.HOLD, _mixed, own=True),\n",
         "",
         "robots of two missions drive together",
+        ("mixed",),
     ),
     Defect(
         "motion-doubt-ignored",
@@ -65,6 +74,7 @@ DEFECTS = (
         "    Row(lambda f: f.motion is not None, AgentState.HOLD, _motion, own=True, probes=True),\n",
         "",
         "a robot drives though it does not move as commanded",
+        ("frozen", "blocked"),
     ),
     Defect(
         "release-starts",
@@ -72,6 +82,7 @@ DEFECTS = (
         'self.stop, self.hold = "", fact',
         'self.stop = ""',
         "ending a stop starts motion",
+        ("rests", "stop"),
     ),
     Defect(
         "release-names-hold",
@@ -79,6 +90,7 @@ DEFECTS = (
         "if self.stop not in request.ends:",
         "if self.hold not in request.ends:",
         "a stop cannot be released",
+        ("stop",),
     ),
     Defect(
         "run-during-stop",
@@ -86,6 +98,7 @@ DEFECTS = (
         'if self.stop:\n            return Result(ok=False, code="stopped"',
         'if self.stop and self.hold:\n            return Result(ok=False, code="stopped"',
         "run is obeyed while stopped",
+        ("rests", "stop"),
     ),
     Defect(
         "overtaken-obeyed",
@@ -93,6 +106,7 @@ DEFECTS = (
         "overtaken = request.age > 0.0 and received - request.age < self.rested + TRAVEL_TIME",
         "overtaken = request.age > 0.0 and received < self.rested",
         "a late run undoes a newer stop",
+        ("waver", "stop"),
     ),
     Defect(
         "watchdog-never-fires",
@@ -100,6 +114,7 @@ DEFECTS = (
         "return now.mono - self._received >= self.limit - TICK_TOLERANCE",
         "return now.mono - self._received >= 1e3 * self.limit - TICK_TOLERANCE",
         "a robot drives on when its agent dies",
+        ("crashed", "crossing"),
     ),
     Defect(
         "watchdog-stays-silent",
@@ -107,6 +122,7 @@ DEFECTS = (
         "self.state not in {WatchdogState.BRAKING, WatchdogState.PARKING}",
         "self.state is not WatchdogState.PARKING",
         "the watchdog notices and does not brake",
+        ("crashed", "crossing"),
     ),
     Defect(
         "watchdog-deaf",
@@ -114,5 +130,6 @@ DEFECTS = (
         "if event in {Event.ALIVE, Event.FAREWELL} or self.state",
         "if event is Event.FAREWELL or self.state",
         "the watchdog brakes a robot with a healthy agent",
+        ("quiet",),
     ),
 )

@@ -12,8 +12,6 @@ RECORDER, PART, PROCESS, METRICS = (
 )
 TRACE = "agent/persistence/trace.py"
 
-FIRST = ("quiet",)
-"""Groups of plans that they meet first."""
 DEFECTS = (
     Defect(
         "chunks-dropped",
@@ -21,6 +19,7 @@ DEFECTS = (
         "        self._chunk = Chunk()\n        if self._is_full:",
         "        self._chunk = Chunk()\n        if self._is_full or self._handed % 8 == 7:",
         "the recorder drops messages and says so",
+        ("recorded",),
     ),
     Defect(
         "attachments-lost",
@@ -28,6 +27,7 @@ DEFECTS = (
         "if sample.attachment is not None:",
         "if sample.attachment is None and not sample.payload:",
         "orders are not recorded",
+        ("recorded",),
     ),
     Defect(
         "recorded-before-1970",
@@ -35,6 +35,7 @@ DEFECTS = (
         "                self._recorder.write(sample, sample.arrived + ahead)",
         "                self._recorder.write(sample, sample.arrived)",
         "recorded times are of a wrong clock",
+        ("recorded",),
     ),
     Defect(
         "index-shifted",
@@ -42,6 +43,7 @@ DEFECTS = (
         "table[1::2] += shift",
         "table[1::2] += 2 * shift",
         "the index of a recording points to wrong places",
+        ("recorded",),
     ),
     Defect(
         "edges-without-slots",
@@ -49,5 +51,6 @@ DEFECTS = (
         "error, formed = _sum(errors.values()), moment",
         "error, formed = 0.5 * (_sum(errors.values()) or 0.0), moment",
         "the monitor shows half of the error",
+        ("recorded",),
     ),
 )
