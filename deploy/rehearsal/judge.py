@@ -8,13 +8,15 @@
 | zero | an agent that is not in state `run` commands zero, or a slow probe |
 | orders | where orders are signed, robots follow only what a candidate has ordered |
 | stop | a robot that acknowledged a stop stands until it is released, whatever restarts |
+| release | a robot that acknowledged a release or a hold stands until run is ordered |
+| alone | a robot that two agents command stands after a second |
 | hold | without faults no robot holds by itself once it drives |
 | leaders | at most one candidate may lead at any time, and no order follows one of a later leader |
 | watchdog | a robot stands a second after its agent was killed or suspended, if its watchdog runs |
 | blind | a robot with a frozen or late position drives less than 0.1 m |
 | touch | no two bodies touch, nor a body what its scanner sees, where the filter promises it |
 | bounds | without faults of sensors every robot stays within the mission's bounds |
-| formation | after the last fault the formation settles within `RECOVERY_TIME` |
+| formation | after the last fault all robots run, and the formation settles, within `RECOVERY_TIME` |
 
 Odometry cannot tell where a robot is where its wheels slip (the physics world), nor, if it counts from
 the start, after a fault of `formation.agent.simulated.faults`: the formation is not judged then, only
@@ -58,6 +60,8 @@ RULES = (
     "zero",
     "orders",
     "stop",
+    "release",
+    "alone",
     "hold",
     "leaders",
     "watchdog",
@@ -73,6 +77,8 @@ STOP_DELAY = 0.1
 """Time from the acknowledgement of a stop to the last command that may move the robot [s]."""
 TOLERANCE = 1e-6
 """Relative excess of a limit that counts as rounding."""
+SECOND_AGENT_TIME = 1.0
+"""Time after which a robot that two agents command must stand [s]."""
 LOOK_PERIOD = 0.05
 """Period of the checks that are not of messages [s]."""
 TOUCH_PROMISED = frozenset(("kill", "reset", "torn", "unwatched", "hold", "stop", "full", "twice"))
@@ -144,6 +150,9 @@ class Judge:
         self._newest: dict[str, tuple[float, Command]] = {}
         self._keys = {CMD_VEL.key(name): name for name in mission.followers}
         self._stopped: dict[str, float] = {}  # when each robot acknowledged a stop [s]
+        self._resting: dict[str, float] = {}  # when each robot acknowledged a release or a hold [s]
+        self._run_asked = 0  # number of the newest run that was ordered
+        self._contested: dict[str, float] = {}  # since when each robot has two agents [s]
         self._resets = {one.robot for one in faults if one.kind == "reset"}
         filtered = mission.collisions.mode == "on" and mission.law.controller.collision_filter
         truthful = all(one.kind in TOUCH_PROMISED for one in faults)
@@ -184,6 +193,7 @@ class Judge:
         self._check_leaders()
         self._check_bodies()
         self._check_blind()
+        self._note_rivals()
         if self._fleet.keys is not None:
             self._check_orders()
         if self._faultless:
@@ -223,12 +233,25 @@ class Judge:
             self._stopped.setdefault(name, self._fleet.engine.now)
         elif request.do == "release":
             self._stopped.pop(name, None)
+        rests = request.do == "hold" or (request.do == "release" and reply.code != "nothing")
+        if rests and _number(request) > self._run_asked:
+            self._resting.setdefault(name, self._fleet.engine.now)
+
+    def asked(self, request: OperatorRequest) -> None:
+        """Note what an operator orders."""
+        if request.do == "run":
+            self._run_asked = _number(request)
+            self._resting.clear()
 
     def _command(self, process: VirtualProcess, out: Outgoing) -> None:
         name = self._keys.get(out.key)
-        if name is None or not process.name.startswith("agent "):
+        if name is None or "agent " not in process.name:
             return
         now, command = self._fleet.engine.now, command_in(self._mission, name, out.payload)
+        if command != AT_REST and now - self._contested.get(name, now) > SECOND_AGENT_TIME:
+            self._tell("alone", name, f"{command.speed:g} m/s from {process.name}, beside another agent")
+        if not process.name.startswith("agent "):
+            return
         spec, moves = self._mission.robots[name], command != AT_REST
         shares = command.speed / spec.max_speed, command.turn_rate / spec.max_turn_rate
         if not all(abs(share) <= 1.0 + TOLERANCE for share in shares):  # NaN is not within limits
@@ -241,6 +264,9 @@ class Judge:
         stopped = self._stopped.get(name)
         if moves and stopped is not None and now > stopped + STOP_DELAY and name not in self._resets:
             self._tell("stop", name, f"{command.speed:g} m/s {now - stopped:.2f} s after it was stopped")
+        resting = self._resting.get(name)
+        if moves and resting is not None and now > resting + STOP_DELAY and name not in self._resets:
+            self._tell("release", name, f"{command.speed:g} m/s {now - resting:.2f} s after it was to rest")
         self._check_ramp(name, now, command)
         self._newest[name] = now, command
 
@@ -301,9 +327,15 @@ class Judge:
             self._tell("leaders", "", " and ".join(leaders))
 
     def _is_settled(self) -> bool:
-        if self._can_settle:
-            return self._fleet.error() <= self._mission.settled
-        return all(agent.decision.state is AgentState.RUN for agent, _ in self._fleet.agents.values())
+        runs = all(agent.decision.state is AgentState.RUN for agent, _ in self._fleet.agents.values())
+        return runs and (not self._can_settle or self._fleet.error() <= self._mission.settled)
+
+    def _note_rivals(self) -> None:
+        for name, rival in self._fleet.rivals.items():
+            if rival.runs and self._fleet.agents[name][1].runs:
+                self._contested.setdefault(name, self._fleet.engine.now)
+            else:
+                self._contested.pop(name, None)
 
     def _check_bodies(self) -> None:
         discs = self._fleet.discs()
@@ -353,6 +385,11 @@ def _blind_since(mission: Mission, fault: Fault) -> float:
     if fault.kind == "backlog":  # what was measured after t seconds arrives after (1 + SIZE) t
         return fault.since + limit * (1.0 + fault.size) / fault.size if fault.size > 0.0 else math.inf
     return fault.since
+
+
+def _number(request: OperatorRequest) -> int:
+    """Number of an operator's request."""
+    return int(request.id.rpartition("-")[2])
 
 
 def _as_slow_as_a_probe(spec: RobotSpec, command: Command) -> bool:

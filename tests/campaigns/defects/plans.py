@@ -43,6 +43,11 @@ def _trio(*faults: str) -> Plan:
     return Plan("trio", faults=faults)
 
 
+def _dark(plan: Plan, *names: str) -> Plan:
+    """The plan with a power cut of these processes."""
+    return plan._replace(faults=(*plan.faults, *(f"{name}:kill@6+1" for name in names)))
+
+
 GROUPS: Mapping[str, tuple[Plan, ...]] = {
     "quiet": (
         Plan("turtlebot3_pair"),
@@ -68,10 +73,15 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
         _trio("leader:clock=90@5+2", "leader:reset@5.5+3"),
     ),
     "leaderlate": (_trio("leader:late=0.5@5+6"), _trio("leader:loss=0.5@5+8")),
-    "stop": (_trio("robot1:stop@5+4"),),
+    "stop": (_trio("robot1:stop@5+4"), _trio("leader:delay=0.4@3+10", "robot1:stop@6+4")),
     "stopkill": (
         _trio("robot1:stop@4+8", "robot1:kill@6+2", "robot2:torn@7+2"),
         _trio("robot1:hold@5+4", "robot3:kill@6+1"),
+    ),
+    "power": (
+        _dark(Plan("turtlebot3_pair", faults=("robot1:stop@4+8",)), "leader", "robot1", "robot2"),
+        _dark(Plan("turtlebot3_pair", faults=("robot1:hold@4+8",)), "leader", "robot1", "robot2"),
+        _dark(_trio("robot1:stop@4+9"), "leader", "deputy", "reserve", "robot1", "robot2", "robot3"),
     ),
     "leaderstop": (
         _trio(
@@ -90,7 +100,7 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
     "unwatched": (_trio("robot1:unwatched@5+4", "robot2:reset@6+4"),),
     "slow": (_trio("robot2:slow=0.12@3+8"), _trio("robot2:slow=0.2@5+8")),
     "frozen": (_trio("robot3:frozen@6+6"), _trio("robot3:tremble=0.0005@6+6")),
-    "late": (_trio("robot3:stale=1.5@6+6"), _trio("robot3:backlog=0.5@6+6")),
+    "late": (_trio("robot3:stale=0.45@6+6"), _trio("robot3:stale=1.5@6+6"), _trio("robot3:backlog=0.5@6+6")),
     "carried": (_trio("robot3:carried=0.2@6+6"),),
     "blocked": (_trio("robot3:blocked@6+6"),),
     "speeds": (_trio("robot3:speeds=0@6+6"), _trio("robot3:speeds=1.8@6+6")),

@@ -35,7 +35,7 @@ DEFECTS = (
         'self.rest.stop = self.rest.stop or f"term-{order.term}"',
         'self.rest.stop = self.rest.stop or ""',
         "a new leader does not know of the stop",
-        ("stopkill", "leaderstop"),
+        ("leaderstop", "power"),
     ),
     Defect(
         "shape-not-inherited",

@@ -105,6 +105,6 @@ DEFECTS = (
         "            self._persistence.requested()\n",
         "",
         "a stop is lost if the agent is killed",
-        ("stopkill",),
+        ("power", "full"),
     ),
 )

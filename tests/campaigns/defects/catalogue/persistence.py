@@ -17,7 +17,7 @@ DEFECTS = (
         'stop = (stops.stop or drawn) if stops.mode == "stop" else ""',
         'stop = (stops.stop or drawn) if stops.holding else ""',
         "a stop ends with the agent",
-        ("stopkill",),
+        ("power",),
     ),
     Defect(
         "vote-not-restored",
@@ -25,7 +25,7 @@ DEFECTS = (
         'return self._taken(Restored(voted_term=saved.voted_term), "")',
         'return self._taken(Restored(), "")',
         "a restarted agent forgets for whom it has voted",
-        ("votes",),
+        ("power", "votes"),
     ),
     Defect(
         "old-integral-restored",
@@ -65,6 +65,6 @@ DEFECTS = (
         "return self._store.written(MAX_SAVE_WAIT)",
         "return True",
         "an operator is not told that a stop is not saved",
-        ("full",),
+        ("full", "power"),
     ),
 )

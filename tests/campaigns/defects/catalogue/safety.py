@@ -14,7 +14,7 @@ DEFECTS = (
         'f.latched == "stop",',
         'f.latched == "stopped",',
         "a robot's own stop",
-        ("stop",),
+        ("power", "stop"),
     ),
     Defect(
         "leader-stop-ignored",
