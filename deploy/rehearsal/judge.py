@@ -7,8 +7,9 @@
 | ramp | no command is faster than the one before by more than the ramp allows |
 | zero | an agent that is not in state `run` commands zero, or a slow probe |
 | orders | where orders are signed, robots follow only what a candidate has ordered |
-| stop | a robot that acknowledged a stop stands until it is released, whatever restarts |
+| stop | a robot that acknowledged a stop has saved it, and stands until it is released, whatever restarts |
 | release | a robot that acknowledged a release or a hold stands until run is ordered |
+| mission | without other faults a robot that receives one of another mission stands after two seconds |
 | alone | a robot that two agents command stands after a second |
 | hold | without faults no robot holds by itself once it drives |
 | leaders | at most one candidate may lead at any time, and no order follows one of a later leader |
@@ -61,6 +62,7 @@ RULES = (
     "orders",
     "stop",
     "release",
+    "mission",
     "alone",
     "hold",
     "leaders",
@@ -77,6 +79,8 @@ STOP_DELAY = 0.1
 """Time from the acknowledgement of a stop to the last command that may move the robot [s]."""
 TOLERANCE = 1e-6
 """Relative excess of a limit that counts as rounding."""
+MIXED_TIME = 2.0
+"""Time after which a robot that receives one of another mission must stand [s]."""
 SECOND_AGENT_TIME = 1.0
 """Time after which a robot that two agents command must stand [s]."""
 LOOK_PERIOD = 0.05
@@ -151,12 +155,15 @@ class Judge:
         self._keys = {CMD_VEL.key(name): name for name in mission.followers}
         self._stopped: dict[str, float] = {}  # when each robot acknowledged a stop [s]
         self._resting: dict[str, float] = {}  # when each robot acknowledged a release or a hold [s]
+        self._asked = ""  # id of the newest order
         self._run_asked = 0  # number of the newest run that was ordered
         self._contested: dict[str, float] = {}  # since when each robot has two agents [s]
         self._resets = {one.robot for one in faults if one.kind == "reset"}
         filtered = mission.collisions.mode == "on" and mission.law.controller.collision_filter
         truthful = all(one.kind in TOUCH_PROMISED for one in faults)
         self._faultless = not faults
+        self._only_mixed = {one.kind for one in faults} == {"mixed"}
+        self._mixed_since: dict[str, float] = {}  # since when each robot runs another mission [s]
         self._driven: set[str] = set()  # robots that have been in state run
         self._blind = blind_faults(mission, faults)
         slipping = fleet.slips and any(spec.localisation == "odometry" for spec in mission.robots.values())
@@ -194,6 +201,8 @@ class Judge:
         self._check_bodies()
         self._check_blind()
         self._note_rivals()
+        if self._only_mixed:
+            self._check_missions()
         if self._fleet.keys is not None:
             self._check_orders()
         if self._faultless:
@@ -230,6 +239,7 @@ class Judge:
         if name not in self._mission.followers or not reply.ok:
             return
         if request.do == "stop":
+            self._check_saved(name, request, reply)
             self._stopped.setdefault(name, self._fleet.engine.now)
         elif request.do == "release":
             self._stopped.pop(name, None)
@@ -239,6 +249,8 @@ class Judge:
 
     def asked(self, request: OperatorRequest) -> None:
         """Note what an operator orders."""
+        if request.do != "query":
+            self._asked = request.id
         if request.do == "run":
             self._run_asked = _number(request)
             self._resting.clear()
@@ -316,6 +328,16 @@ class Judge:
             elif name in self._driven and self._fleet.leading.mode == "run":
                 self._tell("hold", name, str(agent.decision.reason))
 
+    def _check_missions(self) -> None:
+        now, since, agents = self._fleet.engine.now, self._mixed_since, self._fleet.agents
+        mixed = {name for name, (agent, _) in agents.items() if agent.mission.tag != self._mission.tag}
+        self._mixed_since = {name: since.get(name, now) for name in mixed}
+        long = {name for name, began in self._mixed_since.items() if now - began > MIXED_TIME}
+        for name, (agent, _) in agents.items():
+            received = long.intersection(one.name for one in agent.others)
+            if name not in mixed and received and agent.decision.state is AgentState.RUN:
+                self._tell("mission", name, f"drives though {', '.join(received)} runs another mission")
+
     def _check_leaders(self) -> None:
         now = UPTIME + self._fleet.engine.now
         leaders = [
@@ -329,6 +351,13 @@ class Judge:
     def _is_settled(self) -> bool:
         runs = all(agent.decision.state is AgentState.RUN for agent, _ in self._fleet.agents.values())
         return runs and (not self._can_settle or self._fleet.error() <= self._mission.settled)
+
+    def _check_saved(self, name: str, request: OperatorRequest, reply: OperatorReply) -> None:
+        """Check that an acknowledged stop is on the disk, unless the answer says that it may not be."""
+        replaced = name in self._resets or name in self._fleet.rivals or request.id != self._asked
+        saved = self._fleet.disks[name].files.get(f"{name}.stops.json", b"")
+        if not replaced and not reply.reason and request.id.encode() not in saved:
+            self._tell("stop", name, f"acknowledged {request.id} and has not saved it")
 
     def _note_rivals(self) -> None:
         for name, rival in self._fleet.rivals.items():

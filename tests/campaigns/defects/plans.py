@@ -128,6 +128,7 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
         Plan("swap", faults=("robot3:reset@4.5+6",)),
         *(Plan("swap", seed, ("kill", "torn", "reset", "hold", "stop", "unwatched")) for seed in range(6)),
     ),
+    "crowd": (Plan("crowd", delay=0.2), Plan("crowd", faults=("robot1:kill@1.5+6",))),
     "rests": (Plan("trio", told=RESTS),),
     "bend": (Plan("trio", seconds=35.0),),
     "orders": (Plan("trio", told=ORDERS),),

@@ -18,7 +18,7 @@ DEFECTS = (
         "return HalfPlane(towards.real, towards.imag, max(most",
         "return HalfPlane(-towards.real, -towards.imag, max(most",
         "robots drive towards each other",
-        ("crossing",),
+        ("crowd", "crossing"),
     ),
     Defect(
         "brake-dropped",
@@ -26,7 +26,7 @@ DEFECTS = (
         "done = brake(give_way(aim, obstacles, parameters, limits), obstacles, parameters)",
         "done = give_way(aim, obstacles, parameters, limits)",
         "the filter evades and does not brake",
-        ("crossing",),
+        ("crowd", "crossing"),
     ),
     Defect(
         "both-radii-forgotten",
@@ -34,7 +34,7 @@ DEFECTS = (
         "(lever + parameters.radius + obstacle.radius + obstacle.unsure + parameters.margin)",
         "(obstacle.unsure + parameters.margin)",
         "the filter evades from centre to centre",
-        ("crossing",),
+        ("crowd", "crossing"),
     ),
     Defect(
         "brake-late",
@@ -42,7 +42,7 @@ DEFECTS = (
         "most = max(0.0, 0.5 * room / (parameters.hold",
         "most = max(0.0, 5.0 * room / (parameters.hold",
         "the brake lets robots approach ten times as fast",
-        ("crossing",),
+        ("crowd", "crossing"),
     ),
     Defect(
         "no-way-out",
@@ -50,7 +50,7 @@ DEFECTS = (
         "DEADLOCK_DELAY, DETOUR_TIME = 0.5, 1.5",
         "DEADLOCK_DELAY, DETOUR_TIME = 500.0, 1.5",
         "robots that block each other wait for ever",
-        ("crossing",),
+        ("crowd", "crossing"),
     ),
     Defect(
         "nobody-yields",
@@ -58,7 +58,7 @@ DEFECTS = (
         "name: mission.has_right_of_way(name, robot) for name in avoided",
         "name: False for name in avoided",
         "every robot takes the right of way",
-        ("crossing",),
+        ("crowd", "crossing"),
     ),
     Defect(
         "obstacles-in-world-frame",
@@ -66,7 +66,7 @@ DEFECTS = (
         "facing * (there.at - mine) +",
         "(there.at - mine) +",
         "the filter looks for others in a wrong direction",
-        ("crossing",),
+        ("crowd", "crossing"),
     ),
     Defect(
         "silent-robots-forgotten",
@@ -74,7 +74,7 @@ DEFECTS = (
         "known = self._known(around)\n        obst",
         "known = {n: one for n, one in self._known(around).items() if one.fresh(now)}\n        obst",
         "a robot that has fallen silent is no obstacle",
-        ("crossing",),
+        ("crowd", "crossing"),
     ),
     Defect(
         "filter-switched-around",
@@ -84,7 +84,7 @@ DEFECTS = (
         """wanted if params.avoids else clear, inputs, obstacles, params)
     after = ControlState(""",
         "the filter only watches",
-        ("crossing",),
+        ("crowd", "crossing"),
     ),
     Defect(
         "zone-behind",
