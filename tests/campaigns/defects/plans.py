@@ -66,6 +66,7 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
         Plan("trio", told=RIVALS),
         Plan("trio", told=ESTRANGED),
         _trio("leader:reset@6+3", "deputy:kill@8+4"),
+        _trio("leader:kill@8+6", "reserve:deaf@8.5+0.5"),
     ),
     "clocks": (
         _trio("leader:clock=-50@5+3", "leader:kill@9+3"),

@@ -43,7 +43,7 @@ DEFECTS = (
         "vote-counted-twice",
         CANDIDACY,
         "self._voted_at[robot] = max(sent, self._voted_at.get(robot, sent))",
-        'self._voted_at[f"{robot} {attachment.last_ballot % 2}"] = sent',
+        'self._voted_at[f"{robot} {attachment.last_ballot}"] = sent',
         "a robot's vote counts twice",
         ("votes", "leadercut"),
     ),

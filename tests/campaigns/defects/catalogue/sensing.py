@@ -89,7 +89,7 @@ DEFECTS = (
         "lateness-unchecked",
         CHECK,
         "            if delay is not None:\n",
-        "            if delay is None and doubt is not None:\n",
+        "            if delay is not None and delay > 1e3 * limit:\n",
         "positions without true stamps may be late",
         ("restamped",),
     ),
