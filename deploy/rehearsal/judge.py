@@ -5,7 +5,7 @@
 | exception | no process ends by an exception |
 | limits | commands are finite and within the robot's limits |
 | ramp | no command is faster than the one before by more than the ramp allows |
-| zero | an agent that is not in state `run` commands zero, or a slow probe |
+| zero | an agent not in state `run` commands zero, or a slow probe; a leader that orders a rest stands |
 | orders | where orders are signed, robots follow only what a candidate has ordered |
 | stop | a robot that acknowledged a stop has saved it, and stands until it is released, whatever restarts |
 | release | a robot that acknowledged a release or a hold stands until run is ordered |

@@ -1,4 +1,4 @@
-"""Rules of where robots truly are: bounds, what scanners see, and robots without an agent."""
+"""Rules of where robots and leaders are: bounds, what scanners see, robots without an agent, rests."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from formation.agent.simulated.faults import SIZES as SENSOR_KINDS
 from formation.agent.simulated.faults import Fault
 from formation.control.tracker import FRESH_PERIODS
+from formation.deploy.rehearsal.engine import UPTIME
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.mission.model import Mission
 from formation.slots.geofence import Area
@@ -34,9 +35,12 @@ class Places:
         self._seeing = [name for name in mission.followers if mission.robots[name].scanner != "none"]
         self._orphaned: dict[str, float] = {}  # since when each robot has a watchdog and no agent [s]
         self._at: dict[str, complex] = {}  # newest true position [m]
+        self._leads: tuple[str, int] = "", 0  # who led at the newest check, in which term,
+        self._led: complex | None = None  # and from where; None if the team was to run [m]
 
     def look(self, discs: Discs, *, touches: bool) -> None:
         """Check the robots at `discs`; `touches`: what they see must not be touched."""
+        self._check_leader()
         for name, here, radius in discs:
             before, self._at[name] = self._at.get(name, here), here
             self._check_orphan(name, abs(here - before))
@@ -45,6 +49,16 @@ class Places:
                 self._tell("bounds", name, breach.words)
             if touches and name in self._seeing and (depth := radius - room(self._fleet.mission, here)) > 0.0:
                 self._tell("touch", name, f"its body overlaps what it sees by {depth:.3f} m")
+
+    def _check_leader(self) -> None:
+        leader = self._fleet.leading
+        who, before, self._led = (leader.name, leader.term), self._led, None
+        if leader.leads and leader.mode != "run":
+            self._led = leader.where(UPTIME + self._fleet.engine.now)
+            moved = 0.0 if before is None or who != self._leads else abs(self._led - before)
+            if moved > AT_REST_STEP:
+                self._tell("zero", leader.name, f"leads on while its team is to {leader.mode}")
+        self._leads = who
 
     def _check_orphan(self, name: str, moved: float) -> None:
         now = self._fleet.engine.now

@@ -5,9 +5,11 @@ python -m tests.campaigns.defects.inside NUMBER ..., with the copy first on PYTH
 
 from __future__ import annotations
 
+import cmath
 import contextlib
 import io
 import json
+import math
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -121,7 +123,28 @@ def told(plan: Plan) -> list[Broken]:
         except AssertionError as error:
             if not fleet.violations:
                 return [broken_by("formation", str(error), fleet.now)]
-        return [rule(one) for one in fleet.violations]
+        return [rule(one) for one in fleet.violations] or disobeyed(plan, fleet)
+
+
+def disobeyed(plan: Plan, fleet: RehearsedFleet) -> list[Broken]:
+    """Where the leader and the robots end with something else than the newest orders."""
+    newest = {one.do: one.what for one in plan.told}
+    leader, agents = fleet._fleet.leading, [agent for agent, _ in fleet._fleet.agents.values()]
+    shape, wanted = newest.get("shape", {}).get("shape", fleet.mission.first_shape), leader.plan.wanted
+    turned = cmath.rect(1.0, math.radians(newest.get("rotate", {}).get("degrees", 0.0)))
+    found = []
+    if dict(wanted.mix) != {shape: 1.0}:
+        found.append(f"shape {wanted.mix}, ordered {shape}")
+    if abs(cmath.rect(1.0, wanted.rotation) - turned) > 1e-6:
+        found.append(f"rotation {math.degrees(wanted.rotation):.1f}°, ordered {newest['rotate']}")
+    if wanted.scale != newest.get("scale", {}).get("factor", 1.0):
+        found.append(f"scale {wanted.scale}, ordered {newest.get('scale')}")
+    if tuned := newest.get("tune"):
+        gains = {(agent.tuning.state.k_p, agent.tuning.state.k_i) for agent in agents}
+        found += [f"gains {gains}, ordered {tuned}"] * (gains != {(tuned["k_p"], tuned["k_i"])})
+    if not {"speed", "hold", "stop"} & newest.keys() and leader.route_time < 0.5 * fleet.now:
+        found.append(f"{leader.route_time:.1f} s on its route after {fleet.now:.1f} s")
+    return [broken_by("order", one, fleet.now) for one in found]
 
 
 def broken_by(rule: str, what: str, time: float = 0.0) -> Broken:

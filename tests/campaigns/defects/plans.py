@@ -69,6 +69,7 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
         _trio("leader:kill@8+6", "reserve:deaf@8.5+0.5"),
     ),
     "clocks": (
+        Plan("trio", told=ORDERS[:1], faults=("robot1:clock=30@1",)),
         _trio("leader:clock=-50@5+3", "leader:kill@9+3"),
         _trio("robot1:clock=30@5+8"),
         _trio("leader:clock=90@5+2", "leader:reset@5.5+3"),
@@ -99,7 +100,7 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
     "mixed": (_trio("robot2:mixed@5+6"), _trio("robot1:mixed@5+6")),
     "twice": (_trio("robot2:twice=1@4+8", "robot2:jitter=0.4@5+8"), _trio("leader:jitter=0.5@4+8")),
     "unwatched": (_trio("robot1:unwatched@5+4", "robot2:reset@6+4"),),
-    "slow": (_trio("robot2:slow=0.12@3+8"), _trio("robot2:slow=0.2@5+8")),
+    "slow": (_trio("robot1:slow=0.12@0.3+8", "robot2:slow=0.12@0.3+8"), _trio("robot2:slow=0.2@5+8")),
     "frozen": (_trio("robot3:frozen@6+6"), _trio("robot3:tremble=0.0005@6+6")),
     "late": (_trio("robot3:stale=0.45@6+6"), _trio("robot3:stale=1.5@6+6"), _trio("robot3:backlog=0.5@6+6")),
     "carried": (_trio("robot3:carried=0.2@6+6"),),
@@ -134,6 +135,13 @@ GROUPS: Mapping[str, tuple[Plan, ...]] = {
     "bend": (Plan("trio", seconds=35.0),),
     "orders": (Plan("trio", told=ORDERS),),
     "ordersfailover": (Plan("trio", told=ORDERS[:3], faults=("leader:kill@20+6",)),),
+    "relayed": (
+        Plan("relay", signed=True, faults=("robot1:forge@5+8",)),
+        Plan("relay", signed=True, faults=("robot2:forge@4+12", "leader:kill@7+6")),
+        Plan("relay", faults=("leader:kill@6+8",)),
+        Plan("relay", faults=("robot1:late=0.5@5+6",)),
+        Plan("relay", faults=("robot1:jitter=0.5@4+8", "robot2:twice=1@4+8")),
+    ),
     "signed": (
         Plan("trio", signed=True, faults=("robot1:forge@5+8",)),
         Plan("trio", signed=True, faults=("robot3:forge@4+12", "leader:kill@7+6")),

@@ -80,12 +80,12 @@ DEFECTS = (
         ("slow",),
     ),
     Defect(
-        "ramp-leaps-after-gap",
+        "ramp-dropped",
         RAMP,
-        "share = share if rests else FIRST_CHANGE_SHARE",
-        "share = 1.0",
-        "the first command after a gap leaps",
-        ("robotstall", "slow"),
+        "return slewed(ramp.before, wanted, limits, share), until",
+        "return wanted, until",
+        "commands change at once",
+        ("quiet",),
     ),
     Defect(
         "remainder-forgotten",

@@ -27,7 +27,7 @@ DEFECTS = (
         "self.route_time, self.team_mode.lost, self.fenced = order.time, None, None",
         "self.route_time, self.team_mode.lost, self.fenced = 0.0, None, None",
         "a new leader begins the route again",
-        ("killed", "bend"),
+        ("ordersfailover", "killed"),
     ),
     Defect(
         "stop-not-inherited",

@@ -23,7 +23,7 @@ DEFECTS = (
         "if rises(received.beat, before[0].beat, arrived - before[1], self._rate):",
         "if received.beat >= before[0].beat:",
         "an order that robots repeat to each other stays alive",
-        ("killed", "leadercut"),
+        ("relayed", "killed", "leadercut"),
     ),
     Defect(
         "late-order-accepted",
@@ -31,7 +31,7 @@ DEFECTS = (
         "            self._check_late(received, arrived)\n",
         "",
         "orders that are too old count",
-        ("leaderlate",),
+        ("relayed", "leaderlate"),
     ),
     Defect(
         "unsigned-order-accepted",
@@ -39,7 +39,7 @@ DEFECTS = (
         "if sample.unverified:",
         "if sample.unverified and not sample.key:",
         "forged orders count",
-        ("signed",),
+        ("relayed", "signed"),
     ),
     Defect(
         "signature-cached-alone",
@@ -47,7 +47,7 @@ DEFECTS = (
         "signer, exact = candidates[0], (attachment.signed, attachment.signature)",
         "signer, exact = candidates[0], (attachment.signature, attachment.signature)",
         "another order under a signature that was seen counts",
-        ("signed",),
+        ("relayed", "signed"),
     ),
     Defect(
         "signature-unchecked",
@@ -57,7 +57,7 @@ DEFECTS = (
         ):""",
         "if not attachment.signature:",
         "an order with a wrong signature counts",
-        ("signed",),
+        ("relayed", "signed"),
     ),
     Defect(
         "missing-signature-accepted",
@@ -65,7 +65,7 @@ DEFECTS = (
         'raise _Unverified(f"{signer}: it has no signature")',
         "return",
         "an order without a signature counts",
-        ("signed",),
+        ("relayed", "signed"),
     ),
     Defect(
         "mission-unchecked",
@@ -81,7 +81,7 @@ DEFECTS = (
         "if attachment.count <= bound.count:",
         "if attachment.count < bound.count - 1_000_000:",
         "repeated positions count",
-        ("twice",),
+        ("relayed", "twice"),
     ),
     Defect(
         "second-publisher-accepted",

@@ -72,3 +72,10 @@ def test_orders_of_a_leader_that_was_replaced_are_found(monkeypatch: pytest.Monk
     monkeypatch.setattr(Candidacy, "step", step)
     found = rehearsed(PATROL, "leader:cut@5+6").violations
     assert any(one.rule == "leaders" and "after which another" in one.what for one in found)
+
+
+def test_leader_that_drives_while_its_team_rests_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert rehearsed(PAIR, "robot1:hold@5+3").violations == ()
+    honest = LeaderPlan.go_on
+    monkeypatch.setattr(LeaderPlan, "go_on", lambda plan, mono, dt, _: honest(plan, mono, dt, "run"))
+    assert "zero" in rehearsed(PAIR, "robot1:hold@5+3").broken
