@@ -155,8 +155,8 @@ class Judge:
         self._keys = {CMD_VEL.key(name): name for name in mission.followers}
         self._stopped: dict[str, float] = {}  # when each robot acknowledged a stop [s]
         self._resting: dict[str, float] = {}  # when each robot acknowledged a release or a hold [s]
-        self._asked = ""  # id of the newest order
-        self._run_asked = 0  # number of the newest run that was ordered
+        self._newest_order = ""  # id of the newest order
+        self._newest_run = 0  # number of the newest run that was ordered
         self._contested: dict[str, float] = {}  # since when each robot has two agents [s]
         self._resets = {one.robot for one in faults if one.kind == "reset"}
         filtered = mission.collisions.mode == "on" and mission.law.controller.collision_filter
@@ -244,15 +244,15 @@ class Judge:
         elif request.do == "release":
             self._stopped.pop(name, None)
         rests = request.do == "hold" or (request.do == "release" and reply.code != "nothing")
-        if rests and _number(request) > self._run_asked:
+        if rests and _number(request) > self._newest_run:
             self._resting.setdefault(name, self._fleet.engine.now)
 
-    def asked(self, request: OperatorRequest) -> None:
+    def ordered(self, request: OperatorRequest) -> None:
         """Note what an operator orders."""
         if request.do != "query":
-            self._asked = request.id
+            self._newest_order = request.id
         if request.do == "run":
-            self._run_asked = _number(request)
+            self._newest_run = _number(request)
             self._resting.clear()
 
     def _command(self, process: VirtualProcess, out: Outgoing) -> None:
@@ -354,7 +354,7 @@ class Judge:
 
     def _check_saved(self, name: str, request: OperatorRequest, reply: OperatorReply) -> None:
         """Check that an acknowledged stop is on the disk, unless the answer says that it may not be."""
-        replaced = name in self._resets or name in self._fleet.rivals or request.id != self._asked
+        replaced = name in self._resets or name in self._fleet.rivals or request.id != self._newest_order
         saved = self._fleet.disks[name].files.get(f"{name}.stops.json", b"")
         if not replaced and not reply.reason and request.id.encode() not in saved:
             self._tell("stop", name, f"acknowledged {request.id} and has not saved it")
