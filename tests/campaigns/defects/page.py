@@ -32,7 +32,10 @@ def text(found: Found) -> str:
     parts = [
         markdown(("asked for", "found", ""), bars),
         markdown(("rule that broke first", "defects"), [(rule, str(n)) for rule, n in rules.most_common()]),
-        "Not found:\n\n" + markdown(("defect", "what it breaks", "why"), map(_missed, rows_missed(rows))),
+        f"Not found, with how many of the {found['plans']} plans each has met:\n\n"
+        + markdown(
+            ("defect", "what it breaks", "plans", "why, as supposed"), map(_missed, rows_missed(rows))
+        ),
         "Found:\n\n" + markdown(("defect", "what it breaks", "rule", "plans", "plan"), map(_found, caught)),
     ]
     return head(TITLE, "defects", HEAD) + "\n" + section("defects", "", "Catalogue", found, *parts)
@@ -44,7 +47,8 @@ def rows_missed(rows: list[Found]) -> list[Found]:
 
 
 def _missed(row: Found) -> tuple[str, ...]:
-    return f"`{row['name']}`", row["breaks"], REASONS.get(row["name"], "not looked into yet")
+    why = REASONS.get(row["name"], "not looked into yet")
+    return f"`{row['name']}`", row["breaks"], str(row["plans"]), why
 
 
 def _found(row: Found) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Why some defects are not found."""
+"""Why some defects are not found, as it is supposed from the source: removing two at once would show it."""
 
 from __future__ import annotations
 
@@ -21,6 +21,27 @@ REASONS: Mapping[str, str] = {
     "stop-not-inherited": f"{SECOND}each robot keeps its own stop, and saves it",
     "old-integral-restored": "costs accuracy for seconds; only settling within 60 s is judged",
     "stops-file-not-atomic": "disks are in memory: a rehearsal writes no files",
+    "old-position-used": f"{SECOND}late positions are refused by their stamps",
+    "beat-need-not-rise": f"{SECOND}a leader that is silent cannot be followed either",
+    "late-order-accepted": f"{SECOND}positions that are as late are refused",
+    "repeated-position-accepted": f"{SECOND}a repeated stamp is refused",
+    "replayed-stamps-accepted": f"{SECOND}repeated counts are refused",
+    "always-fresh": f"{SECOND}the leader's beat is silent as well",
+    "late-messages-accepted": f"{SECOND}orders as late are refused",
+    "brake-dropped": f"{SECOND}the way round others keeps room, and commands on the ramp are braked again",
+    "brake-late": f"{SECOND}the way round others keeps room",
+    "zone-behind": f"{SECOND}the collision filter avoids posts as well",
+    "strangers-are-mates": f"{SECOND}the protective zones see whatever is near",
+    "frozen-scan-unnoticed": "the frozen scan shows nothing that the robot meets before the fault ends",
+    "no-way-out": "in these missions nobody is blocked for ever: the right of way decides",
+    "nobody-yields": f"{SECOND}both brake, and evade",
+    "silent-robots-forgotten": "no robot's way leads over a silent one; rehearsals do not place one there",
+    "ramp-unbounded-time": "needs a robot that is slow and speeds up: slow processes hold before they do",
+    "slot-velocity-added": "the error that it leaves is below the mission's bound",
+    "age-ignored": f"{SECOND}late positions are refused by their stamps",
+    "index-shifted": "`replay` and `report` read chunks in order, and use no index",
+    "recorded-before-1970": "verification uses the times in the traces; no rule reads the others",
+    "lateness-unchecked": "no rule: without true stamps only motion shows a delay",
     "pose-not-restored": "needs odometry that restarts, of which there is no fault",
     "term-by-clock-only": "robots forget a term after 5 s of silence: the team goes on later, within 60 s",
     "anti-windup-reversed": "costs accuracy for seconds; only settling within 60 s is judged",

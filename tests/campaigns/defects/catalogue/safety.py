@@ -22,7 +22,7 @@ DEFECTS = (
         'f.order is not None and f.order.mode == "stop",',
         'f.order is not None and f.order.mode == "halt",',
         "the stop in the leader's order",
-        ("stopkill", "stop"),
+        ("full", "stopkill", "stop"),
     ),
     Defect(
         "lost-leader-tolerated",
