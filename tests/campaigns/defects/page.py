@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from tests.campaigns.defects.reasons import REASONS
-from tests.campaigns.document import Found, head, section
+from tests.campaigns.document import Found, head
 from tests.campaigns.figures import markdown, verdict
 
 SHARE = 0.95
@@ -24,7 +24,7 @@ def text(found: Found) -> str:
     rules = Counter(row["broken"][0]["rule"] for row in caught)
     bars = [
         (
-            f"{100 * SHARE:.0f} % are found by at most {found['plans']} rehearsals",
+            f"{100 * SHARE:.0f} % are found",
             f"{len(caught)} of {len(rows)}",
             verdict(len(caught) >= SHARE * len(rows)),
         )
@@ -38,7 +38,9 @@ def text(found: Found) -> str:
         ),
         "Found:\n\n" + markdown(("defect", "what it breaks", "rule", "plans", "plan"), map(_found, caught)),
     ]
-    return head(TITLE, "defects", HEAD) + "\n" + section("defects", "", "Catalogue", found, *parts)
+    where = f"{found['date']}, commit {found['commit']}, {found['machine']}; {found['took'] / 60.0:.0f} min."
+    words = [where, *([found["note"]] if "note" in found else []), *(one.rstrip("\n") for one in parts)]
+    return head(TITLE, "defects", HEAD) + "\n" + "\n\n".join(words) + "\n"
 
 
 def rows_missed(rows: list[Found]) -> list[Found]:
