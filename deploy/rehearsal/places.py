@@ -53,7 +53,8 @@ class Places:
     def _check_leader(self) -> None:
         leader = self._fleet.leading
         who, before, self._led = (leader.name, leader.term), self._led, None
-        if leader.leads and leader.mode != "run":
+        _, process = self._fleet.candidates.get(leader.name, (leader, None))
+        if process is not None and process.runs and leader.leads and leader.mode != "run":
             self._led = leader.where(UPTIME + self._fleet.engine.now)
             moved = 0.0 if before is None or who != self._leads else abs(self._led - before)
             if moved > AT_REST_STEP:
