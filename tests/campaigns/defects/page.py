@@ -13,7 +13,7 @@ SHARE = 0.95
 TITLE = "Deliberate defects"
 HEAD = """\
 Mistakes that a programmer could make, each built into a copy of the product by itself. A fixed list of
-rehearsals then runs on the copy until a rule breaks. Without a defect all of them hold every rule.
+rehearsals then runs on the copy until a rule breaks. If one breaks without a defect, nothing is tried.
 """
 
 
