@@ -114,6 +114,11 @@ class VirtualProcess(Runtime):
         self._stepped = float("-inf")  # [s]
         self._frozen: list[Callable[[], None]] | None = None  # arrivals while frozen
 
+    @property
+    def runs(self) -> bool:
+        """Whether it is alive and not suspended."""
+        return self.alive and self._frozen is None
+
     def plug(self, fleet: FleetPort | None, side: RobotPort | None) -> None:
         """Connect it."""
         self._fleet, self._side = fleet, side

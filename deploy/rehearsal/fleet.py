@@ -303,6 +303,12 @@ class Fleet:
         every = [leader for leader, _ in self.candidates.values()]
         return max(leaders or every, key=lambda one: (one.leads, one.term))
 
+    def orphaned(self, name: str) -> bool:
+        """Whether a robot has a watchdog that runs, and no agent that does."""
+        watchdog, rival, agent = self.watchdogs.get(name), self.rivals.get(name), self.agents.get(name)
+        led = (agent is not None and agent[1].runs) or (rival is not None and rival.runs)
+        return watchdog is not None and watchdog.runs and not led
+
     def error(self) -> float:
         """True formation error in the shape that is wanted [m]."""
         slots = np.array(self.leading.wanted.slots(self.mission))

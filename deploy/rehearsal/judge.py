@@ -5,15 +5,20 @@
 | exception | no process ends by an exception |
 | limits | commands are finite and within the robot's limits |
 | ramp | no command is faster than the one before by more than the ramp allows |
-| zero | an agent that is not in state `run` commands zero, or a slow probe |
+| zero | an agent not in state `run` commands zero, or a slow probe; a leader that orders a rest stands |
 | access | no process sends another what the access rules of the field refuse |
 | orders | where orders are signed, robots follow only what a candidate has ordered |
-| stop | a robot that acknowledged a stop stands until it is released, whatever restarts |
+| stop | a robot that acknowledged a stop has saved it, and stands until it is released, whatever restarts |
+| release | a robot that acknowledged a release or a hold stands until run is ordered |
+| mission | without other faults a robot that receives one of another mission stands after two seconds |
+| alone | a robot that two agents command stands after a second |
 | hold | without faults no robot holds by itself once it drives |
-| leaders | at most one candidate may lead at any time |
+| leaders | at most one candidate may lead at any time, and no order follows one of a later leader |
+| watchdog | a robot stands a second after its agent was killed or suspended, if its watchdog runs |
 | blind | a robot with a frozen or late position drives less than 0.1 m |
-| touch | no two bodies touch, where the collision filter promises it |
-| formation | after the last fault the formation settles within `RECOVERY_TIME` |
+| touch | no two bodies touch, nor a body what its scanner sees, where the filter promises it |
+| bounds | without faults of sensors every robot stays within the mission's bounds |
+| formation | after the last fault all robots run, and the formation settles, within `RECOVERY_TIME` |
 
 Odometry cannot tell where a robot is where its wheels slip (the physics world), nor, if it counts from
 the start, after a fault of `formation.agent.simulated.faults`: the formation is not judged then, only
@@ -37,6 +42,7 @@ from formation.control.tracker import MAX_DELAY
 from formation.control.unicycle import AT_REST, Command
 from formation.deploy.rehearsal.engine import UPTIME, VirtualProcess
 from formation.deploy.rehearsal.fleet import Fleet
+from formation.deploy.rehearsal.places import AT_REST_STEP, Places
 from formation.mission.model import Mission
 from formation.mission.robot import RobotSpec
 from formation.monitor.recording.recorder import Recorder
@@ -57,10 +63,15 @@ RULES = (
     "access",
     "orders",
     "stop",
+    "release",
+    "mission",
+    "alone",
     "hold",
     "leaders",
+    "watchdog",
     "blind",
     "touch",
+    "bounds",
     "formation",
     "record",
 )
@@ -70,6 +81,10 @@ STOP_DELAY = 0.1
 """Time from the acknowledgement of a stop to the last command that may move the robot [s]."""
 TOLERANCE = 1e-6
 """Relative excess of a limit that counts as rounding."""
+MIXED_TIME = 2.0
+"""Time after which a robot that receives one of another mission must stand [s]."""
+SECOND_AGENT_TIME = 1.0
+"""Time after which a robot that two agents command must stand [s]."""
 LOOK_PERIOD = 0.05
 """Period of the checks that are not of messages [s]."""
 TOUCH_PROMISED = frozenset(("kill", "reset", "torn", "unwatched", "hold", "stop", "full", "twice"))
@@ -83,8 +98,6 @@ GRACE_TIME = 1.0
 """Time from its first motion until the path of such a robot counts [s]."""
 MAX_BLIND_PATH = 0.1
 """Path of such a robot that breaks the rule [m]."""
-AT_REST_STEP = 1e-4
-"""Motion between two checks up to which a robot stands [m]."""
 
 
 class Violation(NamedTuple):
@@ -143,10 +156,16 @@ class Judge:
         self._newest: dict[str, tuple[float, Command]] = {}
         self._keys = {CMD_VEL.key(name): name for name in mission.followers}
         self._stopped: dict[str, float] = {}  # when each robot acknowledged a stop [s]
+        self._resting: dict[str, float] = {}  # when each robot acknowledged a release or a hold [s]
+        self._newest_order = ""  # id of the newest order
+        self._newest_run = 0  # number of the newest run that was ordered
+        self._contested: dict[str, float] = {}  # since when each robot has two agents [s]
         self._resets = {one.robot for one in faults if one.kind == "reset"}
         filtered = mission.collisions.mode == "on" and mission.law.controller.collision_filter
         truthful = all(one.kind in TOUCH_PROMISED for one in faults)
         self._faultless = not faults
+        self._only_mixed = {one.kind for one in faults} == {"mixed"}
+        self._mixed_since: dict[str, float] = {}  # since when each robot runs another mission [s]
         self._driven: set[str] = set()  # robots that have been in state run
         self._blind = blind_faults(mission, faults)
         slipping = fleet.slips and any(spec.localisation == "odometry" for spec in mission.robots.values())
@@ -155,11 +174,12 @@ class Judge:
         self._paths: dict[str, tuple[complex, float]] = {}  # newest true position and path of each robot [m]
         in_time = max_delay <= mission.collisions.delay
         self._no_touch = filtered and truthful and in_time and not slipping
+        self._places = Places(fleet, faults, self._tell)
         fleet.local.watchers.append(self._command)
         self._position = POSITION.key(mission.leader)
         self._given: set[str] = set()  # the text of each order that a candidate has signed
-        if fleet.keys is not None:
-            fleet.fleet.watchers.append(self._order)
+        self._term, self._ended = 0, set[int]()  # the newest order's, and those that others have followed
+        fleet.fleet.watchers.append(self._order)
 
     @property
     def broken(self) -> set[str]:
@@ -184,6 +204,9 @@ class Judge:
         self._check_blind()
         for sender, receiver, key in self._fleet.fleet.refused:
             self._tell("access", sender, f"sends {key} to {receiver}: the rules of the field refuse it")
+        self._note_rivals()
+        if self._only_mixed:
+            self._check_missions()
         if self._fleet.keys is not None:
             self._check_orders()
         if self._faultless:
@@ -220,15 +243,31 @@ class Judge:
         if name not in self._mission.followers or not reply.ok:
             return
         if request.do == "stop":
+            self._check_saved(name, request, reply)
             self._stopped.setdefault(name, self._fleet.engine.now)
         elif request.do == "release":
             self._stopped.pop(name, None)
+        rests = request.do == "hold" or (request.do == "release" and reply.code != "nothing")
+        if rests and _number(request) > self._newest_run:
+            self._resting.setdefault(name, self._fleet.engine.now)
+
+    def ordered(self, request: OperatorRequest) -> None:
+        """Note what an operator orders."""
+        if request.do != "query":
+            self._newest_order = request.id
+        if request.do == "run":
+            self._newest_run = _number(request)
+            self._resting.clear()
 
     def _command(self, process: VirtualProcess, out: Outgoing) -> None:
         name = self._keys.get(out.key)
-        if name is None or not process.name.startswith("agent "):
+        if name is None or "agent " not in process.name:
             return
         now, command = self._fleet.engine.now, command_in(self._mission, name, out.payload)
+        if command != AT_REST and now - self._contested.get(name, now) > SECOND_AGENT_TIME:
+            self._tell("alone", name, f"{command.speed:g} m/s from {process.name}, beside another agent")
+        if not process.name.startswith("agent "):
+            return
         spec, moves = self._mission.robots[name], command != AT_REST
         shares = command.speed / spec.max_speed, command.turn_rate / spec.max_turn_rate
         if not all(abs(share) <= 1.0 + TOLERANCE for share in shares):  # NaN is not within limits
@@ -241,14 +280,24 @@ class Judge:
         stopped = self._stopped.get(name)
         if moves and stopped is not None and now > stopped + STOP_DELAY and name not in self._resets:
             self._tell("stop", name, f"{command.speed:g} m/s {now - stopped:.2f} s after it was stopped")
+        resting = self._resting.get(name)
+        if moves and resting is not None and now > resting + STOP_DELAY and name not in self._resets:
+            self._tell("release", name, f"{command.speed:g} m/s {now - resting:.2f} s after it was to rest")
         self._check_ramp(name, now, command)
         self._newest[name] = now, command
 
-    def _order(self, _process: VirtualProcess, out: Outgoing) -> None:
+    def _order(self, process: VirtualProcess, out: Outgoing) -> None:
         if out.key != self._position or out.attachment is None:
             return
-        if signed := order.decode(PositionAttachment, out.attachment).signed:
-            self._given.add(signed)
+        attachment = order.decode(PositionAttachment, out.attachment)
+        if attachment.signed:
+            self._given.add(attachment.signed)
+        term = attachment.term if attachment.order is None else attachment.order.term
+        if term in self._ended:
+            self._tell("leaders", process.name, "gives orders in a term after which another has led")
+        elif term != self._term:
+            self._ended.add(self._term)
+            self._term = term
 
     def _check_orders(self) -> None:
         for name, (agent, _) in self._fleet.agents.items():
@@ -283,6 +332,16 @@ class Judge:
             elif name in self._driven and self._fleet.leading.mode == "run":
                 self._tell("hold", name, str(agent.decision.reason))
 
+    def _check_missions(self) -> None:
+        now, since, agents = self._fleet.engine.now, self._mixed_since, self._fleet.agents
+        mixed = {name for name, (agent, _) in agents.items() if agent.mission.tag != self._mission.tag}
+        self._mixed_since = {name: since.get(name, now) for name in mixed}
+        long = {name for name, began in self._mixed_since.items() if now - began > MIXED_TIME}
+        for name, (agent, _) in agents.items():
+            received = long.intersection(one.name for one in agent.others)
+            if name not in mixed and received and agent.decision.state is AgentState.RUN:
+                self._tell("mission", name, f"drives though {', '.join(received)} runs another mission")
+
     def _check_leaders(self) -> None:
         now = UPTIME + self._fleet.engine.now
         leaders = [
@@ -294,12 +353,26 @@ class Judge:
             self._tell("leaders", "", " and ".join(leaders))
 
     def _is_settled(self) -> bool:
-        if self._can_settle:
-            return self._fleet.error() <= self._mission.settled
-        return all(agent.decision.state is AgentState.RUN for agent, _ in self._fleet.agents.values())
+        runs = all(agent.decision.state is AgentState.RUN for agent, _ in self._fleet.agents.values())
+        return runs and (not self._can_settle or self._fleet.error() <= self._mission.settled)
+
+    def _check_saved(self, name: str, request: OperatorRequest, reply: OperatorReply) -> None:
+        """Check that an acknowledged stop is on the disk, unless the answer says that it may not be."""
+        replaced = name in self._resets or name in self._fleet.rivals or request.id != self._newest_order
+        saved = self._fleet.disks[name].files.get(f"{name}.stops.json", b"")
+        if not replaced and not reply.reason and request.id.encode() not in saved:
+            self._tell("stop", name, f"acknowledged {request.id} and has not saved it")
+
+    def _note_rivals(self) -> None:
+        for name, rival in self._fleet.rivals.items():
+            if rival.runs and self._fleet.agents[name][1].runs:
+                self._contested.setdefault(name, self._fleet.engine.now)
+            else:
+                self._contested.pop(name, None)
 
     def _check_bodies(self) -> None:
         discs = self._fleet.discs()
+        self._places.look(discs, touches=self._no_touch)
         for name, here, _ in discs:
             before, path = self._paths.get(name, (here, 0.0))
             self._paths[name] = here, path + abs(here - before)
@@ -345,6 +418,11 @@ def _blind_since(mission: Mission, fault: Fault) -> float:
     if fault.kind == "backlog":  # what was measured after t seconds arrives after (1 + SIZE) t
         return fault.since + limit * (1.0 + fault.size) / fault.size if fault.size > 0.0 else math.inf
     return fault.since
+
+
+def _number(request: OperatorRequest) -> int:
+    """Number of an operator's request."""
+    return int(request.id.rpartition("-")[2])
 
 
 def _as_slow_as_a_probe(spec: RobotSpec, command: Command) -> bool:

@@ -31,6 +31,8 @@ class Operator:
         self._names = (*fleet.mission.candidates, *fleet.mission.followers)
         self.listeners: list[Callable[[str, OperatorRequest, OperatorReply], None]] = []
         """Called with each answer, and the name of the robot or candidate."""
+        self.order_listeners: list[Callable[[OperatorRequest], None]] = []
+        """Called with each request when it is first sent."""
 
     def order(self, do: Do, **what: Any) -> OperatorRequest:
         """Order all concerned to `do`; a release and a run first learn what they end."""
@@ -71,6 +73,8 @@ class Operator:
         self._fleet.engine.at(self._fleet.engine.now + seconds, action)
 
     def _put(self, request: OperatorRequest) -> None:
+        for listener in self.order_listeners:
+            listener(request)
         everyone = request.do in {*EVERYONE, "query"}
         for name in self._names:
             if everyone or name in self._fleet.mission.candidates:

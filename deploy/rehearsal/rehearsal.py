@@ -98,6 +98,7 @@ def run(plan: Plan, seed: int, faults: Sequence[Fault]) -> Verdict:
     operator = Operator(fleet)
     judge = Judge(fleet, faults, plan.weather.delay + plan.weather.jitter)
     operator.listeners.append(judge.answered)
+    operator.order_listeners.append(judge.ordered)
     inject(faults, fleet, operator)
     recorder = None if plan.record is None else _recorder(plan, plan.record, seed)
     if plan.monitored or recorder is not None:

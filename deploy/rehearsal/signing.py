@@ -23,6 +23,8 @@ CERTIFICATE_BYTES = 450
 """About as large as a real one."""
 LEAP = 1_000_000
 """A forged order's beat is ahead by this."""
+IN_A_ROW = 20
+"""Positions with one kind of forgery, before the next kind: a beat counts only if it rises twice."""
 VALID_FROM, VALID_UNTIL = 0.0, 1e12
 """Of all certificates [s since the epoch]."""
 
@@ -75,7 +77,7 @@ class Keys:
 
 
 class Insider:
-    """Forges the orders that one robot relays, in another way with each position."""
+    """Forges the orders that one robot relays, in one way after the other."""
 
     def __init__(self, mission: Mission, name: str, keys: Keys) -> None:
         self._mission, self._key, self._own = mission, POSITION.key(name), keys.signer(name)
@@ -99,7 +101,7 @@ class Insider:
         ahead = true.model_copy(update={"beat": true.beat + LEAP + self._count, **run})
         later = ahead.model_copy(update={"term": true.term + 64 * self._count})
         larger = ahead.model_copy(update={"scale": 3.0})
-        match self._count % 6:
+        match self._count // IN_A_ROW % 6:
             case 0:  # another text under the leader's signature
                 return _with(attachment, ahead, attachment.signature)
             case 1:

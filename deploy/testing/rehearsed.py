@@ -68,6 +68,7 @@ class RehearsedFleet(DrivenFleet):
         self._operator = Operator(self._fleet)
         self._judge = Judge(self._fleet, given, delay)
         self._operator.listeners.append(self._judge.answered)
+        self._operator.order_listeners.append(self._judge.ordered)
         self._cuts: list[list[tuple[str, str]]] = []
         self._commands: dict[str, Command] = {}
         self._keys = {CMD_VEL.key(name): name for name in self.mission.followers}

@@ -7,7 +7,7 @@ import pytest
 from formation.deploy.fleet import access
 from formation.deploy.rehearsal.faults import parse
 from formation.deploy.rehearsal.rehearsal import Plan, Verdict, run
-from formation.deploy.rehearsal.signing import Insider, Keys
+from formation.deploy.rehearsal.signing import IN_A_ROW, Insider, Keys
 from formation.leader.core import Leader
 from formation.mission.file import load
 from formation.protocol import order
@@ -47,7 +47,7 @@ def test_no_forgery_of_the_insider_is_verified() -> None:
     insider, verifier = Insider(PATROL, "robot2", KEYS), KEYS.verifier(KEYS.signer("leader").certificate)
     recorded = relayed(HELD.model_copy(update={"mode": "run"}))
     insider.tamper(recorded)
-    for _ in range(12):
+    for _ in range(6 * IN_A_ROW + 1):
         tampered = insider.tamper(relayed(HELD))
         assert tampered.attachment is not None
         attachment = order.decode(PositionAttachment, tampered.attachment)

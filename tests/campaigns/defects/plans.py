@@ -1,0 +1,177 @@
+"""The fixed list of plans that every defect meets, the quickest first."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from tests.campaigns.defects.plan import Plan, Told
+
+RESTS = (Told(6.0, "hold"), Told(8.0, "stop"), Told(10.0, "release"), Told(14.0, "run"))
+ORDERS = (
+    Told(8.0, "shape", {"shape": "line"}),
+    Told(16.0, "rotate", {"degrees": 90.0}),
+    Told(26.0, "scale", {"factor": 1.3}),
+    Told(34.0, "stop"),
+    Told(37.0, "release"),
+    Told(40.0, "run"),
+    Told(44.0, "tune", {"k_p": 2.0, "k_i": 0.2}),
+    Told(48.0, "speed", {"speed": 0.3, "degrees": 200.0}),
+)
+HALVES = (
+    Told(7.0, "cut", {"some": ("leader", "robot1"), "others": ("deputy", "reserve", "robot2", "robot3")}),
+    Told(14.0, "heal"),
+)
+RIVALS = (
+    Told(6.0, "cut", {"some": ("deputy",), "others": ("reserve",)}),
+    Told(8.0, "kill", {"name": "leader"}),
+    Told(16.0, "heal"),
+    Told(17.0, "start", {"name": "leader"}),
+)
+ESTRANGED = (
+    Told(6.0, "cut", {"some": ("deputy",), "others": ("leader", "reserve", "robot1", "robot2", "robot3")}),
+    Told(9.0, "kill", {"name": "robot1"}),
+    Told(9.0, "kill", {"name": "robot2"}),
+    Told(9.1, "start", {"name": "robot1"}),
+    Told(9.1, "start", {"name": "robot2"}),
+    Told(9.2, "heal"),
+    Told(9.2, "cut", {"some": ("deputy",), "others": ("leader",)}),
+    Told(14.0, "heal"),
+)
+
+
+def _trio(*faults: str) -> Plan:
+    return Plan("trio", faults=faults)
+
+
+def _dark(plan: Plan, *names: str) -> Plan:
+    """The plan with a power cut of these processes."""
+    return plan._replace(faults=(*plan.faults, *(f"{name}:kill@6+1" for name in names)))
+
+
+GROUPS: Mapping[str, tuple[Plan, ...]] = {
+    "quiet": (
+        Plan("turtlebot3_pair"),
+        Plan("tracked"),
+        Plan("measured"),
+        Plan("swap"),
+        Plan("trio", signed=True),
+    ),
+    "fenced": (Plan("fenced", seconds=25.0),),
+    "recorded": (Plan("trio", delay=0.1, noise=0.002, recorded=True),),
+    "killed": (_trio("leader:kill@6+8"),),
+    "leadercut": (_trio("leader:cut@6+6"), _trio("leader:deaf@6+6"), Plan("trio", told=HALVES)),
+    "muted": (_trio("leader:freeze@6+5"), _trio("leader:mute@6+6", "deputy:freeze@9+4")),
+    "votes": (
+        Plan("trio", told=HALVES),
+        Plan("trio", told=RIVALS),
+        Plan("trio", told=ESTRANGED),
+        _trio("leader:reset@6+3", "deputy:kill@8+4"),
+        _trio("leader:kill@8+6", "reserve:deaf@8.5+0.5"),
+    ),
+    "clocks": (
+        Plan("trio", told=ORDERS[:1], faults=("robot1:clock=30@1",)),
+        _trio("leader:clock=-50@5+3", "leader:kill@9+3"),
+        _trio("robot1:clock=30@5+8"),
+        _trio("leader:clock=90@5+2", "leader:reset@5.5+3"),
+    ),
+    "leaderlate": (_trio("leader:late=0.5@5+6"), _trio("leader:loss=0.5@5+8")),
+    "stop": (_trio("robot1:stop@5+4"), _trio("leader:delay=0.4@3+10", "robot1:stop@6+4")),
+    "stopkill": (
+        _trio("robot1:stop@4+8", "robot1:kill@6+2", "robot2:torn@7+2"),
+        _trio("robot1:hold@5+4", "robot3:kill@6+1"),
+    ),
+    "power": (
+        _dark(Plan("turtlebot3_pair", faults=("robot1:stop@4+8",)), "leader", "robot1", "robot2"),
+        _dark(Plan("turtlebot3_pair", faults=("robot1:hold@4+8",)), "leader", "robot1", "robot2"),
+        _dark(_trio("robot1:stop@4+9"), "leader", "deputy", "reserve", "robot1", "robot2", "robot3"),
+    ),
+    "leaderstop": (
+        _trio(
+            "robot1:stop@4+10", "leader:kill@6+2", "deputy:kill@6+2", "reserve:kill@6+2", "robot2:reset@7+2"
+        ),
+    ),
+    "waver": (_trio("robot2:waver@5+4"), _trio("robot2:waver@5+4", "robot2:loss=0.6@5+6")),
+    "full": (_trio("robot1:full@4+8", "robot1:stop@6+5", "robot1:kill@8+2"),),
+    "crashed": (_trio("robot1:kill@3+4"), _trio("robot1:kill@6+7")),
+    "torn": (_trio("robot1:torn@6+1", "robot3:torn@8+2"),),
+    "robotcut": (_trio("robot1:cut@6+6"), _trio("robot2:deaf@6+6")),
+    "robotstall": (_trio("robot1:freeze@6+3"), _trio("robot3:freeze@4+0.8")),
+    "second": (_trio("robot1:second@5+6"), _trio("robot1:second@3+4", "leader:kill@4+6")),
+    "mixed": (_trio("robot2:mixed@5+6"), _trio("robot1:mixed@5+6")),
+    "twice": (_trio("robot2:twice=1@4+8", "robot2:jitter=0.4@5+8"), _trio("leader:jitter=0.5@4+8")),
+    "unwatched": (_trio("robot1:unwatched@5+4", "robot2:reset@6+4"),),
+    "slow": (_trio("robot1:slow=0.12@0.3+8", "robot2:slow=0.12@0.3+8"), _trio("robot2:slow=0.2@5+8")),
+    "frozen": (_trio("robot3:frozen@6+6"), _trio("robot3:tremble=0.0005@6+6")),
+    "late": (_trio("robot3:stale=0.45@6+6"), _trio("robot3:stale=1.5@6+6"), _trio("robot3:backlog=0.5@6+6")),
+    "carried": (_trio("robot3:carried=0.2@6+6"),),
+    "blocked": (_trio("robot3:blocked@6+6"),),
+    "speeds": (_trio("robot3:speeds=0@6+6"), _trio("robot3:speeds=1.8@6+6")),
+    "restamped": (_trio("robot3:restamped=1@6+6"),),
+    "stutter": (_trio("robot3:stutter=0.4@6+8"),),
+    "relative": (
+        Plan("measured", faults=("robot3:relative_frozen@6+6",)),
+        Plan("measured", faults=("robot3:relative_late=1@6+6",)),
+    ),
+    "tracked": (
+        Plan("tracked", faults=("robot1:frozen@6+6",)),
+        Plan("tracked", faults=("robot1:stale=1@6+6",)),
+        Plan("tracked", faults=("robot1:kill@6+2",)),
+        Plan("tracked", faults=("robot2:carried=0.2@6+5",)),
+    ),
+    "pair": (
+        Plan("turtlebot3_pair", faults=("robot1:kill@6+2",)),
+        Plan("turtlebot3_pair", faults=("robot1:stale=1@6+6",)),
+        Plan("turtlebot3_pair", seconds=40.0),
+    ),
+    "crossing": (
+        Plan("swap"),
+        Plan("swap", faults=("robot1:kill@5+4",)),
+        Plan("swap", faults=("robot2:stop@4+3",)),
+        Plan("swap", faults=("robot3:reset@4.5+6",)),
+        *(Plan("swap", seed, ("kill", "torn", "reset", "hold", "stop", "unwatched")) for seed in range(6)),
+    ),
+    "crowd": (Plan("crowd", delay=0.2), Plan("crowd", faults=("robot1:kill@1.5+6",))),
+    "rests": (Plan("trio", told=RESTS),),
+    "bend": (Plan("trio", seconds=35.0),),
+    "orders": (Plan("trio", told=ORDERS),),
+    "ordersfailover": (Plan("trio", told=ORDERS[:3], faults=("leader:kill@20+6",)),),
+    "relayed": (
+        Plan("relay", signed=True, faults=("robot1:forge@5+8",)),
+        Plan("relay", signed=True, faults=("robot2:forge@4+12", "leader:kill@7+6")),
+        Plan("relay", faults=("leader:kill@6+8",)),
+        Plan("relay", faults=("robot1:late=0.5@5+6",)),
+        Plan("relay", faults=("robot1:jitter=0.5@4+8", "robot2:twice=1@4+8")),
+    ),
+    "signed": (
+        Plan("trio", signed=True, faults=("robot1:forge@5+8",)),
+        Plan("trio", signed=True, faults=("robot3:forge@4+12", "leader:kill@7+6")),
+    ),
+    "drawn": (
+        *(Plan("trio", seed, ("all",), signed=bool(seed % 2)) for seed in range(12)),
+        *(Plan("turtlebot3_pair", seed, ("kill", "cut", "full", "hold", "stop")) for seed in range(2)),
+        *(Plan("patrol", seed, ("all",)) for seed in range(4)),
+        *(Plan("six_robots", seed, ("all",)) for seed in range(4)),
+    ),
+    "posts": (
+        Plan("posts"),
+        Plan("posts", faults=("robot1:scan_frozen@8+8",)),
+        Plan("posts", faults=("robot1:scan_late=1@8+8",)),
+    ),
+    "large": (
+        Plan("six_robots", noise=0.005, delay=0.1, seconds=60.0),
+        Plan("two_chains"),
+        Plan("patrol", recorded=True, faults=("robot1:stop@6+4",)),
+    ),
+}
+"""All plans, in groups that are tried together."""
+PLANS: list[Plan] = []
+for _group in GROUPS.values():
+    PLANS += [plan for plan in _group if plan not in PLANS]
+QUICK = 8
+"""Number of plans of a short run."""
+
+
+def ordered(first: Sequence[str]) -> list[int]:
+    """The numbers of all plans, those of the groups `first` before the others."""
+    before = [PLANS.index(plan) for name in first for plan in GROUPS[name]]
+    return list(dict.fromkeys([*before, *range(len(PLANS))]))
