@@ -25,9 +25,9 @@ from formation.deploy.rehearsal.judge import Violation
 from formation.deploy.rehearsal.rehearsal import Plan as Rehearsed
 from formation.deploy.rehearsal.rehearsal import rehearse
 from formation.deploy.rehearsal.workers import each
+from formation.deploy.testing.rehearsed import RehearsedFleet
 from formation.mission.file import parse as parse_mission
 from formation.mission.file import read
-from formation.testing.rehearsed import RehearsedFleet
 from tests.campaigns.defects.plan import Plan
 from tests.campaigns.defects.plans import PLANS
 
