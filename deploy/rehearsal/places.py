@@ -35,7 +35,7 @@ class Places:
         self._seeing = [name for name in mission.followers if mission.robots[name].scanner != "none"]
         self._orphaned: dict[str, float] = {}  # since when each robot has a watchdog and no agent [s]
         self._at: dict[str, complex] = {}  # newest true position [m]
-        self._leads: tuple[str, int] = "", 0  # who led at the newest check, in which term,
+        self._leads: tuple[str, int] = "", 0  # the leader at the newest check, its term,
         self._led: complex | None = None  # and from where; None if the team was to run [m]
 
     def look(self, discs: Discs, *, touches: bool) -> None:
@@ -52,14 +52,14 @@ class Places:
 
     def _check_leader(self) -> None:
         leader = self._fleet.leading
-        who, before, self._led = (leader.name, leader.term), self._led, None
+        now_leads, before, self._led = (leader.name, leader.term), self._led, None
         _, process = self._fleet.candidates.get(leader.name, (leader, None))
         if process is not None and process.runs and leader.leads and leader.mode != "run":
             self._led = leader.where(UPTIME + self._fleet.engine.now)
-            moved = 0.0 if before is None or who != self._leads else abs(self._led - before)
+            moved = 0.0 if before is None or now_leads != self._leads else abs(self._led - before)
             if moved > AT_REST_STEP:
                 self._tell("zero", leader.name, f"leads on while its team is to {leader.mode}")
-        self._leads = who
+        self._leads = now_leads
 
     def _check_orphan(self, name: str, moved: float) -> None:
         now = self._fleet.engine.now

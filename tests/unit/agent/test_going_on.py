@@ -49,7 +49,7 @@ def unavailable(fleet: Fleet) -> list[str]:
 
 
 def follow_their_own(fleet: Fleet, mission: Mission) -> None:
-    """All robots run again, soon after the last was lost, and measure whom they should."""
+    """All robots run again, soon after the last was lost, and measure the robots that they should."""
     fleet.run(2.0 * FAULT_FREE_TIME)
     assert fleet.states == {AgentState.RUN}
     assert unavailable(fleet) == []
