@@ -13,7 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from tests.campaigns.figures import rounded
+from tests.campaigns.figures import filled, rounded
 
 Found = dict[str, Any]
 """Figures of a part, as they stand in a JSON file of docs/: plain dicts, lists, numbers and words."""
@@ -29,11 +29,15 @@ def head(title: str, name: str, words: str) -> str:
 
 
 def section(campaign: str, name: str, title: str, one: Mapping[str, Any], *words: str) -> str:
-    """One part: how it is run, when, where and how long it was, and what is said of it."""
+    """One part: how it is run, when, where and how long it was, and what is said of it.
+
+    Its `note` says which of its figures are of another commit.
+    """
     load = f", load {one['load']:.1f} before" if "load" in one else ""
     took = f"{load}; {one['took'] / 60.0:.0f} min" if "took" in one else ""
     where = f"{one['date']}, commit {one['commit']}, {one['machine']}{took}."
-    return "\n\n".join([f"## {title}", f"```sh\n{COMMAND}.{campaign} {name}\n```", where, *words])
+    notes = [filled(one["note"]).strip()] if "note" in one else []
+    return "\n\n".join([f"## {title}", f"```sh\n{COMMAND}.{campaign} {name}\n```", where, *notes, *words])
 
 
 def stamp(found: Mapping[str, Any], tries: int, seconds: float) -> Found:

@@ -12,7 +12,7 @@ from formation.deploy.rehearsal.rehearsal import Plan, Verdict
 from formation.deploy.rehearsal.rehearsal import run as rehearse
 from formation.deploy.rehearsal.workers import each
 from tests.campaigns.document import Found
-from tests.campaigns.figures import filled, markdown
+from tests.campaigns.figures import markdown
 from tests.campaigns.safety.part import Options, bar, reported
 from tests.support.sensing import FAULTS, GRACE, MISSIONS, SOURCES, mission_of
 
@@ -109,13 +109,7 @@ def section(found: Found) -> str:
         for one in found["faults"]
     ]
     head = ("mission", "source", "fault", "tries", "driven, most", "settled after, most", "not settled")
-    return "\n".join((*_notes(found), markdown(head, faults), *_broken(found)))
-
-
-def _notes(found: Found) -> Iterator[str]:
-    """Rows of another commit than the others, where a mission has changed since."""
-    if "note" in found:
-        yield filled(found["note"])
+    return "\n".join((markdown(head, faults), *_broken(found)))
 
 
 def _broken(found: Found) -> Iterator[str]:
