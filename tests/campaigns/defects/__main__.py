@@ -47,7 +47,7 @@ def main(words: Sequence[str] | None = None) -> int:
             every[row["name"]] = row
             _tell(row, done + 1, len(names))
             if not given.quick:
-                write(every, time.monotonic() - began)
+                write(every, time.monotonic() - began, () if len(names) == len(DEFECTS) else names)
     found = sum(every[name]["found"] for name in names)
     print(f"{found} of {len(names)} found")
     return 0 if found >= 0.95 * len(names) else 1
@@ -58,10 +58,11 @@ def _numbers(name: str, *, quick: bool) -> list[int]:
     return ordered(DEFECTS[name].first)[: QUICK if quick else None]
 
 
-def write(rows: dict[str, Row], seconds: float) -> None:
-    """Write both files."""
+def write(rows: dict[str, Row], seconds: float, only: Sequence[str]) -> None:
+    """Write both files; the other rows than `only`, if that names any, are of an earlier commit."""
     ordered = [rows[name] for name in DEFECTS if name in rows]
-    found: dict[str, Any] = stamp({"plans": len(PLANS), "defects": ordered}, len(ordered), seconds)
+    note = {"note": f"Only tried at this commit: {', '.join(only)}."} if only else {}
+    found: dict[str, Any] = stamp({"plans": len(PLANS), "defects": ordered, **note}, len(ordered), seconds)
     every = update(DOCS / JSON, {PART: found}, (PART,), ascii_only=False)
     (DOCS / TEXT).write_text(text(every[PART]), encoding="utf-8")
 
