@@ -12,6 +12,7 @@ from formation.mission.model import Mission
 from formation.slots.geofence import Area
 from formation.stability.analysis import Analysis, analyse
 from formation.stability.losses import Loss, losses
+from formation.transport.wiring import Cause, cause, partners
 
 EXAMPLES = """\
   formation check six_robots
@@ -31,7 +32,7 @@ def main(arguments: Sequence[str]) -> int:
     warn_if_slow()
     with waiting("checking; the first time it takes ten seconds and more to compile the law"):
         found = analyse(mission)
-    result = {"mission": mission.name, **found.as_json(), "bounds": bounds(mission)}
+    result = {"mission": mission.name, **found.as_json(), "bounds": bounds(mission), "links": links(mission)}
     tell(options, words(mission, found), lambda: {**result, "losses": _losses_as_json(mission)})
     return 0 if found.ok else 1
 
@@ -70,6 +71,29 @@ def _summary(mission: Mission, found: Analysis) -> Iterator[str]:
     yield f"  eigenvalues      {_eigenvalues(found.eigenvalues)}"
     source = "by default" if mission.bounds is None else "as the mission says"
     yield f"  bounds           {Area.of(mission).words}, {source}"
+    yield f"  links            {_links(mission)}"
+
+
+def links(mission: Mission) -> dict[str, dict[Cause, list[str]]]:
+    """Return the processes with which each follower's agent is linked, by cause; without the monitor."""
+    found: dict[str, dict[Cause, list[str]]] = {}
+    for name in mission.followers:
+        found[name] = {one: [] for one in Cause}
+        for other in partners(mission, name):
+            if (why := cause(mission, name, other)) is not None:
+                found[name][why].append(other)
+    return found
+
+
+def _links(mission: Mission) -> str:
+    """Return the links of the agent that has the most."""
+    each = links(mission)
+    name = max(each, key=lambda one: sum(map(len, each[one].values())))
+    graph, avoid, leader = (len(each[name][why]) for why in (Cause.GRAPH, Cause.AVOID, Cause.LEADER))
+    text = f"{graph + avoid + leader} per agent at most ({name}): {graph} by the graph"
+    if leader:
+        text += f", {leader} for standbys or a leader that waits"
+    return text + (f", {avoid} for `avoid`" if avoid else "")
 
 
 def _robots(mission: Mission, found: Analysis) -> Iterator[str]:

@@ -36,6 +36,7 @@ EXAMPLES = """\
   formation new grid --robots 12 --spacing 0.8 --out field.toml
   formation new polygon --robots 9 --corners 3         a triangle
   formation new circle --robots 6 --robot paper        the paper's robots, gains and limits
+  formation new wedge --robots 7 --avoid               robots that publish to all that may come near
 
 The robots are robot1, robot2, …; a leader without a body goes ahead of them, or in their middle.
 """
@@ -79,6 +80,8 @@ cmd_vel = "twist_stamped"    # Jazzy; "twist" for Humble
 odometry_frame = "start"     # its odometry begins with zero where it is switched on: on its start pose
 speed_step = 0.01            # its node cuts commands to hundredths,
 turn_rate_step = 0.01        # which error feedback makes up for
+scanner = "required"         # its LDS-01: what it sees it avoids, and without scans it holds
+scan = { rate = 5, x = -0.032, margin = 0.05 }   # mounted 32 mm behind the axle
 """,
         simulated="""
 [simulated_robot]
@@ -116,6 +119,8 @@ class Draft(NamedTuple):
     profile: str
     corners: int | None = None
     """Corners of a polygon; None for the default."""
+    avoid: bool = False
+    """Whether robots avoid others by the positions that these publish, which takes more links."""
 
     @property
     def slots(self) -> tuple[complex, ...]:
@@ -132,7 +137,7 @@ class Draft(NamedTuple):
         corners = "" if self.corners is None else f" --corners {self.corners}"
         return (
             f"formation new {self.shape} --robots {self.robots}{corners} --spacing {self.spacing:g} "
-            f"--robot {self.profile}"
+            f"--robot {self.profile}{' --avoid' if self.avoid else ''}"
         )
 
 
@@ -184,7 +189,7 @@ def text(draft: Draft) -> str:
     bound = max(0.05, SETTLED_EDGE_ERROR * sum(map(len, graph.neighbours)))
     where = "round" if draft.shape in {"circle", "polygon"} else "behind"
     avoids_all = 'avoid = "all"                # every robot that comes near\n'
-    avoided = avoids_all if draft.robots <= AVOID_ALL else ""
+    avoided = avoids_all if draft.avoid and draft.robots <= AVOID_ALL else ""
     placed = "".join(
         f"robot{i} = [{_metres(slot.real)}, {_metres(slot.imag)}]\n" for i, slot in enumerate(slots, 1)
     )
@@ -247,7 +252,7 @@ def _robots(
 
 def _beside(draft: Draft, place: int, measured: set[int]) -> tuple[int, ...]:
     """Return the robots that may come near, besides those that it measures."""
-    if draft.robots <= AVOID_ALL:
+    if not draft.avoid or draft.robots <= AVOID_ALL:
         return ()
     here, reach = draft.slots[place - 1], AVOIDED_SPACINGS * draft.spacing
     near = [other for other, slot in enumerate(draft.slots, 1) if abs(slot - here) <= reach]
@@ -280,7 +285,7 @@ def _draft(options: argparse.Namespace) -> Draft:
             raise Refusal(
                 f"--corners {options.corners}: must be from 3 to the number of robots, {options.robots}"
             )
-    return Draft(options.shape, options.robots, spacing, options.robot, options.corners)
+    return Draft(options.shape, options.robots, spacing, options.robot, options.corners, options.avoid)
 
 
 def _options() -> argparse.ArgumentParser:
@@ -312,6 +317,12 @@ def _options() -> argparse.ArgumentParser:
         type=whole(3),
         metavar="K",
         help=f"of a polygon (default {MAX_SIDES}, or as many as there are robots)",
+    )
+    options.add_argument(
+        "--avoid",
+        action="store_true",
+        help="robots avoid all others that may come near, by the positions that these publish: more links "
+        "than the graph needs (`formation check` counts them)",
     )
     add_out(options, "where to (default SHAPE_N.toml, here)")
     options.add_argument("--force", action="store_true", help="write over a file that is there")

@@ -12,6 +12,7 @@ A robot's own side is separate: its agent, and at a desk the monitor, are client
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from enum import StrEnum
 from typing import Literal, NamedTuple
 
 from formation.mission.model import Mission
@@ -21,6 +22,17 @@ AGENT_PORT = 7460
 """First default port: number i of `members` listens on this plus i if the mission names no endpoint."""
 ROBOT_PORT = 7660
 """The same for robots."""
+
+
+class Cause(StrEnum):
+    """Why two processes are linked; the first that applies."""
+
+    GRAPH = "graph"
+    """One may measure the other."""
+    AVOID = "avoid"
+    """One avoids the other by the positions that it publishes."""
+    LEADER = "leader"
+    """One is the leader or a standby, and there are standbys, or the leader waits for its team."""
 
 
 class Endpoints(NamedTuple):
@@ -75,9 +87,7 @@ def endpoints(mission: Mission) -> Endpoints:
 
 def partners(mission: Mission, name: str) -> tuple[str, ...]:
     """The processes with which `name`, a robot or a standby, needs a link, in the order of `members`."""
-    return tuple(
-        other for other in members(mission) if other != name and _linked(mission, frozenset((name, other)))
-    )
+    return tuple(other for other in members(mission) if other != name and cause(mission, name, other))
 
 
 def called(mission: Mission, name: str) -> tuple[str, ...]:
@@ -125,11 +135,15 @@ def _endpoints(names: Iterable[str], where: Endpoints) -> tuple[str, ...]:
     return tuple(where.agents[name] for name in names)
 
 
-def _linked(mission: Mission, pair: frozenset[str]) -> bool:
-    for name in pair & mission.robots.keys():
-        if not pair.isdisjoint(mission.received_by(name)):
-            return True
-    candidates = len(pair.intersection(mission.candidates))
-    if mission.standbys:
-        return candidates > 0  # ballots, and the votes that answer them
-    return candidates > 0 and mission.cohesion is not None
+def cause(mission: Mission, one: str, other: str) -> Cause | None:
+    """Why two of `members` are linked; None if they are not."""
+    pair = {one, other}
+    robots = pair & mission.robots.keys()
+    if any(not pair.isdisjoint(mission.robots[name].measurable) for name in robots):
+        return Cause.GRAPH
+    if any(not pair.isdisjoint(mission.avoided_by(name)) for name in robots):
+        return Cause.AVOID
+    candidates = pair.intersection(mission.candidates)
+    ballots = mission.standbys and candidates
+    waits = mission.leader in pair and mission.cohesion is not None
+    return Cause.LEADER if ballots or waits else None

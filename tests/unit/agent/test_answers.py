@@ -8,7 +8,6 @@ import pytest
 from formation.agent.following.attachment import MAX_ANSWER_DELAYS, Answers
 from formation.agent.following.neighbours import Neighbour, answers
 from formation.control.tracker import MAX_DELAY
-from formation.mission.file import load
 from formation.protocol.order import ReceivedPosition
 from formation.protocol.reasons import Code
 from formation.protocol.status import AgentState
@@ -20,7 +19,7 @@ from tests.support.missions import with_robots
 from tests.unit.agent.test_clocks import set_clock
 from tests.unit.agent.test_scanning import room
 
-SIX = load("six_robots")
+SIX = with_robots("six_robots", avoid="all")
 BOUND = MAX_ANSWER_DELAYS * MAX_DELAY
 """A message that answers is younger than this [s]."""
 

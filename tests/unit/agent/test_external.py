@@ -35,7 +35,7 @@ def heading_error(fleet: Fleet, name: str) -> float:
 
 def test_agent_with_external_pose_ignores_odometry() -> None:
     keys = set(Agent(SEEN, "robot1").subscriptions)
-    assert keys == {POSE.key("robot1"), POSITION.key("leader"), POSITION.key("robot2")}
+    assert keys == {POSE.key("robot1"), POSITION.key("leader")}
     assert ODOM.key("robot1") in {key for _, key in Fleet(SEEN).world.publications}
 
 

@@ -20,10 +20,12 @@ from formation.topics import ODOM, POSITION
 from formation.wire import Sample
 from tests.support.fleet import Fleet
 from tests.support.meddling import lost, on
-from tests.support.missions import team, teams
+from tests.support.missions import team, teams, with_robots
 from tests.unit.agent.sudden import most_sudden
 
-PATROL = load("patrol").model_copy(update={"cohesion": None, "collisions": Collisions(mode="off")})
+PATROL = with_robots("patrol", scanner="none").model_copy(
+    update={"cohesion": None, "collisions": Collisions(mode="off")}
+)
 """Whose leader drives as evenly as it would without them; nobody goes round a robot that stands."""
 SIX = load("six_robots")
 PERIOD = 1.0 / PATROL.robot.rate

@@ -94,7 +94,7 @@ def test_standby_leads_after_leader_is_killed(rehearsed_fleet: MakeRehearsed) ->
 
 def test_same_calls_give_the_same_run(rehearsed_fleet: MakeRehearsed) -> None:
     def run() -> list[complex]:
-        fleet = rehearsed_fleet("turtlebot3_pair", seed=3, loss=0.2, delay=0.02)
+        fleet = rehearsed_fleet("turtlebot3_pair", seed=3, loss=0.05, delay=0.02)
         fleet.run(3.0)
         fleet.order("rotate", degrees=20.0)
         fleet.run(3.0)

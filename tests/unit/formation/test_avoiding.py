@@ -7,12 +7,12 @@ import pytest
 
 from formation.control.arrays import FloatArray
 from formation.control.laws import LAWS
-from formation.mission.file import load
 from formation.mission.model import Mission
 from formation.simulation.body import PROFILES, Body
 from formation.simulation.ensemble import Ensemble, Options, Starts, random_starts
 from formation.simulation.simulate import Result, simulate
 from formation.stability.analysis import analyse
+from tests.support.missions import with_robots
 from tests.unit.formation import scenarios
 
 SIX = scenarios.six()
@@ -107,7 +107,7 @@ LATE, SHAKEN = (9, 83, 206, 298, 349, 383), (9, 37, 74, 83, 98, 157)
 
 @pytest.mark.parametrize(("noise", "delay", "chosen"), [(0.0, 0.1, LATE), (0.002, 0.1, SHAKEN)])
 def test_no_robot_is_left_behind(noise: float, delay: float, chosen: tuple[int, ...]) -> None:
-    mission = load("six_robots")
+    mission = with_robots("six_robots", avoid="all")
     starts = random_starts(mission, 400, mission.simulation.spread, _draw(0))
     some = Starts(starts.position[list(chosen)], starts.heading[list(chosen)])
     error, nearest = shaken(mission, some, noise, delay)
@@ -133,7 +133,7 @@ def test_check_warns_of_starts_too_close(gap: float, warned: bool) -> None:
 
 def close_by(gap: float) -> Mission:
     """The pair of TurtleBots, side by side with so much between their bodies [m]."""
-    result = load("turtlebot3_pair").model_dump()
+    result = with_robots("turtlebot3_pair", avoid="all").model_dump()
     for name, side in (("robot1", 1.0), ("robot2", -1.0)):
         result["robots"][name]["start"] = {"x": -0.8, "y": side * (0.105 + 0.5 * gap), "heading_deg": 0.0}
     return Mission.model_validate(result)

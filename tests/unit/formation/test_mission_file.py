@@ -78,14 +78,18 @@ def test_the_default_mission_is_the_papers_section_4() -> None:
         ('["robot1"]', '["robot2"]', ["robots.robot2.neighbours", "'robot2'", "own neighbour"]),
         ('["robot1", "robot2"]', '["robot1", "robot1"]', ["robots.robot3.neighbours", "'robot1'", "twice"]),
         ('["robot1"]', '"robot1"', ["robots.robot2.neighbours = 'robot1'", "list"]),
-        ('avoid = "all" ', 'avoid = "some" #', ["robot.avoid = 'some'", '"all" or a list of robots']),
+        ("rate = 20 ", 'avoid = "some"\nrate = 20 ', ["robot.avoid = 'some'", '"all" or a list of robots']),
         (
-            'avoid = "all" ',
-            'avoid = ["robot9"] #',
+            "rate = 20 ",
+            'avoid = ["robot9"]\nrate = 20 ',
             ["six.toml: robot.avoid = 'robot9': unknown robot; ", ROBOTS],
         ),
-        ('avoid = "all" ', 'avoid = ["robot1"] #', ["six.toml: robot.avoid = 'robot1': has no body", ROBOTS]),
-        ('avoid = "all" ', 'avoid = ["all"] #', ["robot.avoid = 'all'", 'or avoid = "all"']),
+        (
+            "rate = 20 ",
+            'avoid = ["robot1"]\nrate = 20 ',
+            ["six.toml: robot.avoid = 'robot1': has no body", ROBOTS],
+        ),
+        ("rate = 20 ", 'avoid = ["all"]\nrate = 20 ', ["robot.avoid = 'all'", 'or avoid = "all"']),
         (
             "[robots.robot3]",
             '[robots.robot3]\navoid = ["robot9"]',

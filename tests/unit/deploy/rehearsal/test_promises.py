@@ -11,12 +11,12 @@ from formation.agent.safety import failsafe
 from formation.deploy.rehearsal.faults import parse
 from formation.deploy.rehearsal.fleet import AgentFiles
 from formation.deploy.rehearsal.rehearsal import Plan, run
-from formation.mission.file import load
 from formation.protocol.order import OperatorRequest
 from formation.protocol.reasons import Code
 from formation.protocol.stops import Rest, Result
+from tests.support.missions import with_robots
 
-PAIR = load("turtlebot3_pair")
+PAIR = with_robots("turtlebot3_pair", avoid="all")
 
 
 def broken(*faults: str) -> set[str]:
