@@ -137,7 +137,7 @@ class Leader:
     def due(self) -> float:
         """When the next step is due if nothing arrives [s, monotonic]."""
         due = min(self.candidacy.due, self._status_rate.due)
-        return min(due, self.rate.due) if self._leads else due
+        return min(due, self.rate.due, self.plan.driver_due) if self._leads else due
 
     @property
     def notes(self) -> deque[str]:
@@ -380,6 +380,7 @@ class Leader:
         """
         if not self._leads:
             return False
+        self.plan.check_driver(now.mono)
         before, self._in_force = self._in_force, self.plan.in_force
         changed = before not in {(), self._in_force}
         if self._stepped is not None:

@@ -11,7 +11,8 @@ import math
 from typing import Literal
 
 from formation.leader.cohesion import Cohesion
-from formation.leader.route import NamedRoute
+from formation.leader.driving import STANDS, Driver, Velocity, limits
+from formation.leader.route import DRIVEN, NamedRoute
 from formation.leader.shape_transition import ShapeTransition, Wish
 from formation.mission.model import Mission
 from formation.mission.route import Straight
@@ -43,13 +44,15 @@ class TeamMode:
         """The operator's stop and hold. Each candidate keeps them, also while another leads."""
         self.lost: Reason | None = None
         """Why it cannot run even if told to."""
+        self.undriven = False
+        """Whether it is driven by hand, and no velocity comes."""
         self._hold = hold
         self._run_requested = False  # told to run, which is newer than the relayed order
 
     @property
     def mode(self) -> Mode:
         """The mode in force: a stop overrides a hold, and a hold the base mode."""
-        return self.rest.mode or ("hold" if self.lost else self.base_mode)
+        return self.rest.mode or ("hold" if self.lost or self.undriven else self.base_mode)
 
     def change(self, request: OperatorRequest, fact: str, *, leads: bool = True) -> Result:
         """Obey ``run``, ``hold``, ``stop`` or ``release``; `fact` is the id of the resulting stop or hold.
@@ -97,7 +100,7 @@ class TeamMode:
 
     def stand_by(self) -> None:
         """Become a standby: the mode is later restored from the leader's orders."""
-        self.lost, self._run_requested = None, False
+        self.lost, self.undriven, self._run_requested = None, False, False
 
 
 class Plan:
@@ -113,6 +116,8 @@ class Plan:
         self.cohesion = Cohesion(mission)
         self.tuned: Tuned | None = None
         """Gains that replace the mission's."""
+        self.driver = Driver()
+        """Its velocity where it is driven by hand."""
         self.fenced: Breach | None = None
         """What would leave the bounds if the leader went on; None if nothing."""
         self._mission, self._fence = mission, Geofence(mission)
@@ -142,6 +147,9 @@ class Plan:
         if mode != "run":
             self.shape_transition.rest()
             return
+        if self.driven:
+            slots = [self.wanted.slot(self._mission, name) for name in self._mission.followers]
+            self._drive_from_here(self.driver.advance(limits(self._mission, slots), dt, mono))
         before, placed_shape = self.route_time, self.shape_transition.placed_shape
         pace = self.cohesion.step(mono, dt, self.where(), self.route.velocity(before), placed_shape)
         self.fenced = self._fenced(dt)
@@ -153,6 +161,39 @@ class Plan:
             self.route.heading(self.route_time),
             self.route.turn_rate(self.route_time) if self.fenced is None else 0.0,
         )
+
+    @property
+    def driven(self) -> bool:
+        """Whether it is driven by hand."""
+        return self.route.id == DRIVEN
+
+    @property
+    def driver_due(self) -> float:
+        """When the driver's velocity expires [s, monotonic]; infinite if none counts."""
+        return self.driver.until if self.driven and not self.team_mode.undriven else math.inf
+
+    def check_driver(self, mono: float) -> None:
+        """Hold the team, at `mono` [s], if it is driven by hand and no velocity comes."""
+        self.team_mode.undriven = self.driven and not self.driver.live(mono)
+        if self.team_mode.undriven:
+            self.driver.stand()
+
+    def drive(self, request: OperatorRequest, received: float) -> str:
+        """Take a driver's velocity, received at `received` [s, monotonic]; return why it does not count."""
+        mode = self.team_mode
+        if not self.driven and mode.replace_lost():
+            self._drive_from_here()
+        if mode.rest.mode or mode.base_mode == "hold":
+            return "stopped: release it, then order run" if mode.rest.stop else "held: order run first"
+        velocity = Velocity(request.forward or 0.0, request.turn_rate or 0.0)
+        refusal = self.driver.accept(request.id, velocity, request.token or 0, received)
+        if not refusal and not self.driven:
+            self._drive_from_here()
+        return refusal
+
+    def _drive_from_here(self, velocity: Velocity = STANDS) -> None:
+        heading = self.route.heading(self.route_time)
+        self.route, self.route_time = NamedRoute.driven(self.where(), heading, *velocity), 0.0
 
     @property
     def waits_for(self) -> tuple[str, ...]:
@@ -192,6 +233,12 @@ class Plan:
         """Go on from another leader's last order; `under_way`: its beat rose a moment ago."""
         self.team_mode.restore(order, under_way=under_way)
         self.route_time, self.team_mode.lost, self.fenced = order.time, None, None
+        if order.route == DRIVEN and order.place is not None:
+            at, heading = complex(order.place.x, order.place.y), cmath.rect(1.0, order.place.heading)
+            self.route, self.route_time = NamedRoute.driven(at, heading, 0.0, 0.0), 0.0
+            self.driver = Driver()
+            self._restore_shape(order)
+            return
         route = self._routes.get(order.route)
         there = None if order.place is None else complex(order.place.x, order.place.y)
         if route is not None and (
@@ -201,6 +248,9 @@ class Plan:
         elif order.place is not None:
             self.route = NamedRoute.standing(order.route, order.place)
             self.team_mode.lost = Reason(Code.ROUTE_UNKNOWN)
+        self._restore_shape(order)
+
+    def _restore_shape(self, order: Order) -> None:
         borne = order.tuned is None or tuning.refusal(self._mission, order.tuned) is None
         self.tuned = order.tuned if borne else None
         wish = Wish(order.shape, order.rotation, order.scale)

@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from formation.leader.driving import token
 from formation.leader.plan import Plan
 from formation.protocol import order
 from formation.protocol.election import REPORT_TIME, CandidacyState
@@ -71,6 +72,9 @@ class OperatorRequests:
         why = self._not_mine(request)
         if why:
             return self.reply(ok=False, reason=why)
+        if request.do == "drive":
+            refusal = self._plan.drive(request, received)
+            return self.reply(ok=not refusal, reason=refusal, token=token(received))
         if request.do == "run" and not self._seat().leads and self._seat().candidacy != "listening":
             # by the next repetition it may lead, and then handles it as a new request
             return self._answered(self._plan.team_mode.change(request, "", leads=False))
@@ -91,8 +95,9 @@ class OperatorRequests:
         return tuple(one for one, _ in requests)
 
     def reply(
-        self, *, ok: bool, reason: str = "", code: order.Code = "", stop: str = "", hold: str = ""
-    ) -> bytes:
+        self, *, ok: bool, reason: str = "", code: order.Code = "", stop: str = "", hold: str = "",
+        token: int = 0,
+    ) -> bytes:  # fmt: skip
         """Return the reply, encoded."""
         seat = self._seat()
         return order.encode(
@@ -105,6 +110,7 @@ class OperatorRequests:
                 code=code,
                 stop=stop,
                 hold=hold,
+                token=token,
             )
         )
 
@@ -176,6 +182,8 @@ def _why(plan: Plan) -> Reason | None:
     """What keeps the leader from going on; None if nothing does."""
     if plan.team_mode.lost:
         return plan.team_mode.lost
+    if plan.team_mode.undriven:
+        return Reason(Code.NOT_DRIVEN)
     if (breach := plan.fenced) is not None:
         return Reason.of(
             Code.STOPPED_AT_BOUNDS, what=breach.what, axis=breach.axis, value=breach.value, limit=breach.limit

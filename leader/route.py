@@ -16,7 +16,7 @@ from typing import Annotated, Self
 from pydantic import BaseModel, ConfigDict, StringConstraints, ValidationError
 
 from formation.mission.model import Mission
-from formation.mission.route import Leg, Route
+from formation.mission.route import Arc, Leg, Route
 from formation.protocol.order import Legs, Number, Place
 from formation.ros2.messages import Text, decode, encode
 from formation.wire import BadMessage
@@ -27,6 +27,10 @@ LOOKAHEAD_TIME = 1.0
 """How far ahead the leader's highest speed is computed [s]."""
 LOOKAHEAD_STEPS = 10
 """Number of steps in which the leader's highest speed is sampled."""
+
+
+DRIVEN = "driven"
+"""Id of the route of a leader that is driven by hand."""
 
 
 class _RouteMessage(BaseModel):
@@ -81,6 +85,17 @@ class NamedRoute(Route):
     def standing(cls, name: str, place: Place) -> Self:
         """Return a stand at `place`, in place of the unknown route `name`."""
         return cls(name, (), complex(place.x, place.y), cmath.rect(1.0, place.heading))
+
+    @classmethod
+    def driven(cls, position: complex, heading: complex, forward: float, turn_rate: float) -> Self:
+        """Return the route of a leader that is driven by hand: on at `forward` [m/s] and `turn_rate` [rad/s].
+
+        `position` [m; world frame] and unit `heading` are its own; a negative speed is backwards.
+        """
+        route = cls(DRIVEN, (), position, heading)
+        route.total, route.begins = math.inf, (0.0,)
+        route.arcs = (Arc(position, heading, forward, turn_rate, math.inf),)
+        return route
 
     @classmethod
     def read(cls, payload: bytes) -> Self:

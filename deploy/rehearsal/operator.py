@@ -6,6 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from formation.deploy.driving.remote import PERIOD_SECONDS, Remote
 from formation.deploy.rehearsal.fleet import Fleet
 from formation.protocol.order import MAX_ENDED, Do, OperatorReply, OperatorRequest, decode, encode
 from formation.topics import ORDER
@@ -68,6 +69,25 @@ class Operator:
         """Order hold and run in turn for `seconds`."""
         for number in range(int(seconds / WAVER_PERIOD)):
             self._later(number * WAVER_PERIOD, partial(self.order, "run" if number % 2 else "hold"))
+
+    def drive(self, forward: float, turn_rate: float, seconds: float) -> None:
+        """Drive the leader by hand for `seconds`, at `forward` [m/s] and `turn_rate` [rad/s], then let go."""
+        end = self._fleet.engine.now + seconds
+        self._drive(Remote(self._fleet.mission, f"driver-{self._number}"), (forward, turn_rate), end)
+        self._number += 1
+
+    def _drive(self, remote: Remote, velocity: tuple[float, float], end: float) -> None:
+        now = self._fleet.engine.now
+        over = now >= end - 0.5 * PERIOD_SECONDS
+        keys, payload = remote.request(*((0.0, 0.0) if over else velocity), now)
+
+        def take_reply(data: bytes) -> None:
+            remote.answered([data], now, self._fleet.engine.now)
+
+        for key in keys:
+            self._fleet.fleet.ask(DESK, key, payload, take_reply)
+        if not over:
+            self._later(PERIOD_SECONDS, lambda: self._drive(remote, velocity, end))
 
     def _later(self, seconds: float, action: Callable[[], object]) -> None:
         self._fleet.engine.at(self._fleet.engine.now + seconds, action)

@@ -177,6 +177,12 @@ class RehearsedFleet(DrivenFleet):
         self._operator.listeners.remove(take_reply)
         return outcome
 
+    def drive(self, forward: float, turn_rate: float = 0.0, *, seconds: float) -> None:
+        """Drive the leader by hand as `formation drive` does [m/s; rad/s], for `seconds`, and let go."""
+        self._judge.expect("hold")
+        self._operator.drive(forward, turn_rate, seconds)
+        self.run(seconds)
+
     def close(self) -> None:
         """End all processes."""
         for process in self._fleet.processes:

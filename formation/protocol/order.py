@@ -44,13 +44,18 @@ MAX_REQUEST_BYTES = 16_384
 LEADER_TIMEOUT_SECONDS = 1.0
 """Silence of the leader's beat after which it counts as dead, and all robots stand still [s]."""
 
+DRIVE_TIMEOUT_SECONDS = 0.3
+"""Time for which a driver's velocity counts, from the reply of the leader that it answers [s]."""
+
 MAX_REASON_CHARS = 400
 """Greatest length of a reason, which may name some robots of up to 64 each [characters]."""
 MAX_REPLY_REASON_BYTES = MAX_ORDER_BYTES - 200
 """Space for the reason in a reply [bytes]."""
 
 Mode = Literal["hold", "run", "stop"]
-Do = Literal["hold", "run", "stop", "release", "shape", "rotate", "scale", "speed", "route", "tune", "query"]
+Do = Literal[
+    "hold", "run", "stop", "release", "shape", "rotate", "scale", "speed", "route", "drive", "tune", "query"
+]
 MAX_ENDED = 200
 """Most stops and holds that one request may end."""
 Code = Literal["", "no-link", "no-listener", "readonly", "nothing", "unnamed", "another", "stopped"]
@@ -72,6 +77,7 @@ Share = Annotated[float, Field(allow_inf_nan=False, ge=0.0, le=1.0)]
 MIN_GAIN, MAX_GAIN = 1e-3, 1e3
 """Bounds of a gain that can be ordered; k_i may also be 0."""
 Proportional = Annotated[float, Field(allow_inf_nan=False, ge=MIN_GAIN, le=MAX_GAIN)]
+Velocity = Annotated[float, Field(allow_inf_nan=False, ge=-1e3, le=1e3)]
 Integral = Annotated[float, Field(allow_inf_nan=False, ge=0.0, le=MAX_GAIN)]
 
 
@@ -245,7 +251,8 @@ class OperatorRequest(_Json):
     """An operator's request to one robot.
 
     ``release`` ends a stop, after which the robot holds; ``run`` ends a hold. Both name what they end.
-    ``query`` changes nothing: the answer has the ids of the stop and the hold in force.
+    ``query`` changes nothing: the answer has the ids of the stop and the hold in force. ``drive`` drives the
+    leader by hand: `formation.leader.driving`.
     """
 
     longest: ClassVar[int] = MAX_REQUEST_BYTES
@@ -261,6 +268,12 @@ class OperatorRequest(_Json):
     """With ``speed``: the leader's new speed, from its present position [m/s]."""
     legs: Legs | None = None
     """With ``route``: the leader's new route from its present position."""
+    forward: Velocity | None = None
+    """With ``drive``: the leader's speed along its heading; negative: backwards [m/s]."""
+    turn_rate: Velocity | None = None
+    """With ``drive``: counter-clockwise [rad/s]."""
+    token: Count | None = None
+    """With ``drive``: of the leader's newest reply; 0 before the first."""
     k_p: Proportional | None = None
     """With ``tune``: the law's proportional gain [1/s]; unchanged if missing."""
     k_i: Integral | None = None
@@ -298,6 +311,7 @@ TAKES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "scale": ("factor",),
         "speed": ("speed", "degrees"),
         "route": ("legs",),
+        "drive": ("forward", "turn_rate", "token"),
         "tune": ("k_p", "k_i"),
     }
 )
@@ -323,6 +337,8 @@ class OperatorReply(_Json):
     """To a ``query``: id of the hold in force, below a stop too; empty for none."""
     readonly: bool = False
     """Whether it comes from an agent that does not command the robot: another one's answer counts instead."""
+    token: Count = 0
+    """To a ``drive``: what the next one must return, see `formation.leader.driving`."""
 
 
 def statement(fingerprint: str, text: str) -> bytes:

@@ -89,6 +89,7 @@ class Code(StrEnum):
     STOPPED_AT_BOUNDS = "stopped_at_bounds"
     WAITS = "waits"
     ROUTE_ENDED = "route_ended"
+    NOT_DRIVEN = "not_driven"
     OTHER_LEADS = "other_leads"
     NO_LEADER = "no_leader"
     TERM_AHEAD = "term_ahead"
@@ -174,6 +175,8 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         " limit {limit:.4g} m; order a speed or route that leads back",
         Code.WAITS: "waits for {robots:names}",
         Code.ROUTE_ENDED: "at the end of the route",
+        Code.NOT_DRIVEN: "driven by hand, and no velocity comes;"
+        " formation drive, or order a speed or a route",
         Code.OTHER_LEADS: "{robot} leads",
         Code.NO_LEADER: "no leader",
         Code.TERM_AHEAD: "term {term:.0f} refused by {robots:names}: it is over a day ahead:"

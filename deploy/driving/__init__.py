@@ -1,0 +1,1 @@
+"""`formation drive`: a leader driven by hand, with keys, a gamepad or a ROS topic."""

@@ -1,0 +1,221 @@
+"""`formation drive`: drive the leader by hand while a key, a stick or a topic says so."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import select
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from uuid import uuid4
+
+from formation.deploy.arguments import add_links, number, parser, read_mission
+from formation.deploy.driving.inputs import RELEASED, Gamepad, Keys, Share, Twists
+from formation.deploy.driving.remote import PERIOD_SECONDS, Remote
+from formation.deploy.refusal import Refusal, refusing
+from formation.leader.driving import limits
+from formation.mission.file import MISSION_HELP, configuration_of
+from formation.mission.model import Mission
+from formation.protocol.order import DRIVE_TIMEOUT_SECONDS
+from formation.ros2.messages import Twist, decode
+from formation.transport import wiring
+from formation.transport.asking import OPERATOR
+from formation.transport.bus import Bus
+from formation.transport.bus_config import BusError
+from formation.transport.mailbox import Question
+from formation.transport.runtime.flags import bus_config
+from formation.transport.wiring import Links
+from formation.wire import BadMessage
+
+EXAMPLES = """\
+  formation drive convoy                       with the keys of this terminal
+  formation drive convoy --speed 0.1           at most 0.1 m/s
+  formation drive convoy --gamepad             /dev/input/js0: hold the left shoulder button, left stick
+  formation drive convoy --topic joy/cmd_vel   geometry_msgs/Twist on this key, as of teleop_twist_joy
+
+Keys, as of ROS 2's teleop_twist_keyboard (or the arrows); let go to stop, q ends:
+
+  u  i  o      forward and left, forward, forward and right
+  j  k  l      turn left, stop, turn right
+  m  ,  .      back
+
+All robots hold as soon as the driver lets go, and at the latest 0.3 s after the newest input that reached the
+leader. A stop or a hold of an operator is in force until it is released: `formation order MISSION run`. An
+order of a speed or a route ends the drive.
+
+Exit code 0: ended by the driver; 1: the input failed; 2: nothing was started.
+"""
+
+
+class Ended(Exception):  # noqa: N818 - no error
+    """The drive is over."""
+
+    def __init__(self, code: int, why: str) -> None:
+        super().__init__(why)
+        self.code = code
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Drive; return the exit code."""
+    options = _options().parse_args(arguments)
+    mission = read_mission(options.mission)
+    options.config = options.config or configuration_of(options.mission, OPERATOR)
+    slots = [mission.slot(name) for name in mission.followers]
+    most = limits(mission, slots)
+    speed, turn_rate = min(options.speed or most.speed, most.speed), options.turn_rate or most.turn_rate
+    with ExitStack() as stack, refusing(BusError):
+        where = wiring.endpoints(mission).agents
+        links = Links((), tuple(where[name] for name in mission.candidates))
+        read = stack.enter_context(_input(options, speed, turn_rate))
+        bus = stack.enter_context(Bus(bus_config(options, mission, links, OPERATOR)))
+        if options.topic:
+            bus.subscribe(options.topic)
+        drive = _Drive(bus, mission, speed, turn_rate)
+        try:
+            while True:
+                drive.step(read(bus))
+        except Ended as ended:
+            drive.step(RELEASED)
+            print(f"\nformation: {ended}", file=sys.stderr)
+            return ended.code
+        except KeyboardInterrupt:
+            drive.step(RELEASED)
+            return 0
+
+
+class _Drive:
+    """Sends a velocity each period, and shows how the drive goes."""
+
+    def __init__(self, bus: Bus, mission: Mission, speed: float, turn_rate: float) -> None:
+        self._bus, self._speed, self._turn_rate = bus, speed, turn_rate
+        self._remote = Remote(mission, f"driver-{uuid4().hex[:12]}")
+        self._open: list[tuple[Question, float]] = []
+        self._shown = ""
+
+    def step(self, share: Share) -> None:
+        """Send the velocity, take answers for a period, and show the state."""
+        sent = time.monotonic()
+        forward, turn_rate = share.forward * self._speed, share.turn * self._turn_rate
+        keys, payload = self._remote.request(forward, turn_rate, sent)
+        self._open += [(self._bus.question(key, payload, DRIVE_TIMEOUT_SECONDS), sent) for key in keys]
+        while (now := time.monotonic()) < sent + PERIOD_SECONDS:
+            self._take(now)
+            time.sleep(0.002)
+        self._show(f"{forward:+.2f} m/s {turn_rate:+.2f} rad/s  {self._remote.state.words(now)}")
+
+    def _take(self, now: float) -> None:
+        waiting = []
+        for question, sent in self._open:
+            replies = [reply.payload for reply in list(question.replies)]
+            self._remote.answered(replies, sent, now)
+            if not replies and not question.over and now - sent < DRIVE_TIMEOUT_SECONDS:
+                waiting.append((question, sent))
+        self._open = waiting
+
+    def _show(self, line: str) -> None:
+        if sys.stderr.isatty():
+            print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
+            return
+        what = line.partition("  ")[2].partition(", answers")[0]
+        if what != self._shown:
+            print(line, file=sys.stderr, flush=True)
+        self._shown = what
+
+
+@contextmanager
+def _input(options: argparse.Namespace, speed: float, turn_rate: float) -> Iterator[Callable[[Bus], Share]]:
+    """Yield a function that reads the chosen input. Raises Refusal."""
+    if options.topic:
+        yield _twists(Twists(speed, turn_rate), options.topic)
+    elif options.gamepad:
+        with _gamepad(options.gamepad) as read:
+            yield read
+    else:
+        with _keys() as read:
+            yield read
+
+
+def _twists(twists: Twists, key: str) -> Callable[[Bus], Share]:
+    def read(bus: Bus) -> Share:
+        for sample in bus.drain():
+            try:
+                twist = decode(Twist, sample.payload)
+            except BadMessage as bad:
+                raise Ended(1, f"{key}: {bad}") from None
+            twists.take(twist.speed, twist.turn_rate, sample.arrived)
+        return twists.velocity(time.monotonic()) or RELEASED
+
+    return read
+
+
+@contextmanager
+def _gamepad(path: Path) -> Iterator[Callable[[Bus], Share]]:
+    try:
+        file = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    except OSError as error:
+        raise Refusal(f"--gamepad {path}: {error.strerror}; is it plugged in?") from None
+    gamepad = Gamepad()
+
+    def read(_: Bus) -> Share:
+        gamepad.read(file)
+        share = gamepad.velocity(time.monotonic())
+        if share is None:
+            raise Ended(1, f"{path} failed: all robots hold")
+        return share
+
+    try:
+        yield read
+    finally:
+        os.close(file)
+
+
+@contextmanager
+def _keys() -> Iterator[Callable[[Bus], Share]]:
+    if not sys.stdin.isatty():
+        raise Refusal("stdin is no terminal: choose --gamepad or --topic")
+    import termios  # noqa: PLC0415 - only where there is a terminal
+    import tty  # noqa: PLC0415
+
+    file, keys = sys.stdin.fileno(), Keys()
+    before = termios.tcgetattr(file)
+
+    def read(_: Bus) -> Share:
+        while select.select([file], [], [], 0.0)[0]:
+            data = os.read(file, 64)
+            if not data:
+                raise Ended(1, "the terminal is gone: all robots hold")
+            keys.press(data.decode(errors="replace"), time.monotonic())
+        if keys.quits:
+            raise Ended(0, "drive ended: all robots hold")
+        return keys.velocity(time.monotonic()) or RELEASED
+
+    try:
+        tty.setcbreak(file)
+        yield read
+    finally:
+        termios.tcsetattr(file, termios.TCSADRAIN, before)
+
+
+def _options() -> argparse.ArgumentParser:
+    options = parser("drive", "Drive the leader by hand; all robots hold when you let go.", EXAMPLES)
+    options.add_argument("mission", metavar="MISSION", help=MISSION_HELP)
+    source = options.add_mutually_exclusive_group()
+    source.add_argument(
+        "--gamepad",
+        type=Path,
+        nargs="?",
+        const=Path("/dev/input/js0"),
+        metavar="DEVICE",
+        help="a Linux joystick (default /dev/input/js0): hold its left shoulder button",
+    )
+    source.add_argument("--topic", metavar="KEY", help="geometry_msgs/Twist messages on this key")
+    limit = number(0.0, 100.0, open_below=True)
+    options.add_argument(
+        "--speed", type=limit, metavar="M/S", help="greatest speed (default: what followers can follow)"
+    )
+    options.add_argument("--turn-rate", type=limit, metavar="RAD/S", help="greatest turn rate, likewise")
+    add_links(options)
+    return options

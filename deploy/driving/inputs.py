@@ -1,0 +1,158 @@
+"""What a driver wants now, from keys, a gamepad or Twist messages. Pure but for reading files.
+
+Each input answers `velocity(now)` with a share of the greatest speed and turn rate, from -1 to 1, or
+`RELEASED` when the driver lets go. None means that the input has failed.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import struct
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple, Protocol
+
+from formation.control.plane import clip
+
+
+class Share(NamedTuple):
+    """A wanted velocity, as a share of the greatest."""
+
+    forward: float = 0.0
+    turn: float = 0.0
+    """Counter-clockwise."""
+
+
+RELEASED = Share()
+KEYS: Mapping[str, Share] = MappingProxyType(
+    {
+        "u": Share(1.0, 1.0), "i": Share(1.0, 0.0), "o": Share(1.0, -1.0),
+        "j": Share(0.0, 1.0), "k": RELEASED, "l": Share(0.0, -1.0),
+        "m": Share(-1.0, -1.0), ",": Share(-1.0, 0.0), ".": Share(-1.0, 1.0), " ": RELEASED,
+        "\x1b[A": Share(1.0, 0.0), "\x1b[B": Share(-1.0, 0.0),
+        "\x1b[D": Share(0.0, 1.0), "\x1b[C": Share(0.0, -1.0),
+    }
+)  # fmt: skip
+"""Keys as of ROS 2's teleop_twist_keyboard, and the arrow keys."""
+QUIT = frozenset({"q", "\x03", "\x04"})
+FIRST_KEY_SECONDS = 0.6
+"""Time for which a first press counts [s]: a terminal repeats a held key after about half a second."""
+KEY_SECONDS = 0.15
+"""Time for which a repeated press counts [s]."""
+DEAD_ZONE = 0.1
+"""Deflection of a stick that counts as none."""
+TWIST_SECONDS = 0.3
+"""Time for which a Twist message counts [s]."""
+EVENT = struct.Struct("<IhBB")
+"""An event of a Linux joystick: time [ms], value, type, number."""
+BUTTON, AXIS, INITIAL = 0x01, 0x02, 0x80
+FORWARD_AXIS, TURN_AXIS, DEAD_MAN_BUTTON = 1, 0, 4
+"""Left stick and left shoulder button of a usual gamepad."""
+MAX_AXIS = 32767.0
+
+
+class Input(Protocol):
+    """What a driver wants."""
+
+    def velocity(self, now: float) -> Share | None:
+        """Return the share wanted at `now` [s, monotonic]; None if the input has failed."""
+
+
+class Keys:
+    """Keys of a terminal, which tells presses and not releases: a press counts for a moment."""
+
+    def __init__(self) -> None:
+        self.quits = False
+        """Whether the driver wants to end."""
+        self._wanted, self._until, self._pressed = RELEASED, -math.inf, ""
+
+    def press(self, text: str, now: float) -> None:
+        """Take what the terminal sent at `now` [s, monotonic]: one or more keys."""
+        for key in _keys_in(text):
+            if key in QUIT:
+                self.quits, self._wanted = True, RELEASED
+            elif key in KEYS:
+                repeated = key == self._pressed and now < self._until
+                self._wanted, self._pressed = KEYS[key], key
+                self._until = now + (KEY_SECONDS if repeated else FIRST_KEY_SECONDS)
+            else:
+                self._wanted = RELEASED  # any other key stops
+
+    def velocity(self, now: float) -> Share | None:
+        """Return the newest key's share while it counts."""
+        return self._wanted if now < self._until and not self.quits else RELEASED
+
+
+def _keys_in(text: str) -> list[str]:
+    """Split what a terminal sent into keys; an arrow is three characters."""
+    keys, at = [], 0
+    while at < len(text):
+        size = 3 if text.startswith("\x1b[", at) else 1
+        keys.append(text[at : at + size])
+        at += size
+    return keys
+
+
+class Gamepad:
+    """A gamepad: the left stick counts while its dead-man button is held."""
+
+    def __init__(self) -> None:
+        self.failed = False
+        self._axes: dict[int, float] = {}
+        self._held = False
+
+    def events(self, data: bytes) -> None:
+        """Take whole events as the device gives them."""
+        for _, value, flags, number in EVENT.iter_unpack(data[: len(data) // EVENT.size * EVENT.size]):
+            initial, kind = bool(flags & INITIAL), flags & ~INITIAL
+            if kind == AXIS:
+                self._axes[number] = clip(value / MAX_AXIS, 1.0)
+            elif kind == BUTTON and number == DEAD_MAN_BUTTON:
+                self._held = value == 1 and not initial  # held since before: press it anew
+
+    def velocity(self, now: float) -> Share | None:  # noqa: ARG002
+        """Return the stick's share; none without the button."""
+        if self.failed:
+            return None
+        if not self._held:
+            return RELEASED
+        return Share(-_live(self._axes.get(FORWARD_AXIS, 0.0)), -_live(self._axes.get(TURN_AXIS, 0.0)))
+
+    def read(self, file: int) -> None:
+        """Read from the open, non-blocking device; a failed read ends the drive."""
+        try:
+            while data := os.read(file, 64 * EVENT.size):
+                self.events(data)
+            self.failed = True
+        except BlockingIOError:
+            return
+        except OSError:
+            self.failed = True
+
+
+def _live(value: float) -> float:
+    if abs(value) <= DEAD_ZONE:
+        return 0.0
+    return math.copysign((abs(value) - DEAD_ZONE) / (1.0 - DEAD_ZONE), value)
+
+
+class Twists:
+    """Twist messages of a ROS topic."""
+
+    def __init__(self, speed: float, turn_rate: float) -> None:
+        """`speed` [m/s] and `turn_rate` [rad/s] are the greatest."""
+        self._speed, self._turn_rate = speed, turn_rate
+        self._newest, self._until = RELEASED, -math.inf
+
+    def take(self, forward: float, turn_rate: float, arrived: float) -> None:
+        """Take a message that arrived then [s, monotonic]: its speeds [m/s; rad/s]."""
+        if not (math.isfinite(forward) and math.isfinite(turn_rate)):
+            self._until = -math.inf
+            return
+        self._newest = Share(clip(forward / self._speed, 1.0), clip(turn_rate / self._turn_rate, 1.0))
+        self._until = arrived + TWIST_SECONDS
+
+    def velocity(self, now: float) -> Share | None:
+        """Return the newest message's share while it counts."""
+        return self._newest if now < self._until else RELEASED

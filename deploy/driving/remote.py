@@ -1,0 +1,71 @@
+"""One driver's requests to the leader: velocities with the token of its newest reply. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from formation.mission.model import Mission
+from formation.protocol import order
+from formation.protocol.order import DRIVE_TIMEOUT_SECONDS, OperatorReply, OperatorRequest
+from formation.topics import ORDER
+from formation.wire import BadMessage
+
+PERIOD_SECONDS = 0.05
+"""Time between two requests [s]."""
+
+
+class State(NamedTuple):
+    """How the drive goes."""
+
+    leader: str = ""
+    """The candidate that answered last as the leader; empty for none."""
+    ok: bool = False
+    """Whether it took the newest velocity."""
+    mode: str = ""
+    reason: str = ""
+    answered: float = float("-inf")
+    """When it answered [s, monotonic]."""
+    seconds: float = 0.0
+    """Time from the request to the answer [s]."""
+
+    def words(self, now: float) -> str:
+        """Say in one line how the drive goes at `now` [s, monotonic]."""
+        if now - self.answered > DRIVE_TIMEOUT_SECONDS:
+            return "no leader answers"
+        if not self.ok and self.reason and not self.reason.startswith("its first"):
+            return f"{self.leader} does not obey: {self.reason}"
+        return f"{self.leader}: {self.mode}, answers in {self.seconds * 1e3:.0f} ms"
+
+
+class Remote:
+    """A driver of one mission."""
+
+    def __init__(self, mission: Mission, name: str) -> None:
+        """`name` is unique for this run of the driver."""
+        self.state = State()
+        self._candidates, self._name, self._token = mission.candidates, name, 0
+
+    def request(self, forward: float, turn_rate: float, now: float) -> tuple[tuple[str, ...], bytes]:
+        """Return keys and payload of the next request, at `now` [s, monotonic]: forward [m/s; rad/s]."""
+        known = self.state.leader if now - self.state.answered <= DRIVE_TIMEOUT_SECONDS else ""
+        receivers = (known,) if known else self._candidates
+        payload = order.encode(
+            OperatorRequest(
+                do="drive", forward=forward, turn_rate=turn_rate, token=self._token, id=self._name
+            )
+        )
+        return tuple(ORDER.key(name) for name in receivers), payload
+
+    def answered(self, replies: Iterable[bytes], sent: float, now: float) -> None:
+        """Take the replies at `now` to a request sent at `sent` [s, monotonic]; only the leader's counts."""
+        for payload in replies:
+            try:
+                reply = order.decode(OperatorReply, payload)
+            except BadMessage:
+                continue
+            if not reply.leads or reply.robot not in self._candidates:
+                continue
+            other = reply.robot != self.state.leader
+            self._token = reply.token if other else max(self._token, reply.token)
+            self.state = State(reply.robot, reply.ok, reply.mode, reply.reason, now, now - sent)

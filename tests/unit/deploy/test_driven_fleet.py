@@ -1,0 +1,59 @@
+"""Fleets behind a leader that is driven by hand, on the virtual clock."""
+
+from __future__ import annotations
+
+import pytest
+
+from formation.control.unicycle import AT_REST
+from formation.deploy.testing.pytest_plugin import MakeRehearsed
+
+STAND_SECONDS = 0.5
+"""All robots stand within this after the driver's newest input [s]."""
+
+
+def test_robots_follow_a_driven_leader(rehearsed_fleet: MakeRehearsed) -> None:
+    fleet = rehearsed_fleet("convoy")
+    fleet.drive(0.1, seconds=12.0)
+    fleet.drive(0.1, 0.1, seconds=6.0)
+    fleet.drive(0.1, seconds=6.0)
+    assert fleet.error() < 0.1
+    assert fleet.position("robot1").real > 1.0
+
+
+@pytest.mark.parametrize("forward", [0.12, -0.08])
+def test_all_robots_stand_soon_after_letting_go(rehearsed_fleet: MakeRehearsed, forward: float) -> None:
+    fleet = rehearsed_fleet("convoy", loss=0.05, delay=0.01)
+    fleet.drive(forward, 0.05, seconds=4.0)
+    fleet.run(STAND_SECONDS)
+    assert {fleet.command(name) for name in fleet.mission.followers} == {AT_REST}
+    places = [fleet.position(name) for name in fleet.mission.followers]
+    fleet.run(60.0 if forward > 0.0 else 5.0)
+    moved = [
+        abs(fleet.position(name) - place) for name, place in zip(fleet.mission.followers, places, strict=True)
+    ]
+    assert max(moved) < 0.005
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_all_robots_stand_soon_after_the_driver_is_cut_off(rehearsed_fleet: MakeRehearsed, seed: int) -> None:
+    fleet = rehearsed_fleet("convoy", seed=seed)
+    fleet.drive(0.12, seconds=3.0 + 0.01 * seed)
+    fleet._operator.drive(0.12, 0.0, 60.0)
+    fleet.run(2.0)
+    fleet.cut(["operator's machine"], ["leader"])
+    fleet.run(STAND_SECONDS)
+    assert {fleet.command(name) for name in fleet.mission.followers} == {AT_REST}
+
+
+def test_team_holds_when_the_leader_is_killed_and_nobody_drives_the_next(
+    rehearsed_fleet: MakeRehearsed,
+) -> None:
+    fleet = rehearsed_fleet("patrol")
+    fleet.drive(0.1, seconds=4.0)
+    fleet.drive(0.1, seconds=1.0)
+    fleet.kill(fleet.leader)
+    fleet.run(4.0)
+    assert fleet.leader == "deputy"
+    assert {fleet.command(name) for name in fleet.mission.followers} == {AT_REST}
+    fleet.drive(0.1, seconds=5.0)
+    assert {fleet.state(name) for name in fleet.mission.followers} == {"run"}

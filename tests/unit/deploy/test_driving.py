@@ -1,0 +1,142 @@
+"""`formation drive`: keys, gamepads, topics, and the requests of a driver."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import pytest
+
+from formation.deploy.driving.inputs import (
+    AXIS,
+    BUTTON,
+    DEAD_MAN_BUTTON,
+    EVENT,
+    FIRST_KEY_SECONDS,
+    FORWARD_AXIS,
+    INITIAL,
+    KEY_SECONDS,
+    RELEASED,
+    TWIST_SECONDS,
+    Gamepad,
+    Keys,
+    Share,
+    Twists,
+)
+from formation.deploy.driving.remote import Remote
+from formation.mission.file import load
+from formation.protocol import order
+from formation.protocol.order import OperatorReply, OperatorRequest
+
+PATROL = load("patrol")
+
+
+def test_key_counts_for_a_moment() -> None:
+    keys = Keys()
+    keys.press("i", 1.0)
+    assert keys.velocity(1.0 + 0.9 * FIRST_KEY_SECONDS) == Share(1.0, 0.0)
+    assert keys.velocity(1.0 + FIRST_KEY_SECONDS) == RELEASED
+
+
+def test_held_key_ends_soon_after_release() -> None:
+    keys = Keys()
+    for press in range(40):
+        keys.press("u", 1.0 + 0.03 * press)
+    assert keys.velocity(2.2) == Share(1.0, 1.0)
+    assert keys.velocity(2.17 + KEY_SECONDS + 0.01) == RELEASED
+
+
+@pytest.mark.parametrize("key", [" ", "k", "x", "q", "\x03"])
+def test_any_other_key_stops(key: str) -> None:
+    keys = Keys()
+    keys.press("i", 1.0)
+    keys.press(key, 1.1)
+    assert keys.velocity(1.1) == RELEASED
+    assert keys.quits == (key in "q\x03")
+
+
+def test_arrows_that_come_together_are_told_apart() -> None:
+    keys = Keys()
+    keys.press("\x1b[A\x1b[D", 1.0)
+    assert keys.velocity(1.0) == Share(0.0, 1.0)
+
+
+def event(kind: int, number: int, value: int) -> bytes:
+    return EVENT.pack(0, value, kind, number)
+
+
+def test_stick_counts_only_while_the_button_is_held() -> None:
+    gamepad = Gamepad()
+    gamepad.events(event(AXIS, FORWARD_AXIS, -32767))
+    assert gamepad.velocity(0.0) == RELEASED
+    gamepad.events(event(BUTTON, DEAD_MAN_BUTTON, 1))
+    assert gamepad.velocity(0.0) == Share(1.0, 0.0)
+    gamepad.events(event(BUTTON, DEAD_MAN_BUTTON, 0))
+    assert gamepad.velocity(0.0) == RELEASED
+
+
+def test_button_held_since_before_must_be_pressed_anew() -> None:
+    gamepad = Gamepad()
+    gamepad.events(event(BUTTON | INITIAL, DEAD_MAN_BUTTON, 1) + event(AXIS | INITIAL, FORWARD_AXIS, -32767))
+    assert gamepad.velocity(0.0) == RELEASED
+
+
+@pytest.fixture
+def pipe() -> Iterator[tuple[int, int]]:
+    reading, writing = os.pipe()
+    os.set_blocking(reading, False)
+    yield reading, writing
+    os.close(reading)
+
+
+def test_gamepad_that_goes_away_ends_the_drive(pipe: tuple[int, int]) -> None:
+    reading, writing = pipe
+    gamepad = Gamepad()
+    os.write(writing, event(BUTTON, DEAD_MAN_BUTTON, 1) + event(AXIS, FORWARD_AXIS, -32767))
+    gamepad.read(reading)
+    assert gamepad.velocity(0.0) == Share(1.0, 0.0)
+    os.close(writing)
+    gamepad.read(reading)
+    assert gamepad.velocity(0.0) is None
+
+
+def test_twist_counts_for_a_moment_and_is_limited() -> None:
+    twists = Twists(0.2, 1.0)
+    twists.take(0.1, -5.0, 1.0)
+    assert twists.velocity(1.0) == Share(0.5, -1.0)
+    assert twists.velocity(1.0 + TWIST_SECONDS) == RELEASED
+    twists.take(0.1, float("nan"), 2.0)
+    assert twists.velocity(2.0) == RELEASED
+
+
+def replied(robot: str, token: int, *, leads: bool = True, reason: str = "") -> bytes:
+    return order.encode(
+        OperatorReply(robot=robot, ok=not reason, mode="run", reason=reason, leads=leads, token=token)
+    )
+
+
+def test_driver_asks_all_candidates_until_one_leads() -> None:
+    remote = Remote(PATROL, "driver-1")
+    keys, _ = remote.request(0.1, 0.0, 1.0)
+    assert keys == ("leader/order", "deputy/order", "reserve/order")
+    remote.answered([replied("deputy", 7), replied("leader", 0, leads=False, reason="stands by")], 1.0, 1.01)
+    keys, payload = remote.request(0.1, 0.0, 1.05)
+    assert keys == ("deputy/order",)
+    assert order.decode(OperatorRequest, payload).token == 7
+    assert remote.request(0.1, 0.0, 2.0)[0] == ("leader/order", "deputy/order", "reserve/order")
+
+
+def test_driver_takes_another_leaders_token_though_it_is_less() -> None:
+    remote = Remote(PATROL, "driver-1")
+    remote.answered([replied("leader", 900)], 1.0, 1.01)
+    remote.answered([replied("leader", 800), b"{"], 1.0, 1.01)
+    assert order.decode(OperatorRequest, remote.request(0.0, 0.0, 1.02)[1]).token == 900
+    remote.answered([replied("deputy", 5)], 1.0, 1.01)
+    assert order.decode(OperatorRequest, remote.request(0.0, 0.0, 1.02)[1]).token == 5
+
+
+def test_state_tells_why_the_leader_does_not_obey() -> None:
+    remote = Remote(PATROL, "driver-1")
+    assert remote.state.words(1.0) == "no leader answers"
+    remote.answered([replied("leader", 1, reason="held: order run first")], 1.0, 1.01)
+    assert remote.state.words(1.02) == "leader does not obey: held: order run first"

@@ -1,0 +1,182 @@
+"""A leader driven by hand: velocities expire, whatever messages and clocks do."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from formation.leader.core import Leader
+from formation.leader.driving import STANDS, Limits, Velocity, followable, limits, ramped, token
+from formation.mission.file import load
+from formation.protocol import order
+from formation.protocol.order import DRIVE_TIMEOUT_SECONDS, OperatorReply, OperatorRequest
+from tests.support.fleet import at
+from tests.unit.leader.leading import drive, leading, positions
+
+CONVOY = load("convoy")
+speeds = st.floats(-10.0, 10.0)
+
+
+class Driver:
+    """A driver that sends a velocity every 50 ms with the newest token."""
+
+    def __init__(self, leader: Leader, name: str = "driver-1") -> None:
+        self.leader, self.name, self.token = leader, name, 0
+
+    def send(self, now: float, forward: float, turn_rate: float = 0.0) -> OperatorReply:
+        request = OperatorRequest(
+            do="drive", forward=forward, turn_rate=turn_rate, token=self.token, id=self.name
+        )
+        reply = order.decode(OperatorReply, self.leader.request(order.encode(request), now))
+        self.token = reply.token or self.token
+        return reply
+
+    def hold_stick(self, since: float, seconds: float, forward: float, turn_rate: float = 0.0) -> float:
+        """Send it for so long; return when the last one was sent."""
+        for i in range(round(seconds / 0.05) + 1):
+            now = since + 0.05 * i
+            self.send(now, forward, turn_rate)
+            self.leader.step(at(now + 1e-4), [])
+        return now
+
+
+def driven(
+    seconds: float = 2.0, forward: float = 0.1, turn_rate: float = 0.0
+) -> tuple[Leader, Driver, float]:
+    leader = leading(CONVOY)
+    driver = Driver(leader)
+    return leader, driver, driver.hold_stick(0.1, seconds, forward, turn_rate)
+
+
+def test_leader_drives_while_velocities_come() -> None:
+    leader, _, _ = driven()
+    assert leader.mode == "run"
+    assert leader.plan.route.id == "driven"
+    assert 0.1 * (2.0 - 0.6) < leader.plan.where().real <= 0.1 * 2.0
+    assert leader.plan.where().imag == 0.0
+
+
+def test_first_request_moves_nothing() -> None:
+    leader = leading(CONVOY)
+    assert not Driver(leader).send(0.1, 0.1).ok
+    drive(leader, 0.15, 0.5)
+    assert leader.plan.where() == 0j
+
+
+def test_team_holds_at_once_when_driver_lets_go() -> None:
+    leader, driver, end = driven()
+    driver.send(end + 0.05, 0.0)
+    (now,) = positions(end, leader.step(at(end + 0.051), []))
+    assert now.order.mode == "hold"
+
+
+def test_team_holds_when_nothing_more_comes() -> None:
+    leader, _, end = driven()
+    sent = drive(leader, end + 0.01, 1.0, step=0.01)
+    late = [one for one in sent if one.mono > end + DRIVE_TIMEOUT_SECONDS + 0.011]
+    assert late
+    assert {one.order.mode for one in late} == {"hold"}
+    assert len({one.pose.position for one in late}) == 1
+
+
+@pytest.mark.parametrize("delay", [0.31, 1.0, 3600.0])
+def test_late_or_recorded_velocity_moves_nothing(delay: float) -> None:
+    leader, driver, end = driven()
+    request = OperatorRequest(do="drive", forward=0.1, turn_rate=0.0, token=driver.token, id=driver.name)
+    drive(leader, end + 0.01, min(delay, 2.0))
+    place = leader.plan.where()
+    reply = order.decode(OperatorReply, leader.request(order.encode(request), end + delay))
+    assert not reply.ok
+    assert "too late" in reply.reason
+    leader.step(at(end + delay + 0.001), [])
+    assert leader.plan.where() == place
+    assert leader.mode == "hold"
+
+
+@given(st.lists(st.integers(0, 40), max_size=60))
+def test_repetition_cannot_prolong_a_velocity(moments: list[int]) -> None:
+    """Whenever its last request is repeated, the leader stands 0.3 s after the reply that it answers."""
+    leader, driver, end = driven(0.3)
+    request = OperatorRequest(do="drive", forward=0.1, turn_rate=0.0, token=driver.token, id=driver.name)
+    for moment in sorted(moments):
+        now = end + 0.05 * moment
+        leader.request(order.encode(request), now)
+        leader.step(at(now + 1e-4), [])
+        if now > end + DRIVE_TIMEOUT_SECONDS:
+            assert leader.mode == "hold"
+
+
+def test_second_driver_waits_until_the_first_lets_go() -> None:
+    leader, driver, end = driven()
+    other = Driver(leader, "driver-2")
+    other.send(end, 0.2)
+    assert other.send(end + 0.01, 0.2).reason == "driver-1 drives"
+    assert driver.send(end + 0.02, 0.1).ok
+    drive(leader, end + 0.03, 0.5)
+    other.send(end + 0.55, 0.2)
+    assert other.send(end + 0.56, 0.2).ok
+
+
+def test_velocity_starts_nothing_while_held_or_stopped() -> None:
+    leader, driver, end = driven()
+    for do in ("hold", "stop"):
+        leader.request(order.encode(OperatorRequest(do=do, id=do)), end + 0.01)
+        assert not driver.send(end + 0.02, 0.1).ok
+        leader.step(at(end + 0.03), [])
+        assert leader.mode == do
+
+
+def test_ordered_route_ends_the_drive() -> None:
+    leader, _, end = driven()
+    speed = OperatorRequest(do="speed", speed=0.05, degrees=0.0, id="s")
+    leader.request(order.encode(speed), end + 0.01)
+    drive(leader, end + 0.02, 2.0)
+    assert leader.mode == "run"
+    assert leader.plan.route.id != "driven"
+
+
+def test_standby_takes_over_standing() -> None:
+    leader, _, _ = driven()
+    newest = leader.plan.order(1, 5, "run")
+    other = leading(CONVOY)
+    other.plan.restore(newest)
+    assert abs(other.plan.where() - leader.plan.where()) < 1e-3
+    assert {one.order.mode for one in drive(other, 0.2, 0.5)} == {"hold"}
+    Driver(other).hold_stick(0.7, 0.5, 0.1)
+    assert other.mode == "run"
+
+
+def test_leader_stops_at_the_bounds() -> None:
+    leader = leading(load("convoy").changed(bounds=None))
+    driver = Driver(leader)
+    driver.hold_stick(0.1, 200.0, 0.2)
+    assert leader.plan.fenced is not None
+    place = leader.plan.where()
+    assert place.real < 20.0
+    driver.hold_stick(200.2, 5.0, -0.2)
+    assert leader.plan.where().real < place.real
+
+
+@given(speeds, speeds)
+def test_followable_velocity_is_within_limits(forward: float, turn_rate: float) -> None:
+    within = limits(CONVOY, [CONVOY.slot(name) for name in CONVOY.followers])
+    found = followable(Velocity(forward, turn_rate), within)
+    assert abs(found.forward) <= within.speed < 0.2108
+    assert abs(found.turn_rate) <= within.turn_rate
+    assert found.forward == 0.0 or abs(found.turn_rate) * within.radius <= abs(found.forward) + 1e-12
+    assert abs(found.forward) + abs(found.turn_rate) * within.swing <= within.top_speed
+
+
+@given(speeds, speeds, st.floats(0.0, 1.0))
+def test_ramp_goes_towards_the_wanted_velocity(forward: float, turn_rate: float, dt: float) -> None:
+    within = Limits(speed=1.0, turn_rate=2.0, radius=0.1, swing=0.0, top_speed=1.0)
+    found = ramped(STANDS, Velocity(forward, turn_rate), within, dt)
+    assert abs(found.forward) <= min(abs(forward), 2.0 * dt * within.speed) + 1e-12
+    assert math.copysign(1.0, found.forward) == math.copysign(1.0, forward) or found.forward == 0.0
+
+
+def test_token_is_the_leaders_own_clock() -> None:
+    assert token(12.3456) == 12345
