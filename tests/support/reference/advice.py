@@ -70,6 +70,7 @@ ADVICE: Mapping[Code, str] = MappingProxyType(
         Code.STOPPED_AT_BOUNDS: "Order a speed or a route that leads back inside.",
         Code.WAITS: "Check the robots that it names; `patience` in `[cohesion]` limits the wait.",
         Code.ROUTE_ENDED: "Nothing, or order a speed or a route.",
+        Code.NOT_DRIVEN: "Drive it by hand (`formation drive`), or order a speed or a route.",
         Code.OTHER_LEADS: "Nothing.",
         Code.NO_LEADER: "Wait for one takeover. If it stays, check that over half of the followers run.",
         Code.TERM_AHEAD: "Set the clock of the leader's machine (`chronyc tracking`).",
