@@ -11,7 +11,7 @@ import math
 from typing import Literal
 
 from formation.leader.cohesion import Cohesion
-from formation.leader.driving import STANDS, Driver, Velocity, limits
+from formation.leader.driving import Driver
 from formation.leader.route import DRIVEN, NamedRoute
 from formation.leader.shape_transition import ShapeTransition, Wish
 from formation.mission.model import Mission
@@ -22,6 +22,7 @@ from formation.protocol.stops import MOTION, Rest, Result
 from formation.slots.geofence import LENGTH_TOLERANCE, Breach, Geofence
 from formation.slots.shape import PlacedShape
 from formation.stability import intent, spectrum, tuning
+from formation.stability.driving import STANDS, Velocity, limits
 
 MAX_ROUTE_DISTANCE = 0.05
 """Largest distance between a route and the leader's last place for which it is taken as its route [m]."""
@@ -178,18 +179,20 @@ class Plan:
         if self.team_mode.undriven:
             self.driver.stand()
 
-    def drive(self, request: OperatorRequest, received: float) -> str:
-        """Take a driver's velocity, received at `received` [s, monotonic]; return why it does not count."""
+    def drive(self, request: OperatorRequest, received: float) -> Result:
+        """Take a driver's velocity, received at `received` [s, monotonic]."""
         mode = self.team_mode
         if not self.driven and mode.replace_lost():
             self._drive_from_here()
         if mode.rest.mode or mode.base_mode == "hold":
-            return "stopped: release it, then order run" if mode.rest.stop else "held: order run first"
+            if mode.rest.stop:
+                return Result(ok=False, reason="stopped: release it, then order run", code="stopped")
+            return Result(ok=False, reason="held: order run first")
         velocity = Velocity(request.forward or 0.0, request.turn_rate or 0.0)
-        refusal = self.driver.accept(request.id, velocity, request.token or 0, received)
-        if not refusal and not self.driven:
+        result = self.driver.accept(request.id, velocity, request.token or 0, received)
+        if result.ok and not self.driven:
             self._drive_from_here()
-        return refusal
+        return result
 
     def _drive_from_here(self, velocity: Velocity = STANDS) -> None:
         heading = self.route.heading(self.route_time)

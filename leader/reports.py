@@ -73,8 +73,8 @@ class OperatorRequests:
         if why:
             return self.reply(ok=False, reason=why)
         if request.do == "drive":
-            refusal = self._plan.drive(request, received)
-            return self.reply(ok=not refusal, reason=refusal, token=token(received))
+            ok, reason, code = self._plan.drive(request, received)
+            return self.reply(ok=ok, reason=reason, code=code, token=token(received))
         if request.do == "run" and not self._seat().leads and self._seat().candidacy != "listening":
             # by the next repetition it may lead, and then handles it as a new request
             return self._answered(self._plan.team_mode.change(request, "", leads=False))

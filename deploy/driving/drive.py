@@ -16,11 +16,11 @@ from formation.deploy.arguments import add_links, number, parser, read_mission
 from formation.deploy.driving.inputs import RELEASED, Gamepad, Keys, Share, Twists
 from formation.deploy.driving.remote import PERIOD_SECONDS, Remote
 from formation.deploy.refusal import Refusal, refusing
-from formation.leader.driving import limits
 from formation.mission.file import MISSION_HELP, configuration_of
 from formation.mission.model import Mission
 from formation.protocol.order import DRIVE_TIMEOUT_SECONDS
 from formation.ros2.messages import Twist, decode
+from formation.stability.driving import first_limits
 from formation.transport import wiring
 from formation.transport.asking import OPERATOR
 from formation.transport.bus import Bus
@@ -63,8 +63,7 @@ def main(arguments: Sequence[str]) -> int:
     options = _options().parse_args(arguments)
     mission = read_mission(options.mission)
     options.config = options.config or configuration_of(options.mission, OPERATOR)
-    slots = [mission.slot(name) for name in mission.followers]
-    most = limits(mission, slots)
+    most = first_limits(mission)
     speed, turn_rate = min(options.speed or most.speed, most.speed), options.turn_rate or most.turn_rate
     with ExitStack() as stack, refusing(BusError):
         where = wiring.endpoints(mission).agents

@@ -24,6 +24,7 @@ class State(NamedTuple):
     """Whether it took the newest velocity."""
     mode: str = ""
     reason: str = ""
+    code: str = ""
     answered: float = float("-inf")
     """When it answered [s, monotonic]."""
     seconds: float = 0.0
@@ -33,7 +34,7 @@ class State(NamedTuple):
         """Say in one line how the drive goes at `now` [s, monotonic]."""
         if now - self.answered > DRIVE_TIMEOUT_SECONDS:
             return "no leader answers"
-        if not self.ok and self.reason and not self.reason.startswith("its first"):
+        if not self.ok and self.code != "first":
             return f"{self.leader} does not obey: {self.reason}"
         return f"{self.leader}: {self.mode}, answers in {self.seconds * 1e3:.0f} ms"
 
@@ -68,4 +69,4 @@ class Remote:
                 continue
             other = reply.robot != self.state.leader
             self._token = reply.token if other else max(self._token, reply.token)
-            self.state = State(reply.robot, reply.ok, reply.mode, reply.reason, now, now - sent)
+            self.state = State(reply.robot, reply.ok, reply.mode, reply.reason, reply.code, now, now - sent)

@@ -58,12 +58,13 @@ Do = Literal[
 ]
 MAX_ENDED = 200
 """Most stops and holds that one request may end."""
-Code = Literal["", "no-link", "no-listener", "readonly", "nothing", "unnamed", "another", "stopped"]
+Code = Literal["", "no-link", "no-listener", "readonly", "nothing", "unnamed", "another", "stopped", "first"]
 """Code of an answer, for programs; empty: only whether it obeys.
 
 ``no-link``, ``no-listener``, ``readonly``: a stop or a hold is latched, and cannot reach the robot;
 ``nothing``: there was nothing to release; ``unnamed``: a release or a run must name what it ends;
-``another``: it names another stop or hold than the one in force; ``stopped``: refused while stopped.
+``another``: it names another stop or hold than the one in force; ``stopped``: refused while stopped;
+``first``: a driver's first request, which only fetches a token.
 """
 UNREACHED: frozenset[Code] = frozenset({"no-link", "no-listener", "readonly"})
 """Codes of an agent that cannot reach its robot."""

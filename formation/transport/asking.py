@@ -134,6 +134,24 @@ def ask(
         time.sleep(CHECK_PERIOD)
 
 
+def drive(put: Put, mission: Mission, request: OperatorRequest, seconds: float) -> OperatorReply | None:
+    """Send a driver's velocity to all candidates; return the leader's answer, None after `seconds`."""
+    began, payload = _now(), order.encode(request)
+    questions = [put(ORDER.key(name), payload, seconds) for name in mission.candidates]
+    while _now() - began < seconds:
+        for reply in [one for question in questions for one in list(question.replies)]:
+            try:
+                answer = order.decode(OperatorReply, reply.payload)
+            except BadMessage:
+                continue
+            if answer.leads and answer.robot in mission.candidates:
+                return answer
+        if all(question.over for question in questions):
+            return None
+        time.sleep(CHECK_PERIOD)
+    return None
+
+
 def _keys(recipients: Recipients, of: Sequence[str] | None = None) -> list[str]:
     """Keys of a question: one for all robots, or one for each candidate.
 

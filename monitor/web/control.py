@@ -20,12 +20,16 @@ from pathlib import Path
 from threading import Lock
 from typing import Any, Protocol
 
+from pydantic import ValidationError
+
+from formation.control.plane import clip
 from formation.mission.model import Mission
 from formation.monitor.metrics.events import INFO, WARNING, Event
-from formation.protocol.order import Do, OperatorRequest
+from formation.protocol.order import DRIVE_TIMEOUT_SECONDS, Do, OperatorRequest
 from formation.protocol.outcome import Outcome
 from formation.protocol.stops import MAX_REMEMBERED_REQUESTS, RESTS
 from formation.stability import intent
+from formation.stability.driving import first_limits
 from formation.transport import asking, wiring
 from formation.transport.asking import OPERATOR
 from formation.transport.bus import Bus
@@ -207,6 +211,33 @@ class Operator:
         if new:
             self._give(given)
         return given.report.result()
+
+    def drive(self, *, driver: str, forward: float, turn: float, token: int) -> dict[str, Any]:
+        """Send a driver's velocity, in shares of the greatest; return the leader's answer.
+
+        `token`: of the newest answer, see `formation.leader.driving`. Raises ValueError.
+        """
+        most = first_limits(self._mission)
+        try:
+            request = OperatorRequest(
+                do="drive",
+                forward=clip(forward, 1.0) * most.speed,
+                turn_rate=clip(turn, 1.0) * most.turn_rate,
+                token=token,
+                id=driver,
+            )
+        except ValidationError:
+            raise ValueError(
+                "a velocity needs shares from -1 to 1, a token and the id of its driver"
+            ) from None
+        answer = asking.drive(self._question, self._mission, request, DRIVE_TIMEOUT_SECONDS)
+        if answer is None:
+            return {"ok": False, "reason": "no leader answers", "code": "", "mode": "", "token": 0}
+        return answer.model_dump(include={"ok", "reason", "code", "mode", "token"})
+
+    def _question(self, key: str, payload: bytes, timeout: float) -> asking.Question:
+        with self._lock:
+            return self._line.question(key, payload, timeout)
 
     def close(self) -> None:
         """Stop giving orders, and close the bus."""

@@ -38,6 +38,8 @@ READ_TIMEOUT_SECONDS = 5.0
 """Longest time for receiving a body [s]."""
 MAX_ORDERS, MAX_EXTRA_STOPS = 16, 16
 """Most orders under way, and most stops in addition: stops never wait for other orders."""
+MAX_DRIVES = 4
+"""Most velocities of drivers under way; they never wait for orders, nor orders for them."""
 SITE = Path(str(files("formation.monitor.web").joinpath("site")))
 NO_STORE = {"cache-control": "no-store"}
 _log = logging.getLogger(__name__)
@@ -57,6 +59,13 @@ class Control(Protocol):
         `click` is the page's own id of the click, the same if it is sent twice; `seen` is the moment that
         the page showed [s, our system clock]. Called in threads of the server, perhaps in several at once.
         ValueError if the order is not possible now.
+        """
+
+    def drive(self, *, driver: str, forward: float, turn: float, token: int) -> dict[str, Any]:
+        """Drive the leader by hand: shares of the greatest speed and turn rate, from -1 to 1.
+
+        Return ``ok``, ``reason``, ``code``, ``mode`` and the ``token`` for the next one; `driver` is the id
+        of the page. Called in a thread of the server. ValueError for what is not legal.
         """
 
 
@@ -85,6 +94,7 @@ def application(
         orders = Orders(source, control)
         routes.append(Route("/api/order", orders.order, methods=["POST"]))
         routes.append(Route("/api/order", orders.may, methods=["GET"]))
+        routes.append(Route("/api/drive", orders.drive, methods=["POST"]))
     if replay is not None:
         routes.append(Route("/api/replay", Steering(replay).steer, methods=["POST"]))
     routes.append(Route("/api/{rest:path}", answers.nothing, methods=["GET", "POST"]))
@@ -132,7 +142,8 @@ class Orders:
     def __init__(self, source: Source, control: Control) -> None:
         self._source, self._control = source, control
         self._threads = ThreadPoolExecutor(MAX_ORDERS + MAX_EXTRA_STOPS, "order")
-        self._under_way = 0
+        self._drives = ThreadPoolExecutor(MAX_DRIVES, "drive")
+        self._under_way = self._driving = 0
 
     async def may(self, request: Request) -> Response:
         """Answer whether the sender may give orders, so that a missing token shows before the first stop."""
@@ -143,7 +154,7 @@ class Orders:
         """Give an order and answer with the robots' answers."""
         self._know(request)
         body = await _body(request)
-        do = _one_of(body, "do", get_args(Do))
+        do = _one_of(body, "do", [one for one in get_args(Do) if one != "drive"])
         what = {name: body.get(name) for name in TAKES.get(do, ())}
         if do == "shape":
             what["shape"] = _one_of(body, "shape", self._source.shapes)
@@ -153,6 +164,24 @@ class Orders:
             self._control.order, do, click=_text(body, "click"), seen=_number(body, "seen"), **what
         )
         return JSONResponse(await self._give(order), headers=NO_STORE)
+
+    async def drive(self, request: Request) -> Response:
+        """Pass on a driver's velocity and answer with the leader's answer."""
+        self._know(request)
+        body = await _body(request)
+        if self._driving >= MAX_DRIVES:
+            raise HTTPException(429, "others drive already", {"retry-after": "1"})
+        share = {name: _number(body, name) or 0.0 for name in ("forward", "turn")}
+        token = int(_number(body, "token") or 0.0)
+        drive = partial(self._control.drive, driver=_text(body, "driver"), token=token, **share)
+        self._driving += 1
+        try:
+            answer = await asyncio.get_running_loop().run_in_executor(self._drives, drive)
+        except ValueError as error:
+            raise HTTPException(409, str(error)) from None
+        finally:
+            self._driving -= 1
+        return JSONResponse(answer, headers=NO_STORE)
 
     def _know(self, request: Request) -> None:
         """Refuse a request without the token."""

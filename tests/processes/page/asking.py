@@ -17,12 +17,32 @@ JSON = {"content-type": "application/json"}
 BEARER = {**JSON, "authorization": f"Bearer {TOKEN}"}
 
 
-class Orders:
+class Driven:
+    """Takes every velocity, and remembers it; each answer has the next token."""
+
+    def __init__(self) -> None:
+        self.driven: list[tuple[float, float, int]] = []
+
+    def drive(self, *, driver: str, forward: float, turn: float, token: int) -> dict[str, Any]:
+        assert driver.startswith("page-")
+        self.driven.append((forward, turn, token))
+        first = token == 0
+        return {
+            "ok": not first,
+            "reason": "",
+            "code": "first" * first,
+            "mode": "run",
+            "token": len(self.driven),
+        }
+
+
+class Orders(Driven):
     """Takes every order, and remembers it."""
 
     token = TOKEN
 
     def __init__(self, error: Exception | None = None) -> None:
+        super().__init__()
         self.given: list[tuple[str, dict[str, Any], str, float | None]] = []
         self.error = error
         self.hold = threading.Event()

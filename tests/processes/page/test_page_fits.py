@@ -8,6 +8,7 @@ from typing import Any, Literal
 import pytest
 from playwright.sync_api import Browser
 
+from tests.processes.page.asking import Driven
 from tests.processes.page.scene import Scene, event
 from tests.support.served import NO_SNAPSHOT, Served, served, until, watched
 
@@ -49,7 +50,7 @@ CONTRASTS = """() => {
 }"""
 
 
-class Nobody:
+class Nobody(Driven):
     """Takes orders, and nobody answers."""
 
     token = "secret"  # noqa: S105 - nobody is kept out by it

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page
 
+from tests.processes.page.asking import Driven
 from tests.processes.page.scene import EPOCH, Scene
 from tests.support.child import PATIENCE
 from tests.support.served import Served, served, until, watched
@@ -23,12 +24,13 @@ REFUSED = "status of 401"
 """What a browser writes to its console about that."""
 
 
-class Fleet:
+class Fleet(Driven):
     """Remembers what it was told; the fourth robot does not answer, the fifth refuses."""
 
     token = TOKEN
 
     def __init__(self) -> None:
+        super().__init__()
         self.requested: list[tuple[str, str | None]] = []
         self.seen: list[float | None] = []
         self.clicks: set[str] = set()
@@ -225,3 +227,34 @@ def test_a_replay_is_paused_hurried_and_wound(browser: Browser) -> None:
         while len(player.requested) < 3 and time.monotonic() < deadline:
             page.wait_for_timeout(20)
         assert sorted(player.requested) == [("pause", None), ("seek", EPOCH + 12.5), ("speed", 5.0)]
+
+
+def test_pad_drives_while_it_is_held(browser: Browser, controlled: Served, fleet: Fleet) -> None:
+    with invited(browser, controlled) as page:
+        page.click("#drive-open")
+        box = page.locator("#drive-pad").bounding_box()
+        assert box is not None
+        page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
+        page.mouse.down()
+        page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 1.0)
+        page.locator("#drive-state", has_text="driving").wait_for()
+        page.mouse.up()
+        page.locator("#drive-state", has_text="let go").wait_for()
+    assert max(forward for forward, _, _ in fleet.driven) > 0.9
+    assert fleet.driven[-1][:2] == (0.0, 0.0)
+    assert [token for _, _, token in fleet.driven] == list(range(len(fleet.driven)))
+
+
+def test_arrow_keys_drive_the_pad_that_has_the_focus(
+    browser: Browser, controlled: Served, fleet: Fleet
+) -> None:
+    with invited(browser, controlled) as page:
+        page.click("#drive-open")
+        page.keyboard.down("ArrowUp")
+        page.keyboard.down("ArrowLeft")
+        page.locator("#drive-state", has_text="driving").wait_for()
+        page.wait_for_function("document.querySelector('#drive-pad').dataset.held === 'true'")
+        page.evaluate("document.querySelector('#drive-pad').blur()")
+        page.locator("#drive-state", has_text="let go").wait_for()
+    assert (1.0, 1.0) in {one[:2] for one in fleet.driven}
+    assert fleet.driven[-1][:2] == (0.0, 0.0)

@@ -9,10 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formation.leader.core import Leader
-from formation.leader.driving import STANDS, Limits, Velocity, followable, limits, ramped, token
+from formation.leader.driving import ramped, token
 from formation.mission.file import load
 from formation.protocol import order
 from formation.protocol.order import DRIVE_TIMEOUT_SECONDS, OperatorReply, OperatorRequest
+from formation.stability.driving import STANDS, Limits, Velocity, first_limits, followable
 from tests.support.fleet import at
 from tests.unit.leader.leading import drive, leading, positions
 
@@ -162,7 +163,7 @@ def test_leader_stops_at_the_bounds() -> None:
 
 @given(speeds, speeds)
 def test_followable_velocity_is_within_limits(forward: float, turn_rate: float) -> None:
-    within = limits(CONVOY, [CONVOY.slot(name) for name in CONVOY.followers])
+    within = first_limits(CONVOY)
     found = followable(Velocity(forward, turn_rate), within)
     assert abs(found.forward) <= within.speed < 0.2108
     assert abs(found.turn_rate) <= within.turn_rate

@@ -2,6 +2,7 @@
 
 import { Candidates } from "./candidates.js";
 import { ErrorChart } from "./chart.js";
+import { DrivePad } from "./drive.js";
 import { byId, setAttribute, setText } from "./dom.js";
 import { EventList } from "./events.js";
 import { Header } from "./header.js";
@@ -38,6 +39,7 @@ const candidates = new Candidates(model);
 const chart = new ErrorChart(model, byId("chart"));
 const events = new EventList(model);
 const orders = new Orders(model);
+new DrivePad();
 const replay = new ReplayBar(model);
 const stream = new Stream("stream", {
   hello: (hello) => {

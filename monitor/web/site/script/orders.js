@@ -40,6 +40,7 @@ export class Orders {
   showToken(wrong = false) {
     setHidden(byId("token-form"), token() !== "");
     setHidden(byId("order-buttons"), token() === "");
+    setHidden(byId("drive"), token() === "");
     setHidden(byId("token-wrong"), !wrong);
   }
 
