@@ -64,7 +64,7 @@ def answers(mission: Mission, name: str, robot: str) -> bool:
     """Whether `name` receives the positions of `robot` over the network, and uses them."""
     spec = mission.robots[name]
     if robot in spec.measurable:
-        return spec.measurement == "network"
+        return spec.measurement != "local"
     return robot in mission.avoided_by(name)
 
 
