@@ -177,6 +177,7 @@ class Inbox:
         else:
             neighbour.take_report(pose, sample.arrived, now)
         neighbour.state.unavailable = attachment.unavailable
+        neighbour.state.searching = attachment.searching
         neighbour.state.beyond = not self._fence.holds(pose.position)
         try:
             if sample.unverified:
@@ -199,6 +200,7 @@ def _take_avoided(other: Neighbour, answers: Answers, sample: Sample, now: Now) 
     other.publisher.admit(attachment, sample.arrived, 0)
     answered = answers.answered(other.name, attachment.received, sample.arrived)
     other.take_position(pose, sample.arrived, now, answered=answered)
+    other.state.searching = attachment.searching
 
 
 def _take_displacement(neighbour: Neighbour, sample: Sample, now: Now) -> None:

@@ -49,6 +49,10 @@ MAX_RECKONING_ERROR = 0.03
 """Greatest standard deviation of the error that arises meanwhile [m]."""
 STEADY_HEADING_DEVIATION = 0.003
 """Standard deviation of the heading of a robot that sees its neighbours while it drives [rad]."""
+MAX_MISPLACEMENT = 0.01
+"""Distance of the pose from the estimate from which on it is no landmark for others [m]."""
+REFUSED_DEVIATION, REFUSED_HEADING_DEVIATION = 0.01, math.radians(0.3)
+"""By so much a scan that shows no neighbour where it says widens the estimate, per axis [m; rad]."""
 TRAIL_TIME = 3.0
 """Time for which the own motion is kept, longer than the age of any scan that is used [s]."""
 
@@ -196,6 +200,13 @@ class Perception:
         reckons = now.mono - self.state.seen_at > MIN_RECKONING_TIME
         return Sight.RECKONING if reckons else Sight.LOCKED
 
+    def placed(self, here: Localisation, now: Now) -> bool:
+        """Whether its position is a landmark for others: it can be relied on, and no longer moves there."""
+        estimate = self.state.estimate
+        if estimate is None or self.doubt(now) is not None:
+            return False
+        return abs(estimate.position - here.state.position) < MAX_MISPLACEMENT
+
     def ages(self, now: Now) -> dict[str, float]:
         """Time since each neighbour was seen last [s], of those that have been seen."""
         each = self.state.mates.items()
@@ -277,10 +288,15 @@ class Perception:
             state.locked = state.locked or state.agreed >= LOCK_SCANS
             return
         state.agreed = 0
-        if Outcome.ABSENT in outcomes:
-            state.refused_since = min(state.refused_since, moment)
-        if state.locked and moment - state.refused_since >= MAX_REFUSED_TIME and state.estimate is not None:
-            state.locked = False
+        if Outcome.ABSENT not in outcomes or state.estimate is None:
+            return
+        state.refused_since = min(state.refused_since, moment)
+        state.locked = state.locked and moment - state.refused_since < MAX_REFUSED_TIME
+        if state.locked:
+            state.estimate = pose_filter.widened(
+                state.estimate, REFUSED_DEVIATION, REFUSED_HEADING_DEVIATION
+            )
+        else:
             state.estimate = pose_filter.doubted(state.estimate, START_DEVIATION, START_HEADING_DEVIATION)
 
     def _expected(self, one: Neighbour, scanned: Scanned, now: Now) -> Expected | None:
@@ -352,7 +368,7 @@ class Perception:
 
 def _is_placed(one: Neighbour, now: Now) -> bool:
     """Whether the published position of a robot can be relied on."""
-    placed = one.state.body is not None and one.fresh(now) and not one.state.unavailable
+    placed = one.state.body is not None and one.fresh(now) and not one.state.searching
     return placed and one.unanswered(now) is None
 
 

@@ -86,6 +86,16 @@ def doubted(before: Estimate, position_deviation: float, heading_deviation: floa
     return before._replace(covariance=_diagonal(position_deviation, heading_deviation, drift_deviation))
 
 
+def widened(before: Estimate, position_deviation: float, heading_deviation: float) -> Estimate:
+    """The same pose with an independent error added [standard deviations: m, per axis; rad]."""
+    more = _diagonal(position_deviation, heading_deviation, 0.0)
+    rows = [
+        [value + extra for value, extra in zip(row, other, strict=True)]
+        for row, other in zip(before.covariance, more, strict=True)
+    ]
+    return before._replace(covariance=_matrix(rows))
+
+
 def moved(before: Estimate, motion: complex, turn: float, elapsed: float) -> Estimate:
     """The estimate after a motion by odometry, `motion` [m; body frame before] and `turn` [rad]."""
     step = before.heading * motion

@@ -73,7 +73,7 @@ def mission(case: Case) -> Mission:
         "rate = 20", f'measurement = "{case.measurement}"', 'odometry_frame = "start"', 'scanner = "required"',
         "speed_step = 0.01", "turn_rate_step = 0.01", 'cmd_vel = "twist_stamped"',
         "scan = { rate = 5, x = -0.032 }", "seen = { radius = 0.035, x = -0.032 }",
-        "[collisions]", "lag = 0.1",
+        "[collisions]", "lag = 0.1", "[cohesion]", "error = 0.3",
         "[simulated_robot]", 'profile = "turtlebot3_burger"',
         "[simulated_scanner]", f"lost = {case.lost}", f"scale = {case.scale}",
         f"mounting_error_deg = {case.mounting_deg}",
