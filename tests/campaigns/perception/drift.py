@@ -18,7 +18,7 @@ from formation.mission.model import Mission
 
 ROUTES = {
     "straight": '[[route]]\nspeed = 0.15\nheading_deg = 0',
-    "circle": '[[route]]\nkind = "circle"\nradius = 2.0\nspeed = 0.15\nheading_deg = 0',
+    "circle": '[[route]]\nradius = 2.0\nspeed = 0.15\nheading_deg = 0',
     "stop-and-go": "\n".join(
         f"[[route]]\nspeed = {speed}\nheading_deg = {heading}\nduration = {duration}"
         for heading in range(0, 360 * 8, 60)
@@ -126,22 +126,34 @@ class Error(NamedTuple):
     """With the shape turned as fits best."""
     world: float
     """In the world frame."""
+    believed: float
+    """Of the positions that the agents publish, with their shape turned as fits best: without what the
+    control law adds."""
 
 
 def error(fleet: Fleet) -> Error:
     """The error now."""
-    of, at = fleet.mission, {}
+    of, at, centre, believed = fleet.mission, {}, {}, {}
     for name, (world, _) in fleet.robots.items():
         plant = world.plant(name)
         plant.go_to(UPTIME + fleet.engine.now)
+        centre[name], believed[name] = plant.position, fleet.agents[name][0].here.state.position
         at[name] = plant.position + of.robots[name].control_point_offset * plant.heading
     pairs = edges(of)
     true = [at[j] - at[i] for i, j in pairs]
     wanted = [of.slot(j) - of.slot(i) for i, j in pairs]
+    return Error(
+        _misfit(true, wanted),
+        _rms(one - want for one, want in zip(true, wanted, strict=True)),
+        _misfit([centre[j] - centre[i] for i, j in pairs], [believed[j] - believed[i] for i, j in pairs]),
+    )
+
+
+def _misfit(true: Sequence[complex], wanted: Sequence[complex]) -> float:
+    """What is left when `wanted` is turned as fits best [m]."""
     turn = sum(one * want.conjugate() for one, want in zip(true, wanted, strict=True))
     turn /= abs(turn)
-    return Error(_rms(one - turn * want for one, want in zip(true, wanted, strict=True)),
-                 _rms(one - want for one, want in zip(true, wanted, strict=True)))  # fmt: skip
+    return _rms(one - turn * want for one, want in zip(true, wanted, strict=True))
 
 
 def _rms(values: Iterable[complex]) -> float:
@@ -176,7 +188,7 @@ def run(case: Case, seed: int, seconds: float) -> list[Sample]:
 def window(samples: Sequence[Sample], begin: float, end: float) -> Error:
     """RMS over a time [s]."""
     inside = [one.error for one in samples if begin < one.time <= end]
-    return Error(_rms(one.shape for one in inside), _rms(one.world for one in inside))
+    return Error(*(_rms(complex(one) for one in column) for column in zip(*inside, strict=True)))
 
 
 def turned(fleet: Fleet, name: str) -> float:
