@@ -227,7 +227,7 @@ def a_scanner_sees_something(mission: Mission) -> Iterator[Violation]:
 
 
 def robots_that_see_have_scanners(mission: Mission) -> Iterator[Violation]:
-    """A robot with `measurement = "scan"` has a scanner, odometry, and a law that uses positions."""
+    """A robot with `measurement = "scan"` has a range scanner, and is localised by its odometry."""
     for name in mission.followers:
         robot = mission.robots[name]
         if robot.measurement != "scan":
