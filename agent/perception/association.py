@@ -2,8 +2,8 @@
 
 Pure. A neighbour is expected where it says that it is, as seen from where this robot believes to be. A
 cylinder of its radius that is near enough, in units of the uncertainty of both, is that neighbour, unless
-another cylinder fits almost as well, or that cylinder fits another robot almost as well: then none is
-chosen. Where the way to the expected place is free, beams that end behind it, or a cylinder of that size
+another one fits almost as well, also one that is partly hidden, or that one fits another robot almost as
+well: then none is chosen. Where the way to the expected place is free, beams that end behind it, or a cylinder of that size
 beside it, show that the neighbour is not there.
 """
 
@@ -97,7 +97,7 @@ def associate(scan: Beams, candidates: Sequence[Candidate], fit: Fit) -> dict[st
 
 
 def _near(scan: Beams, one: Candidate, reach: float) -> list[tuple[Segment, Detection]]:
-    """The cylinders within `reach` [m] of where a robot is expected."""
+    """What may contain the robot, within `reach` [m] of where it is expected."""
     found = []
     for segment in around(scan, one.angle, _half_angle(one, reach + one.radius)):
         seen = detection(segment, scan, one.radius)
@@ -132,6 +132,8 @@ def _found(
         }
         return Found(Outcome.ABSENT if _is_absent(scan, one, taken) else Outcome.HIDDEN)
     squared, segment, seen = mine[0]
+    if not seen.whole:
+        return Found(Outcome.UNCLEAR)
     rivals = [squared for squared, _, _ in mine[1:]]
     rivals += [
         squared
@@ -157,10 +159,14 @@ def _is_absent(scan: Beams, one: Candidate, taken: Collection[Segment]) -> bool:
         return False
     if any(segment.distance < one.distance - reach for segment in around(scan, one.angle, 0.0)):
         return False
-    if any(segment not in taken for segment, _ in _near(scan, one, MAX_SEARCH_DISTANCE)):
-        return True
     half = _half_angle(one, reach)
     segments = tuple(around(scan, one.angle, half))
-    if any(segment.distance < one.distance + reach for segment in segments):
-        return False
-    return covered(scan, segments, one.angle, half) > MIN_COVERED_SHARE
+    if any(abs(segment.distance + one.radius - one.distance) < reach for segment in segments):
+        return False  # something stands there
+    others = _near(scan, one, MAX_SEARCH_DISTANCE)
+    if any(seen.whole and segment not in taken for segment, seen in others):
+        return True
+    return (
+        not any(segment.distance < one.distance for segment in segments)
+        and covered(scan, segments, one.angle, half) > MIN_COVERED_SHARE
+    )

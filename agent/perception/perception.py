@@ -33,7 +33,7 @@ from formation.ros2.messages import LaserScan
 from formation.sensing.detection import Beams, Detection, beams
 from formation.wire import Now
 
-START_DEVIATION, START_HEADING_DEVIATION = 0.05, math.radians(3.0)
+START_DEVIATION, START_HEADING_DEVIATION = 0.1, math.radians(5.0)
 """Standard deviation of a start pose, and of one that is in doubt, per axis [m; rad]."""
 PLACE_DEVIATION = 0.005
 """Standard deviation of a neighbour's published place [m]."""
@@ -293,9 +293,7 @@ class Perception:
         state.refused_since = min(state.refused_since, moment)
         state.locked = state.locked and moment - state.refused_since < MAX_REFUSED_TIME
         if state.locked:
-            state.estimate = pose_filter.widened(
-                state.estimate, REFUSED_DEVIATION, REFUSED_HEADING_DEVIATION
-            )
+            state.estimate = pose_filter.widened(state.estimate, REFUSED_DEVIATION, REFUSED_HEADING_DEVIATION)
         else:
             state.estimate = pose_filter.doubted(state.estimate, START_DEVIATION, START_HEADING_DEVIATION)
 

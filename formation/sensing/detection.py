@@ -36,6 +36,8 @@ BEARING_DEVIATION = 0.002
 """Standard deviation of a beam's direction [rad]."""
 WIDTH_TOLERANCE_BEAMS = 2.0
 """Greatest difference of a cylinder's width from the expected one [beams]."""
+MAX_WIDTH_RATIO = 3.0
+"""Greatest width of a segment that may contain a cylinder, in widths of that: two may stand side by side."""
 
 
 class Segment(NamedTuple):
@@ -97,6 +99,8 @@ class Detection(NamedTuple):
     """[m²]"""
     angle_variance: float
     """[rad²]"""
+    whole: bool = True
+    """Whether the segment is as wide as the cylinder, with nothing nearer beside it."""
 
 
 def range_deviation(distance: float) -> float:
@@ -131,11 +135,14 @@ def expected_beams(radius: float, distance: float, increment: float) -> float:
 
 
 def detection(segment: Segment, scan: Beams, radius: float) -> Detection | None:
-    """The cylinder of `radius` [m] that a segment may be; None if its width or its sides say no."""
+    """The cylinder of `radius` [m] that a segment may be; None if it is so wide that it cannot contain one.
+
+    It is not `whole` if it is too wide or too narrow, or if something nearer beside it may hide a part.
+    """
     distance = segment.distance + MEAN_DEPTH_SHARE * radius
     width = segment.last - segment.first + 1
     expected = expected_beams(radius, distance, scan.increment)
-    if not segment.free or abs(width - expected) > WIDTH_TOLERANCE_BEAMS:
+    if width > MAX_WIDTH_RATIO * expected + WIDTH_TOLERANCE_BEAMS:
         return None
     noise, hits = range_deviation(segment.distance), segment.hits
     depth = DEPTH_DEVIATION_SHARE * radius
@@ -145,6 +152,7 @@ def detection(segment: Segment, scan: Beams, radius: float) -> Detection | None:
         scan.angle(segment.middle),
         noise * noise / hits + depth * depth / hits**3 + SHAPE_DEVIATION * SHAPE_DEVIATION,
         middle * middle + (SHAPE_DEVIATION / distance) ** 2 + BEARING_DEVIATION * BEARING_DEVIATION,
+        segment.free and abs(width - expected) <= WIDTH_TOLERANCE_BEAMS,
     )
 
 

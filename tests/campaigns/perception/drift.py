@@ -5,20 +5,22 @@ from __future__ import annotations
 import cmath
 import math
 import random
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 from formation.agent.perception.association import Outcome
+from formation.agent.perception.perception import Expected, Perception
 from formation.deploy.rehearsal import fleet as rehearsed
 from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.engine import UPTIME
 from formation.deploy.rehearsal.fleet import Fleet, Plants, WorldName
 from formation.mission.file import parse
 from formation.mission.model import Mission
+from formation.sensing.detection import Detection
 
 ROUTES = {
-    "straight": '[[route]]\nspeed = 0.15\nheading_deg = 0',
-    "circle": '[[route]]\nradius = 2.0\nspeed = 0.15\nheading_deg = 0',
+    "straight": "[[route]]\nspeed = 0.15\nheading_deg = 0",
+    "circle": "[[route]]\nradius = 2.0\nspeed = 0.15\nheading_deg = 0",
     "stop-and-go": "\n".join(
         f"[[route]]\nspeed = {speed}\nheading_deg = {heading}\nduration = {duration}"
         for heading in range(0, 360 * 8, 60)
@@ -43,6 +45,10 @@ NEIGHBOURS = {
     "robot6": ("robot4", "robot5"),
     "robot7": ("robot2", "robot3"),
 }
+
+
+MAX_OFF, MAX_OFF_SHARE = 0.06, 0.07
+"""Distance of a detection from the true robot [m], and as a share of the range, from which it is another."""
 
 
 class Case(NamedTuple):
@@ -114,6 +120,46 @@ class Displaced(Fleet):
         super()._start_world(names, seed, lambda _, robots, number: made(real, robots, number))
 
 
+class Witness:
+    """Compares what agents take for their neighbours with where these really are."""
+
+    def __init__(self, fleet: Fleet) -> None:
+        self.right = self.wrong = 0
+        """Number of sightlines that were used, of the true neighbour and of something else."""
+        self._fleet = fleet
+        self._watched: set[int] = set()
+
+    def watch(self) -> None:
+        """Watch all agents, also those that have started since the last call."""
+        for name, (agent, _) in self._fleet.agents.items():
+            if agent.perception is not None and id(agent) not in self._watched:
+                self._watched.add(id(agent))
+                agent.perception._correct = self._noted(name, agent.perception)  # type: ignore[method-assign]
+
+    def _noted(self, name: str, perception: Perception) -> Callable[[Expected, Detection], bool]:
+        correct = perception._correct
+
+        def noted(one: Expected, seen: Detection) -> bool:
+            self._note(name, one, seen)
+            return correct(one, seen)
+
+        return noted
+
+    def _note(self, name: str, one: Expected, seen: Detection) -> None:
+        me, mate = self._place(name), self._place(one.candidate.name)
+        centre = mate[0] + mate[1] * self._fleet.mission.robots[one.candidate.name].seen.at
+        ray = one.axis * cmath.rect(seen.distance, seen.angle)
+        off = abs(me[0] + me[1] * (one.scanner + ray) - centre)
+        if off < MAX_OFF + MAX_OFF_SHARE * seen.distance:
+            self.right += 1
+        else:
+            self.wrong += 1
+
+    def _place(self, name: str) -> tuple[complex, complex]:
+        plant = self._fleet.robots[name][0].plant(name)
+        return plant.position, plant.heading
+
+
 def edges(of: Mission) -> list[tuple[str, str]]:
     """All edges between bodies."""
     return [(i, j) for i in of.followers for j in of.robots[i].neighbours if j != of.leader]
@@ -170,10 +216,13 @@ class Sample(NamedTuple):
     outcomes: dict[str, dict[str, Outcome]]
 
 
-def run(case: Case, seed: int, seconds: float) -> list[Sample]:
+def run(case: Case, seed: int, seconds: float) -> tuple[list[Sample], Witness]:
     """Drive for so long, with one sample each second."""
     fleet, samples = Displaced(case, seed), []
+    witness = Witness(fleet)
     for second in range(1, int(seconds) + 1):
+        fleet.engine.run(second - 1 + 0.25)
+        witness.watch()
         fleet.engine.run(float(second))
         states = {name: str(agent.decision.state) for name, (agent, _) in fleet.agents.items()}
         seen = {
@@ -182,7 +231,7 @@ def run(case: Case, seed: int, seconds: float) -> list[Sample]:
             if agent.perception is not None
         }
         samples.append(Sample(float(second), error(fleet), states, seen))
-    return samples
+    return samples, witness
 
 
 def window(samples: Sequence[Sample], begin: float, end: float) -> Error:

@@ -84,7 +84,12 @@ def test_far_robot_is_not_expected_to_be_seen() -> None:
 
 
 def test_wide_post_is_not_taken_for_a_robot() -> None:
-    assert outcomes([body(0.5, 1.0, 0.16)], expected("a", 0.5, 1.0)) == {"a": Outcome.HIDDEN}
+    assert outcomes([body(0.5, 1.0, 0.16)], expected("a", 0.5, 1.0)) == {"a": Outcome.UNCLEAR}
+
+
+def test_partly_hidden_body_is_a_rival() -> None:
+    part = body(0.5, 1.0)._replace(free=False)
+    assert outcomes([part, body(0.45, 1.3)], expected("a", 0.5, 1.0)) == {"a": Outcome.UNCLEAR}
 
 
 @given(st.floats(0.6, 2.0), st.floats(-0.1, 0.1), st.floats(-0.1, 0.1))

@@ -41,7 +41,7 @@ def found(scan: LaserScan, radius: float) -> list[Detection]:
     """Every cylinder of `radius` [m] in it."""
     divided = beams(scan)
     every = [detection(one, divided, radius) for one in divided.segments]
-    return [one for one in every if one is not None]
+    return [one for one in every if one is not None and one.whole]
 
 
 def off(one: Detection, centre: complex) -> float:
