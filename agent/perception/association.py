@@ -159,13 +159,13 @@ def _is_absent(scan: Beams, one: Candidate, taken: Collection[Segment]) -> bool:
         return False
     if any(segment.distance < one.distance - reach for segment in around(scan, one.angle, 0.0)):
         return False
+    near = _near(scan, one, MAX_SEARCH_DISTANCE)
+    if any(not seen.whole and _apart(one, seen) <= reach for _, seen in near):
+        return False
+    if any(seen.whole and segment not in taken for segment, seen in near):
+        return True
     half = _half_angle(one, reach)
     segments = tuple(around(scan, one.angle, half))
-    if any(abs(segment.distance + one.radius - one.distance) < reach for segment in segments):
-        return False  # something stands there
-    others = _near(scan, one, MAX_SEARCH_DISTANCE)
-    if any(seen.whole and segment not in taken for segment, seen in others):
-        return True
     return (
         not any(segment.distance < one.distance for segment in segments)
         and covered(scan, segments, one.angle, half) > MIN_COVERED_SHARE

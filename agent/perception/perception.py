@@ -282,20 +282,22 @@ class Perception:
         """Decide whether the robot is locked, after a scan at `moment` [s, monotonic]."""
         state = self.state
         outcomes = {mate.outcome for mate in state.mates.values()}
-        if Outcome.SEEN in outcomes:
+        seen, refused = Outcome.SEEN in outcomes, Outcome.ABSENT in outcomes
+        state.agreed = min(state.agreed + 1, LOCK_SCANS) if seen and not refused else 0
+        if seen:
             state.seen_at, state.path, state.refused_since = moment, 0.0, math.inf
-            state.agreed = 0 if Outcome.ABSENT in outcomes else min(state.agreed + 1, LOCK_SCANS)
             state.locked = state.locked or state.agreed >= LOCK_SCANS
-            return
-        state.agreed = 0
-        if Outcome.ABSENT not in outcomes or state.estimate is None:
-            return
-        state.refused_since = min(state.refused_since, moment)
-        state.locked = state.locked and moment - state.refused_since < MAX_REFUSED_TIME
-        if state.locked:
-            state.estimate = pose_filter.widened(state.estimate, REFUSED_DEVIATION, REFUSED_HEADING_DEVIATION)
-        else:
-            state.estimate = pose_filter.doubted(state.estimate, START_DEVIATION, START_HEADING_DEVIATION)
+        elif refused:
+            state.refused_since = min(state.refused_since, moment)
+            state.locked = state.locked and moment - state.refused_since < MAX_REFUSED_TIME
+        if refused and state.estimate is not None:
+            state.estimate = self._wider(state.estimate, seen=seen)
+
+    def _wider(self, estimate: Estimate, *, seen: bool) -> Estimate:
+        """The estimate after a scan that shows a neighbour not to be where it says; `seen`: but another one."""
+        if self.state.locked or seen:
+            return pose_filter.widened(estimate, REFUSED_DEVIATION, REFUSED_HEADING_DEVIATION)
+        return pose_filter.doubted(estimate, START_DEVIATION, START_HEADING_DEVIATION)
 
     def _expected(self, one: Neighbour, scanned: Scanned, now: Now) -> Expected | None:
         """Where a robot should be in the scan; None if the scanner is inside of it."""
