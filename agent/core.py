@@ -19,6 +19,7 @@ from formation.agent.following.neighbours import Neighbour, Neighbourhood, Neigh
 from formation.agent.following.orders import Orders, OrdersState
 from formation.agent.following.slots import Slots, SlotsState
 from formation.agent.inbox import Inbox, InboxState, Wakefulness
+from formation.agent.perception.perception import Perception, PerceptionState, mates
 from formation.agent.pose.estimator import Localisation, LocalisationState
 from formation.agent.pose.motion_check import MotionCheck, MotionCheckState
 from formation.agent.pose.probe import Probe, ProbeState
@@ -64,6 +65,7 @@ class CoreState:
     here: LocalisationState
     neighbours: NeighbourhoodState
     avoiding: AvoidingState
+    perception: PerceptionState | None
     answers: AnswersState
     orders: OrdersState
     tuning: TuningState
@@ -130,6 +132,9 @@ class Agent:
         self.here = Localisation(mission, robot, self.controller)
         self.neighbours = Neighbourhood(mission, robot, self.controller)
         self.avoiding = Avoiding(mission, robot, self.controller)
+        sees = spec.measurement == "scan" and mates(mission, robot)
+        self.perception = Perception(mission, robot) if sees else None
+        """Corrects its pose by what its scanner sees of neighbours; None for a robot that does not."""
         self._answers = Answers(mission, robot, self.others)
         self._fence = Geofence(mission)
         self.orders = Orders(mission, votes=not readonly)
@@ -146,6 +151,7 @@ class Agent:
             self.here,
             self.neighbours,
             self.avoiding,
+            self.perception,
             self.orders,
             self._answers,
             self._fence,
@@ -155,6 +161,7 @@ class Agent:
             here=self.here.state,
             neighbours=self.neighbours.state,
             avoiding=self.avoiding.state,
+            perception=None if self.perception is None else self.perception.state,
             answers=self._answers.state,
             orders=self.orders.state,
             tuning=self.tuning.state,
@@ -226,6 +233,8 @@ class Agent:
             len(self._spec.neighbours), gains.k_p, gains.k_i, self._spec.rate, MAX_DELAY
         )
         self.here.judge_age()
+        if self.perception is not None and self.state.moved:
+            self.perception.step(self.here, self.others, now)
         self.neighbours.judge(self.here.state.age_limit, now)
         decided, self.state.decision = self.state.decision.state, self._decide(now)
         outbox = self._drive(now, interval) if self.state.moved else self._rest(now)
@@ -252,6 +261,8 @@ class Agent:
             self.here.doubt_all()
             self.neighbours.doubt_all()
             self.avoiding.doubt_all()
+            if self.perception is not None:
+                self.perception.doubt_all()
             self.orders.doubt()
         if not wakefulness.pause:
             return inbox
@@ -381,6 +392,8 @@ class Agent:
         motion, here = self.motion, self.here.state
         known = motion.state.doubt
         self.neighbours.moved(arrived, here.travel if known is None else None)
+        if self.perception is not None:
+            self.perception.moved(arrived, self.here)
         if self.readonly:
             return
         motion.saw(arrived, here.since_last, gap=here.travel is None, age_limit=here.age_limit)
@@ -441,6 +454,7 @@ class Agent:
             term=newest.term if certificate and newest is not None else 0,
             readonly=self.readonly,
             unavailable=self.state.availability.published,
+            searching=self.perception is not None and not self.perception.placed(self.here, now),
             voted_term=voter.voted_term,
             last_ballot=voter.last_ballot,
             mission=self.mission.tag,

@@ -16,6 +16,7 @@ from formation.agent.collision_filter import Avoiding
 from formation.agent.following.attachment import Answers
 from formation.agent.following.neighbours import Neighbour, Neighbourhood
 from formation.agent.following.orders import Orders
+from formation.agent.perception.perception import Perception
 from formation.agent.pose.estimator import Localisation
 from formation.agent.safety.scanner import Scanner
 from formation.control.unicycle import Command
@@ -84,6 +85,7 @@ class Inbox:
         here: Localisation,
         neighbours: Neighbourhood,
         avoiding: Avoiding,
+        perception: Perception | None,
         orders: Orders,
         answers: Answers,
         fence: Geofence,
@@ -103,7 +105,7 @@ class Inbox:
         for name, other in avoiding.others.items():
             self._handlers[POSITION.key(name)] = partial(_take_avoided, other, answers)
         if avoiding.scanner is not None:
-            self._handlers[SCAN.key(robot)] = partial(_take_scan, avoiding.scanner)
+            self._handlers[SCAN.key(robot)] = partial(_take_scan, avoiding.scanner, perception)
         if mission.standbys:
             for name in mission.candidates:
                 self._handlers[BALLOT.key(name)] = partial(_take_ballot, name, orders.voter)
@@ -161,12 +163,12 @@ class Inbox:
         pose = decode(Pose, sample.payload)
         attachment = order.decode(PositionAttachment, sample.attachment or b"")
         neighbour.check_mission(attachment.mission, sample.arrived)
-        if self._spec.measurement == "network":
+        if self._spec.measurement != "local":
             neighbour.stream.check_late(pose.stamp, sample.arrived)  # before any of it is used
         leads = neighbour.name == self._leader
         neighbour.publisher.admit(attachment, sample.arrived, orders.voter.state.voted_term if leads else 0)
         wrong: BadMessage | None = None
-        if self._spec.measurement == "network":
+        if self._spec.measurement != "local":
             try:
                 answered = answers.answered(neighbour.name, attachment.received, sample.arrived)
                 neighbour.take_position(pose, sample.arrived, now, answered=answered)
@@ -175,6 +177,7 @@ class Inbox:
         else:
             neighbour.take_report(pose, sample.arrived, now)
         neighbour.state.unavailable = attachment.unavailable
+        neighbour.state.searching = attachment.searching
         neighbour.state.beyond = not self._fence.holds(pose.position)
         try:
             if sample.unverified:
@@ -197,14 +200,18 @@ def _take_avoided(other: Neighbour, answers: Answers, sample: Sample, now: Now) 
     other.publisher.admit(attachment, sample.arrived, 0)
     answered = answers.answered(other.name, attachment.received, sample.arrived)
     other.take_position(pose, sample.arrived, now, answered=answered)
+    other.state.searching = attachment.searching
 
 
 def _take_displacement(neighbour: Neighbour, sample: Sample, now: Now) -> None:
     neighbour.take_displacement(decode(Displacement, sample.payload), sample.arrived, now)
 
 
-def _take_scan(scanner: Scanner, sample: Sample, now: Now) -> None:
-    scanner.process_scan(decode(LaserScan, sample.payload), sample.arrived, now)
+def _take_scan(scanner: Scanner, perception: Perception | None, sample: Sample, now: Now) -> None:
+    scan = decode(LaserScan, sample.payload)
+    scanner.process_scan(scan, sample.arrived, now)
+    if perception is not None:
+        perception.take_scan(scan, scanner)
 
 
 def _take_ballot(candidate: str, voter: Voter, sample: Sample, now: Now) -> None:

@@ -68,6 +68,7 @@ def facts(agent: Agent, now: Now) -> Facts:
         not_followed=() if around.guides else around.not_followed(now),
         unanswered={one.name: late for one in agent.others if (late := one.unanswered(now)) is not None},
         relative_doubt=_relative_doubt(agent, now),
+        sight_doubt=None if agent.perception is None else agent.perception.doubt(now),
         unsigned=agent.orders.unsigned(now),
         leaderless=not around.guides and around.leaderless(now),
         motion=state.motion.doubt,
@@ -102,7 +103,7 @@ def status(agent: Agent, now: Now) -> AgentStatus:
     if scanner is not None:
         streams["scan"] = scanner.stream
     received = {name: stream for name, stream in streams.items() if stream.state.arrived is not None}
-    filtering = avoiding.has_obstacles
+    filtering, sight = avoiding.has_obstacles, agent.perception
     steps, left = agent.commander.steps, agent.commander.state.remainder
     quantised = any(steps)
     return AgentStatus(
@@ -129,6 +130,10 @@ def status(agent: Agent, now: Now) -> AgentStatus:
         zone=None if scanner is None else scanner.state.zone,
         scan_fault=None if scanner is None else scanner.doubt,
         relative_fault=next(iter(around.doubts(now).values()), None),
+        sight=None if sight is None else sight.sight(now),
+        sight_age={} if sight is None else sight.ages(now),
+        sight_deviation={} if sight is None else sight.deviations(now),
+        sight_lost=() if sight is None else sight.lost(now),
         localisation=here.alignment,
         realigned=here.state.source.realigned,
         realigned_after=here.state.source.realigned_after,

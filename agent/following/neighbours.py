@@ -64,7 +64,7 @@ def answers(mission: Mission, name: str, robot: str) -> bool:
     """Whether `name` receives the positions of `robot` over the network, and uses them."""
     spec = mission.robots[name]
     if robot in spec.measurable:
-        return spec.measurement == "network"
+        return spec.measurement != "local"
     return robot in mission.avoided_by(name)
 
 
@@ -78,6 +78,8 @@ class NeighbourState:
     """Newest measured z_ij^(i) [m; body frame]; only where a sensor measures it."""
     unavailable: bool = False
     """Whether it reports that it is unavailable."""
+    searching: bool = False
+    """Whether it reports that it must see its neighbours and does not yet."""
     beyond: bool = False
     """Whether it reports that it is outside the mission's bounds."""
     other: tuple[str, float] = "", float("-inf")

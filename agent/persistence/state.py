@@ -222,7 +222,10 @@ RESTORED = Codec(Restored)
 def _check(agent: Agent, state: CoreState) -> None:
     """Raise BadStateError for the state of another robot or mission."""
     own = agent.state
+    seen = {} if own.perception is None else own.perception.mates
+    found = seen if state.perception is None else state.perception.mates
     for where, ours, theirs in (
+        ("perception.mates", seen, found),
         ("neighbours.each", own.neighbours.each, state.neighbours.each),
         ("avoiding.others", own.avoiding.others, state.avoiding.others),
         ("slots.at", own.slots.at, state.slots.at),
@@ -237,3 +240,5 @@ def _check(agent: Agent, state: CoreState) -> None:
         raise BadStateError("state.here.source: is of another localisation")
     if (own.avoiding.scanner is None) != (state.avoiding.scanner is None):
         raise BadStateError("state.avoiding.scanner: must be null exactly for a robot without a scanner")
+    if (own.perception is None) != (state.perception is None):
+        raise BadStateError("state.perception: must be null exactly for a robot that sees no neighbours")

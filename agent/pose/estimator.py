@@ -206,6 +206,17 @@ class Localisation:
         elif order.place is not None:
             self.state.estimate = rotation(order.place.heading)
 
+    def align(self, position: complex, heading: complex) -> None:
+        """Move the odometry's placement towards a better pose [m; unit] of its newest message, slowly.
+
+        It takes effect with the next message.
+        """
+        if isinstance(self._source, OdometrySource):
+            turn = self._source.align(position, heading, self._period)
+            if self._observer.start is None:  # else the estimate is not only a heading
+                self.state.estimate *= turn
+            self.state.course *= turn
+
     def goes_on(self, message: Odometry | Pose, arrived: float, since: float) -> str | None:
         """Prepare state of another process, known until `since` [s, monotonic], for the next `message`.
 

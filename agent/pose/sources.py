@@ -13,6 +13,7 @@ commands sent to the robot, as in the paper; odometry is not read.
 from __future__ import annotations
 
 import cmath
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple
@@ -20,7 +21,7 @@ from typing import ClassVar, NamedTuple
 from formation.agent.pose.motion_model import Held, forget, spans
 from formation.control.controller import Limits
 from formation.control.observer import Travel
-from formation.control.plane import angle_between, rotation
+from formation.control.plane import angle_between, clip, rotation, shorten, unit
 from formation.control.unicycle import AT_REST, Command, advance
 from formation.mission.model import Mission
 from formation.protocol.reasons import Code, Reason
@@ -43,6 +44,10 @@ JUMP_SHARE = 0.1
 """The same as a share of the fastest change: for motion between two messages."""
 ORIGIN_DISTANCE = 0.05
 """Distance to its origin below which odometry, after a silence, has restarted [m]."""
+ALIGN_TIME = 0.3
+"""Time constant with which odometry is placed anew where a better pose is known [s]."""
+MAX_ALIGN_SPEED, MAX_ALIGN_RATE = 0.05, math.radians(3.0)
+"""Fastest change of that placement [m/s; rad/s]."""
 HISTORY_TIME = 5.0
 """Age after which commands are forgotten [s]."""
 COASTING_TIME = 0.5
@@ -140,6 +145,23 @@ class OdometrySource:
         turned = self._realign(last, odometry, min(over, limit))
         state.realigned_after = jumped
         return PoseUpdate(*self._placed(odometry), travel, jumped, turned)
+
+    def align(self, position: complex, heading: complex, elapsed: float) -> complex:
+        """Move the placement towards a better pose of the newest message; return the turn, unit complex.
+
+        `position` [m] and unit `heading` are in the world frame. In `elapsed` [s] it moves by a share of the
+        difference, and at most by `MAX_ALIGN_SPEED` and `MAX_ALIGN_RATE`: the robot makes no jump.
+        """
+        state = self.state
+        if state.last is None:
+            return 1.0 + 0.0j
+        at, facing = self._placed(state.last)
+        share = -math.expm1(-elapsed / ALIGN_TIME)
+        step = shorten(share * (position - at), MAX_ALIGN_SPEED * elapsed)
+        turn = rotation(clip(share * float(angle_between(facing, heading)), MAX_ALIGN_RATE * elapsed))
+        state.rotation = unit(state.rotation * turn)
+        state.origin = at + step - state.rotation * state.last.position
+        return turn
 
     def unlike(self, odometry: Odometry, over: float) -> str | None:
         """Why this cannot be the same robot's odometry `over` [s] after the newest message, in words."""

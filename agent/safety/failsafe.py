@@ -61,6 +61,8 @@ class Facts(NamedTuple):
     """Robots that may be late: their stamps are off, and they do not answer."""
     relative_doubt: Reason | None = None
     """Why the sensor that measures a neighbour is not believed, though the robot needs it."""
+    sight_doubt: Reason | None = None
+    """Why the robot's pose among its neighbours cannot be relied on, though it must see them."""
     not_followed: tuple[str, ...] = ()
     """Neighbours that are received and not followed: unavailable, or following only this robot."""
     scan_silence: float = 0.0
@@ -271,6 +273,7 @@ TABLE: tuple[Row, ...] = (
     ),
     Row(lambda f: bool(f.unanswered), AgentState.HOLD, _unanswered, own=True),
     _doubted(lambda f: f.relative_doubt),
+    _doubted(lambda f: f.sight_doubt),
     # its beat will show whether the leader or only this link is down
     Row(lambda f: not f.followed and f.leaderless, AgentState.HOLD, _no_neighbour),
     Row(lambda f: not f.followed, AgentState.HOLD, _no_neighbour, own=True),

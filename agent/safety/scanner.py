@@ -144,8 +144,7 @@ class Scanner:
         state = self.state
         self.stream.admit(scan.stamp, arrived, now)
         self._follow(arrived)
-        stated = scan.time_increment * (len(scan.ranges) - 1)
-        signed = stated if self._scan.sweep is None else self._scan.sweep
+        signed = self.sweep(scan)
         sweep = min(abs(signed), LONGEST_SWEEP)
         # taking a scan for newer than it is may cause a collision: if its stamp is not believed
         # it has the greatest plausible age, and not, as a neighbour's position, none
@@ -161,6 +160,11 @@ class Scanner:
         found = scans.circles(hits, scan.angle_increment)
         reach = self._reach + self.margin - self._scan.margin
         state.circles = [circle for circle in found if abs(circle.at) - circle.radius < reach]
+
+    def sweep(self, scan: LaserScan) -> float:
+        """Time from a scan's first beam to its last [s]; negative if the first beam is the newest."""
+        stated = scan.time_increment * (len(scan.ranges) - 1)
+        return stated if self._scan.sweep is None else self._scan.sweep
 
     def fresh(self, now: Now) -> bool:
         """Whether there is a scan of the present."""

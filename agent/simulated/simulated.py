@@ -21,6 +21,7 @@ from typing import TypeVar, cast
 import numpy as np
 
 from formation.agent.simulated.plant import Moving, Plant
+from formation.control.plane import rotation
 from formation.control.tracker import Track, carried_to, first_seen, seen
 from formation.control.unicycle import Command, control_point
 from formation.mission.model import Mission
@@ -207,7 +208,10 @@ class World:
 
 
 class Ranging:
-    """One robot's scanner. A scan is of one moment: all its beams are measured at once."""
+    """One robot's scanner. A scan is of one moment: all its beams are measured at once.
+
+    Its systematic errors have the mission's size, and a sign that the noise's seed decides.
+    """
 
     def __init__(self, mission: Mission, robot: str, noise: np.random.Generator, phase: float) -> None:
         """It publishes at the mission's rate, `phase` [periods] after others."""
@@ -216,13 +220,20 @@ class Ranging:
         self._posts = tuple(post.disc for post in mission.simulation.posts)
         self._walls = tuple(wall.line for wall in mission.simulation.walls)
         self._noise = noise
+        errors = mission.simulated_scanner
+        self._scale, self._turned = 1.0, 1.0 + 0.0j
+        if errors.scale > 0.0 or errors.mounting_error_deg > 0.0:
+            longer, left = noise.choice((-1.0, 1.0), size=2)
+            self._scale += float(longer) * errors.scale
+            self._turned = rotation(float(left) * math.radians(errors.mounting_error_deg))
 
     def scan(self, stamp: float, plant: Moving, others: Iterable[tuple[complex, float]]) -> LaserScan:
         """Return the scan at `stamp` [s]; `others` are other robots' bodies: centre, radius [m; world]."""
         scanner, mount = self._scanner, self._mount
-        true = plant.cast(mount.at, mount.heading, scanner.beams, scanner.range_max)
+        axis = mount.heading * self._turned
+        true = plant.cast(mount.at, axis, scanner.beams, scanner.range_max)
         if true is None:
-            at, heading = plant.position + plant.heading * mount.at, plant.heading * mount.heading
+            at, heading = plant.position + plant.heading * mount.at, plant.heading * axis
             true = raycast.cast(at, heading, (*others, *self._posts), self._walls, scanner.beams)
         normal, uniform = self._noise.normal(size=scanner.beams), self._noise.random(scanner.beams)
         return LaserScan(
@@ -231,7 +242,7 @@ class Ranging:
             angle_increment=math.tau / scanner.beams,
             range_min=scanner.range_min,
             range_max=scanner.range_max,
-            ranges=raycast.measured(true, scanner, normal.tolist(), uniform.tolist()),
+            ranges=raycast.measured(true, scanner, normal.tolist(), uniform.tolist(), self._scale),
             scan_time=self.rate.period,
         )
 
@@ -252,7 +263,7 @@ class _Robot:
             seen = np.random.default_rng([seed, mission.names.index(name), 1])
             self.ranging = Ranging(mission, name, seen, phase)
         self.sees = spec.measurable if spec.measurement == "local" else ()
-        self._radius = spec.radius
+        self._radius, self._seen = spec.radius, spec.seen
         self._stamped = spec.cmd_vel == "twist_stamped"
         self._offset = spec.control_point_offset
         self._repeated: dict[tuple[str, str], object] = {}  # what stuck sensors measured last, and of what
@@ -265,8 +276,8 @@ class _Robot:
 
     @property
     def disc(self) -> tuple[complex, float]:
-        """Its body, as scanners see it: centre and radius [m; world frame]."""
-        return self.plant.position, self._radius
+        """What scanners see of it: centre and radius [m; world frame]."""
+        return self.plant.position + self.plant.heading * self._seen.at, self._seen.radius or self._radius
 
     @property
     def control_point(self) -> complex:

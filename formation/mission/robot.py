@@ -58,6 +58,22 @@ class ScanSpec(Table):
         return Mount(complex(self.x, self.y), cmath.rect(1.0, math.radians(self.yaw_deg)))
 
 
+class SeenSpec(Table):
+    """[robot.seen]: the upright cylinder that other robots' scanners see of this robot."""
+
+    radius: Positive | None = None
+    """Radius of the cylinder at the height of the scanners; by default the robot's `radius` [m]."""
+    x: Metres = 0.0
+    """Position of its axis, ahead of the robot's centre [m]."""
+    y: Metres = 0.0
+    """Position of its axis, to the left of the robot's centre [m]."""
+
+    @property
+    def at(self) -> complex:
+        """Position of its axis [m; body frame]."""
+        return complex(self.x, self.y)
+
+
 class Start(Table):
     """Start pose of a robot's centre."""
 
@@ -102,9 +118,9 @@ class RobotDefaults(Table):
     """Rate of the robot's own position (odometry or external pose), and so of its commands [Hz]."""
     cmd_vel: Literal["twist", "twist_stamped"] = "twist"
     """Message type of the robot's commands: geometry_msgs/Twist or geometry_msgs/TwistStamped."""
-    measurement: Literal["network", "local"] = "network"
+    measurement: Literal["network", "local", "scan"] = "network"
     """How neighbours are measured: `network` by the positions that they publish, `local` by displacements
-    from a sensor on the robot."""
+    from a sensor on the robot, `scan` by the positions that they publish and the robot's own range scans."""
     robot_endpoint: Endpoint | None = None
     """Zenoh endpoint of the robot's ROS 2 bridge or router; by default that of the simulated robot."""
     ros: Ros = "ros2dds"
@@ -131,6 +147,8 @@ class RobotDefaults(Table):
     """Whether the robot has a range scanner; with `required` it holds while no valid scan comes."""
     scan: ScanSpec = ScanSpec()
     """The range scanner."""
+    seen: SeenSpec = SeenSpec()
+    """What other robots' scanners see of this robot."""
 
 
 class RobotSpec(RobotDefaults):
@@ -183,11 +201,15 @@ class SimulatedScanner(Table):
     """Standard deviation as a share of the distance, beyond half a metre."""
     lost: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
     """Share of beams that return no distance."""
+    scale: Annotated[float, Field(ge=0.0, le=0.2)] = 0.0
+    """Systematic error of distances, as a share: each scanner measures so much too long or too short."""
+    mounting_error_deg: Annotated[float, Field(ge=0.0, le=45.0)] = 0.0
+    """Systematic error of directions: each scanner is turned so much to the left or to the right [°]."""
 
     @property
     def scanner(self) -> Scanner:
         """The scanner as `formation.sensing.raycast` takes it."""
-        return Scanner(**self.model_dump())
+        return Scanner(**self.model_dump(exclude={"scale", "mounting_error_deg"}))
 
 
 class Post(Table):

@@ -226,6 +226,19 @@ def a_scanner_sees_something(mission: Mission) -> Iterator[Violation]:
         yield Violation("simulated_scanner.range_min", scanner.range_min, legal)
 
 
+def robots_that_see_have_scanners(mission: Mission) -> Iterator[Violation]:
+    """A robot with `measurement = "scan"` has a range scanner, and is localised by its odometry."""
+    for name in mission.followers:
+        robot = mission.robots[name]
+        if robot.measurement != "scan":
+            continue
+        key = f"robots.{name}.measurement"
+        if robot.scanner == "none":
+            yield Violation(key, "scan", 'needs a range scanner: scanner = "required" (or "optional")')
+        if robot.localisation != "odometry":
+            yield Violation(key, "scan", 'needs localisation = "odometry", which it corrects')
+
+
 def bounds_hold_the_start(mission: Mission) -> Iterator[Violation]:
     """Bounds are least before greatest; all starts and the slots of the first shape lie inside."""
     if mission.bounds is None:
@@ -264,6 +277,7 @@ RULES = (
     ros_names_are_a_robots_own,
     steps_leave_room,
     a_scanner_sees_something,
+    robots_that_see_have_scanners,
     bounds_hold_the_start,
 )
 

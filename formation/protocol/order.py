@@ -210,6 +210,8 @@ class PositionAttachment(_Json):
     """Whether its agent does not command the robot, and so has no vote."""
     unavailable: bool = False
     """Not tracking, or not closely yet: dependants should prefer another neighbour."""
+    searching: bool = False
+    """It must see its neighbours and does not yet: its position is no landmark for others."""
     voted_term: Count = 0
     """Voted term; where there are standbys."""
     last_ballot: Count = 0

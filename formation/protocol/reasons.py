@@ -72,6 +72,10 @@ class Code(StrEnum):
     RELATIVE_LATE = "relative_late"
     RELATIVE_WAS_LATE = "relative_was_late"
     RELATIVE_FROZEN = "relative_frozen"
+    # about neighbours that its range scanner must see
+    SIGHT_SEARCHING = "sight_searching"
+    SIGHT_CONTRADICTED = "sight_contradicted"
+    SIGHT_LOST = "sight_lost"
     # about a robot that does not move as commanded
     MOTION_FROZEN = "motion_frozen"
     MOTION_TURN = "motion_turn"
@@ -150,6 +154,12 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         Code.RELATIVE_FROZEN: "the sensor's {robot} frozen or this robot blocked: displacement changed"
         " {seen:.3f} m in {duration:.1f} s, at least {least:.2f} m of {expected:.2f} m expected;"
         " check what measures it, and wheels",
+        Code.SIGHT_SEARCHING: "its range scans do not show {robots:names} yet: {count:.0f} of {limit:.0f} scans"
+        " in a row; clear the view, or put the robot on its start pose and restart its agent",
+        Code.SIGHT_CONTRADICTED: "its range scans do not show {robots:names} where odometry says;"
+        " clear the view, or put the robot on its start pose and restart its agent",
+        Code.SIGHT_LOST: "has not seen {robots:names} for {age:.0f} s, limit {limit:.0f} s; its position may"
+        " be off by {distance:.3f} m, limit {most:.3f} m; clear the view",
         Code.MOTION_FROZEN: "{source} frozen or robot blocked: commanded {expected:.2f} m in"
         " {duration:.1f} s, moved {seen:.2f} m; " + _BLOCKED,
         Code.MOTION_TURN: "{source} heading frozen or robot blocked: commanded {expected:.2f} rad in"

@@ -100,6 +100,17 @@ class MotionFault(StrEnum):
     """Position follows the commands too late."""
 
 
+class Sight(StrEnum):
+    """What the pose of a robot is based on that must see its neighbours."""
+
+    SEARCHING = "searching"
+    """Stands still; its scans do not yet show its neighbours where they say that they are."""
+    LOCKED = "locked"
+    """Its scans show its neighbours, and correct its pose."""
+    RECKONING = "reckoning"
+    """It has seen no neighbour for 2 s, and goes on by odometry."""
+
+
 class CollisionMode(StrEnum):
     """What the collision filter does."""
 
@@ -187,6 +198,14 @@ class AgentStatus:
     """Why the newest range scan is not believed."""
     relative_fault: Why | None = None
     """Why a neighbour that a sensor measures is not followed."""
+    sight: Sight | None = None
+    """Only of a robot that must see its neighbours."""
+    sight_age: Reals = field(default_factory=dict)
+    """Time since the scanner last saw each neighbour that corrects its pose [s]."""
+    sight_deviation: Reals = field(default_factory=dict)
+    """Standard deviation of each seen neighbour's place relative to this robot [m]."""
+    sight_lost: Names = ()
+    """Neighbours that have not been seen for 2 s, or never."""
     localisation: Localised = Localised.ODOMETRY_WORLD
     realigned: Count = 0
     """Number of times that odometry was placed anew after a jump."""

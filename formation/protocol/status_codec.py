@@ -27,6 +27,7 @@ from formation.protocol.status import (
     LeaderStatus,
     MotionFault,
     RobotLink,
+    Sight,
     WatchdogState,
     WatchdogStatus,
 )
@@ -126,9 +127,10 @@ def sound(status: AnyStatus) -> bool:
     if isinstance(status, WatchdogStatus):
         return status.state is not WatchdogState.BRAKING
     faults = status.clock or status.scan_fault or status.relative_fault or status.motion
+    lost = status.sight not in {None, Sight.LOCKED}
     others = status.contested or status.forged
     linked = status.link in {RobotLink.UNKNOWN, RobotLink.CONNECTED}
-    return status.state is AgentState.RUN and linked and not (status.readonly or faults or others)
+    return status.state is AgentState.RUN and linked and not (status.readonly or faults or others or lost)
 
 
 def shown_state(status: AnyStatus) -> str:
@@ -156,6 +158,8 @@ def _doubts(status: AgentStatus) -> Iterator[str]:
         yield str(status.scan_fault)
     if status.relative_fault is not None and status.relative_fault != status.reason:
         yield str(status.relative_fault)
+    if status.sight is Sight.RECKONING and not status.reason.code.startswith("sight_"):
+        yield f"does not see {', '.join(status.sight_lost)}: goes on by odometry"
     if status.contested:
         yield f"two agents publish for {', '.join(status.contested)}"
     if status.link not in {RobotLink.UNKNOWN, RobotLink.CONNECTED}:

@@ -64,13 +64,20 @@ def cast(
 
 
 def measured(
-    distances: Iterable[float], scanner: Scanner, normal: Sequence[float], uniform: Sequence[float]
+    distances: Iterable[float],
+    scanner: Scanner,
+    normal: Sequence[float],
+    uniform: Sequence[float],
+    scale: float = 1.0,
 ) -> tuple[float, ...]:
-    """Add a scanner's errors to true distances [m], with a normal and a uniform random number per beam."""
+    """Add a scanner's errors to true distances [m], with a normal and a uniform random number per beam.
+
+    `scale` is the systematic ratio of measured to true distances.
+    """
     readings = []
     for distance, deviation, chance in zip(distances, normal, uniform, strict=True):
         share = scanner.relative_noise if distance > NOISE_GROWTH_DISTANCE else 0.0
-        reading = distance + max(scanner.noise, share * distance, MIN_NOISE) * deviation
+        reading = scale * distance + max(scanner.noise, share * distance, MIN_NOISE) * deviation
         lost = chance < scanner.lost or distance == math.inf
         in_range = scanner.range_min <= reading <= scanner.range_max
         readings.append(reading if in_range and not lost else LOST_RANGE)

@@ -102,7 +102,7 @@ def rooms_of(mission: Mission, shape: str) -> Iterator[Room]:
     for name in mission.followers:
         me = mission.robots[name]
         hold = me.longest_command + LAG_WEIGHT * mission.collisions.lag
-        if me.measurement == "network":
+        if me.measurement != "local":
             hold += AGE_WEIGHT * mission.collisions.delay
         lever = front(AvoidanceParameters(me.radius, 0.0, hold), me.limits)
         for other in mission.avoided_by(name):

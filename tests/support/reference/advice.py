@@ -56,6 +56,10 @@ ADVICE: Mapping[Code, str] = MappingProxyType(
         Code.RELATIVE_WAS_LATE: "Nothing; it goes on by itself when displacements come in time.",
         Code.RELATIVE_FROZEN: "Check what measures neighbours, and the wheels. It goes on when displacements"
         " change; `hold`, then `run` makes it try again.",
+        Code.SIGHT_SEARCHING: "Clear the view between the robots; compare `seen`, `scan` and start poses with"
+        " the robots. It goes on by itself when it is locked.",
+        Code.SIGHT_CONTRADICTED: "Put the robot on its start pose and restart its agent; or clear the view.",
+        Code.SIGHT_LOST: "Clear the view between the robots. It goes on when it sees one of them.",
         Code.MOTION_FROZEN: SENSORS,
         Code.MOTION_TURN: SENSORS,
         Code.MOTION_SPEEDS: "Check the speeds that the odometry reports.",

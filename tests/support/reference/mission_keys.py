@@ -22,6 +22,7 @@ TABLES: Mapping[str, type[BaseModel]] = {
     "[law]": model.LawSpec,
     "[robot]": robot.RobotDefaults,
     "[robot.scan]": robot.ScanSpec,
+    "[robot.seen]": robot.SeenSpec,
     "[robots.NAME]": robot.RobotSpec,
     "[robots.NAME.start]": robot.Start,
     "[[route]]: straight leg": route.Straight,

@@ -20,6 +20,7 @@ from formation.protocol.status import (
     Localised,
     MotionFault,
     RobotLink,
+    Sight,
     WatchdogState,
 )
 from tests.support.reference.advice import ADVICE
@@ -94,6 +95,10 @@ CONDITIONS: tuple[tuple[str, list[Facts]], ...] = (
         _because("relative_doubt", Code.RELATIVE_LATE, Code.RELATIVE_WAS_LATE, Code.RELATIVE_FROZEN),
     ),
     (
+        "the robot must see its neighbours, and does not",
+        _because("sight_doubt", Code.SIGHT_SEARCHING, Code.SIGHT_CONTRADICTED, Code.SIGHT_LOST),
+    ),
+    (
         "no neighbour can be followed, and the leader is a silent neighbour",
         [_with(followed=0, leaderless=True)],
     ),
@@ -131,6 +136,7 @@ VALUES: Mapping[str, type[StrEnum]] = {
     "Motion fault (`motion`)": MotionFault,
     "Collision filter (`collisions`)": CollisionMode,
     "Protective zone (`zone`)": Zone,
+    "Neighbours in range scans (`sight`)": Sight,
     "Localisation (`localisation`)": Localised,
 }
 

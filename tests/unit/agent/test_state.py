@@ -44,6 +44,7 @@ MISSIONS: dict[str, Mission] = {
     "scanning": with_robots("six_robots", scanner="required"),
     "scanning pair": with_robots("turtlebot3_pair", scanner="optional", **STEPS),
     "local": with_robots("six_robots", measurement="local"),
+    "seeing": with_robots("six_robots", measurement="scan", scanner="required"),
     "measured heading": with_robots("turtlebot3_pair", heading="measured"),
     "external": with_robots("turtlebot3_pair", localisation="external", **STEPS),
     "external measured": with_robots("six_robots", localisation="external", heading="measured"),

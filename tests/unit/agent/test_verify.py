@@ -69,8 +69,9 @@ def between(key: str, since: float, until: float) -> Callable[[Sample, float], b
         with_robots("turtlebot3_pair", heading="measured"),
         with_robots("turtlebot3_pair", localisation="external", **STEPS),
         POSTS,
+        with_robots("six_robots", measurement="scan", scanner="required"),
     ],
-    ids=["six", "pair", "chains", "local", "start frame", "measured heading", "external", "posts"],
+    ids=["six", "pair", "chains", "local", "start frame", "measured heading", "external", "posts", "seeing"],
 )  # fmt: skip
 def test_every_command_of_run_is_reproduced_exactly(mission: Mission, law: str) -> None:
     fleet = RecordedFleet(mission, law=law, loss=0.1).after(6.0)

@@ -102,7 +102,7 @@ COMPUTED = {
     "state": {"clear", "avoiding", "blocked"},
 }
 """Kinds of events that stand as expressions in the code, by that expression."""
-DIMENSIONLESS = {"domain", "drift", "beams", "relative_noise", "lost"}
+DIMENSIONLESS = {"domain", "drift", "beams", "relative_noise", "lost", "scale"}
 
 
 @pytest.mark.parametrize("name", GENERATED)

@@ -25,6 +25,7 @@ from formation.protocol.status import (
     LeaderStatus,
     Localised,
     MotionFault,
+    Sight,
     RobotLink,
     WatchdogState,
     WatchdogStatus,
@@ -77,6 +78,7 @@ FIELDS: dict[str, Any] = {
     "RobotLink": st.sampled_from(RobotLink),
     "MotionFault | None": st.none() | st.sampled_from(MotionFault),
     "CollisionMode | None": st.none() | st.sampled_from(CollisionMode),
+    "Sight | None": st.none() | st.sampled_from(Sight),
     "Localised": st.sampled_from(Localised),
 }
 

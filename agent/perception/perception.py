@@ -1,0 +1,395 @@
+"""A robot's pose by what its range scanner sees of its neighbours; whether that can be relied on.
+
+Used by robots with `measurement = "scan"`. Neighbours publish their positions as ever; a scan shows where
+the robot itself is among them, and corrects the drift of its odometry. Only neighbours nearer to the leader
+are used (of two that are equally near, the one that the mission lists first), as an error would otherwise
+come back to the robot that made it.
+
+The robot is *locked* once its neighbours have been where they say in `LOCK_SCANS` scans in a row. It stands
+until then. While it sees no neighbour it goes on by odometry, for `MAX_RECKONING_TIME` or until the error may
+be `MAX_RECKONING_ERROR`. If for `MAX_REFUSED_TIME` neighbours are not where they say, it is no longer locked.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from formation.agent.following.neighbours import Neighbour
+from formation.agent.perception import pose_filter
+from formation.agent.perception.association import Candidate, Outcome, associate
+from formation.agent.perception.pose_filter import PATH_DEVIATION, Estimate, Measurement
+from formation.agent.pose.estimator import Localisation
+from formation.agent.safety.scanner import Scanner
+from formation.control.plane import rotation, unit
+from formation.control.tracker import believed_delay, carried_to
+from formation.mission.model import Mission
+from formation.protocol.reasons import Code, Reason
+from formation.protocol.status import Sight
+from formation.ros2.messages import LaserScan
+from formation.sensing.detection import Beams, Detection, beams
+from formation.wire import Now
+
+START_DEVIATION, START_HEADING_DEVIATION = 0.1, math.radians(5.0)
+"""Standard deviation of a start pose, and of one that is in doubt, per axis [m; rad]."""
+PLACE_DEVIATION = 0.005
+"""Standard deviation of a neighbour's published place [m]."""
+LOCK_SCANS = 5
+"""Scans in a row in which neighbours must be where they say."""
+MAX_REFUSED_TIME = 2.0
+"""Time for which neighbours may not be where they say [s]."""
+MIN_RECKONING_TIME = 2.0
+"""Time without a seen neighbour after which the status says so [s]."""
+MAX_RECKONING_TIME = 30.0
+"""Longest time for which a robot goes on without a seen neighbour [s]."""
+MAX_RECKONING_ERROR = 0.03
+"""Greatest standard deviation of the error that arises meanwhile [m]."""
+STEADY_HEADING_DEVIATION = 0.003
+"""Standard deviation of the heading of a robot that sees its neighbours while it drives [rad]."""
+MAX_MISPLACEMENT = 0.01
+"""Distance of the pose from the estimate from which on it is no landmark for others [m]."""
+REFUSED_DEVIATION, REFUSED_HEADING_DEVIATION = 0.01, math.radians(0.3)
+"""By so much a scan that shows no neighbour where it says widens the estimate, per axis [m; rad]."""
+TRAIL_TIME = 3.0
+"""Time for which the own motion is kept, longer than the age of any scan that is used [s]."""
+
+
+class Waypoint(NamedTuple):
+    """Where odometry was."""
+
+    moment: float
+    """[s, monotonic]"""
+    position: complex
+    """[m; frame that begins with the trail]"""
+    heading: complex
+    """Unit [the same frame]."""
+
+
+class Scanned(NamedTuple):
+    """A scan that has not been used yet."""
+
+    beams: Beams
+    began: float
+    """[s, monotonic]"""
+    ended: float
+    """[s, monotonic]"""
+    against: bool
+    """Whether its first beam is the newest."""
+
+    def moment(self, number: float) -> float:
+        """When a beam was measured [s, monotonic]."""
+        share = number / max(1, self.beams.beam_count - 1)
+        return self.began + (1.0 - share if self.against else share) * (self.ended - self.began)
+
+
+@dataclass(slots=True, kw_only=True)
+class MateState:
+    """What scans say of one neighbour."""
+
+    outcome: Outcome = Outcome.HIDDEN
+    """By the newest scan."""
+    seen_at: float = -math.inf
+    """When it was seen last [s, monotonic]."""
+    deviation: float = 0.0
+    """Standard deviation of its place relative to this robot, by the newest scan [m]."""
+
+
+@dataclass(slots=True, kw_only=True)
+class PerceptionState:
+    """The estimate, and what it is based on."""
+
+    mates: dict[str, MateState]
+    estimate: Estimate | None = None
+    """None before the first odometry."""
+    trail: deque[Waypoint] = field(default_factory=deque)
+    """Own motion by odometry, oldest first."""
+    scanned: Scanned | None = None
+    """The newest scan, until it is used."""
+    locked: bool = False
+    agreed: int = 0
+    """Scans in a row in which neighbours were where they say."""
+    seen_at: float = -math.inf
+    """When a neighbour was seen last [s, monotonic]."""
+    path: float = 0.0
+    """Path since then [m]."""
+    refused_since: float = math.inf
+    """Since when neighbours are not where they say [s, monotonic]."""
+
+
+class Expected(NamedTuple):
+    """A robot as it should be in sight, and where the scanner was."""
+
+    candidate: Candidate
+    centre: complex
+    """Of what scanners see of it, by what it publishes [m; team's frame]."""
+    scanner: complex
+    """Place of the scanner at the moment of the beam [m; body frame now]."""
+    axis: complex
+    """Its x axis, unit [body frame now]."""
+
+
+def mates(mission: Mission, robot: str) -> tuple[str, ...]:
+    """The neighbours by which `robot` corrects its pose, as its mission lists them."""
+    return tuple(
+        name
+        for name in mission.robots[robot].measurable
+        if name != mission.leader and mission.has_right_of_way(name, robot)
+    )
+
+
+class Perception:
+    """Where one robot is in its team's frame, by odometry and scans."""
+
+    def __init__(self, mission: Mission, robot: str) -> None:
+        self.mates = mates(mission, robot)
+        """The neighbours by which it corrects its pose."""
+        self.state = PerceptionState(mates={name: MateState() for name in self.mates})
+        self._mount = mission.robots[robot].scan.mount
+        self._specs = {name: mission.robots[name] for name in mission.followers}
+
+    def moved(self, arrived: float, here: Localisation) -> None:
+        """Follow the odometry that arrived [s, monotonic]."""
+        state, stream = self.state, here.stream
+        moment = arrived - believed_delay(stream.state.delay, stream.longest_delay)
+        travel, last = here.state.since_last, state.trail[-1] if state.trail else None
+        if state.estimate is None or travel is None or last is None:
+            self._begin(moment, here)
+            return
+        elapsed = max(0.0, moment - last.moment)
+        turned = rotation(travel.turn)
+        motion = travel.displacement * (here.state.measured / turned).conjugate()
+        state.estimate = pose_filter.moved(state.estimate, motion, travel.turn, elapsed)
+        state.path += abs(motion)
+        state.trail.append(_after(last, max(moment, last.moment), motion, turned))
+        while len(state.trail) > 1 and state.trail[1].moment < moment - TRAIL_TIME:
+            state.trail.popleft()
+
+    def take_scan(self, scan: LaserScan, scanner: Scanner) -> None:
+        """Keep a scan that `scanner` has just processed, until the odometry of its time has come."""
+        times = scanner.state
+        if times.frozen is None:
+            against = scanner.sweep(scan) < 0.0
+            self.state.scanned = Scanned(beams(scan), times.began, times.ended, against)
+
+    def doubt_all(self) -> None:
+        """Forget the newest scan: this process was frozen."""
+        self.state.scanned, self.state.agreed = None, 0
+
+    def step(self, here: Localisation, others: Iterable[Neighbour], now: Now) -> None:
+        """Use the newest scan if its odometry has come; move the pose towards the estimate.
+
+        `others` are all robots that publish their positions to this one.
+        """
+        state = self.state
+        if state.estimate is None or not state.trail:
+            return
+        if state.scanned is not None and state.trail[-1].moment >= state.scanned.ended:
+            scanned, state.scanned = state.scanned, None
+            if scanned.began >= state.trail[0].moment:
+                bodies = [one for one in others if one.name in self._specs and _is_placed(one, now)]
+                self._use(scanned, bodies, now)
+        here.align(state.estimate.position, state.estimate.heading)
+
+    def sight(self, now: Now) -> Sight:
+        """What the pose is based on."""
+        if not self.state.locked:
+            return Sight.SEARCHING
+        reckons = now.mono - self.state.seen_at > MIN_RECKONING_TIME
+        return Sight.RECKONING if reckons else Sight.LOCKED
+
+    def placed(self, here: Localisation, now: Now) -> bool:
+        """Whether its position is a landmark for others: it can be relied on, and no longer moves there."""
+        estimate = self.state.estimate
+        if estimate is None or self.doubt(now) is not None:
+            return False
+        return abs(estimate.position - here.state.position) < MAX_MISPLACEMENT
+
+    def ages(self, now: Now) -> dict[str, float]:
+        """Time since each neighbour was seen last [s], of those that have been seen."""
+        each = self.state.mates.items()
+        return {name: round(now.mono - one.seen_at, 3) for name, one in each if one.seen_at > -math.inf}
+
+    def deviations(self, now: Now) -> dict[str, float]:
+        """Standard deviation of each seen neighbour's place relative to this robot [m]."""
+        gone = self.lost(now)
+        return {name: round(one.deviation, 4) for name, one in self.state.mates.items() if name not in gone}
+
+    def lost(self, now: Now) -> tuple[str, ...]:
+        """The neighbours that have not been seen for `MIN_RECKONING_TIME`, or never."""
+        each = self.state.mates.items()
+        return tuple(name for name, one in each if now.mono - one.seen_at > MIN_RECKONING_TIME)
+
+    def doubt(self, now: Now) -> Reason | None:
+        """Why the pose cannot be relied on; None if it can."""
+        state = self.state
+        if not state.locked:
+            absent = [name for name, one in state.mates.items() if one.outcome is Outcome.ABSENT]
+            if absent:
+                return Reason.of(Code.SIGHT_CONTRADICTED, robots=absent)
+            return Reason.of(Code.SIGHT_SEARCHING, robots=self.mates, count=state.agreed, limit=LOCK_SCANS)
+        age, error = now.mono - state.seen_at, self.reckoning_error
+        if age > MAX_RECKONING_TIME or (age > MIN_RECKONING_TIME and error > MAX_RECKONING_ERROR):
+            return Reason.of(
+                Code.SIGHT_LOST,
+                robots=self.mates,
+                age=age,
+                limit=MAX_RECKONING_TIME,
+                distance=error,
+                most=MAX_RECKONING_ERROR,
+            )
+        return None
+
+    @property
+    def reckoning_error(self) -> float:
+        """Standard deviation of the error that has arisen since a neighbour was seen [m]."""
+        path = self.state.path
+        return math.hypot(PATH_DEVIATION * math.sqrt(path), STEADY_HEADING_DEVIATION * path)
+
+    def _begin(self, moment: float, here: Localisation) -> None:
+        """Begin at the pose that is known otherwise: at first, and when odometry does not tell the motion."""
+        state = self.state
+        pose = here.state.position, here.state.measured
+        state.estimate = pose_filter.first(*pose, START_DEVIATION, START_HEADING_DEVIATION)
+        state.trail = deque([Waypoint(moment, 0j, 1.0 + 0.0j)])
+        state.scanned, state.locked, state.agreed = None, False, 0
+        state.refused_since = math.inf
+
+    def _use(self, scanned: Scanned, others: list[Neighbour], now: Now) -> None:
+        """Correct the estimate by a scan."""
+        state = self.state
+        expected = {one.name: there for one in others if (there := self._expected(one, scanned, now))}
+        found = associate(
+            scanned.beams,
+            [one.candidate for one in expected.values()],
+            lambda name, one: self._squared_distance(expected[name], one),
+        )
+        for name, mate in state.mates.items():
+            mate.outcome = Outcome.HIDDEN
+            if name not in found:
+                continue
+            seen = found[name].detection
+            mate.outcome, mate.deviation = found[name].outcome, expected[name].candidate.deviation
+            if seen is not None and not self._correct(expected[name], seen):
+                mate.outcome = Outcome.UNCLEAR
+            if mate.outcome is Outcome.SEEN:
+                mate.seen_at = now.mono
+        self._judge(now.mono)
+
+    def _judge(self, moment: float) -> None:
+        """Decide whether the robot is locked, after a scan at `moment` [s, monotonic]."""
+        state = self.state
+        outcomes = {mate.outcome for mate in state.mates.values()}
+        seen, refused = Outcome.SEEN in outcomes, Outcome.ABSENT in outcomes
+        state.agreed = min(state.agreed + 1, LOCK_SCANS) if seen and not refused else 0
+        if seen:
+            state.seen_at, state.path, state.refused_since = moment, 0.0, math.inf
+            state.locked = state.locked or state.agreed >= LOCK_SCANS
+        elif refused:
+            state.refused_since = min(state.refused_since, moment)
+            state.locked = state.locked and moment - state.refused_since < MAX_REFUSED_TIME
+        if refused and state.estimate is not None:
+            state.estimate = self._wider(state.estimate, seen=seen)
+
+    def _wider(self, estimate: Estimate, *, seen: bool) -> Estimate:
+        """The estimate after a scan that shows a neighbour not to be where it says; `seen`: but another one."""
+        if self.state.locked or seen:
+            return pose_filter.widened(estimate, REFUSED_DEVIATION, REFUSED_HEADING_DEVIATION)
+        return pose_filter.doubted(estimate, START_DEVIATION, START_HEADING_DEVIATION)
+
+    def _expected(self, one: Neighbour, scanned: Scanned, now: Now) -> Expected | None:
+        """Where a robot should be in the scan; None if the scanner is inside of it."""
+        spec, estimate, scan = self._specs[one.name], self.state.estimate, scanned.beams
+        track, point = one.state.body, one.state.track
+        if track is None or point is None or estimate is None:
+            return None
+        facing = unit(point.point - track.point)  # of the robot, from its centre to its control point
+        longest = one.stream.longest_delay + one.stream.limit
+        moment, angle, there = scanned.ended, 0.0, 0j
+        centre = scanner = 0j
+        axis = 1.0 + 0.0j
+        for _ in range(1 if scanned.began == scanned.ended else 2):
+            scanner, axis = self._scanner_at(moment)
+            stamp = track.stamp + moment - (now.mono - one.stream.age(now))
+            centre = carried_to(track, stamp, longest) + facing * spec.seen.at
+            there = pose_filter.expected(estimate, centre, scanner)
+            in_scan = there * axis.conjugate()
+            angle = math.atan2(in_scan.imag, in_scan.real)
+            moment = scanned.moment(scan.number(angle))
+        radius = spec.seen.radius or spec.radius
+        if abs(there) <= radius:
+            return None
+        at_place = pose_filter.sightline(estimate, centre, scanner, there, (0.0, 0.0))
+        deviation = math.hypot(pose_filter.deviation(estimate, at_place, abs(there)), PLACE_DEVIATION)
+        candidate = Candidate(one.name, abs(there), angle, radius, deviation)
+        return Expected(candidate, centre, scanner, axis)
+
+    def _scanner_at(self, moment: float) -> tuple[complex, complex]:
+        """The scanner's place [m] and x axis at `moment` [s, monotonic], in the body frame now."""
+        now, then = self.state.trail[-1], _between(self.state.trail, moment)
+        back = now.heading.conjugate()
+        facing = back * then.heading
+        return back * (then.position - now.position) + facing * self._mount.at, facing * self._mount.heading
+
+    def _measurements(self, one: Expected, seen: Detection) -> tuple[Measurement, Measurement]:
+        estimate = self.state.estimate
+        if estimate is None:
+            raise ValueError("no odometry yet")
+        place = PLACE_DEVIATION * PLACE_DEVIATION
+        variances = (
+            seen.distance_variance + place,
+            seen.angle_variance + place / (seen.distance * seen.distance),
+        )
+        ray = one.axis * rotation(seen.angle) * seen.distance
+        return pose_filter.sightline(estimate, one.centre, one.scanner, ray, variances)
+
+    def _squared_distance(self, one: Expected, seen: Detection) -> float:
+        estimate = self.state.estimate
+        if estimate is None:
+            return math.inf
+        return pose_filter.squared_distance(estimate, *self._measurements(one, seen))
+
+    def _correct(self, one: Expected, seen: Detection) -> bool:
+        """Correct the estimate by range, then by bearing; whether both were used."""
+        used = True
+        for which in (0, 1):
+            measurement = self._measurements(one, seen)[which]
+            after = (
+                None if self.state.estimate is None else pose_filter.updated(self.state.estimate, measurement)
+            )
+            if after is None:
+                used = False
+            else:
+                self.state.estimate = after
+        return used
+
+
+def _is_placed(one: Neighbour, now: Now) -> bool:
+    """Whether the published position of a robot can be relied on."""
+    placed = one.state.body is not None and one.fresh(now) and not one.state.searching
+    return placed and one.unanswered(now) is None
+
+
+def _after(last: Waypoint, moment: float, motion: complex, turned: complex) -> Waypoint:
+    return Waypoint(moment, last.position + last.heading * motion, unit(last.heading * turned))
+
+
+def _between(trail: deque[Waypoint], moment: float) -> Waypoint:
+    """Where the robot was at `moment` [s, monotonic]; the newest place if that is later."""
+    after = trail[-1]
+    for before in reversed(trail):
+        if before.moment <= moment:
+            break
+        after = before
+    else:
+        return trail[0]
+    if after.moment <= before.moment:
+        return before
+    share = min(1.0, (moment - before.moment) / (after.moment - before.moment))
+    return Waypoint(
+        moment,
+        before.position + share * (after.position - before.position),
+        unit(before.heading + share * (after.heading - before.heading), before.heading),
+    )
