@@ -24,9 +24,18 @@ from formation.mission.model import Mission
 from formation.protocol import order
 from formation.protocol.election import Voter
 from formation.protocol.order import LEADER_TIMEOUT_SECONDS, MAX_REASON_CHARS, Ballot, PositionAttachment
-from formation.ros2.messages import Displacement, LaserScan, Odometry, Pose, Text, decode
+from formation.ros2.messages import (
+    Displacement,
+    LaserScan,
+    MapPose,
+    Odometry,
+    Pose,
+    Text,
+    Transforms,
+    decode,
+)
 from formation.slots.geofence import Geofence
-from formation.topics import BALLOT, ODOM, POSE, POSITION, RELATIVE, SCAN
+from formation.topics import AMCL_POSE, BALLOT, ODOM, POSE, POSITION, RELATIVE, SCAN, TF
 from formation.wire import BadMessage, Now, Sample
 
 Handler = Callable[[Sample, Now], float | None]
@@ -106,6 +115,9 @@ class Inbox:
             self._handlers[POSITION.key(name)] = partial(_take_avoided, other, answers)
         if avoiding.scanner is not None:
             self._handlers[SCAN.key(robot)] = partial(_take_scan, avoiding.scanner, perception)
+        if here.map_frame is not None:
+            self._handlers[AMCL_POSE.key(robot)] = partial(_take_map_pose, here)
+            self._handlers[TF.key(robot)] = partial(_take_transforms, here)
         if mission.standbys:
             for name in mission.candidates:
                 self._handlers[BALLOT.key(name)] = partial(_take_ballot, name, orders.voter)
@@ -201,6 +213,14 @@ def _take_avoided(other: Neighbour, answers: Answers, sample: Sample, now: Now) 
     answered = answers.answered(other.name, attachment.received, sample.arrived)
     other.take_position(pose, sample.arrived, now, answered=answered)
     other.state.searching = attachment.searching
+
+
+def _take_map_pose(here: Localisation, sample: Sample, _now: Now) -> None:
+    here.take_map_pose(decode(MapPose, sample.payload))
+
+
+def _take_transforms(here: Localisation, sample: Sample, _now: Now) -> None:
+    here.take_transforms(decode(Transforms, sample.payload))
 
 
 def _take_displacement(neighbour: Neighbour, sample: Sample, now: Now) -> None:

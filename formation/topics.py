@@ -107,6 +107,16 @@ POSE = Topic(
     REAL_TIME, "centre and heading in the world frame, from a camera or motion capture", "robot",
     agent_input=True, monitored=("follower",),
 )  # fmt: skip
+AMCL_POSE = Topic(
+    "amcl_pose", "{robot}/amcl_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", "localiser",
+    "its agent (optional)", "as the robot moves", REAL_TIME, "pose in the map, as AMCL publishes it", "robot",
+    agent_input=True, monitored=("follower",),
+)  # fmt: skip
+TF = Topic(
+    "tf", "{robot}/tf", "tf2_msgs/msg/TFMessage", "localiser and others", "its agent (optional)", "sensor",
+    Qos(), "transforms, of which the agent uses that from the map to its odometry's frame", "robot",
+    agent_input=True, monitored=("follower",),
+)  # fmt: skip
 ALIVE = Topic(
     "alive", "{robot}/alive", "std_msgs/msg/Float64", "agent", "its watchdog, a second agent", "each command",
     Qos("real_time", express=True), "time since the agent's start, published with each command [s]", "robot",
@@ -154,8 +164,8 @@ ROUTE = Topic(
 )  # fmt: skip
 
 TABLE: tuple[Topic, ...] = (
-    ODOM, CMD_VEL, POSITION, SCAN, RELATIVE, POSE, ALIVE, STATUS, GROUND_TRUTH, ERROR, DIAGNOSTICS, EVENTS,
-    BALLOT, ROUTE, ORDER, WATCHDOG,
+    ODOM, CMD_VEL, POSITION, SCAN, RELATIVE, POSE, AMCL_POSE, TF, ALIVE, STATUS, GROUND_TRUTH, ERROR,
+    DIAGNOSTICS, EVENTS, BALLOT, ROUTE, ORDER, WATCHDOG,
 )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from formation.agent.pose.map_frame import MapFrame, MapFrameState
 from formation.agent.pose.sources import (
     ExternalPoseSource,
     ExternalPoseState,
@@ -24,7 +25,7 @@ from formation.protocol.lateness import Trust, trusted
 from formation.protocol.order import Order
 from formation.protocol.reasons import Code, Reason
 from formation.protocol.status import Localised
-from formation.ros2.messages import Odometry, Pose
+from formation.ros2.messages import MapPose, Odometry, Pose, Transforms
 from formation.ros2.ros import MAX_POSITION
 from formation.wire import Now
 
@@ -32,6 +33,8 @@ START_HEADING_TIME = 1.0
 """Time under way after which a team no longer faces as its mission's start says [s]."""
 LEARNED_ESTIMATE_LENGTH = 0.5
 """Length of the estimate from which it counts as learned, and may contradict a measured heading."""
+MAP_FRAME = "map"
+"""Name of the world frame in transforms."""
 MAX_ESTIMATE_LENGTH = 1e100
 """Limit of an observer's estimate: the printed one's grows without bound while a robot reverses."""
 
@@ -42,6 +45,7 @@ class LocalisationState:
 
     stream: StreamState
     source: OdometryState | ExternalPoseState
+    map_frame: MapFrameState | None
     jumped: Reason | None = None
     """The newest jump, as long as it counts; else None."""
     jumps: int = 0
@@ -66,6 +70,8 @@ class LocalisationState:
     """The observer's heading, of any length [world frame]."""
     course: complex
     """The same for the collision filter."""
+    placed: bool = False
+    """Whether a localiser has placed odometry."""
     travelled: float = 0.0
     """Path length since the filter's heading was unknown [m]."""
     joined: bool = False
@@ -92,6 +98,8 @@ class Localisation:
             if spec.localisation == "odometry"
             else ExternalPoseSource(mission, robot)
         )
+        self.map_frame = MapFrame() if spec.odometry_frame == "map" else None
+        """Places odometry by a localiser; None without one."""
         self._observer = controller.observer
         self._filters = controller.collision_filter
         self._measures_heading = spec.heading == "measured"
@@ -111,7 +119,11 @@ class Localisation:
         self._sharp_gain = self._gain * (HEADING_GAIN_RATIO if spec.localisation == "odometry" else 1.0)
         self._noise = mission.collisions.noise
         self.state = LocalisationState(
-            stream=self.stream.state, source=self._source.state, estimate=estimate, course=estimate
+            stream=self.stream.state,
+            source=self._source.state,
+            map_frame=None if self.map_frame is None else self.map_frame.state,
+            estimate=estimate,
+            course=estimate,
         )
 
     @property
@@ -130,6 +142,8 @@ class Localisation:
         state = self.state
         if max(abs(state.position.real), abs(state.position.imag)) > MAX_POSITION:
             return Reason.of(Code.POSITION_TOO_FAR, source=self.source, limit=MAX_POSITION)
+        if self.map_frame is not None and (lost := self.map_frame.doubt) is not None:
+            return lost
         learned = self._watches and abs(state.estimate) > LEARNED_ESTIMATE_LENGTH
         # from 90 degrees on the law drives a robot away from its slot
         if learned and (state.measured.conjugate() * state.estimate).real < 0.0:
@@ -217,6 +231,42 @@ class Localisation:
                 self.state.estimate *= turn
             self.state.course *= turn
 
+    def take_map_pose(self, pose: MapPose) -> None:
+        """Place odometry by a localiser's pose. Raises BadMessage."""
+        if self.map_frame is not None:
+            self._relocalised(self.map_frame.take_pose(pose))
+
+    def take_transforms(self, transforms: Transforms) -> None:
+        """Place odometry by a localiser's transform from the map, if there is one among these."""
+        if self.map_frame is not None and isinstance(self._source, OdometrySource):
+            last = self._source.state.last
+            if last is not None:
+                self._relocalised(self.map_frame.take_transforms(transforms, MAP_FRAME, last.frame))
+
+    def _relocalised(self, jump: Reason | None) -> None:
+        """Take over a placement: slowly, or at once if it is the first or a jump."""
+        state, source, frame = self.state, self._source, self.map_frame
+        if frame is None or not isinstance(source, OdometrySource) or frame.state.placement is None:
+            return
+        if jump is None and state.placed:
+            return
+        turn = source.place(*frame.state.placement)
+        state.estimate = state.estimate * turn if state.placed else frame.state.placement.rotation
+        if not state.placed and source.state.last is not None:
+            state.estimate *= source.state.last.heading
+        state.placed, state.course, state.travelled = True, state.estimate, 0.0
+        if jump is not None:
+            state.jumped, state.calm = jump, 0.0
+            state.jumps += 1
+
+    def _follow_map(self, odometry: Odometry) -> None:
+        """Move towards the newest placement."""
+        frame = self.map_frame
+        if frame is None or frame.state.placement is None:
+            return
+        placement = frame.state.placement
+        self.align(placement.of(odometry.position), placement.rotation * odometry.heading)
+
     def goes_on(self, message: Odometry | Pose, arrived: float, since: float) -> str | None:
         """Prepare state of another process, known until `since` [s, monotonic], for the next `message`.
 
@@ -243,6 +293,9 @@ class Localisation:
         state.before = None if before is None else (stamped, self.point, self.heading)
         over = elapsed if elapsed is not None or before is None else arrived - before
         seen = self._update_of(message, over, now)
+        if self.map_frame is not None and isinstance(message, Odometry):
+            self.map_frame.moved(message, continues=seen.jumped is None and seen.travel is not None)
+            self._follow_map(message)
         state.position, state.measured, state.follows = seen.position, seen.heading, False
         state.travel = None
         state.since_last = seen.travel if seen.jumped is None else None

@@ -107,8 +107,9 @@ class OdometrySource:
     def __init__(self, mission: Mission, robot: str) -> None:
         spec = mission.robots[robot]
         self.state = OdometryState()
-        self._counts_from_start = spec.odometry_frame == "start"
-        if self._counts_from_start:
+        self._frame = spec.odometry_frame
+        self._counts_from_start = spec.odometry_frame != "world"
+        if spec.odometry_frame == "start":
             self.state.rotation, self.state.origin = spec.start.heading, spec.start.position
         self._limits = spec.limits
         self._jump_distance = max(SPEED_JUMP_DISTANCE, JUMP_DEVIATIONS * mission.collisions.noise)
@@ -116,7 +117,15 @@ class OdometrySource:
     @property
     def alignment(self) -> Localised:
         """How it is placed in the world."""
+        if self._frame == "map":
+            return Localised.ODOMETRY_MAP
         return Localised.ODOMETRY_START if self._counts_from_start else Localised.ODOMETRY_WORLD
+
+    def place(self, rotation: complex, origin: complex) -> complex:
+        """Place odometry's frame in the world at once [unit; m]; return the turn, unit complex."""
+        turn, self.state.rotation = rotation / self.state.rotation, rotation
+        self.state.origin = origin
+        return turn
 
     def make_update(self, odometry: Odometry, over: float | None, limit: float) -> PoseUpdate:
         """The update, `over` [s] after the message before (None for the first).

@@ -20,6 +20,7 @@ from typing import TypeVar, cast
 
 import numpy as np
 
+from formation.agent.simulated.localiser import Localiser
 from formation.agent.simulated.plant import Moving, Plant
 from formation.control.plane import rotation
 from formation.control.tracker import Track, carried_to, first_seen, seen
@@ -38,7 +39,7 @@ from formation.ros2.messages import (
 from formation.ros2.ros_names import address
 from formation.sensing import raycast
 from formation.simulation.body import Body
-from formation.topics import CMD_VEL, GROUND_TRUTH, ODOM, POSE, POSITION, RELATIVE, SCAN, Topic
+from formation.topics import AMCL_POSE, CMD_VEL, GROUND_TRUTH, ODOM, POSE, POSITION, RELATIVE, SCAN, Topic
 from formation.transport.runtime.loop import Pauses, Runtime
 from formation.transport.runtime.rate import Rate
 from formation.wire import BadMessage, Now, Outgoing, Sample
@@ -57,7 +58,7 @@ def kinematic(mission: Mission, robots: Sequence[str], seed: int) -> dict[str, P
     plants = {}
     for name in robots:
         spec, noise = mission.robots[name], np.random.default_rng([seed, mission.names.index(name)])
-        from_start = spec.odometry_frame == "start"
+        from_start = spec.odometry_frame != "world"
         plants[name] = Plant(
             body, spec.start.position, spec.start.heading, noise, counts_from_here=from_start
         )
@@ -103,9 +104,10 @@ class World:
             for name, robot in self._hosted.items()
             for other in robot.sees
         ]
+        maps = [(AMCL_POSE, AMCL_POSE.key(name)) for name, robot in self._hosted.items() if robot.localiser]
         cameras = [(POSE, POSE.key(name)) for name, robot in self._hosted.items() if robot.watched]
         scanners = [(SCAN, SCAN.key(name)) for name, robot in self._hosted.items() if robot.ranging]
-        return (*own, *cameras, *scanners, *sensors)
+        return (*own, *maps, *cameras, *scanners, *sensors)
 
     @property
     def subscriptions(self) -> tuple[str, ...]:
@@ -180,6 +182,9 @@ class World:
         odometry = Odometry(stamp, *plant.odometry(), *plant.moving, frame=robot.odometry_frame)
         truth = Pose(now.wall, plant.position, plant.heading)
         reports = [Outgoing(ODOM.key(robot.name), encode(odometry))]
+        if robot.localiser is not None:
+            poses = robot.localiser.poses(now.wall, plant.position, plant.heading)
+            outbox += [Outgoing(AMCL_POSE.key(robot.name), encode(one)) for one in poses]
         if robot.watched:
             reports.append(Outgoing(POSE.key(robot.name), encode(Pose(stamp, *plant.seen()))))
         outbox += robot.reported([] if disturbed.pauses else reports, now.mono, disturbed.late)
@@ -254,9 +259,12 @@ class _Robot:
         spec = mission.robots[name]
         self.name = name
         self.plant = plant
-        self.odometry_frame = "odom" if spec.odometry_frame == "start" else "map"
+        self.odometry_frame = "map" if spec.odometry_frame == "world" else "odom"
         self.watched = spec.localisation == "external"
         """Whether an external camera measures its position."""
+        self.localiser: Localiser | None = None
+        if spec.odometry_frame == "map":
+            self.localiser = Localiser(np.random.default_rng([seed, mission.names.index(name), 2]))
         self.rate = Rate(spec.rate, phase)
         self.ranging: Ranging | None = None
         if spec.scanner != "none":

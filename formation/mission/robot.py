@@ -133,8 +133,9 @@ class RobotDefaults(Table):
     """Source of the robot's position: its odometry, or an external pose (camera, motion capture)."""
     heading: Literal["observer", "measured"] = "observer"
     """`observer` estimates the heading from positions; `measured` takes it from the position's source."""
-    odometry_frame: Literal["world", "start"] = "world"
-    """Frame of the odometry: the world frame, or relative to the pose in `start`."""
+    odometry_frame: Literal["world", "start", "map"] = "world"
+    """Frame of the odometry: the world frame, relative to the pose in `start`, or placed in a `map` by a
+    localiser such as AMCL."""
     ramp: Annotated[float, Field(ge=0.0, le=10.0)] = 0.25
     """Shortest time from rest to a limit, and back; 0 for none. Zero velocity is sent at once [s]."""
     avoid: Annotated[Literal["all"] | tuple[str, ...], BeforeValidator(_avoided)] = ()

@@ -237,6 +237,16 @@ def robots_that_see_have_scanners(mission: Mission) -> Iterator[Violation]:
             yield Violation(key, "scan", 'needs a range scanner: scanner = "required" (or "optional")')
         if robot.localisation != "odometry":
             yield Violation(key, "scan", 'needs localisation = "odometry", which it corrects')
+        if robot.odometry_frame == "map":
+            yield Violation(key, "scan", 'needs an odometry_frame of its own, "start" or "world": not "map"')
+
+
+def maps_place_odometry(mission: Mission) -> Iterator[Violation]:
+    """A localiser's map places odometry: a robot that is seen from outside has none."""
+    for name in mission.followers:
+        robot = mission.robots[name]
+        if robot.odometry_frame == "map" and robot.localisation != "odometry":
+            yield Violation(f"robots.{name}.odometry_frame", "map", 'needs localisation = "odometry"')
 
 
 def bounds_hold_the_start(mission: Mission) -> Iterator[Violation]:
@@ -278,6 +288,7 @@ RULES = (
     steps_leave_room,
     a_scanner_sees_something,
     robots_that_see_have_scanners,
+    maps_place_odometry,
     bounds_hold_the_start,
 )
 

@@ -55,6 +55,10 @@ class Code(StrEnum):
     POSITION_SILENT = "position_silent"
     POSITION_LATE = "position_late"
     POSITION_WAS_LATE = "position_was_late"
+    NOT_LOCALISED = "not_localised"
+    LOCALISER_SILENT = "localiser_silent"
+    LOCALISER_JUMPS = "localiser_jumps"
+    RELOCALISED = "relocalised"
     POSITION_JUMPED = "position_jumped"
     HEADING_JUMPED = "heading_jumped"
     POSITION_TOO_FAR = "position_too_far"
@@ -132,6 +136,12 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         " check what publishes it, and its clock (chrony)",
         Code.POSITION_WAS_LATE: "{source} was {age:.2f} s old when it came; limit {limit:.2f} s;"
         " goes on when it stays below",
+        Code.NOT_LOCALISED: "not localised in the map yet: give the localiser an initial pose",
+        Code.LOCALISER_SILENT: "no pose of the localiser for {distance:.1f} m; limit {limit:g} m:"
+        " check that it runs, and that its messages reach the agent",
+        Code.LOCALISER_JUMPS: "the localiser jumped {count:.0f} times within {distance:g} m:"
+        " check its map and scanner, then order hold and run",
+        Code.RELOCALISED: "the localiser moved the robot by {distance:.2f} m",
         Code.POSITION_JUMPED: "{source} jumped by {distance:.2f} m",
         Code.HEADING_JUMPED: "{source} jumped by {angle:+.2f} rad",
         Code.POSITION_TOO_FAR: "{source} is beyond ±{limit:g} m",

@@ -129,6 +129,8 @@ class Localised(StrEnum):
     """Odometry counts in the world frame."""
     ODOMETRY_START = "odometry_start"
     """Odometry counts from the start pose in the mission."""
+    ODOMETRY_MAP = "odometry_map"
+    """A localiser such as AMCL places odometry in the map."""
     EXTERNAL = "external"
     """External poses, in the world frame."""
 

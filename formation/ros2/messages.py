@@ -9,13 +9,15 @@ Definitions and hashes of the types are for recordings, keys and the programs th
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import chain
 from types import MappingProxyType
-from typing import ClassVar, Self, TypeVar
+from typing import ClassVar, NamedTuple, Self, TypeVar
 
 from formation.ros2 import ros
 from formation.ros2.cdr import Reader, Writer
@@ -31,12 +33,15 @@ __all__ = [
     "Displacement",
     "LaserScan",
     "LogEntry",
+    "MapPose",
     "Message",
     "Number",
     "Odometry",
     "Pose",
     "Status",
     "Text",
+    "Transform",
+    "Transforms",
     "Twist",
     "TwistStamped",
     "decode",
@@ -152,6 +157,93 @@ class Pose(Message):
     def _read(cls, source: Reader) -> Self:
         stamp, frame = ros.read_header(source)
         return cls(stamp, *ros.read_pose(source), frame)
+
+
+@dataclass(frozen=True, slots=True)
+class MapPose(Message):
+    """geometry_msgs/PoseWithCovarianceStamped: a pose in a map, as AMCL publishes it, and its deviations."""
+
+    ROS_TYPE: ClassVar[str] = "geometry_msgs/msg/PoseWithCovarianceStamped"
+    DEFINITION: ClassVar[str] = "std_msgs/Header header\ngeometry_msgs/PoseWithCovariance pose\n"
+    TYPE_HASH: ClassVar[str] = "26432f9803e43727d3c8f668d1fdb3c630f548af631e2f4e31382371bfea3b6e"
+    stamp: float
+    """[s, sender's system clock]"""
+    position: complex
+    """[m; `frame`]"""
+    heading: complex
+    """e^{iθ}, unit [`frame`]."""
+    deviation: float = 0.0
+    """Standard deviation of the position, in its worse axis [m]."""
+    heading_deviation: float = 0.0
+    """[rad]"""
+    frame: str = "map"
+
+    def _write(self, to: Writer) -> None:
+        ros.write_header(to, self.stamp, self.frame)
+        ros.write_pose(to, self.position, self.heading)
+        variance, turn = self.deviation**2, self.heading_deviation**2
+        to.doubles(variance)
+        to.zeros(6)
+        to.doubles(variance)
+        to.zeros(27)
+        to.doubles(turn)
+
+    @classmethod
+    def _read(cls, source: Reader) -> Self:
+        stamp, frame = ros.read_header(source)
+        position, heading = ros.read_pose(source)
+        (x,) = source.doubles(1)
+        source.skip(6)
+        (y,) = source.doubles(1)
+        source.skip(27)
+        variances = x, y, *source.doubles(1)
+        if not all(0.0 <= one < math.inf for one in variances):
+            raise BadMessage(f"variances are {variances}, must be finite and not negative")
+        x, y, turn = (math.sqrt(one) for one in variances)
+        return cls(stamp, position, heading, max(x, y), turn, frame)
+
+
+class Transform(NamedTuple):
+    """geometry_msgs/TransformStamped: the frame `child` in the frame `parent`."""
+
+    stamp: float
+    """[s, sender's system clock]"""
+    parent: str
+    child: str
+    position: complex
+    """[m]"""
+    heading: complex
+    """Unit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Transforms(Message):
+    """tf2_msgs/TFMessage: those of its transforms that turn about z only; others are skipped."""
+
+    ROS_TYPE: ClassVar[str] = "tf2_msgs/msg/TFMessage"
+    DEFINITION: ClassVar[str] = "geometry_msgs/TransformStamped[] transforms\n"
+    TYPE_HASH: ClassVar[str] = "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
+    transforms: tuple[Transform, ...]
+
+    def _write(self, to: Writer) -> None:
+        to.count(len(self.transforms))
+        for one in self.transforms:
+            ros.write_header(to, one.stamp, one.parent)
+            ros.write_text(to, one.child)
+            ros.write_pose(to, one.position, one.heading)
+
+    @classmethod
+    def _read(cls, source: Reader) -> Self:
+        found = []
+        for _ in range(source.count()):
+            stamp, parent = ros.read_header(source)
+            child = ros.read_text(source)
+            x, y, z, *orientation = source.doubles(7)
+            with suppress(BadMessage):  # a wheel, or a sensor on its side
+                heading = ros.heading_of(*orientation)
+                ros.within("position", ros.MAX_POSITION, x, y, z)
+                found.append(Transform(stamp, parent, child, complex(x, y), heading))
+        return cls(tuple(found))
 
 
 @dataclass(frozen=True, slots=True)
@@ -344,6 +436,10 @@ NESTED = MappingProxyType(
         "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z\n",
         "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
         "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose\nfloat64[36] covariance\n",
+        "geometry_msgs/Transform": "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n",
+        "geometry_msgs/TransformStamped": (
+            "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform\n"
+        ),
         "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n",
         "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist\nfloat64[36] covariance\n",
         "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z\n",

@@ -10,7 +10,9 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from formation.mission.model import Mission
+from formation.mission.robot import RobotSpec
 from formation.topics import (
+    AMCL_POSE,
     BALLOT,
     CMD_VEL,
     DIAGNOSTICS,
@@ -22,6 +24,7 @@ from formation.topics import (
     ROUTE,
     STATUS,
     TABLE,
+    TF,
     Role,
     Topic,
     command_topic,
@@ -67,7 +70,7 @@ def _keys(mission: Mission) -> Iterator[Watched]:
     for name in mission.names:
         robot = mission.robots[name]
         for topic in _topics(mission, "leader" if name == mission.leader else "follower"):
-            if topic is not POSE or robot.localisation == "external":
+            if _published(topic, robot):
                 exact = command_topic(robot.cmd_vel) if topic is CMD_VEL else topic
                 rate = robot.rate if topic.promised_rate == "robot" else topic.promised_rate
                 yield Watched(topic.key(name), exact, name, rate)
@@ -78,6 +81,13 @@ def _keys(mission: Mission) -> Iterator[Watched]:
         for topic in _topics(mission, "standby"):
             rate = None if topic.promised_rate == "robot" else topic.promised_rate
             yield Watched(topic.key(name), topic, name, rate)
+
+
+def _published(topic: Topic, robot: RobotSpec) -> bool:
+    """Whether a robot's localisation publishes a topic; any other topic is."""
+    if topic is POSE:
+        return robot.localisation == "external"
+    return topic not in {AMCL_POSE, TF} or robot.odometry_frame == "map"
 
 
 def _topics(mission: Mission, role: Role) -> Iterator[Topic]:

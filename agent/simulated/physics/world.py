@@ -243,7 +243,7 @@ class Wheeled:
         self._body = Body.of(mission.simulated_robot)
         self._noise = np.random.default_rng([seed, mission.names.index(robot)])
         self._origin, self._axis = 0j, 1.0 + 0.0j
-        if spec.odometry_frame == "start":
+        if spec.odometry_frame != "world":
             self._origin, self._axis = spec.start.position, spec.start.heading
 
     @property

@@ -40,6 +40,11 @@ ADVICE: Mapping[Code, str] = MappingProxyType(
         Code.POSITION_SILENT: "Check what publishes odometry or external pose, and the link to the robot.",
         Code.POSITION_LATE: "Check what publishes the position, the machine's load, and the clocks (chrony).",
         Code.POSITION_WAS_LATE: "Nothing; it goes on by itself when positions stay in time.",
+        Code.NOT_LOCALISED: "Give the localiser an initial pose (RViz: 2D Pose Estimate), and see that its "
+        "messages reach the agent.",
+        Code.LOCALISER_SILENT: "See that the localiser runs, and that `amcl_pose` or `tf` reaches the agent.",
+        Code.LOCALISER_JUMPS: "Check the map and the scanner; then order `hold` and `run`.",
+        Code.RELOCALISED: "Nothing: the robot goes on at its new position.",
         Code.POSITION_JUMPED: "Nothing for a single jump. If it recurs, check odometry or tracking.",
         Code.HEADING_JUMPED: "Nothing for a single jump. If it recurs, check odometry or tracking.",
         Code.POSITION_TOO_FAR: "Check what publishes the position: its unit must be metres.",

@@ -59,7 +59,7 @@ def test_only_orders_and_watchdogs_are_queried() -> None:
 
 def test_robot_side_topics_are_listed() -> None:
     assert {topic.name for topic in TABLE if topic.side == "robot"} == {
-        "odom", "cmd_vel", "scan", "relative", "pose", "alive", "ground_truth", "watchdog",
+        "odom", "cmd_vel", "scan", "relative", "pose", "amcl_pose", "tf", "alive", "ground_truth", "watchdog",
     }  # fmt: skip
     assert command_topic("twist_stamped").side == "robot"
 

@@ -105,7 +105,8 @@ def test_publish_time_is_the_messages_stamp_where_it_has_one(tmp_path: Path) -> 
 
 def test_every_topic_has_channel_with_ros_2_schema(tmp_path: Path) -> None:
     text = TEXT.replace("rate = 20 ", 'measurement = "local"\nlocalisation = "external"\nrate = 20 ')
-    text += "\n[standbys.spare]\n"
+    mapped = 'localisation = "odometry"\nodometry_frame = "map"'
+    text = text.replace("[robots.robot3]\n", f"[robots.robot3]\n{mapped}\n") + "\n[standbys.spare]\n"
     with recorder(tmp_path / "run.mcap", parse(text), text):
         pass
     with (tmp_path / "run.mcap").open("rb") as stream:

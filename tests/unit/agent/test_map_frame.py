@@ -1,0 +1,237 @@
+"""A localiser such as AMCL places odometry in a map: rare, uneven, late and noisy poses, and lies."""
+
+from __future__ import annotations
+
+import cmath
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from formation.agent.pose.map_frame import (
+    HISTORY_TIME,
+    JUMP_AGREEMENTS,
+    MAX_JUMPS,
+    MAX_UNCORRECTED_DISTANCE,
+    MapFrame,
+    Placement,
+)
+from formation.control.unicycle import AT_REST
+from formation.protocol.reasons import Code, Reason
+from formation.ros2.messages import MapPose, Odometry, Transform, Transforms, decode, encode
+from formation.topics import AMCL_POSE, TF
+from formation.wire import BadMessage
+from tests.support.fleet import Fleet
+from tests.support.meddling import lost
+from tests.support.missions import with_robots
+
+PERIOD = 0.05
+TRUE = Placement(cmath.rect(1.0, 0.7), 3.0 - 2.0j)
+PAIR = with_robots("turtlebot3_pair", odometry_frame="map")
+
+
+class Drive:
+    """A robot at 0.2 m/s whose odometry is exact, with a localiser that a test plays."""
+
+    def __init__(self) -> None:
+        self.frame, self.time, self.at, self.heading = MapFrame(), 100.0, 0j, 1.0 + 0.0j
+        self.step()
+
+    def step(self, speed: float = 0.0) -> None:
+        self.time += PERIOD
+        self.at += speed * PERIOD * self.heading
+        odometry = Odometry(self.time, self.at, self.heading, speed, 0.0, frame="odom")
+        self.frame.moved(odometry, continues=self.time > 100.06)
+
+    def go(self, distance: float, speed: float = 0.2) -> None:
+        for _ in range(round(distance / speed / PERIOD)):
+            self.step(speed)
+
+    def pose(
+        self,
+        true: Placement = TRUE,
+        late: float = 0.0,
+        off: complex = 0j,
+        deviation: float = 0.0,
+        heading_deviation: float = 0.0,
+    ) -> MapPose:
+        """A pose of `late` [s] ago, while the robot drove at 0.2 m/s."""
+        at = self.at - 0.2 * late * self.heading
+        return MapPose(
+            self.time - late, true.of(at) + off, true.rotation * self.heading, deviation, heading_deviation
+        )
+
+    @property
+    def placed(self) -> Placement:
+        assert self.frame.state.placement is not None
+        return self.frame.state.placement
+
+    def doubted(self) -> Code | None:
+        doubt = self.frame.doubt
+        return None if doubt is None else doubt.code
+
+
+def off(one: Placement, other: Placement, at: complex) -> float:
+    return abs(one.of(at) - other.of(at))
+
+
+def test_robot_is_unplaced_until_the_first_pose() -> None:
+    drive = Drive()
+    assert drive.doubted() is Code.NOT_LOCALISED
+    drive.frame.take_pose(drive.pose())
+    assert drive.doubted() is None
+    assert off(drive.placed, TRUE, drive.at) < 1e-12
+
+
+@given(late=st.floats(0.0, 0.9 * HISTORY_TIME), heading=st.floats(-3.0, 3.0), distance=st.floats(0.5, 3.0))
+def test_late_pose_is_compared_with_odometry_of_then(late: float, heading: float, distance: float) -> None:
+    drive = Drive()
+    drive.heading = cmath.rect(1.0, heading)
+    drive.go(distance)
+    drive.go(1.0)
+    drive.frame.take_pose(drive.pose(late=late))
+    assert off(drive.placed, TRUE, drive.at) < 1e-9
+
+
+def test_pose_older_than_the_history_is_refused() -> None:
+    drive = Drive()
+    drive.go(1.0)
+    with pytest.raises(BadMessage, match=r"2\.50 s before the newest odometry; limit 2 s"):
+        drive.frame.take_pose(drive.pose(late=2.5))
+
+
+@pytest.mark.parametrize(("deviation", "heading_deviation"), [(0.5, 0.0), (0.0, 0.5)])
+def test_uncertain_pose_is_refused(deviation: float, heading_deviation: float) -> None:
+    drive = Drive()
+    with pytest.raises(BadMessage, match="pose uncertain by"):
+        drive.frame.take_pose(drive.pose(deviation=deviation, heading_deviation=heading_deviation))
+
+
+def test_repeated_pose_is_refused() -> None:
+    drive = Drive()
+    pose = drive.pose()
+    drive.frame.take_pose(pose)
+    with pytest.raises(BadMessage, match="before the newest"):
+        drive.frame.take_pose(pose)
+
+
+def test_noisy_bursts_keep_the_placement_near() -> None:
+    drive, draw = Drive(), np.random.default_rng(1)
+    drive.frame.take_pose(drive.pose())
+    for _ in range(40):
+        drive.go(0.25)
+        for _ in range(int(draw.integers(1, 4))):  # AMCL's bursts
+            drive.step(0.2)
+            noise = 0.03 * complex(*draw.normal(size=2))
+            pose = drive.pose(late=float(draw.uniform(0.05, 0.4)), off=noise)
+            with suppress(BadMessage):  # overtaken by another one of the burst
+                assert drive.frame.take_pose(pose) is None
+        assert off(drive.placed, TRUE, drive.at) < 0.15
+    assert drive.doubted() is None
+
+
+def test_relocalisation_is_taken_once_later_poses_agree() -> None:
+    drive = Drive()
+    drive.frame.take_pose(drive.pose())
+    moved = TRUE._replace(origin=TRUE.origin + 1.0)
+    taken = []
+    for _ in range(JUMP_AGREEMENTS + 1):
+        drive.go(0.25)
+        taken.append(drive.frame.take_pose(drive.pose(moved)))
+    assert taken[:-1] == [None] * JUMP_AGREEMENTS
+    assert taken[-1] is not None
+    assert taken[-1].code is Code.RELOCALISED
+    assert taken[-1].values["distance"] == pytest.approx(1.0)
+
+
+def test_single_outlier_changes_nothing() -> None:
+    drive = Drive()
+    drive.frame.take_pose(drive.pose())
+    before = drive.placed
+    drive.go(0.25)
+    assert drive.frame.take_pose(drive.pose(off=1.0)) is None
+    assert drive.placed == before
+
+
+@pytest.mark.parametrize("tremble", [0.0, 1e-6, 0.01])
+def test_frozen_localiser_does_not_move_the_robot(tremble: float) -> None:
+    drive, draw = Drive(), np.random.default_rng(2)
+    first = drive.pose()
+    drive.frame.take_pose(first)
+    for _ in range(19):
+        drive.go(0.25)
+        wobble = tremble * complex(*draw.normal(size=2))
+        try:
+            assert drive.frame.take_pose(MapPose(drive.time, first.position + wobble, first.heading)) is None
+        except BadMessage:
+            assert tremble == 0.0
+    assert off(drive.placed, TRUE, drive.at) < 0.5
+    drive.go(1.0)
+    assert drive.doubted() is Code.LOCALISER_SILENT
+
+
+def test_silent_localiser_holds_after_a_distance() -> None:
+    drive = Drive()
+    drive.frame.take_pose(drive.pose())
+    drive.go(MAX_UNCORRECTED_DISTANCE - 0.1)
+    assert drive.doubted() is None
+    drive.go(0.2)
+    assert drive.doubted() is Code.LOCALISER_SILENT
+    drive.frame.take_pose(drive.pose())
+    assert drive.doubted() is None
+
+
+def test_localiser_that_jumps_often_is_believed_only_after_an_operator_looked() -> None:
+    drive = Drive()
+    drive.frame.take_pose(drive.pose())
+    for number in range(MAX_JUMPS):
+        moved = TRUE._replace(origin=TRUE.origin + number + 1.0)
+        for _ in range(JUMP_AGREEMENTS + 1):
+            drive.go(0.1)
+            drive.frame.take_pose(drive.pose(moved))
+    assert drive.doubted() is Code.LOCALISER_JUMPS
+    drive.frame.trust()
+    assert drive.doubted() is None
+
+
+def test_transform_from_the_map_places_odometry() -> None:
+    drive = Drive()
+    wheel = Transform(1.0, "base_link", "wheel", 0.1j, 1.0)
+    placed = Transform(1.0, "/map", "odom", TRUE.origin, TRUE.rotation)
+    message = decode(Transforms, encode(Transforms((wheel, placed))))
+    assert drive.frame.take_transforms(message, "map", "odom") is None
+    assert off(drive.placed, TRUE, 5.0) < 1e-9
+    assert drive.frame.take_transforms(Transforms((wheel,)), "map", "odom") is None
+
+
+def test_tilted_transforms_are_skipped() -> None:
+    upright = Transform(1.0, "map", "odom", 1.0, 1.0)
+    payload = bytearray(encode(Transforms((upright,))))
+    x, w = len(payload) - 32, len(payload) - 8
+    payload[x : x + 8], payload[w : w + 8] = payload[w : w + 8], payload[x : x + 8]
+    assert decode(Transforms, bytes(payload)).transforms == ()
+
+
+def test_pose_survives_the_wire() -> None:
+    pose = MapPose(12.5, 1.0 - 2.0j, cmath.rect(1.0, 0.3), 0.25, 0.5)
+    found = decode(MapPose, encode(pose))
+    assert abs(found.heading - pose.heading) < 1e-12
+    assert (found.position, found.deviation, found.heading_deviation) == (pose.position, 0.25, 0.5)
+
+
+def test_team_without_start_marks_forms_behind_a_localiser() -> None:
+    fleet = Fleet(PAIR).after(25.0)
+    assert fleet.error() < 0.25  # its poses are off by 2 cm and 0.02 rad
+    for name, agent in fleet.agents.items():
+        assert {AMCL_POSE.key(name), TF.key(name)} < set(agent.subscriptions)
+
+
+def test_robot_without_a_pose_holds() -> None:
+    fleet = Fleet(PAIR)
+    fleet.meddle = lost(AMCL_POSE.key("robot1"))
+    fleet.run(3.0)
+    agent = fleet.agents["robot1"]
+    assert agent.decision.reason == Reason(Code.NOT_LOCALISED)
+    assert agent.command == AT_REST
