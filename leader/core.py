@@ -113,7 +113,7 @@ class Leader:
         self._began = 0.0  # when the first beat of this term was [s, monotonic]
         self._unsure = False  # leads, and does not know yet whether there was an earlier order
         self._late: tuple[Order, bool] | None = None  # the earlier order, and whether it is stale
-        robots = mission.followers if mission.cohesion else linked(mission)
+        robots = linked(mission).union(mission.waited_for)
         self._followers = {POSITION.key(robot): robot for robot in mission.followers if robot in robots}
         others = [other for other in mission.candidates if other != self.name and mission.standbys]
         self._ballots = {BALLOT.key(other): other for other in others}

@@ -175,6 +175,8 @@ class Cohesion(Table):
     """Largest edge error at which the leader stands still; it slows down from half of this on [m]."""
     patience: Positive | None = None
     """Longest time that the leader waits for the same robot; without this key it waits for ever [s]."""
+    robots: Annotated[tuple[Name, ...], BeforeValidator(as_tuple)] = ()
+    """Followers that the leader waits for, and is linked with; by default all."""
 
 
 class Mission(Table):
@@ -284,6 +286,13 @@ class Mission(Table):
     def received_by(self, robot: str) -> tuple[str, ...]:
         """Publishers of the positions that `robot` receives: measured robots, then others to avoid."""
         return tuple(dict.fromkeys((*self.robots[robot].measurable, *self.avoided_by(robot))))
+
+    @property
+    def waited_for(self) -> tuple[str, ...]:
+        """Followers for which the leader waits."""
+        if self.cohesion is None:
+            return ()
+        return self.cohesion.robots or self.followers
 
     def has_right_of_way(self, robot: str, other: str) -> bool:
         """Whether `robot` passes first: it is nearer to the leader in the graph, or else in the file."""

@@ -241,6 +241,14 @@ def robots_that_see_have_scanners(mission: Mission) -> Iterator[Violation]:
             yield Violation(key, "scan", 'needs an odometry_frame of its own, "start" or "world": not "map"')
 
 
+def leader_waits_for_followers(mission: Mission) -> Iterator[Violation]:
+    """Every robot that the leader waits for is a follower."""
+    for name in () if mission.cohesion is None else mission.cohesion.robots:
+        if name not in mission.followers:
+            legal = f"must be a follower: {', '.join(mission.followers)}"
+            yield Violation("cohesion.robots", name, legal)
+
+
 def maps_place_odometry(mission: Mission) -> Iterator[Violation]:
     """A localiser's map places odometry: a robot that is seen from outside has none."""
     for name in mission.followers:
@@ -289,6 +297,7 @@ RULES = (
     a_scanner_sees_something,
     robots_that_see_have_scanners,
     maps_place_odometry,
+    leader_waits_for_followers,
     bounds_hold_the_start,
 )
 

@@ -2,7 +2,7 @@
 
 The fleet's links follow the measurement graph, with its fallbacks: no router, no multicast, no gossip;
 peers do not relay. Candidates have further links: if there are standbys, each of them and the leader are
-linked with all followers and each other; a leader that waits for its team is linked with all followers. Of
+linked with all followers and each other; a leader that waits for robots is linked with these. Of
 two linked processes the one listed later dials (the leader, then followers, then standbys), so a mutual
 pair has one link. The monitor dials all processes; none dials the monitor.
 
@@ -145,5 +145,5 @@ def cause(mission: Mission, one: str, other: str) -> Cause | None:
         return Cause.AVOID
     candidates = pair.intersection(mission.candidates)
     ballots = mission.standbys and candidates
-    waits = mission.leader in pair and mission.cohesion is not None
+    waits = mission.leader in pair and not pair.isdisjoint(mission.waited_for)
     return Cause.LEADER if ballots or waits else None

@@ -35,7 +35,9 @@ from tests.support.zenoh_admin import Peer, clients, inspect
 pytestmark = pytest.mark.processes
 SIX = load("six_robots")
 MISSIONS = ("six_robots", "patrol")
-"""One as it always was, and one with standbys and fallback neighbours."""
+"""The first that a user runs, and one with standbys and fallback neighbours."""
+OTHERS = ("turtlebot3_pair", "two_chains", "posts", "convoy")
+"""The other shipped missions."""
 
 
 class Team:
@@ -117,11 +119,11 @@ def keys(topic: Topic, names: Iterable[str]) -> set[str]:
     return {topic.key(name) for name in names}
 
 
-def test_agent_subscribes_to_measured_and_avoided_robots_only(team: Team) -> None:
+def test_agent_subscribes_to_its_neighbours_only(team: Team) -> None:
     """And where there are standbys, who of those that may lead asks for its vote."""
     seen, mission = peers(team), team.mission
     for robot in mission.followers:
-        positions = keys(POSITION, mission.received_by(robot))
+        positions = keys(POSITION, mission.robots[robot].measurable)
         requested = keys(BALLOT, mission.candidates) if mission.standbys else set()
         assert seen[robot].subscriptions == positions | requested
         assert seen[robot].queryables == {ORDER.key(robot)}
@@ -227,3 +229,20 @@ def test_only_robots_listen_on_the_robots_side_and_only_on_it(team: Team) -> Non
 
 def endpoints(team: Team) -> tuple[str, ...]:
     return (*team.where.agents.values(), *team.where.robots.values())
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_other_shipped_missions_have_the_links_of_their_graph(name: str, tmp_path: Path) -> None:
+    with running(name, tmp_path / "run.mcap") as team:
+        test_agent_subscribes_to_its_neighbours_only(team)
+        test_candidates_subscribe_to_linked_agents_only(team)
+        test_fleet_links_are_those_of_graph_and_monitor(team)
+        test_an_agent_holds_no_connection_but_these(team)
+        mission = team.mission
+        for robot in mission.followers:
+            graph = {
+                other
+                for other in mission.names
+                if other in mission.robots[robot].measurable or robot in mission.robots[other].measurable
+            }
+            assert set(partners(mission, robot)) == graph
