@@ -236,7 +236,7 @@ class Plan:
         """Go on from another leader's last order; `under_way`: its beat rose a moment ago."""
         self.team_mode.restore(order, under_way=under_way)
         self.route_time, self.team_mode.lost, self.fenced = order.time, None, None
-        if order.route == DRIVEN and order.place is not None:
+        if order.driven and order.place is not None:
             at, heading = complex(order.place.x, order.place.y), cmath.rect(1.0, order.place.heading)
             self.route, self.route_time = NamedRoute.driven(at, heading, 0.0, 0.0), 0.0
             self.driver = Driver()
@@ -278,6 +278,7 @@ class Plan:
             time=round(min(self.route_time, MAX_ROUTE_TIME), 3),
             place=self.route.place(self.route_time),
             tuned=self.tuned,
+            driven=self.driven,
         )
 
     def obey(self, request: OperatorRequest, fact: str) -> Result:

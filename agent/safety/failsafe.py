@@ -96,6 +96,11 @@ class Facts(NamedTuple):
     other_missions: Mapping[str, str] = MappingProxyType({})
     """Robots of which it receives messages and that run another mission, with its tag."""
 
+    @property
+    def beat_limit(self) -> float:
+        """Limit of `beat_silence` [s]."""
+        return LEADER_TIMEOUT_SECONDS if self.order is None else self.order.timeout
+
 
 class Row(NamedTuple):
     """One row: its condition, the robot's state, and the reason."""
@@ -245,16 +250,16 @@ TABLE: tuple[Row, ...] = (
     Row(lambda f: f.routed is False, AgentState.HOLD, _plain(Code.NO_LISTENER), own=True),
     Row(lambda f: bool(f.other_missions), AgentState.HOLD, _mixed, own=True),
     Row(
-        lambda f: f.unsigned is not None and (f.order is None or f.beat_silence > LEADER_TIMEOUT_SECONDS),
+        lambda f: f.unsigned is not None and (f.order is None or f.beat_silence > f.beat_limit),
         AgentState.HOLD,
         _unsigned,
         own=True,
     ),
     Row(lambda f: f.order is None, AgentState.WAITING, _plain(Code.NO_ORDER)),
     Row(
-        lambda f: f.beat_silence > LEADER_TIMEOUT_SECONDS,
+        lambda f: f.beat_silence > f.beat_limit,
         AgentState.HOLD,
-        lambda f: Reason.of(Code.LEADER_LOST, age=f.beat_silence, limit=LEADER_TIMEOUT_SECONDS),
+        lambda f: Reason.of(Code.LEADER_LOST, age=f.beat_silence, limit=f.beat_limit),
         own=True,  # some robots may still receive it
     ),
     Row(

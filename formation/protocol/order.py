@@ -163,6 +163,13 @@ class Order(_Json):
     """Its position."""
     tuned: Tuned | None = None
     """Gains for all robots; None for the mission's."""
+    driven: bool = False
+    """Whether the leader is driven by hand: its beat then counts for `DRIVE_TIMEOUT_SECONDS` only."""
+
+    @property
+    def timeout(self) -> float:
+        """Silence of its beat after which robots hold [s]."""
+        return DRIVE_TIMEOUT_SECONDS if self.driven and self.mode == "run" else LEADER_TIMEOUT_SECONDS
 
 
 Base64 = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]*$")]
