@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import pty
+import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
 from formation.deploy.testing.pytest_plugin import MakeProcesses
+from tests.support.child import PATIENCE
 
 pytestmark = pytest.mark.processes
 PAIR = "turtlebot3_pair"
@@ -55,6 +60,24 @@ def test_driver_plays_a_robot(process_fleet: MakeProcesses, tmp_path: Path) -> N
     fleet = process_fleet(PAIR, drivers={"robot2": driver}, folder=tmp_path / "here")
     fleet.run_until_settled()
     assert any("driver robot2" in file.name.replace("-", " ") for file in (tmp_path / "here").iterdir())
+
+
+@pytest.mark.smoke
+def test_keys_drive_a_fleet_until_the_driver_is_killed(process_fleet: MakeProcesses) -> None:
+    fleet = process_fleet("convoy")
+    fleet.run_until_settled()
+    terminal, keyboard = pty.openpty()
+    command = (sys.executable, "-m", "formation.deploy", "drive", "convoy", "-e", fleet._agents["leader"])
+    with subprocess.Popen(command, stdin=keyboard) as driver:
+        deadline = time.monotonic() + PATIENCE
+        while not any("run" in one.text and "driven" in one.text for one in fleet.events):
+            assert time.monotonic() < deadline, "the keys did not drive"
+            os.write(terminal, b"i")
+            fleet.run(0.05)
+        driver.kill()
+    wait_for_state(fleet, "robot4", "hold")
+    os.close(terminal)
+    os.close(keyboard)
 
 
 def test_process_that_ends_fails_the_run(process_fleet: MakeProcesses) -> None:
