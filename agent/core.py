@@ -454,7 +454,7 @@ class Agent:
             term=newest.term if certificate and newest is not None else 0,
             readonly=self.readonly,
             unavailable=self.state.availability.published,
-            searching=self.perception is not None and not self.perception.placed(self.here, now),
+            searching=self.perception is not None and not self.perception.placed(now),
             voted_term=voter.voted_term,
             last_ballot=voter.last_ballot,
             mission=self.mission.tag,
