@@ -50,7 +50,7 @@ MAX_RECKONING_ERROR = 0.03
 STEADY_HEADING_DEVIATION = 0.003
 """Standard deviation of the heading of a robot that sees its neighbours while it drives [rad]."""
 MAX_MISPLACEMENT = 0.02
-"""Distance of the pose from the estimate from which on it is no landmark for others, and does not lock [m]."""
+"""Distance of the pose from the estimate from which on it does not lock, and is no landmark [m]."""
 MAX_LOCKED_MISPLACEMENT = 0.1
 """The same from which on a robot is no longer locked [m]."""
 REFUSED_DEVIATION, REFUSED_HEADING_DEVIATION = 0.01, math.radians(0.3)

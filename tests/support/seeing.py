@@ -135,7 +135,7 @@ def shape_error(fleet: Fleet) -> float:
 
 
 def believed_error(fleet: Fleet) -> float:
-    """Error of the positions that agents publish, over all edges, with their shape turned as fits best [m]."""
+    """Error of the positions that agents publish, over all edges; their shape is turned as fits best [m]."""
     of = fleet.mission
     true = {name: robot.plant.position for name, robot in fleet.world._hosted.items()}
     believed = {name: agent.here.state.position for name, agent in fleet.agents.items()}

@@ -25,8 +25,8 @@ from formation.protocol.status import (
     LeaderStatus,
     Localised,
     MotionFault,
-    Sight,
     RobotLink,
+    Sight,
     WatchdogState,
     WatchdogStatus,
 )
