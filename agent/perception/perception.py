@@ -135,20 +135,11 @@ class Expected(NamedTuple):
     """Its x axis, unit [body frame now]."""
 
 
-def mates(mission: Mission, robot: str) -> tuple[str, ...]:
-    """The neighbours by which `robot` corrects its pose, as its mission lists them."""
-    return tuple(
-        name
-        for name in mission.robots[robot].measurable
-        if name != mission.leader and mission.has_right_of_way(name, robot)
-    )
-
-
 class Perception:
     """Where one robot is in its team's frame, by odometry and scans."""
 
     def __init__(self, mission: Mission, robot: str) -> None:
-        self.mates = mates(mission, robot)
+        self.mates = mission.landmarks_of(robot)
         """The neighbours by which it corrects its pose."""
         self.state = PerceptionState(mates={name: MateState() for name in self.mates})
         self._mount = mission.robots[robot].scan.mount
@@ -172,9 +163,12 @@ class Perception:
             state.trail.popleft()
 
     def take_scan(self, scan: LaserScan, scanner: Scanner) -> None:
-        """Keep a scan that `scanner` has just processed, until the odometry of its time has come."""
-        times = scanner.state
-        if times.frozen is None:
+        """Keep a scan that `scanner` has just processed, until the odometry of its time has come.
+
+        One that is frozen, late or early, or not placed by believable speeds, is not used.
+        """
+        times, doubt = scanner.state, scanner.doubt
+        if doubt is None or doubt.code is Code.SCAN_BLIND:
             against = scanner.sweep(scan) < 0.0
             self.state.scanned = Scanned(beams(scan), times.began, times.ended, against)
 

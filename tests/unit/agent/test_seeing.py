@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from formation.agent.perception.perception import MAX_RECKONING_TIME, mates
+from formation.agent.perception.perception import MAX_RECKONING_TIME
 from formation.mission.file import MissionError, parse, read
 from formation.protocol.reasons import Code
 from formation.protocol.status import AgentState, Sight
@@ -124,9 +124,10 @@ def test_posts_like_robots_are_not_taken_for_them() -> None:
 
 def test_only_robots_before_it_correct_a_robot() -> None:
     mission = hexagon()
-    assert mates(mission, "robot2") == ()
-    assert mates(mission, "robot3") == ("robot2",)
-    assert mates(mission, "robot6") == ("robot4", "robot5")
+    assert mission.landmarks_of("robot2") == ()
+    assert mission.landmarks_of("robot3") == ("robot2",)
+    assert mission.landmarks_of("robot6") == ("robot4", "robot5")
+    assert hexagon(measurement="network").landmarks_of("robot6") == ()
 
 
 def test_robot_that_searches_is_no_landmark() -> None:

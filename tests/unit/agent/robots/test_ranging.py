@@ -71,6 +71,29 @@ def test_the_scanner_sees_from_where_it_is_mounted() -> None:
     assert beam(scan, -1j) == pytest.approx(1.0, abs=RANGE_NOISE)
 
 
+def test_systematic_errors_have_a_sign_of_each_robot() -> None:
+    post = "[[simulation.posts]]\nx = -1.5\ny = 4.0\nradius = 0.1\n"
+    off = World(mission(f"{EXACT}scale = 0.01\nmounting_error_deg = 5.0\n{post}"), seed=1)
+    scan, true = scans(off, "robot2")[0], scans(World(mission(EXACT + post)), "robot2")[0]
+    hit = [number for number, distance in enumerate(scan.ranges) if 1.8 < distance < 2.0]
+    exact = [number for number, distance in enumerate(true.ranges) if 1.8 < distance < 2.0]
+    turned = math.remainder(math.radians(hit[0] - exact[0]), math.tau)
+    assert abs(turned) == pytest.approx(math.radians(5.0), abs=math.radians(1.5))
+    ratio = min(scan.ranges[number] for number in hit) / min(true.ranges[number] for number in exact)
+    assert abs(ratio - 1.0) == pytest.approx(0.01, abs=1e-3)
+    signs = {scans(off, name)[0].ranges[0] for name in off.robots}
+    assert len(signs) > 1
+
+
+def test_scanners_see_what_a_mission_says_of_robots() -> None:
+    whole, name = read("six_robots")
+    seen = '[robot]\nscanner = "optional"\nseen = { radius = 0.035, x = -0.1 }'
+    world = World(parse(f"{whole.replace('[robot]', seen)}\n{EXACT}", name))
+    other = -3.0 + 1.5j - 0.1 * (0.5 + 0.5j * math.sqrt(3.0))  # behind robot3, which faces 60 degrees
+    toward = (other - (-1.5 + 2j)) / 1j
+    assert beam(scans(world, "robot2")[0], toward) == pytest.approx(abs(toward) - 0.035, abs=0.005)
+
+
 def test_a_robot_that_moves_sees_things_come_nearer() -> None:
     post = EXACT + "[[simulation.posts]]\nx = -1.5\ny = 4.0\nradius = 0.1\n"
     ahead = Sample("robot2/cmd_vel", encode(Twist(0.5, 0.0)), None, 0.0)
