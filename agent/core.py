@@ -19,7 +19,7 @@ from formation.agent.following.neighbours import Neighbour, Neighbourhood, Neigh
 from formation.agent.following.orders import Orders, OrdersState
 from formation.agent.following.slots import Slots, SlotsState
 from formation.agent.inbox import Inbox, InboxState, Wakefulness
-from formation.agent.perception.perception import Perception, PerceptionState, mates
+from formation.agent.perception.perception import Perception, PerceptionState
 from formation.agent.pose.estimator import Localisation, LocalisationState
 from formation.agent.pose.motion_check import MotionCheck, MotionCheckState
 from formation.agent.pose.probe import Probe, ProbeState
@@ -132,8 +132,7 @@ class Agent:
         self.here = Localisation(mission, robot, self.controller)
         self.neighbours = Neighbourhood(mission, robot, self.controller)
         self.avoiding = Avoiding(mission, robot, self.controller)
-        sees = spec.measurement == "scan" and mates(mission, robot)
-        self.perception = Perception(mission, robot) if sees else None
+        self.perception = Perception(mission, robot) if mission.landmarks_of(robot) else None
         """Corrects its pose by what its scanner sees of neighbours; None for a robot that does not."""
         self._answers = Answers(mission, robot, self.others)
         self._fence = Geofence(mission)
@@ -456,7 +455,7 @@ class Agent:
             term=newest.term if certificate and newest is not None else 0,
             readonly=self.readonly,
             unavailable=self.state.availability.published,
-            searching=self.perception is not None and not self.perception.placed(self.here, now),
+            searching=self.perception is not None and not self.perception.placed(now),
             voted_term=voter.voted_term,
             last_ballot=voter.last_ballot,
             mission=self.mission.tag,

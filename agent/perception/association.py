@@ -3,8 +3,8 @@
 Pure. A neighbour is expected where it says that it is, as seen from where this robot believes to be. A
 cylinder of its radius that is near enough, in units of the uncertainty of both, is that neighbour, unless
 another one fits almost as well, also one that is partly hidden, or that one fits another robot almost as
-well: then none is chosen. Where the way to the expected place is free, beams that end behind it, or a cylinder of that size
-beside it, show that the neighbour is not there.
+well: then none is chosen. Where the way to the expected place is free, beams that end behind it, or a
+cylinder of that size beside it, show that the neighbour is not there.
 """
 
 from __future__ import annotations

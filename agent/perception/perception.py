@@ -49,8 +49,10 @@ MAX_RECKONING_ERROR = 0.03
 """Greatest standard deviation of the error that arises meanwhile [m]."""
 STEADY_HEADING_DEVIATION = 0.003
 """Standard deviation of the heading of a robot that sees its neighbours while it drives [rad]."""
-MAX_MISPLACEMENT = 0.01
-"""Distance of the pose from the estimate from which on it is no landmark for others [m]."""
+MAX_MISPLACEMENT = 0.02
+"""Distance of the pose from the estimate from which on it does not lock, and is no landmark [m]."""
+MAX_LOCKED_MISPLACEMENT = 0.1
+"""The same from which on a robot is no longer locked [m]."""
 REFUSED_DEVIATION, REFUSED_HEADING_DEVIATION = 0.01, math.radians(0.3)
 """By so much a scan that shows no neighbour where it says widens the estimate, per axis [m; rad]."""
 TRAIL_TIME = 3.0
@@ -115,6 +117,8 @@ class PerceptionState:
     """When a neighbour was seen last [s, monotonic]."""
     path: float = 0.0
     """Path since then [m]."""
+    misplacement: float = 0.0
+    """Distance of the pose from the estimate, towards which it moves slowly [m]."""
     refused_since: float = math.inf
     """Since when neighbours are not where they say [s, monotonic]."""
 
@@ -131,20 +135,11 @@ class Expected(NamedTuple):
     """Its x axis, unit [body frame now]."""
 
 
-def mates(mission: Mission, robot: str) -> tuple[str, ...]:
-    """The neighbours by which `robot` corrects its pose, as its mission lists them."""
-    return tuple(
-        name
-        for name in mission.robots[robot].measurable
-        if name != mission.leader and mission.has_right_of_way(name, robot)
-    )
-
-
 class Perception:
     """Where one robot is in its team's frame, by odometry and scans."""
 
     def __init__(self, mission: Mission, robot: str) -> None:
-        self.mates = mates(mission, robot)
+        self.mates = mission.landmarks_of(robot)
         """The neighbours by which it corrects its pose."""
         self.state = PerceptionState(mates={name: MateState() for name in self.mates})
         self._mount = mission.robots[robot].scan.mount
@@ -168,9 +163,12 @@ class Perception:
             state.trail.popleft()
 
     def take_scan(self, scan: LaserScan, scanner: Scanner) -> None:
-        """Keep a scan that `scanner` has just processed, until the odometry of its time has come."""
-        times = scanner.state
-        if times.frozen is None:
+        """Keep a scan that `scanner` has just processed, until the odometry of its time has come.
+
+        One that is frozen, late or early, or not placed by believable speeds, is not used.
+        """
+        times, doubt = scanner.state, scanner.doubt
+        if doubt is None or doubt.code is Code.SCAN_BLIND:
             against = scanner.sweep(scan) < 0.0
             self.state.scanned = Scanned(beams(scan), times.began, times.ended, against)
 
@@ -192,6 +190,8 @@ class Perception:
                 bodies = [one for one in others if one.name in self._specs and _is_placed(one, now)]
                 self._use(scanned, bodies, now)
         here.align(state.estimate.position, state.estimate.heading)
+        state.misplacement = abs(state.estimate.position - here.state.position)
+        state.locked = state.locked and state.misplacement < MAX_LOCKED_MISPLACEMENT
 
     def sight(self, now: Now) -> Sight:
         """What the pose is based on."""
@@ -200,12 +200,9 @@ class Perception:
         reckons = now.mono - self.state.seen_at > MIN_RECKONING_TIME
         return Sight.RECKONING if reckons else Sight.LOCKED
 
-    def placed(self, here: Localisation, now: Now) -> bool:
+    def placed(self, now: Now) -> bool:
         """Whether its position is a landmark for others: it can be relied on, and no longer moves there."""
-        estimate = self.state.estimate
-        if estimate is None or self.doubt(now) is not None:
-            return False
-        return abs(estimate.position - here.state.position) < MAX_MISPLACEMENT
+        return self.doubt(now) is None and self.state.misplacement < MAX_MISPLACEMENT
 
     def ages(self, now: Now) -> dict[str, float]:
         """Time since each neighbour was seen last [s], of those that have been seen."""
@@ -229,6 +226,9 @@ class Perception:
             absent = [name for name, one in state.mates.items() if one.outcome is Outcome.ABSENT]
             if absent:
                 return Reason.of(Code.SIGHT_CONTRADICTED, robots=absent)
+            if state.agreed >= LOCK_SCANS:
+                off, most = state.misplacement, MAX_MISPLACEMENT
+                return Reason.of(Code.SIGHT_PLACING, distance=off, limit=most)
             return Reason.of(Code.SIGHT_SEARCHING, robots=self.mates, count=state.agreed, limit=LOCK_SCANS)
         age, error = now.mono - state.seen_at, self.reckoning_error
         if age > MAX_RECKONING_TIME or (age > MIN_RECKONING_TIME and error > MAX_RECKONING_ERROR):
@@ -286,7 +286,8 @@ class Perception:
         state.agreed = min(state.agreed + 1, LOCK_SCANS) if seen and not refused else 0
         if seen:
             state.seen_at, state.path, state.refused_since = moment, 0.0, math.inf
-            state.locked = state.locked or state.agreed >= LOCK_SCANS
+            placed = state.agreed >= LOCK_SCANS and state.misplacement < MAX_MISPLACEMENT
+            state.locked = state.locked or placed
         elif refused:
             state.refused_since = min(state.refused_since, moment)
             state.locked = state.locked and moment - state.refused_since < MAX_REFUSED_TIME
@@ -294,7 +295,7 @@ class Perception:
             state.estimate = self._wider(state.estimate, seen=seen)
 
     def _wider(self, estimate: Estimate, *, seen: bool) -> Estimate:
-        """The estimate after a scan that shows a neighbour not to be where it says; `seen`: but another one."""
+        """The estimate after a scan in which a neighbour is not where it says; `seen`: another one is."""
         if self.state.locked or seen:
             return pose_filter.widened(estimate, REFUSED_DEVIATION, REFUSED_HEADING_DEVIATION)
         return pose_filter.doubted(estimate, START_DEVIATION, START_HEADING_DEVIATION)

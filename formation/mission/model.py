@@ -299,6 +299,17 @@ class Mission(Table):
         first, second = self.names.index(robot), self.names.index(other)
         return (self.graph.depths[first] or 0, first) < (self.graph.depths[second] or 0, second)
 
+    def landmarks_of(self, robot: str) -> tuple[str, ...]:
+        """Neighbours by which a robot with `measurement = "scan"` corrects its pose: those that pass first.
+
+        Errors thus go only one way. The virtual leader has no body.
+        """
+        spec = self.robots[robot]
+        if spec.measurement != "scan":
+            return ()
+        bodies = [name for name in spec.measurable if name != self.leader]
+        return tuple(name for name in bodies if self.has_right_of_way(name, robot))
+
     def under(self, law: str) -> Mission:
         """The same mission under another law."""
         return self.changed(law=self.law.model_copy(update={"kind": law}))

@@ -78,6 +78,7 @@ class Code(StrEnum):
     RELATIVE_FROZEN = "relative_frozen"
     # about neighbours that its range scanner must see
     SIGHT_SEARCHING = "sight_searching"
+    SIGHT_PLACING = "sight_placing"
     SIGHT_CONTRADICTED = "sight_contradicted"
     SIGHT_LOST = "sight_lost"
     # about a robot that does not move as commanded
@@ -164,8 +165,10 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         Code.RELATIVE_FROZEN: "the sensor's {robot} frozen or this robot blocked: displacement changed"
         " {seen:.3f} m in {duration:.1f} s, at least {least:.2f} m of {expected:.2f} m expected;"
         " check what measures it, and wheels",
-        Code.SIGHT_SEARCHING: "its range scans do not show {robots:names} yet: {count:.0f} of {limit:.0f} scans"
-        " in a row; clear the view, or put the robot on its start pose and restart its agent",
+        Code.SIGHT_SEARCHING: "its range scans do not show {robots:names} yet: {count:.0f} of {limit:.0f}"
+        " scans in a row; clear the view, or put the robot on its start pose and restart its agent",
+        Code.SIGHT_PLACING: "its position is {distance:.3f} m from where its range scans show it, limit"
+        " {limit:.3f} m; goes on when that is corrected",
         Code.SIGHT_CONTRADICTED: "its range scans do not show {robots:names} where odometry says;"
         " clear the view, or put the robot on its start pose and restart its agent",
         Code.SIGHT_LOST: "has not seen {robots:names} for {age:.0f} s, limit {limit:.0f} s; its position may"

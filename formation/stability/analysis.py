@@ -17,7 +17,7 @@ from formation.mission.graph import cyclic_core
 from formation.mission.model import Mission
 from formation.mission.route import Route
 from formation.simulation.simulate import simulate
-from formation.stability import crowding, feasibility, spectrum
+from formation.stability import crowding, feasibility, landmarks, spectrum
 from formation.stability.losses import useless_fallbacks
 
 MAX_AMPLIFICATION_RATIO = 2.0
@@ -82,6 +82,7 @@ def analyse(mission: Mission, law: str | None = None) -> Analysis:
     margin = spectrum.delay_margin(mu, gains.k_p, gains.k_i)
     settling = settling_time(mission, law)
     warnings = [*feasibility.warnings(mission), *useless_fallbacks(mission), *_shaky(mission, margin, peaks)]
+    warnings += landmarks.warnings(mission)
     problems = [*faults, *_sampling(mission, mu, stable=not faults), *feasibility.problems(mission)]
     if controller.collision_filter:
         problems += crowding.problems(mission)

@@ -1,11 +1,9 @@
-"""How true relative positions stay: production agents of a hexagon, whose odometry drifts, on a virtual clock."""
+"""How true relative positions stay: production agents of a hexagon on a virtual clock; odometry drifts."""
 
 from __future__ import annotations
 
 import cmath
-import math
-import random
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from formation.agent.perception.association import Outcome
@@ -14,12 +12,12 @@ from formation.deploy.rehearsal import fleet as rehearsed
 from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.engine import UPTIME
 from formation.deploy.rehearsal.fleet import Fleet, Plants, WorldName
-from formation.mission.file import parse
 from formation.mission.model import Mission
 from formation.sensing.detection import Detection
+from tests.support.seeing import STRAIGHT, Errors, displaced, edges, hexagon, misfit, rms
 
 ROUTES = {
-    "straight": "[[route]]\nspeed = 0.15\nheading_deg = 0",
+    "straight": STRAIGHT,
     "circle": "[[route]]\nradius = 2.0\nspeed = 0.15\nheading_deg = 0",
     "stop-and-go": "\n".join(
         f"[[route]]\nspeed = {speed}\nheading_deg = {heading}\nduration = {duration}"
@@ -28,25 +26,6 @@ ROUTES = {
     ),
 }
 """Routes of the leader, as the mission file has them."""
-HEXAGON = {
-    "robot2": (-0.5, 0.866025),
-    "robot3": (-1.5, 0.866025),
-    "robot4": (-2.0, 0.0),
-    "robot5": (-1.5, -0.866025),
-    "robot6": (-0.5, -0.866025),
-    "robot7": (-1.0, 0.0),
-}
-"""Slots relative to the leader [m]: five of the corners, and the middle."""
-NEIGHBOURS = {
-    "robot2": ("led",),
-    "robot3": ("led", "robot2"),
-    "robot4": ("robot2", "robot3"),
-    "robot5": ("robot3", "robot4"),
-    "robot6": ("robot4", "robot5"),
-    "robot7": ("robot2", "robot3"),
-}
-
-
 MAX_OFF, MAX_OFF_SHARE = 0.06, 0.07
 """Distance of a detection from the true robot [m], and as a share of the range, from which it is another."""
 
@@ -57,54 +36,14 @@ class Case(NamedTuple):
     route: str = "straight"
     measurement: str = "scan"
     world: WorldName = "kinematic"
-    scale: float = 0.0
-    """Of the scanners' distances, as a share."""
-    mounting_deg: float = 0.0
-    """[°]"""
-    lost: float = 0.1
-    """Share of lost beams."""
-    start_error: float = 0.02
-    """Standard deviation of start positions, per axis [m]."""
-    start_error_deg: float = 1.0
-    """Standard deviation of start headings [°]."""
+    errors: Errors = Errors()
     tables: str = ""
     """More tables of the mission."""
 
-
-def mission(case: Case) -> Mission:
-    """The hexagon behind a virtual leader; robots are TurtleBot3 Burgers with an LDS-01."""
-    lines = [
-        'name = "hexagon"', 'leader = "led"', "[law]", "k_p = 1.5", "k_i = 0.3", "[robot]",
-        "control_point_offset = 0.1", "max_speed = 0.21", "max_turn_rate = 2.6", "radius = 0.105",
-        "rate = 20", f'measurement = "{case.measurement}"', 'odometry_frame = "start"', 'scanner = "required"',
-        "speed_step = 0.01", "turn_rate_step = 0.01", 'cmd_vel = "twist_stamped"',
-        "scan = { rate = 5, x = -0.032 }", "seen = { radius = 0.035, x = -0.032 }",
-        "[collisions]", "lag = 0.1", "[cohesion]", "error = 0.3",
-        "[simulated_robot]", 'profile = "turtlebot3_burger"',
-        "[simulated_scanner]", f"lost = {case.lost}", f"scale = {case.scale}",
-        f"mounting_error_deg = {case.mounting_deg}",
-        "[shapes.hexagon]", *(f"{name} = [{x}, {y}]" for name, (x, y) in HEXAGON.items()),
-        "[robots.led]", "start = { x = 0.0, y = 0.0 }",
-    ]  # fmt: skip
-    for name, (x, y) in HEXAGON.items():
-        neighbours = ", ".join(f'"{one}"' for one in NEIGHBOURS[name])
-        lines += [f"[robots.{name}]", f"neighbours = [{neighbours}]"]
-        lines += [f"start = {{ x = {x - 0.1}, y = {y}, heading_deg = 0 }}"]
-    return parse("\n".join((*lines, ROUTES[case.route], case.tables)))
-
-
-def displaced(of: Mission, case: Case, seed: int) -> Mission:
-    """The mission as it really is: robots are not exactly on their start poses."""
-    chance, robots = random.Random(seed), dict(of.robots)
-    for name in of.followers:
-        spec = robots[name]
-        start = {
-            "x": spec.start.x + chance.gauss(0.0, case.start_error),
-            "y": spec.start.y + chance.gauss(0.0, case.start_error),
-            "heading_deg": spec.start.heading_deg + chance.gauss(0.0, case.start_error_deg),
-        }
-        robots[name] = spec.model_copy(update={"start": spec.start.model_copy(update=start)})
-    return of.changed(robots=robots)
+    @property
+    def mission(self) -> Mission:
+        """The mission that agents have."""
+        return hexagon(ROUTES[self.route], self.errors, measurement=self.measurement, tables=self.tables)
 
 
 class Displaced(Fleet):
@@ -112,10 +51,10 @@ class Displaced(Fleet):
 
     def __init__(self, case: Case, seed: int) -> None:
         self._case, self._seed = case, seed
-        super().__init__(mission(case), seed, Weather(), (), case.world)
+        super().__init__(case.mission, seed, Weather(), (), case.world)
 
     def _start_world(self, names: Sequence[str], seed: int, plants: Plants) -> None:
-        real = displaced(self.mission, self._case, self._seed)
+        real = displaced(self.mission, self._case.errors, self._seed)
         made = rehearsed._in_physics(real, seed) if self.slips else plants
         super()._start_world(names, seed, lambda _, robots, number: made(real, robots, number))
 
@@ -134,7 +73,7 @@ class Witness:
         for name, (agent, _) in self._fleet.agents.items():
             if agent.perception is not None and id(agent) not in self._watched:
                 self._watched.add(id(agent))
-                agent.perception._correct = self._noted(name, agent.perception)  # type: ignore[method-assign]
+                agent.perception._correct = self._noted(name, agent.perception)  # type: ignore[assignment,method-assign]
 
     def _noted(self, name: str, perception: Perception) -> Callable[[Expected, Detection], bool]:
         correct = perception._correct
@@ -158,11 +97,6 @@ class Witness:
     def _place(self, name: str) -> tuple[complex, complex]:
         plant = self._fleet.robots[name][0].plant(name)
         return plant.position, plant.heading
-
-
-def edges(of: Mission) -> list[tuple[str, str]]:
-    """All edges between bodies."""
-    return [(i, j) for i in of.followers for j in of.robots[i].neighbours if j != of.leader]
 
 
 class Error(NamedTuple):
@@ -189,22 +123,10 @@ def error(fleet: Fleet) -> Error:
     true = [at[j] - at[i] for i, j in pairs]
     wanted = [of.slot(j) - of.slot(i) for i, j in pairs]
     return Error(
-        _misfit(true, wanted),
-        _rms(one - want for one, want in zip(true, wanted, strict=True)),
-        _misfit([centre[j] - centre[i] for i, j in pairs], [believed[j] - believed[i] for i, j in pairs]),
+        misfit(true, wanted),
+        rms(one - want for one, want in zip(true, wanted, strict=True)),
+        misfit([centre[j] - centre[i] for i, j in pairs], [believed[j] - believed[i] for i, j in pairs]),
     )
-
-
-def _misfit(true: Sequence[complex], wanted: Sequence[complex]) -> float:
-    """What is left when `wanted` is turned as fits best [m]."""
-    turn = sum(one * want.conjugate() for one, want in zip(true, wanted, strict=True))
-    turn /= abs(turn)
-    return _rms(one - turn * want for one, want in zip(true, wanted, strict=True))
-
-
-def _rms(values: Iterable[complex]) -> float:
-    squares = [abs(one) ** 2 for one in values]
-    return math.sqrt(sum(squares) / len(squares))
 
 
 class Sample(NamedTuple):
@@ -237,7 +159,7 @@ def run(case: Case, seed: int, seconds: float) -> tuple[list[Sample], Witness]:
 def window(samples: Sequence[Sample], begin: float, end: float) -> Error:
     """RMS over a time [s]."""
     inside = [one.error for one in samples if begin < one.time <= end]
-    return Error(*(_rms(complex(one) for one in column) for column in zip(*inside, strict=True)))
+    return Error(*(rms(complex(one) for one in column) for column in zip(*inside, strict=True)))
 
 
 def turned(fleet: Fleet, name: str) -> float:

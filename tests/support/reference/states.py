@@ -96,7 +96,9 @@ CONDITIONS: tuple[tuple[str, list[Facts]], ...] = (
     ),
     (
         "the robot must see its neighbours, and does not",
-        _because("sight_doubt", Code.SIGHT_SEARCHING, Code.SIGHT_CONTRADICTED, Code.SIGHT_LOST),
+        _because(
+            "sight_doubt", Code.SIGHT_SEARCHING, Code.SIGHT_PLACING, Code.SIGHT_CONTRADICTED, Code.SIGHT_LOST
+        ),
     ),
     (
         "no neighbour can be followed, and the leader is a silent neighbour",

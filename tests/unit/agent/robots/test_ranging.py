@@ -71,6 +71,30 @@ def test_the_scanner_sees_from_where_it_is_mounted() -> None:
     assert beam(scan, -1j) == pytest.approx(1.0, abs=RANGE_NOISE)
 
 
+def test_systematic_errors_have_a_sign_of_each_robot() -> None:
+    off = World(mission(f"{EXACT}scale = 0.01\nmounting_error_deg = 5.0\n"), seed=1)
+
+    def nearest(world: World) -> tuple[int, float]:
+        """The middle beam on robot3, and its range [m]."""
+        ranges = [one if 1.4 < one < 1.6 else math.inf for one in scans(world, "robot2")[0].ranges]
+        return ranges.index(min(ranges)), min(ranges)
+
+    (number, distance), (true_number, true) = nearest(off), nearest(World(mission(EXACT)))
+    assert abs(number - true_number) == pytest.approx(5, abs=1)
+    assert abs(distance / true - 1.0) == pytest.approx(0.01, abs=1e-3)
+    scales = {robot.ranging._scale for robot in off._hosted.values() if robot.ranging is not None}
+    assert scales == {0.99, 1.01}
+
+
+def test_scanners_see_what_a_mission_says_of_robots() -> None:
+    whole, name = read("six_robots")
+    seen = '[robot]\nscanner = "optional"\nseen = { radius = 0.035, x = -0.1 }'
+    world = World(parse(f"{whole.replace('[robot]', seen)}\n{EXACT}", name))
+    other = -3.0 + 1.5j - 0.1 * (0.5 + 0.5j * math.sqrt(3.0))  # behind robot3, which faces 60 degrees
+    toward = (other - (-1.5 + 2j)) / 1j
+    assert beam(scans(world, "robot2")[0], toward) == pytest.approx(abs(toward) - 0.035, abs=0.005)
+
+
 def test_a_robot_that_moves_sees_things_come_nearer() -> None:
     post = EXACT + "[[simulation.posts]]\nx = -1.5\ny = 4.0\nradius = 0.1\n"
     ahead = Sample("robot2/cmd_vel", encode(Twist(0.5, 0.0)), None, 0.0)

@@ -1,0 +1,51 @@
+"""`python -m tests.campaigns.perception --help`: one line for each run, errors in centimetres."""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+
+from tests.campaigns.perception.drift import ROUTES, Case, run, window
+from tests.support.seeing import Errors
+
+MINUTES = (1, 2, 5, 10)
+"""Ends of the minutes that are printed."""
+
+
+def main() -> None:
+    """Run a case from several seeds."""
+    parser = argparse.ArgumentParser(prog="python -m tests.campaigns.perception", description=__doc__)
+    parser.add_argument("route", choices=ROUTES)
+    parser.add_argument("--world", choices=("kinematic", "mujoco"), default="mujoco")
+    parser.add_argument("--measurement", choices=("scan", "network"), default="scan")
+    parser.add_argument("--scale", type=float, default=0.0, help="error of distances, as a share")
+    parser.add_argument("--mounting", type=float, default=0.0, help="error of directions [°]")
+    parser.add_argument("--start", type=float, default=0.02, help="deviation of start positions [m]")
+    parser.add_argument("--start-deg", type=float, default=1.0, help="deviation of start headings [°]")
+    parser.add_argument("--seconds", type=int, default=600)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0])
+    flags = parser.parse_args()
+    errors = Errors(
+        scale=flags.scale, mounting_deg=flags.mounting, start=flags.start, start_deg=flags.start_deg
+    )
+    case = Case(flags.route, flags.measurement, flags.world, errors)
+    for seed in flags.seeds:
+        samples, witness = run(case, seed, flags.seconds)
+        parts = [f"{flags.route} seed {seed}"]
+        for minute in MINUTES:
+            if 60 * minute <= flags.seconds:
+                # the first 20 s are the way to the slots
+                one = window(samples, max(20.0, 60.0 * (minute - 1)), 60.0 * minute)
+                parts.append(
+                    f"minute {minute}: {100 * one.shape:.2f} ({100 * one.believed:.2f} believed,"
+                    f" {100 * one.world:.2f} world)"
+                )
+        settled = window(samples, 20.0, flags.seconds)
+        states = Counter(state for one in samples[20:] for state in one.states.values())
+        parts.append(f"from 20 s on: {100 * settled.shape:.2f}")
+        parts.append(f"wrong {witness.wrong} of {witness.right + witness.wrong}")
+        print("; ".join(parts), dict(states), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,158 @@
+"""A hexagon of robots that see each other with range scanners, and how true their relative positions are."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+from formation.agent.simulated.plant import Moving
+from formation.agent.simulated.simulated import kinematic
+from formation.mission.file import parse
+from formation.mission.model import Mission
+from tests.support.fleet import Fleet
+
+STRAIGHT = "[[route]]\nspeed = 0.15\nheading_deg = 0"
+HEXAGON: Mapping[str, tuple[float, float]] = {
+    "robot2": (-0.5, 0.866025),
+    "robot3": (-1.5, 0.866025),
+    "robot4": (-2.0, 0.0),
+    "robot5": (-1.5, -0.866025),
+    "robot6": (-0.5, -0.866025),
+    "robot7": (-1.0, 0.0),
+}
+"""Slots relative to the leader [m]: five of the corners, and the middle."""
+NEIGHBOURS: Mapping[str, tuple[str, ...]] = {
+    "robot2": ("led",),
+    "robot3": ("led", "robot2"),
+    "robot4": ("robot2", "robot3"),
+    "robot5": ("robot3", "robot4"),
+    "robot6": ("robot4", "robot5"),
+    "robot7": ("robot2", "robot3"),
+}
+TRIANGLE = ("robot2", "robot3", "robot7")
+"""Robots of a smaller team."""
+
+
+class Errors(NamedTuple):
+    """How scanners measure, and how robots stand at the start."""
+
+    lost: float = 0.1
+    """Share of lost beams."""
+    scale: float = 0.0
+    """Systematic error of distances, as a share."""
+    mounting_deg: float = 0.0
+    """Systematic error of directions [°]."""
+    start: float = 0.02
+    """Standard deviation of start positions, per axis [m]."""
+    start_deg: float = 1.0
+    """Standard deviation of start headings [°]."""
+
+
+def hexagon(
+    route: str = STRAIGHT,
+    errors: Errors = Errors(),  # noqa: B008 - a constant
+    *,
+    measurement: str = "scan",
+    scanner: str = "required",
+    robots: Sequence[str] = tuple(HEXAGON),
+    simulated: str = "",
+    tables: str = "",
+) -> Mission:
+    """TurtleBot3 Burgers with an LDS-01 behind a virtual leader.
+
+    `simulated` are more keys of [simulated_robot], `tables` more tables.
+    """
+    lines = [
+        'name = "hexagon"', 'leader = "led"', "[law]", "k_p = 1.5", "k_i = 0.3", "[robot]",
+        "control_point_offset = 0.1", "max_speed = 0.21", "max_turn_rate = 2.6", "radius = 0.105",
+        "rate = 20", f'measurement = "{measurement}"', 'odometry_frame = "start"', f'scanner = "{scanner}"',
+        "speed_step = 0.01", "turn_rate_step = 0.01", 'cmd_vel = "twist_stamped"',
+        "scan = { rate = 5, x = -0.032 }", "seen = { radius = 0.035, x = -0.032 }",
+        "[collisions]", "lag = 0.1", "[cohesion]", "error = 0.3",
+        "[simulated_robot]", 'profile = "turtlebot3_burger"', simulated,
+        "[simulated_scanner]", f"lost = {errors.lost}", f"scale = {errors.scale}",
+        f"mounting_error_deg = {errors.mounting_deg}",
+        "[shapes.hexagon]", *(f"{name} = {list(HEXAGON[name])}" for name in robots),
+        "[robots.led]", "start = { x = 0.0, y = 0.0 }",
+    ]  # fmt: skip
+    for name in robots:
+        x, y = HEXAGON[name]
+        neighbours = ", ".join(f'"{one}"' for one in NEIGHBOURS[name])
+        lines += [f"[robots.{name}]", f"neighbours = [{neighbours}]"]
+        lines += [f"start = {{ x = {x - 0.1}, y = {y}, heading_deg = 0 }}"]
+    return parse("\n".join((*lines, route, tables)))
+
+
+def displaced(of: Mission, errors: Errors, seed: int) -> Mission:
+    """The mission as it really is: robots are not exactly on their start poses."""
+    chance, robots = random.Random(seed), dict(of.robots)
+    for name in of.followers:
+        spec = robots[name]
+        start = {
+            "x": spec.start.x + chance.gauss(0.0, errors.start),
+            "y": spec.start.y + chance.gauss(0.0, errors.start),
+            "heading_deg": spec.start.heading_deg + chance.gauss(0.0, errors.start_deg),
+        }
+        robots[name] = spec.model_copy(update={"start": spec.start.model_copy(update=start)})
+    return of.changed(robots=robots)
+
+
+def fleet_of(mission: Mission, errors: Errors = Errors(), seed: int = 0) -> Fleet:  # noqa: B008 - a constant
+    """A fleet on a virtual clock, whose robots are not exactly on their start poses."""
+
+    def plants(of: Mission, robots: Sequence[str], number: int) -> Mapping[str, Moving]:
+        return kinematic(displaced(of, errors, number), robots, number)
+
+    return Fleet(mission, seed=seed, plants=plants)
+
+
+def edges(of: Mission) -> list[tuple[str, str]]:
+    """All edges between bodies."""
+    return [(i, j) for i in of.followers for j in of.robots[i].neighbours if j != of.leader]
+
+
+def misfit(true: Sequence[complex], wanted: Sequence[complex]) -> float:
+    """Root mean square of what is left when `wanted` is turned as fits best [m]."""
+    turn = sum(one * want.conjugate() for one, want in zip(true, wanted, strict=True))
+    turn /= abs(turn)
+    return rms(one - turn * want for one, want in zip(true, wanted, strict=True))
+
+
+def rms(values: Iterable[complex]) -> float:
+    """Root mean square of the lengths."""
+    squares = [abs(one) ** 2 for one in values]
+    return math.sqrt(sum(squares) / len(squares))
+
+
+def shape_error(fleet: Fleet) -> float:
+    """Error of the true relative positions over all edges, with the shape turned as fits best [m]."""
+    of = fleet.mission
+    at = dict(zip(of.names, fleet.points(), strict=True))
+    wanted = [of.slot(j) - of.slot(i) for i, j in edges(of)]
+    return misfit([at[j] - at[i] for i, j in edges(of)], wanted)
+
+
+def believed_error(fleet: Fleet) -> float:
+    """Error of the positions that agents publish, over all edges; their shape is turned as fits best [m]."""
+    of = fleet.mission
+    true = {name: robot.plant.position for name, robot in fleet.world._hosted.items()}
+    believed = {name: agent.here.state.position for name, agent in fleet.agents.items()}
+    return misfit(
+        [true[j] - true[i] for i, j in edges(of)], [believed[j] - believed[i] for i, j in edges(of)]
+    )
+
+
+def blind(fleet: Fleet, robot: str) -> None:
+    """From now on no beam of a robot's scanner comes back."""
+    ranging = fleet.world._hosted[robot].ranging
+    assert ranging is not None
+    ranging._scanner = ranging._scanner._replace(lost=1.0)
+
+
+def carry(fleet: Fleet, robot: str, way: complex) -> None:
+    """Lift a robot and put it down elsewhere [m; world frame]; its wheels do not turn."""
+    plant = fleet.plant(robot)
+    plant.position += way
+    plant._counts_from = plant._counts_from[0] + way, plant._counts_from[1]

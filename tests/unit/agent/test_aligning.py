@@ -1,0 +1,68 @@
+"""Odometry that is placed anew, slowly, where a better pose is known (`OdometrySource.align`)."""
+
+from __future__ import annotations
+
+import cmath
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from formation.agent.pose.estimator import Localisation
+from formation.agent.pose.sources import MAX_ALIGN_RATE, MAX_ALIGN_SPEED, OdometrySource
+from formation.control.laws import LAWS
+from formation.mission.file import load
+from formation.ros2.messages import Odometry
+from tests.support.fleet import at
+from tests.support.missions import with_robots
+
+PERIOD = 0.05
+START = with_robots("six_robots", odometry_frame="start")
+
+
+def odometry(position: complex, heading: complex, stamp: float = 0.0) -> Odometry:
+    return Odometry(stamp, position, heading, 0.0, 0.0, frame="odom")
+
+
+def pose(source: OdometrySource, message: Odometry) -> tuple[complex, complex]:
+    """Position [m] and heading of a message, as they are placed now."""
+    update = source.make_update(message, PERIOD, 1.0)
+    return update.position, update.heading
+
+
+@given(st.complex_numbers(max_magnitude=1.0), st.floats(-3.0, 3.0), st.complex_numbers(max_magnitude=3.0))
+def test_pose_moves_slowly_to_the_better_one(off: complex, turn: float, counted: complex) -> None:
+    source = OdometrySource(START, "robot3")
+    message = odometry(counted, cmath.rect(1.0, 0.4))
+    position, heading = pose(source, message)
+    better, facing = position + off, heading * cmath.rect(1.0, turn)
+    for _ in range(3000):
+        source.align(better, facing, PERIOD)
+        after, turned = pose(source, message)
+        assert abs(after - position) <= MAX_ALIGN_SPEED * PERIOD + 1e-9
+        assert abs(cmath.phase(turned / heading)) <= MAX_ALIGN_RATE * PERIOD + 1e-9
+        position, heading = after, turned
+    assert abs(position - better) < 1e-6
+    assert abs(cmath.phase(heading / facing)) < 1e-6
+
+
+def test_nothing_is_aligned_before_odometry() -> None:
+    source = OdometrySource(START, "robot3")
+    before = source.state.origin, source.state.rotation
+    assert source.align(3.0 + 0.0j, 1j, PERIOD) == 1.0
+    assert (source.state.origin, source.state.rotation) == before
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_observed_heading_turns_along(law: str) -> None:
+    mission = load("six_robots")
+    here = Localisation(mission, "robot3", LAWS[law])
+    for tick in range(3):
+        here.update_pose(odometry(0j, 1.0 + 0.0j, at(PERIOD * tick).wall), PERIOD * tick, at(PERIOD * tick))
+    before, course = here.state.estimate, here.state.course
+    for _ in range(1000):
+        here.align(here.state.position, 1j)
+    turned = here.state.estimate / before if before else 1.0
+    is_heading = LAWS[law].observer.start is None
+    assert turned == pytest.approx(1j if is_heading else 1.0, abs=1e-3)
+    assert here.state.course / course == pytest.approx(1j, abs=1e-3)

@@ -1,0 +1,145 @@
+"""Robots with `measurement = "scan"`: production agents on a virtual clock, with odometry that drifts."""
+
+from __future__ import annotations
+
+import pytest
+
+from formation.agent.perception.perception import MAX_RECKONING_TIME
+from formation.mission.file import MissionError, parse, read
+from formation.protocol.reasons import Code
+from formation.protocol.status import AgentState, Sight
+from tests.support.fleet import Fleet
+from tests.support.missions import with_keys
+from tests.support.seeing import (
+    STRAIGHT,
+    TRIANGLE,
+    Errors,
+    believed_error,
+    blind,
+    carry,
+    fleet_of,
+    hexagon,
+    shape_error,
+)
+
+DRIFT = "drift = 0.02"
+STANDS = "[[route]]\nspeed = 0.0\nheading_deg = 0"
+
+
+def worst(fleet: Fleet, seconds: float) -> float:
+    """Greatest error of the shape meanwhile [m]."""
+    return max(shape_error(one) for one in fleet.every(0.5, seconds))
+
+
+def triangle(route: str = STRAIGHT, errors: Errors = Errors(), **keys: str) -> Fleet:  # noqa: B008 - a constant
+    """Three robots: an anchor, one that sees it, and one that sees both."""
+    return fleet_of(hexagon(route, errors, robots=TRIANGLE, **keys), errors)
+
+
+def holds(fleet: Fleet, robot: str, code: Code) -> bool:
+    """Whether a robot stands for this reason."""
+    decision = fleet.agents[robot].decision
+    return decision.state is AgentState.HOLD and decision.reason.code is code
+
+
+def test_seeing_robots_keep_true_relative_positions() -> None:
+    seeing = fleet_of(hexagon(simulated=DRIFT)).after(25.0)
+    assert worst(seeing, 10.0) < 0.03
+    assert seeing.states == {AgentState.RUN}
+    trusting = fleet_of(hexagon(simulated=DRIFT, measurement="network")).after(25.0)
+    assert shape_error(trusting.after(10.0)) > 0.08
+
+
+def test_robots_stand_until_they_see() -> None:
+    fleet = triangle(errors=Errors(lost=1.0)).after(5.0)
+    for robot in ("robot3", "robot7"):
+        assert holds(fleet, robot, Code.SIGHT_SEARCHING)
+        assert fleet.status(robot).sight is Sight.SEARCHING
+        assert set(fleet.commands_since(robot, 0.0)) == {(0.0, 0.0)}
+    assert fleet.status("robot2").sight is None  # its only neighbour has no body
+    assert "its range scans do not show robot2 yet: 0 of 5 scans" in fleet.message("robot3")
+
+
+def test_status_says_how_well_neighbours_are_seen() -> None:
+    fleet = triangle(STANDS).after(6.0)
+    status = fleet.status("robot7")
+    assert status.sight is Sight.LOCKED
+    assert status.sight_lost == ()
+    assert set(status.sight_age) == set(status.sight_deviation) == {"robot2", "robot3"}
+    assert max(status.sight_age.values()) < 1.0
+    assert 0.0 < max(status.sight_deviation.values()) < 0.05
+
+
+def test_blinded_robot_drives_on_for_a_while_only() -> None:
+    fleet = triangle().after(8.0)
+    blind(fleet, "robot7")
+    fleet.run(10.0)
+    assert fleet.agents["robot7"].decision.state is AgentState.RUN
+    assert fleet.status("robot7").sight is Sight.RECKONING
+    assert "does not see robot2, robot3: goes on by odometry" in fleet.message("robot7")
+    assert shape_error(fleet) < 0.03
+    fleet.run(MAX_RECKONING_TIME - 9.0)
+    assert holds(fleet, "robot7", Code.SIGHT_LOST)
+    assert fleet.last_command("robot7") == (0.0, 0.0)
+
+
+def test_carried_robot_stands_as_neighbours_are_elsewhere() -> None:
+    fleet = triangle().after(8.0)
+    carry(fleet, "robot7", 0.15 - 0.4j)
+    fleet.run(2.5)
+    assert holds(fleet, "robot7", Code.SIGHT_CONTRADICTED)
+    while fleet.agents["robot7"].decision.state is not AgentState.RUN:
+        assert fleet.driven("robot7", 0.1) < 0.02
+        assert fleet.now < 60.0
+    assert believed_error(fleet) < 0.03  # it has found its neighbours where they are
+
+
+def test_robot_put_down_a_little_off_finds_its_place() -> None:
+    fleet = triangle().after(8.0)
+    carry(fleet, "robot7", 0.03 + 0.05j)
+    assert worst(fleet.after(8.0), 2.0) < 0.02
+
+
+def test_frozen_scan_shows_no_neighbour() -> None:
+    fleet = triangle(scanner="optional").after(8.0)
+    ranging = fleet.world._hosted["robot7"].ranging
+    assert ranging is not None
+    others = [fleet.world._hosted[name].disc for name in ("robot2", "robot3")]
+    newest = ranging.scan(0.0, fleet.world.plant("robot7"), others)
+    ranging.scan = lambda *_: newest  # type: ignore[method-assign]
+    fleet.run(5.0)
+    assert fleet.status("robot7").scan_fault is not None
+    assert fleet.status("robot7").sight is Sight.RECKONING
+
+
+def test_posts_like_robots_are_not_taken_for_them() -> None:
+    posts = "\n".join(
+        f"[[simulation.posts]]\nx = {x}\ny = {y}\nradius = 0.035"
+        for x, y in ((-0.35, 0.6), (-1.35, 0.55), (-1.0, 1.5), (-0.6, -0.3))
+    )
+    fleet = triangle(STANDS, tables=posts).after(6.0)
+    assert max(believed_error(one) for one in fleet.every(0.5, 10.0)) < 0.03
+    assert fleet.status("robot7").sight is Sight.LOCKED
+
+
+def test_only_robots_before_it_correct_a_robot() -> None:
+    mission = hexagon()
+    assert mission.landmarks_of("robot2") == ()
+    assert mission.landmarks_of("robot3") == ("robot2",)
+    assert mission.landmarks_of("robot6") == ("robot4", "robot5")
+    assert hexagon(measurement="network").landmarks_of("robot6") == ()
+
+
+def test_robot_that_searches_is_no_landmark() -> None:
+    fleet = triangle().after(8.0)
+    blind(fleet, "robot3")
+    fleet.agents["robot3"].perception.state.locked = False  # type: ignore[union-attr]
+    fleet.run(4.0)
+    assert fleet.agents["robot7"].neighbours.each["robot3"].state.searching
+    assert fleet.status("robot7").sight_lost == ("robot3",)
+
+
+@pytest.mark.parametrize("keys", [{}, {"scanner": "optional", "localisation": "external"}])
+def test_mission_without_scanner_or_odometry_is_refused(keys: dict[str, str]) -> None:
+    with pytest.raises(MissionError, match="measurement"):
+        parse(with_keys(read("six_robots")[0], measurement="scan", **keys))

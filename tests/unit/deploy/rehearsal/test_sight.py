@@ -1,0 +1,31 @@
+"""Rehearsals of robots that see each other: every rule holds, also while sensors and processes fail."""
+
+from __future__ import annotations
+
+import pytest
+
+from formation.deploy.rehearsal.faults import parse
+from formation.deploy.rehearsal.rehearsal import Plan, run
+from tests.support.seeing import hexagon
+
+MISSION = hexagon(simulated="drift = 0.0")
+
+
+def test_robots_that_see_each_other_settle() -> None:
+    verdict = run(Plan(MISSION), 0, ())
+    assert verdict.violations == ()
+    assert verdict.settled_at is not None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "kill@12+3", "reset@12+1", "freeze@12+3", "mute@12+4", "second@12+3", "clock=3@12+5", "loss=0.3@8+12",
+        "blocked@12+3", "frozen@12+4", "carried@12+2", "scan_frozen@12+4", "scan_late@12+4",
+    ],
+)  # fmt: skip
+def test_rules_hold_while_one_robot_fails(fault: str) -> None:
+    verdict = run(Plan(MISSION), 0, (parse(f"robot4:{fault}", MISSION),))
+    assert verdict.violations == ()
+    assert verdict.settled_at is not None
