@@ -2,8 +2,6 @@
 
     law → collision filter → ramp → brake → protective zones → quantiser
 
-At the end the law's integral is unwound by what the filter has changed.
-
 Agents and simulation call the same functions (simulation compiles them, `formation.simulation.compiled`).
 All are pure: state is an argument and a result. Each stage passes on a command within its limits
 unchanged.
@@ -25,7 +23,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from formation.control.avoidance import Avoidance, AvoidanceParameters, Obstacle, avoid, brake
-from formation.control.controller import Gains, Limits, Measured, Step, unwound
+from formation.control.controller import Gains, Limits, Measured, Step
 from formation.control.quantiser import Quantiser, quantise
 from formation.control.ramp import STARTING, Ramp, RampLimits, ramped
 from formation.control.unicycle import AT_REST, Command
@@ -39,8 +37,6 @@ class ControlParams(NamedTuple):
     """Constants of all control steps."""
 
     law: Step
-    integral: bool
-    """Whether the law has one."""
     limits: Limits
     avoidance: AvoidanceParameters
     avoids: bool
@@ -104,11 +100,6 @@ def control_step(
         after = ControlState(integral, state.avoidance, state.ramp, state.remainder)
         return after, Outcome(wanted, wanted, finite, None, finite)
     after, outcome = constrained(state, wanted, inputs, obstacles, params)
-    if params.integral:
-        integral = unwound(
-            integral, inputs.heading, inputs.measured, inputs.gains, params.limits, wanted, outcome.target,
-            inputs.dt,
-        )  # fmt: skip
     return ControlState(integral, after.avoidance, after.ramp, after.remainder), outcome
 
 
