@@ -221,10 +221,8 @@ class Agent:
             voter.commanded(now.mono)
             before = self.state.outside is not None
             self.state.outside = self._fence.outside(self.here.state.position, before=before)
-        gains = self.tuning.state
-        self.here.state.age_limit = own_age_limit(
-            len(self._spec.neighbours), gains.k_p, gains.k_i, self._spec.rate, MAX_DELAY
-        )
+        gains, degree = self.tuning.state, self.controller.degree(len(self._spec.neighbours))
+        self.here.state.age_limit = own_age_limit(degree, gains.k_p, gains.k_i, self._spec.rate, MAX_DELAY)
         self.here.judge_age()
         self.neighbours.judge(self.here.state.age_limit, now)
         decided, self.state.decision = self.state.decision.state, self._decide(now)

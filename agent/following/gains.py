@@ -50,7 +50,7 @@ class Tuning:
     """The gains of one robot."""
 
     def __init__(self, mission: Mission, robot: str, controller: Controller) -> None:
-        law = mission.law.gains_for(controller)
+        law = mission.gains_for(controller)
         self.state = TuningState(law.k_p, law.k_i)
         self._law, self._limits, self._gains = controller.step, mission.robots[robot].limits, law
         self._original = Tuned.model_construct(k_p=law.k_p, k_i=law.k_i)

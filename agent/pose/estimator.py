@@ -17,6 +17,15 @@ from formation.control.avoidance import HEADING_GAIN_RATIO, MAX_HEADING_ERROR, c
 from formation.control.controller import Controller
 from formation.control.observer import Travel, innovation
 from formation.control.plane import rotation, shorten, unit
+from formation.control.pose_filter import (
+    COMMANDED_NOISE,
+    ODOMETRY_NOISE,
+    Spread,
+    filtered,
+    first_spread,
+    least_noise,
+    replaced,
+)
 from formation.control.tracker import MAX_DELAY
 from formation.control.unicycle import Command, control_point
 from formation.mission.model import Mission
@@ -55,7 +64,9 @@ class LocalisationState:
     late: int = 0
     """Messages that came more than half a period late."""
     position: complex = 0j
-    """Centre [m; world frame]."""
+    """Centre, filtered where the law has its pose filtered [m; world frame]."""
+    spread: Spread
+    """Covariance of that and of `estimate`."""
     travel: Travel | None = None
     """Newest interval; None if the robot's motion in it is unknown."""
     since_last: Travel | None = None
@@ -94,6 +105,9 @@ class Localisation:
         )
         self._observer = controller.observer
         self._filters = controller.collision_filter
+        self._filters_pose = controller.pose_filter
+        self._motion_noise = ODOMETRY_NOISE if spec.localisation == "odometry" else COMMANDED_NOISE
+        self._least_noise = least_noise(mission.collisions.noise)
         self._measures_heading = spec.heading == "measured"
         self._gain = mission.law.observer_gain
         self._limits = spec.limits
@@ -111,7 +125,11 @@ class Localisation:
         self._sharp_gain = self._gain * (HEADING_GAIN_RATIO if spec.localisation == "odometry" else 1.0)
         self._noise = mission.collisions.noise
         self.state = LocalisationState(
-            stream=self.stream.state, source=self._source.state, estimate=estimate, course=estimate
+            stream=self.stream.state,
+            source=self._source.state,
+            estimate=estimate,
+            course=estimate,
+            spread=first_spread(self._least_noise),
         )
 
     @property
@@ -187,8 +205,9 @@ class Localisation:
         self.state.follows, self.state.travel, self.state.since_last = False, None, None
 
     def carried(self) -> None:
-        """Reset the filter's heading: the robot was moved by hand."""
+        """Reset both filters' heading: the robot was moved by hand."""
         self.state.course, self.state.travelled = self.heading, 0.0
+        self.state.spread = first_spread(self._least_noise)
 
     def joins(self, order: Order) -> None:
         """Correct the guessed heading once order and robot are known: the mission's may be old.
@@ -232,20 +251,22 @@ class Localisation:
         state.before = None if before is None else (stamped, self.point, self.heading)
         over = elapsed if elapsed is not None or before is None else arrived - before
         seen = self._update_of(message, over, now)
-        state.position, state.measured, state.follows = seen.position, seen.heading, False
-        state.travel = None
+        believed, state.position = state.position, seen.position
+        state.measured, state.follows, state.travel = seen.heading, False, None
         state.since_last = seen.travel if seen.jumped is None else None
         if seen.travel is None:
             if self._observer.start is not None:
                 state.estimate = self._observer.start(seen.position, self._gain)
             elif self._guessed and before is None:
                 state.estimate = state.course = seen.heading
+            state.spread = replaced(state.spread)
             return None
         if seen.jumped is not None:
             state.jumped, state.calm = seen.jumped, 0.0
             state.jumps += 1
             state.estimate *= 0.0 if self._watches else seen.turned
             state.course, state.travelled = self.heading, 0.0
+            state.spread = first_spread(self._least_noise)
             return None
         if elapsed is None or elapsed > self.stream.limit:
             # so long a path gives no correction, but the robot turned meanwhile
@@ -253,13 +274,20 @@ class Localisation:
                 state.estimate *= rotation(seen.travel.turn)
             if self._filters:
                 state.course *= rotation(seen.travel.turn)
+            state.spread = replaced(state.spread)
             return None
         state.late += elapsed > 1.5 * self._period
         state.follows, state.travel = True, seen.travel
         self._forget_jump(elapsed)
-        state.estimate = shorten(
-            self._observer.step(state.estimate, seen.travel, self._gain), MAX_ESTIMATE_LENGTH
-        )
+        if self._filters_pose:
+            state.position, state.estimate, state.spread = filtered(
+                believed, state.estimate, state.spread, seen.travel, seen.position, elapsed,
+                self._least_noise, self._motion_noise,
+            )  # fmt: skip
+        else:
+            state.estimate = shorten(
+                self._observer.step(state.estimate, seen.travel, self._gain), MAX_ESTIMATE_LENGTH
+            )
         if self._filters:
             gain = course_gain(state.travelled, self._sharp_gain, self._noise)
             state.course = innovation(state.course, seen.travel, gain)

@@ -111,6 +111,6 @@ SAMPLED_SHARE = 0.25
 def fastest_gain(lag: float, period: float) -> float:
     """Highest gain [1/s] for bodies that follow commands with `lag` [s], once in a `period` [s].
 
-    At twice this gain they overshoot visibly; the gain falls as what a body cannot do grows.
+    The delay margin, π/2 of its inverse, is then three periods or more.
     """
-    return min(MAX_DERIVED_GAIN, LAG_PRODUCT / (lag + SAMPLED_SHARE * period))
+    return min(MAX_DERIVED_GAIN, LAG_PRODUCT / max(period, lag + SAMPLED_SHARE * period))

@@ -1,4 +1,4 @@
-"""Kalman filter of a robot's own pose: a position that noise hardly reaches, and the heading it shows.
+r"""Kalman filter of a robot's own pose: a position that noise hardly reaches, and the heading it shows.
 
 Not in the paper. The state is the centre p and the heading ζ, both complex. Since odometry measures the path
 Δs and the turn Δθ, the prediction is linear in it, and ζ needs no length one:
@@ -12,7 +12,7 @@ below what the mission expects.
 | symbol | here | meaning | unit |
 |---|---|---|---|
 | p̂, ζ̂ | `position`, `heading` | estimates, world frame; ζ̂ has any length | m, – |
-| P | `Spread` | covariance of their errors, complex: E \\|x\\|² | |
+| P | `Spread` | covariance of their errors, complex: E \|x\|² | |
 | ν, S | `innovation`, `variance` | measured less predicted position, and its variance | m, m² |
 | R | `Spread.noise` | variance of a measured position, both axes together | m² |
 """
@@ -104,9 +104,7 @@ def filtered(
     p11 = spread.position + 2.0 * along + length * spread.heading + grown
     p12 = turn.conjugate() * cross
     p22 = (
-        spread.heading
-        + motion.heading * motion.heading * path
-        + motion.turn * motion.turn * abs(travel.turn)
+        spread.heading + motion.heading * motion.heading * path + motion.turn * motion.turn * abs(travel.turn)
     )
     innovation, variance = measured - position, p11 + spread.noise
     squared = innovation.real * innovation.real + innovation.imag * innovation.imag

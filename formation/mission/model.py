@@ -53,7 +53,7 @@ class LawSpec(Table):
     """Integral gain k_I; not used by laws without an integral [1/s²]."""
     observer_gain: Positive = 5.0
     """Gain k of the heading observer [1/m]."""
-    velocity_filter: Positive = 0.05
+    velocity_filter: Positive = 0.04
     """Time constant of the low-pass filter of the neighbours' velocities [s]."""
     feed_forward: bool = True
     """Add the neighbours' mean velocity to the command, if the law has a feed-forward."""

@@ -145,7 +145,7 @@ def receive(
     )
 
 
-def params_of(robot: Any, avoided: Avoided, world: World) -> ControlParams:
+def params_of(robot: Any, avoided: Avoided) -> ControlParams:
     """The control pipeline's parameters for one robot, without protective zones: there are no scanners."""
     return ControlParams(
         law,
@@ -185,7 +185,7 @@ def decide(
             velocity = believed(velocity, world.leader_speed)
             measured = Measured(part * relative, part * received.desired, 1.0, velocity)
         inputs = Inputs(now, world.step, me.facing, measured, world.gains, None)
-        state, outcome = control_step(state, inputs, avoided.around[:count], params_of(robot, avoided, world))
+        state, outcome = control_step(state, inputs, avoided.around[:count], params_of(robot, avoided))
         command = outcome.command
     else:
         state = at_rest(state, now)

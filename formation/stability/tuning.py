@@ -60,7 +60,7 @@ def refusal(mission: Mission, wanted: Tuned, requested: tuple[str, ...] = ("k_p"
             return f"{name} = {value:g}: must be from {MIN_GAIN:g} to {MAX_GAIN:g}"
     if not mission.law.controller.integral:
         wanted = wanted.model_copy(update={"k_i": 0.0})
-    mu = spectrum.laplacian(mission.graph)
+    mu = spectrum.laplacian(mission.graph, mean=mission.law.controller.mean)
     cheap: tuple[_Condition, ...] = (_hurwitz, _sampled)
     looked_at = cheap if len(cyclic_core(mission.graph)) > MAX_CORE_SIZE else (*cheap, _fed_forward)
 
@@ -99,7 +99,9 @@ def _fed_forward(mission: Mission, _mu: ComplexArray, gains: Tuned) -> _Fault | 
     law = mission.law
     if not law.feeds_forward or not cyclic_core(mission.graph):
         return None
-    poles = spectrum.feed_forward_poles(mission.graph, gains.k_p, gains.k_i, law.velocity_filter)
+    poles = spectrum.feed_forward_poles(
+        mission.graph, gains.k_p, gains.k_i, law.velocity_filter, mean=law.controller.mean
+    )
     if poles.real.max() < 0.0:
         return None
     worst = complex(poles[np.argmax(poles.real)])

@@ -1,4 +1,4 @@
-"""The law that robots drive with: their neighbours' mean velocity, and a saturated share of the mean error.
+r"""The law that robots drive with: their neighbours' mean velocity, and a saturated share of the mean error.
 
 Not in the paper. Eq. (8) cuts each body axis by itself: a robot that is far away then drives at full speed
 before it points where it should, and drives past its slot. Here the wanted velocity is limited as a vector.
@@ -8,7 +8,7 @@ before it points where it should, and drives past its slot. Here the wanted velo
 | q | `away` | weighted mean of the neighbours' errors, body frame | m |
 | c | `carried` | weighted mean of their velocities, body frame | m/s |
 | k | `Gains.k_p` | gain | 1/s |
-| w | `wanted` | velocity of the control point, c + s q/\\|q\\|, body frame | m/s |
+| w | `wanted` | velocity of the control point, c + s q/\|q\|, body frame | m/s |
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def intercept(away: complex, carried: complex, gain: float, limits: Limits) -> c
 
 
 def stoppable(distance: float, gain: float, limits: Limits) -> float:
-    """Speed [m/s] at which a slot `distance` [m] away is approached: k |q|, or what the ramp can still stop."""
+    """Speed [m/s] at which a slot `distance` [m] away is approached: k |q|, or what the ramp can stop."""
     braking = BRAKING_SHARE * limits.acceleration
     linear = braking / (gain * gain)
     if distance <= linear:

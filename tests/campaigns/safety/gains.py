@@ -113,7 +113,7 @@ class Watch:
         self.most = 0.0
         """[share of a limit]"""
         self._follow, self._law = agent.tuning.follow, agent._params.law
-        self._gains, self._integral = agent.mission.law.gains, 0j
+        self._gains, self._integral = agent.mission.gains, 0j
         agent.tuning.follow = self.follow  # type: ignore[method-assign]
         agent._params = agent._params._replace(law=self.law)
 
