@@ -348,7 +348,7 @@ class Agent:
         """
         self.avoiding.rested()
         state = self.commander.control_state(integral, self.avoiding.state.avoidance)
-        law_output, _, self.state.finite = law_command(state, inputs, self._params)
+        law_output, _, self.state.finite = law_command(state, inputs, self._params, self._params.limits)
         if not self.state.finite:
             return self._not_finite(now)
         obstacles, sight = self.avoiding.obstacles(self.here, self.neighbours, now)

@@ -55,6 +55,8 @@ class Limits(NamedTuple):
     """ω_max [rad/s]."""
     acceleration: float = math.inf
     """Greatest change of the speed that the ramp allows [m/s²]."""
+    reverses: bool = True
+    """Whether it may reverse far: not towards obstacles."""
 
 
 Step = Callable[[complex, complex, Measured, Gains, Limits, float], tuple[Command, complex]]

@@ -107,14 +107,14 @@ def filtered(
         spread.heading + motion.heading * motion.heading * path + motion.turn * motion.turn * abs(travel.turn)
     )
     innovation, variance = measured - position, p11 + spread.noise
+    inverse = 1.0 / variance
     squared = innovation.real * innovation.real + innovation.imag * innovation.imag
     if squared > OUTLIER_RATIO * variance:
         return measured, heading, Spread(spread.noise, 0j, UNKNOWN_HEADING_VARIANCE, spread.noise)
-    share = p11 / variance
-    position += share * innovation
-    heading += p12.conjugate() * (innovation * (1.0 / variance))
-    trust = spread.noise / variance
+    position += p11 * inverse * innovation
+    heading += p12.conjugate() * (inverse * innovation)
+    trust = spread.noise * inverse
     noise = max(least, spread.noise + dt * trust * trust * (squared - variance))
     size = p12.real * p12.real + p12.imag * p12.imag
-    after = Spread(trust * p11, trust * p12, max(0.0, p22 - size / variance), noise)
+    after = Spread(trust * p11, trust * p12, max(0.0, p22 - size * inverse), noise)
     return position, heading, after

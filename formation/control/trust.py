@@ -7,10 +7,13 @@ loop around it, are those of the plain mean.
 
 from __future__ import annotations
 
+import math
+
 from formation.control.plane import shorten
 
 LEAST_EXCESS = 0.02
 """Square of the relative excess that counts as none [–]; its inverse is the greatest weight."""
+GREATEST_WEIGHT = 1.0 / LEAST_EXCESS
 EXCESS_SHARE = 0.2
 """Excess of speed, as a share of the neighbour's top speed, of which the square halves as `LEAST_EXCESS`
 does [–]."""
@@ -21,7 +24,10 @@ def weight(velocity: complex, leader_speed: float, top_speed: float) -> float:
 
     `leader_speed` is the leader's top speed, `top_speed` that of the neighbour's control point [m/s].
     """
-    excess = max(0.0, abs(velocity) - leader_speed) / (EXCESS_SHARE * top_speed)
+    squared = velocity.real * velocity.real + velocity.imag * velocity.imag
+    if squared <= leader_speed * leader_speed:
+        return GREATEST_WEIGHT
+    excess = (math.sqrt(squared) - leader_speed) / (EXCESS_SHARE * top_speed)
     return 1.0 / (LEAST_EXCESS + excess * excess)
 
 

@@ -149,7 +149,7 @@ def params_of(robot: Any, avoided: Avoided) -> ControlParams:
     """The control pipeline's parameters for one robot, without protective zones: there are no scanners."""
     return ControlParams(
         law,
-        Limits(robot.offset, robot.max_speed, robot.max_turn_rate, robot.acceleration),
+        Limits(robot.offset, robot.max_speed, robot.max_turn_rate, robot.acceleration, True),
         AvoidanceParameters(robot.radius, avoided.margin, robot.hold, avoided.blind),
         avoided.avoids,
         RampLimits(robot.ramp_time, robot.ramp_longest, robot.ramp_gap, robot.ramp_gentle),

@@ -300,7 +300,7 @@ def _robots(mission: Mission, controller: Controller, options: Options, step: fl
         local = (options.measurement or spec.measurement) == "local"
         steps = speed.step, speed.most, turn_rate.step, turn_rate.most
         body = params.avoidance.radius, params.avoidance.hold, avoided, avoided_end
-        robots[i] = (*params.limits, *steps, first, last, local, *body, *params.ramp)
+        robots[i] = (*params.limits[:4], *steps, first, last, local, *body, *params.ramp)
     return robots
 
 

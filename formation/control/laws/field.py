@@ -40,57 +40,66 @@ def field(
     to_body = heading.conjugate()
     away = to_body * error(heading, measured)
     carried = to_body * measured.velocity
-    wanted = intercept(away, carried, gains.k_p, limits)
-    if _reverses(away, carried, limits):
+    distance, speed = abs(away), abs(carried)
+    if distance <= MIN_LENGTH:
+        return saturate(carried, limits.offset, limits.max_speed, limits.max_turn_rate), integral
+    towards = away * (1.0 / distance)
+    closing = stoppable(distance, gains.k_p, limits)
+    if closing + speed > limits.max_speed:
+        closing = intercepting(towards, carried, closing, limits)
+    if speed > CONE_SHARE * limits.offset * limits.max_turn_rate:
+        closing = turning(towards, carried, closing, limits)
+    wanted = carried + closing * towards
+    if away.real < -REVERSE_LEVERS * limits.offset and better_backwards(away, speed, limits):
         wanted = wanted.conjugate()
     return saturate(wanted, limits.offset, limits.max_speed, limits.max_turn_rate), integral
 
 
-def intercept(away: complex, carried: complex, gain: float, limits: Limits) -> complex:
-    """w = c + s q/|q| [m/s]: `away` q [m] is closed at k |q|, or as fast as the robot meets its moving slot.
-
-    |w| is at most u_max. If the slot moves faster than the robot can move sideways, L ω_max, w stays in a
-    cone around c, in which the robot can hold formation at any heading that it turns through.
-    """
-    distance, speed = abs(away), abs(carried)
-    if distance <= MIN_LENGTH:
-        return carried
-    towards = away * (1.0 / distance)
-    along = carried.real * towards.real + carried.imag * towards.imag
-    room = limits.max_speed * limits.max_speed - speed * speed + along * along
-    closing = min(stoppable(distance, gain, limits), max(0.0, math.sqrt(max(0.0, room)) - along))
-    sideways = CONE_SHARE * limits.offset * limits.max_turn_rate
-    if speed > sideways:
-        sine = sideways / speed
-        cosine = math.sqrt(1.0 - sine * sine)
-        ahead = along / speed
-        across = abs(carried.real * towards.imag - carried.imag * towards.real) / speed
-        leaving = across * cosine - ahead * sine
-        if closing * leaving > sideways:
-            closing = sideways / leaving
-        if -closing * ahead > BACKWARD_SHARE * speed:
-            closing = BACKWARD_SHARE * speed / -ahead
-    return carried + closing * towards
-
-
 def stoppable(distance: float, gain: float, limits: Limits) -> float:
-    """Speed [m/s] at which a slot `distance` [m] away is approached: k |q|, or what the ramp can stop."""
-    braking = BRAKING_SHARE * limits.acceleration
+    """Speed s [m/s] at which a slot `distance` [m] away is approached: k |q|, or what the ramp can stop."""
+    closing, braking = gain * distance, BRAKING_SHARE * limits.acceleration
+    if gain * closing <= braking:
+        return closing
     linear = braking / (gain * gain)
-    if distance <= linear:
-        return gain * distance
     return math.sqrt(2.0 * braking * (distance - 0.5 * linear))
 
 
-def _reverses(away: complex, carried: complex, limits: Limits) -> bool:
-    """Whether the robot had better reverse to its slot than turn round.
+def intercepting(towards: complex, carried: complex, closing: float, limits: Limits) -> float:
+    """`closing` [m/s], or less, so that |w| is at most u_max: the robot then meets its moving slot."""
+    along = carried.real * towards.real + carried.imag * towards.imag
+    across = carried.real * towards.imag - carried.imag * towards.real
+    room = limits.max_speed * limits.max_speed - across * across
+    return max(0.0, min(closing, math.sqrt(max(0.0, room)) - along))
+
+
+def turning(towards: complex, carried: complex, closing: float, limits: Limits) -> float:
+    """`closing` [m/s], or less, so that w stays in a cone around c.
+
+    A slot that moves faster than the robot can move sideways, L ω_max, is followed only by a robot that
+    faces along c: in this cone it holds formation at every heading that it turns through.
+    """
+    speed, sideways = abs(carried), CONE_SHARE * limits.offset * limits.max_turn_rate
+    sine = min(1.0, sideways / speed)
+    along = (carried.real * towards.real + carried.imag * towards.imag) / speed
+    across = abs(carried.real * towards.imag - carried.imag * towards.real) / speed
+    leaving = across * math.sqrt(1.0 - sine * sine) - along * sine
+    if closing * leaving > sideways:
+        closing = sideways / leaving
+    if -closing * along > BACKWARD_SHARE * speed:
+        closing = BACKWARD_SHARE * speed / -along
+    return closing
+
+
+def better_backwards(away: complex, speed: float, limits: Limits) -> bool:
+    """Whether the robot had better reverse to its slot than turn round; `speed` is |c| [m/s].
 
     Then it turns the other way, because its back is to point there. With |y| <= m |x| the distance still
     falls if m √(1 + m²) (L ω_max + |c|) < u_max - |c|.
     """
-    far = max(REVERSE_LEVERS * limits.offset, REVERSE_TURNS * limits.max_speed / limits.max_turn_rate)
-    speed, sideways = abs(carried), limits.offset * limits.max_turn_rate
-    if away.real > -far or speed >= min(sideways, limits.max_speed):
+    sideways = limits.offset * limits.max_turn_rate
+    if not limits.reverses or speed >= min(sideways, limits.max_speed):
+        return False
+    if -away.real * limits.max_turn_rate < REVERSE_TURNS * limits.max_speed:
         return False
     ratio = REVERSE_SHARE * (limits.max_speed - speed) / (sideways + speed)
     slope = 0.5 * (math.sqrt(1.0 + 4.0 * ratio * ratio) - 1.0)  # m²
