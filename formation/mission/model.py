@@ -23,7 +23,7 @@ from formation.control.quantiser import Quantiser
 from formation.control.ramp import ramp_limits
 from formation.control.unicycle import Command
 from formation.mission import rules as mission_rules
-from formation.mission.graph import Graph
+from formation.mission.graph import Graph, cyclic_core
 from formation.mission.robot import Post, RobotDefaults, RobotSpec, SimulatedScanner, Wall
 from formation.mission.route import Leg, Waypoints
 from formation.mission.tables import Endpoint, Name, NotNegative, Point, Positive, Table, Title, as_tuple
@@ -46,7 +46,7 @@ class LawSpec(Table):
     """Name of the control law; `--law` replaces it."""
     gain: Positive | None = None
     """Gain of the law `field`: rate at which the mean error of the neighbours is closed [1/s]; by default
-    as high as `collisions.lag` and the robots' rates allow, at most 12."""
+    as high as `collisions.lag`, the robots' rates and cycles of the graph allow, at most 12."""
     k_p: Positive = 2.0
     """Proportional gain k_P of the other laws, for the sum of the neighbours' errors [1/s]."""
     k_i: NotNegative = 1.0
@@ -286,7 +286,7 @@ class Mission(Table):
         same = {name: getattr(self, name) for name in type(self).model_fields}
         return type(self).model_construct(**{**same, **values})
 
-    @property
+    @cached_property
     def gains(self) -> Gains:
         """The gains of the mission's law."""
         return self.gains_for(self.law.controller)
@@ -296,7 +296,8 @@ class Mission(Table):
         if not controller.mean:
             return Gains(self.law.k_p, self.law.k_i if controller.integral else 0.0)
         slowest = min(self.robots[name].rate for name in self.followers)
-        derived = fastest_gain(self.collisions.lag, 1.0 / slowest)
+        cycle = len(cyclic_core(self.graph))
+        derived = fastest_gain(self.collisions.lag, 1.0 / slowest, cycle, self.law.velocity_filter)
         return Gains(self.law.gain or derived, self.law.k_i if controller.integral else 0.0)
 
     @property

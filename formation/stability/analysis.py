@@ -134,18 +134,25 @@ def settling_time(mission: Mission, law: str) -> float | None:
 
 
 def _instability(mission: Mission, mu: ComplexArray, poles: ComplexArray, forward: float | None) -> list[str]:
-    k_p, k_i, *_ = mission.gains
-    if not spectrum.stable(mu, k_p, k_i):
+    k_p, k_i = mission.gains
+    cyclic = bool(cyclic_core(mission.graph))
+    if not (forward is not None and cyclic) and not spectrum.stable(mu, k_p, k_i):
         # k_P² Re(μ)|μ|² / Im(μ)²
         turning = mu[np.abs(mu.imag) > 1e-12 * np.abs(mu)]
         bound = float((k_p**2 * turning.real * np.abs(turning) ** 2 / turning.imag**2).min())
         what = f"law.{_gain(mission)} = {k_p:g}, law.k_i = {k_i:g} on this graph"
         return [_unstable(what, poles, f"k_i must be below {bound:.3g} 1/s²")]
-    if forward is not None and cyclic_core(mission.graph):
-        loop = spectrum.feed_forward_poles(mission.graph, k_p, k_i, forward, mean=mission.law.controller.mean)
+    if forward is not None and cyclic:
+        period = 1.0 / min(mission.robots[name].rate for name in mission.followers)
+        loop = spectrum.feed_forward_poles(
+            mission.graph, k_p, k_i, forward, period, mean=mission.law.controller.mean
+        )
         if loop.real.max() >= 0.0:
-            what = f"law.feed_forward with velocity_filter = {forward:g} s on this graph"
-            return [_unstable(what, loop, "must be false, or filter for longer")]
+            what = (
+                f"law.feed_forward with law.{_gain(mission)} = {k_p:g} and velocity_filter = {forward:g} s"
+                " on this graph"
+            )
+            return [_unstable(what, loop, "must be false, or the graph without the cycle")]
     return []
 
 
@@ -164,7 +171,11 @@ def _sampling(mission: Mission, mu: ComplexArray, *, stable: bool) -> list[str]:
         return []
     slowest = min(mission.followers, key=lambda name: mission.robots[name].rate)
     rate = mission.robots[slowest].rate
-    k_p, k_i, *_ = mission.gains
+    k_p, k_i = mission.gains
+    if mission.law.feeds_forward and cyclic_core(mission.graph):
+        mu = mu[: len(mu) - len(cyclic_core(mission.graph))]  # the core is judged as it is fed forward
+        if not len(mu):
+            return []
     radius = spectrum.sampled_radius(mu, k_p, k_i, 1.0 / rate)
     if radius < 1.0:
         return []

@@ -19,8 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formation.control.arrays import ComplexArray, FloatArray
+from formation.control.tracker import learned
 from formation.mission.graph import Graph, cyclic_core
 from formation.simulation.edges import Edges
+
+LEAST_STEP = 1e-12
+"""Poles of a step with a smaller modulus are gone at once [–]."""
 
 
 def laplacian(graph: Graph, *, mean: bool = False) -> ComplexArray:
@@ -79,25 +83,31 @@ def sampled_radii(mu: ComplexArray, k_p: float, k_i: float, period: float) -> Fl
 
 
 def feed_forward_poles(
-    graph: Graph, k_p: float, k_i: float, time_constant: float, *, mean: bool = False
+    graph: Graph, k_p: float, k_i: float, time_constant: float, period: float, *, mean: bool = False
 ) -> ComplexArray:
-    """Poles [1/s] of the loop with the neighbours' filtered velocity fed forward, for the `cyclic_core`.
+    """Poles [1/s] of the sampled loop with the neighbours' velocity fed forward, for the `cyclic_core`.
 
-    Outside of it feed-forward closes no loop: there the poles are those of the PI loop and -1/τ.
+    Each command holds for `period` [s]; velocities are low-passed differences of positions. A pole z of the
+    step is given as ln z / period: sampling alone can make a ring unstable. Outside of the core
+    feed-forward closes no loop: there the poles are those of the PI loop, and of the low pass.
     """
     core, edges = np.array(cyclic_core(graph), dtype=np.intp) - 1, Edges(graph)
     count = len(core)
+    zero, unit = np.zeros((count, count)), np.eye(count)
     among = _among(edges, core, mean=mean)
-    averaged = np.eye(count) - _among(edges, core, mean=True)  # velocities of the core's neighbours
-    motion = np.hstack([-k_p * among, k_i * np.eye(count), averaged])
-    integral = np.hstack([-among, np.zeros((count, 2 * count))])
-    estimate = motion / time_constant
-    estimate[:, 2 * count :] -= np.eye(count) / time_constant
-    loop = np.vstack([motion, integral, estimate])
+    averaged = unit - _among(edges, core, mean=True)  # velocities of the core's neighbours
+    share = learned(period, time_constant)
+    # one step of positions, their velocity until now, its low pass before, and the integral
+    low_passed = np.hstack([zero, share * unit, (1.0 - share) * unit, zero])
+    motion = np.hstack([-k_p * among, zero, zero, k_i * unit]) + averaged @ low_passed
+    position = np.hstack([unit, zero, zero, zero]) + period * motion
+    integral = np.hstack([-period * among, zero, zero, unit])
+    loop = np.vstack([position, motion, low_passed, integral])
     if k_i == 0.0:  # no integral
-        moving = np.r_[:count, 2 * count : 3 * count]
-        loop = loop[np.ix_(moving, moving)]
-    values: ComplexArray = np.linalg.eigvals(loop).astype(np.complex128)
+        loop = loop[: 3 * count, : 3 * count]
+    steps: ComplexArray = np.linalg.eigvals(loop).astype(np.complex128)
+    steps = steps[np.abs(steps) > LEAST_STEP]
+    values: ComplexArray = np.log(steps) / period
     return values
 
 

@@ -99,8 +99,9 @@ def _fed_forward(mission: Mission, _mu: ComplexArray, gains: Tuned) -> _Fault | 
     law = mission.law
     if not law.feeds_forward or not cyclic_core(mission.graph):
         return None
+    period = 1.0 / min(mission.robots[name].rate for name in mission.followers)
     poles = spectrum.feed_forward_poles(
-        mission.graph, gains.k_p, gains.k_i, law.velocity_filter, mean=law.controller.mean
+        mission.graph, gains.k_p, gains.k_i, law.velocity_filter, period, mean=law.controller.mean
     )
     if poles.real.max() < 0.0:
         return None
