@@ -185,7 +185,9 @@ def test_the_shipped_missions_have_no_problem_and_no_warning(name: str) -> None:
     assert found.depth[load(name).leader] == 0
 
 
-@pytest.mark.parametrize(("mission", "stable"), [(load("six_robots"), True), (scenarios.ring(12).under("paper"), False)])
+@pytest.mark.parametrize(
+    ("mission", "stable"), [(load("six_robots"), True), (scenarios.ring(12).under("paper"), False)]
+)
 def test_the_json_is_json_with_null_for_what_has_no_number(mission: Mission, *, stable: bool) -> None:
     found = analyse(mission).as_json()
     assert set(found) >= KEYS

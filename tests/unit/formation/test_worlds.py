@@ -157,9 +157,7 @@ def test_noise_leaves_less_than_with_the_paper_law(noise: float, bound: float) -
         simulate(SIX, runs=20, horizon=horizon, law=law, options=noisy)
         for law, horizon in (("field", 20.0), ("paper", 80.0))
     )
-    rms, reference = (
-        np.sqrt(np.square(one.error[len(one.error) // 2 :]).mean()) for one in (field, paper)
-    )
+    rms, reference = (np.sqrt(np.square(one.error[len(one.error) // 2 :]).mean()) for one in (field, paper))
     assert rms < bound
     assert rms < 0.62 * reference
 
