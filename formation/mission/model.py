@@ -315,7 +315,7 @@ class Mission(Table):
         rate = min(spec.rate, 1.0 / step) if step > 0.0 else spec.rate
         return ControlParams(
             controller.step,
-            spec.limits,
+            spec.limits if controller.ramp else spec.limits._replace(acceleration=math.inf),
             AvoidanceParameters(spec.radius, rules.room, hold, rules.blind),
             rules.mode == "on" and controller.collision_filter,
             ramp_limits(spec.ramp if controller.ramp else 0.0, rate),

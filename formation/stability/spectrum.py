@@ -106,8 +106,7 @@ def feed_forward_poles(
     if k_i == 0.0:  # no integral
         loop = loop[: 3 * count, : 3 * count]
     steps: ComplexArray = np.linalg.eigvals(loop).astype(np.complex128)
-    steps = steps[np.abs(steps) > LEAST_STEP]
-    values: ComplexArray = np.log(steps) / period
+    values: ComplexArray = np.log(steps[np.abs(steps) > LEAST_STEP]) / period
     return values
 
 

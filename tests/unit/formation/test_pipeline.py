@@ -68,7 +68,7 @@ def test_warn_mode_changes_no_command() -> None:
     state = stepped(Command(SPEC.max_speed, 0.0))
     _, outcome = control_step(state, around, (ahead,), params)
     assert outcome.filtered
-    assert outcome.command == law_command(state, around, params)[0]
+    assert outcome.command == law_command(state, around, params, params.limits)[0]
 
 
 def test_ramp_never_outruns_the_brake() -> None:
