@@ -227,10 +227,8 @@ class Agent:
             voter.commanded(now.mono)
             before = self.state.outside is not None
             self.state.outside = self._fence.outside(self.here.state.position, before=before)
-        gains = self.tuning.state
-        self.here.state.age_limit = own_age_limit(
-            len(self._spec.neighbours), gains.k_p, gains.k_i, self._spec.rate, MAX_DELAY
-        )
+        gains, degree = self.tuning.state, self.controller.degree(len(self._spec.neighbours))
+        self.here.state.age_limit = own_age_limit(degree, gains.k_p, gains.k_i, self._spec.rate, MAX_DELAY)
         self.here.judge_age()
         if self.perception is not None and self.state.moved:
             self.perception.step(self.here, self.others, now)
@@ -362,7 +360,7 @@ class Agent:
         """
         self.avoiding.rested()
         state = self.commander.control_state(integral, self.avoiding.state.avoidance)
-        law_output, _, self.state.finite = law_command(state, inputs, self._params)
+        law_output, _, self.state.finite = law_command(state, inputs, self._params, self._params.limits)
         if not self.state.finite:
             return self._not_finite(now)
         obstacles, sight = self.avoiding.obstacles(self.here, self.neighbours, now)

@@ -324,18 +324,19 @@ class Plan:
     @property
     def gains(self) -> Tuned:
         """The law's gains that all robots are to use."""
-        law = self._mission.law
-        return self.tuned or Tuned.model_construct(k_p=law.k_p, k_i=law.k_i)
+        gains = self._mission.gains
+        return self.tuned or Tuned.model_construct(k_p=gains.k_p, k_i=gains.k_i)
 
     def _tune(self, request: OperatorRequest) -> tuple[bool, str]:
         wanted = intent.tuned(request, self.gains)
         why = intent.refusal(self._mission, request, gains=wanted)
         if why is not None:
             return False, why
-        law = self._mission.law
-        self.tuned = None if (wanted.k_p, wanted.k_i) == (law.k_p, law.k_i) else wanted
+        law, gains = self._mission.law, self._mission.gains
+        self.tuned = None if (wanted.k_p, wanted.k_i) == (gains.k_p, gains.k_i) else wanted
         k_i = wanted.k_i if law.controller.integral else 0.0
-        margin = spectrum.delay_margin(spectrum.laplacian(self._mission.graph), wanted.k_p, k_i)
+        mu = spectrum.laplacian(self._mission.graph, mean=law.controller.mean)
+        margin = spectrum.delay_margin(mu, wanted.k_p, k_i)
         return True, f"{wanted.words}; bears a delay of {margin * 1e3:.0f} ms"
 
     def _change_shape(self, request: OperatorRequest) -> tuple[bool, str]:

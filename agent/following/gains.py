@@ -50,7 +50,7 @@ class Tuning:
     """The gains of one robot."""
 
     def __init__(self, mission: Mission, robot: str, controller: Controller) -> None:
-        law = mission.law.gains_for(controller)
+        law = mission.gains_for(controller)
         self.state = TuningState(law.k_p, law.k_i)
         self._law, self._limits, self._gains = controller.step, mission.robots[robot].limits, law
         self._original = Tuned.model_construct(k_p=law.k_p, k_i=law.k_i)
@@ -115,17 +115,23 @@ class Bearable(NamedTuple):
     """Degree and control period [s] of the robots outside the graph's cyclic core."""
     core: frozenset[float]
     """Control periods of the robots inside it [s]."""
+    integral: bool
+    """Whether the law has one; if not, k_I has no effect."""
 
     @classmethod
     def of(cls, mission: Mission) -> Self:
         """Compute them for all robots of a mission."""
         core = {mission.names[index] for index in cyclic_core(mission.graph)}
         robots = {name: mission.robots[name] for name in mission.followers}
+        law = mission.law.controller
         return cls(
             frozenset(
-                (len(one.neighbours), 1.0 / one.rate) for name, one in robots.items() if name not in core
+                (law.degree(len(one.neighbours)), 1.0 / one.rate)
+                for name, one in robots.items()
+                if name not in core
             ),
             frozenset(1.0 / one.rate for name, one in robots.items() if name in core),
+            law.integral,
         )
 
     def check(self, tuned: Tuned) -> None:
@@ -135,8 +141,9 @@ class Bearable(NamedTuple):
         exactly if k_I T < k_P and k_P d T < 2 + k_I d T²/2. Inside |z| < 1 needs k_P |μ| T < 4 and
         k_I |μ| T² < 4, and there is an eigenvalue of at least 1.
         """
+        gains = tuned if self.integral else tuned.model_copy(update={"k_i": 0.0})
         if not (
-            all(_settles(tuned, *one) for one in self.apart) and all(_may(tuned, one) for one in self.core)
+            all(_settles(gains, *one) for one in self.apart) and all(_may(gains, one) for one in self.core)
         ):
             raise BadMessage(f"unbearable gains: {tuned.words}")
 

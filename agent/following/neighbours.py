@@ -23,6 +23,7 @@ from formation.agent.safety.failsafe import Unanswered
 from formation.control import tracker as neighbour
 from formation.control.controller import Controller, Measured
 from formation.control.observer import Travel
+from formation.control.trust import believed, weight
 from formation.control.unicycle import control_point
 from formation.mission.graph import cyclic_core
 from formation.mission.model import Mission
@@ -141,7 +142,8 @@ class Neighbour:
         # The virtual leader has no body: its position is its control point.
         self._tag = mission.tag
         self._offset = 0.0 if name == mission.leader else spec.control_point_offset
-        self._top_speed = spec.top_speed
+        self.top_speed = spec.top_speed
+        """Of its control point [m/s]."""
         self._filter = mission.law.velocity_filter
         self._reported_limit = neighbour.FRESH_PERIODS / spec.rate
 
@@ -223,7 +225,7 @@ class Neighbour:
         if elapsed is None or track is None:
             return neighbour.first_seen(stamp, point)
         before = track._replace(stamp=stamp - elapsed)
-        return neighbour.seen(before, stamp, point, self._filter, self._top_speed)
+        return neighbour.seen(before, stamp, point, self._filter, self.top_speed)
 
     def check_mission(self, tag: str, arrived: float) -> None:
         """Raise BadMessage, and record it, if it runs another mission than this robot."""
@@ -272,7 +274,7 @@ class Neighbour:
         carried, age = self._carried(track, now, my_age), self.stream.age(now)
         if self.fresh(now):
             return Whereabouts(carried, track.point, track.velocity, max(age, my_age))
-        unsure = neighbour.uncertain(age, self._top_speed)
+        unsure = neighbour.uncertain(age, self.top_speed)
         middle, radius = neighbour.somewhere(track.point, carried, unsure)
         return Whereabouts(middle, middle, 0j, 0.0, radius)
 
@@ -323,6 +325,7 @@ class Neighbourhood:
         self._mission, self._robot = mission, robot
         self._neighbours, self._fallbacks = spec.neighbours, spec.fallback_neighbours
         self._circular = mission.names.index(robot) in cyclic_core(mission.graph)
+        self._mean = controller.mean
         self._carry = controller.delay_compensation and mission.law.delay_compensation
         self._feed_forward = controller.feed_forward and mission.law.feed_forward
         # without delay compensation a sensor's displacements are used unchanged
@@ -436,18 +439,28 @@ class Neighbourhood:
             one.place(here)
 
     def measured(self, here: Localisation, slots: Slots, now: Now) -> Measured:
-        """Return the law's input: sums over the robots that it follows, at least one."""
+        """Return the law's input: means or sums over the robots that it follows, at least one."""
         me, heading, my_age = here.point, here.heading, here.stream.age(now)
         mine, my_velocity = slots.state.at[self._robot], slots.state.velocity[self._robot]
-        relative, desired, velocity = 0j, 0j, 0j
+        leader_speed = slots.state.leader_speed
+        relative, desired, velocity, weights, share = 0j, 0j, 0j, 0.0, 1.0
         for name in self.state.guides:
             one = self.each[name]
+            # slots move as well: what is left of a neighbour's velocity is the formation's
+            carried = one.velocity - slots.state.velocity[name]
+            if self._mean:
+                share = weight(carried, leader_speed, one.top_speed)
             if self._as_measured:
-                relative += one.state.displacement
+                seen = one.state.displacement
             else:
-                relative += heading.conjugate() * (one.point(now, my_age, carry=self._carry) - me)
-            desired += slots.state.at[name] - mine
-            # z*_ij moves as well: subtract its rate from the neighbour's velocity
-            velocity += one.velocity - (slots.state.velocity[name] - my_velocity)
-        mean_velocity = velocity / len(self.state.guides) if self._feed_forward else 0j
-        return Measured(relative, desired, len(self.state.guides), mean_velocity)
+                seen = heading.conjugate() * (one.point(now, my_age, carry=self._carry) - me)
+            relative += share * seen
+            desired += share * (slots.state.at[name] - mine)
+            velocity += share * carried
+            weights += share
+        part = 1.0 / weights
+        if not self._mean:
+            mean_velocity = part * velocity + my_velocity if self._feed_forward else 0j
+            return Measured(relative, desired, len(self.state.guides), mean_velocity)
+        mean_velocity = believed(part * velocity, leader_speed) + my_velocity
+        return Measured(part * relative, part * desired, 1, mean_velocity if self._feed_forward else 0j)

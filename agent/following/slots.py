@@ -44,6 +44,8 @@ class SlotsState:
     """Where each was at the newest beat [m; world frame]."""
     going: dict[str, complex]
     """How fast each went then [m/s; world frame]."""
+    leader_speed: float
+    """The leader's top speed: the mission's, or more by the places in the newest orders [m/s]."""
     order: Order | None = None
     """The newest order."""
     beats_began: float = 0.0
@@ -61,7 +63,14 @@ class Slots:
         spec = mission.robots[robot]
         names = (robot, *spec.neighbours, *spec.fallback_neighbours)
         zero = dict.fromkeys(names, 0j)
-        self.state = SlotsState(at=zero, velocity=zero.copy(), ordered=zero.copy(), going=zero.copy())
+        self.state = SlotsState(
+            at=zero,
+            velocity=zero.copy(),
+            ordered=zero.copy(),
+            going=zero.copy(),
+            leader_speed=mission.leader_speed,
+        )
+        self._max_speed = spec.max_speed
         self._mission = mission
         self._fastest = {name: MAX_SLOT_SPEED_SHARE * mission.robots[name].max_speed for name in names}
         self._period = 1.0 / mission.robots[mission.leader].rate
@@ -88,10 +97,12 @@ class Slots:
         state.order, same_term = order, order.term == before.term
         late = arrived - order.beat * self._period - state.beats_began
         state.beats_began += late * LATENESS_WEIGHT if same_term and abs(late) < MAX_BEAT_OFFSET else late
+        elapsed = (order.beat - before.beat) * self._period if same_term else 0.0
+        if elapsed > 0.0:
+            self._measure_leader(order, before, elapsed)
         if state.standing and _placed_shape(order) == _placed_shape(before):
             return
         state.standing = False
-        elapsed = (order.beat - before.beat) * self._period if same_term else 0.0
         share = -math.expm1(-elapsed / VELOCITY_FILTER_TIME)
         placed_shape = PlacedShape.of(order)
         for name, was in state.ordered.items():
@@ -103,6 +114,16 @@ class Slots:
                 state.going[name] = 0j
             if now == was and abs(state.going[name]) <= REST_SPEED:
                 state.going[name] = 0j
+
+    def _measure_leader(self, order: Order, before: Order, elapsed: float) -> None:
+        """An order may let the leader drive faster than the mission does."""
+        speed = 0.0
+        if order.place is not None and before.place is not None:
+            moved = complex(order.place.x - before.place.x, order.place.y - before.place.y)
+            speed = min(abs(moved) / elapsed, self._max_speed)
+        share = -math.expm1(-elapsed / VELOCITY_FILTER_TIME)
+        change = share * (speed - self.state.leader_speed)
+        self.state.leader_speed = max(self._mission.leader_speed, self.state.leader_speed + change)
 
     def _go(self, order: Order, elapsed: float) -> None:
         state = self.state

@@ -18,6 +18,15 @@ from formation.control.avoidance import HEADING_GAIN_RATIO, MAX_HEADING_ERROR, c
 from formation.control.controller import Controller
 from formation.control.observer import Travel, innovation
 from formation.control.plane import rotation, shorten, unit
+from formation.control.pose_filter import (
+    COMMANDED_NOISE,
+    ODOMETRY_NOISE,
+    Spread,
+    filtered,
+    first_spread,
+    least_noise,
+    replaced,
+)
 from formation.control.tracker import MAX_DELAY
 from formation.control.unicycle import Command, control_point
 from formation.mission.model import Mission
@@ -59,7 +68,9 @@ class LocalisationState:
     late: int = 0
     """Messages that came more than half a period late."""
     position: complex = 0j
-    """Centre [m; world frame]."""
+    """Centre, filtered where the law has its pose filtered [m; world frame]."""
+    spread: Spread
+    """Covariance of that and of `estimate`."""
     travel: Travel | None = None
     """Newest interval; None if the robot's motion in it is unknown."""
     since_last: Travel | None = None
@@ -102,6 +113,9 @@ class Localisation:
         """Places odometry by a localiser; None without one."""
         self._observer = controller.observer
         self._filters = controller.collision_filter
+        self._filters_pose = controller.pose_filter
+        self._motion_noise = ODOMETRY_NOISE if spec.localisation == "odometry" else COMMANDED_NOISE
+        self._least_noise = least_noise(mission.collisions.noise)
         self._measures_heading = spec.heading == "measured"
         self._gain = mission.law.observer_gain
         self._limits = spec.limits
@@ -124,6 +138,7 @@ class Localisation:
             map_frame=None if self.map_frame is None else self.map_frame.state,
             estimate=estimate,
             course=estimate,
+            spread=first_spread(self._least_noise),
         )
 
     @property
@@ -201,8 +216,9 @@ class Localisation:
         self.state.follows, self.state.travel, self.state.since_last = False, None, None
 
     def carried(self) -> None:
-        """Reset the filter's heading: the robot was moved by hand."""
+        """Reset both filters' heading: the robot was moved by hand."""
         self.state.course, self.state.travelled = self.heading, 0.0
+        self.state.spread = first_spread(self._least_noise)
 
     def joins(self, order: Order) -> None:
         """Correct the guessed heading once order and robot are known: the mission's may be old.
@@ -226,7 +242,8 @@ class Localisation:
         It takes effect with the next message.
         """
         if isinstance(self._source, OdometrySource):
-            turn = self._source.align(position, heading, self._period)
+            step, turn = self._source.align(position, heading, self._period)
+            self.state.position += step
             if self._observer.start is None:  # else the estimate is not only a heading
                 self.state.estimate *= turn
             self.state.course *= turn
@@ -259,13 +276,14 @@ class Localisation:
             state.jumped, state.calm = jump, 0.0
             state.jumps += 1
 
-    def _follow_map(self, odometry: Odometry) -> None:
-        """Move towards the newest placement."""
-        frame = self.map_frame
-        if frame is None or frame.state.placement is None:
+    def _follow_map(self) -> None:
+        """Move towards the newest placement, if there is a localiser."""
+        frame, source = self.map_frame, self._source
+        if frame is None or frame.state.placement is None or not isinstance(source, OdometrySource):
             return
-        placement = frame.state.placement
-        self.align(placement.of(odometry.position), placement.rotation * odometry.heading)
+        placement, last = frame.state.placement, source.state.last
+        if last is not None:
+            self.align(placement.of(last.position), placement.rotation * last.heading)
 
     def goes_on(self, message: Odometry | Pose, arrived: float, since: float) -> str | None:
         """Prepare state of another process, known until `since` [s, monotonic], for the next `message`.
@@ -292,24 +310,26 @@ class Localisation:
         elapsed = self.stream.admit(message.stamp, arrived, now)
         state.before = None if before is None else (stamped, self.point, self.heading)
         over = elapsed if elapsed is not None or before is None else arrived - before
+        self._follow_map()
         seen = self._update_of(message, over, now)
         if self.map_frame is not None and isinstance(message, Odometry):
             self.map_frame.moved(message, continues=seen.jumped is None and seen.travel is not None)
-            self._follow_map(message)
-        state.position, state.measured, state.follows = seen.position, seen.heading, False
-        state.travel = None
+        believed, state.position = state.position, seen.position
+        state.measured, state.follows, state.travel = seen.heading, False, None
         state.since_last = seen.travel if seen.jumped is None else None
         if seen.travel is None:
             if self._observer.start is not None:
                 state.estimate = self._observer.start(seen.position, self._gain)
             elif self._guessed and before is None:
                 state.estimate = state.course = seen.heading
+            state.spread = replaced(state.spread)
             return None
         if seen.jumped is not None:
             state.jumped, state.calm = seen.jumped, 0.0
             state.jumps += 1
             state.estimate *= 0.0 if self._watches else seen.turned
             state.course, state.travelled = self.heading, 0.0
+            state.spread = first_spread(self._least_noise)
             return None
         if elapsed is None or elapsed > self.stream.limit:
             # so long a path gives no correction, but the robot turned meanwhile
@@ -317,13 +337,20 @@ class Localisation:
                 state.estimate *= rotation(seen.travel.turn)
             if self._filters:
                 state.course *= rotation(seen.travel.turn)
+            state.spread = replaced(state.spread)
             return None
         state.late += elapsed > 1.5 * self._period
         state.follows, state.travel = True, seen.travel
         self._forget_jump(elapsed)
-        state.estimate = shorten(
-            self._observer.step(state.estimate, seen.travel, self._gain), MAX_ESTIMATE_LENGTH
-        )
+        if self._filters_pose:
+            state.position, state.estimate, state.spread = filtered(
+                believed, state.estimate, state.spread, seen.travel, seen.position, elapsed,
+                self._least_noise, self._motion_noise,
+            )  # fmt: skip
+        else:
+            state.estimate = shorten(
+                self._observer.step(state.estimate, seen.travel, self._gain), MAX_ESTIMATE_LENGTH
+            )
         if self._filters:
             gain = course_gain(state.travelled, self._sharp_gain, self._noise)
             state.course = innovation(state.course, seen.travel, gain)

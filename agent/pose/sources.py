@@ -155,22 +155,22 @@ class OdometrySource:
         state.realigned_after = jumped
         return PoseUpdate(*self._placed(odometry), travel, jumped, turned)
 
-    def align(self, position: complex, heading: complex, elapsed: float) -> complex:
-        """Move the placement towards a better pose of the newest message; return the turn, unit complex.
+    def align(self, position: complex, heading: complex, elapsed: float) -> tuple[complex, complex]:
+        """Move the placement towards a better pose of the newest message; return the step [m] and unit turn.
 
         `position` [m] and unit `heading` are in the world frame. In `elapsed` [s] it moves by a share of the
         difference, and at most by `MAX_ALIGN_SPEED` and `MAX_ALIGN_RATE`: the robot makes no jump.
         """
         state = self.state
         if state.last is None:
-            return 1.0 + 0.0j
+            return 0j, 1.0 + 0.0j
         at, facing = self._placed(state.last)
         share = -math.expm1(-elapsed / ALIGN_TIME)
         step = shorten(share * (position - at), MAX_ALIGN_SPEED * elapsed)
         turn = rotation(clip(share * float(angle_between(facing, heading)), MAX_ALIGN_RATE * elapsed))
         state.rotation = unit(state.rotation * turn)
         state.origin = at + step - state.rotation * state.last.position
-        return turn
+        return step, turn
 
     def unlike(self, odometry: Odometry, over: float) -> str | None:
         """Why this cannot be the same robot's odometry `over` [s] after the newest message, in words."""

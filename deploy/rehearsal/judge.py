@@ -409,8 +409,9 @@ def blind_faults(mission: Mission, faults: Iterable[Fault]) -> list[Blind]:
 
 def _blind_since(mission: Mission, fault: Fault) -> float:
     """Return when the position of a robot with `fault` counts as wrong or too late [s]; infinite if never."""
-    spec, law = mission.robots[fault.robot], mission.law
-    limit = own_age_limit(len(spec.neighbours), law.k_p, law.k_i, spec.rate, MAX_DELAY)
+    spec, gains = mission.robots[fault.robot], mission.gains
+    degree = mission.law.controller.degree(len(spec.neighbours))
+    limit = own_age_limit(degree, gains.k_p, gains.k_i, spec.rate, MAX_DELAY)
     if fault.kind == "stale":
         return fault.since if fault.size > limit else math.inf
     if fault.kind == "stutter":  # one burst and one gap are needed to see that it is frozen

@@ -45,6 +45,8 @@ LEARNED_HEADING_DEVIATION = 0.02
 """Standard deviation of the learned heading due to noise of positions, in the end [rad]."""
 FADED_GAIN = 3.0
 """The gain falls to this over the distance travelled [–]."""
+REVERSING_TIME = 0.5
+"""Time at top speed for which it must be free behind a robot that reverses [s]."""
 PAIR_DEVIATIONS = 4.0
 """Standard deviations of the distance between two robots that are kept free."""
 NOISE_DEVIATIONS = 2.0
@@ -246,6 +248,17 @@ def facing(towards: complex, turn: float, doubt: float) -> tuple[float, float]:
     ahead = towards * rotation(-0.5 * turn)
     middle = abs(math.atan2(ahead.imag, ahead.real))
     return math.cos(min(math.pi, middle + spread)), math.cos(max(0.0, middle - spread))
+
+
+def free_behind(obstacles: Sequence[Obstacle], parameters: AvoidanceParameters, limits: Limits) -> bool:
+    """Whether a robot may reverse far: it cannot evade while it does."""
+    reach = REVERSING_TIME * limits.max_speed
+    for k in range(len(obstacles)):
+        one = obstacles[k]
+        room = abs(one.at) - parameters.radius - one.radius
+        if one.at.real < 0.0 and room < reach:
+            return False
+    return True
 
 
 def margin_kept(margin: float, noise: float) -> float:

@@ -1,6 +1,7 @@
 """What a control law is: one `Controller` value, and the terms that laws share.
 
-Source: Eqs. (7)-(9) of the paper. Each law has a file of its own in `formation.control.laws`.
+Source: Eqs. (7)-(9) of the paper. Each law has a file of its own in `formation.control.laws`. A law with
+`Controller.mean` gets means over the neighbours, weighted by `formation.control.trust`, instead of sums.
 
 | symbol | here | meaning | unit |
 |---|---|---|---|
@@ -13,22 +14,23 @@ Source: Eqs. (7)-(9) of the paper. Each law has a file of its own in `formation.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from formation.control.observer import Observer
-from formation.control.unicycle import Command, body_velocity
+from formation.control.unicycle import Command
 
 
 class Measured(NamedTuple):
     """A follower's measurements of its neighbours at one moment."""
 
     relative: complex
-    """Σ_j z_ij^(i) [m; body frame]."""
+    """Σ_j z_ij^(i), or its mean [m; body frame]."""
     desired: complex
-    """Σ_j z*_ij [m; world frame]."""
+    """Σ_j z*_ij, or its mean [m; world frame]."""
     count: Any
-    """Number of neighbours in the sums."""
+    """Number of neighbours in the sums; 1 for means."""
     velocity: complex = 0j
     """mean_j v̂_j [m/s; world frame]; zero switches the feed-forward off."""
 
@@ -40,12 +42,6 @@ class Gains(NamedTuple):
     """Proportional gain [1/s]."""
     k_i: float
     """Integral gain [1/s²]."""
-    anti_windup: float = 1.0
-    """Share of the part cut off by saturation that is subtracted from the integral [–·s]."""
-    integral_band: float = 0.03
-    """Mean edge error at which the integral changes from integrating to decaying [m]."""
-    integral_decay: float = 1.0
-    """Rate at which the integral decays far outside the band [1/s]."""
 
 
 class Limits(NamedTuple):
@@ -57,6 +53,10 @@ class Limits(NamedTuple):
     """u_max [m/s]."""
     max_turn_rate: float
     """ω_max [rad/s]."""
+    acceleration: float = math.inf
+    """Greatest change of the speed that the ramp allows [m/s²]."""
+    reverses: bool = True
+    """Whether it may reverse far: not towards obstacles."""
 
 
 Step = Callable[[complex, complex, Measured, Gains, Limits, float], tuple[Command, complex]]
@@ -80,6 +80,15 @@ class Controller(NamedTuple):
     collision_filter: bool = True
     ramp: bool = True
     """Whether its commands ramp (`formation.control.ramp`)."""
+    mean: bool = False
+    """Whether it takes the weighted mean of its neighbours' errors, with the mission's `gain` as k_P;
+    without, it takes their sum."""
+    pose_filter: bool = True
+    """Whether the pose is filtered (`formation.control.pose_filter`), which replaces the observer."""
+
+    def degree(self, neighbours: int) -> int:
+        """Factor of k_P in the loop of a robot with so many neighbours."""
+        return 1 if self.mean else neighbours
 
 
 def error(heading: complex, measured: Measured) -> complex:
@@ -93,24 +102,24 @@ def nominal(integral: complex, heading: complex, measured: Measured, gains: Gain
     return gains.k_p * (measured.relative - to_body * measured.desired) + gains.k_i * to_body * integral
 
 
-def unwound(
-    integral: complex, heading: complex, measured: Measured, gains: Gains, limits: Limits,
-    wanted: Command, done: Command, dt: float,
-) -> complex:  # fmt: skip
-    """Integral after `dt` [s] if `done` replaces the `wanted` command of the law.
+MAX_DERIVED_GAIN = 12.0
+"""[1/s]"""
+LAG_PRODUCT = 0.5
+"""Product of gain and lag: the damping ratio of a loop with a first-order lag is then 0.7 [–]."""
+SAMPLED_SHARE = 0.25
+"""Share of the control period that counts as lag [–]."""
+CYCLE_PRODUCT, CYCLE_EXCESS = 12.0, 3
+"""Where n robots measure each other in a cycle, k (τ + T) is at most the first over (n + second)²: about a
+third of the greatest stable gain of a ring of 2 to 30 robots, the worst graph of its size that was found."""
 
-    What the collision filter cuts off counts like what saturation cuts off: they add up.
+
+def fastest_gain(lag: float, period: float, cycle: int, velocity_filter: float) -> float:
+    """Gain [1/s] of robots that follow commands with `lag` [s], once in a `period` T [s].
+
+    The delay margin, π/2 of its inverse, is then three periods or more. `cycle` is the number of robots that
+    measure each other in a cycle; `velocity_filter` the time constant τ of what they feed forward [s].
     """
-    if wanted == done:
-        return integral
-    speed, turn_rate = done.speed - wanted.speed, done.turn_rate - wanted.turn_rate
-    cut_off = heading * body_velocity(speed, turn_rate, limits.offset)
-    weight = near(abs(error(heading, measured)) / measured.count, gains.integral_band)
-    return integral + dt * weight * gains.anti_windup * cut_off
-
-
-def near(distance: float, band: float) -> float:
-    """1 at zero, 1/2 at `band`, falling as the fourth power beyond; flat at zero, so noise cannot chatter."""
-    ratio = distance / band
-    squared = ratio * ratio
-    return 1.0 / (1.0 + squared * squared)
+    gain = min(MAX_DERIVED_GAIN, LAG_PRODUCT / max(period, lag + SAMPLED_SHARE * period))
+    if cycle == 0:
+        return gain
+    return min(gain, CYCLE_PRODUCT / (float(cycle + CYCLE_EXCESS) ** 2 * (velocity_filter + period)))

@@ -2,8 +2,6 @@
 
     law → collision filter → ramp → brake → protective zones → quantiser
 
-At the end the law's integral is unwound by what the filter has changed.
-
 Agents and simulation call the same functions (simulation compiles them, `formation.simulation.compiled`).
 All are pure: state is an argument and a result. Each stage passes on a command within its limits
 unchanged.
@@ -24,8 +22,15 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from formation.control.avoidance import Avoidance, AvoidanceParameters, Obstacle, avoid, brake
-from formation.control.controller import Gains, Limits, Measured, Step, unwound
+from formation.control.avoidance import (
+    Avoidance,
+    AvoidanceParameters,
+    Obstacle,
+    avoid,
+    brake,
+    free_behind,
+)
+from formation.control.controller import Gains, Limits, Measured, Step
 from formation.control.quantiser import Quantiser, quantise
 from formation.control.ramp import STARTING, Ramp, RampLimits, ramped
 from formation.control.unicycle import AT_REST, Command
@@ -39,8 +44,6 @@ class ControlParams(NamedTuple):
     """Constants of all control steps."""
 
     law: Step
-    integral: bool
-    """Whether the law has one."""
     limits: Limits
     avoidance: AvoidanceParameters
     avoids: bool
@@ -99,23 +102,33 @@ def control_step(
     `obstacles` are those of the collision filter, none without one. They are no part of `inputs`: an array
     in a tuple costs compiled code as much as a law does.
     """
-    wanted, integral, finite = law_command(state, inputs, params)
+    limits = limits_among(obstacles, params) if params.avoids else params.limits
+    wanted, integral, finite = law_command(state, inputs, params, limits)
     if not finite:
         after = ControlState(integral, state.avoidance, state.ramp, state.remainder)
         return after, Outcome(wanted, wanted, finite, None, finite)
     after, outcome = constrained(state, wanted, inputs, obstacles, params)
-    if params.integral:
-        integral = unwound(
-            integral, inputs.heading, inputs.measured, inputs.gains, params.limits, wanted, outcome.target,
-            inputs.dt,
-        )  # fmt: skip
     return ControlState(integral, after.avoidance, after.ramp, after.remainder), outcome
 
 
-def law_command(state: ControlState, inputs: Inputs, params: ControlParams) -> tuple[Command, complex, bool]:
-    """The law's own command, its integral, and whether these are finite."""
+def limits_among(obstacles: Sequence[Obstacle], params: ControlParams) -> Limits:
+    """The body's limits; near an obstacle behind it the robot does not reverse far."""
+    limits = params.limits
+    return Limits(
+        limits.offset,
+        limits.max_speed,
+        limits.max_turn_rate,
+        limits.acceleration,
+        free_behind(obstacles, params.avoidance, limits),
+    )
+
+
+def law_command(
+    state: ControlState, inputs: Inputs, params: ControlParams, limits: Limits
+) -> tuple[Command, complex, bool]:
+    """The law's own command within `limits`, its integral, and whether these are finite."""
     wanted, integral = params.law(
-        state.integral, inputs.heading, inputs.measured, inputs.gains, params.limits, inputs.dt
+        state.integral, inputs.heading, inputs.measured, inputs.gains, limits, inputs.dt
     )
     finite = (
         math.isfinite(wanted.speed)

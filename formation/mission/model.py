@@ -16,14 +16,14 @@ from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from formation.control.avoidance import LAG_WEIGHT, NOISE_DEVIATIONS, AvoidanceParameters, margin_kept
-from formation.control.controller import Controller, Gains
+from formation.control.controller import Controller, Gains, fastest_gain
 from formation.control.laws import DEFAULT, LAWS
 from formation.control.pipeline import ControlParams, protected, unprotected
 from formation.control.quantiser import Quantiser
 from formation.control.ramp import ramp_limits
 from formation.control.unicycle import Command
 from formation.mission import rules as mission_rules
-from formation.mission.graph import Graph
+from formation.mission.graph import Graph, cyclic_core
 from formation.mission.robot import Post, RobotDefaults, RobotSpec, SimulatedScanner, Wall
 from formation.mission.route import Leg, Waypoints
 from formation.mission.tables import Endpoint, Name, NotNegative, Point, Positive, Table, Title, as_tuple
@@ -44,19 +44,16 @@ class LawSpec(Table):
 
     kind: Annotated[str, BeforeValidator(_known_law)] = DEFAULT
     """Name of the control law; `--law` replaces it."""
+    gain: Positive | None = None
+    """Gain of the law `field`: rate at which the mean error of the neighbours is closed [1/s]; by default
+    as high as `collisions.lag`, the robots' rates and cycles of the graph allow, at most 12."""
     k_p: Positive = 2.0
-    """Proportional gain k_P [1/s]."""
+    """Proportional gain k_P of the other laws, for the sum of the neighbours' errors [1/s]."""
     k_i: NotNegative = 1.0
     """Integral gain k_I; not used by laws without an integral [1/s²]."""
     observer_gain: Positive = 5.0
     """Gain k of the heading observer [1/m]."""
-    anti_windup: NotNegative = 1.0
-    """Share of what saturation cuts off that is removed from the integral; law `field` [s]."""
-    integral_band: Positive = 0.03
-    """Mean edge error at which the law `field` integrates with half weight [m]."""
-    integral_decay: NotNegative = 1.0
-    """Rate at which the law `field` forgets the integral far outside `integral_band` [1/s]."""
-    velocity_filter: Positive = 0.1
+    velocity_filter: Positive = 0.04
     """Time constant of the low-pass filter of the neighbours' velocities [s]."""
     feed_forward: bool = True
     """Add the neighbours' mean velocity to the command, if the law has a feed-forward."""
@@ -72,16 +69,6 @@ class LawSpec(Table):
     def feeds_forward(self) -> bool:
         """Whether the neighbours' velocity is fed forward: the law takes it, and the mission wants it."""
         return self.controller.feed_forward and self.feed_forward
-
-    @property
-    def gains(self) -> Gains:
-        """The parameters as the law takes them."""
-        return self.gains_for(self.controller)
-
-    def gains_for(self, controller: Controller) -> Gains:
-        """The parameters as another law takes them."""
-        k_i = self.k_i if controller.integral else 0.0
-        return Gains(self.k_p, k_i, self.anti_windup, self.integral_band, self.integral_decay)
 
 
 class SimulatedRobot(Table):
@@ -319,6 +306,25 @@ class Mission(Table):
         same = {name: getattr(self, name) for name in type(self).model_fields}
         return type(self).model_construct(**{**same, **values})
 
+    @cached_property
+    def gains(self) -> Gains:
+        """The gains of the mission's law."""
+        return self.gains_for(self.law.controller)
+
+    def gains_for(self, controller: Controller) -> Gains:
+        """The gains as another law takes them."""
+        if not controller.mean:
+            return Gains(self.law.k_p, self.law.k_i if controller.integral else 0.0)
+        slowest = min(self.robots[name].rate for name in self.followers)
+        cycle = len(cyclic_core(self.graph))
+        derived = fastest_gain(self.collisions.lag, 1.0 / slowest, cycle, self.law.velocity_filter)
+        return Gains(self.law.gain or derived, self.law.k_i if controller.integral else 0.0)
+
+    @property
+    def leader_speed(self) -> float:
+        """Top speed of the leader on its route [m/s]."""
+        return max(leg.speed for leg in self.route)
+
     def control(self, robot: str, controller: Controller, step: float = 0.0) -> ControlParams:
         """The control pipeline's parameters for a robot.
 
@@ -329,8 +335,7 @@ class Mission(Table):
         rate = min(spec.rate, 1.0 / step) if step > 0.0 else spec.rate
         return ControlParams(
             controller.step,
-            controller.integral,
-            spec.limits,
+            spec.limits if controller.ramp else spec.limits._replace(acceleration=math.inf),
             AvoidanceParameters(spec.radius, rules.room, hold, rules.blind),
             rules.mode == "on" and controller.collision_filter,
             ramp_limits(spec.ramp if controller.ramp else 0.0, rate),

@@ -179,7 +179,8 @@ class RobotSpec(RobotDefaults):
     @property
     def limits(self) -> Limits:
         """The limits as `formation.control` takes them."""
-        return Limits(self.control_point_offset, self.max_speed, self.max_turn_rate)
+        acceleration = self.max_speed / self.ramp if self.ramp > 0.0 else math.inf
+        return Limits(self.control_point_offset, self.max_speed, self.max_turn_rate, acceleration)
 
     @property
     def top_speed(self) -> float:

@@ -19,9 +19,11 @@ from formation.control.observer import Travel, innovation
 from formation.control.observer import innovation as observe  # or the observer that this is compiled with
 from formation.control.pipeline import ControlParams, ControlState, Inputs, at_rest, control_step, unprotected
 from formation.control.plane import unit
+from formation.control.pose_filter import ODOMETRY_NOISE, Spread, filtered
 from formation.control.quantiser import Grid, Quantiser
 from formation.control.ramp import Ramp, RampLimits
 from formation.control.tracker import Track, learned
+from formation.control.trust import believed, weight
 from formation.control.unicycle import AT_REST, Command, along, control_point, driven
 from formation.simulation.body import Body, obeyed
 from formation.simulation.neighbours import (
@@ -43,19 +45,25 @@ class World(NamedTuple):
     """[s]"""
     gains: Gains
     body: Body
-    integral: bool
-    """Whether the law has one."""
     observer_gain: float
     """[1/m]"""
     course_gain: float
     """Initial gain of the filter's own observer; 0 if no robot avoids others [1/m]."""
     noise: float
     """Noise of positions that the mission expects [m]."""
+    filters_pose: bool
+    """Whether robots filter their poses."""
+    least_noise: float
+    """Least variance of positions for that [m²]."""
     normalised: bool
     """Whether ζ̂/|ζ̂| is used, or ζ̂ itself."""
     feed_forward: bool
     carries: bool
     """Whether samples are extrapolated to the present."""
+    mean: bool
+    """Whether the law takes the neighbours' weighted mean."""
+    leader_speed: float
+    """The leader's top speed [m/s]."""
     time_constant: float
     """Time constant of the neighbours' velocities [s]; 0 if they are not needed."""
     loss: float
@@ -70,11 +78,13 @@ class NeighbourSums(NamedTuple):
     """Data that a follower has received of its neighbours so far in one step."""
 
     relative: complex
-    """Σ of displacements to the fresh ones [m; world frame, or body frame of a robot with a sensor]."""
+    """Σ w of displacements to the fresh ones [m; world frame, or body frame of a robot with a sensor]."""
     desired: complex
-    """Σ of their desired displacements [m; world frame]."""
+    """Σ w of their desired displacements [m; world frame]."""
     velocity: complex
-    """Σ of their velocities [m/s; world frame]."""
+    """Σ w of their velocities [m/s; world frame]."""
+    weights: float
+    """Σ w."""
     known: float
     """Number of neighbours in the sums."""
     elapsed: float
@@ -83,7 +93,7 @@ class NeighbourSums(NamedTuple):
     """`learned` of `elapsed`."""
 
 
-NOBODY = NeighbourSums(0j, 0j, 0j, 0.0, 0.0, 0.0)
+NOBODY = NeighbourSums(0j, 0j, 0j, 0.0, 0.0, 0.0, 0.0)
 
 
 def true_point(me: Any, robot: Any) -> complex:
@@ -94,7 +104,7 @@ def true_point(me: Any, robot: Any) -> complex:
 def speak(me: Any, robot: Any, world: World) -> complex:
     """The control point that a follower publishes [m; world frame]."""
     me.facing = unit(me.estimate) if world.normalised else me.estimate
-    return control_point(me.odometry, me.facing, robot.offset)
+    return control_point(me.believed, me.facing, robot.offset)
 
 
 def receive(
@@ -106,7 +116,7 @@ def receive(
 
     A sensor measures it there, and its measurement is never lost.
     """
-    point, seen = control_point(me.odometry, me.facing, robot.offset), 0j
+    point, seen = control_point(me.believed, me.facing, robot.offset), 0j
     if robot.local:
         seen = me.heading.conjugate() * (there - true_point(me, robot))
         sample, lost = point + me.facing * seen, False
@@ -123,22 +133,23 @@ def receive(
         return received
     if not robot.local:
         seen = (carried(newest, now, link) if world.carries else newest.point) - point
+    share_of = weight(newest.velocity, world.leader_speed, edge.top_speed) if world.mean else 1.0
     return NeighbourSums(
-        received.relative + seen,
-        received.desired + edge.desired,
-        received.velocity + newest.velocity,
+        received.relative + share_of * seen,
+        received.desired + share_of * edge.desired,
+        received.velocity + share_of * newest.velocity,
+        received.weights + share_of,
         received.known + 1.0,
         elapsed,
         share,
     )
 
 
-def params_of(robot: Any, avoided: Avoided, world: World) -> ControlParams:
+def params_of(robot: Any, avoided: Avoided) -> ControlParams:
     """The control pipeline's parameters for one robot, without protective zones: there are no scanners."""
     return ControlParams(
         law,
-        world.integral,
-        Limits(robot.offset, robot.max_speed, robot.max_turn_rate),
+        Limits(robot.offset, robot.max_speed, robot.max_turn_rate, robot.acceleration, True),
         AvoidanceParameters(robot.radius, avoided.margin, robot.hold, avoided.blind),
         avoided.avoids,
         RampLimits(robot.ramp_time, robot.ramp_longest, robot.ramp_gap, robot.ramp_gentle),
@@ -167,10 +178,14 @@ def decide(
     state, command = state_of(me), AT_REST
     if received.known > 0.0:
         relative = received.relative if robot.local else me.facing.conjugate() * received.relative
-        velocity = received.velocity * (1.0 / received.known) if world.feed_forward else 0j
+        velocity = received.velocity * (1.0 / received.weights) if world.feed_forward else 0j
         measured = Measured(relative, received.desired, received.known, velocity)
+        if world.mean:
+            part = 1.0 / received.weights
+            velocity = believed(velocity, world.leader_speed)
+            measured = Measured(part * relative, part * received.desired, 1.0, velocity)
         inputs = Inputs(now, world.step, me.facing, measured, world.gains, None)
-        state, outcome = control_step(state, inputs, avoided.around[:count], params_of(robot, avoided, world))
+        state, outcome = control_step(state, inputs, avoided.around[:count], params_of(robot, avoided))
         command = outcome.command
     else:
         state = at_rest(state, now)
@@ -200,7 +215,14 @@ def drive(me: Any, noise: complex, world: World) -> None:
     if world.course_gain > 0.0:
         me.course = innovation(me.course, travel, course_gain(me.travelled, world.course_gain, world.noise))
         me.travelled += abs(distance)
-    me.estimate = observe(me.estimate, travel, world.observer_gain)
+    if not world.filters_pose:
+        me.believed, me.estimate = me.odometry, observe(me.estimate, travel, world.observer_gain)
+        return
+    spread = Spread(me.position_variance, me.cross_variance, me.heading_variance, me.noise_variance)
+    me.believed, me.estimate, spread = filtered(
+        me.believed, me.estimate, spread, travel, me.odometry, world.step, world.least_noise, ODOMETRY_NOISE
+    )
+    me.position_variance, me.cross_variance, me.heading_variance, me.noise_variance = spread
 
 
 def formation_error(run: Any, robots: Any, edges: Any, leader: complex) -> float:
@@ -240,13 +262,13 @@ def run_on(
         for i in range(len(robots)):
             published[newest, i + 1] = speak(run[i], robots[i], world)
             if avoided.avoids:
-                avoided.published[newest, i] = run[i].odometry
+                avoided.published[newest, i] = run[i].believed
         received = NOBODY
         for i in range(len(robots)):
             me, robot, received = (
                 run[i],
                 robots[i],
-                NeighbourSums(0j, 0j, 0j, 0.0, received.elapsed, received.share),
+                NeighbourSums(0j, 0j, 0j, 0.0, 0.0, received.elapsed, received.share),
             )
             for e in range(robot.first, robot.last):
                 edge, j = edges[e], edges[e].head - 1

@@ -19,6 +19,7 @@ from formation.control.arrays import ComplexArray, FloatArray
 from formation.control.avoidance import HEADING_GAIN_RATIO
 from formation.control.controller import Controller
 from formation.control.observer import Observer
+from formation.control.pose_filter import first_spread, least_noise
 from formation.control.tracker import FRESH_PERIODS, longest_delay
 from formation.control.unicycle import along
 from formation.mission.model import Mission
@@ -32,7 +33,7 @@ from formation.slots.shape import PlacedShape
 
 ROBOT = np.dtype(
     [
-        ("offset", "f8"), ("max_speed", "f8"), ("max_turn_rate", "f8"),
+        ("offset", "f8"), ("max_speed", "f8"), ("max_turn_rate", "f8"), ("acceleration", "f8"),
         ("speed_step", "f8"), ("speed_most", "f8"), ("turn_rate_step", "f8"), ("turn_rate_most", "f8"),
         ("first", "i8"), ("last", "i8"),
         ("local", "b1"),
@@ -55,6 +56,8 @@ FOLLOWER = np.dtype(
     [
         ("position", "c16"), ("heading", "c16"),
         ("odometry", "c16"), ("estimate", "c16"), ("facing", "c16"), ("integral", "c16"),
+        ("believed", "c16"), ("position_variance", "f8"), ("cross_variance", "c16"),
+        ("heading_variance", "f8"), ("noise_variance", "f8"),
         ("speed", "f8"), ("turn_rate", "f8"), ("wanted_speed", "f8"), ("wanted_turn_rate", "f8"),
         ("wheel_speed", "f8"), ("wheel_turn_rate", "f8"), ("owed_speed", "f8"), ("owed_turn_rate", "f8"),
         ("ramped_speed", "f8"), ("ramped_turn_rate", "f8"), ("commanded", "f8"), ("gentle_until", "f8"),
@@ -64,9 +67,11 @@ FOLLOWER = np.dtype(
     ],
     align=True,
 )  # fmt: skip
-"""State of a follower: pose without noise; its measurements and estimates; mean motion over the last step,
+"""State of a follower: pose without noise; its measurements and estimates; filtered position and `Spread`
+of the pose filter; mean motion over the last step,
 the command, the wheels at its end, remainder of the quantiser; `Ramp`; direction of its odometry's drift,
 a share of the path; the filter's own estimate of the heading, its path length, `Avoidance`."""
+_SPREAD = ("position_variance", "cross_variance", "heading_variance", "noise_variance")
 MIN_START_CLEARANCE = 0.05
 """Least distance between the bodies at random starts [m]."""
 MAX_TRIES = 100
@@ -95,7 +100,7 @@ class Options:
     measurement: Literal["network", "local"] | None = None
     """Measurement of every robot; by default as the mission says."""
     observer: Observer | None = None
-    """Heading observer; by default the law's own."""
+    """Heading observer, without pose filter; by default what the law uses."""
     avoid: bool = True
     """Whether robots avoid each other, if the mission says so."""
     normalised: bool = True
@@ -137,15 +142,18 @@ class Ensemble:
         avoids = avoids and any(mission.avoided_by(name) for name in mission.followers)
         self._world = loop.World(
             step=step,
-            gains=law.gains_for(controller),
+            gains=mission.gains_for(controller),
             body=options.body or Body.of(mission.simulated_robot),
-            integral=controller.integral,
             observer_gain=law.observer_gain,
             course_gain=HEADING_GAIN_RATIO * law.observer_gain if avoids else 0.0,
             noise=mission.collisions.noise,
+            filters_pose=controller.pose_filter and options.observer is None,
+            least_noise=least_noise(mission.collisions.noise),
             normalised=options.normalised,
             feed_forward=controller.feed_forward and law.feed_forward,
             carries=controller.delay_compensation and law.delay_compensation,
+            mean=controller.mean,
+            leader_speed=mission.leader_speed,
             time_constant=law.velocity_filter if velocities else 0.0,
             loss=options.loss,
             settled=mission.settled,
@@ -156,6 +164,10 @@ class Ensemble:
         self._edges = _edges(mission, options, step)
         self.followers = _followers(starts, self._world.body, rng)
         """All of them, records of `FOLLOWER`; shape (R, F)."""
+        self.followers["believed"] = self.followers["odometry"]
+        spread = first_spread(self._world.least_noise)
+        for name, value in zip(_SPREAD, spread, strict=True):
+            self.followers[name] = value
         self.followers["commanded"] = -step  # zero velocity, as until then
         self.followers["gentle_until"] = -np.inf
         self._tracks = np.zeros((len(self.followers), len(self._edges)), TRACK)
@@ -288,7 +300,7 @@ def _robots(mission: Mission, controller: Controller, options: Options, step: fl
         local = (options.measurement or spec.measurement) == "local"
         steps = speed.step, speed.most, turn_rate.step, turn_rate.most
         body = params.avoidance.radius, params.avoidance.hold, avoided, avoided_end
-        robots[i] = (*params.limits, *steps, first, last, local, *body, *params.ramp)
+        robots[i] = (*params.limits[:4], *steps, first, last, local, *body, *params.ramp)
     return robots
 
 

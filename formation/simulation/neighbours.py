@@ -191,9 +191,9 @@ def look(
         else:
             age, there = now - track.stamp, carried(newest, now, link)
             since = unknown(
-                age, avoided.delay, whom.top_speed, newest.point - me.odometry, there - me.odometry
+                age, avoided.delay, whom.top_speed, newest.point - me.believed, there - me.believed
             )
-            known.at = unit(me.course).conjugate() * (there - me.odometry)
+            known.at = unit(me.course).conjugate() * (there - me.believed)
             known.radius = whom.radius + since.nearer
             known.velocity = unit(me.course).conjugate() * newest.velocity
             known.age, known.unsure = since.age, since.aside

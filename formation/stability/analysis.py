@@ -71,14 +71,14 @@ def analyse(mission: Mission, law: str | None = None) -> Analysis:
     """Check a mission; `law` replaces the mission's."""
     mission = mission.under(law or mission.law.kind)
     law, controller = mission.law.kind, mission.law.controller
-    graph, gains = mission.graph, mission.law.gains
-    mu = spectrum.laplacian(graph)
+    graph, gains, mean = mission.graph, mission.gains, controller.mean
+    mu = spectrum.laplacian(graph, mean=mean)
     poles = spectrum.poles(mu, gains.k_p, gains.k_i)
     forward = mission.law.velocity_filter if mission.law.feeds_forward else None
     faults = tuple(_instability(mission, mu, poles, forward))
     peaks = np.full(len(mission.followers), math.inf)
     if not faults:
-        peaks = spectrum.amplification(graph, gains.k_p, gains.k_i, forward)
+        peaks = spectrum.amplification(graph, gains.k_p, gains.k_i, forward, mean=mean)
     margin = spectrum.delay_margin(mu, gains.k_p, gains.k_i)
     settling = settling_time(mission, law)
     warnings = [*feasibility.warnings(mission), *useless_fallbacks(mission), *_shaky(mission, margin, peaks)]
@@ -135,19 +135,31 @@ def settling_time(mission: Mission, law: str) -> float | None:
 
 
 def _instability(mission: Mission, mu: ComplexArray, poles: ComplexArray, forward: float | None) -> list[str]:
-    k_p, k_i, *_ = mission.law.gains
-    if not spectrum.stable(mu, k_p, k_i):
+    k_p, k_i = mission.gains
+    cyclic = bool(cyclic_core(mission.graph))
+    if not (forward is not None and cyclic) and not spectrum.stable(mu, k_p, k_i):
         # k_P² Re(μ)|μ|² / Im(μ)²
         turning = mu[np.abs(mu.imag) > 1e-12 * np.abs(mu)]
         bound = float((k_p**2 * turning.real * np.abs(turning) ** 2 / turning.imag**2).min())
-        what = f"law.k_p = {k_p:g}, law.k_i = {k_i:g} on this graph"
+        what = f"law.{_gain(mission)} = {k_p:g}, law.k_i = {k_i:g} on this graph"
         return [_unstable(what, poles, f"k_i must be below {bound:.3g} 1/s²")]
-    if forward is not None and cyclic_core(mission.graph):
-        loop = spectrum.feed_forward_poles(mission.graph, k_p, k_i, forward)
+    if forward is not None and cyclic:
+        period = 1.0 / min(mission.robots[name].rate for name in mission.followers)
+        loop = spectrum.feed_forward_poles(
+            mission.graph, k_p, k_i, forward, period, mean=mission.law.controller.mean
+        )
         if loop.real.max() >= 0.0:
-            what = f"law.feed_forward with velocity_filter = {forward:g} s on this graph"
-            return [_unstable(what, loop, "must be false, or filter for longer")]
+            what = (
+                f"law.feed_forward with law.{_gain(mission)} = {k_p:g} and velocity_filter = {forward:g} s"
+                " on this graph"
+            )
+            return [_unstable(what, loop, "must be false, or the graph without the cycle")]
     return []
+
+
+def _gain(mission: Mission) -> str:
+    """The mission key of its law's proportional gain."""
+    return "gain" if mission.law.controller.mean else "k_p"
 
 
 def _unstable(what: str, poles: ComplexArray, legal: str) -> str:
@@ -160,7 +172,11 @@ def _sampling(mission: Mission, mu: ComplexArray, *, stable: bool) -> list[str]:
         return []
     slowest = min(mission.followers, key=lambda name: mission.robots[name].rate)
     rate = mission.robots[slowest].rate
-    k_p, k_i, *_ = mission.law.gains
+    k_p, k_i = mission.gains
+    if mission.law.feeds_forward and cyclic_core(mission.graph):
+        mu = mu[: len(mu) - len(cyclic_core(mission.graph))]  # the core is judged as it is fed forward
+        if not len(mu):
+            return []
     radius = spectrum.sampled_radius(mu, k_p, k_i, 1.0 / rate)
     if radius < 1.0:
         return []
@@ -170,7 +186,7 @@ def _sampling(mission: Mission, mu: ComplexArray, *, stable: bool) -> list[str]:
         if spectrum.sampled_radius(mu, k_p, k_i, 1.0 / faster) < 1.0
     )
     most = max(map(len, mission.graph.neighbours))
-    why = f"too low for law.k_p = {mission.law.k_p:g} and up to {most} neighbours: commands overshoot"
+    why = f"too low for law.{_gain(mission)} = {k_p:g} and up to {most} neighbours: commands overshoot"
     return [f"robots.{slowest}.rate = {rate:g} Hz: {why}; {next(enough, 'no rate is enough: lower law.k_i')}"]
 
 
@@ -181,7 +197,7 @@ def _shaky(mission: Mission, margin: float, peaks: Any) -> list[str]:
         found.append(
             f"the delay margin of {margin * 1e3:.0f} ms is less than"
             f" {MIN_DELAY_MARGIN_PERIODS:g} periods at {rate:g} Hz: "
-            "lower law.k_p or measure fewer neighbours"
+            f"lower law.{_gain(mission)} or measure fewer neighbours"
         )
     first = min(
         peak for peak, depth in zip(peaks.tolist(), mission.graph.depths[1:], strict=True) if depth == 1

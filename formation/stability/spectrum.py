@@ -16,20 +16,35 @@ from __future__ import annotations
 from graphlib import TopologicalSorter
 
 import numpy as np
+from numpy.typing import NDArray
 
 from formation.control.arrays import ComplexArray, FloatArray
+from formation.control.tracker import learned
 from formation.mission.graph import Graph, cyclic_core
 from formation.simulation.edges import Edges
 
+LEAST_STEP = 1e-12
+"""Poles of a step with a smaller modulus are gone at once [–]."""
 
-def laplacian(graph: Graph) -> ComplexArray:
-    """Eigenvalues μ of L_ff; shape (n-1,). Exact for robots outside `cyclic_core`."""
+
+def laplacian(graph: Graph, *, mean: bool = False) -> ComplexArray:
+    """Eigenvalues μ of L_ff; shape (n-1,). Exact for robots outside `cyclic_core`.
+
+    `mean`: of D⁻¹ L_ff, for a law that takes the mean of its neighbours' errors instead of their sum.
+    """
     core, edges = np.array(cyclic_core(graph), dtype=np.intp), Edges(graph)
     apart = np.delete(edges.degrees, core - 1).astype(np.complex128)
+    if mean:
+        apart = np.ones_like(apart)
     if not len(core):
         return apart
-    among = edges.follower_laplacian()[np.ix_(core - 1, core - 1)]
-    return np.concatenate([apart, np.linalg.eigvals(among)])
+    return np.concatenate([apart, np.linalg.eigvals(_among(edges, core - 1, mean=mean))])
+
+
+def _among(edges: Edges, core: NDArray[np.intp], *, mean: bool) -> FloatArray:
+    """The block of L_ff, or of D⁻¹ L_ff, for the followers of `core`."""
+    among = edges.follower_laplacian()[np.ix_(core, core)]
+    return among / edges.degrees[core][:, None] if mean else among
 
 
 def poles(mu: ComplexArray, k_p: float, k_i: float) -> ComplexArray:
@@ -67,25 +82,31 @@ def sampled_radii(mu: ComplexArray, k_p: float, k_i: float, period: float) -> Fl
     return radii
 
 
-def feed_forward_poles(graph: Graph, k_p: float, k_i: float, time_constant: float) -> ComplexArray:
-    """Poles [1/s] of the loop with the neighbours' filtered velocity fed forward, for the `cyclic_core`.
+def feed_forward_poles(
+    graph: Graph, k_p: float, k_i: float, time_constant: float, period: float, *, mean: bool = False
+) -> ComplexArray:
+    """Poles [1/s] of the sampled loop with the neighbours' velocity fed forward, for the `cyclic_core`.
 
-    Outside of it feed-forward closes no loop: there the poles are those of the PI loop and -1/τ.
+    Each command holds for `period` [s]; velocities are low-passed differences of positions. A pole z of the
+    step is given as ln z / period: sampling alone can make a ring unstable. Outside of the core
+    feed-forward closes no loop: there the poles are those of the PI loop, and of the low pass.
     """
     core, edges = np.array(cyclic_core(graph), dtype=np.intp) - 1, Edges(graph)
     count = len(core)
-    among = edges.follower_laplacian()[np.ix_(core, core)]
-    degrees = edges.degrees[core]
-    mean = (np.diag(degrees) - among) / degrees[:, None]  # velocities of the core's neighbours, averaged
-    motion = np.hstack([-k_p * among, k_i * np.eye(count), mean])
-    integral = np.hstack([-among, np.zeros((count, 2 * count))])
-    estimate = motion / time_constant
-    estimate[:, 2 * count :] -= np.eye(count) / time_constant
-    loop = np.vstack([motion, integral, estimate])
+    zero, unit = np.zeros((count, count)), np.eye(count)
+    among = _among(edges, core, mean=mean)
+    averaged = unit - _among(edges, core, mean=True)  # velocities of the core's neighbours
+    share = learned(period, time_constant)
+    # one step of positions, their velocity until now, its low pass before, and the integral
+    low_passed = np.hstack([zero, share * unit, (1.0 - share) * unit, zero])
+    motion = np.hstack([-k_p * among, zero, zero, k_i * unit]) + averaged @ low_passed
+    position = np.hstack([unit, zero, zero, zero]) + period * motion
+    integral = np.hstack([-period * among, zero, zero, unit])
+    loop = np.vstack([position, motion, low_passed, integral])
     if k_i == 0.0:  # no integral
-        moving = np.r_[:count, 2 * count : 3 * count]
-        loop = loop[np.ix_(moving, moving)]
-    values: ComplexArray = np.linalg.eigvals(loop).astype(np.complex128)
+        loop = loop[: 3 * count, : 3 * count]
+    steps: ComplexArray = np.linalg.eigvals(loop).astype(np.complex128)
+    values: ComplexArray = np.log(steps[np.abs(steps) > LEAST_STEP]) / period
     return values
 
 
@@ -103,7 +124,9 @@ def delay_margin(mu: ComplexArray, k_p: float, k_i: float) -> float:
     return float((phase / omega).min())
 
 
-def amplification(graph: Graph, k_p: float, k_i: float, time_constant: float | None) -> FloatArray:
+def amplification(
+    graph: Graph, k_p: float, k_i: float, time_constant: float | None, *, mean: bool = False
+) -> FloatArray:
     """Peak over frequency of each follower's mean edge error per leader velocity [s]; shape (n-1,).
 
     `time_constant` [s] of the velocity that is fed forward, None for none. Only for a stable loop. In the
@@ -115,7 +138,7 @@ def amplification(graph: Graph, k_p: float, k_i: float, time_constant: float | N
     control = k_p + k_i / s
     forward = np.zeros_like(s) if time_constant is None else 1.0 / (1.0 + time_constant * s)
     solve = _solve_cyclic if cyclic_core(graph) else _solve_acyclic
-    away = solve(graph, s, control, forward)  # (frequencies, n), the leader's zero
+    away = solve(graph, s, control, forward, mean=mean)  # (frequencies, n), the leader's zero
     edges = Edges(graph)
     mean_errors = edges.sum_per_follower(edges.along_edges(away)) / edges.degrees
     peak: FloatArray = np.abs(mean_errors).max(axis=0)
@@ -123,7 +146,7 @@ def amplification(graph: Graph, k_p: float, k_i: float, time_constant: float | N
 
 
 def _solve_acyclic(
-    graph: Graph, s: ComplexArray, control: ComplexArray, forward: ComplexArray
+    graph: Graph, s: ComplexArray, control: ComplexArray, forward: ComplexArray, *, mean: bool
 ) -> ComplexArray:
     away = np.zeros((len(s), graph.size), dtype=np.complex128)
     measured = {i: js for i, js in enumerate(graph.neighbours) if i}
@@ -131,21 +154,21 @@ def _solve_acyclic(
         if i == 0:
             continue
         js, degree = list(graph.neighbours[i]), len(graph.neighbours[i])
-        seen = (control + forward * s / degree) * away[:, js].sum(axis=1)
-        away[:, i] = (seen + forward - 1.0) / (s + control * degree)
+        each = control / degree if mean else control
+        seen = (each + forward * s / degree) * away[:, js].sum(axis=1)
+        away[:, i] = (seen + forward - 1.0) / (s + each * degree)
     return away
 
 
 def _solve_cyclic(
-    graph: Graph, s: ComplexArray, control: ComplexArray, forward: ComplexArray
+    graph: Graph, s: ComplexArray, control: ComplexArray, forward: ComplexArray, *, mean: bool
 ) -> ComplexArray:
     away = np.zeros((len(s), graph.size), dtype=np.complex128)
-    edges = Edges(graph)
-    among = edges.follower_laplacian()
-    degree = np.diag(edges.degrees)
-    mean = (degree - among) / edges.degrees[:, None]
+    edges, followers = Edges(graph), np.arange(graph.size - 1)
+    among = _among(edges, followers, mean=mean)
+    averaged = np.eye(graph.size - 1) - _among(edges, followers, mean=True)
     unit = np.eye(graph.size - 1)
     for k in range(len(s)):
-        matrix = s[k] * (unit - forward[k] * mean) + control[k] * among
+        matrix = s[k] * (unit - forward[k] * averaged) + control[k] * among
         away[k, 1:] = np.linalg.solve(matrix, np.full(graph.size - 1, forward[k] - 1.0))
     return away

@@ -5,8 +5,8 @@ would not:
 
 | condition | for | |
 |---|---|---|
-| Hurwitz | every μ of L_ff | `k_P² Re(μ)|μ|² > k_I Im(μ)²` |
-| sampled | every μ, at the slowest follower's rate | `spectrum.sampled_radius` < 1 |
+| Hurwitz | every μ that no velocity is fed forward to | `k_P² Re(μ)|μ|² > k_I Im(μ)²` |
+| sampled | the same, at the slowest follower's rate | `spectrum.sampled_radius` < 1 |
 | fed forward | the cyclic core, if velocities are fed forward | `spectrum.feed_forward_poles` left of 0 |
 
 The first is a half-plane in (ln k_P, ln k_I) for each μ, so gains on a straight line from one stable point
@@ -60,7 +60,9 @@ def refusal(mission: Mission, wanted: Tuned, requested: tuple[str, ...] = ("k_p"
             return f"{name} = {value:g}: must be from {MIN_GAIN:g} to {MAX_GAIN:g}"
     if not mission.law.controller.integral:
         wanted = wanted.model_copy(update={"k_i": 0.0})
-    mu = spectrum.laplacian(mission.graph)
+    mu = spectrum.laplacian(mission.graph, mean=mission.law.controller.mean)
+    if mission.law.feeds_forward:  # the cyclic core is judged as it is fed forward
+        mu = mu[: len(mu) - len(cyclic_core(mission.graph))]
     cheap: tuple[_Condition, ...] = (_hurwitz, _sampled)
     looked_at = cheap if len(cyclic_core(mission.graph)) > MAX_CORE_SIZE else (*cheap, _fed_forward)
 
@@ -88,7 +90,7 @@ def _sampled(mission: Mission, mu: ComplexArray, gains: Tuned) -> _Fault | None:
     slowest = min(mission.followers, key=lambda name: mission.robots[name].rate)
     rate = mission.robots[slowest].rate
     radii = spectrum.sampled_radii(mu, gains.k_p, gains.k_i, 1.0 / rate)
-    if radii.max() < 1.0:
+    if not len(mu) or radii.max() < 1.0:
         return None
     worst = complex(mu[np.argmax(radii)])
     first = "k_i" if gains.k_i / rate >= gains.k_p else "k_p"
@@ -99,7 +101,10 @@ def _fed_forward(mission: Mission, _mu: ComplexArray, gains: Tuned) -> _Fault | 
     law = mission.law
     if not law.feeds_forward or not cyclic_core(mission.graph):
         return None
-    poles = spectrum.feed_forward_poles(mission.graph, gains.k_p, gains.k_i, law.velocity_filter)
+    period = 1.0 / min(mission.robots[name].rate for name in mission.followers)
+    poles = spectrum.feed_forward_poles(
+        mission.graph, gains.k_p, gains.k_i, law.velocity_filter, period, mean=law.controller.mean
+    )
     if poles.real.max() < 0.0:
         return None
     worst = complex(poles[np.argmax(poles.real)])

@@ -1,33 +1,109 @@
-"""The law that robots drive with: feed-forward, anti-windup and an integral band around Eq. (7).
+r"""The law that robots drive with: their neighbours' mean velocity, and a saturated share of the mean error.
 
-Not in the paper.
+Not in the paper. Eq. (8) cuts each body axis by itself: a robot that is far away then drives at full speed
+before it points where it should, and drives past its slot. Here the wanted velocity is limited as a vector.
+
+| symbol | here | meaning | unit |
+|---|---|---|---|
+| q | `away` | weighted mean of the neighbours' errors, body frame | m |
+| c | `carried` | weighted mean of their velocities, body frame | m/s |
+| k | `Gains.k_p` | gain | 1/s |
+| w | `wanted` | velocity of the control point, c + s q/\|q\|, body frame | m/s |
 """
 
 from __future__ import annotations
 
-from formation.control.controller import Controller, Gains, Limits, Measured, error, near, nominal
+import math
+
+from formation.control.controller import Controller, Gains, Limits, Measured, error
 from formation.control.observer import INNOVATION
-from formation.control.unicycle import Command, body_velocity, saturate
+from formation.control.plane import MIN_LENGTH
+from formation.control.unicycle import Command, saturate
+
+CONE_SHARE = 0.9
+"""How far the wanted velocity may turn away from c, of what the turn rate can hold sideways [–]."""
+BACKWARD_SHARE = 0.8
+"""Share of |c| by which a robot that cannot reverse in formation may fall back [–]."""
+BRAKING_SHARE = 0.5
+"""Share of the ramp's acceleration that an approach uses [–]."""
+REVERSE_LEVERS, REVERSE_TURNS = 2.5, 0.5
+"""A robot reverses to a slot further behind it than so many control-point offsets, and so many radii of its
+tightest turn at top speed [–]."""
+REVERSE_SHARE = 0.9
+"""Share of the directions behind for which reversing is proved to bring it nearer [–]."""
 
 
 def field(
-    integral: complex, heading: complex, measured: Measured, gains: Gains, limits: Limits, dt: float
+    integral: complex, heading: complex, measured: Measured, gains: Gains, limits: Limits, _dt: float
 ) -> tuple[Command, complex]:
-    """Eq. (7) with the neighbours' velocity fed forward; integrates near formation only.
+    """u_r + i L ω_r = c + s q/|q|, with s = k |q| as far as the robot can drive that."""
+    to_body = heading.conjugate()
+    away = to_body * error(heading, measured)
+    carried = to_body * measured.velocity
+    distance, speed = abs(away), abs(carried)
+    if distance <= MIN_LENGTH:
+        return saturate(carried, limits.offset, limits.max_speed, limits.max_turn_rate), integral
+    towards = away * (1.0 / distance)
+    closing = stoppable(distance, gains.k_p, limits)
+    if closing + speed > limits.max_speed:
+        closing = intercepting(towards, carried, closing, limits)
+    if speed > CONE_SHARE * limits.offset * limits.max_turn_rate:
+        closing = turning(towards, carried, closing, limits)
+    wanted = carried + closing * towards
+    if away.real < -REVERSE_LEVERS * limits.offset and better_backwards(away, speed, limits):
+        wanted = wanted.conjugate()
+    return saturate(wanted, limits.offset, limits.max_speed, limits.max_turn_rate), integral
 
-    The neighbours' velocity replaces most of the paper's integral. The rest (a wheel slightly too large, a
-    velocity slightly wrong) is small, so integration is useful only near formation: its weight falls
-    smoothly from 1 to 0 around `integral_band`, and where it is 0 the integral decays. At zero error the
-    weight is exactly 1, so the equilibrium is the paper's.
+
+def stoppable(distance: float, gain: float, limits: Limits) -> float:
+    """Speed s [m/s] at which a slot `distance` [m] away is approached: k |q|, or what the ramp can stop."""
+    closing, braking = gain * distance, BRAKING_SHARE * limits.acceleration
+    if gain * closing <= braking:
+        return closing
+    linear = braking / (gain * gain)
+    return math.sqrt(2.0 * braking * (distance - 0.5 * linear))
+
+
+def intercepting(towards: complex, carried: complex, closing: float, limits: Limits) -> float:
+    """`closing` [m/s], or less, so that |w| is at most u_max: the robot then meets its moving slot."""
+    along = carried.real * towards.real + carried.imag * towards.imag
+    across = carried.real * towards.imag - carried.imag * towards.real
+    room = limits.max_speed * limits.max_speed - across * across
+    return max(0.0, min(closing, math.sqrt(max(0.0, room)) - along))
+
+
+def turning(towards: complex, carried: complex, closing: float, limits: Limits) -> float:
+    """`closing` [m/s], or less, so that w stays in a cone around c.
+
+    A slot that moves faster than the robot can move sideways, L ω_max, is followed only by a robot that
+    faces along c: in this cone it holds formation at every heading that it turns through.
     """
-    e = error(heading, measured)
-    wanted = nominal(integral, heading, measured, gains) + heading.conjugate() * measured.velocity
-    command = saturate(wanted, limits.offset, limits.max_speed, limits.max_turn_rate)
-    cut_off = heading * (body_velocity(command.speed, command.turn_rate, limits.offset) - wanted)
-    weight = near(abs(e) / measured.count, gains.integral_band)
-    growth = weight * (e + gains.anti_windup * cut_off)
-    forgotten = min(dt * gains.integral_decay, 1.0)  # at most all of it, however long dt
-    return command, integral + dt * growth - (1.0 - weight) * forgotten * integral
+    speed, sideways = abs(carried), CONE_SHARE * limits.offset * limits.max_turn_rate
+    sine = min(1.0, sideways / speed)
+    along = (carried.real * towards.real + carried.imag * towards.imag) / speed
+    across = abs(carried.real * towards.imag - carried.imag * towards.real) / speed
+    leaving = across * math.sqrt(1.0 - sine * sine) - along * sine
+    if closing * leaving > sideways:
+        closing = sideways / leaving
+    if -closing * along > BACKWARD_SHARE * speed:
+        closing = BACKWARD_SHARE * speed / -along
+    return closing
 
 
-CONTROLLER = Controller("field", field, INNOVATION)
+def better_backwards(away: complex, speed: float, limits: Limits) -> bool:
+    """Whether the robot had better reverse to its slot than turn round; `speed` is |c| [m/s].
+
+    Then it turns the other way, because its back is to point there. With |y| <= m |x| the distance still
+    falls if m √(1 + m²) (L ω_max + |c|) < u_max - |c|.
+    """
+    sideways = limits.offset * limits.max_turn_rate
+    if not limits.reverses or speed >= min(sideways, limits.max_speed):
+        return False
+    if -away.real * limits.max_turn_rate < REVERSE_TURNS * limits.max_speed:
+        return False
+    ratio = REVERSE_SHARE * (limits.max_speed - speed) / (sideways + speed)
+    slope = 0.5 * (math.sqrt(1.0 + 4.0 * ratio * ratio) - 1.0)  # m²
+    return away.imag * away.imag < slope * away.real * away.real
+
+
+CONTROLLER = Controller("field", field, INNOVATION, integral=False, mean=True)

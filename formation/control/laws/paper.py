@@ -21,5 +21,12 @@ def paper(
 
 
 CONTROLLER = Controller(
-    "paper", paper, MENDED, feed_forward=False, delay_compensation=False, collision_filter=False, ramp=False
+    "paper",
+    paper,
+    MENDED,
+    feed_forward=False,
+    delay_compensation=False,
+    collision_filter=False,
+    ramp=False,
+    pose_filter=False,
 )

@@ -46,7 +46,7 @@ class Driven:
         self._here, self._slots = Localisation(mission, name, law), Slots(mission, name)
         self._around, self._track = Neighbourhood(mission, name, law), tracks[name]
         self._around.each = {other: tracks[other] for other in self._around.each}
-        self._gains, self._params = mission.law.gains, mission.control(name, law)
+        self._gains, self._params = mission.gains, mission.control(name, law)
         self._integral = 0j
 
     def process_sample(self, sample: Sample, orders: Orders, now: Now) -> list[Outgoing]:

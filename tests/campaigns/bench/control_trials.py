@@ -174,7 +174,7 @@ FIELD = Contender("field law", "field")
 PAPER = Contender("paper's law", "paper", patience=3.0)
 PROPORTIONAL = Contender("proportional, gain 10", NEAR_IDENTITY, {**UNAIDED, "k_p": 10.0})
 STIFF = Contender("proportional, gain 40", NEAR_IDENTITY, {**UNAIDED, "k_p": 40.0})
-GENTLE = Contender("field law, gentle", "field", {"velocity_filter": 0.5, "observer_gain": 2.0})
+GENTLE = Contender("field law, gentle", "field", {"gain": 4.0, "velocity_filter": 0.1})
 ROBOTARIUM = Contender("proportional, gain 10, turning first", TURNING, {**UNAIDED, "k_p": 10.0})
 CONTENDERS = (FIELD, PAPER, PROPORTIONAL, STIFF)
 """Those of every comparison; the gentle one is for noise, the one that turns first for the first table."""

@@ -234,7 +234,7 @@ def parameters(found: Found) -> str:
     best += [(_words(one["parameters"]), one) for one in front(found["tried"])]
     cells = [(name, one["calm"], centimetres(one["rough"]["rms"])) for name, one in best]
     cells += [
-        (f"all measuring the leader, k_p {float(gain):g}", one, "") for gain, one in found["star"].items()
+        (f"all measuring the leader, gain {float(gain):g}", one, "") for gain, one in found["star"].items()
     ]
     rows = [
         [name, *times(calm, "median", "p95"), f"{calm['settling']['median'] / bound:.2f}×", rough]
@@ -250,8 +250,7 @@ samples are 100 ms old and positions have 5 mm of noise; there the RMS of the er
 that no other beats in both, and the same law when every robot measures the leader instead of its neighbours.
 
 {markdown(header, rows)}
-Where the rest goes: a robot follows neighbours who are on their way themselves; and saturation acts on each
-axis of the body by itself, so with a higher gain it drives at full speed before it points where it should.
+Where the rest goes: a robot follows neighbours who are on their way themselves, and has to turn first.
 """
 
 

@@ -20,11 +20,8 @@ from tests.campaigns.bench.control_trials import drawn, slot_errors
 from tests.campaigns.bench.lower_bound import by_distance
 from tests.unit.formation import scenarios
 
-WITHOUT_FEED_FORWARD = {"feed_forward": False, "delay_compensation": False, "integral_band": 1e6}
-"""The field law's observer and anti-windup, and nothing else of it."""
 COLUMNS: dict[str, dict[str, Any]] = {
     "paper law": {"kind": "paper"},
-    "observer and anti-windup": {"kind": "field", **WITHOUT_FEED_FORWARD},
     "field law": {"kind": "field"},
 }
 
@@ -35,8 +32,6 @@ class Scenario:
 
     name: str
     build: Callable[..., Mission]
-    prototype: tuple[str, str, str]
-    """Of each column."""
     options: Options = field(default_factory=Options)
     runs: int | None = None
     """Where it is not the command line's."""
@@ -45,31 +40,27 @@ class Scenario:
 
 
 SCENARIOS = (
-    Scenario("six robots", scenarios.six, ("26.6 / 41.5 s", "9.9 / 11.0 s", "4.4 / 5.8 s")),
-    Scenario("TurtleBot3 pair", scenarios.pair, ("33.6 / 53.0 s", "13.8 / 21.3 s", "5.0 / 7.4 s")),
-    Scenario("six robots near the limit", scenarios.near_limit, ("34 %", "100 %, 48 s", "100 %, 48.7 s")),
+    Scenario("six robots", scenarios.six),
+    Scenario("TurtleBot3 pair", scenarios.pair),
+    Scenario("six robots near the limit", scenarios.near_limit),
     Scenario(
         "ten in a chain",
         lambda **law: scenarios.long_chain(10, **law),
-        ("28 %", "100 %, 21.8 s", "100 %, 17.0 s"),
     ),
     Scenario(
         "fifty in a chain",
         lambda **law: scenarios.long_chain(50, **law),
-        ("–", "100 %, 83 s", "100 %, 42 s"),
         runs=60,
     ),
     Scenario(
         "chain on a circle, hop 1 / 5 / 11",
         scenarios.circling_chain,
-        ("3.6 / 19 / 45 cm", "3.6 / 19 / 45 cm", "0.08 / 0.38 / 0.84 cm"),
         runs=1,
         hops=(1, 5, 11),
     ),
     Scenario(
         "the same, samples 100 ms old",
         scenarios.circling_chain,
-        ("4.4 / 23 / 55 cm", "4.4 / 23 / 55 cm", "0.13 / – / 1.5 cm"),
         Options(delay=0.1),
         runs=1,
         hops=(1, 5, 11),
@@ -77,7 +68,6 @@ SCENARIOS = (
     Scenario(
         "straight chain, samples 100 ms old, hop 1 / 11",
         scenarios.straight_chain,
-        ("1.0 / 11 cm", "1.0 / 11 cm", "0.00 / 0.00 cm"),
         Options(delay=0.1),
         runs=1,
         hops=(1, 11),
@@ -171,20 +161,18 @@ def main() -> None:
     if arguments.readings:
         readings(arguments.runs, arguments.seed)
         return
-    print("| scenario |", " | ".join(f"{name} | prototype" for name in COLUMNS), "|")
-    print("|---" * (1 + 2 * len(COLUMNS)) + "|")
+    print("| scenario |", " | ".join(COLUMNS), "|")
+    print("|---" * (1 + len(COLUMNS)) + "|")
     for scenario in SCENARIOS:
         if arguments.only not in scenario.name:
             continue
-        cells = []
-        for law, prototype in zip(COLUMNS.values(), scenario.prototype, strict=True):
-            cells += [figure(scenario, law, arguments.runs, arguments.seed), prototype]
+        cells = [figure(scenario, law, arguments.runs, arguments.seed) for law in COLUMNS.values()]
         print(f"| {scenario.name} |", " | ".join(cells), "|", flush=True)
         if not scenario.hops and scenario.runs is None:
             mission = scenario.build()
             best = by_distance(mission, drawn(mission, arguments.runs, arguments.seed))
             print(
-                f"| – at best | | | | | {np.median(best):.1f} / {np.percentile(best, 95):.1f} s | |",
+                f"| – at best | | {np.median(best):.1f} / {np.percentile(best, 95):.1f} s |",
                 flush=True,
             )
 

@@ -113,7 +113,7 @@ class Watch:
         self.most = 0.0
         """[share of a limit]"""
         self._follow, self._law = agent.tuning.follow, agent._params.law
-        self._gains, self._integral = agent.mission.law.gains, 0j
+        self._gains, self._integral = agent.mission.gains, 0j
         agent.tuning.follow = self.follow  # type: ignore[method-assign]
         agent._params = agent._params._replace(law=self.law)
 
@@ -139,10 +139,11 @@ def changed(mission: Mission, law: str) -> tuple[Fleet, float]:
 
     Right after the start, on the way, in formation; a little more, much more, and back at once.
     """
-    fleet = Fleet(mission, law=law, seed=3)
+    mission = mission.under(law)
+    fleet = Fleet(mission, seed=3)
     fleet.run(3.0 if mission.standbys else 0.3)
     watched = [Watch(agent) for agent in fleet.agents.values()]
-    k_p, k_i = mission.law.k_p, mission.law.k_i
+    k_p, k_i = mission.gains
     for after, gains in (
         (0.0, Tuned(k_p=2.0 * k_p, k_i=k_i)),
         (1.0, Tuned(k_p=0.4 * k_p, k_i=0.1 * k_i)),

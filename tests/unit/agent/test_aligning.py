@@ -49,7 +49,7 @@ def test_pose_moves_slowly_to_the_better_one(off: complex, turn: float, counted:
 def test_nothing_is_aligned_before_odometry() -> None:
     source = OdometrySource(START, "robot3")
     before = source.state.origin, source.state.rotation
-    assert source.align(3.0 + 0.0j, 1j, PERIOD) == 1.0
+    assert source.align(3.0 + 0.0j, 1j, PERIOD) == (0j, 1.0)
     assert (source.state.origin, source.state.rotation) == before
 
 

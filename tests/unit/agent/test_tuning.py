@@ -111,7 +111,8 @@ def test_no_command_jumps_when_gains_are_accepted(mission: Mission, law: str) ->
     """Right after the start, on the way, in formation; a little more, much more, and back at once."""
     fleet, most = changed(mission, law)
     if law != "paper":  # the printed law's integral winds up, and gains wait while a command would jump
-        assert in_force(fleet) == {(float(f"{1.2 * mission.law.k_p:.6g}"), mission.law.k_i)}
+        k_p, k_i = mission.under(law).gains
+        assert in_force(fleet) == {(float(f"{1.2 * k_p:.6g}"), k_i)}
     print(f"{mission.name}, {law}: {100.0 * most:.1f} % of a limit")
     assert 0.0 < most <= JUMP
 
@@ -136,9 +137,9 @@ def test_new_and_disconnected_agents_reach_same_gains() -> None:
     fleet.run(6.0)
     assert in_force(fleet) == {(3.0, 0.5)}
     assert (fleet.status("robot4").k_p, fleet.status("robot4").k_i) == (3.0, 0.5)
-    assert tune(fleet, k_p=SIX.law.k_p, k_i=SIX.law.k_i).ok
+    assert tune(fleet, k_p=SIX.gains.k_p, k_i=0.0).ok
     fleet.run(4.0)
-    assert in_force(fleet) == {(SIX.law.k_p, SIX.law.k_i)}
+    assert in_force(fleet) == {(SIX.gains.k_p, 0.0)}
     assert fleet.status("robot4").k_p is None
 
 
@@ -149,15 +150,15 @@ def test_gains_survive_the_leader_that_ordered_them() -> None:
     fleet.kill("leader")
     fleet.run(6.0)
     assert fleet.leader_terms[-1].name != "leader"
-    assert in_force(fleet) == {(3.0, PATROL.law.k_i)}
-    assert fleet.in_charge.plan.gains == Tuned(k_p=3.0, k_i=PATROL.law.k_i)
+    assert in_force(fleet) == {(3.0, 0.0)}
+    assert fleet.in_charge.plan.gains == Tuned(k_p=3.0, k_i=0.0)
     assert tune(fleet, k_i=0.5).ok
     fleet.run(4.0)
     assert in_force(fleet) == {(3.0, 0.5)}
 
 
 def test_restarted_agent_keeps_gains_and_integral() -> None:
-    team, name = driving(PAIR, 6.0), PAIR.followers[-1]
+    team, name = driving(PAIR.under("paper"), 6.0), PAIR.followers[-1]
     assert tune(team, k_p=2.5, k_i=0.3).ok
     team.run(4.0)
     team.replace(name, 0.2)
@@ -186,7 +187,7 @@ def test_commands_are_computed_again_to_the_last_bit_across_changes(law: str) ->
     "gains", [Tuned(k_p=60.0, k_i=1.0), Tuned(k_p=2.0, k_i=50.0), Tuned(k_p=1000.0, k_i=1000.0)]
 )
 def test_forged_gains_that_no_robot_can_bear_are_no_order(gains: Tuned) -> None:
-    orders = Orders(SIX)
+    orders = Orders(SIX.under("paper"))
     forged = Order(term=1, beat=1, mode="run", shape="hexagon", tuned=gains)
     with pytest.raises(BadMessage, match="unbearable gains"):
         orders.receive(forged, "robot1", 0.0, Now(0.0, EPOCH))

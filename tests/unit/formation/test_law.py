@@ -3,31 +3,22 @@ from __future__ import annotations
 import cmath
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from formation.control.controller import (
-    Controller,
-    Gains,
-    Limits,
-    Measured,
-    Step,
-    error,
-    near,
-    nominal,
-    unwound,
-)
+from formation.control.controller import Controller, Gains, Limits, Measured, Step, error, nominal
 from formation.control.laws import LAWS
-from formation.control.laws.field import field
+from formation.control.laws.field import CONE_SHARE, field, intercepting, stoppable, turning
 from formation.control.laws.paper import paper
 from formation.control.laws.proportional import proportional
-from formation.control.unicycle import Command, body_velocity
+from formation.control.trust import weight
+from formation.control.unicycle import body_velocity
 from tests.unit.formation import oracle
 from tests.unit.formation.planar import angles, gains, headings, lengths, pair, vectors
 
 EDGES = st.lists(st.tuples(vectors, vectors), min_size=1, max_size=5)
 """z_ij^(i) and z*_ij of each neighbour."""
-limits = st.builds(Limits, lengths, lengths, lengths)
+limits = st.builds(Limits, lengths, lengths, lengths, st.floats(0.1, 100.0), st.booleans())
 parameters = st.tuples(gains, gains).map(lambda drawn: Gains(*drawn))
 STEPS = {name: one.step for name, one in LAWS.items()}
 all_laws = pytest.mark.parametrize("law", STEPS.values(), ids=STEPS)
@@ -87,16 +78,15 @@ def test_turning_the_world_turns_nothing_on_the_robot(
     assert same_after == pytest.approx(turn * after, abs=1e-9)
 
 
-@pytest.mark.parametrize("law", [field, paper])
 @given(headings, vectors, parameters)
 def test_integral_in_formation_is_constant_and_gives_velocity(
-    law: Step, heading: complex, desired: complex, parameters: Gains
+    heading: complex, desired: complex, parameters: Gains
 ) -> None:
     velocity = 0.2 + 0.1j
     body = Limits(0.1, 5.0, 50.0)
     integral = velocity / parameters.k_i
     at_rest = Measured(heading.conjugate() * desired, desired, 2)
-    command, after = law(integral, heading, at_rest, parameters, body, 0.05)
+    command, after = paper(integral, heading, at_rest, parameters, body, 0.05)
     assert after == pytest.approx(integral, abs=1e-9)
     assert heading * body_velocity(*command, body.offset) == pytest.approx(velocity, abs=1e-9)
 
@@ -110,63 +100,86 @@ def test_field_law_with_known_velocities_needs_no_integral(heading: complex, des
     assert integral == pytest.approx(0j, abs=1e-12)
 
 
-@given(vectors.filter(lambda e: abs(e) > 1.0), vectors)
-def test_far_from_formation_the_field_law_forgets_its_integral(away: complex, integral: complex) -> None:
-    law = Gains(2.0, 1.0, anti_windup=0.0, integral_band=0.03, integral_decay=1.0)
-    for _ in range(100):
-        _, integral = field(integral, 1.0 + 0j, Measured(away, 0j, 1), law, Limits(0.1, 1.0, 1.0), 0.1)
-    assert abs(integral) < 1e-2
-
-
-@pytest.mark.parametrize(("decay", "dt"), [(1.0, 3.0), (100.0, 0.05), (1e6, 0.05)])
-def test_forgetting_never_overshoots_however_long_the_interval(decay: float, dt: float) -> None:
-    law = Gains(2.0, 1.0, anti_windup=0.0, integral_decay=decay)
-    integral = 1.0 + 0j
-    for _ in range(10):
-        before = abs(integral)
-        _, integral = field(integral, 1.0 + 0j, Measured(3.0 + 0j, 0j, 1), law, Limits(0.1, 1.0, 1.0), dt)
-        assert abs(integral) <= before + 1e-6
-    assert abs(integral) < 1e-3
-
-
-def test_the_paper_law_winds_up_where_the_field_law_does_not() -> None:
-    wound, unwound = 0j, 0j
+def test_paper_law_winds_up_where_field_law_has_no_integral() -> None:
+    wound, kept = 0j, 0j
     body = Limits(0.1, 0.2, 1.0)
     for _ in range(100):
         _, wound = paper(wound, 1.0 + 0j, Measured(3.0 + 0j, 0j, 1), Gains(2.0, 1.0), body, 0.1)
-        _, unwound = field(unwound, 1.0 + 0j, Measured(3.0 + 0j, 0j, 1), Gains(2.0, 1.0), body, 0.1)
+        _, kept = field(kept, 1.0 + 0j, Measured(3.0 + 0j, 0j, 1), Gains(2.0, 1.0), body, 0.1)
     assert wound == pytest.approx(30.0)
-    assert abs(unwound) < 1e-3
+    assert kept == 0j
 
 
-def test_near_formation_what_saturation_cuts_off_comes_out_of_the_integral() -> None:
-    body, law = Limits(0.1, 0.1, 1.0), Gains(2.0, 1.0, anti_windup=1.0, integral_band=1e3)
-    integral = 1.0 + 0j
-    for _ in range(200):
-        _, integral = field(integral, 1.0 + 0j, Measured(0j, 0j, 1), law, body, 0.05)
-    assert integral.real == pytest.approx(0.1, abs=1e-3)
+velocities = st.builds(complex, st.floats(-0.4, 0.4), st.floats(-0.4, 0.4))
+BODIES = st.builds(
+    Limits, st.floats(0.05, 0.3), st.floats(0.8, 2.0), st.floats(0.5, 3.0), st.floats(1.0, 100.0)
+)
 
 
-@given(st.floats(-0.1, 0.1), st.floats(-1.0, 1.0), headings)
-def test_command_reduced_after_law_unwinds_like_saturation(
-    speed: float, turn_rate: float, heading: complex
+def approach(away: complex, velocity: complex, heading: complex, gain: float, body: Limits) -> float:
+    """Speed at which the law closes in on a slot `away` that moves at `velocity` [m/s]."""
+    measured = Measured(heading.conjugate() * away, 0j, 1, velocity)
+    command, _ = field(0j, heading, measured, Gains(gain, 0.0), body, 0.05)
+    moving = heading * body_velocity(*command, body.offset)
+    return ((moving - velocity) * away.conjugate()).real / abs(away)
+
+
+@given(vectors.filter(lambda e: abs(e) > 1e-3), velocities, headings, st.floats(0.5, 12.0), BODIES)
+def test_slot_slower_than_sideways_speed_comes_nearer(
+    away: complex, velocity: complex, heading: complex, gain: float, body: Limits
 ) -> None:
-    law, wide, wanted = Gains(2.0, 1.0), Limits(0.1, 5.0, 50.0), Measured(0.01 + 0.02j, 0j, 1, 0.3 + 0j)
-    result, after = field(0.1 + 0j, heading, wanted, law, wide, 0.05)
-    assert unwound(after, heading, wanted, law, wide, result, result, 0.05) == after
-    done = Command(speed, turn_rate)
-    held = body_velocity(*done, 0.1) - body_velocity(*result, 0.1)
-    growth = unwound(after, heading, wanted, law, wide, result, done, 0.05) - after
-    near_enough = near(abs(error(heading, wanted)), law.integral_band)
-    assert growth == pytest.approx(0.05 * near_enough * heading * held, abs=1e-12)
+    """The Lemma behind Theorem 1 of docs/decisions/0057, for every heading."""
+    most = 0.8 * min(body.max_speed, body.offset * body.max_turn_rate)
+    velocity *= min(1.0, most / abs(velocity)) if velocity else 1.0
+    assert approach(away, velocity, heading, gain, body) > 0.0
 
 
-@given(st.floats(0.001, 1.0))
-def test_the_band_is_flat_at_zero_and_half_at_its_edge(band: float) -> None:
-    assert near(0.0, band) == 1.0
-    assert near(band, band) == pytest.approx(0.5)
-    assert near(0.1 * band, band) > 0.9998
-    assert near(10.0 * band, band) < 2e-4
+@given(vectors.filter(lambda e: abs(e) > 1e-3), velocities, st.floats(0.5, 12.0), BODIES)
+def test_wanted_velocity_is_within_top_speed(
+    away: complex, velocity: complex, gain: float, body: Limits
+) -> None:
+    towards, closing = away / abs(away), stoppable(abs(away), gain, body)
+    closing = intercepting(towards, velocity, closing, body)
+    assert closing >= 0.0
+    assert abs(velocity + closing * towards) <= body.max_speed + 1e-9
+
+
+@given(vectors.filter(lambda e: abs(e) > 1e-3), velocities.filter(lambda v: abs(v) > 1e-3), BODIES)
+def test_wanted_velocity_stays_in_the_cone(away: complex, velocity: complex, body: Limits) -> None:
+    towards, sideways = away / abs(away), CONE_SHARE * body.offset * body.max_turn_rate
+    assume(abs(velocity) > sideways)
+    wanted = velocity + turning(towards, velocity, 1e3, body) * towards
+    across = abs((wanted * velocity.conjugate()).imag) / abs(velocity)
+    assert across <= sideways / abs(velocity) * abs(wanted) + 1e-9
+    assert (wanted * velocity.conjugate()).real > 0.0
+
+
+@given(st.floats(1e-3, 30.0), st.floats(0.5, 12.0), st.floats(0.5, 20.0))
+def test_approach_can_be_stopped_by_the_ramp(distance: float, gain: float, acceleration: float) -> None:
+    body, step = Limits(0.1, 1e9, 1.0, acceleration), 1e-3
+    while distance > 1e-3:
+        speed = stoppable(distance, gain, body)
+        after = stoppable(distance - step * speed, gain, body)
+        assert speed - after <= step * acceleration * (1.0 + 1e-6)
+        distance -= step * speed
+
+
+def test_robot_reverses_to_a_slot_far_behind_only() -> None:
+    body = Limits(0.2, 1.5, 1.5)
+    reversing, _ = field(0j, 1.0 + 0j, Measured(-3.0 - 0.5j, 0j, 1), Gains(8.0, 0.0), body, 0.05)
+    turning_round, _ = field(0j, 1.0 + 0j, Measured(-0.4 - 0.1j, 0j, 1), Gains(8.0, 0.0), body, 0.05)
+    forbidden = body._replace(reverses=False)
+    forwards, _ = field(0j, 1.0 + 0j, Measured(-3.0 - 0.5j, 0j, 1), Gains(8.0, 0.0), forbidden, 0.05)
+    assert reversing.speed < 0.0 < reversing.turn_rate
+    assert turning_round.turn_rate < 0.0
+    assert forwards.turn_rate < 0.0
+
+
+@given(st.floats(0.0, 2.0), st.floats(0.1, 1.0), st.floats(0.3, 2.0))
+def test_weight_falls_with_excess_over_the_leader(speed: float, leader: float, top: float) -> None:
+    least = weight(speed + 0j, leader, top)
+    assert 0.0 < least <= weight(0.9 * speed * 1j, leader, top) <= 50.0
+    assert (least == 50.0) is (speed <= leader)
 
 
 @given(EDGES, headings, parameters)

@@ -68,7 +68,7 @@ def test_warn_mode_changes_no_command() -> None:
     state = stepped(Command(SPEC.max_speed, 0.0))
     _, outcome = control_step(state, around, (ahead,), params)
     assert outcome.filtered
-    assert outcome.command == law_command(state, around, params)[0]
+    assert outcome.command == law_command(state, around, params, params.limits)[0]
 
 
 def test_ramp_never_outruns_the_brake() -> None:
@@ -155,8 +155,9 @@ def test_proportional_law_leaves_no_error_behind_a_steady_leader() -> None:
 
 def test_limits_are_taken_from_the_mission() -> None:
     assert SIX.control("robot2", LAWS["field"]).limits == Limits(
-        SPEC.control_point_offset, SPEC.max_speed, SPEC.max_turn_rate
+        SPEC.control_point_offset, SPEC.max_speed, SPEC.max_turn_rate, SPEC.max_speed / SPEC.ramp
     )
+    assert SIX.control("robot2", LAWS["paper"]).limits.acceleration == math.inf
 
 
 LIMITS = Limits(0.1, 0.8, 2.0)

@@ -13,9 +13,11 @@ import pytest
 from formation.control.controller import Measured
 from formation.control.laws import LAWS
 from formation.control.laws.field import field
-from formation.control.observer import Travel, innovation
+from formation.control.observer import Travel
 from formation.control.plane import unit
+from formation.control.pose_filter import ODOMETRY_NOISE, filtered, first_spread, least_noise
 from formation.control.tracker import Track, first_seen, seen
+from formation.control.trust import believed, weight
 from formation.control.unicycle import advance, control_point
 from formation.mission.file import load
 from formation.mission.model import Mission
@@ -43,15 +45,17 @@ def test_the_arrays_do_what_one_robot_after_the_other_does() -> None:
 def one_by_one(
     mission: Mission, position: list[complex], heading: list[complex], step: float, steps: int
 ) -> list[complex]:
-    """The field law's closed loop in plain Python: no arrays, one follower at a time."""
+    """The field law's closed loop in plain Python: no arrays, one follower at a time; no ramp."""
     route, names, law = Route.of(mission), mission.followers, mission.law
+    least = least_noise(mission.collisions.noise)
+    filtered_at, spreads = list(position), [first_spread(least)] * len(names)
     specs = [mission.robots[name] for name in names]
     estimate = [mission.first_heading(name) for name in names]
     integral, tracks = [0j] * len(names), [dict[str, Track]() for _ in names]
     for k in range(steps):
         places = {mission.leader: route.position(k * step)}
         for i, name in enumerate(names):
-            places[name] = control_point(position[i], unit(estimate[i]), specs[i].control_point_offset)
+            places[name] = control_point(filtered_at[i], unit(estimate[i]), specs[i].control_point_offset)
         for i, spec in enumerate(specs):
             for other in spec.neighbours:
                 last = tracks[i].get(other)
@@ -61,19 +65,29 @@ def one_by_one(
                     if last is None
                     else seen(last, k * step, places[other], law.velocity_filter, top)
                 )
-            known = [tracks[i][other] for other in spec.neighbours]
-            facing, mine = unit(estimate[i]), mission.slot(names[i])
+            facing, mine, leads = unit(estimate[i]), mission.slot(names[i]), mission.leader_speed
+            weights = [
+                weight(tracks[i][other].velocity, leads, mission.robots[other].top_speed)
+                for other in spec.neighbours
+            ]
+            shares = [one / sum(weights) for one in weights]
+            known = [
+                (share, other, tracks[i][other]) for share, other in zip(shares, spec.neighbours, strict=True)
+            ]
+            away = sum(share * (track.point - places[names[i]]) for share, _, track in known)
             measured = Measured(
-                facing.conjugate() * sum(track.point - places[names[i]] for track in known),
-                sum(mission.slot(other) - mine for other in spec.neighbours),
-                len(known),
-                sum(track.velocity for track in known) / len(known),
+                facing.conjugate() * away,
+                sum(share * (mission.slot(other) - mine) for share, other, _ in known),
+                1,
+                believed(sum(share * track.velocity for share, _, track in known), leads),
             )
-            command, integral[i] = field(integral[i], facing, measured, law.gains, spec.limits, step)
+            command, integral[i] = field(integral[i], facing, measured, mission.gains, spec.limits, step)
             there, after = advance(position[i], heading[i], *command, step)
             travel = Travel(command.speed * step, command.turn_rate * step, there - position[i])
             position[i], heading[i] = there, after
-            estimate[i] = innovation(estimate[i], travel, law.observer_gain)
+            filtered_at[i], estimate[i], spreads[i] = filtered(
+                filtered_at[i], estimate[i], spreads[i], travel, there, step, least, ODOMETRY_NOISE
+            )
     return position
 
 

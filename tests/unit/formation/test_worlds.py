@@ -29,14 +29,9 @@ def test_six_robots_settle_six_times_as_fast_by_the_field_law() -> None:
     assert paper.converged.mean() > 0.95
     assert field.converged.all()
     assert scenarios.median(paper) == pytest.approx(26.6, rel=0.1)
-    assert scenarios.median(field) < 4.4
-    assert np.percentile(field.settling_time, 95) < 5.8
-    assert scenarios.median(paper) > 6.0 * scenarios.median(field)
-
-
-def test_the_observer_and_anti_windup_alone_settle_in_ten_seconds() -> None:
-    plain = scenarios.six(feed_forward=False, delay_compensation=False, integral_band=1e6)
-    assert scenarios.median(simulate(plain, runs=100, horizon=30.0)) == pytest.approx(9.9, rel=0.1)
+    assert scenarios.median(field) < 3.7
+    assert np.percentile(field.settling_time, 95) < 4.9
+    assert scenarios.median(paper) > 7.0 * scenarios.median(field)
 
 
 def test_field_law_settles_turtlebot_pair_six_times_faster() -> None:
@@ -45,7 +40,7 @@ def test_field_law_settles_turtlebot_pair_six_times_faster() -> None:
     field = simulate(pair, runs=200, law="field", horizon=30.0)
     assert scenarios.median(paper) == pytest.approx(33.6, rel=0.1)
     assert field.converged.all()
-    assert scenarios.median(field) == pytest.approx(5.0, rel=0.1)
+    assert scenarios.median(field) < 4.6
 
 
 @pytest.mark.slow
@@ -155,11 +150,16 @@ def test_equation_7_as_it_stands_fails_from_most_starts() -> None:
     assert simulate(SIX, runs=60, law="paper", options=printed, horizon=90.0).converged.mean() < 0.5
 
 
-def test_noise_leaves_an_error_of_its_own_size() -> None:
-    noisy = Options(body=Body(position_noise=0.001))
-    result = simulate(SIX, runs=10, horizon=20.0, options=noisy)
-    assert result.converged.all()
-    assert 1e-3 < np.median(result.final_error) < 0.03
+@pytest.mark.parametrize(("noise", "bound"), [(0.001, 0.0036), (0.005, 0.018), (0.02, 0.045)])
+def test_noise_leaves_less_than_with_the_paper_law(noise: float, bound: float) -> None:
+    noisy = Options(body=Body(position_noise=noise))
+    field, paper = (
+        simulate(SIX, runs=20, horizon=horizon, law=law, options=noisy)
+        for law, horizon in (("field", 20.0), ("paper", 80.0))
+    )
+    rms, reference = (np.sqrt(np.square(one.error[len(one.error) // 2 :]).mean()) for one in (field, paper))
+    assert rms < bound
+    assert rms < 0.62 * reference
 
 
 def test_the_firmware_of_the_mission_clamps_lags_and_cuts_commands() -> None:
@@ -170,7 +170,7 @@ def test_the_firmware_of_the_mission_clamps_lags_and_cuts_commands() -> None:
     assert 0.0 < history.speed[1].max() < 0.05  # from rest, wheels that lag
     free = simulate(mission, horizon=30.0, keep=True, options=Options(body=Body())).history
     assert free is not None
-    assert np.abs(free.speed[1]).max() > 0.2  # at once
+    assert np.abs(free.speed[1]).max() > 0.15  # at once
 
 
 @pytest.mark.slow

@@ -9,11 +9,12 @@ FIELD, CONTROLLER, UNICYCLE = (
     "formation/control/controller.py",
     "formation/control/unicycle.py",
 )
-RAMP, QUANTISER, OBSERVER, TRACKER = (
+RAMP, QUANTISER, POSE_FILTER, TRACKER, TRUST = (
     "formation/control/ramp.py",
     "formation/control/quantiser.py",
-    "formation/control/observer.py",
+    "formation/control/pose_filter.py",
     "formation/control/tracker.py",
+    "formation/control/trust.py",
 )
 NEIGHBOURS, GAINS, SLOTS = (
     "agent/following/neighbours.py",
@@ -24,26 +25,10 @@ CORE, COMMANDER, AVAILABLE = "agent/core.py", "agent/safety/commander.py", "agen
 
 DEFECTS = (
     Defect(
-        "anti-windup-reversed",
-        FIELD,
-        "growth = weight * (e + gains.anti_windup * cut_off)",
-        "growth = weight * (e - gains.anti_windup * cut_off)",
-        "saturation winds the integral up",
-        ("quiet",),
-    ),
-    Defect(
-        "integral-never-decays",
-        FIELD,
-        "integral + dt * growth - (1.0 - weight) * forgotten * integral",
-        "integral + dt * growth",
-        "the integral stays when the formation is torn",
-        ("quiet",),
-    ),
-    Defect(
         "feed-forward-rotated",
         FIELD,
-        "heading.conjugate() * measured.velocity",
-        "heading * measured.velocity",
+        "carried = to_body * measured.velocity",
+        "carried = heading * measured.velocity",
         "the neighbours' velocity is taken in a wrong frame",
         ("quiet",),
     ),
@@ -56,12 +41,28 @@ DEFECTS = (
         ("quiet",),
     ),
     Defect(
-        "filter-winds-up",
-        CONTROLLER,
-        "return integral + dt * weight * gains.anti_windup * cut_off",
-        "return integral",
-        "what the filter cuts off winds the integral up",
-        ("crossing",),
+        "closing-beyond-top-speed",
+        FIELD,
+        "closing = intercepting(towards, carried, closing, limits)",
+        "closing = limits.max_speed + speed",
+        "a robot drives at full speed before it points to its slot",
+        ("quiet",),
+    ),
+    Defect(
+        "trust-reversed",
+        TRUST,
+        "return 1.0 / (LEAST_EXCESS + excess * excess)",
+        "return LEAST_EXCESS + excess * excess",
+        "neighbours count more the less they are in formation",
+        ("quiet",),
+    ),
+    Defect(
+        "filter-blind-in-reverse",
+        POSE_FILTER,
+        "heading += p12.conjugate() * (inverse * innovation)",
+        "heading -= p12.conjugate() * (inverse * innovation)",
+        "a robot learns the opposite heading",
+        ("quiet", "crossing"),
     ),
     Defect(
         "speed-not-clipped",
@@ -96,14 +97,6 @@ DEFECTS = (
         ("quiet", "pair"),
     ),
     Defect(
-        "observer-blind-in-reverse",
-        OBSERVER,
-        "return kept + share / travel.distance * half * travel.displacement",
-        "return kept + share / path * half * travel.displacement",
-        "a robot that reverses learns the opposite heading",
-        ("quiet", "crossing"),
-    ),
-    Defect(
         "extrapolated-backwards",
         TRACKER,
         "return track.point + track.velocity * clip(moment - track.stamp, longest)",
@@ -114,16 +107,16 @@ DEFECTS = (
     Defect(
         "slots-reversed",
         NEIGHBOURS,
-        "desired += slots.state.at[name] - mine",
-        "desired += mine - slots.state.at[name]",
+        "desired += share * (slots.state.at[name] - mine)",
+        "desired += share * (mine - slots.state.at[name])",
         "the formation is mirrored",
         ("quiet",),
     ),
     Defect(
         "slot-velocity-added",
         NEIGHBOURS,
-        "velocity += one.velocity - (slots",
-        "velocity += one.velocity + (slots",
+        "carried = one.velocity - slots.state.velocity[name]",
+        "carried = one.velocity + slots.state.velocity[name]",
         "robots lag in shapes that turn",
         ("orders", "bend"),
     ),
