@@ -285,6 +285,11 @@ class Localisation:
         if last is not None:
             self.align(placement.of(last.position), placement.rotation * last.heading)
 
+    def _map_passed(self, message: Odometry | Pose, seen: PoseUpdate) -> None:
+        """Record odometry, with which the localiser's poses of earlier moments are compared."""
+        if self.map_frame is not None and isinstance(message, Odometry):
+            self.map_frame.moved(message, continues=seen.jumped is None and seen.travel is not None)
+
     def goes_on(self, message: Odometry | Pose, arrived: float, since: float) -> str | None:
         """Prepare state of another process, known until `since` [s, monotonic], for the next `message`.
 
@@ -312,8 +317,7 @@ class Localisation:
         over = elapsed if elapsed is not None or before is None else arrived - before
         self._follow_map()
         seen = self._update_of(message, over, now)
-        if self.map_frame is not None and isinstance(message, Odometry):
-            self.map_frame.moved(message, continues=seen.jumped is None and seen.travel is not None)
+        self._map_passed(message, seen)
         believed, state.position = state.position, seen.position
         state.measured, state.follows, state.travel = seen.heading, False, None
         state.since_last = seen.travel if seen.jumped is None else None

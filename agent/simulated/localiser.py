@@ -24,7 +24,7 @@ class Localiser:
         self._waiting: list[tuple[float, MapPose]] = []  # when each is due [s], oldest first
 
     def poses(self, stamp: float, position: complex, heading: complex) -> list[MapPose]:
-        """Return what it publishes at `stamp` [s] if the robot is then at `position` [m], `heading` (unit)."""
+        """Return what it publishes at `stamp` [s], when the robot is at `position` [m], `heading` (unit)."""
         if self._last is None or self._moved(position, heading):
             self._last = position, heading
             x, y, turn = self._noise.normal(size=3)
