@@ -134,6 +134,7 @@ def status(agent: Agent, now: Now) -> AgentStatus:
         sight_age={} if sight is None else sight.ages(now),
         sight_deviation={} if sight is None else sight.deviations(now),
         sight_lost=() if sight is None else sight.lost(now),
+        sight_correction=None if sight is None else here.correction,
         localisation=here.alignment,
         realigned=here.state.source.realigned,
         realigned_after=here.state.source.realigned_after,

@@ -165,6 +165,11 @@ class Localisation:
             return Reason.of(Code.HEADING_CONTRADICTED, source=self.source)
         return None
 
+    @property
+    def correction(self) -> float:
+        """Distance by which `align` has moved the robot so far [m]."""
+        return abs(self._source.state.corrected) if isinstance(self._source, OdometrySource) else 0.0
+
     def judge_age(self) -> None:
         """Decide whether the newest message is young enough; call this when all have been read."""
         if self.stream.state.received > self.state.judged:

@@ -97,6 +97,8 @@ class OdometryState:
     """Origin of the odometry's frame [m; world frame]."""
     last: Odometry | None = None
     """The newest message; None before the first."""
+    corrected: complex = 0j
+    """Sum of the steps by which it was aligned [m; world frame]."""
 
 
 class OdometrySource:
@@ -170,6 +172,7 @@ class OdometrySource:
         turn = rotation(clip(share * float(angle_between(facing, heading)), MAX_ALIGN_RATE * elapsed))
         state.rotation = unit(state.rotation * turn)
         state.origin = at + step - state.rotation * state.last.position
+        state.corrected += step
         return step, turn
 
     def unlike(self, odometry: Odometry, over: float) -> str | None:

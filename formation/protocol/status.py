@@ -208,6 +208,8 @@ class AgentStatus:
     """Standard deviation of each seen neighbour's place relative to this robot [m]."""
     sight_lost: Names = ()
     """Neighbours that have not been seen for 2 s, or never."""
+    sight_correction: Real | None = None
+    """Distance by which scans have moved the robot's pose so far: odometry alone would be off by it [m]."""
     localisation: Localised = Localised.ODOMETRY_WORLD
     realigned: Count = 0
     """Number of times that odometry was placed anew after a jump."""

@@ -28,6 +28,7 @@ from formation.monitor.metrics.feed import freshness_limit
 from formation.monitor.metrics.orders import Lead, Wish
 from formation.monitor.metrics.snapshot import (
     AVOIDING,
+    SIGHT,
     CandidateMetrics,
     ReportedRequest,
     RobotMetrics,
@@ -57,6 +58,8 @@ STATES = {
     "waiting": ("waiting", INFO),
 }
 """The event for each state of an agent (or the leader)."""
+DRIFTED_DISTANCE = 0.1
+"""Correction of odometry by scans that is reported [m]."""
 CLEAR_TIME = 2.0
 """How long no obstacle limits a robot's command until it no longer counts as avoiding [s]."""
 START_TIME = 5.0
@@ -96,6 +99,7 @@ class _Robot:
         self._availability, self._fallback, self._process = Turns("follows"), Turns(), Turns("1")
         self._stuck, self._deadlocks, self._relays = Turns("moves"), Turns("0"), Turns("true")
         self._avoiding, self._avoided = Turns("clear"), -math.inf  # and when it last did [s, monotonic]
+        self._sees, self._drifted = Turns(), Turns("False")
         self._ran = self._followed = False
         self._holds_since = math.inf
 
@@ -105,6 +109,7 @@ class _Robot:
         yield from self._doing(now, robot)
         yield from self._following(now, robot)
         yield from self._obstacles(now, robot)
+        yield from self._sight(now, robot)
         contested = self.name in snapshot.contested
         publishers = "a second publisher" if contested else "one publisher"
         if (more := self._publishers.report(publishers, now.mono)) is not None:
@@ -187,6 +192,18 @@ class _Robot:
         if more is not None and robot.deadlocks:
             text = f"kept from moving, it goes another way ({robot.deadlocks} so far){more}"
             yield Event(now.wall, INFO, self.name, "deadlock", text)
+
+    def _sight(self, now: Now, robot: RobotMetrics) -> Iterator[Event]:
+        """Whether a robot that must see its neighbours does, and how far odometry alone would be off."""
+        if (more := self._sees.report(robot.sight, now.mono)) is not None and robot.sight:
+            text = SIGHT.get(robot.sight) or "sees its neighbours: " + ", ".join(
+                f"{name} to {deviation * 1e3:.0f} mm" for name, deviation in robot.seen.items()
+            )
+            yield Event(now.wall, WARNING if robot.sight in SIGHT else INFO, self.name, "sight", text + more)
+        drifted = str((robot.correction or 0.0) > DRIFTED_DISTANCE)
+        if (more := self._drifted.report(drifted, now.mono)) is not None and drifted == "True":
+            text = f"odometry alone would be off by {robot.correction:.2f} m; scans correct it{more}"
+            yield Event(now.wall, WARNING, self.name, "drift", text)
 
 
 class _Settled:

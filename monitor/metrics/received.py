@@ -175,6 +175,9 @@ class ReceivedOfRobot(Received):
                 one for one in (status.follows if status else ()) if one not in self._spec.neighbours
             ),
             publishers=self.attachments.publishers,
+            sight="" if status is None or status.sight is None else str(status.sight),
+            seen={} if status is None else status.sight_deviation,
+            correction=None if status is None else status.sight_correction,
         )
 
     def contested(self, now: Now) -> Iterable[str]:

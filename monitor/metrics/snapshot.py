@@ -18,6 +18,12 @@ AVOIDING = {
 }
 """Limits on a robot's command: a word for a table, and a longer text."""
 
+SIGHT = {
+    "searching": "does not see its neighbours yet",
+    "reckoning": "sees no neighbour, goes on by odometry",
+}
+"""States of a robot that must see its neighbours, in which it does not: words as in statuses, and a text."""
+
 
 class Edge(NamedTuple):
     """Robot i measures robot j."""
@@ -107,6 +113,12 @@ class RobotMetrics:
     """Number of deadlocks with other robots that it resolved since its agent's start."""
     fallback: str = ""
     """Fallback neighbours that it follows."""
+    sight: str = ""
+    """State of its sight of neighbours: a `formation.protocol.status.Sight`; empty if it needs none."""
+    seen: Mapping[str, float] = field(default_factory=dict)
+    """Standard deviation of each seen neighbour's place [m]."""
+    correction: float | None = None
+    """Distance by which its scans have corrected its odometry [m]."""
     publishers: int = 0
     """Number of publishers of its positions so far."""
     known: KnownError = NOTHING

@@ -12,6 +12,8 @@ from formation.ros2.messages import Diagnostics, Status
 from formation.slots.shape import PlacedShape
 
 OK, WARNING, STALE = 0, 1, 3
+CORRECTION_SHOWN = 0.01
+"""Least correction of odometry by scans that is mentioned [m]."""
 ROBOTS_PER_MESSAGE = 25
 """Most robots in one diagnostics message, well under the longest message that is read."""
 
@@ -51,6 +53,10 @@ def line(snapshot: Snapshot) -> str:
     error = error_words(snapshot)
     if snapshot.formation_error_true is not None:
         error += f" (true {_length(snapshot.formation_error_true)})"
+    corrections = {name: one.correction or 0.0 for name, one in snapshot.robots.items()}
+    worst = max(corrections, key=corrections.__getitem__)
+    if corrections[worst] > CORRECTION_SHOWN:
+        error += f" (odometry alone would be off by up to {_length(corrections[worst])}: {worst})"
     settled = snapshot.settled_at if snapshot.known.complete else snapshot.known_verdict.settled_at
     settled = None if snapshot.known.error is None else settled
     states = Counter(robot.shown for robot in snapshot.robots.values())
@@ -152,7 +158,7 @@ def _leading(snapshot: Snapshot) -> dict[str, str]:
 def _robot_status(name: str, robot: RobotMetrics, errors: Mapping[str, float | None]) -> Status:
     values = {f"error.{neighbour}": _text(error) for neighbour, error in errors.items()}
     values |= {field: _text(getattr(robot, field)) for field in ("heading_error", "speed", "turn_rate")}
-    for field in ("unavailable", "stuck", "avoiding", "deadlocks", "fallback"):
+    for field in ("unavailable", "stuck", "avoiding", "deadlocks", "fallback", "sight", "correction"):
         if value := getattr(robot, field):
             values[field] = "true" if value is True else str(value)
     for key, metrics in robot.keys.items():
@@ -192,6 +198,9 @@ def _robot(robot: RobotMetrics) -> dict[str, Any]:
         "avoiding": robot.avoiding,
         "deadlocks": robot.deadlocks,
         "fallback": robot.fallback,
+        "sight": robot.sight,
+        "seen": {name: _round(deviation, 4) for name, deviation in robot.seen.items()},
+        "correction": _round(robot.correction, 4),
         "publishers": robot.publishers,
     }
 

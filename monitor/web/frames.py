@@ -16,7 +16,7 @@ from formation.mission.robot import RobotSpec
 from formation.monitor.metrics.events import LOST_SILENCE, Event
 from formation.monitor.metrics.feed import clock_agrees, freshness_limit
 from formation.monitor.metrics.metrics import Metrics
-from formation.monitor.metrics.snapshot import AVOIDING, RobotMetrics, Snapshot
+from formation.monitor.metrics.snapshot import AVOIDING, SIGHT, RobotMetrics, Snapshot
 from formation.monitor.metrics.trajectory import Placed
 from formation.topics import POSITION
 from formation.wire import Now
@@ -191,7 +191,7 @@ def _row(
         well.why,
         2 if robot.stuck else int(robot.unavailable),
         robot.fallback,
-        AVOIDING.get(robot.avoiding, ""),
+        AVOIDING.get(robot.avoiding) or SIGHT.get(robot.sight, ""),
     ]
 
 

@@ -27,12 +27,12 @@ from formation.monitor.metrics.events import (
     from_message,
     to_message,
 )
-from formation.monitor.metrics.words import as_json, diagnostics
+from formation.monitor.metrics.words import as_json, diagnostics, line
 from formation.monitor.report import tables
 from formation.monitor.web import routes
 from formation.protocol import order
 from formation.protocol.order import PositionAttachment, Slots
-from formation.protocol.status import CollisionMode, MotionFault
+from formation.protocol.status import CollisionMode, MotionFault, Sight
 from formation.ros2.messages import Diagnostics, LogEntry, Status, decode, encode
 from formation.topics import EVENTS, STATUS
 from formation.wire import Sample
@@ -395,6 +395,31 @@ def test_events_report_avoiding_blocked_and_finally_clear() -> None:
         ("clear", 20, "no obstacle limits its command any more"),
     ]
     assert len(of(reported, "avoiding")) == 1
+
+
+def test_events_report_lost_sight_and_drift() -> None:
+    sees: dict[str, Any] = {
+        "sight": Sight.LOCKED,
+        "sight_deviation": {"robot2": 0.006},
+        "sight_correction": 0.02,
+    }
+    lost: dict[str, Any] = {"sight": Sight.RECKONING, "sight_correction": 0.2}
+    words = [sees, sees, lost, lost, sees]
+    samples = [status("robot4", 11.0 + n / 2, "run", **each) for n, each in enumerate(words)]
+    reported = [event for event in Watcher().drive(14.0, *samples) if event.kind in {"sight", "drift"}]
+    assert [(event.level, event.text) for event in reported] == [
+        (20, "sees its neighbours: robot2 to 6 mm"),
+        (30, "sees no neighbour, goes on by odometry"),
+        (30, "odometry alone would be off by 0.20 m; scans correct it"),
+        (20, "sees its neighbours: robot2 to 6 mm"),
+    ]
+
+
+def test_line_tells_how_far_odometry_alone_would_be_off() -> None:
+    seeing = status("robot4", 11.5, "run", sight=Sight.LOCKED, sight_correction=0.12)
+    snapshot = received(Fleet(), seeing).snapshot(now(12.0))
+    assert "(odometry alone would be off by up to 120.0 mm: robot4)" in line(snapshot)
+    assert as_json(snapshot)["robots"]["robot4"]["sight"] == "locked"
 
 
 def test_report_says_how_long_robots_avoided_and_were_blocked(tmp_path: Path) -> None:
