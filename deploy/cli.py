@@ -43,6 +43,7 @@ COMMANDS = {
     "stop": Command("deploy.order", "stop every robot of a running mission, at once", HERE, "stop"),
     "order": Command("deploy.order", "give a running mission's robots any order", HERE),
     "drive": Command("deploy.driving.drive", "drive the leader by hand: keys, gamepad, ROS topic", HERE),
+    "follow": Command("deploy.driving.follow", "goals and paths of ROS as routes of the leader", HERE),
     "watch": Command("deploy.watch", "a table of any running fleet in the terminal", HERE),
     "replay": Command(
         "deploy.recordings.replay", "play a recording to the live page, and onto keys of its own", HERE

@@ -15,6 +15,7 @@ from uuid import uuid4
 from formation.deploy.arguments import add_links, number, parser, read_mission
 from formation.deploy.driving.inputs import RELEASED, Gamepad, Keys, Share, Twists
 from formation.deploy.driving.remote import PERIOD_SECONDS, Remote
+from formation.deploy.driving.ros import add_router, listening
 from formation.deploy.refusal import Refusal, refusing
 from formation.mission.file import MISSION_HELP, configuration_of
 from formation.mission.model import Mission
@@ -34,7 +35,7 @@ EXAMPLES = """\
   formation drive convoy                       with the keys of this terminal
   formation drive convoy --speed 0.1           at most 0.1 m/s
   formation drive convoy --gamepad             /dev/input/js0: hold the left shoulder button, left stick
-  formation drive convoy --topic joy/cmd_vel   geometry_msgs/Twist on this key, as of teleop_twist_joy
+  formation drive convoy --topic /cmd_vel      a ROS topic of geometry_msgs/Twist, as of teleop_twist_joy
 
 Keys, as of ROS 2's teleop_twist_keyboard (or the arrows); let go to stop, q ends:
 
@@ -70,12 +71,10 @@ def main(arguments: Sequence[str]) -> int:
         links = Links((), tuple(where[name] for name in mission.candidates))
         read = stack.enter_context(_input(options, speed, turn_rate))
         bus = stack.enter_context(Bus(bus_config(options, mission, links, OPERATOR)))
-        if options.topic:
-            bus.subscribe(options.topic)
         drive = _Drive(bus, mission, speed, turn_rate)
         try:
             while True:
-                drive.step(read(bus))
+                drive.step(read())
         except Ended as ended:
             drive.step(RELEASED)
             print(f"\nformation: {ended}", file=sys.stderr)
@@ -125,10 +124,11 @@ class _Drive:
 
 
 @contextmanager
-def _input(options: argparse.Namespace, speed: float, turn_rate: float) -> Iterator[Callable[[Bus], Share]]:
+def _input(options: argparse.Namespace, speed: float, turn_rate: float) -> Iterator[Callable[[], Share]]:
     """Yield a function that reads the chosen input. Raises Refusal."""
     if options.topic:
-        yield _twists(Twists(speed, turn_rate), options.topic)
+        with listening(options.ros, (options.topic,)) as bus:
+            yield _twists(Twists(speed, turn_rate), bus)
     elif options.gamepad:
         with _gamepad(options.gamepad) as read:
             yield read
@@ -137,13 +137,13 @@ def _input(options: argparse.Namespace, speed: float, turn_rate: float) -> Itera
             yield read
 
 
-def _twists(twists: Twists, key: str) -> Callable[[Bus], Share]:
-    def read(bus: Bus) -> Share:
+def _twists(twists: Twists, bus: Bus) -> Callable[[], Share]:
+    def read() -> Share:
         for sample in bus.drain():
             try:
                 twist = decode(Twist, sample.payload)
             except BadMessage as bad:
-                raise Ended(1, f"{key}: {bad}") from None
+                raise Ended(1, f"{sample.key}: {bad}") from None
             twists.take(twist.speed, twist.turn_rate, sample.arrived)
         return twists.velocity(time.monotonic()) or RELEASED
 
@@ -151,14 +151,14 @@ def _twists(twists: Twists, key: str) -> Callable[[Bus], Share]:
 
 
 @contextmanager
-def _gamepad(path: Path) -> Iterator[Callable[[Bus], Share]]:
+def _gamepad(path: Path) -> Iterator[Callable[[], Share]]:
     try:
         file = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     except OSError as error:
         raise Refusal(f"--gamepad {path}: {error.strerror}; is it plugged in?") from None
     gamepad = Gamepad()
 
-    def read(_: Bus) -> Share:
+    def read() -> Share:
         gamepad.read(file)
         share = gamepad.velocity(time.monotonic())
         if share is None:
@@ -172,7 +172,7 @@ def _gamepad(path: Path) -> Iterator[Callable[[Bus], Share]]:
 
 
 @contextmanager
-def _keys() -> Iterator[Callable[[Bus], Share]]:
+def _keys() -> Iterator[Callable[[], Share]]:
     if not sys.stdin.isatty():
         raise Refusal("stdin is no terminal: choose --gamepad or --topic")
     import termios  # noqa: PLC0415 - only where there is a terminal
@@ -181,7 +181,7 @@ def _keys() -> Iterator[Callable[[Bus], Share]]:
     file, keys = sys.stdin.fileno(), Keys()
     before = termios.tcgetattr(file)
 
-    def read(_: Bus) -> Share:
+    def read() -> Share:
         while select.select([file], [], [], 0.0)[0]:
             data = os.read(file, 64)
             if not data:
@@ -210,11 +210,12 @@ def _options() -> argparse.ArgumentParser:
         metavar="DEVICE",
         help="a Linux joystick (default /dev/input/js0): hold its left shoulder button",
     )
-    source.add_argument("--topic", metavar="KEY", help="geometry_msgs/Twist messages on this key")
+    source.add_argument("--topic", metavar="TOPIC", help="geometry_msgs/Twist messages of this ROS topic")
     limit = number(0.0, 100.0, open_below=True)
     options.add_argument(
         "--speed", type=limit, metavar="M/S", help="greatest speed (default: what followers can follow)"
     )
     options.add_argument("--turn-rate", type=limit, metavar="RAD/S", help="greatest turn rate, likewise")
+    add_router(options)
     add_links(options)
     return options

@@ -37,6 +37,7 @@ __all__ = [
     "Message",
     "Number",
     "Odometry",
+    "Path",
     "Pose",
     "Status",
     "Text",
@@ -157,6 +158,35 @@ class Pose(Message):
     def _read(cls, source: Reader) -> Self:
         stamp, frame = ros.read_header(source)
         return cls(stamp, *ros.read_pose(source), frame)
+
+
+@dataclass(frozen=True, slots=True)
+class Path(Message):
+    """nav_msgs/Path: its positions [m; `frame`]."""
+
+    ROS_TYPE: ClassVar[str] = "nav_msgs/msg/Path"
+    DEFINITION: ClassVar[str] = "std_msgs/Header header\ngeometry_msgs/PoseStamped[] poses\n"
+    TYPE_HASH: ClassVar[str] = "1957a5bb3cee5da65c4e52e52b65a93df227efce4c20f8458b36e73066ca334b"
+    stamp: float
+    """[s, sender's system clock]"""
+    positions: tuple[complex, ...]
+    frame: str = "map"
+
+    def _write(self, to: Writer) -> None:
+        ros.write_header(to, self.stamp, self.frame)
+        to.count(len(self.positions))
+        for position in self.positions:
+            ros.write_header(to, self.stamp, self.frame)
+            ros.write_pose(to, position, 1.0 + 0.0j)
+
+    @classmethod
+    def _read(cls, source: Reader) -> Self:
+        stamp, frame = ros.read_header(source)
+        positions = []
+        for _ in range(source.count()):
+            ros.read_header(source)
+            positions.append(ros.read_pose(source)[0])
+        return cls(stamp, tuple(positions), frame)
 
 
 @dataclass(frozen=True, slots=True)

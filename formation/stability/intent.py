@@ -38,7 +38,7 @@ def request_for(mission: Mission, do: str, **what: Any) -> OperatorRequest:
     `what` are its fields, see `formation.protocol.order.TAKES`. The leader may refuse more, as it knows
     the figure.
     """
-    legal = [one for one in get_args(Do) if one != "query"]
+    legal = [one for one in get_args(Do) if one not in {"query", "drive"}]
     if do not in legal:
         raise ValueError(f"{do!r}: must be one of {', '.join(legal)}")
     what, takes = {name: value for name, value in what.items() if value is not None}, TAKES.get(do, ())

@@ -32,6 +32,7 @@ class Fleet(Driven):
     def __init__(self) -> None:
         super().__init__()
         self.requested: list[tuple[str, str | None]] = []
+        self.legs: list[list[dict[str, Any]]] = []
         self.seen: list[float | None] = []
         self.clicks: set[str] = set()
         self.slow: dict[str, threading.Event] = {}
@@ -40,6 +41,7 @@ class Fleet(Driven):
     def order(self, do: str, *, click: str = "", seen: float | None = None, **what: Any) -> dict[str, Any]:
         """What `formation order --json` says."""
         self.requested.append((do, what.get("shape")))
+        self.legs += [what["legs"]] if what.get("legs") else []
         self.seen.append(seen)
         self.clicks.add(click)
         if do in self.slow:
@@ -258,3 +260,20 @@ def test_arrow_keys_drive_the_pad_that_has_the_focus(
         page.locator("#drive-state", has_text="let go").wait_for()
     assert (1.0, 1.0) in {one[:2] for one in fleet.driven}
     assert fleet.driven[-1][:2] == (0.0, 0.0)
+
+
+def test_tapped_points_become_a_route(browser: Browser, controlled: Served, fleet: Fleet) -> None:
+    with invited(browser, controlled) as page:
+        until(page, "formation.model.frames > 0")
+        page.click("#route-open")
+        box = page.locator("#map").bounding_box()
+        assert box is not None
+        for share in (0.3, 0.6):
+            page.mouse.click(box["x"] + share * box["width"], box["y"] + 0.6 * box["height"])
+        page.locator("#route-go", has_text="Go along 2 points").click()
+        page.locator("#order-result", has_text="route: 4 of 6 obey").wait_for()
+    ((leg,),) = fleet.legs
+    (left, right) = leg["waypoints"]
+    assert left[0] < right[0]
+    assert left[1] == pytest.approx(right[1], abs=0.2)
+    assert leg["speed"] > 0.0

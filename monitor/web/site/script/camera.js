@@ -29,6 +29,11 @@ export class Camera {
     return this.height / 2 - (y - this.y) * this.scale;
   }
 
+  /** The place [m] at the screen's (sx, sy). */
+  place(sx, sy) {
+    return [this.x + (sx - this.width / 2) / this.scale, this.y - (sy - this.height / 2) / this.scale];
+  }
+
   sees({ x, y }) {
     const [sx, sy] = [this.sx(x), this.sy(y)];
     return sx > 0 && sx < this.width && sy > 0 && sy < this.height;

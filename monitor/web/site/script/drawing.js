@@ -20,6 +20,7 @@ export function draw(pen, camera, model, unit) {
   for (const robot of model.robots) drawGhost(pen, camera, robot, size, unit);
   for (const robot of model.robots) drawRobot(pen, camera, robot, model, size, unit);
   drawNames(pen, camera, model, size, unit);
+  drawPlanned(pen, camera, model, unit);
   drawScale(pen, camera, unit);
 }
 
@@ -53,6 +54,25 @@ function drawGrid(pen, camera) {
   for (let n = Math.ceil((camera.y - halfHigh) / step); n * step <= camera.y + halfHigh; n += 1) {
     const sy = Math.round(camera.sy(n * step)) + 0.5;
     line(n % 5 === 0, 0, sy, camera.width, sy);
+  }
+}
+
+/** A route that is being drawn: from the leader through each point. */
+function drawPlanned(pen, camera, { planned, robots }, unit) {
+  if (!planned.length) return;
+  const leader = robots.find((robot) => robot.leader)?.place;
+  const path = [...(leader ? [[leader.x, leader.y]] : []), ...planned].map(([x, y]) => [camera.sx(x), camera.sy(y)]);
+  pen.strokeStyle = pen.fillStyle = colour("accent");
+  pen.lineWidth = 2 * unit;
+  pen.setLineDash([6 * unit, 4 * unit]);
+  pen.beginPath();
+  path.forEach(([x, y], index) => (index ? pen.lineTo(x, y) : pen.moveTo(x, y)));
+  pen.stroke();
+  pen.setLineDash([]);
+  for (const [x, y] of path.slice(leader ? 1 : 0)) {
+    pen.beginPath();
+    pen.arc(x, y, 5 * unit, 0, 2 * Math.PI);
+    pen.fill();
   }
 }
 

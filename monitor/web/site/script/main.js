@@ -10,6 +10,7 @@ import { Model } from "./model.js";
 import { Orders } from "./orders.js";
 import { readPalette } from "./palette.js";
 import { ReplayBar } from "./replay.js";
+import { RouteOrder } from "./route.js";
 import { store } from "./store.js";
 import { Stream } from "./stream.js";
 import { RobotTable } from "./table.js";
@@ -40,11 +41,12 @@ const chart = new ErrorChart(model, byId("chart"));
 const events = new EventList(model);
 const orders = new Orders(model);
 new DrivePad();
+const route = new RouteOrder(model, view, orders);
 const replay = new ReplayBar(model);
 const stream = new Stream("stream", {
   hello: (hello) => {
     model.greet(hello);
-    for (const part of [header, orders, replay, candidates]) part.greet();
+    for (const part of [header, orders, route, replay, candidates]) part.greet();
     table.build();
     events.rebuild();
     chart.rebuild();

@@ -18,6 +18,7 @@ export class Model {
     this.known = new Series(HISTORY, HISTORY_STEP); // over the known edges, where not all are
     this.events = [];
     this.chosen = null; // the robot that the operator looks at
+    this.planned = []; // points of a route that is being drawn [m]
     this.frames = 0;
   }
 

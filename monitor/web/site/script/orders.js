@@ -40,7 +40,7 @@ export class Orders {
   showToken(wrong = false) {
     setHidden(byId("token-form"), token() !== "");
     setHidden(byId("order-buttons"), token() === "");
-    setHidden(byId("drive"), token() === "");
+    for (const part of ["route", "drive"]) setHidden(byId(part), token() === "");
     setHidden(byId("token-wrong"), !wrong);
   }
 
@@ -96,9 +96,9 @@ export class Orders {
     this.armed = null;
   }
 
-  async give(what) {
+  async give(what, values = {}) {
     const seen = this.model.frame?.t ?? 0; // stop and hold are allowed before the first frame
-    const body = { do: what, click: click(), seen };
+    const body = { do: what, click: click(), seen, ...values };
     if (what === "shape") body.shape = this.shape.value;
     const turn = (this.turn += 1);
     this.tell("asking", `${what}: asking …`);

@@ -19,6 +19,7 @@ export class TopView {
     this.pointers = new Map();
     this.still = matchMedia("(prefers-reduced-motion: reduce)");
     this.requested = false;
+    this.onPlace = null; // takes the place [m] that is tapped, instead of choosing a robot
     this.listen(nearer, farther);
     new ResizeObserver(() => this.resize()).observe(canvas);
     this.resize();
@@ -106,6 +107,10 @@ export class TopView {
   }
 
   tap(x, y) {
+    if (this.onPlace) {
+      this.onPlace(...this.camera.place(x, y));
+      return;
+    }
     const far = (robot) => Math.hypot(this.camera.sx(robot.place.x) - x, this.camera.sy(robot.place.y) - y);
     const near = this.model.robots
       .filter((robot) => robot.place && far(robot) < REACH)
