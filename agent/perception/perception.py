@@ -5,9 +5,10 @@ the robot itself is among them, and corrects the drift of its odometry. Only nei
 are used (of two that are equally near, the one that the mission lists first), as an error would otherwise
 come back to the robot that made it.
 
-The robot is *locked* once its neighbours have been where they say in `LOCK_SCANS` scans in a row. It stands
-until then. While it sees no neighbour it goes on by odometry, for `MAX_RECKONING_TIME` or until the error may
-be `MAX_RECKONING_ERROR`. If for `MAX_REFUSED_TIME` neighbours are not where they say, it is no longer locked.
+The robot is *locked* once its neighbours have been where they say in `LOCK_SCANS` scans, and nowhere else.
+It stands until then. While it sees no neighbour it goes on by odometry, for `MAX_RECKONING_TIME` or until
+the error may be `MAX_RECKONING_ERROR`. If for `MAX_REFUSED_TIME` neighbours are not where they say, it is no
+longer locked.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ START_DEVIATION, START_HEADING_DEVIATION = 0.1, math.radians(5.0)
 PLACE_DEVIATION = 0.005
 """Standard deviation of a neighbour's published place [m]."""
 LOCK_SCANS = 5
-"""Scans in a row in which neighbours must be where they say."""
+"""Scans that must show neighbours where they say, without one that does not."""
 LONE_WEIGHT = 0.1
 """Weight of a scan that shows one of several neighbours: it does not tell the heading."""
 MAX_REFUSED_TIME = 2.0
@@ -116,7 +117,7 @@ class PerceptionState:
     """The newest scan, until it is used."""
     locked: bool = False
     agreed: float = 0.0
-    """Scans in a row in which neighbours were where they say; those with one of several count less."""
+    """Scans that showed neighbours where they say, since one did not; with one of several they count less."""
     seen_at: float = -math.inf
     """When a neighbour was seen last [s, monotonic]."""
     path: float = 0.0
@@ -289,7 +290,10 @@ class Perception:
         outcomes = [mate.outcome for mate in state.mates.values()]
         seen, refused = outcomes.count(Outcome.SEEN), Outcome.ABSENT in outcomes
         weight = 1.0 if seen >= min(2, len(outcomes)) else LONE_WEIGHT
-        state.agreed = min(state.agreed + weight, LOCK_SCANS) if seen and not refused else 0.0
+        if seen and not refused:
+            state.agreed = min(state.agreed + weight, LOCK_SCANS)
+        elif refused or moment - state.seen_at > MIN_RECKONING_TIME:
+            state.agreed = 0.0
         if seen:
             state.seen_at, state.path, state.refused_since = moment, 0.0, math.inf
             placed = state.agreed >= LOCK_SCANS and state.misplacement < MAX_MISPLACEMENT
