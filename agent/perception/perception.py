@@ -5,9 +5,10 @@ the robot itself is among them, and corrects the drift of its odometry. Only nei
 are used (of two that are equally near, the one that the mission lists first), as an error would otherwise
 come back to the robot that made it.
 
-The robot is *locked* once its neighbours have been where they say in `LOCK_SCANS` scans in a row. It stands
-until then. While it sees no neighbour it goes on by odometry, for `MAX_RECKONING_TIME` or until the error may
-be `MAX_RECKONING_ERROR`. If for `MAX_REFUSED_TIME` neighbours are not where they say, it is no longer locked.
+The robot is *locked* once its neighbours have been where they say in `LOCK_SCANS` scans, and nowhere else.
+It stands until then. While it sees no neighbour it goes on by odometry, for `MAX_RECKONING_TIME` or until
+the error may be `MAX_RECKONING_ERROR`. If for `MAX_REFUSED_TIME` neighbours are not where they say, it is no
+longer locked.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from formation.agent.perception.association import Candidate, Outcome, associate
 from formation.agent.perception.pose_filter import PATH_DEVIATION, Estimate, Measurement
 from formation.agent.pose.estimator import Localisation
 from formation.agent.safety.scanner import Scanner
-from formation.control.plane import rotation, unit
+from formation.control.plane import angle_between, rotation, unit
 from formation.control.tracker import believed_delay, carried_to
 from formation.mission.model import Mission
 from formation.protocol.reasons import Code, Reason
@@ -38,7 +39,9 @@ START_DEVIATION, START_HEADING_DEVIATION = 0.1, math.radians(5.0)
 PLACE_DEVIATION = 0.005
 """Standard deviation of a neighbour's published place [m]."""
 LOCK_SCANS = 5
-"""Scans in a row in which neighbours must be where they say."""
+"""Scans that must show neighbours where they say, without one that does not."""
+LONE_WEIGHT = 0.1
+"""Weight of a scan that shows one of several neighbours: it does not tell the heading."""
 MAX_REFUSED_TIME = 2.0
 """Time for which neighbours may not be where they say [s]."""
 MIN_RECKONING_TIME = 2.0
@@ -50,7 +53,9 @@ MAX_RECKONING_ERROR = 0.03
 STEADY_HEADING_DEVIATION = 0.003
 """Standard deviation of the heading of a robot that sees its neighbours while it drives [rad]."""
 MAX_MISPLACEMENT = 0.02
-"""Distance of the pose from the estimate from which on it does not lock, and is no landmark [m]."""
+"""Difference of the pose from the estimate from which on it does not lock, and is no landmark [m]."""
+LANDMARK_DISTANCE = 1.0
+"""Distance at which a difference of headings counts for that [m]."""
 MAX_LOCKED_MISPLACEMENT = 0.1
 """The same from which on a robot is no longer locked [m]."""
 REFUSED_DEVIATION, REFUSED_HEADING_DEVIATION = 0.01, math.radians(0.3)
@@ -111,14 +116,14 @@ class PerceptionState:
     scanned: Scanned | None = None
     """The newest scan, until it is used."""
     locked: bool = False
-    agreed: int = 0
-    """Scans in a row in which neighbours were where they say."""
+    agreed: float = 0.0
+    """Scans that showed neighbours where they say, since one did not; with one of several they count less."""
     seen_at: float = -math.inf
     """When a neighbour was seen last [s, monotonic]."""
     path: float = 0.0
     """Path since then [m]."""
     misplacement: float = 0.0
-    """Distance of the pose from the estimate, towards which it moves slowly [m]."""
+    """Difference of the pose from the estimate, towards which it moves slowly, at a usual landmark [m]."""
     refused_since: float = math.inf
     """Since when neighbours are not where they say [s, monotonic]."""
 
@@ -174,7 +179,7 @@ class Perception:
 
     def doubt_all(self) -> None:
         """Forget the newest scan: this process was frozen."""
-        self.state.scanned, self.state.agreed = None, 0
+        self.state.scanned, self.state.agreed = None, 0.0
 
     def step(self, here: Localisation, others: Iterable[Neighbour], now: Now) -> None:
         """Use the newest scan if its odometry has come; move the pose towards the estimate.
@@ -190,7 +195,8 @@ class Perception:
                 bodies = [one for one in others if one.name in self._specs and _is_placed(one, now)]
                 self._use(scanned, bodies, now)
         here.align(state.estimate.position, state.estimate.heading)
-        state.misplacement = abs(state.estimate.position - here.state.position)
+        turn = abs(angle_between(here.state.measured, state.estimate.heading))
+        state.misplacement = abs(state.estimate.position - here.state.position) + LANDMARK_DISTANCE * turn
         state.locked = state.locked and state.misplacement < MAX_LOCKED_MISPLACEMENT
 
     def sight(self, now: Now) -> Sight:
@@ -254,7 +260,7 @@ class Perception:
         pose = here.state.position, here.state.measured
         state.estimate = pose_filter.first(*pose, START_DEVIATION, START_HEADING_DEVIATION)
         state.trail = deque([Waypoint(moment, 0j, 1.0 + 0.0j)])
-        state.scanned, state.locked, state.agreed = None, False, 0
+        state.scanned, state.locked, state.agreed = None, False, 0.0
         state.refused_since = math.inf
 
     def _use(self, scanned: Scanned, others: list[Neighbour], now: Now) -> None:
@@ -281,9 +287,13 @@ class Perception:
     def _judge(self, moment: float) -> None:
         """Decide whether the robot is locked, after a scan at `moment` [s, monotonic]."""
         state = self.state
-        outcomes = {mate.outcome for mate in state.mates.values()}
-        seen, refused = Outcome.SEEN in outcomes, Outcome.ABSENT in outcomes
-        state.agreed = min(state.agreed + 1, LOCK_SCANS) if seen and not refused else 0
+        outcomes = [mate.outcome for mate in state.mates.values()]
+        seen, refused = outcomes.count(Outcome.SEEN), Outcome.ABSENT in outcomes
+        weight = 1.0 if seen >= min(2, len(outcomes)) else LONE_WEIGHT
+        if seen and not refused:
+            state.agreed = min(state.agreed + weight, LOCK_SCANS)
+        elif refused or moment - state.seen_at > MIN_RECKONING_TIME:
+            state.agreed = 0.0
         if seen:
             state.seen_at, state.path, state.refused_since = moment, 0.0, math.inf
             placed = state.agreed >= LOCK_SCANS and state.misplacement < MAX_MISPLACEMENT
@@ -292,7 +302,7 @@ class Perception:
             state.refused_since = min(state.refused_since, moment)
             state.locked = state.locked and moment - state.refused_since < MAX_REFUSED_TIME
         if refused and state.estimate is not None:
-            state.estimate = self._wider(state.estimate, seen=seen)
+            state.estimate = self._wider(state.estimate, seen=seen > 0)
 
     def _wider(self, estimate: Estimate, *, seen: bool) -> Estimate:
         """The estimate after a scan in which a neighbour is not where it says; `seen`: another one is."""

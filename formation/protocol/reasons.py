@@ -166,7 +166,7 @@ SENTENCES: Mapping[Code, str] = MappingProxyType(
         " {seen:.3f} m in {duration:.1f} s, at least {least:.2f} m of {expected:.2f} m expected;"
         " check what measures it, and wheels",
         Code.SIGHT_SEARCHING: "its range scans do not show {robots:names} yet: {count:.0f} of {limit:.0f}"
-        " scans in a row; clear the view, or put the robot on its start pose and restart its agent",
+        " scans; clear the view, or put the robot on its start pose and restart its agent",
         Code.SIGHT_PLACING: "its position is {distance:.3f} m from where its range scans show it, limit"
         " {limit:.3f} m; goes on when that is corrected",
         Code.SIGHT_CONTRADICTED: "its range scans do not show {robots:names} where odometry says;"

@@ -60,7 +60,7 @@ HOLD: list[tuple[dict[str, Any], str]] = [
     ({"scan_doubt": reason(Code.SCAN_BLIND, value=0.5, limit=0.15)}, "range scan has range_min 0.5 m"),
     ({"rival": True}, "another agent commands this robot"),
     ({"mission": "0123abcd", "other_missions": {"robot1": "89ef4567"}}, OTHER_MISSION),
-    ({"sight_doubt": SEARCHING}, "its range scans do not show robot2 yet: 3 of 5 scans in a row"),
+    ({"sight_doubt": SEARCHING}, "its range scans do not show robot2 yet: 3 of 5 scans"),
     ({"relative_doubt": LATE}, "robot3 was 1.00 s old when it came"),
     ({"unanswered": {"robot3": Unanswered(3.0, 0.5), "robot4": Unanswered(-7.2, 1.5)}}, UNANSWERED),
     ({"beat_silence": LEADER_TIMEOUT_SECONDS + 0.2}, "beat stopped 1.2 s ago"),

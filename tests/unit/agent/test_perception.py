@@ -110,10 +110,10 @@ def test_gap_in_odometry_begins_anew() -> None:
     turning = Turning(swept(TURN_TIME), against=False, off=0j, turned=0.0)
     errors(turning, 60)
     state = turning.perception.state
-    assert state.locked
+    assert turning.perception.sight(at(60 * PERIOD)) is Sight.LOCKED
     turning.here.state.since_last = None  # as after a jump
     turning.perception.moved(60 * PERIOD, turning.here)
-    assert not state.locked
+    assert turning.perception.sight(at(60 * PERIOD)) is Sight.SEARCHING
     assert state.estimate is not None
     assert state.estimate.position == turning.here.state.position
     assert turning.perception.doubt(at(60 * PERIOD)) is not None
