@@ -131,7 +131,7 @@ class Collisions(Table):
     lag: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
     """Time constant with which robots follow commands [s]."""
     noise: Annotated[float, Field(ge=0.0, le=0.1)] = 0.002
-    """Standard deviation of robots' positions, per axis [m]."""
+    """Standard deviation of robots' positions, per axis; their filters expect it, too [m]."""
     delay: Annotated[float, Field(ge=0.0, le=0.5)] = 0.2
     """Age of other robots' positions that is normal; a robot seen longer ago counts as larger [s]."""
 
