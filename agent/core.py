@@ -42,7 +42,7 @@ from formation.control.tracker import MAX_DELAY
 from formation.control.unicycle import AT_REST, Command
 from formation.mission.model import Mission
 from formation.protocol import order
-from formation.protocol.lateness import own_age_limit
+from formation.protocol.lateness import LATE_GAIN, bearable_gain, own_age_limit
 from formation.protocol.order import Code, OperatorRequest, PositionAttachment
 from formation.protocol.reasons import Code as ReasonCode
 from formation.protocol.reasons import Reason
@@ -222,7 +222,8 @@ class Agent:
             before = self.state.outside is not None
             self.state.outside = self._fence.outside(self.here.state.position, before=before)
         gains, degree = self.tuning.state, self.controller.degree(len(self._spec.neighbours))
-        self.here.state.age_limit = own_age_limit(degree, gains.k_p, gains.k_i, self._spec.rate, MAX_DELAY)
+        k_p = min(gains.k_p, LATE_GAIN) if self.controller.mean else gains.k_p
+        self.here.state.age_limit = own_age_limit(degree, k_p, gains.k_i, self._spec.rate, MAX_DELAY)
         self.here.judge_age()
         self.neighbours.judge(self.here.state.age_limit, now)
         decided, self.state.decision = self.state.decision.state, self._decide(now)
@@ -326,6 +327,9 @@ class Agent:
         dt = min(interval or 0.0, self.here.stream.limit)
         heading = self.here.heading
         gains, integral = self.tuning.follow(wanted, dt, self.state.integral, heading, what)
+        if self.controller.mean:
+            k_p = bearable_gain(gains.k_p, self.here.stream.age_on_arrival)
+            gains = gains._replace(k_p=k_p)
         inputs = Inputs(now.mono, dt, heading, what, gains)
         if probes:
             return self._probed(now, integral, inputs)
