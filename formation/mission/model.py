@@ -52,7 +52,7 @@ class LawSpec(Table):
     k_i: NotNegative = 1.0
     """Integral gain k_I; not used by laws without an integral [1/s²]."""
     observer_gain: Positive = 5.0
-    """Gain k of the heading observer [1/m]."""
+    """Gain k of the heading observer of the law `paper`, and of the collision filter's [1/m]."""
     velocity_filter: Positive = 0.04
     """Time constant of the low-pass filter of the neighbours' velocities [s]."""
     feed_forward: bool = True
