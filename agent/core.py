@@ -43,7 +43,7 @@ from formation.control.tracker import MAX_DELAY
 from formation.control.unicycle import AT_REST, Command
 from formation.mission.model import Mission
 from formation.protocol import order
-from formation.protocol.lateness import own_age_limit
+from formation.protocol.lateness import LATE_GAIN, bearable_gain, own_age_limit
 from formation.protocol.order import Code, OperatorRequest, PositionAttachment
 from formation.protocol.reasons import Code as ReasonCode
 from formation.protocol.reasons import Reason
@@ -228,7 +228,8 @@ class Agent:
             before = self.state.outside is not None
             self.state.outside = self._fence.outside(self.here.state.position, before=before)
         gains, degree = self.tuning.state, self.controller.degree(len(self._spec.neighbours))
-        self.here.state.age_limit = own_age_limit(degree, gains.k_p, gains.k_i, self._spec.rate, MAX_DELAY)
+        k_p = min(gains.k_p, LATE_GAIN) if self.controller.mean else gains.k_p
+        self.here.state.age_limit = own_age_limit(degree, k_p, gains.k_i, self._spec.rate, MAX_DELAY)
         self.here.judge_age()
         if self.perception is not None and self.state.moved:
             self.perception.step(self.here, self.others, now)
@@ -338,6 +339,9 @@ class Agent:
         dt = min(interval or 0.0, self.here.stream.limit)
         heading = self.here.heading
         gains, integral = self.tuning.follow(wanted, dt, self.state.integral, heading, what)
+        if self.controller.mean:
+            k_p = bearable_gain(gains.k_p, self.here.stream.age_on_arrival)
+            gains = gains._replace(k_p=k_p)
         inputs = Inputs(now.mono, dt, heading, what, gains)
         if probes:
             return self._probed(now, integral, inputs)

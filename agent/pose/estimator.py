@@ -25,6 +25,7 @@ from formation.control.pose_filter import (
     filtered,
     first_spread,
     least_noise,
+    path_error,
     replaced,
 )
 from formation.control.tracker import MAX_DELAY
@@ -321,6 +322,7 @@ class Localisation:
         state.before = None if before is None else (stamped, self.point, self.heading)
         over = elapsed if elapsed is not None or before is None else arrived - before
         self._follow_map()
+        speed_before = self._odometry_speed
         seen = self._update_of(message, over, now)
         self._map_passed(message, seen)
         believed, state.position = state.position, seen.position
@@ -355,6 +357,7 @@ class Localisation:
             state.position, state.estimate, state.spread = filtered(
                 believed, state.estimate, state.spread, seen.travel, seen.position, elapsed,
                 self._least_noise, self._motion_noise,
+                path_error(speed_before, self._odometry_speed, elapsed),
             )  # fmt: skip
         else:
             state.estimate = shorten(
@@ -365,6 +368,12 @@ class Localisation:
             state.course = innovation(state.course, seen.travel, gain)
             state.travelled += abs(seen.travel.distance)
         return elapsed
+
+    @property
+    def _odometry_speed(self) -> float:
+        """Forward speed by the newest odometry [m/s]; 0 before the first, and with external poses."""
+        last = self._source.state.last
+        return last.speed if isinstance(last, Odometry) else 0.0
 
     def _update_of(self, message: Odometry | Pose, over: float | None, now: Now) -> PoseUpdate:
         if isinstance(self._source, OdometrySource) and isinstance(message, Odometry):

@@ -47,7 +47,7 @@ from formation.mission.model import Mission
 from formation.mission.robot import RobotSpec
 from formation.monitor.recording.recorder import Recorder
 from formation.protocol import order
-from formation.protocol.lateness import own_age_limit
+from formation.protocol.lateness import LATE_GAIN, own_age_limit
 from formation.protocol.order import OperatorReply, OperatorRequest, PositionAttachment
 from formation.protocol.status import AgentState
 from formation.ros2.messages import Twist, TwistStamped, decode
@@ -410,8 +410,9 @@ def blind_faults(mission: Mission, faults: Iterable[Fault]) -> list[Blind]:
 def _blind_since(mission: Mission, fault: Fault) -> float:
     """Return when the position of a robot with `fault` counts as wrong or too late [s]; infinite if never."""
     spec, gains = mission.robots[fault.robot], mission.gains
-    degree = mission.law.controller.degree(len(spec.neighbours))
-    limit = own_age_limit(degree, gains.k_p, gains.k_i, spec.rate, MAX_DELAY)
+    law = mission.law.controller
+    degree, k_p = law.degree(len(spec.neighbours)), min(gains.k_p, LATE_GAIN) if law.mean else gains.k_p
+    limit = own_age_limit(degree, k_p, gains.k_i, spec.rate, MAX_DELAY)
     if fault.kind == "stale":
         return fault.since if fault.size > limit else math.inf
     if fault.kind == "stutter":  # one burst and one gap are needed to see that it is frozen

@@ -36,6 +36,11 @@ OUTLIER_RATIO = 100.0
 positions were corrected. Ten standard deviations."""
 
 
+CHANGE_SHARE = 1.0
+"""Error of a path, as a share of the change of speed in it: twice the bound of one interval, because the
+errors of an acceleration add up [–]."""
+
+
 class Spread(NamedTuple):
     """Covariance of the pose's error, and the noise of positions."""
 
@@ -68,6 +73,14 @@ COMMANDED_NOISE = MotionNoise(0.02, 0.05, 0.1, 1e-3)
 """Motion of a robot of which only the commands are known: wheels lag and slip."""
 
 
+def path_error(speed_before: float, speed: float, dt: float) -> float:
+    """Error of a path [m] that is the mean of two speeds [m/s] times `dt` [s].
+
+    The speed may have changed at any moment between the two.
+    """
+    return CHANGE_SHARE * abs(speed - speed_before) * dt
+
+
 def least_noise(noise: float) -> float:
     """Least R [m²] where positions have the standard deviation `noise` per axis [m]."""
     assumed = NOISE_RATIO * max(noise, MIN_NOISE)
@@ -86,11 +99,12 @@ def replaced(spread: Spread) -> Spread:
 
 def filtered(
     position: complex, heading: complex, spread: Spread, travel: Travel, measured: complex, dt: float,
-    least: float, motion: MotionNoise,
+    least: float, motion: MotionNoise, unsure: float = 0.0,
 ) -> tuple[complex, complex, Spread]:  # fmt: skip
     """Pose and covariance after an interval of `dt` [s] with `travel`, at whose end `measured` was seen.
 
-    `measured` is a position [m; world frame], `least` the least R [m²].
+    `measured` is a position [m; world frame], `least` the least R [m²], `unsure` the error of the path [m]
+    where its speed has changed on the way.
     """
     path, lean = abs(travel.distance), 0.5 * travel.turn
     half = rotation(lean)
@@ -100,7 +114,7 @@ def filtered(
     length = a.real * a.real + a.imag * a.imag
     cross = spread.cross + spread.heading * a
     along = a.real * spread.cross.real + a.imag * spread.cross.imag  # Re(conj(a) P12)
-    grown = motion.position * motion.position * path + motion.rest * motion.rest * dt
+    grown = motion.position * motion.position * path + motion.rest * motion.rest * dt + unsure * unsure
     p11 = spread.position + 2.0 * along + length * spread.heading + grown
     p12 = turn.conjugate() * cross
     p22 = (

@@ -52,7 +52,7 @@ class LawSpec(Table):
     k_i: NotNegative = 1.0
     """Integral gain k_I; not used by laws without an integral [1/s²]."""
     observer_gain: Positive = 5.0
-    """Gain k of the heading observer [1/m]."""
+    """Gain k of the heading observer of the law `paper`, and of the collision filter's [1/m]."""
     velocity_filter: Positive = 0.04
     """Time constant of the low-pass filter of the neighbours' velocities [s]."""
     feed_forward: bool = True
@@ -131,7 +131,7 @@ class Collisions(Table):
     lag: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
     """Time constant with which robots follow commands [s]."""
     noise: Annotated[float, Field(ge=0.0, le=0.1)] = 0.002
-    """Standard deviation of robots' positions, per axis [m]."""
+    """Standard deviation of robots' positions, per axis; their filters expect it, too [m]."""
     delay: Annotated[float, Field(ge=0.0, le=0.5)] = 0.2
     """Age of other robots' positions that is normal; a robot seen longer ago counts as larger [s]."""
 

@@ -29,6 +29,10 @@ RECOVERY_TIME = 0.5
 """Time below that share after which it continues [s]."""
 
 
+LATE_GAIN = 4.0
+"""Gain down to which a law without integral is lowered for late positions; then the robot holds [1/s]."""
+
+
 class Quickest(NamedTuple):
     """The quickest message of a stream since its sender's clock was set last."""
 
@@ -120,6 +124,11 @@ def own_age_limit(neighbours: int, k_p: float, k_i: float, rate: float, longest:
     omega = math.sqrt(0.5 * (gain**2 + math.sqrt(gain**4 + 4.0 * (neighbours * k_i) ** 2)))
     margin = math.atan2(k_p * omega, k_i) / omega
     return min(longest, max(0.5 * margin, 2.0 / rate))
+
+
+def bearable_gain(gain: float, age: float) -> float:
+    """`gain` [1/s] of a loop without integral, or less: half of its delay margin is at least `age` [s]."""
+    return min(gain, 0.25 * math.pi / age) if age > 0.0 else gain
 
 
 class Trust(NamedTuple):

@@ -20,8 +20,9 @@ from formation.control.observer import INNOVATION
 from formation.control.plane import MIN_LENGTH
 from formation.control.unicycle import Command, saturate
 
-CONE_SHARE = 0.9
-"""How far the wanted velocity may turn away from c, of what the turn rate can hold sideways [–]."""
+CONE_SHARE = 2.0
+"""How far the wanted velocity may turn away from c, of what the turn rate can hold sideways [–]: below 1 it
+could be held at every heading, but slots that are hardly too fast would be approached slowly."""
 BACKWARD_SHARE = 0.8
 """Share of |c| by which a robot that cannot reverse in formation may fall back [–]."""
 BRAKING_SHARE = 0.5
@@ -76,7 +77,7 @@ def turning(towards: complex, carried: complex, closing: float, limits: Limits) 
     """`closing` [m/s], or less, so that w stays in a cone around c.
 
     A slot that moves faster than the robot can move sideways, L ω_max, is followed only by a robot that
-    faces along c: in this cone it holds formation at every heading that it turns through.
+    faces along c, and a robot that has turned away from c falls behind.
     """
     speed, sideways = abs(carried), CONE_SHARE * limits.offset * limits.max_turn_rate
     sine = min(1.0, sideways / speed)

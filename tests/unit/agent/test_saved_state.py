@@ -174,7 +174,7 @@ def test_odometry_of_another_frame_begins_anew(caplog: pytest.LogCaptureFixture)
 @pytest.mark.slow
 @pytest.mark.parametrize("gone", [1.0, MAX_INTEGRAL_AGE + 1.0])
 def test_the_integral_is_taken_over_only_while_it_means_something(gone: float) -> None:
-    team = lost(gone)
+    team = lost(gone, SIX.under("paper"))
     kept = json.loads(team.drawers["robot3"].texts["state"])["integral"]
     team.begin("robot3")
     while team.agents["robot3"].here.stream.state.arrived is None:

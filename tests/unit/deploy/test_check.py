@@ -30,7 +30,7 @@ KEYS = {
 def ring(followers: int) -> str:
     """A directed ring of followers of which one sees the leader, at the paper's gains."""
     names = [f"r{i}" for i in range(followers)]
-    text = 'name = "ring"\nleader = "leader"\n[law]\nk_p = 2.0\nk_i = 1.0\nfeed_forward = false\n'
+    text = 'name = "ring"\nleader = "leader"\n[law]\nkind = "paper"\nk_p = 2.0\nk_i = 1.0\n'
     text += "[shapes.circle]\n"
     spots = {
         name: (5.0 * math.cos(math.tau * i / followers), 5.0 * math.sin(math.tau * i / followers))

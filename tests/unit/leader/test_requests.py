@@ -73,7 +73,7 @@ def test_one_gain_leaves_the_other_as_it_was_ordered_last() -> None:
     assert tune(leader, k_p=3.0)[0]
     assert tune(leader, k_i=0.5)[0]
     assert drive(leader, 0.05, 0.2)[-1].order.tuned == TUNED
-    assert tune(leader, k_p=SIX.law.k_p, k_i=SIX.law.k_i)[0]
+    assert tune(leader, k_p=SIX.gains.k_p, k_i=0.0)[0]
     assert drive(leader, 0.3, 0.2)[-1].order.tuned is None  # the mission's again
 
 
@@ -102,7 +102,7 @@ def test_new_leader_orders_the_relayed_gains() -> None:
 
 @pytest.mark.parametrize("tuned", [Tuned(k_p=60.0, k_i=1.0), Tuned(k_p=2.0, k_i=50.0)])
 def test_gains_unstable_on_graph_are_not_adopted(tuned: Tuned) -> None:
-    assert drive(going_on(SIX, tuned), 2.0, 0.2)[-1].order.tuned is None
+    assert drive(going_on(SIX.under("paper"), tuned), 2.0, 0.2)[-1].order.tuned is None
 
 
 TEN: list[dict[str, Any]] = [
