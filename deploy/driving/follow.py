@@ -36,9 +36,9 @@ EXAMPLES = """\
   formation follow convoy --goals /goal_pose         RViz: 2D Goal Pose
   formation follow convoy --paths /plan --speed 0.1  the path of Nav2's planner
 
-Each goal (geometry_msgs/PoseStamped) is a straight route from where the leader is, each path (nav_msgs/Path) a
-route along its points, in the frame of the mission's world. The newest replaces the one before. The answers of
-the leader are printed. A team that is held stays held: `formation order MISSION run`.
+Each goal (geometry_msgs/PoseStamped) is a straight route from where the leader is, each path
+(nav_msgs/Path) a route along its points, in the frame of the mission's world. The newest replaces the one
+before. The answers of the leader are printed. A team that is held stays held: `formation order MISSION run`.
 
 Exit code 130: interrupted; 2: nothing was started.
 """
