@@ -6,7 +6,8 @@ Not in the paper. The state is the centre p and the heading ζ, both complex. Si
     p ← p + a ζ,  ζ ← b ζ,   a = Δs sinc(Δθ/2) e^{iΔθ/2},  b = e^{iΔθ}
 
 Each measured position corrects both. A robot publishes p̂ + L ζ̂/|ζ̂|, so filters at the receivers are not
-needed and no delay is added. The variance R of measured positions adapts to the innovations, and never falls
+needed and no delay is added. The variance R of measured positions adapts to the scatter of the innovations,
+|ν - ν_before|²/2: noise scatters, and a robot that is carried, or a corrected map, does not. It never falls
 below what the mission expects.
 
 | symbol | here | meaning | unit |
@@ -52,6 +53,8 @@ class Spread(NamedTuple):
     """E |ζ̂ - ζ|² [–]."""
     noise: float
     """R [m²]."""
+    innovation: complex
+    """The newest ν [m]."""
 
 
 class MotionNoise(NamedTuple):
@@ -89,12 +92,12 @@ def least_noise(noise: float) -> float:
 
 def first_spread(least: float) -> Spread:
     """Covariance after the first position, with a guessed heading; `least` is the least R [m²]."""
-    return Spread(least, 0j, UNKNOWN_HEADING_VARIANCE, least)
+    return Spread(least, 0j, UNKNOWN_HEADING_VARIANCE, least, 0j)
 
 
 def replaced(spread: Spread) -> Spread:
     """Covariance after a position that the motion does not explain; the heading is as certain as before."""
-    return Spread(spread.noise, 0j, spread.heading, spread.noise)
+    return Spread(spread.noise, 0j, spread.heading, spread.noise, 0j)
 
 
 def filtered(
@@ -124,11 +127,13 @@ def filtered(
     inverse = 1.0 / variance
     squared = innovation.real * innovation.real + innovation.imag * innovation.imag
     if squared > OUTLIER_RATIO * variance:
-        return measured, heading, Spread(spread.noise, 0j, UNKNOWN_HEADING_VARIANCE, spread.noise)
+        return measured, heading, Spread(spread.noise, 0j, p22, spread.noise, 0j)
     position += p11 * inverse * innovation
     heading += p12.conjugate() * (inverse * innovation)
     trust = spread.noise * inverse
-    noise = max(least, spread.noise + dt * trust * trust * (squared - variance))
+    change = innovation - spread.innovation
+    scatter = 0.5 * (change.real * change.real + change.imag * change.imag)
+    noise = max(least, spread.noise + dt * trust * trust * (scatter - variance))
     size = p12.real * p12.real + p12.imag * p12.imag
-    after = Spread(trust * p11, trust * p12, max(0.0, p22 - size * inverse), noise)
+    after = Spread(trust * p11, trust * p12, max(0.0, p22 - size * inverse), noise, innovation)
     return position, heading, after

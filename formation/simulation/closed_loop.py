@@ -218,11 +218,15 @@ def drive(me: Any, noise: complex, world: World) -> None:
     if not world.filters_pose:
         me.believed, me.estimate = me.odometry, observe(me.estimate, travel, world.observer_gain)
         return
-    spread = Spread(me.position_variance, me.cross_variance, me.heading_variance, me.noise_variance)
+    spread = Spread(
+        me.position_variance, me.cross_variance, me.heading_variance, me.noise_variance, me.innovation
+    )
     me.believed, me.estimate, spread = filtered(
         me.believed, me.estimate, spread, travel, me.odometry, world.step, world.least_noise, ODOMETRY_NOISE
     )
-    me.position_variance, me.cross_variance, me.heading_variance, me.noise_variance = spread
+    (
+        me.position_variance, me.cross_variance, me.heading_variance, me.noise_variance, me.innovation,
+    ) = spread  # fmt: skip
 
 
 def formation_error(run: Any, robots: Any, edges: Any, leader: complex) -> float:

@@ -57,7 +57,7 @@ FOLLOWER = np.dtype(
         ("position", "c16"), ("heading", "c16"),
         ("odometry", "c16"), ("estimate", "c16"), ("facing", "c16"), ("integral", "c16"),
         ("believed", "c16"), ("position_variance", "f8"), ("cross_variance", "c16"),
-        ("heading_variance", "f8"), ("noise_variance", "f8"),
+        ("heading_variance", "f8"), ("noise_variance", "f8"), ("innovation", "c16"),
         ("speed", "f8"), ("turn_rate", "f8"), ("wanted_speed", "f8"), ("wanted_turn_rate", "f8"),
         ("wheel_speed", "f8"), ("wheel_turn_rate", "f8"), ("owed_speed", "f8"), ("owed_turn_rate", "f8"),
         ("ramped_speed", "f8"), ("ramped_turn_rate", "f8"), ("commanded", "f8"), ("gentle_until", "f8"),
@@ -71,7 +71,7 @@ FOLLOWER = np.dtype(
 of the pose filter; mean motion over the last step,
 the command, the wheels at its end, remainder of the quantiser; `Ramp`; direction of its odometry's drift,
 a share of the path; the filter's own estimate of the heading, its path length, `Avoidance`."""
-_SPREAD = ("position_variance", "cross_variance", "heading_variance", "noise_variance")
+_SPREAD = ("position_variance", "cross_variance", "heading_variance", "noise_variance", "innovation")
 MIN_START_CLEARANCE = 0.05
 """Least distance between the bodies at random starts [m]."""
 MAX_TRIES = 100

@@ -106,7 +106,8 @@ def feed_forward_poles(
     if k_i == 0.0:  # no integral
         loop = loop[: 3 * count, : 3 * count]
     steps: ComplexArray = np.linalg.eigvals(loop).astype(np.complex128)
-    values: ComplexArray = np.log(steps[np.abs(steps) > LEAST_STEP]) / period
+    lasting = steps[np.abs(steps) > LEAST_STEP]
+    values: ComplexArray = (np.log(lasting) / period).astype(np.complex128)
     return values
 
 

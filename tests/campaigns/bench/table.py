@@ -95,14 +95,14 @@ READINGS = (
         scenarios.six,
         Options(measurement="local", normalised=False),
     ),
-    Reading("– the field law's observer", scenarios.six, Options(observer=INNOVATION)),
+    Reading("– the observer in innovation form", scenarios.six, Options(observer=INNOVATION)),
     Reading("– Eq. (3) as printed, -k ω ζ̂", scenarios.six, Options(observer=PRINTED)),
     Reading("near the limit", scenarios.near_limit),
     Reading("– step 40 ms", scenarios.near_limit, step=0.04),
     Reading("– step 10 ms", scenarios.near_limit, step=0.01),
     Reading("– horizon 360 s", scenarios.near_limit, horizon=360.0),
     Reading("– ω_max 2.84 rad/s", lambda **law: scenarios.near_limit(max_turn_rate=2.84, **law)),
-    Reading("– the field law's observer", scenarios.near_limit, Options(observer=INNOVATION)),
+    Reading("– the observer in innovation form", scenarios.near_limit, Options(observer=INNOVATION)),
 )
 
 

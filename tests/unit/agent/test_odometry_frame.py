@@ -137,7 +137,7 @@ def test_driving_during_odometry_silence_is_no_jump(silence: float) -> None:
     driver.drive(silence)
     driver.drive(times=5)
     assert driver.here.state.jumps == 0
-    assert driver.error < 1e-9
+    assert driver.error < 1e-8  # the filter forgets its first guess as it moves
 
 
 @pytest.mark.parametrize("slow", [0.0, 0.05])
