@@ -57,11 +57,11 @@ def main(arguments: Sequence[str]) -> int:
         where = wiring.endpoints(mission).agents
         links = Links((), tuple(where[name] for name in mission.candidates))
         bus = stack.enter_context(Bus(bus_config(options, mission, links, OPERATOR)))
-        heard = stack.enter_context(listening(options.ros, topics))
+        ros = stack.enter_context(listening(options.ros, topics))
         print(f"formation: following {', '.join(topics)}", file=sys.stderr, flush=True)
         while True:
-            heard.wait(PERIOD_SECONDS)
-            samples = heard.drain()
+            ros.wait(PERIOD_SECONDS)
+            samples = ros.drain()
             if samples:
                 print(answer(bus, mission, samples[-1], options.paths, speed), flush=True)
 

@@ -17,11 +17,10 @@ from tests.campaigns.figures import markdown
 from tests.campaigns.safety.part import Options, bar, reported
 
 
-def made(shape: str, robots: int, profile: str) -> Mission:
-    """The mission that `formation new` writes."""
-    return parse(
-        text(Draft(shape, robots, PROFILES[profile].spacing, profile)), f"{shape}-{robots}, {profile}"
-    )
+def made(shape: str, robots: int, profile: str, *, avoid: bool = True) -> Mission:
+    """The mission that `formation new` writes, by default with ``--avoid``: no scanners are simulated."""
+    draft = Draft(shape, robots, PROFILES[profile].spacing, profile, avoid=avoid)
+    return parse(text(draft), f"{shape}-{robots}, {profile}")
 
 
 def faults(mission: Mission, by_chance: Result) -> Iterator[str]:

@@ -38,9 +38,9 @@ def assigned(capsys: Capsys, *arguments: str) -> dict[str, Any]:
     return result
 
 
-def shuffled(shape: str = "grid", robots: int = 9) -> str:
+def shuffled(shape: str = "grid", robots: int = 9, *flags: str) -> str:
     """A mission whose robots start near slots that are not theirs."""
-    assert main(["new", shape, "--robots", str(robots), "--out", "mine.toml", "--force"]) == 0
+    assert main(["new", shape, "--robots", str(robots), "--out", "mine.toml", "--force", *flags]) == 0
     path = Path("mine.toml")
     text = path.read_text(encoding="utf-8")
     line = re.compile(r"^start = .*heading.*$", re.MULTILINE)

@@ -163,7 +163,7 @@ def avoiding(mission: Mission) -> set[tuple[complex, complex]]:
 @pytest.mark.parametrize("graph", ["new", "keep"])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_slots_keep_avoiding_each_other_after_assignment(shape: str, graph: str, capsys: Capsys) -> None:
-    before = load(shuffled(shape, 16))
+    before = load(shuffled(shape, 16, "--avoid"))
     found = assigned(capsys, "mine.toml", "--graph", graph)
     after = load("mine.toml")
     assert any(name != robot["takes_slot_of"] for name, robot in found["robots"].items())

@@ -61,7 +61,7 @@ def test_all_robots_stand_soon_after_a_failure(
     assert {fleet.command(name) for name in fleet.mission.followers} == {AT_REST}
 
 
-def test_team_holds_when_the_leader_is_killed_and_nobody_drives_the_next(
+def test_team_holds_until_the_next_leader_is_driven(
     rehearsed_fleet: MakeRehearsed,
 ) -> None:
     fleet = rehearsed_fleet("patrol")

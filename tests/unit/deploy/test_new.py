@@ -36,6 +36,9 @@ def test_what_it_writes_passes_the_check_and_converges(shape: str, robots: int, 
     by_chance = simulate(mission, runs=5)
     assert not list(faults(mission, by_chance))
     assert by_chance.nearest.min() > 0.0
+    own = simulate(made(shape, robots, profile, avoid=False))
+    assert own.converged.all()
+    assert own.nearest.min() > 0.0
 
 
 @pytest.mark.parametrize(
@@ -61,7 +64,7 @@ def test_new_mission_has_requested_robots_and_virtual_leader() -> None:
 def test_least_spacing_leaves_room_at_starts_and_slots(shape: str, profile: str) -> None:
     radius = PROFILES[profile].radius
     least = MIN_SLOT_RADII * radius
-    assert main(["new", shape, "--robots", "23", "--robot", profile, "--spacing", f"{least:.4g}"]) == 0
+    assert main(["new", shape, "--robots", "23", "--robot", profile, "--spacing", f"{least:.4g}", "--avoid"]) == 0
     mission = load(f"{shape}_23.toml")
     starts = [mission.robots[name].start.position for name in mission.followers]
     assert all(

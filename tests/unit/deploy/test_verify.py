@@ -44,7 +44,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return written(tmp_path_factory.mktemp("run") / "run.mcap", RUN)
 
 
-def with_gain(folder: Path, old: str = "k_p = 2.0", new: str = "k_p = 2.1") -> Path:
+def with_gain(folder: Path, old: str = "[law]", new: str = "[law]\ngain = 2.1") -> Path:
     assert old in TEXT
     path = folder / "changed.toml"
     path.write_text(TEXT.replace(old, new))
@@ -85,7 +85,7 @@ def test_with_another_gain_the_first_command_that_differs_is_named(
 
 
 def test_a_tolerance_lets_it_pass(file: Path, tmp_path: Path, capsys: Capsys) -> None:
-    mission = with_gain(tmp_path, "k_i = 0.2", "k_i = 0.21")
+    mission = with_gain(tmp_path, "[law]", "[law]\ngain = 2.501")
     arguments = [str(file), "--verify", "--mission", str(mission)]
     assert verify.main([*arguments, "--tolerance", "0"]) == 1
     assert verify.main([*arguments, "--tolerance", "2"]) == 0
@@ -185,7 +185,7 @@ def test_commands_before_the_first_memory_do_not_count(tmp_path: Path, capsys: C
 
 
 def test_agents_that_drove_by_another_mission_are_named(tmp_path: Path, capsys: Capsys) -> None:
-    path = written(tmp_path / "other.mcap", RUN, TEXT.replace("k_p = 2.0", "k_p = 2.1"))
+    path = written(tmp_path / "other.mcap", RUN, TEXT.replace("[law]", "[law]\ngain = 2.1"))
     assert verify.main([str(path), "--verify"]) == 1
     assert "agents of robot1, robot2 drove by another mission" in capsys.readouterr().out
 

@@ -27,7 +27,7 @@ DEFECTS = (
     Defect(
         "lost-leader-tolerated",
         TABLE,
-        """f.beat_silence > LEADER_TIMEOUT_SECONDS,
+        """f.beat_silence > f.beat_limit,
         AgentState.HOLD,
         lambda f: Reason.of(Code.LEADER_LOST""",
         """f.beat_silence > 1e3 * LEADER_TIMEOUT_SECONDS,

@@ -214,7 +214,7 @@ def test_robot_that_drives_on_wrong_positions_is_found(
 
 
 def test_agent_may_act_on_positions_within_its_age_limit() -> None:
-    verdict = rehearsed("robot2:stale=0.3@8", mission=PAIR)
+    verdict = rehearsed("robot2:stale=0.1@8", mission=PAIR)
     assert verdict.violations == ()
     assert verdict.blind_path == 0.0
 
