@@ -287,7 +287,7 @@ def test_a_key_that_is_no_token_is_none(key: str) -> None:
         ('ros = "ros1"', ["ros = 'ros1'", "'ros2dds' or 'rmw_zenoh'"]),
         ('heading = "gyro"', ["heading = 'gyro'", "'observer' or 'measured'"]),
         ('localisation = "gps"', ["localisation = 'gps'", "'odometry' or 'external'"]),
-        ('odometry_frame = "room"', ["odometry_frame = 'room'", "'world' or 'start'"]),
+        ('odometry_frame = "room"', ["odometry_frame = 'room'", "'world', 'start' or 'map'"]),
         ("speed_step = -0.01", ["speed_step = -0.01", "greater than or equal to 0"]),
         ("speed_step = 1", ["speed_step = 1.0", "less than its max_speed of 0.2108"]),
         ("turn_rate_step = 2.635", ["turn_rate_step = 2.635", "less than its max_turn_rate of 2.635"]),
