@@ -57,7 +57,7 @@ def test_edges_stay_within_four_centimetres_during_shape_transition(
         assert fastest > 0.15
         assert worst < 0.04
         assert farthest(fleet) < 0.005
-    assert most_sudden(fleet, since) < 0.15
+    assert most_sudden(fleet, since) < 0.18  # a gain of 8 1/s instead of 4; the ramp allows 0.2
 
 
 def unaware_of_velocities(slots: Taken) -> None:
