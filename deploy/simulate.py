@@ -43,6 +43,7 @@ HEADING_TOLERANCE = 1e-9
 EXAMPLES = """\
   formation simulate six_robots                          one run, from the mission's own starts
   formation simulate six_robots --runs 400 --law paper   many, from random starts; compare the laws
+  formation simulate six_robots --runs 400 --avoid       robots also avoid those that they do not measure
   formation simulate two_chains --runs 100 --delay 0.1 --loss 0.2
   formation simulate six_robots --plot fig2.png          the panels of the paper's Fig. 2
 """
@@ -52,6 +53,8 @@ def main(arguments: Sequence[str]) -> int:
     """Simulate a mission; return the exit code."""
     options = _options().parse_args(arguments)
     mission = read_mission(options.mission, options.law)
+    if options.avoid:
+        mission = _all_avoiding(mission)
     if options.plot is not None:
         _check_plot(options.plot)
     warn_if_slow()
@@ -71,6 +74,12 @@ def main(arguments: Sequence[str]) -> int:
     figure = "" if options.plot is None else f"\n  figure           {options.plot}"
     tell(options, text + figure, lambda: report(mission, options, result))
     return 0
+
+
+def _all_avoiding(mission: Mission) -> Mission:
+    """Return the mission in which all robots avoid all others."""
+    robots = {name: robot.model_copy(update={"avoid": "all"}) for name, robot in mission.robots.items()}
+    return mission.changed(robots=robots)
 
 
 def _simulated(mission: Mission, options: argparse.Namespace) -> Result:
@@ -183,7 +192,13 @@ def _bodies(mission: Mission, result: Result) -> Iterator[str]:
         or not any(mission.avoided_by(name) for name in mission.followers)
     )
     nearest = "" if touched else f", {metres(found['nearest'])} apart at least"
-    yield f"  bodies           {where}{nearest}{'; robots do not avoid each other' if idle else ''}"
+    alone = all(len(mission.avoided_by(name)) == len(mission.followers) - 1 for name in mission.followers)
+    how = ""
+    if idle:
+        how = "; robots do not avoid each other"
+    elif touched and not alone:
+        how = "; robots avoid only those that they measure: try --avoid, or scanners (formation rehearse)"
+    yield f"  bodies           {where}{nearest}{how}"
     if found["deadlocks"]:
         yield f"  deadlocks        {found['deadlocks']}, after each of which a robot went another way"
 
@@ -272,6 +287,11 @@ def _options() -> argparse.ArgumentParser:
     )
     worse.add_argument(
         "--quantised", action="store_true", help="cut commands to hundredths, as TurtleBot3 does"
+    )
+    options.add_argument(
+        "--avoid",
+        action="store_true",
+        help='all robots avoid all others, as with avoid = "all" in the mission',
     )
     options.add_argument("--plot", type=Path, metavar="FILE", help="draw the first run: .png, .svg or .pdf")
     add_dask(options)

@@ -64,7 +64,10 @@ def test_new_mission_has_requested_robots_and_virtual_leader() -> None:
 def test_least_spacing_leaves_room_at_starts_and_slots(shape: str, profile: str) -> None:
     radius = PROFILES[profile].radius
     least = MIN_SLOT_RADII * radius
-    assert main(["new", shape, "--robots", "23", "--robot", profile, "--spacing", f"{least:.4g}", "--avoid"]) == 0
+    assert (
+        main(["new", shape, "--robots", "23", "--robot", profile, "--spacing", f"{least:.4g}", "--avoid"])
+        == 0
+    )
     mission = load(f"{shape}_23.toml")
     starts = [mission.robots[name].start.position for name in mission.followers]
     assert all(

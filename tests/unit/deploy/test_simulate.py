@@ -112,7 +112,11 @@ def test_report_states_touching_and_avoidance(capsys: Capsys) -> None:
     assert (result["touched"] > 0) == (result["nearest"] < 0.0)
     text = output_of(capsys, ["simulate", "six_robots", *SHORT])
     assert "bodies           none touch, " in text
-    assert "nobody avoids" not in text
+    assert "avoid" not in text.partition("bodies")[2]
+    some = output_of(capsys, ["simulate", "six_robots", "--runs", "40", *SHORT])
+    assert "robots avoid only those that they measure: try --avoid" in some
+    all_avoid = output_of(capsys, ["simulate", "six_robots", "--runs", "40", "--avoid", *SHORT])
+    assert "touch in 0 of 40 runs" in all_avoid
 
 
 @pytest.mark.slow
