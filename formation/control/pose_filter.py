@@ -33,10 +33,8 @@ smoothing costs shows only where the measured motion is wrong."""
 MIN_NOISE = 0.002
 """Least standard deviation of positions that is expected, per axis [m]."""
 OUTLIER_RATIO = 100.0
-"""An innovation with a square above this multiple of its variance is no noise: the robot was moved, or its
-positions were corrected. Ten standard deviations."""
-
-
+"""An innovation is no noise if its square is above this multiple of its variance (ten standard deviations):
+the robot was moved, or its positions were corrected."""
 CHANGE_SHARE = 1.0
 """Error of a path, as a share of the change of speed in it: twice the bound of one interval, because the
 errors of an acceleration add up [–]."""
@@ -104,7 +102,7 @@ def filtered(
     position: complex, heading: complex, spread: Spread, travel: Travel, measured: complex, dt: float,
     least: float, motion: MotionNoise, unsure: float = 0.0,
 ) -> tuple[complex, complex, Spread]:  # fmt: skip
-    """Pose and covariance after an interval of `dt` [s] with `travel`; `measured` was seen at its end.
+    """Pose and covariance after an interval of `dt` [s] with `travel`, `measured` at its end.
 
     `measured` is a position [m; world frame], `least` the least R [m²], `unsure` the error of the path [m]
     where its speed has changed on the way.
