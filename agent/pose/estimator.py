@@ -27,6 +27,7 @@ from formation.control.pose_filter import (
     least_noise,
     path_error,
     replaced,
+    restarted,
 )
 from formation.control.tracker import MAX_DELAY
 from formation.control.unicycle import Command, control_point
@@ -359,6 +360,7 @@ class Localisation:
                 self._least_noise, self._motion_noise,
                 path_error(speed_before, self._odometry_speed, elapsed),
             )  # fmt: skip
+            self._note_restart(abs(seen.position - believed))
         else:
             state.estimate = shorten(
                 self._observer.step(state.estimate, seen.travel, self._gain), MAX_ESTIMATE_LENGTH
@@ -368,6 +370,19 @@ class Localisation:
             state.course = innovation(state.course, seen.travel, gain)
             state.travelled += abs(seen.travel.distance)
         return elapsed
+
+    def _note_restart(self, distance: float) -> None:
+        """Count it as a jump if the filter began anew after a `distance` [m] that commands do not explain.
+
+        Only external poses: odometry's own speeds are checked against its positions.
+        """
+        state = self.state
+        if isinstance(self._source, ExternalPoseSource) and restarted(state.spread):
+            state.jumped, state.calm = (
+                Reason.of(Code.POSITION_JUMPED, source=self.source, distance=distance),
+                0.0,
+            )
+            state.jumps += 1
 
     @property
     def _odometry_speed(self) -> float:

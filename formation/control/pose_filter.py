@@ -98,6 +98,11 @@ def replaced(spread: Spread) -> Spread:
     return Spread(spread.noise, 0j, spread.heading, spread.noise, 0j)
 
 
+def restarted(spread: Spread) -> bool:
+    """Whether the newest position was taken as it is: the motion does not explain it."""
+    return spread.position == spread.noise and spread.cross == 0j
+
+
 def filtered(
     position: complex, heading: complex, spread: Spread, travel: Travel, measured: complex, dt: float,
     least: float, motion: MotionNoise, unsure: float = 0.0,

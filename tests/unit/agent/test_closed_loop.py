@@ -28,8 +28,8 @@ AT_REST = (0.0, 0.0)
 def test_the_shipped_missions_come_into_formation(name: str) -> None:
     mission = load(name)
     fleet = Fleet(mission).after(mission.duration)
-    bounds = {"six_robots": 0.01, "turtlebot3_pair": 0.03, "two_chains": 0.12, "patrol": 0.01, "posts": 0.01}
-    assert fleet.error() < bounds[name]
+    bounds = {"two_chains": 0.12, "turtlebot3_pair": 0.03, "convoy": 0.06}
+    assert fleet.error() < bounds.get(name, 0.01)
 
 
 def test_six_robots_are_in_formation_within_eight_seconds() -> None:
@@ -71,7 +71,7 @@ def test_simulation_settles_when_agents_do(law: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("loss", "typical", "worst"), [(0.1, 0.001, 0.01), (0.3, 0.02, 0.10)])
+@pytest.mark.parametrize(("loss", "typical", "worst"), [(0.1, 0.001, 0.01), (0.3, 0.02, 0.12)])
 def test_lost_positions_do_not_keep_the_robots_from_formation(
     loss: float, typical: float, worst: float
 ) -> None:
