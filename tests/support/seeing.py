@@ -31,6 +31,15 @@ NEIGHBOURS: Mapping[str, tuple[str, ...]] = {
     "robot6": ("robot4", "robot5"),
     "robot7": ("robot2", "robot3"),
 }
+Team = Mapping[str, tuple[tuple[float, float], tuple[str, ...]]]
+"""Slot of each robot, relative to the leader [m], and its neighbours."""
+HEXAGON_TEAM: Team = {name: (HEXAGON[name], NEIGHBOURS[name]) for name in HEXAGON}
+SQUARE_TEAM: Team = {
+    "robot2": ((-0.6, 0.4), ("led",)),
+    "robot3": ((-0.6, -0.4), ("led", "robot2")),
+    "robot4": ((-1.4, 0.4), ("robot2", "robot3")),
+    "robot5": ((-1.4, -0.4), ("robot3", "robot2", "robot4")),
+}
 TRIANGLE = ("robot2", "robot3", "robot7")
 """Robots of a smaller team."""
 
@@ -56,14 +65,16 @@ def hexagon(
     *,
     measurement: str = "scan",
     scanner: str = "required",
-    robots: Sequence[str] = tuple(HEXAGON),
+    robots: Sequence[str] = (),
+    team: Team = HEXAGON_TEAM,
     simulated: str = "",
     tables: str = "",
 ) -> Mission:
-    """TurtleBot3 Burgers with an LDS-01 behind a virtual leader.
+    """TurtleBot3 Burgers of a `team` with an LDS-01 behind a virtual leader; some `robots`, by default all.
 
     `simulated` are more keys of [simulated_robot], `tables` more tables.
     """
+    robots = robots or tuple(team)
     lines = [
         'name = "hexagon"', 'leader = "led"', "[law]", "k_p = 1.5", "k_i = 0.3", "[robot]",
         "control_point_offset = 0.1", "max_speed = 0.21", "max_turn_rate = 2.6", "radius = 0.105",
@@ -74,12 +85,12 @@ def hexagon(
         "[simulated_robot]", 'profile = "turtlebot3_burger"', simulated,
         "[simulated_scanner]", f"lost = {errors.lost}", f"scale = {errors.scale}",
         f"mounting_error_deg = {errors.mounting_deg}",
-        "[shapes.hexagon]", *(f"{name} = {list(HEXAGON[name])}" for name in robots),
+        "[shapes.hexagon]", *(f"{name} = {list(team[name][0])}" for name in robots),
         "[robots.led]", "start = { x = 0.0, y = 0.0 }",
     ]  # fmt: skip
     for name in robots:
-        x, y = HEXAGON[name]
-        neighbours = ", ".join(f'"{one}"' for one in NEIGHBOURS[name])
+        (x, y), measured = team[name]
+        neighbours = ", ".join(f'"{one}"' for one in measured)
         lines += [f"[robots.{name}]", f"neighbours = [{neighbours}]"]
         lines += [f"start = {{ x = {x - 0.1}, y = {y}, heading_deg = 0 }}"]
     return parse("\n".join((*lines, route, tables)))

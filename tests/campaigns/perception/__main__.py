@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 
+from formation.deploy.rehearsal.air import Weather
 from tests.campaigns.perception.drift import ROUTES, Case, run, window
-from tests.support.seeing import Errors
+from tests.support.seeing import HEXAGON_TEAM, SQUARE_TEAM, Errors
 
 MINUTES = (1, 2, 5, 10)
 """Ends of the minutes that are printed."""
@@ -22,13 +23,17 @@ def main() -> None:
     parser.add_argument("--mounting", type=float, default=0.0, help="error of directions [°]")
     parser.add_argument("--start", type=float, default=0.02, help="deviation of start positions [m]")
     parser.add_argument("--start-deg", type=float, default=1.0, help="deviation of start headings [°]")
+    parser.add_argument("--square", action="store_true", help="four robots in a square of 0.8 m")
+    parser.add_argument("--loss", type=float, default=0.0, help="share of messages that is lost")
+    parser.add_argument("--delay", type=float, default=0.0, help="delay of messages [s]")
     parser.add_argument("--seconds", type=int, default=600)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0])
     flags = parser.parse_args()
     errors = Errors(
         scale=flags.scale, mounting_deg=flags.mounting, start=flags.start, start_deg=flags.start_deg
     )
-    case = Case(flags.route, flags.measurement, flags.world, errors)
+    team, weather = SQUARE_TEAM if flags.square else HEXAGON_TEAM, Weather(flags.loss, flags.delay)
+    case = Case(flags.route, flags.measurement, flags.world, errors, team, weather)
     for seed in flags.seeds:
         samples, witness = run(case, seed, flags.seconds)
         parts = [f"{flags.route} seed {seed}"]

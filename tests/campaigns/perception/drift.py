@@ -14,7 +14,7 @@ from formation.deploy.rehearsal.engine import UPTIME
 from formation.deploy.rehearsal.fleet import Fleet, Plants, WorldName
 from formation.mission.model import Mission
 from formation.sensing.detection import Detection
-from tests.support.seeing import STRAIGHT, Errors, displaced, edges, hexagon, misfit, rms
+from tests.support.seeing import HEXAGON_TEAM, STRAIGHT, Errors, Team, displaced, edges, hexagon, misfit, rms
 
 ROUTES = {
     "straight": STRAIGHT,
@@ -23,6 +23,11 @@ ROUTES = {
         f"[[route]]\nspeed = {speed}\nheading_deg = {heading}\nduration = {duration}"
         for heading in range(0, 360 * 8, 60)
         for speed, duration in ((0.15, 10), (0.0, 5))
+    ),
+    "s-curve": "[[route]]\nspeed = 0.1\nheading_deg = 0\nduration = 15"
+    + "".join(
+        f'\n[[route]]\nradius = 1.5\nspeed = 0.1\nturn = "{turn}"\nduration = 15.7'
+        for turn in ("left", "right", "right", "left")
     ),
 }
 """Routes of the leader, as the mission file has them."""
@@ -37,13 +42,17 @@ class Case(NamedTuple):
     measurement: str = "scan"
     world: WorldName = "kinematic"
     errors: Errors = Errors()
+    team: Team = HEXAGON_TEAM
+    weather: Weather = Weather()
     tables: str = ""
     """More tables of the mission."""
 
     @property
     def mission(self) -> Mission:
         """The mission that agents have."""
-        return hexagon(ROUTES[self.route], self.errors, measurement=self.measurement, tables=self.tables)
+        return hexagon(
+            ROUTES[self.route], self.errors, measurement=self.measurement, team=self.team, tables=self.tables
+        )
 
 
 class Displaced(Fleet):
@@ -51,7 +60,7 @@ class Displaced(Fleet):
 
     def __init__(self, case: Case, seed: int) -> None:
         self._case, self._seed = case, seed
-        super().__init__(case.mission, seed, Weather(), (), case.world)
+        super().__init__(case.mission, seed, case.weather, (), case.world)
 
     def _start_world(self, names: Sequence[str], seed: int, plants: Plants) -> None:
         real = displaced(self.mission, self._case.errors, self._seed)

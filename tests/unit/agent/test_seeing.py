@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from formation.agent.perception.perception import MAX_RECKONING_TIME
@@ -31,7 +33,7 @@ def worst(fleet: Fleet, seconds: float) -> float:
     return max(shape_error(one) for one in fleet.every(0.5, seconds))
 
 
-def triangle(route: str = STRAIGHT, errors: Errors = Errors(), **keys: str) -> Fleet:  # noqa: B008 - a constant
+def triangle(route: str = STRAIGHT, errors: Errors = Errors(), **keys: Any) -> Fleet:  # noqa: B008 - a constant
     """Three robots: an anchor, one that sees it, and one that sees both."""
     return fleet_of(hexagon(route, errors, robots=TRIANGLE, **keys), errors)
 
