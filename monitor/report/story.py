@@ -11,7 +11,7 @@ from formation.mission.model import Mission
 from formation.monitor.metrics.events import Event, from_message, silence_limit
 from formation.monitor.metrics.metrics import Metrics
 from formation.monitor.metrics.orders import Wish
-from formation.monitor.metrics.snapshot import RobotMetrics
+from formation.monitor.metrics.snapshot import SIGHT, RobotMetrics
 from formation.protocol.order import Mode
 from formation.ros2.messages import Diagnostics, LogEntry, decode
 from formation.topics import DIAGNOSTICS, EVENTS
@@ -100,6 +100,10 @@ class Doing:
     """Time in which it avoided others, or its protective zone slowed it [s]."""
     blocked: float = 0.0
     """Time in which its protective zone stopped it [s]."""
+    unseeing: float = 0.0
+    """Time in which it had to see its neighbours, and did not [s]."""
+    correction: float = 0.0
+    """Largest correction of its odometry by its scans [m]."""
     deadlocks: int = 0
     """Number of deadlocks that it resolved."""
     times_unavailable: int = 0
@@ -140,6 +144,8 @@ class Doings:
             doing.fallback += passed * bool(robot.fallback)
             doing.avoiding += passed * (robot.avoiding in {"avoids", "slowed"})
             doing.blocked += passed * (robot.avoiding == "blocked")
+            doing.unseeing += passed * (robot.sight in SIGHT)
+            doing.correction = max(doing.correction, robot.correction or 0.0)
 
     def _lost(self, name: str, robot: RobotMetrics) -> bool:
         return robot.age is None or robot.age > self._limits[name]

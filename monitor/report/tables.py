@@ -52,8 +52,12 @@ DOINGS = (
     "By their own words, as received by the monitor. Lost: silent for a second. Unavailable: it did"
     " not follow, and the robots that measure it continued without it. Avoiding: the collision filter"
     " turned or slowed it, or its protective zone slowed it. Blocked: that stopped it. Deadlocks: it was"
-    " kept from moving, and went another way for a while."
+    " kept from moving, and went another way for a while. Without sight: it had to see its neighbours,"
+    " and did not. Odometry off by: the largest correction by its scans."
 )
+
+LEAST_DRIFT = 0.01
+"""Correction of odometry by scans from which on it is shown [m]."""
 
 
 class Table(NamedTuple):
@@ -229,18 +233,21 @@ def doings(run: Run) -> Table:
     """Return followers' times by activity."""
     heads = (
         "robot", "ran", "held", "stopped", "waited", "lost", "unavailable", "avoiding",
-        "blocked", "deadlocks", "with fallback neighbours", "started anew",
+        "blocked", "deadlocks", "with fallback neighbours", "without sight", "odometry off by",
+        "started anew",
     )  # fmt: skip
     rows = []
     for name, one in run.doings.items():
         times = [one.seconds.get(state, 0.0) for state in (*STATES, LOST_STATE)]
-        times += [one.avoiding, one.blocked, one.fallback]
-        *lasting, avoiding, blocked, fallback = (words.lasting(time) if time else "" for time in times)
+        times += [one.avoiding, one.blocked, one.fallback, one.unseeing]
+        *lasting, avoiding, blocked, fallback, blind = (words.lasting(time) if time else "" for time in times)
+        drift = f"{one.correction:.2f} m" if one.correction >= LEAST_DRIFT else ""
         unavailable = words.lasting(one.unavailable) if one.times_unavailable else ""
         if one.times_unavailable > 1:
             unavailable += f", {one.times_unavailable} times"
         deadlocks, starts = (words.whole(n) if n else "" for n in (one.deadlocks, one.starts))
-        rows.append((name, *lasting, unavailable, avoiding, blocked, deadlocks, fallback, starts))
+        seen = blind, drift
+        rows.append((name, *lasting, unavailable, avoiding, blocked, deadlocks, fallback, *seen, starts))
     filled = [n for n in range(len(heads)) if any(row[n] for row in rows)]
     short = [tuple(row[n] for n in filled) for row in (heads, *rows)]
     return Table("What robots did", short[0], short[1:], DOINGS)
