@@ -176,9 +176,9 @@ class Machine(RuleBasedStateMachine):
     def _gains_outlive_who_ordered_them(self) -> None:
         """What everybody has heard is neither lost nor another's when the next leads."""
         bound = self.team.true + AGREED * MISSION.takeover
-        while not self._tuned(2.5):
+        while not self._tuned(2.4):
             assert self.team.true < bound
-            self._ask(OperatorRequest(do="tune", k_p=2.5, id=self._id()), tuple(self.team.leaders))
+            self._ask(OperatorRequest(do="tune", k_p=2.4, id=self._id()), tuple(self.team.leaders))
             self.team.run(2.0)
         (led,) = self.team.leaders
         tuned = self.team.leader(led).plan.tuned
