@@ -119,7 +119,9 @@ def test_bridge_endpoint_and_bringup_namespace_match_mission() -> None:
     bridge = units.samples(FIELD, "robot2")["conf.json5"]
     assert 'listen: { endpoints: ["tcp/127.0.0.1:7447"] }' in bridge
     assert "multicast: { enabled: false }" in bridge
-    assert 'publishers: [".*/odom", ".*/scan", ".*/relative/.*", ".*/pose", ".*/amcl_pose", ".*/tf"]' in bridge
+    assert (
+        'publishers: [".*/odom", ".*/scan", ".*/relative/.*", ".*/pose", ".*/amcl_pose", ".*/tf"]' in bridge
+    )
     router = units.samples(RMW, "robot2")["rmw-zenohd.service"]
     assert 'listen/endpoints=["tcp/127.0.0.1:7447"]' in router
     bringup = units.samples(RMW, "robot2")["turtlebot3.service"]
