@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from formation.agent.pose.map_frame import MapFrame, MapFrameState
+from formation.agent.pose.map_frame import MapFrame, MapFrameState, Placement
 from formation.agent.pose.sources import (
     ExternalPoseSource,
     ExternalPoseState,
@@ -294,8 +294,15 @@ class Localisation:
 
     def _map_passed(self, message: Odometry | Pose, seen: PoseUpdate) -> None:
         """Record odometry, with which the localiser's poses of earlier moments are compared."""
-        if self.map_frame is not None and isinstance(message, Odometry):
-            self.map_frame.moved(message, continues=seen.jumped is None and seen.travel is not None)
+        source = self._source
+        if (
+            self.map_frame is None
+            or not isinstance(message, Odometry)
+            or isinstance(source, ExternalPoseSource)
+        ):
+            return
+        placed = Placement(source.state.rotation, source.state.origin)
+        self.map_frame.moved(message, None if seen.jumped is None else placed)
 
     def goes_on(self, message: Odometry | Pose, arrived: float, since: float) -> str | None:
         """Prepare state of another process, known until `since` [s, monotonic], for the next `message`.

@@ -131,12 +131,15 @@ class MapFrame:
         """Believe the localiser again: an operator has looked."""
         self.state.distrusted, self.state.jumps = False, []
 
-    def moved(self, odometry: Odometry, *, continues: bool) -> None:
-        """Record odometry. If it does not `continue` from the message before, a new count has begun."""
-        passed = self.state.passed
+    def moved(self, odometry: Odometry, anew: Placement | None) -> None:
+        """Record odometry; where a new count has begun, `anew` is its placement, by dead reckoning."""
+        state, passed = self.state, self.state.passed
         travelled = self.travelled
-        if not continues:
+        if anew is not None:
             passed.clear()
+            state.suspect = None
+            if state.placement is not None:  # what the localiser told was of the count before
+                state.placement, state.anchor = anew, (anew, travelled)
         elif passed:
             travelled += abs(odometry.position - passed[-1].position)
         passed.append(Passed(odometry.stamp, odometry.position, odometry.heading, travelled))

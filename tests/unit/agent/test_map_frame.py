@@ -18,6 +18,7 @@ from formation.agent.pose.map_frame import (
     MapFrame,
     Placement,
 )
+from formation.agent.simulated.plant import Plant
 from formation.control.unicycle import AT_REST
 from formation.protocol.reasons import Code, Reason
 from formation.ros2.messages import MapPose, Odometry, Transform, Transforms, decode, encode
@@ -43,7 +44,7 @@ class Drive:
         self.time += PERIOD
         self.at += speed * PERIOD * self.heading
         odometry = Odometry(self.time, self.at, self.heading, speed, 0.0, frame="odom")
-        self.frame.moved(odometry, continues=self.time > 100.06)
+        self.frame.moved(odometry, None)
 
     def go(self, distance: float, speed: float = 0.2) -> None:
         for _ in range(round(distance / speed / PERIOD)):
@@ -226,6 +227,19 @@ def test_team_without_start_marks_forms_behind_a_localiser() -> None:
     assert fleet.error() < 0.25  # its poses are off by 2 cm and 0.02 rad
     for name, agent in fleet.agents.items():
         assert {AMCL_POSE.key(name), TF.key(name)} < set(agent.subscriptions)
+
+
+def test_restarted_odometry_keeps_the_place_in_the_map() -> None:
+    """What the localiser told of the count before says nothing of the new one."""
+    fleet = Fleet(PAIR).after(12.0)
+    agent, plant = fleet.agents["robot1"], fleet.world.plant("robot1")
+    assert isinstance(plant, Plant)
+    before = abs(agent.here.state.position - plant.position)
+    plant._counts_from = plant.position, plant.heading  # its bring-up is started again
+    fleet.meddle = lost(AMCL_POSE.key("robot1"))
+    fleet.run(4.0)
+    assert agent.here.state.source.realigned == 1
+    assert abs(agent.here.state.position - plant.position) < before + 0.03
 
 
 def test_robot_without_a_pose_holds() -> None:
