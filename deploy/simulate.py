@@ -192,11 +192,13 @@ def _bodies(mission: Mission, result: Result) -> Iterator[str]:
         or not any(mission.avoided_by(name) for name in mission.followers)
     )
     nearest = "" if touched else f", {metres(found['nearest'])} apart at least"
-    alone = all(len(mission.avoided_by(name)) == len(mission.followers) - 1 for name in mission.followers)
+    all_avoided = all(
+        len(mission.avoided_by(name)) == len(mission.followers) - 1 for name in mission.followers
+    )
     how = ""
     if idle:
         how = "; robots do not avoid each other"
-    elif touched and not alone:
+    elif touched and not all_avoided:
         how = "; robots avoid only those that they measure: try --avoid, or scanners (formation rehearse)"
     yield f"  bodies           {where}{nearest}{how}"
     if found["deadlocks"]:

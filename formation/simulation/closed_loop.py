@@ -93,7 +93,7 @@ class NeighbourSums(NamedTuple):
     """`learned` of `elapsed`."""
 
 
-NOBODY = NeighbourSums(0j, 0j, 0j, 0.0, 0.0, 0.0, 0.0)
+NO_NEIGHBOURS = NeighbourSums(0j, 0j, 0j, 0.0, 0.0, 0.0, 0.0)
 
 
 def true_point(me: Any, robot: Any) -> complex:
@@ -267,7 +267,7 @@ def run_on(
             published[newest, i + 1] = speak(run[i], robots[i], world)
             if avoided.avoids:
                 avoided.published[newest, i] = run[i].believed
-        received = NOBODY
+        received = NO_NEIGHBOURS
         for i in range(len(robots)):
             me, robot, received = (
                 run[i],

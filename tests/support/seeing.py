@@ -111,7 +111,7 @@ def displaced(of: Mission, errors: Errors, seed: int) -> Mission:
 
 
 def fleet_of(mission: Mission, errors: Errors = Errors(), seed: int = 0) -> Fleet:  # noqa: B008 - a constant
-    """A fleet on a virtual clock, whose robots are not exactly on their start poses."""
+    """A fleet on a virtual clock, with robots that are not exactly on their start poses."""
 
     def plants(of: Mission, robots: Sequence[str], number: int) -> Mapping[str, Moving]:
         return kinematic(displaced(of, errors, number), robots, number)

@@ -56,7 +56,7 @@ class Case(NamedTuple):
 
 
 class Displaced(Fleet):
-    """A fleet whose robots are not exactly on their start poses."""
+    """A fleet with robots that are not exactly on their start poses."""
 
     def __init__(self, case: Case, seed: int) -> None:
         self._case, self._seed = case, seed

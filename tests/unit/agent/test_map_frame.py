@@ -34,7 +34,7 @@ PAIR = with_robots("turtlebot3_pair", odometry_frame="map")
 
 
 class Drive:
-    """A robot at 0.2 m/s whose odometry is exact, with a localiser that a test plays."""
+    """A robot at 0.2 m/s with exact odometry, and a localiser that a test plays."""
 
     def __init__(self) -> None:
         self.frame, self.time, self.at, self.heading = MapFrame(), 100.0, 0j, 1.0 + 0.0j

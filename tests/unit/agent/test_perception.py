@@ -50,7 +50,7 @@ class Turning:
         return advance(*self._from, *self.moving, time)
 
     def scan(self, ended: float) -> LaserScan:
-        """The scan whose newest beam is of that moment [s]."""
+        """The scan with its newest beam at that moment [s]."""
         ranges = []
         mount = self._mission.robots["robot7"].scan.mount
         for number in range(BEAMS):

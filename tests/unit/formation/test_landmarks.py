@@ -1,4 +1,4 @@
-"""Warnings of missions whose robots are to see each other (`formation.stability.landmarks`)."""
+"""Warnings of missions with robots that must see each other (`formation.stability.landmarks`)."""
 
 from __future__ import annotations
 
