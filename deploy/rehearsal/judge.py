@@ -22,7 +22,8 @@
 
 Odometry cannot tell where a robot is where its wheels slip (the physics world), nor, if it counts from
 the start, after a fault of `formation.agent.simulated.faults`: the formation is not judged then, only
-that all robots run again. Where it drifts, touches are judged while that is less than the filter's room.
+that all robots run again. Where it drifts, touches are judged while that is less than the filter's room,
+and the formation by so much less strictly.
 """
 
 from __future__ import annotations
@@ -354,7 +355,7 @@ class Judge:
 
     def _is_settled(self) -> bool:
         runs = all(agent.decision.state is AgentState.RUN for agent, _ in self._fleet.agents.values())
-        return runs and (not self._can_settle or self._fleet.error() <= self._mission.settled)
+        return runs and (not self._can_settle or self._fleet.error() <= self._mission.settled + self._drifted_edges())
 
     def _check_saved(self, name: str, request: OperatorRequest, reply: OperatorReply) -> None:
         """Check that an acknowledged stop is on the disk, unless the answer says that it may not be."""
@@ -379,9 +380,22 @@ class Judge:
         for (one, here, radius), (other, there, width) in itertools.combinations(discs, 2):
             free = abs(here - there) - radius - width
             self.nearest = min(self.nearest, free)
-            drifted = self._drift * (self._paths[one][1] + self._paths[other][1])
+            drifted = self._drifted(one) + self._drifted(other)
             if free < 0.0 and self._no_touch and drifted <= self._mission.collisions.room:
                 self._tell("touch", f"{one} and {other}", f"bodies overlap by {-free:.3f} m")
+
+    def _drifted(self, name: str) -> float:
+        """By how much a robot's odometry may have drifted on its way [m]; 0 where positions come from outside."""
+        spec = self._mission.robots[name]
+        return self._drift * self._paths[name][1] if name in self._paths and spec.localisation == "odometry" else 0.0
+
+    def _drifted_edges(self) -> float:
+        """By how much drift may add to the formation error, summed over all edges [m]."""
+        return sum(
+            self._drifted(name) + self._drifted(other)
+            for name, spec in self._mission.robots.items()
+            for other in spec.neighbours
+        )
 
     def _check_blind(self) -> None:
         for one in self._blind:

@@ -51,6 +51,12 @@ def test_every_rule_holds_without_faults(name: str) -> None:
     assert verdict.nearest > 0.0
 
 
+def test_the_drift_of_odometry_is_no_broken_rule() -> None:
+    drifting = PAIR.simulated_robot.model_copy(update={"drift": 0.1})
+    verdict = run(Plan(PAIR.model_copy(update={"simulated_robot": drifting}), seconds=60.0), 0, ())
+    assert "formation" not in {one.rule for one in verdict.violations}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_rule_holds_with_each_fault(kind: str) -> None:
