@@ -335,7 +335,8 @@ class Agent:
             self._probe.interrupt()
             return self._at_rest(now)
         self._slots.follow(wanted, self.orders.state.rose, now.mono)
-        what = self.neighbours.measured(self.here, self._slots, now)
+        leader = self.orders.leader(now.mono)
+        what = self.neighbours.measured(self.here, self._slots, now, leader)
         dt = min(interval or 0.0, self.here.stream.limit)
         heading = self.here.heading
         gains, integral = self.tuning.follow(wanted, dt, self.state.integral, heading, what)
@@ -450,6 +451,7 @@ class Agent:
             publisher_id=self.publisher_id,
             count=self.state.sent,
             order=None if certificate else newest,
+            order_age=0.0 if newest is None or newest.motion is None else round(self.orders.age(now.mono), 4),
             stale=not certificate and self.orders.stale(now.mono),
             signed="" if certificate else signed,
             signature="" if certificate else signature,

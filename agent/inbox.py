@@ -196,7 +196,9 @@ class Inbox:
                 orders.refuse(sample.unverified, neighbour.name, sample.arrived, forged=sample.forged)
             elif attachment.order is not None:
                 signed = attachment.signed, attachment.signature
-                orders.receive(attachment.order, neighbour.name, sample.arrived, now, signed)
+                late = 0.0 if self._spec.measurement == "local" else neighbour.stream.believed_delay
+                age = attachment.order_age + late
+                orders.receive(attachment.order, neighbour.name, sample.arrived, now, signed, age)
         except BadMessage as bad:
             self.drop(sample.key, bad)
         if wrong is not None:

@@ -107,8 +107,8 @@ class TeamMode:
 class Plan:
     """The mode, the route, the shape and the cohesion of a leader."""
 
-    def __init__(self, mission: Mission, *, hold: bool = False) -> None:
-        """With `hold`, wait until told to run, unless the team is under way."""
+    def __init__(self, mission: Mission, *, hold: bool = False, signed: bool = False) -> None:
+        """With `hold`, wait until told to run, unless the team is under way; `signed`: orders are signed."""
         self.team_mode = TeamMode(hold=hold)
         self.route = NamedRoute.of(mission)
         self.route_time = 0.0
@@ -121,6 +121,8 @@ class Plan:
         """Its velocity where it is driven by hand."""
         self.fenced: Breach | None = None
         """What would leave the bounds if the leader went on; None if nothing."""
+        self.tells_motion = mission.law.uses_orders(signed=signed)
+        """Whether orders give the leader's velocity."""
         self._mission, self._fence = mission, Geofence(mission)
         self._routes = {"": self.route}
 
@@ -277,6 +279,9 @@ class Plan:
             route=self.route.id,
             time=round(min(self.route_time, MAX_ROUTE_TIME), 3),
             place=self.route.place(self.route_time),
+            motion=self.route.motion(self.route_time, self.pace)
+            if self.tells_motion and mode == "run"
+            else None,
             tuned=self.tuned,
             driven=self.driven,
         )

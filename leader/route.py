@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, StringConstraints, ValidationError
 
 from formation.mission.model import Mission
 from formation.mission.route import Arc, Leg, Route
-from formation.protocol.order import Legs, Number, Place
+from formation.protocol.order import MAX_MOTION_SECONDS, Legs, Motion, Number, Place, Steady
 from formation.ros2.messages import Text, decode, encode
 from formation.wire import BadMessage
 
@@ -130,6 +130,20 @@ class NamedRoute(Route):
         """Return the leader's place, as in an order."""
         return place_of(self.where(time), self.heading(time))
 
+    def motion(self, time: float, pace: float) -> Motion | None:
+        """Return the leader's velocity after `time` on the route [s] at a share `pace` of its speed.
+
+        None if it stands, and does not start soon.
+        """
+        now, then = _steady(self, time, pace), None
+        change = self.next_change(time)
+        until = (change - time) / pace if pace > 0.0 else math.inf
+        if until <= MAX_MOTION_SECONDS:
+            then = _steady(self, change, pace)
+        if then is None and now.after(0.0) == 0j:
+            return None
+        return Motion(now=now, until=0.0 if then is None else round(until, 4), then=then)
+
     @classmethod
     def _of(cls, message: _RouteMessage) -> Self:
         start, heading = complex(message.x, message.y), cmath.rect(1.0, message.heading)
@@ -142,6 +156,15 @@ def place_of(position: complex, heading: complex) -> Place:
         x=round(_within(position.real), 4),
         y=round(_within(position.imag), 4),
         heading=round(cmath.phase(heading), 4),
+    )
+
+
+def _steady(route: Route, time: float, pace: float) -> Steady:
+    velocity = pace * route.velocity(time)
+    return Steady(
+        x=round(velocity.real, 6),
+        y=round(velocity.imag, 6),
+        turn_rate=round(pace * route.turn_rate(time), 6),
     )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from formation.agent.following.orders import Leader
 from formation.agent.following.publisher import AcceptedPublisher, AcceptedPublisherState
 from formation.agent.following.relative_check import (
     RECENT_TIME,
@@ -23,7 +24,7 @@ from formation.agent.safety.failsafe import Unanswered
 from formation.control import tracker as neighbour
 from formation.control.controller import Controller, Measured
 from formation.control.observer import Travel
-from formation.control.trust import believed, weight
+from formation.control.trust import GREATEST_WEIGHT, believed, weight
 from formation.control.unicycle import control_point
 from formation.mission.graph import cyclic_core
 from formation.mission.model import Mission
@@ -438,8 +439,11 @@ class Neighbourhood:
         for one in self.each.values():
             one.place(here)
 
-    def measured(self, here: Localisation, slots: Slots, now: Now) -> Measured:
-        """Return the law's input: means or sums over the robots that it follows, at least one."""
+    def measured(self, here: Localisation, slots: Slots, now: Now, leader: Leader | None = None) -> Measured:
+        """Return the law's input: means or sums over the robots that it follows, at least one.
+
+        `leader`: what its orders say of it, if that is used.
+        """
         me, heading, my_age = here.point, here.heading, here.stream.age(now)
         mine, my_velocity = slots.state.at[self._robot], slots.state.velocity[self._robot]
         leader_speed = slots.state.leader_speed
@@ -448,7 +452,9 @@ class Neighbourhood:
             one = self.each[name]
             # slots move as well: what is left of a neighbour's velocity is the formation's
             carried = one.velocity - slots.state.velocity[name]
-            if self._mean:
+            if leader is not None:
+                share = weight(carried - leader.velocity, 0.0, one.top_speed)
+            elif self._mean:
                 share = weight(carried, leader_speed, one.top_speed)
             if self._as_measured:
                 seen = one.state.displacement
@@ -458,9 +464,14 @@ class Neighbourhood:
             desired += share * (slots.state.at[name] - mine)
             velocity += share * carried
             weights += share
+        if leader is not None and leader.place is not None:
+            relative += GREATEST_WEIGHT * (heading.conjugate() * (leader.place - me))
+            desired -= GREATEST_WEIGHT * mine
+            weights += GREATEST_WEIGHT
         part = 1.0 / weights
         if not self._mean:
             mean_velocity = part * velocity + my_velocity if self._feed_forward else 0j
             return Measured(relative, desired, len(self.state.guides), mean_velocity)
-        mean_velocity = believed(part * velocity, leader_speed) + my_velocity
+        seen_velocity = part * velocity if leader is None else leader.velocity
+        mean_velocity = believed(seen_velocity, leader_speed) + my_velocity
         return Measured(part * relative, part * desired, 1, mean_velocity if self._feed_forward else 0j)

@@ -22,6 +22,7 @@ no such mistake, and an earlier order, however well signed, may be a recorded on
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from formation.agent.following.gains import Bearable
 from formation.agent.following.publisher import rises
@@ -30,7 +31,7 @@ from formation.control.tracker import FRESH_PERIODS
 from formation.mission.model import Mission
 from formation.protocol.election import Voter, VoterState, begun, check_term, expiry
 from formation.protocol.lateness import MAX_BEAT_LATENESS, Count, counted
-from formation.protocol.order import Order, newer
+from formation.protocol.order import MAX_MOTION_SECONDS, Order, newer
 from formation.slots.geofence import Geofence
 from formation.slots.shape import check_shape
 from formation.wire import BadMessage, Now
@@ -50,6 +51,8 @@ class OrdersState:
     """The newest order of a leader that has been seen alive; None before the first."""
     rose: float = float("-inf")
     """When its beat last rose [s, monotonic]."""
+    age: float = 0.0
+    """Time from the leader's step to then, as far as its relays know [s]."""
     signed: tuple[str, str] = "", ""
     """The signed text of the newest order, and its signature; empty without signatures."""
     refused: tuple[str, float] | None = None
@@ -64,6 +67,15 @@ class OrdersState:
     """The newest order from each neighbour, and when it was received [s, monotonic]."""
 
 
+class Leader(NamedTuple):
+    """The leader at one moment."""
+
+    velocity: complex
+    """[m/s; world frame]"""
+    place: complex | None
+    """[m; world frame]; None if robots do not use it."""
+
+
 class Orders:
     """The leader's orders, as one agent has received them."""
 
@@ -76,11 +88,30 @@ class Orders:
         self._fence = Geofence(mission)
         self._leader, self._votes = mission.leader, bool(mission.standbys)
         self._rate, self._expiry = mission.robots[mission.leader].rate, expiry(mission)
+        self._law = mission.law
 
     @property
     def newest(self) -> Order | None:
         """The newest order of a leader that has been seen alive; None before the first."""
         return self.state.newest
+
+    def age(self, mono: float) -> float:
+        """Time from the leader's step to `mono` [s], for the newest order; at most `MAX_MOTION_SECONDS`."""
+        return min(mono - self.state.rose + self.state.age, MAX_MOTION_SECONDS)
+
+    def leader(self, mono: float) -> Leader | None:
+        """The leader at `mono` [s], as its newest order says; None if robots do not use that."""
+        newest = self.newest
+        if (
+            newest is None
+            or newest.motion is None
+            or not self._law.uses_orders(signed=bool(self.state.signed[0]))
+        ):
+            return None
+        age, place = self.age(mono), newest.place
+        if self._law.leader_orders != "place" or place is None:
+            return Leader(newest.motion.after(age), None)
+        return Leader(newest.motion.after(age), complex(place.x, place.y) + newest.motion.moved(age))
 
     def stale(self, mono: float) -> bool:
         """Whether the newest order's beat has, by `mono` [s], been silent for too long to bind."""
@@ -106,11 +137,18 @@ class Orders:
         return {name: why for name, (why, arrived) in self.state.forged.items() if arrived >= lately}
 
     def receive(
-        self, received: Order, neighbour: str, arrived: float, now: Now, signed: tuple[str, str] = ("", "")
+        self,
+        received: Order,
+        neighbour: str,
+        arrived: float,
+        now: Now,
+        signed: tuple[str, str] = ("", ""),
+        age: float = 0.0,
     ) -> None:
         """Update from the order that came with a neighbour's position. Raises BadMessage.
 
-        `signed`: its signed text and the signature, already verified.
+        `signed`: its signed text and the signature, already verified. `age` [s]: time since the leader's step
+        when it arrived, as far as known.
         """
         state = self.state
         check_shape(received, self._shapes)
@@ -135,6 +173,7 @@ class Orders:
         if rises(received.beat, before[0].beat, arrived - before[1], self._rate):
             self._check_late(received, arrived)
             state.newest, state.signed, state.rose, state.lived = received, signed, arrived, arrived
+            state.age = age
             self.voter.follows(received.term, arrived)
 
     def doubt(self) -> None:

@@ -136,7 +136,12 @@ class Stream:
 
     def age(self, now: Now) -> float:
         """Age of the newest message [s]: time since its arrival, and its delay as far as believed."""
-        return self.silence(now) + believed_delay(self.state.delay, self.longest_delay)
+        return self.silence(now) + self.believed_delay
+
+    @property
+    def believed_delay(self) -> float:
+        """Delay of the newest message by its stamp, as far as believed [s]."""
+        return believed_delay(self.state.delay, self.longest_delay)
 
     @property
     def age_on_arrival(self) -> float:

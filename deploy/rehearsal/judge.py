@@ -355,7 +355,9 @@ class Judge:
 
     def _is_settled(self) -> bool:
         runs = all(agent.decision.state is AgentState.RUN for agent, _ in self._fleet.agents.values())
-        return runs and (not self._can_settle or self._fleet.error() <= self._mission.settled + self._drifted_edges())
+        return runs and (
+            not self._can_settle or self._fleet.error() <= self._mission.settled + self._drifted_edges()
+        )
 
     def _check_saved(self, name: str, request: OperatorRequest, reply: OperatorReply) -> None:
         """Check that an acknowledged stop is on the disk, unless the answer says that it may not be."""
@@ -385,9 +387,13 @@ class Judge:
                 self._tell("touch", f"{one} and {other}", f"bodies overlap by {-free:.3f} m")
 
     def _drifted(self, name: str) -> float:
-        """By how much a robot's odometry may have drifted on its way [m]; 0 where positions come from outside."""
+        """By how much a robot's odometry may have drifted on its way [m]; 0 with positions from outside."""
         spec = self._mission.robots[name]
-        return self._drift * self._paths[name][1] if name in self._paths and spec.localisation == "odometry" else 0.0
+        return (
+            self._drift * self._paths[name][1]
+            if name in self._paths and spec.localisation == "odometry"
+            else 0.0
+        )
 
     def _drifted_edges(self) -> float:
         """By how much drift may add to the formation error, summed over all edges [m]."""

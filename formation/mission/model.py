@@ -57,8 +57,16 @@ class LawSpec(Table):
     """Time constant of the low-pass filter of the neighbours' velocities [s]."""
     feed_forward: bool = True
     """Add the neighbours' mean velocity to the command, if the law has a feed-forward."""
+    leader_orders: Literal["signed", "velocity", "place", "none"] = "signed"
+    """What the law `field` uses of the leader's orders besides its neighbours: its velocity where orders are
+    `signed`, its `velocity`, its velocity and `place`, or `none`."""
     delay_compensation: bool = True
     """Extrapolate neighbours' positions to the present by their velocities, if the law does so."""
+
+    def uses_orders(self, *, signed: bool) -> bool:
+        """Whether robots use the leader's velocity, by orders that are `signed` or not."""
+        asked = self.leader_orders in {"velocity", "place"} or (signed and self.leader_orders == "signed")
+        return asked and self.controller.mean
 
     @property
     def controller(self) -> Controller:

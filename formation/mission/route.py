@@ -127,6 +127,11 @@ class Route:
         """From when on speed and turn rate stay as they are [s]."""
         return self.begins[-1]
 
+    def next_change(self, time: float) -> float:
+        """When its speed or its direction next changes at once after `time` [s]; infinite if it does not."""
+        place = bisect_right(self.begins, max(time, 0.0))
+        return self.begins[place] if place < len(self.begins) else math.inf
+
     def position(self, time: float) -> complex:
         """The leader's control point [m; world frame]."""
         arc, elapsed = self._locate(time)

@@ -29,6 +29,8 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError, to_json
 
+from formation.control.plane import rotation
+from formation.control.unicycle import along
 from formation.mission.route import Leg
 from formation.mission.tables import as_tuple
 from formation.protocol.reasons import Code as ReasonCode
@@ -46,6 +48,9 @@ LEADER_TIMEOUT_SECONDS = 1.0
 
 DRIVE_TIMEOUT_SECONDS = 0.3
 """Time for which a driver's velocity counts, from the reply of the leader that it answers [s]."""
+
+MAX_MOTION_SECONDS = 1.0
+"""Longest time by which the leader's velocity is told ahead, and extrapolated [s]."""
 
 MAX_REASON_CHARS = 400
 """Greatest length of a reason, which may name some robots of up to 64 each [characters]."""
@@ -116,6 +121,47 @@ class Place(_Json):
     """Direction of travel [rad; world frame]."""
 
 
+class Steady(_Json):
+    """A velocity that turns at an even rate."""
+
+    x: Number
+    y: Number
+    """[m/s; world frame]"""
+    turn_rate: Number = 0.0
+    """[rad/s]"""
+
+    def after(self, time: float) -> complex:
+        """Velocity [m/s; world frame] `time` [s] later."""
+        return complex(self.x, self.y) * rotation(self.turn_rate * time)
+
+
+class Motion(_Json):
+    """The leader's velocity from the newest step on, and its next change."""
+
+    now: Steady
+    until: Annotated[float, Field(ge=0.0, le=MAX_MOTION_SECONDS)] = 0.0
+    """Time until that change [s]."""
+    then: Steady | None = None
+    """Velocity from then on; None if it does not change within `MAX_MOTION_SECONDS`."""
+
+    def after(self, time: float) -> complex:
+        """Velocity [m/s; world frame] `time` [s] after the step."""
+        if self.then is not None and time >= self.until:
+            return self.then.after(time - self.until)
+        return self.now.after(time)
+
+    def moved(self, time: float) -> complex:
+        """How far the leader has moved `time` [s] after the step [m; world frame]."""
+        if self.then is None or time <= self.until:
+            return _moved(self.now, time)
+        return _moved(self.now, self.until) + _moved(self.then, time - self.until)
+
+
+def _moved(steady: Steady, time: float) -> complex:
+    way, _ = along(0j, complex(steady.x, steady.y), time, steady.turn_rate * time)
+    return way
+
+
 class Tuned(_Json):
     """Gains of the law that replace the mission's."""
 
@@ -161,6 +207,8 @@ class Order(_Json):
     """Time since it began that route [s]."""
     place: Place | None = None
     """Its position."""
+    motion: Motion | None = None
+    """Its velocity; None while it stands."""
     tuned: Tuned | None = None
     """Gains for all robots; None for the mission's."""
     driven: bool = False
@@ -203,6 +251,8 @@ class PositionAttachment(_Json):
     count: Count
     """Number of positions with this publisher id so far: earlier messages cannot be repeated."""
     order: Order | None = None
+    order_age: Annotated[float, Field(ge=0.0, le=MAX_MOTION_SECONDS)] = 0.0
+    """Time from the leader's step to this message [s], as far as its relays know."""
     stale: bool = False
     """Whether the beat of `order` has not risen at the sender for `formation.protocol.election.expiry`."""
     signed: Annotated[str, StringConstraints(max_length=MAX_SIGNED_BYTES)] = ""

@@ -23,7 +23,7 @@ from formation.control.pose_filter import ODOMETRY_NOISE, Spread, filtered
 from formation.control.quantiser import Grid, Quantiser
 from formation.control.ramp import Ramp, RampLimits
 from formation.control.tracker import Track, learned
-from formation.control.trust import believed, weight
+from formation.control.trust import GREATEST_WEIGHT, believed, weight
 from formation.control.unicycle import AT_REST, Command, along, control_point, driven
 from formation.simulation.body import Body, obeyed
 from formation.simulation.neighbours import (
@@ -64,6 +64,10 @@ class World(NamedTuple):
     """Whether the law takes the neighbours' weighted mean."""
     leader_speed: float
     """The leader's top speed [m/s]."""
+    ordered_velocity: bool
+    """Whether robots use the leader's velocity, as its orders say."""
+    ordered_place: bool
+    """Whether they use its place as well."""
     time_constant: float
     """Time constant of the neighbours' velocities [s]; 0 if they are not needed."""
     loss: float
@@ -110,11 +114,12 @@ def speak(me: Any, robot: Any, world: World) -> complex:
 def receive(
     received: NeighbourSums, me: Any, robot: Any, edge: Any, track: Any, sample: complex, there: complex,
     lost: bool,
-    now: float, world: World,
+    now: float, ordered: complex, world: World,
 ) -> NeighbourSums:  # fmt: skip
     """Add one neighbour to the sums; it is `there`, and a `sample` of it arrives, or is `lost`.
 
-    A sensor measures it there, and its measurement is never lost.
+    A sensor measures it there, and its measurement is never lost. `ordered` is the leader's velocity [m/s;
+    world frame].
     """
     point, seen = control_point(me.believed, me.facing, robot.offset), 0j
     if robot.local:
@@ -133,7 +138,11 @@ def receive(
         return received
     if not robot.local:
         seen = (carried(newest, now, link) if world.carries else newest.point) - point
-    share_of = weight(newest.velocity, world.leader_speed, edge.top_speed) if world.mean else 1.0
+    share_of = 1.0
+    if world.mean and world.ordered_velocity:
+        share_of = weight(newest.velocity - ordered, 0.0, edge.top_speed)
+    elif world.mean:
+        share_of = weight(newest.velocity, world.leader_speed, edge.top_speed)
     return NeighbourSums(
         received.relative + share_of * seen,
         received.desired + share_of * edge.desired,
@@ -171,9 +180,26 @@ def state_of(me: Any) -> ControlState:
     )
 
 
+def with_place(received: NeighbourSums, me: Any, robot: Any, place: complex) -> NeighbourSums:
+    """Add the leader, at its ordered `place` [m; world frame], as one more neighbour to the sums."""
+    away = place - control_point(me.believed, me.facing, robot.offset)
+    if robot.local:
+        away = me.facing.conjugate() * away
+    return NeighbourSums(
+        received.relative + GREATEST_WEIGHT * away,
+        received.desired - GREATEST_WEIGHT * robot.slot,
+        received.velocity,
+        received.weights + GREATEST_WEIGHT,
+        received.known,
+        received.elapsed,
+        received.share,
+    )
+
+
 def decide(
-    me: Any, robot: Any, received: NeighbourSums, avoided: Avoided, count: int, now: float, world: World
-) -> None:
+    me: Any, robot: Any, received: NeighbourSums, avoided: Avoided, count: int, now: float, ordered: complex,
+    world: World,
+) -> None:  # fmt: skip
     """Run the control step, with `count` obstacles; without a neighbour to follow the robot rests."""
     state, command = state_of(me), AT_REST
     if received.known > 0.0:
@@ -182,7 +208,7 @@ def decide(
         measured = Measured(relative, received.desired, received.known, velocity)
         if world.mean:
             part = 1.0 / received.weights
-            velocity = believed(velocity, world.leader_speed)
+            velocity = ordered if world.ordered_velocity else believed(velocity, world.leader_speed)
             measured = Measured(part * relative, part * received.desired, 1.0, velocity)
         inputs = Inputs(now, world.step, me.facing, measured, world.gains, None)
         state, outcome = control_step(state, inputs, avoided.around[:count], params_of(robot, avoided))
@@ -242,13 +268,14 @@ def formation_error(run: Any, robots: Any, edges: Any, leader: complex) -> float
 
 
 def run_on(
-    begin: int, leader: Any, world: World, robots: Any, edges: Any, run: Any, tracks: Any,
+    begin: int, leader: Any, ordered: Any, world: World, robots: Any, edges: Any, run: Any, tracks: Any,
     published: Any,
     draw: Any, kept: Any, avoided: Avoided,
 ) -> tuple[int, float, float]:  # fmt: skip
     """Continue one run from step `begin`.
 
-    `leader` is its position [m; world frame] at this and each next step. `run` and `tracks` are the run's
+    `leader` is its position [m; world frame] at this and each next step, `ordered` its velocity [m/s; world
+    frame] from then on. `run` and `tracks` are the run's
     followers and their data, shapes (F,) and (E,); `published` the recently published positions, in a ring of
     shape (K, N); `kept` receives the error every `World.stride` steps. Random numbers are drawn from
     `draw`.
@@ -279,10 +306,13 @@ def run_on(
                 there = here if j < 0 else true_point(run[j], robots[j])
                 lost = world.loss > 0.0 and draw.random() < world.loss and step > 0
                 received = receive(
-                    received, me, robot, edge, tracks[e], published[oldest, j + 1], there, lost, now, world
-                )
+                    received, me, robot, edge, tracks[e], published[oldest, j + 1], there, lost, now,
+                    ordered[step - begin], world,
+                )  # fmt: skip
+            if world.ordered_place and received.known > 0.0:
+                received = with_place(received, me, robot, here)
             count = look(run, i, robots, avoided, oldest, now, world, draw) if avoided.avoids else 0
-            decide(me, robot, received, avoided, count, now, world)
+            decide(me, robot, received, avoided, count, now, ordered[step - begin], world)
         for i in range(len(robots)):
             noise = 0j
             if world.body.position_noise > 0.0:
@@ -297,15 +327,15 @@ def run_on(
 
 
 def all_run_on(
-    begin: int, leader: Any, world: World, robots: Any, edges: Any, followers: Any, tracks: Any,
+    begin: int, leader: Any, ordered: Any, world: World, robots: Any, edges: Any, followers: Any, tracks: Any,
     published: Any,
     draw: Any, errors: Any, last_out: Any, error: Any, nearest: Any, avoided: Avoided,
 ) -> None:  # fmt: skip
     """Run `run_on` for every run in turn: the data of one stay in the processor's cache."""
     for r in range(len(followers)):
         out, error[r], room = run_on(
-            begin, leader, world, robots, edges, followers[r], tracks[r], published[r], draw, errors[:, r],
-            avoided_of(avoided, r),
+            begin, leader, ordered, world, robots, edges, followers[r], tracks[r], published[r], draw,
+            errors[:, r], avoided_of(avoided, r),
         )  # fmt: skip
         last_out[r] = max(last_out[r], out)
         nearest[r] = min(nearest[r], room)

@@ -36,14 +36,14 @@ ROBOT = np.dtype(
         ("offset", "f8"), ("max_speed", "f8"), ("max_turn_rate", "f8"), ("acceleration", "f8"),
         ("speed_step", "f8"), ("speed_most", "f8"), ("turn_rate_step", "f8"), ("turn_rate_most", "f8"),
         ("first", "i8"), ("last", "i8"),
-        ("local", "b1"),
+        ("local", "b1"), ("slot", "c16"),
         ("radius", "f8"), ("hold", "f8"), ("avoided", "i8"), ("avoided_end", "i8"),
         ("ramp_time", "f8"), ("ramp_longest", "f8"), ("ramp_gap", "f8"), ("ramp_gentle", "f8"),
     ],
     align=True,
 )  # fmt: skip
-"""Constants of a follower: limits, `Grid` of both numbers, its edges, whether it has a sensor of its own;
-its body, the longest time that a command may last, indices of its obstacles; `RampLimits`."""
+"""Constants of a follower: limits, `Grid` of both numbers, its edges, whether it has a sensor of its own,
+its slot; its body, the longest time that a command may last, indices of its obstacles; `RampLimits`."""
 EDGE = np.dtype(
     [
         ("head", "i8"), ("desired", "c16"),
@@ -154,6 +154,8 @@ class Ensemble:
             carries=controller.delay_compensation and law.delay_compensation,
             mean=controller.mean,
             leader_speed=mission.leader_speed,
+            ordered_velocity=controller.mean and law.leader_orders in {"velocity", "place"},
+            ordered_place=controller.mean and law.leader_orders == "place",
             time_constant=law.velocity_filter if velocities else 0.0,
             loss=options.loss,
             settled=mission.settled,
@@ -204,10 +206,11 @@ class Ensemble:
     def run_on(self, steps: int) -> None:
         """Take that many steps. Random numbers are drawn run by run, in an order that depends on `steps`."""
         begin, leader = self.steps, self._leader(steps + 1)
+        ordered = velocities(self.route, self._times(steps))
         self.steps += steps
         if AVAILABLE:
             self._all_run_on(
-                begin, leader, self._world, self.robots, self._edges, self.followers, self._tracks,
+                begin, leader, ordered, self._world, self.robots, self._edges, self.followers, self._tracks,
                 self._published, self._draw, self.errors, self.last_out, self.error, self.nearest,
                 self._avoided,
             )  # fmt: skip
@@ -222,8 +225,8 @@ class Ensemble:
         for r in np.flatnonzero(np.isfinite(self.error)):
             try:
                 out, self.error[r], room = self._run_on(
-                    begin, leader, self._world, robots, edges, followers[r], tracks[r], self._published[r],
-                    self._draw, self.errors[:, r], avoided_of(avoided, int(r)),
+                    begin, leader, ordered, self._world, robots, edges, followers[r], tracks[r],
+                    self._published[r], self._draw, self.errors[:, r], avoided_of(avoided, int(r)),
                 )  # fmt: skip
             except (ArithmeticError, ValueError):  # raised by Python for a run that overflows
                 out, self.error[r], room = self.steps, np.inf, np.inf
@@ -238,9 +241,11 @@ class Ensemble:
 
     def _leader(self, count: int) -> ComplexArray:
         """Its positions now and after each next step [m; world frame]."""
-        return positions(
-            self.route, self._world.step * np.arange(self.steps, self.steps + count, dtype=np.float64)
-        )
+        return positions(self.route, self._times(count))
+
+    def _times(self, count: int) -> FloatArray:
+        """The moments of the next steps, the first of them now [s]."""
+        return self._world.step * np.arange(self.steps, self.steps + count, dtype=np.float64)
 
 
 def own_starts(mission: Mission, runs: int) -> Starts:
@@ -289,6 +294,17 @@ def positions(route: Route, times: FloatArray) -> ComplexArray:
     return found
 
 
+def velocities(route: Route, times: FloatArray) -> ComplexArray:
+    """The leader's velocities [m/s; world frame] from `times` [s since the start] on; of their shape."""
+    last = np.searchsorted(route.begins, times, side="right") - 1
+    heading = np.array([arc.heading for arc in route.arcs], dtype=np.complex128)[last]
+    speed, turn_rate = (
+        np.array([getattr(arc, key) for arc in route.arcs])[last] for key in ("speed", "turn_rate")
+    )
+    turned = turn_rate * (times - np.array(route.begins)[last])
+    return np.asarray(speed * heading * np.exp(1j * turned), dtype=np.complex128)
+
+
 def _robots(mission: Mission, controller: Controller, options: Options, step: float) -> NDArray[Any]:
     robots = np.zeros(len(mission.followers), ROBOT)
     last, avoided_end = 0, 0
@@ -300,7 +316,8 @@ def _robots(mission: Mission, controller: Controller, options: Options, step: fl
         local = (options.measurement or spec.measurement) == "local"
         steps = speed.step, speed.most, turn_rate.step, turn_rate.most
         body = params.avoidance.radius, params.avoidance.hold, avoided, avoided_end
-        robots[i] = (*params.limits[:4], *steps, first, last, local, *body, *params.ramp)
+        slot = PlacedShape.first(mission).slot(mission, name)
+        robots[i] = (*params.limits[:4], *steps, first, last, local, slot, *body, *params.ramp)
     return robots
 
 
