@@ -11,6 +11,7 @@ from formation.deploy.terminal.bar import waiting, warn_if_slow
 from formation.mission.model import Mission
 from formation.slots.geofence import Area
 from formation.stability.analysis import Analysis, analyse
+from formation.stability.certificate import Certificate, worst_curve
 from formation.stability.losses import Loss, losses
 from formation.transport.wiring import Cause, cause, partners
 
@@ -60,6 +61,7 @@ def _summary(mission: Mission, found: Analysis) -> Iterator[str]:
     hops = f"{deepest} hop{'' if deepest == 1 else 's'} to the leader at most"
     yield f"  graph            {found.robots} robots, {found.edges} edges, {hops}"
     yield f"  stable           {'yes' if found.stable else 'NO'}; slowest mode {found.slowest_mode:+.3g} 1/s"
+    yield from _proven(found.certificate)
     settles = f"not within {mission.simulation.horizon:g} s from the mission's own starts"
     if found.settling_time_estimate is not None:
         settles = f"after {found.settling_time_estimate:.1f} s from the mission's own starts, simulated"
@@ -72,6 +74,17 @@ def _summary(mission: Mission, found: Analysis) -> Iterator[str]:
     source = "by default" if mission.bounds is None else "as the mission says"
     yield f"  bounds           {Area.of(mission).words}, {source}"
     yield f"  links            {_links(mission)}"
+
+
+def _proven(found: Certificate) -> Iterator[str]:
+    """Yield what is proven, as docs/theory/convergence.md has it."""
+    if found.convergence == "every start":
+        yield "  proven           comes into formation from every start (theorem 1), without filter and ramp"
+    elif found.convergence == "near formation":
+        yield f"  proven           stable near formation; not from every start: {found.broken[0]}"
+    if (worst := worst_curve(found)) is not None:
+        name, error = worst
+        yield f"  on curves        off by {1e3 * error:.2g} mm at most ({name}), with ideal bodies"
 
 
 def links(mission: Mission) -> dict[str, dict[Cause, list[str]]]:

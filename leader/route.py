@@ -142,7 +142,7 @@ class NamedRoute(Route):
             then = _steady(self, change, pace)
         if then is None and now.after(0.0) == 0j:
             return None
-        return Motion(now=now, until=0.0 if then is None else round(until, 4), then=then)
+        return Motion(**now.model_dump(), until=0.0 if then is None else round(until, 4), then=then)
 
     @classmethod
     def _of(cls, message: _RouteMessage) -> Self:

@@ -135,10 +135,9 @@ class Steady(_Json):
         return complex(self.x, self.y) * rotation(self.turn_rate * time)
 
 
-class Motion(_Json):
-    """The leader's velocity from the newest step on, and its next change."""
+class Motion(Steady):
+    """The leader's velocity from its newest step on, and its next change."""
 
-    now: Steady
     until: Annotated[float, Field(ge=0.0, le=MAX_MOTION_SECONDS)] = 0.0
     """Time until that change [s]."""
     then: Steady | None = None
@@ -148,13 +147,13 @@ class Motion(_Json):
         """Velocity [m/s; world frame] `time` [s] after the step."""
         if self.then is not None and time >= self.until:
             return self.then.after(time - self.until)
-        return self.now.after(time)
+        return super().after(time)
 
     def moved(self, time: float) -> complex:
         """How far the leader has moved `time` [s] after the step [m; world frame]."""
         if self.then is None or time <= self.until:
-            return _moved(self.now, time)
-        return _moved(self.now, self.until) + _moved(self.then, time - self.until)
+            return _moved(self, time)
+        return _moved(self, self.until) + _moved(self.then, time - self.until)
 
 
 def _moved(steady: Steady, time: float) -> complex:

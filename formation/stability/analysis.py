@@ -18,6 +18,7 @@ from formation.mission.model import Mission
 from formation.mission.route import Route
 from formation.simulation.simulate import simulate
 from formation.stability import crowding, feasibility, landmarks, spectrum
+from formation.stability.certificate import Certificate, certificate
 from formation.stability.losses import useless_fallbacks
 
 MAX_AMPLIFICATION_RATIO = 2.0
@@ -51,6 +52,8 @@ class Analysis:
     laplacian_eigenvalues: tuple[complex, ...]
     """μ of L_ff."""
     law: str
+    certificate: Certificate
+    """What is proven."""
     robots: int
     """Number of robots, the leader included."""
     edges: int
@@ -83,7 +86,8 @@ def analyse(mission: Mission, law: str | None = None) -> Analysis:
     settling = settling_time(mission, law)
     warnings = [*feasibility.warnings(mission), *useless_fallbacks(mission), *_shaky(mission, margin, peaks)]
     warnings += landmarks.warnings(mission)
-    problems = [*faults, *_sampling(mission, mu, stable=not faults), *feasibility.problems(mission)]
+    sampling = _sampling(mission, mu, stable=not faults)
+    problems = [*faults, *sampling, *feasibility.problems(mission)]
     if controller.collision_filter:
         problems += crowding.problems(mission)
         warnings += [
@@ -99,6 +103,7 @@ def analyse(mission: Mission, law: str | None = None) -> Analysis:
         warnings.append(f"from its own starts the formation does not settle within {horizon:g} s ({law} law)")
     return Analysis(
         law=law,
+        certificate=certificate(mission, stable=not faults and not sampling),
         robots=len(mission.names),
         edges=sum(map(len, graph.neighbours)),
         depth=dict(zip(mission.names, graph.depths, strict=True)),
@@ -214,6 +219,8 @@ def _shaky(mission: Mission, margin: float, peaks: Any) -> list[str]:
 
 def _plain(value: Any) -> Any:
     match value:
+        case Certificate():
+            return value.as_json()
         case dict():
             return {name: _plain(one) for name, one in value.items()}
         case tuple():

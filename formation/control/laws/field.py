@@ -27,6 +27,8 @@ BACKWARD_SHARE = 0.8
 """Share of |c| by which a robot that cannot reverse in formation may fall back [–]."""
 BRAKING_SHARE = 0.5
 """Share of the ramp's acceleration that an approach uses [–]."""
+SIDEWAYS_SHARE = 0.5
+"""Share of the sideways speed that the ramp can just end, which an approach uses [–]."""
 REVERSE_LEVERS, REVERSE_TURNS = 2.5, 0.5
 """A robot reverses to a slot further behind it than so many control-point offsets, and so many radii of its
 tightest turn at top speed [–]."""
@@ -50,6 +52,7 @@ def field(
         closing = intercepting(towards, carried, closing, limits)
     if speed > CONE_SHARE * limits.offset * limits.max_turn_rate:
         closing = turning(towards, carried, closing, limits)
+        closing = turnable(away, towards, carried, closing, limits)
     wanted = carried + closing * towards
     if away.real < -REVERSE_LEVERS * limits.offset and better_backwards(away, speed, limits):
         wanted = wanted.conjugate()
@@ -89,6 +92,19 @@ def turning(towards: complex, carried: complex, closing: float, limits: Limits) 
     if -closing * along > BACKWARD_SHARE * speed:
         closing = BACKWARD_SHARE * speed / -along
     return closing
+
+
+def turnable(away: complex, towards: complex, carried: complex, closing: float, limits: Limits) -> float:
+    """`closing` [m/s], or less, so that the ramp can follow the turn that ends a sideways approach.
+
+    At |c| a sideways speed v is a heading that is off by v/|c|. With the turn rate's greatest change α that
+    takes 2 √(v / (|c| α)) to undo, and a way of v √(v / (|c| α)).
+    """
+    speed = abs(carried)
+    across = abs(carried.real * towards.imag - carried.imag * towards.real) / speed
+    aside, turning_up = abs(away) * across, limits.acceleration * limits.max_turn_rate / limits.max_speed
+    most = SIDEWAYS_SHARE * math.pow(aside * aside * speed * turning_up, 1.0 / 3.0)
+    return most / across if closing * across > most else closing
 
 
 def better_backwards(away: complex, speed: float, limits: Limits) -> bool:

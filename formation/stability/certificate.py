@@ -1,0 +1,135 @@
+"""What is proven of a mission's closed loop, and the error that is left on curves.
+
+Theorem 1 of docs/theory/convergence.md: a formation comes together from every start if the assumptions of
+`broken_assumptions` hold. Where they do not, only the linear loop near formation is judged, by its poles.
+
+On an arc the leader's velocity turns, and what neighbours' positions show of it is a little old.
+`curve_errors` solves the sampled linear loop for that. With ideal bodies, T the control period, φ = z⁻¹ the
+delay by a period, and s the share of a low pass:
+
+| symbol | meaning |
+|---|---|
+| z = e^{iωT} | one step on an arc of turn rate ω |
+| V = s (1 - φ)/T / (1 - (1 - s) φ) | velocity estimate of a neighbour |
+| B = (z - 1)/(iω) | way in one step at a velocity of 1 that turns with the robot |
+| G = B (k + V)/(z - 1 + k B) | from the mean of the neighbours to a robot |
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from graphlib import TopologicalSorter
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from formation.control.arrays import ComplexArray
+from formation.control.plane import rotation
+from formation.control.tracker import learned
+from formation.mission.graph import cyclic_core
+from formation.mission.model import Mission
+from formation.mission.route import Route
+
+
+class Certificate(NamedTuple):
+    """What is proven of a mission."""
+
+    convergence: str
+    """``every start``, ``near formation`` or ``none``."""
+    broken: tuple[str, ...]
+    """The assumptions of Theorem 1 that do not hold."""
+    curve_errors: dict[str, float]
+    """Error of each follower's worst edge while the leader drives its sharpest arc [m]; empty without one."""
+
+    def as_json(self) -> dict[str, Any]:
+        """The same for JSON."""
+        return {**self._asdict(), "broken": list(self.broken)}
+
+
+def certificate(mission: Mission, *, stable: bool) -> Certificate:
+    """Return what is proven of a mission; `stable`: its linear loop is, as it is sampled."""
+    if not stable:
+        return Certificate("none", ("the linear loop must be stable",), {})
+    broken = tuple(broken_assumptions(mission))
+    return Certificate("near formation" if broken else "every start", broken, curve_errors(mission))
+
+
+def broken_assumptions(mission: Mission) -> Iterator[str]:
+    """Yield the assumptions of Theorem 1 that do not hold, with the numbers."""
+    law, graph = mission.law, mission.graph
+    if not (law.controller.mean and law.feeds_forward):
+        yield f"the law must be `field`, and feed velocities forward: it is `{law.kind}`"
+        return
+    if graph.unreachable:
+        names = ", ".join(mission.names[one] for one in graph.unreachable)
+        yield f"every follower must have a path to the leader: {names} has none"
+    if core := cyclic_core(graph):
+        yield f"no cycle: {', '.join(mission.names[one] for one in core)} measure each other"
+    for name in mission.followers:
+        limits, speed = mission.robots[name].limits, mission.leader_speed
+        sideways = limits.offset * limits.max_turn_rate
+        most = min(limits.max_speed, sideways)
+        if speed >= most:
+            which = "max_speed" if most == limits.max_speed else "L x max_turn_rate"
+            yield f"the leader must be slower than {name}: {speed:g} m/s, {which} {most:g} m/s"
+            break
+    period = 1.0 / min(mission.robots[name].rate for name in mission.followers)
+    if mission.gains.k_p * period > 1.0:
+        yield f"gain x control period must be at most 1: {mission.gains.k_p:g} 1/s x {period:g} s"
+
+
+def curve_errors(mission: Mission) -> dict[str, float]:
+    """Error of each follower's worst edge on the leader's sharpest arc [m], by name.
+
+    Empty where the route has no arc, where the shape turns with the leader, and for laws that do not feed
+    velocities forward. Ideal bodies, no noise, and all robots at the slowest one's rate.
+    """
+    if mission.turning or not (mission.law.controller.mean and mission.law.feeds_forward):
+        return {}
+    period = 1.0 / min(mission.robots[name].rate for name in mission.followers)
+    worst: dict[str, float] = dict.fromkeys(mission.followers, 0.0)
+    arcs = [arc for arc in Route.of(mission).arcs if arc.turn_rate and arc.speed]
+    for arc in arcs:
+        points = on_arc(mission, arc.turn_rate, period) * (arc.speed / arc.turn_rate)
+        for index, name in enumerate(mission.followers, start=1):
+            errors = [float(abs(points[j] - points[index])) for j in mission.graph.neighbours[index]]
+            worst[name] = max(worst[name], *errors)
+    return worst if arcs else {}
+
+
+def on_arc(mission: Mission, turn_rate: float, period: float) -> ComplexArray:
+    """Where each robot is beside its slot's place, on a circle of radius 1 about the leader's centre [–].
+
+    Shape (n,), the leader's 1 first; `turn_rate` [rad/s] of the leader, `period` [s] of control.
+    """
+    graph, gain = mission.graph, mission.gains.k_p
+    z = rotation(turn_rate * period)
+    way = (z - 1.0) / (1j * turn_rate)
+    share = learned(period, mission.law.velocity_filter)
+    estimate = share * (1.0 - 1.0 / z) / period / (1.0 - (1.0 - share) / z)
+    step = z - 1.0 + gain * way
+    ordered = mission.law.leader_orders in {"velocity", "place"}
+    mean = way * (gain if ordered else gain + estimate) / step
+    leader = 1j * turn_rate * way / step if ordered else 0j
+    points = np.zeros(graph.size, dtype=np.complex128)
+    points[0] = 1.0
+    if cyclic_core(graph):
+        among = np.zeros((graph.size, graph.size))
+        for i, js in enumerate(graph.neighbours):
+            among[i, list(js)] = 1.0 / max(1, len(js))
+        inner = np.eye(graph.size - 1) - mean * among[1:, 1:]
+        points[1:] = np.linalg.solve(inner, mean * among[1:, 0] + leader)
+        return points
+    measured = {i: list(js) for i, js in enumerate(graph.neighbours) if i}
+    for i in TopologicalSorter(measured).static_order():  # each after all that it measures
+        if i:
+            points[i] = mean * points[measured[i]].mean() + leader
+    return points
+
+
+def worst_curve(found: Certificate) -> tuple[str, float] | None:
+    """The follower that errs most on curves, and by how much [m]; None without curves."""
+    if not found.curve_errors:
+        return None
+    name = max(found.curve_errors, key=lambda one: found.curve_errors[one])
+    return name, found.curve_errors[name]

@@ -1,0 +1,118 @@
+"""What is proven of missions happens; counterexamples to what the paper says."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from formation.mission.file import load
+from formation.mission.model import Mission
+from formation.simulation.body import Body
+from formation.simulation.ensemble import Options
+from formation.simulation.simulate import simulate
+from formation.stability.analysis import analyse
+from formation.stability.certificate import certificate, curve_errors
+from tests.unit.formation import scenarios
+
+IDEAL = Options(body=Body(), avoid=False)
+SIX = load("six_robots")
+CIRCLE = {"radius": 1.2, "speed": 0.2}
+
+
+def drawn(seed: int, leader_speed: float = 0.2, route: dict[str, Any] | None = None, **law: Any) -> Mission:
+    """A random mission without cycles, of 3 to 8 robots that do at once what they are told."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(3, 9))
+    neighbours = [sorted(set(rng.integers(0, i, min(i, 2)).tolist())) if i else [] for i in range(count)]
+    slots = -0.7 * np.arange(count) + 1j * rng.uniform(-1.0, 1.0, count)
+    slots -= slots[0]
+    way = route or {"speed": leader_speed, "heading_deg": float(rng.uniform(-180.0, 180.0))}
+    return scenarios.build(slots, neighbours, way, law={"leader_orders": "none", **law})
+
+
+def edge_errors(mission: Mission, horizon: float = 60.0) -> dict[str, float]:
+    """Mean error of each follower's worst edge in the last ten seconds of a simulation [m]."""
+    result = simulate(mission, horizon=horizon, step=0.05, options=IDEAL, keep=True, starts="mission")
+    history = result.history
+    assert history is not None
+    points = history.position.copy()
+    points[:, 1:] += np.array(history.offset) * history.heading[:, 1:]
+    late, slots = history.time > horizon - 10.0, np.array(mission.slots())
+    return {
+        name: max(
+            float(np.abs(points[late, j] - points[late, i] - slots[j] + slots[i]).mean())
+            for j in mission.graph.neighbours[i]
+        )
+        for i, name in enumerate(mission.followers, start=1)
+    }
+
+
+@pytest.mark.parametrize("leader_orders", ["none", "velocity"])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_error_on_a_circle_is_as_certified(seed: int, leader_orders: str) -> None:
+    mission = drawn(seed, route=CIRCLE, leader_orders=leader_orders)
+    assert edge_errors(mission) == pytest.approx(curve_errors(mission), rel=1e-3, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_error_on_a_circle_of_a_ring_is_as_certified() -> None:
+    ring = scenarios.ring(4)
+    mission = Mission.model_validate({**ring.model_dump(), "route": [CIRCLE]})
+    assert edge_errors(mission, 120.0) == pytest.approx(curve_errors(mission), rel=1e-3, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "seed", [pytest.param(one, marks=pytest.mark.slow if one > 4 else ()) for one in range(200)]
+)
+def test_certified_missions_come_into_formation(seed: int) -> None:
+    rng = np.random.default_rng(1000 + seed)
+    mission = drawn(seed, leader_speed=float(rng.uniform(0.01, 0.14)))
+    found = certificate(mission, stable=True)
+    assert found.convergence == "every start"
+    result = simulate(mission, runs=10, seed=seed, horizon=90.0, step=0.05, options=IDEAL, spread=2.0)
+    assert result.converged.all()
+
+
+@pytest.mark.parametrize(
+    ("mission", "says"),
+    [
+        (SIX.under("paper"), "the law must be `field`"),
+        (drawn(1, leader_speed=0.9), "the leader must be slower than robot2: 0.9 m/s, L x max_turn_rate"),
+        (drawn(1, gain=30.0), "gain x control period"),
+        (scenarios.ring(4), "measure each other"),
+    ],
+)
+def test_each_broken_assumption_is_named(mission: Mission, says: str) -> None:
+    found = certificate(mission, stable=True)
+    assert found.convergence == "near formation"
+    assert says in " ".join(found.broken)
+
+
+def test_unstable_mission_has_no_certificate() -> None:
+    found = analyse(scenarios.ring(12, k_p=2.0), law="paper")
+    assert not found.stable
+    assert found.certificate.convergence == "none"
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.2, 1.0])
+def test_loop_of_centres_is_of_third_order(speed: float) -> None:
+    offset, k_p, k_i = 0.2, 2.0, 1.0
+    roots = np.roots([offset, speed, k_p * speed, k_i * speed])
+    assert bool(roots.real.max() < 0.0) is (speed * k_p > offset * k_i)
+
+
+def test_leader_at_top_speed_is_refused() -> None:
+    with pytest.raises(ValidationError, match="must be below robot2's max_speed of 1 m/s"):
+        drawn(3, leader_speed=1.0)
+
+
+@pytest.mark.parametrize("share", [0.8, 0.95])
+def test_robots_do_not_weave_behind_a_fast_leader(share: float) -> None:
+    route = [{"speed": share * SIX.robots["robot2"].max_speed, "heading_deg": 30.0}]
+    changed = {"route": route, "collisions": {"mode": "off", "lag": 0.0}}
+    mission = Mission.model_validate({**SIX.model_dump(), **changed})
+    result = simulate(mission, runs=60, seed=1, horizon=200.0, options=Options(avoid=False))
+    assert result.converged.all()
