@@ -16,7 +16,16 @@ from formation.leader.route import DRIVEN, NamedRoute
 from formation.leader.shape_transition import ShapeTransition, Wish
 from formation.mission.model import Mission
 from formation.mission.route import Straight
-from formation.protocol.order import Mode, OperatorRequest, Order, Slots, Tuned
+from formation.protocol.order import (
+    MAX_SIGNED_BYTES,
+    Mode,
+    Motion,
+    OperatorRequest,
+    Order,
+    Slots,
+    Tuned,
+    encode,
+)
 from formation.protocol.reasons import Code, Reason
 from formation.protocol.stops import MOTION, Rest, Result
 from formation.slots.geofence import LENGTH_TOLERANCE, Breach, Geofence
@@ -262,7 +271,15 @@ class Plan:
         self.shape_transition = ShapeTransition(self._mission, PlacedShape.of(order), wish, self._speed)
 
     def order(self, term: int, beat: int, mode: Mode) -> Order:
-        """Return the order to publish."""
+        """Return the order to publish; without the motion, if it would be too long to be signed."""
+        motion = (
+            self.route.motion(self.route_time, self.pace) if self.tells_motion and mode == "run" else None
+        )
+        whole = self._order(term, beat, mode, motion)
+        fits = motion is None or len(encode(whole)) <= MAX_SIGNED_BYTES
+        return whole if fits else self._order(term, beat, mode, None)
+
+    def _order(self, term: int, beat: int, mode: Mode, motion: Motion | None) -> Order:
         wish = self.shape_transition.wish
         return Order(
             term=term,
@@ -279,9 +296,7 @@ class Plan:
             route=self.route.id,
             time=round(min(self.route_time, MAX_ROUTE_TIME), 3),
             place=self.route.place(self.route_time),
-            motion=self.route.motion(self.route_time, self.pace)
-            if self.tells_motion and mode == "run"
-            else None,
+            motion=motion,
             tuned=self.tuned,
             driven=self.driven,
         )

@@ -16,7 +16,7 @@ from formation.deploy.check import _eigenvalues, bounds, words
 from formation.deploy.cli import main
 from formation.mission.file import load, read, shipped
 from formation.mission.model import Bounds
-from formation.mission.route import Straight
+from formation.mission.route import Circle, Straight
 from formation.stability import feasibility
 from formation.stability.analysis import analyse
 from tests.unit.deploy.commands import Capsys
@@ -178,3 +178,13 @@ def test_check_warns_where_route_and_shapes_leave_the_bounds() -> None:
     assert found[0].startswith("the route leaves the bounds after 148 s, where the leader reaches x = 29.6 m")
     assert found[1].startswith("shape wedge leaves the bounds at the start")
     assert found[1].endswith("robot3's slot at y = 1 m, limit 0.8 m")
+
+
+def test_check_says_what_is_proven_and_how_curves_end() -> None:
+    circle = Circle(radius=2.0, speed=0.2)
+    six, patrol = load("six_robots").changed(route=(circle,)), load("patrol")
+    found = analyse(six)
+    assert "comes into formation from every start (theorem 1)" in words(six, found)
+    assert 0.0 < found.as_json()["certificate"]["curve_errors"]["robot6"] < 0.005
+    assert "off by" in words(six, found)
+    assert "not from every start: the leader must be slower than robot1" in words(patrol, analyse(patrol))

@@ -3,12 +3,12 @@ from __future__ import annotations
 import cmath
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from formation.control.controller import Controller, Gains, Limits, Measured, Step, error, nominal
 from formation.control.laws import LAWS
-from formation.control.laws.field import CONE_SHARE, field, intercepting, stoppable, turning
+from formation.control.laws.field import CONE_SHARE, field, intercepting, stoppable, turnable, turning
 from formation.control.laws.paper import paper
 from formation.control.laws.proportional import proportional
 from formation.control.trust import weight
@@ -164,6 +164,21 @@ def test_approach_can_be_stopped_by_the_ramp(distance: float, gain: float, accel
         after = stoppable(distance - step * speed, gain, body)
         assert speed - after <= step * acceleration * (1.0 + 1e-6)
         distance -= step * speed
+
+
+@given(vectors.filter(lambda e: abs(e) > 1e-3), headings, st.floats(0.7, 1.4), st.floats(0.5, 20.0))
+def test_sideways_approach_can_be_ended_by_the_ramps_turn(
+    away: complex, direction: complex, speed: float, acceleration: float
+) -> None:
+    body, velocity = Limits(0.2, 1.5, 1.5, acceleration), speed * direction
+    towards, turn_acceleration = away / abs(away), acceleration * 1.5 / 1.5
+    closing = turnable(away, towards, velocity, 1e3, body)
+    sideways = closing * abs((towards * direction.conjugate()).imag)
+    aside = abs((away * direction.conjugate()).imag)
+    assume(aside > 1e-9)
+    assert 0.0 < closing <= 1e3
+    assert sideways * (sideways / (speed * turn_acceleration)) ** 0.5 <= aside + 1e-9
+    assert turnable(away, towards, velocity, 1e-4 * closing, body) == 1e-4 * closing
 
 
 def test_robot_reverses_to_a_slot_far_behind_only() -> None:

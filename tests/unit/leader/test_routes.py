@@ -7,7 +7,7 @@ import json
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from formation.leader.route import NamedRoute
@@ -17,6 +17,7 @@ from formation.mission.route import Circle, Leg, Straight, Waypoints
 from formation.protocol.order import (
     MAX_ATTACHMENT_BYTES,
     MAX_REQUEST_BYTES,
+    MAX_SIGNED_BYTES,
     PositionAttachment,
     ReceivedPosition,
     encode,
@@ -150,7 +151,8 @@ def test_longest_order_of_worst_mission_can_be_relayed(length: int, mixed: int) 
     shapes = "".join(f"[shapes.{name}]\nbob = [{-1.1 - k}, {0.1 * k}]\n" for k, name in enumerate(names))
     plain = "[shapes.line]\nbob = [-1.0, 0.0]\n[shapes.near]\nbob = [-0.5, 0.0]\n"
     assert plain in CURVED
-    worst = parse("turning = true" + CURVED.replace(plain, shapes))
+    orders = '[law]\nleader_orders = "velocity"\n'
+    worst = parse("turning = true" + CURVED.replace(plain, shapes) + orders)
     leader, longest, most = leading(worst), 0, 0
     drive(leader, 0.0, 400.0, 10.0)
     ask(leader, b'{"do":"speed","speed":0.9,"degrees":123.4567}')
@@ -162,12 +164,33 @@ def test_longest_order_of_worst_mission_can_be_relayed(length: int, mixed: int) 
         for result in drive(leader, 500.0 + k, 0.12):
             worded = result.order.model_copy(update={"beat": 2**40, "holding": True, "base_mode": "hold"})
             reported = PositionAttachment(
-                publisher_id="v" * 64, count=2**40, order=worded, unavailable=True,
+                publisher_id="v" * 64, count=2**40, order=worded, order_age=0.1234, unavailable=True,
                 voted_term=2**63 - 1, last_ballot=2**63 - 1, mission=worst.tag,
                 refused=2**63 - 1, because="earlier",
                 received=ReceivedPosition(robot="r" * 64, stamp=1_700_000_000.123456),
             )  # fmt: skip
             longest = max(longest, len(encode(reported)))
             most = max(most, len(leader.plan.shape_transition.placed_shape.mix))
+            assert len(encode(result.order)) <= MAX_SIGNED_BYTES
     assert most == mixed
     assert 800 < longest < MAX_ATTACHMENT_BYTES - 40
+
+
+@given(st.floats(0.0, 14.0), st.floats(0.0, 1.0), st.floats(0.1, 1.0))
+def test_motion_in_an_order_tells_the_next_second(time: float, age: float, pace: float) -> None:
+    route = NamedRoute.of(parse(CURVED))
+    motion, later = route.motion(time, pace), time + pace * age
+    changes = [one for one in route.begins if time < one <= later]
+    assume(len(changes) <= 1 and all(abs(later - one) > 1e-3 for one in changes))
+    velocity = 0j if motion is None else motion.after(age)
+    way = 0j if motion is None else motion.moved(age)
+    assert velocity == pytest.approx(pace * route.velocity(later), abs=1e-5)
+    assert way == pytest.approx(route.position(later) - route.position(time), abs=1e-4)
+
+
+@pytest.mark.parametrize(("leader_orders", "told"), [("signed", False), ("velocity", True), ("none", False)])
+def test_only_orders_that_are_used_have_a_motion(leader_orders: str, told: bool) -> None:
+    mission = parse(CURVED + f'[law]\nleader_orders = "{leader_orders}"\n')
+    order = leading(mission).plan.order(1, 1, "run")
+    assert (order.motion is not None) is told
+    assert leading(mission).plan.order(1, 2, "hold").motion is None
