@@ -45,7 +45,6 @@ def test_the_printed_law_gets_there_too_but_takes_its_time() -> None:
     assert fleet.error() < SIX.settled
 
 
-@pytest.mark.slow
 def test_proportional_law_ramps_avoids_and_gets_there() -> None:
     fleet = Fleet(scenarios.exchanged(SIX), law="proportional", seed=2)
     assert room(fleet, 20.0) > 0.0
