@@ -19,7 +19,6 @@ from tests.support.monitored import Fleet
 from tests.support.recordings import coming_in, gathered, record, talk
 
 TEXT = read("six_robots")[0]
-VOID = {"meta", "link", "br", "use", "path", "image"}
 
 
 class Read(HTMLParser):
