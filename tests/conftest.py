@@ -15,6 +15,7 @@ import signal
 import threading
 from collections.abc import Iterator, Sequence
 from functools import cache
+from pathlib import Path
 from time import monotonic, sleep  # as they are, though a test replaces those of `time`
 from typing import TYPE_CHECKING
 
@@ -106,10 +107,19 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadSco
     return ByCost(config, log)
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out files with processes of which no test would be selected: importing them takes seconds."""
+    if not _selects_by_cost(config) or not collection_path.name.startswith("test_"):
+        return None
+    if not _has_processes(collection_path.relative_to(config.rootpath).as_posix()):
+        return None
+    return True if "pytest.mark.smoke" not in collection_path.read_text(encoding="utf-8") else None
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Select by cost, and skip by name what needs what this machine lacks."""
-    if not config.getoption("--all") and config.args_source is pytest.Config.ArgsSource.TESTPATHS:
+    if _selects_by_cost(config):
         _deselect_costly(config, items)
     if os.environ.get("FORMATION_TEST_ALL") == "1":
         return
@@ -179,6 +189,10 @@ def browser() -> Iterator[Browser]:
 
     with browsing() as one:
         yield one
+
+
+def _selects_by_cost(config: pytest.Config) -> bool:
+    return not config.getoption("--all") and config.args_source is pytest.Config.ArgsSource.TESTPATHS
 
 
 def _has_processes(nodeid: str) -> bool:

@@ -6,14 +6,18 @@ it, and by its timer when nothing does.
 
 from __future__ import annotations
 
+import copyreg
 import heapq
 import itertools
 import math
 import random
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Self
+from functools import partial
+from types import MappingProxyType
+from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
 
@@ -43,6 +47,10 @@ def named(request: OperatorRequest, put: Callable[[bytes], bytes]) -> OperatorRe
 
 
 EPOCH = 1.7e9
+MAX_STORED_FLEETS = 8
+"""So many fleets that have run for a while are stored, to be copied by the next test."""
+# The values of a reason are read-only; copying a fleet copies them.
+copyreg.pickle(MappingProxyType, lambda values: (MappingProxyType, (dict(values),)))
 
 
 def at(mono: float) -> Now:
@@ -72,6 +80,17 @@ class Link(NamedTuple):
     """… from then on [s]."""
     bandwidth: float = math.inf
     """What exceeds this waits in a queue without end [B/s]."""
+
+
+@dataclass
+class PublisherIds:
+    """One publisher id after another; unlike a generator it can be copied."""
+
+    count: int = 0
+
+    def __next__(self) -> str:
+        self.count += 1
+        return f"publisher{self.count - 1}"
 
 
 class LeaderTerm(NamedTuple):
@@ -122,7 +141,7 @@ class Fleet:
     def __post_init__(self) -> None:
         self.random = random.Random(self.seed)
         self.world = World(self.mission, seed=self.seed, plants=self.plants)
-        self.publisher_ids = (f"publisher{number}" for number in itertools.count())
+        self.publisher_ids = PublisherIds()
         self.leader = Leader(self.mission, publisher_id=next(self.publisher_ids))
         self.agents = {name: self.new_agent(name) for name in self.mission.followers}
         self.candidates = {
@@ -136,6 +155,27 @@ class Fleet:
         self._sent_until: dict[tuple[str, str], float] = defaultdict(float)
         for name in self.nodes:
             self._wake(name, self.random.uniform(0.0, 0.05))
+
+    @classmethod
+    def under_way(cls, mission: Mission, seconds: float, law: str | None = None, **options: Any) -> Self:
+        """Return a new fleet that has run for so long: a copy of one that did, if there is one.
+
+        A closure over the fleet would not be copied: set `meddle` afterwards.
+        """
+        how = (cls, seconds, law, options)
+        for stored, fleet in STORED_FLEETS:
+            if stored == how and fleet.mission == mission:
+                return cast("Self", fleet.copy())
+        fleet = cls(mission, law, **options).after(seconds)
+        STORED_FLEETS.append((how, fleet))
+        return fleet.copy()
+
+    def copy(self) -> Self:
+        """Return another fleet in the same state, with the same mission."""
+        copied = deepcopy(self, {id(self.mission): self.mission})
+        for candidate in copied.candidates.values():
+            candidate.operator_requests._seat = partial(getattr, candidate, "seat")
+        return copied
 
     def new_agent(self, name: str) -> Agent:
         """As its process would make it when it starts."""
@@ -387,3 +427,7 @@ class Fleet:
             self.commands[sender].append((self.now, twist.speed, twist.turn_rate))
         elif sender in self.agents and out.key == STATUS.key(sender):
             self._published[sender] = decode(Diagnostics, out.payload)
+
+
+STORED_FLEETS: deque[tuple[tuple[Any, ...], Any]] = deque(maxlen=MAX_STORED_FLEETS)
+"""How a fleet was made, and the fleet."""

@@ -17,7 +17,7 @@ from formation.mission.model import Mission
 from formation.ros2.messages import Twist, TwistStamped
 from formation.ros2.messages import encode as encode_message
 from formation.topics import CMD_VEL
-from formation.wire import Sample
+from formation.wire import Now, Sample
 from tests.support.missions import with_keys
 from tests.support.recorded import Looped, RecordedFleet
 
@@ -74,10 +74,14 @@ class Team(RecordedFleet):
         self.agents[name] = self.new_agent(name)
         store: Any = self.drawers[name]
         persistence = None if empty else Persistence(self.agents[name], store, boot)
-        looped = Looped(self.agents[name], self.record, persistence=persistence, clock=lambda: self.moment)
+        looped = Looped(self.agents[name], self.record, persistence=persistence, clock=self.read_clock)
         looped.sides.begin(self.moment)
         self.nodes[name].core = looped
         self.revive(name)
+
+    def read_clock(self) -> Now:
+        """The clock of the agents' loops, as a method, so that a copied team has its own."""
+        return self.moment
 
     def lose(self, name: str, seconds: float) -> None:
         """Kill an agent; its watchdog tells the robot to stand after 3 periods of silence."""
@@ -118,6 +122,4 @@ def turning_back(name: str = "six_robots", after: float = 12.0, **keys: str | fl
 
 def driving(mission: Mission = SIX, seconds: float = 8.0) -> Team:
     """A team that has driven for so long."""
-    team = Team(mission)
-    team.run(seconds)
-    return team
+    return Team.under_way(mission, seconds)

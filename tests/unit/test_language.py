@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -26,10 +27,11 @@ GUARDED = Path("monitor", "web")
 """Here a guard is what protects the live page from requests of other pages."""
 
 
-def sources(folder: str) -> Iterator[tuple[Path, ast.Module]]:
+@cache
+def sources(folder: str) -> list[tuple[Path, ast.Module]]:
     """Files of a top-level folder, without links to other folders, with their syntax trees."""
-    for path in sorted((ROOT / folder).rglob("*.py")):
-        yield path.relative_to(ROOT), ast.parse(path.read_text(encoding="utf-8"))
+    paths = sorted((ROOT / folder).rglob("*.py"))
+    return [(path.relative_to(ROOT), ast.parse(path.read_text(encoding="utf-8"))) for path in paths]
 
 
 def strings(tree: ast.Module) -> Iterator[tuple[int, str]]:

@@ -21,7 +21,6 @@ from collections import deque
 
 from formation.transport.runtime.process import say
 
-BROADCAST = b"\xff" * 6
 EVERY_FRAME = 0x0003  # ETH_P_ALL
 SIOCETHTOOL, SET_TX_SUMS, SET_SEGMENTS = 0x8946, 0x17, 0x1F  # of linux/sockios.h and linux/ethtool.h
 

@@ -32,8 +32,6 @@ FAR = CHAIN.replace("b = [-2.0, 0.0]", "b = [-2.0, 3.0]")
 """The same team, with another place for b."""
 CREPT = 0.01
 """A robot that holds since it started has not come further [m]."""
-BRAKED = 0.15
-"""A robot that begins to hold while it drives at 0.2 m/s comes no further [m]."""
 
 
 @dataclass

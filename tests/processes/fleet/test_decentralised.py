@@ -34,7 +34,7 @@ from tests.support.zenoh_admin import Peer, clients, inspect
 
 pytestmark = pytest.mark.processes
 SIX = load("six_robots")
-MISSIONS = ("six_robots", "patrol")
+MISSIONS = (pytest.param("six_robots", marks=pytest.mark.slow), "patrol")
 """The first that a user runs, and one with standbys and fallback neighbours."""
 OTHERS = ("turtlebot3_pair", "two_chains", "posts", "convoy")
 """The other shipped missions."""

@@ -27,11 +27,6 @@ pytestmark = pytest.mark.processes
 
 
 @pytest.fixture
-def endpoint() -> str:
-    return free_endpoint()
-
-
-@pytest.fixture
 def pair(endpoint: str) -> Iterator[tuple[Bus, Bus]]:
     with pair_on(endpoint) as (here, there):
         yield here, there

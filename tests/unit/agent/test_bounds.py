@@ -43,7 +43,7 @@ def farthest(fleet: Fleet) -> float:
     "change", [{"scale": 1000.0, "slots": None}, {"place": Place(x=0.0, y=-29.0, heading=0.0)}]
 )
 def test_forged_order_outside_the_bounds_is_refused(change: dict[str, object]) -> None:
-    fleet = Fleet(SIX, seed=1).after(10.0)
+    fleet = Fleet.under_way(SIX, 10.0, seed=1)
     fleet.meddle = reordered(POSITION.key("robot1"), **change)
     before = fleet.points()
     fleet.run(10.0)

@@ -64,7 +64,7 @@ def test_wrong_clock_costs_at_most_the_path_meanwhile(error: float) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("step", [-3600.0, -10.0, -0.3, 0.3, 0.5, 0.7, 10.0, 3600.0])
 def test_clock_change_while_driving_causes_no_lurch(step: float) -> None:
-    fleet = Fleet(UNRAMPED).after(14.0)
+    fleet = Fleet.under_way(UNRAMPED, 14.0)
     set_clock(fleet, "robot3", step)
     fleet.run(4.0)
     assert most_sudden(fleet, since=13.9) < 0.5

@@ -33,7 +33,7 @@ def test_the_shipped_missions_come_into_formation(name: str) -> None:
 
 
 def test_six_robots_are_in_formation_within_eight_seconds() -> None:
-    fleet = Fleet(SIX).after(8.0)
+    fleet = Fleet.under_way(SIX, 8.0)
     assert fleet.error() < SIX.settled
 
 
@@ -45,7 +45,6 @@ def test_the_printed_law_gets_there_too_but_takes_its_time() -> None:
     assert fleet.error() < SIX.settled
 
 
-@pytest.mark.slow
 def test_proportional_law_ramps_avoids_and_gets_there() -> None:
     fleet = Fleet(scenarios.exchanged(SIX), law="proportional", seed=2)
     assert room(fleet, 20.0) > 0.0
@@ -75,7 +74,7 @@ def test_simulation_settles_when_agents_do(law: str) -> None:
 def test_lost_positions_do_not_keep_the_robots_from_formation(
     loss: float, typical: float, worst: float
 ) -> None:
-    fleet = Fleet(SIX, loss=loss, seed=4).after(15.0)
+    fleet = Fleet.under_way(SIX, 15.0, loss=loss, seed=4)
     assert fleet.within_limits
     errors = fleet.errors(10.0)
     assert median(errors) < typical
@@ -93,7 +92,7 @@ def test_robots_that_measure_displacements_themselves_form(late: float, bound: f
 
 
 def test_dead_leader_stops_all_robots_in_time() -> None:
-    fleet = Fleet(SIX).after(8.0)
+    fleet = Fleet.under_way(SIX, 8.0)
     fleet.kill("leader")
     fleet.run(5 * 0.05)
     assert fleet.last_command("robot2") == AT_REST  # it measures only the leader
@@ -105,7 +104,7 @@ def test_dead_leader_stops_all_robots_in_time() -> None:
 
 
 def test_a_robot_without_any_fresh_neighbour_stands_still_within_three_periods() -> None:
-    fleet = Fleet(SIX).after(8.0)
+    fleet = Fleet.under_way(SIX, 8.0)
     fleet.kill("robot2")
     fleet.run(5.0)
     assert fleet.status("robot3").state == fleet.status("robot4").state == "run"
@@ -118,7 +117,7 @@ def test_a_robot_without_any_fresh_neighbour_stands_still_within_three_periods()
 
 
 def test_silent_odometry_stops_the_robot_within_three_periods() -> None:
-    fleet = Fleet(SIX).after(8.0)
+    fleet = Fleet.under_way(SIX, 8.0)
     fleet.meddle = lost(ODOM.key("robot3"))
     fleet.run(3 * 0.05 + 0.06)
     assert fleet.last_command("robot3") == AT_REST
@@ -129,7 +128,7 @@ def test_silent_odometry_stops_the_robot_within_three_periods() -> None:
 
 
 def test_hold_stops_all_and_run_moves_all_again() -> None:
-    fleet = Fleet(SIX).after(8.0)
+    fleet = Fleet.under_way(SIX, 8.0)
     assert fleet.ask("robot1", "hold").ok
     fleet.run(0.5)
     assert {fleet.status(name).reason.code for name in SIX.followers} == {Code.HELD_BY_LEADER}

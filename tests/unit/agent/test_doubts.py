@@ -61,7 +61,7 @@ def test_odometry_glitch_does_not_make_followers_lurch() -> None:
 
 
 def test_a_position_said_again_and_again_is_not_followed() -> None:
-    fleet = Fleet(SIX).after(8.0)
+    fleet = Fleet.under_way(SIX, 8.0)
     stuck: list[Sample] = []
 
     def repeat(sample: Sample) -> tuple[Sample]:
@@ -112,7 +112,7 @@ def test_slow_robot_follows_fast_neighbour_by_sensor() -> None:
 
 
 def test_a_stop_takes_hold_at_once_even_right_after_a_rest() -> None:
-    fleet = Fleet(SIX).after(8.0)
+    fleet = Fleet.under_way(SIX, 8.0)
 
     def step() -> None:
         fleet._send("robot3", fleet.agents["robot3"].step(fleet.moment, []))

@@ -39,14 +39,19 @@ def means(mission: Mission) -> tuple[float, float]:
     return fmean(wanted), fmean(reported)
 
 
-@pytest.mark.parametrize("leader_speed", [0.045, 0.05, 0.0511, 0.0549, 0.0599])
+@pytest.mark.parametrize(
+    "leader_speed",
+    [0.0511, 0.0549, *(pytest.param(one, marks=pytest.mark.slow) for one in (0.045, 0.05, 0.0599))],
+)
 def test_error_feedback_keeps_mean_speed_of_law(leader_speed: float) -> None:
     wanted, reported = means(pair(feedback=True, leader_speed=leader_speed))
     assert wanted == pytest.approx(leader_speed, rel=0.02)
     assert reported == pytest.approx(wanted, rel=0.005)
 
 
-@pytest.mark.parametrize("leader_speed", [0.045, 0.05, 0.0549, 0.0599])
+@pytest.mark.parametrize(
+    "leader_speed", [0.0549, *(pytest.param(one, marks=pytest.mark.slow) for one in (0.045, 0.05, 0.0599))]
+)
 def test_without_error_feedback_robot_is_too_slow(leader_speed: float) -> None:
     wanted, reported = means(pair(feedback=False, leader_speed=leader_speed))
     assert reported < 0.95 * wanted

@@ -87,7 +87,7 @@ def test_a_camera_that_loses_sight_stops_the_robot_within_three_periods() -> Non
 
 @pytest.mark.parametrize("mission", [SEEN, MEASURED], ids=["observer", "measured"])
 def test_camera_reporting_another_robot_stops_without_lurch(mission: Mission) -> None:
-    fleet = Fleet(mission).after(20.0)
+    fleet = Fleet.under_way(mission, 20.0)
     fleet.meddle = altered(POSE.key("robot1"), Pose, lambda seen: replace(seen, position=seen.position - 1j))
     begun = fleet.now
     fleet.run(0.1)
@@ -124,7 +124,7 @@ def test_rare_positions_do_not_spoil_heading(heading: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("mission", [SEEN, MEASURED], ids=["observer", "measured"])
 def test_frozen_camera_position_stops_robot(mission: Mission) -> None:
-    fleet = Fleet(mission).after(20.0)
+    fleet = Fleet.under_way(mission, 20.0)
     frozen: list[Pose] = []
 
     def freeze(seen: Pose) -> Pose:
@@ -142,7 +142,7 @@ def test_frozen_camera_position_stops_robot(mission: Mission) -> None:
 
 
 def test_flipped_measured_heading_stops_robot() -> None:
-    fleet = Fleet(MEASURED).after(20.0)
+    fleet = Fleet.under_way(MEASURED, 20.0)
     fleet.meddle = altered(POSE.key("robot1"), Pose, lambda seen: replace(seen, heading=-seen.heading))
     driven = fleet.driven("robot1", 0.1)
     assert fleet.last_command("robot1") == AT_REST

@@ -34,7 +34,7 @@ BEHIND = {"robot1": "robot2", "robot5": "robot4"}
 
 
 def under_way(mission: Mission = PATROL, seconds: float = 9.0) -> Fleet:
-    return Fleet(mission).after(seconds)
+    return Fleet.under_way(mission, seconds)
 
 
 def off(fleet: Fleet) -> dict[str, float]:

@@ -50,7 +50,7 @@ def test_robots_hold_soon_after_the_leader_dies_behind_slow_links(words: str) ->
 
 
 def test_hold_takes_effect_soon_behind_links_that_slow_down() -> None:
-    fleet = Fleet(PAIR).after(8.0)
+    fleet = Fleet.under_way(PAIR, 8.0)
     fleet.links["leader", "robot2"] = Link(0.0, PROMPT, growth=1.0, since=fleet.now)
     fleet.run(3.0)
     fleet.ask("robot1", "hold")
@@ -59,7 +59,7 @@ def test_hold_takes_effect_soon_behind_links_that_slow_down() -> None:
 
 
 def test_robot_follows_again_when_links_are_well() -> None:
-    fleet = Fleet(PAIR).after(8.0)
+    fleet = Fleet.under_way(PAIR, 8.0)
     fleet.links["leader", "robot2"] = Link(0.0, PROMPT, growth=1.0, since=fleet.now)
     fleet.run(5.0)
     assert fleet.agents["robot2"].decision.state == "hold"
@@ -69,7 +69,7 @@ def test_robot_follows_again_when_links_are_well() -> None:
 
 
 def test_thawed_leader_is_followed_at_once() -> None:
-    fleet = Fleet(PAIR).after(8.0)
+    fleet = Fleet.under_way(PAIR, 8.0)
     fleet.freeze("leader")
     fleet.run(5.0)
     fleet.thaw("leader")

@@ -71,7 +71,7 @@ def unaware_of_velocities(slots: Taken) -> None:
 
 
 def test_without_their_slots_velocity_they_would_lag_behind() -> None:
-    fleet = Fleet(SIX).after(9.0)
+    fleet = Fleet.under_way(SIX, 9.0)
     for agent in fleet.agents.values():
         unaware_of_velocities(agent._slots)
     fleet.order_shape("wedge")
@@ -80,7 +80,7 @@ def test_without_their_slots_velocity_they_would_lag_behind() -> None:
 
 @pytest.mark.slow
 def test_jumping_order_is_limited_to_slot_speed() -> None:
-    fleet = Fleet(SIX).after(9.0)
+    fleet = Fleet.under_way(SIX, 9.0)
     since, jump = fleet.now, Slots(mix={"wedge": 1.0}, rotation=1.5)
     fleet.meddle = reordered(POSITION.key("robot1"), slots=jump)
     most = MAX_SLOT_SPEED_SHARE * SIX.robot.max_speed

@@ -41,7 +41,7 @@ FINE = Surroundings(connected=True, routed=True)
 def test_disconnected_robot_gets_zero_and_status_gives_reason(
     surroundings: Surroundings, reason: Code, link: RobotLink
 ) -> None:
-    fleet = Fleet(PAIR).after(3.0)
+    fleet = Fleet.under_way(PAIR, 3.0)
     agent = fleet.agents["robot1"]
     integral = agent.state.integral
     agent.aware(surroundings)

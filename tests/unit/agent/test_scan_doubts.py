@@ -31,9 +31,9 @@ NOISY, EXACT = "lost = 0.05\n", "lost = 0.0\nnoise = 0.0\nrelative_noise = 0.0\n
 KEY, OWN = SCAN.key("robot1"), ODOM.key("robot1")
 
 
-def before_a_wall(scanner: str) -> Fleet:
+def before_a_wall(scanner: str, seconds: float) -> Fleet:
     """A robot that nothing but its protective zone keeps from a wall."""
-    return Fleet(with_mode(among(team(ALONE, None, scanner=scanner), ACROSS), "off"))
+    return Fleet.under_way(with_mode(among(team(ALONE, None, scanner=scanner), ACROSS), "off"), seconds)
 
 
 # Odometry that says what cannot be
@@ -62,8 +62,7 @@ def once_wrong(speed: float, lost: int) -> Callable[[Sample], Iterable[Sample]]:
 def test_one_speed_that_cannot_be_carries_no_wall_behind_the_robot(
     speed: float, lost: int, scanner: str
 ) -> None:
-    fleet = before_a_wall(scanner)
-    fleet.run(14.0)
+    fleet = before_a_wall(scanner, 14.0)
     fleet.meddle = once_wrong(speed, lost)
     assert room(fleet, 4.0) > 0.0
 
@@ -122,7 +121,7 @@ def late(way: float) -> Meddle:
 @pytest.mark.parametrize("scanner", ["required", "optional"])
 @pytest.mark.parametrize("way", [0.5, 0.7, 1.0])
 def test_late_scans_never_let_robot_touch_wall(way: float, scanner: str) -> None:
-    fleet = before_a_wall(scanner)
+    fleet = before_a_wall(scanner, 0.0)
     fleet.meddle = late(way)
     assert room(fleet, 14.0) > 0.0
     result = fleet.status("robot1")

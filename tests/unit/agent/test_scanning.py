@@ -74,9 +74,9 @@ def _from_wall(here: complex, begin: complex, end: complex) -> float:
     "robot",
     [
         {},
-        {"odometry_frame": "start"},
+        pytest.param({"odometry_frame": "start"}, marks=pytest.mark.slow),
         {"measurement": "local"},
-        {"localisation": "external"},
+        pytest.param({"localisation": "external"}, marks=pytest.mark.slow),
         {"localisation": "external", "heading": "measured"},
         {"avoid": "all", "scanner": "optional"},
     ],

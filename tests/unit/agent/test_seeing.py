@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import pytest
@@ -38,17 +39,28 @@ def triangle(route: str = STRAIGHT, errors: Errors = Errors(), **keys: Any) -> F
     return fleet_of(hexagon(route, errors, robots=TRIANGLE, **keys), errors)
 
 
+@cache
+def _driving_triangle(scanner: str) -> Fleet:
+    return triangle(scanner=scanner).after(8.0)
+
+
+def driving_triangle(scanner: str = "required") -> Fleet:
+    """The same after 8 s."""
+    return _driving_triangle(scanner).copy()
+
+
 def holds(fleet: Fleet, robot: str, code: Code) -> bool:
     """Whether a robot stands for this reason."""
     decision = fleet.agents[robot].decision
     return decision.state is AgentState.HOLD and decision.reason.code is code
 
 
-def test_seeing_robots_keep_true_relative_positions() -> None:
-    seeing = fleet_of(hexagon(simulated=DRIFT)).after(25.0)
+@pytest.mark.parametrize("robots", [TRIANGLE, pytest.param((), marks=pytest.mark.slow)], ids=["three", "six"])
+def test_seeing_robots_keep_true_relative_positions(robots: tuple[str, ...]) -> None:
+    seeing = fleet_of(hexagon(simulated=DRIFT, robots=robots)).after(25.0)
     assert worst(seeing, 10.0) < 0.03
     assert seeing.states == {AgentState.RUN}
-    trusting = fleet_of(hexagon(simulated=DRIFT, measurement="network")).after(25.0)
+    trusting = fleet_of(hexagon(simulated=DRIFT, robots=robots, measurement="network")).after(25.0)
     assert shape_error(trusting.after(10.0)) > 0.08
 
 
@@ -73,7 +85,7 @@ def test_status_says_how_well_neighbours_are_seen() -> None:
 
 
 def test_blinded_robot_drives_on_for_a_while_only() -> None:
-    fleet = triangle().after(8.0)
+    fleet = driving_triangle()
     blind(fleet, "robot7")
     fleet.run(10.0)
     assert fleet.agents["robot7"].decision.state is AgentState.RUN
@@ -86,7 +98,7 @@ def test_blinded_robot_drives_on_for_a_while_only() -> None:
 
 
 def test_carried_robot_stands_as_neighbours_are_elsewhere() -> None:
-    fleet = triangle().after(8.0)
+    fleet = driving_triangle()
     carry(fleet, "robot7", 0.15 - 0.4j)
     fleet.run(2.5)
     assert holds(fleet, "robot7", Code.SIGHT_CONTRADICTED)
@@ -97,13 +109,13 @@ def test_carried_robot_stands_as_neighbours_are_elsewhere() -> None:
 
 
 def test_robot_put_down_a_little_off_finds_its_place() -> None:
-    fleet = triangle().after(8.0)
+    fleet = driving_triangle()
     carry(fleet, "robot7", 0.03 + 0.05j)
     assert worst(fleet.after(8.0), 2.0) < 0.02
 
 
 def test_frozen_scan_shows_no_neighbour() -> None:
-    fleet = triangle(scanner="optional").after(8.0)
+    fleet = driving_triangle("optional")
     ranging = fleet.world._hosted["robot7"].ranging
     assert ranging is not None
     others = [fleet.world._hosted[name].disc for name in ("robot2", "robot3")]
@@ -133,7 +145,7 @@ def test_only_robots_before_it_correct_a_robot() -> None:
 
 
 def test_robot_that_searches_is_no_landmark() -> None:
-    fleet = triangle().after(8.0)
+    fleet = driving_triangle()
     blind(fleet, "robot3")
     fleet.agents["robot3"].perception.state.locked = False  # type: ignore[union-attr]
     fleet.run(4.0)

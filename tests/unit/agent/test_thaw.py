@@ -16,7 +16,7 @@ AT_REST = (0.0, 0.0)
 
 @pytest.mark.parametrize("leader_dies", [False, True])
 def test_a_thawed_agent_begins_with_zero(leader_dies: bool) -> None:
-    fleet = Fleet(SIX).after(8.0)
+    fleet = Fleet.under_way(SIX, 8.0)
     fleet.freeze("robot4")
     fleet.run(5.0)
     if leader_dies:
@@ -34,7 +34,7 @@ def test_a_thawed_agent_begins_with_zero(leader_dies: bool) -> None:
 
 
 def test_a_short_pause_is_no_freeze() -> None:
-    fleet = Fleet(SIX).after(8.0)
+    fleet = Fleet.under_way(SIX, 8.0)
     fleet.freeze("robot4")
     fleet.run(0.8)
     fleet.thaw("robot4")

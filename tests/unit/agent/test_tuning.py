@@ -120,7 +120,7 @@ def test_no_command_jumps_when_gains_are_accepted(mission: Mission, law: str) ->
 @pytest.mark.slow
 @pytest.mark.parametrize("gains", [{"k_p": 6.0, "k_i": 4.0}, {"k_p": 0.5, "k_i": 0.1}, {"k_i": 0.0}])
 def test_in_formation_nothing_is_felt_of_other_gains(gains: dict[str, float]) -> None:
-    fleet = Fleet(SIX, seed=1).after(20.0)
+    fleet = Fleet.under_way(SIX, 20.0, seed=1)
     assert fleet.error() < 0.05
     assert tune(fleet, **gains).ok
     fleet.run(5.0)
@@ -129,7 +129,7 @@ def test_in_formation_nothing_is_felt_of_other_gains(gains: dict[str, float]) ->
 
 
 def test_new_and_disconnected_agents_reach_same_gains() -> None:
-    fleet = Fleet(SIX, seed=2, loss=0.1).after(3.0)
+    fleet = Fleet.under_way(SIX, 3.0, seed=2, loss=0.1)
     fleet.kill("robot4")
     assert tune(fleet, k_p=3.0, k_i=0.5).ok
     fleet.run(1.0)
@@ -171,7 +171,7 @@ def test_restarted_agent_keeps_gains_and_integral() -> None:
 
 @pytest.mark.parametrize("law", LAWS)
 def test_commands_are_computed_again_to_the_last_bit_across_changes(law: str) -> None:
-    fleet = RecordedFleet(SIX, law=law, loss=0.1).after(2.0)
+    fleet = RecordedFleet.under_way(SIX, 2.0, law=law, loss=0.1)
     assert tune(fleet, k_p=3.0, k_i=0.5).ok
     fleet.run(0.5)
     assert tune(fleet, k_p=1.0).ok

@@ -6,6 +6,7 @@ import itertools
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -34,8 +35,13 @@ POSTS = load("posts")
 STEPS = {"speed_step": 0.01, "turn_rate_step": 0.01}
 
 
-RUN = RecordedFleet(SIX).after(8.0).record
 COMMAND = CMD_VEL.key("robot3")
+
+
+@cache
+def recording() -> Recording:
+    """Of six robots in their first 8 s."""
+    return RecordedFleet(SIX).after(8.0).record
 
 
 def changed(old: str, new: str, mission: str = "six_robots") -> Mission:
@@ -50,11 +56,11 @@ def without(record: Recording, *gone: Callable[[Sample, float], bool]) -> Record
 
 def nth(number: int) -> int:
     """Where a command of robot3 is in the recording."""
-    return [index for index, (sample, _) in enumerate(RUN) if sample.key == COMMAND][number]
+    return [index for index, (sample, _) in enumerate(recording()) if sample.key == COMMAND][number]
 
 
 def between(key: str, since: float, until: float) -> Callable[[Sample, float], bool]:
-    start = RUN[0][1]
+    start = recording()[0][1]
     return lambda sample, wall: sample.key == key and since <= wall - start < until
 
 
@@ -103,11 +109,11 @@ GAINS = {
 
 @pytest.mark.parametrize(("old", "new"), GAINS.values(), ids=GAINS)
 def test_with_one_number_changed_the_first_command_that_differs_is_named(old: str, new: str) -> None:
-    verdicts = verify(changed(old, new), RUN)
+    verdicts = verify(changed(old, new), recording())
     firsts = [one.first for one in verdicts.values() if one.first is not None]
     assert firsts
     first = min(firsts, key=lambda one: one.wall)
-    recorded = [wall for sample, wall in RUN if sample.key.endswith(CMD_VEL.name)]
+    recorded = [wall for sample, wall in recording() if sample.key.endswith(CMD_VEL.name)]
     assert first.wall in recorded
     assert first.recorded is not None
     assert first.computed is not None
@@ -121,13 +127,13 @@ def test_with_one_number_changed_the_first_command_that_differs_is_named(old: st
 
 @pytest.mark.slow
 def test_a_difference_within_the_tolerance_is_counted_and_is_none() -> None:
-    verdicts = verify(changed("[law]", "[law]\ngain = 8.0000000001"), RUN, tolerance=1e-6)
+    verdicts = verify(changed("[law]", "[law]\ngain = 8.0000000001"), recording(), tolerance=1e-6)
     assert all(one.first is None and one.differing == 0 for one in verdicts.values())
     assert all(0.0 < max(one.most_off) < 1e-6 and one.exact < one.compared for one in verdicts.values())
 
 
 def test_another_law_than_the_recorded_one_differs() -> None:
-    assert all(one.first is not None for one in verify(SIX, RUN, law="paper").values())
+    assert all(one.first is not None for one in verify(SIX, recording(), law="paper").values())
 
 
 @pytest.mark.slow
@@ -140,8 +146,8 @@ def test_a_command_altered_in_the_recording_is_found(
     payload: bytes, recorded: tuple[float, float] | None
 ) -> None:
     at = nth(50)
-    forged = list(RUN)
-    forged[at] = (RUN[at][0]._replace(payload=payload), RUN[at][1])
+    forged = list(recording())
+    forged[at] = (recording()[at][0]._replace(payload=payload), recording()[at][1])
     one = verify(SIX, forged)["robot3"]
     assert one.first is not None
     assert (one.differing, one.first.number) == (1, 51)
@@ -149,8 +155,8 @@ def test_a_command_altered_in_the_recording_is_found(
 
 
 def test_late_recording_is_judged_from_first_state() -> None:
-    start = RUN[0][1]
-    verdicts = verify(SIX, [(sample, wall) for sample, wall in RUN if wall > start + 2.0])
+    start = recording()[0][1]
+    verdicts = verify(SIX, [(sample, wall) for sample, wall in recording() if wall > start + 2.0])
     for one in verdicts.values():
         assert 0 < one.compared == one.exact < one.commands
         (stretch,) = one.unjudged
@@ -160,16 +166,16 @@ def test_late_recording_is_judged_from_first_state() -> None:
 
 
 def test_missing_neighbour_message_is_named_until_next_state() -> None:
-    one = verify(SIX, without(RUN, between(POSITION.key("robot1"), 2.0, 2.01 + 0.05)))["robot3"]
+    one = verify(SIX, without(recording(), between(POSITION.key("robot1"), 2.0, 2.01 + 0.05)))["robot3"]
     (stretch,) = one.unjudged
     assert "robot1/position" in stretch.reason
     assert one.compared == one.exact == one.commands - stretch.commands
-    assert 1.9 < stretch.since - RUN[0][1] < 2.3
-    assert 4.9 < stretch.until - RUN[0][1] < 5.3
+    assert 1.9 < stretch.since - recording()[0][1] < 2.3
+    assert 4.9 < stretch.until - recording()[0][1] < 5.3
 
 
 def test_commands_that_are_missing_are_counted() -> None:
-    one = verify(SIX, without(RUN, between(COMMAND, 2.0, 2.21)))["robot3"]
+    one = verify(SIX, without(recording(), between(COMMAND, 2.0, 2.21)))["robot3"]
     (stretch,) = one.unjudged
     assert stretch.reason in {f"{number} commands before it missing in the recording" for number in (4, 5)}
     assert one.compared == one.exact == one.commands - stretch.commands
@@ -177,7 +183,7 @@ def test_commands_that_are_missing_are_counted() -> None:
 
 def test_a_command_said_twice_is_passed_over_and_nothing_else() -> None:
     at = nth(50)
-    one = verify(SIX, [*RUN[: at + 1], RUN[at], *RUN[at + 1 :]])["robot3"]
+    one = verify(SIX, [*recording()[: at + 1], recording()[at], *recording()[at + 1 :]])["robot3"]
     assert [(stretch.commands, stretch.reason) for stretch in one.unjudged] == [(1, "comes a second time")]
     assert one.compared == one.exact == one.commands - 1
 
@@ -185,7 +191,7 @@ def test_a_command_said_twice_is_passed_over_and_nothing_else() -> None:
 def test_a_recording_without_traces_has_nothing_to_be_judged() -> None:
     bare = [
         (sample._replace(attachment=None) if sample.key.endswith(CMD_VEL.name) else sample, wall)
-        for sample, wall in RUN
+        for sample, wall in recording()
     ]
     for one in verify(SIX, bare).values():
         assert one.compared == 0
@@ -195,15 +201,17 @@ def test_a_recording_without_traces_has_nothing_to_be_judged() -> None:
 @pytest.mark.parametrize("late", [0.0, 0.5 * MAX_INPUT_DELAY])
 def test_the_order_in_which_a_monitor_heard_messages_does_not_matter(late: float) -> None:
     """Each key by itself is in order; between keys there are links of different speed."""
-    slow = [(sample, wall + (late if sample.key.endswith(POSITION.name) else 0.0)) for sample, wall in RUN]
+    slow = [
+        (sample, wall + (late if sample.key.endswith(POSITION.name) else 0.0)) for sample, wall in recording()
+    ]
     assert all_alike(verify(SIX, sorted(slow, key=lambda one: one[1])))
 
 
 @pytest.mark.slow
 def test_clock_change_of_recorder_does_not_matter() -> None:
-    middle = len(RUN) // 2
+    middle = len(recording()) // 2
     for leap in (3600.0, -3600.0):
-        leapt = [*RUN[:middle], *((sample, wall + leap) for sample, wall in RUN[middle:])]
+        leapt = [*recording()[:middle], *((sample, wall + leap) for sample, wall in recording()[middle:])]
         assert all_alike(verify(SIX, leapt))
 
 
@@ -212,9 +220,9 @@ def test_clock_change_of_recorder_does_not_matter() -> None:
 @given(data=st.data())
 def test_whatever_is_missing_no_difference_is_ever_made_up(data: st.DataObject) -> None:
     share, seed = data.draw(st.sampled_from([0.001, 0.05, 0.5])), data.draw(st.integers(0, 2**32 - 1))
-    gone = np.random.default_rng(seed).random(len(RUN)) < share
-    first = data.draw(st.integers(0, len(RUN) - 1))
-    part = [one for one, lost in zip(RUN, gone, strict=True) if not lost][first:]
+    gone = np.random.default_rng(seed).random(len(recording())) < share
+    first = data.draw(st.integers(0, len(recording()) - 1))
+    part = [one for one, lost in zip(recording(), gone, strict=True) if not lost][first:]
     for one in verify(SIX, part).values():
         assert one.exact == one.compared
         assert one.commands == one.compared + sum(stretch.commands for stretch in one.unjudged)
@@ -229,7 +237,7 @@ def test_a_trace_that_was_tampered_with_never_ends_the_verification(data: st.Dat
         st.sampled_from([None, True, -1, 1e300, "x", [], {}, [[1.0, 2.0, [[9, 9, 9.0]]]]])
     )
     number = nth(data.draw(st.sampled_from([0, 3, 40])))
-    sample, wall = RUN[number]
+    sample, wall = recording()[number]
     result = json.loads(sample.attachment or b"")
     name = data.draw(st.sampled_from([*result, "state", "gap", "agent", "halt"]))
     inner = result[name] if isinstance(result.get(name), dict) and data.draw(st.booleans()) else None
@@ -238,8 +246,8 @@ def test_a_trace_that_was_tampered_with_never_ends_the_verification(data: st.Dat
     else:
         inner[data.draw(st.sampled_from(sorted(inner)))] = rubbish
     forged = sample._replace(attachment=json.dumps(result).encode())
-    one = verify(SIX, [*RUN[:number], (forged, wall), *RUN[number + 1 :]])["robot3"]
-    assert one.commands == sum(sample.key == COMMAND for sample, _ in RUN)
+    one = verify(SIX, [*recording()[:number], (forged, wall), *recording()[number + 1 :]])["robot3"]
+    assert one.commands == sum(sample.key == COMMAND for sample, _ in recording())
 
 
 def test_failing_agent_counts_as_difference_until_next_state(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -252,7 +260,7 @@ def test_failing_agent_counts_as_difference_until_next_state(monkeypatch: pytest
         return act(self, now, inbox)
 
     monkeypatch.setattr(Agent, "act", fails_once)
-    found = [one for one in verify(SIX, RUN).values() if one.first is not None]
+    found = [one for one in verify(SIX, recording()).values() if one.first is not None]
     (one,) = found
     assert one.first is not None
     assert one.first.computed is None
@@ -263,19 +271,19 @@ def test_failing_agent_counts_as_difference_until_next_state(monkeypatch: pytest
 
 def test_a_mission_that_lacks_a_neighbour_is_no_reason_to_fail() -> None:
     fewer = changed('neighbours = ["robot1", "robot2"]', 'neighbours = ["robot2"]')
-    verdicts = verify(fewer, RUN)
+    verdicts = verify(fewer, recording())
     assert verdicts["robot3"].first is not None
     assert verdicts["robot2"].first is None
 
 
 def test_verification_retains_only_a_few_seconds() -> None:
     verification = Verification(SIX)
-    start, kept = RUN[0][1], list[int]()
+    start, kept = recording()[0][1], list[int]()
     for hour in range(3):
-        for sample, wall in RUN:
+        for sample, wall in recording():
             verification.process_sample(sample, wall + 8.0 * hour)
             kept.append(len(verification._buffer._found))
-    a_second = len(without(RUN, lambda _, wall: wall > start + 1.0))
+    a_second = len(without(recording(), lambda _, wall: wall > start + 1.0))
     assert max(kept) < (replica.MAX_STORED_TIME + core.MAX_INPUT_DELAY + 1.0) * a_second
     assert len(verification._due) < MAX_INPUT_DELAY * a_second
     assert not verification._awaited or max(map(len, verification._awaited.values())) < 10
@@ -301,7 +309,7 @@ def test_killed_agent_and_its_successor_are_both_judged() -> None:
 
 
 def test_new_agent_with_missing_beginning_is_distinguished() -> None:
-    fleet = RecordedFleet(SIX).after(2.0)
+    fleet = RecordedFleet.under_way(SIX, 2.0)
     fleet.restart("robot3")
     cut = len(fleet.record)
     fleet.run(1.0)
@@ -312,7 +320,7 @@ def test_new_agent_with_missing_beginning_is_distinguished() -> None:
 
 
 def test_two_agents_that_speak_for_one_robot_are_both_judged() -> None:
-    fleet = RecordedFleet(SIX).after(2.0)
+    fleet = RecordedFleet.under_way(SIX, 2.0)
     other = Looped(fleet.new_agent("robot3"), fleet.record)
     fleet.meddle = lambda sample: (sample,)
     step = fleet.loop("robot3").step
@@ -344,7 +352,7 @@ def test_operator_requests_and_halt_are_reproduced() -> None:
 
 @pytest.mark.slow
 def test_robot_link_outage_is_reproduced() -> None:
-    fleet = RecordedFleet(SIX).after(2.0)
+    fleet = RecordedFleet.under_way(SIX, 2.0)
     fleet.loop("robot3").robot.connected = False
     fleet.run(1.0)
     fleet.loop("robot3").robot.connected = True

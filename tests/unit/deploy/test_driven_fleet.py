@@ -38,14 +38,14 @@ def test_all_robots_stand_soon_after_letting_go(rehearsed_fleet: MakeRehearsed, 
     fleet.run(STAND_SECONDS)
     assert {fleet.command(name) for name in fleet.mission.followers} == {AT_REST}
     places = [fleet.position(name) for name in fleet.mission.followers]
-    fleet.run(60.0 if forward > 0.0 else 5.0)
+    fleet.run(20.0 if forward > 0.0 else 5.0)
     moved = [
         abs(fleet.position(name) - place) for name, place in zip(fleet.mission.followers, places, strict=True)
     ]
     assert max(moved) < 0.005
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("failure", FAILURES)
 def test_all_robots_stand_soon_after_a_failure(
     rehearsed_fleet: MakeRehearsed, failure: str, seed: int

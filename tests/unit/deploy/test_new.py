@@ -19,7 +19,7 @@ from formation.stability.crowding import rows
 from tests.campaigns.safety.missions import faults, made
 from tests.unit.deploy.commands import Capsys, output_of, refused
 
-SAMPLE = (3, 4, 7, 16, pytest.param(50, marks=pytest.mark.slow))
+SAMPLE = (3, 4, 7, *(pytest.param(robots, marks=pytest.mark.slow) for robots in (16, 50)))
 """Of the sizes that `python -m tests.campaigns.safety missions` tries all of."""
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from formation.deploy.cli import main
+from formation.deploy.recordings import report
 from tests.support.monitored import Fleet
 from tests.support.recordings import coming_in, record, talk
 from tests.unit.deploy.commands import Capsys, output_of, refused
@@ -18,6 +19,12 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("run") / "monday.mcap"
     record(path, talk(Fleet(away=coming_in), 9.0))
     return path
+
+
+@pytest.fixture
+def plain_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make pages without figures, which take a second to draw."""
+    monkeypatch.setattr(report, "page", lambda *_: f"{report.GENERATOR.decode()}</html>")
 
 
 def test_the_page_stands_beside_the_recording_and_stdout_is_json(recording: Path, capsys: Capsys) -> None:
@@ -87,6 +94,7 @@ def test_a_cut_recording_is_reported_and_said_to_be_cut(
         ([], "FILE"),
     ],
 )
+@pytest.mark.usefixtures("plain_page")
 def test_what_cannot_be_reported_is_refused_in_a_line(
     flags: list[str], named: str, recording: Path, tmp_path: Path, capsys: Capsys
 ) -> None:
@@ -103,6 +111,7 @@ def test_what_cannot_be_reported_is_refused_in_a_line(
     assert {path: path.read_bytes() for path in before} == before
 
 
+@pytest.mark.usefixtures("plain_page")
 def test_a_report_takes_the_place_of_an_older_one(recording: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     page.touch()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +24,11 @@ TEXT = read("turtlebot3_pair")[0]
 PAIR = load("turtlebot3_pair")
 
 
+@cache
 def a_run(law: str | None = None) -> Recording:
     fleet = RecordedFleet(PAIR, law=law)
     fleet.run(8.0)
     return fleet.record
-
-
-RUN = a_run()
 
 
 def written(path: Path, record: Recording, text: str = TEXT, law: str = "field") -> Path:
@@ -41,7 +40,7 @@ def written(path: Path, record: Recording, text: str = TEXT, law: str = "field")
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return written(tmp_path_factory.mktemp("run") / "run.mcap", RUN)
+    return written(tmp_path_factory.mktemp("run") / "run.mcap", a_run())
 
 
 def with_gain(folder: Path, old: str = "[law]", new: str = "[law]\ngain = 2.1") -> Path:
@@ -63,7 +62,7 @@ def test_a_recording_that_today_s_agents_agree_with(file: Path, capsys: Capsys) 
     text, result = output(capsys)
     assert text.count("equal to the last bit") == 2
     assert f"no difference in {result['compared']} commands" in text
-    commands = sum(sample.key.endswith(CMD_VEL.name) for sample, _ in RUN)
+    commands = sum(sample.key.endswith(CMD_VEL.name) for sample, _ in a_run())
     assert result["compared"] == result["exact"] == commands
     assert (result["differing"], result["first"], result["notes"]) == (0, None, [])
     assert [one["not_judged"] for one in result["robots"].values()] == [[], []]
@@ -100,10 +99,10 @@ def test_under_the_law_that_was_used_and_under_another(tmp_path: Path, capsys: C
 
 
 def test_what_could_not_be_judged_is_told_with_its_reason(tmp_path: Path, capsys: Capsys) -> None:
-    start = RUN[0][1]
+    start = a_run()[0][1]
     lossy = [
         (sample, wall)
-        for sample, wall in RUN
+        for sample, wall in a_run()
         if not (sample.key == POSITION.key("leader") and 1.0 < wall - start < 1.1)
     ]
     path = written(tmp_path / "lossy.mcap", lossy)
@@ -129,12 +128,12 @@ def test_a_cut_recording_is_verified_as_far_as_it_goes(file: Path, tmp_path: Pat
 
 def without_traces(share: float) -> Recording:
     """The run, in which so many of the later commands of robot1 lost their trace."""
-    key, begin = CMD_VEL.key("robot1"), RUN[0][1]
-    later = [i for i, (sample, wall) in enumerate(RUN) if sample.key == key and wall > begin + 2.0]
+    key, begin = CMD_VEL.key("robot1"), a_run()[0][1]
+    later = [i for i, (sample, wall) in enumerate(a_run()) if sample.key == key and wall > begin + 2.0]
     lost = set(later[: round(share * len(later))])
     return [
         (sample._replace(attachment=None) if i in lost else sample, wall)
-        for i, (sample, wall) in enumerate(RUN)
+        for i, (sample, wall) in enumerate(a_run())
     ]
 
 
@@ -150,12 +149,12 @@ def test_too_few_commands_compared_is_no_verdict(tmp_path: Path, capsys: Capsys)
 
 def test_one_robot_that_was_not_compared_is_no_verdict(tmp_path: Path) -> None:
     key = CMD_VEL.key("robot1")
-    record = [(one._replace(attachment=None) if one.key == key else one, wall) for one, wall in RUN]
+    record = [(one._replace(attachment=None) if one.key == key else one, wall) for one, wall in a_run()]
     assert verify.main([str(written(tmp_path / "one.mcap", record)), "--verify"]) == verify.EXIT_TOO_FEW
 
 
 def test_robot_without_commands_is_no_verdict(tmp_path: Path, capsys: Capsys) -> None:
-    record = [(one, wall) for one, wall in RUN if one.key != CMD_VEL.key("robot1")]
+    record = [(one, wall) for one, wall in a_run() if one.key != CMD_VEL.key("robot1")]
     path = written(tmp_path / "silent.mcap", record)
     assert verify.main([str(path), "--verify"]) == verify.EXIT_TOO_FEW
     assert "no verdict: no command of robot1 in the recording" in capsys.readouterr().out
@@ -163,8 +162,8 @@ def test_robot_without_commands_is_no_verdict(tmp_path: Path, capsys: Capsys) ->
 
 
 def test_lost_commands_lower_the_share(tmp_path: Path, capsys: Capsys) -> None:
-    key, begin = CMD_VEL.key("robot1"), RUN[0][1]
-    record = [(one, wall) for one, wall in RUN if one.key != key or not 2.0 < wall - begin < 4.0]
+    key, begin = CMD_VEL.key("robot1"), a_run()[0][1]
+    record = [(one, wall) for one, wall in a_run() if one.key != key or not 2.0 < wall - begin < 4.0]
     path = written(tmp_path / "gap.mcap", record)
     assert verify.main([str(path), "--verify", "--json"]) == verify.EXIT_TOO_FEW
     _, result = output(capsys)
@@ -174,8 +173,8 @@ def test_lost_commands_lower_the_share(tmp_path: Path, capsys: Capsys) -> None:
 
 
 def test_commands_before_the_first_memory_do_not_count(tmp_path: Path, capsys: Capsys) -> None:
-    begin = RUN[0][1]
-    late = [(sample, wall) for sample, wall in RUN if wall > begin + 1.0]
+    begin = a_run()[0][1]
+    late = [(sample, wall) for sample, wall in a_run() if wall > begin + 1.0]
     assert verify.main([str(written(tmp_path / "late.mcap", late)), "--verify", "--json"]) == 0
     text, result = output(capsys)
     for one in result["robots"].values():
@@ -185,13 +184,15 @@ def test_commands_before_the_first_memory_do_not_count(tmp_path: Path, capsys: C
 
 
 def test_agents_that_drove_by_another_mission_are_named(tmp_path: Path, capsys: Capsys) -> None:
-    path = written(tmp_path / "other.mcap", RUN, TEXT.replace("[law]", "[law]\ngain = 2.1"))
+    path = written(tmp_path / "other.mcap", a_run(), TEXT.replace("[law]", "[law]\ngain = 2.1"))
     assert verify.main([str(path), "--verify"]) == 1
     assert "agents of robot1, robot2 drove by another mission" in capsys.readouterr().out
 
 
 def test_a_recording_without_traces_is_nothing_to_compare(tmp_path: Path, capsys: Capsys) -> None:
-    path = written(tmp_path / "old.mcap", [(sample._replace(attachment=None), wall) for sample, wall in RUN])
+    path = written(
+        tmp_path / "old.mcap", [(sample._replace(attachment=None), wall) for sample, wall in a_run()]
+    )
     assert verify.main([str(path), "--verify"]) == 2
     text = capsys.readouterr().out
     assert text.count("no trace of it in the recording") == 2

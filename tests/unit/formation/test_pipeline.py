@@ -135,19 +135,21 @@ def test_no_ramp_is_no_ramp() -> None:
     assert not np.array_equal(first, simulate(SIX, horizon=5.0).error)
 
 
-@pytest.mark.parametrize("law", ["field", "proportional"])
+@pytest.mark.parametrize("law", ["field", pytest.param("proportional", marks=pytest.mark.slow)])
 def test_robots_settle_with_filter_and_ramp(law: str) -> None:
     result = simulate(scenarios.clearing(SIX), law=law, runs=40, horizon=60.0)
     assert result.converged.all()
     assert result.nearest.min() > 0.0
 
 
+@pytest.mark.slow
 def test_proportional_law_settles_near_the_field_law() -> None:
     field, plain = (simulate(SIX, law=law, runs=40, horizon=40.0) for law in ("field", "proportional"))
     assert plain.converged.all()
     assert scenarios.median(plain) < 1.2 * scenarios.median(field)
 
 
+@pytest.mark.slow
 def test_proportional_law_leaves_no_error_behind_a_steady_leader() -> None:
     result = simulate(scenarios.straight_chain(kind="proportional"), horizon=60.0)
     assert result.final_error[0] < 1e-3

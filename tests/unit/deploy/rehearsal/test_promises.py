@@ -8,6 +8,7 @@ import pytest
 
 from formation.agent.persistence.restore import Persistence
 from formation.agent.safety import failsafe
+from formation.deploy.rehearsal import judge, rehearsal
 from formation.deploy.rehearsal.faults import parse
 from formation.deploy.rehearsal.fleet import AgentFiles
 from formation.deploy.rehearsal.rehearsal import Plan, run
@@ -53,6 +54,8 @@ def test_team_that_is_never_released_has_not_settled(monkeypatch: pytest.MonkeyP
         return Result(ok=False, code="another")
 
     monkeypatch.setattr(Rest, "_release", release)
+    monkeypatch.setattr(rehearsal, "RECOVERY_TIME", 5.0)
+    monkeypatch.setattr(judge, "RECOVERY_TIME", 5.0)
     assert "formation" in broken("robot1:stop@12+3")
 
 

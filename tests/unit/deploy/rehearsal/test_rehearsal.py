@@ -12,7 +12,7 @@ from formation.agent.safety.commander import Commander
 from formation.agent.simulated.faults import Fault
 from formation.control.unicycle import Command
 from formation.deploy.refusal import Refusal
-from formation.deploy.rehearsal import rehearsal
+from formation.deploy.rehearsal import judge, rehearsal
 from formation.deploy.rehearsal.air import Weather
 from formation.deploy.rehearsal.faults import INSIDERS, KINDS, SENSORS, draw, parse, spelled
 from formation.deploy.rehearsal.fleet import Fleet
@@ -125,10 +125,12 @@ def forget_stops(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_killed_leader_stops_all_robots_until_it_is_back() -> None:
-    verdict = rehearsed("robot1:kill@8+5")
+    verdict = rehearsed("leader:kill@8+5", mission=PAIR)
     assert verdict.violations == ()
     assert verdict.settled_at is not None
-    assert "formation" not in rehearsed("robot1:kill@8").broken, "without an end nothing has to settle"
+    assert "formation" not in rehearsed("leader:kill@8", mission=PAIR).broken, (
+        "without an end nothing has to settle"
+    )
 
 
 def test_robot_that_drives_before_its_release_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -207,16 +209,16 @@ def test_stated_noise_is_no_jump_of_odometry() -> None:
 @pytest.mark.parametrize(
     ("fault", "broken"),
     [
-        ("robot3:stale=0.5@8+8", ("formation.agent.core.own_age_limit", lambda *_: 100.0)),
-        ("robot3:frozen@8+8", ("formation.agent.pose.motion_check.MAX_COMMAND_LOOP_DELAY", 100.0)),
+        ("robot2:stale=0.5@8+8", ("formation.agent.core.own_age_limit", lambda *_: 100.0)),
+        ("robot2:frozen@8+8", ("formation.agent.pose.motion_check.MAX_COMMAND_LOOP_DELAY", 100.0)),
     ],
 )
 def test_robot_that_drives_on_wrong_positions_is_found(
     monkeypatch: pytest.MonkeyPatch, fault: str, broken: tuple[str, Any]
 ) -> None:
-    assert rehearsed(fault).violations == ()
+    assert rehearsed(fault, mission=PAIR).violations == ()
     monkeypatch.setattr(*broken)
-    assert "blind" in rehearsed(fault).broken
+    assert "blind" in rehearsed(fault, mission=PAIR).broken
 
 
 def test_agent_may_act_on_positions_within_its_age_limit() -> None:
@@ -235,7 +237,9 @@ def test_robots_with_mass_are_rehearsed_without_sensor_faults(monkeypatch: pytes
         run(plan, 0, faults("robot2:frozen@3"))
 
 
-def test_formation_that_does_not_settle_is_found() -> None:
+def test_formation_that_does_not_settle_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rehearsal, "RECOVERY_TIME", 5.0)
+    monkeypatch.setattr(judge, "RECOVERY_TIME", 5.0)
     verdict = rehearsed("robot2:full@1+1", mission=PAIR.changed(settled=-1.0))
     assert "formation" in verdict.broken
     (violation,) = [one for one in verdict.violations if one.rule == "formation"]
@@ -244,13 +248,13 @@ def test_formation_that_does_not_settle_is_found() -> None:
 
 def test_shrinking_leaves_the_fault_that_matters(monkeypatch: pytest.MonkeyPatch) -> None:
     forget_stops(monkeypatch)
-    plan = Plan(SIX)
-    given = faults("robot2:twice@5+3", "robot1:stop@8+5", "robot4:full@6+3")
+    plan = Plan(PAIR)
+    given = faults("robot2:twice@5+3", "leader:stop@8+5", "robot1:full@6+3", mission=PAIR)
     assert shrunk(plan, run(plan, 0, given)) == given[1:2]
 
 
 def test_restarted_agent_stays_stopped() -> None:
-    plan = Plan(SIX)
+    plan = Plan(PAIR)
     fleets: list[Fleet] = []
 
     class Kept(Fleet):
@@ -260,9 +264,9 @@ def test_restarted_agent_stays_stopped() -> None:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rehearsal, "Fleet", Kept)
-        verdict = run(plan, 0, faults("robot1:stop@6", "robot3:kill@8+2"))
+        verdict = run(plan, 0, faults("leader:stop@6", "robot2:kill@8+2", mission=PAIR))
     assert verdict.violations == ()
-    agent, _ = fleets[0].agents["robot3"]
+    agent, _ = fleets[0].agents["robot2"]
     assert agent.decision.state is AgentState.STOP
 
 
@@ -285,7 +289,7 @@ def test_answers_reach_an_operator() -> None:
 
 def test_sensor_faults_are_those_of_simulated_robots() -> None:
     assert set(SENSORS) <= set(KINDS)
-    assert rehearsed("robot4:frozen@6+4").settled_at is not None
+    assert rehearsed("robot2:frozen@6+4", mission=PAIR).settled_at is not None
 
 
 def test_agent_answers_beside_and_after_a_second_one() -> None:
@@ -341,9 +345,9 @@ def told(capsys: Capsys, *arguments: str) -> dict[str, Any]:
 
 
 def test_calm_run_holds_every_rule(capsys: Capsys) -> None:
-    assert main(["six_robots", "--faults", "none"]) == 0
+    assert main(["turtlebot3_pair", "--faults", "none"]) == 0
     out = capsys.readouterr().out
-    assert out.startswith("six-robots, 1 seed, faults: none\n  every rule held  1 of 1\n")
+    assert out.startswith("turtlebot3-pair, 1 seed, faults: none\n  every rule held  1 of 1\n")
 
 
 def test_failing_run_is_told_with_its_command(capsys: Capsys, monkeypatch: pytest.MonkeyPatch) -> None:

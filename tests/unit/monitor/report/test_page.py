@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from formation.mission.file import read
-from formation.monitor.report import words
+from formation.monitor.report import figures, words
 from formation.monitor.report.page import ReportedRun, inline, page
 from formation.monitor.report.summary import differences
 from tests.support.missions import edited
@@ -19,7 +19,6 @@ from tests.support.monitored import Fleet
 from tests.support.recordings import coming_in, gathered, record, talk
 
 TEXT = read("six_robots")[0]
-VOID = {"meta", "link", "br", "use", "path", "image"}
 
 
 class Read(HTMLParser):
@@ -126,7 +125,10 @@ def test_two_runs_stand_beside_each_other_with_their_ratio(two: str) -> None:
     assert "not known: no ground truth was recorded" in two
 
 
-def test_other_missions_are_named_where_they_differ(folder: Path, tmp_path: Path) -> None:
+def test_other_missions_are_named_where_they_differ(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(figures, "written", lambda *_: b"<svg></svg>")
     record(tmp_path / "other.mcap", talk(Fleet(), 2.0), edited(TEXT, "law", "k_p = 3.0"))
     runs = [gathered(folder / "field.mcap"), gathered(tmp_path / "other.mcap")]
     assert differences(runs[0].mission, runs[1].mission) == ["law.k_p: 2.0 in A, 3.0 in B"]
