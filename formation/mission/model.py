@@ -65,8 +65,8 @@ class LawSpec(Table):
 
     def uses_orders(self, *, signed: bool) -> bool:
         """Whether robots use the leader's velocity, by orders that are `signed` or not."""
-        asked = self.leader_orders in {"velocity", "place"} or (signed and self.leader_orders == "signed")
-        return asked and self.controller.mean
+        named = self.leader_orders in {"velocity", "place"} or (signed and self.leader_orders == "signed")
+        return named and self.controller.mean
 
     @property
     def controller(self) -> Controller:
