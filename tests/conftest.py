@@ -11,6 +11,7 @@ One of them that fails while the machine stood still is run again, and the summa
 from __future__ import annotations
 
 import os
+import re
 import signal
 import threading
 from collections.abc import Iterator, Sequence
@@ -36,6 +37,11 @@ MAX_RUNS_IN_STALLS = 3
 """How often a test with processes is run that fails each time while the machine stands still."""
 STALLED = "stalled"
 """Name of the property of a test's report that says how long the machine stood still."""
+COMPILING = re.compile(
+    r"^from formation\.(simulation\.simulate|stability\.analysis|deploy\.cli) import", re.MULTILINE
+)
+"""In files whose tests simulate: a law takes ten seconds to compile, once for all that one worker runs."""
+ROOT = Path(__file__).parents[1]
 QUICK_EXAMPLES = 20
 """Examples of each hypothesis test without `--all`; hypothesis itself takes 100."""
 
@@ -76,10 +82,19 @@ class StallWatch:
 
 
 class ByCost(LoadScopeScheduling):  # type: ignore[misc] # xdist says nothing of its types
-    """Hand out unit tests file by file, and all tests with processes to one worker."""
+    """Hand out unit tests file by file, to one worker those that compile, and to one those with processes."""
+
+    def schedule(self) -> None:
+        """Have the tests with processes, which wait most of the time, run beside others instead of last."""
+        super().schedule()
+        if "processes" in self.workqueue:
+            self.workqueue.move_to_end("processes", last=False)
 
     def _split_scope(self, nodeid: str) -> str:
-        return "processes" if _has_processes(nodeid) else nodeid.partition("::")[0]
+        if _has_processes(nodeid):
+            return "processes"
+        path = nodeid.partition("::")[0]
+        return "simulations" if _compiles(path) else path
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -161,6 +176,11 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
             for name, text in report.user_properties:
                 if name == STALLED and report.when == "call":
                     terminalreporter.line(f"RUN AGAIN {report.nodeid}: {text}; then it {outcome}")
+
+
+@cache
+def _compiles(path: str) -> bool:
+    return bool(COMPILING.search((ROOT / path).read_text(encoding="utf-8")))
 
 
 @cache

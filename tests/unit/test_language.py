@@ -81,11 +81,9 @@ def test_identifiers_have_no_retired_words() -> None:
 
 def test_names_of_tests_are_short() -> None:
     found = [
-        f"{path}:{node.lineno}: {node.name}"
-        for path, tree in sources("tests")
-        for node in ast.walk(tree)
-        if isinstance(node, ast.FunctionDef)
-        and node.name.startswith("test_")
-        and len(node.name.split("_")) - 1 > MAX_WORDS_OF_TEST_NAME
+        f"{path}: {name}"
+        for path in (ROOT / "tests").rglob("*.py")
+        for name in re.findall(r"^ *def test_(\w+)", path.read_text(encoding="utf-8"), re.MULTILINE)
+        if len(name.split("_")) > MAX_WORDS_OF_TEST_NAME
     ]
     assert found == []

@@ -105,8 +105,14 @@ def blocked(fleet: Fleet, name: str) -> Callable[[], None]:
 LOSSES = [dead, stopped, held, without_odometry, blocked]
 
 
-@pytest.mark.parametrize("lose", LOSSES)
-@pytest.mark.parametrize("name", BEHIND)
+@pytest.mark.parametrize(
+    ("lose", "name"),
+    [
+        *((lose, "robot1") for lose in LOSSES),
+        (blocked, "robot5"),
+        *(pytest.param(lose, "robot5", marks=pytest.mark.slow) for lose in LOSSES if lose is not blocked),
+    ],
+)
 def test_others_stay_in_formation_when_one_cannot_follow(
     lose: Callable[[Fleet, str], Callable[[], None]], name: str
 ) -> None:

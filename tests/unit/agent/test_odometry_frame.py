@@ -160,7 +160,7 @@ def test_world_frame_position_follows_odometry_after_jump() -> None:
     assert here.alignment is Localised.ODOMETRY_WORLD
 
 
-@pytest.mark.parametrize("mission", [PAIR, SIX], ids=["pair", "six"])
+@pytest.mark.parametrize("mission", [PAIR, pytest.param(SIX, marks=pytest.mark.slow)], ids=["pair", "six"])
 def test_robots_that_count_from_their_start_come_into_formation(mission: Mission) -> None:
     fleet = Fleet(mission).after(20.0)
     assert fleet.error() < 0.02
@@ -207,7 +207,7 @@ def test_robot_with_doubtful_position_publishes_none() -> None:
     assert fleet.error() < 0.05
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(one, marks=pytest.mark.slow) for one in (1, 2, 3))])
 def test_lossy_odometry_while_turning_is_no_jump(seed: int) -> None:
     dice, fleet = random.Random(seed), Fleet(with_robots("turtlebot3_pair", odometry_frame="start"))
     fleet.meddle = lambda sample: (

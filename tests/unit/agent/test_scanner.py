@@ -33,7 +33,9 @@ def test_robot_stops_before_obstacles_with_poor_scans(
     assert 0.0 < robot.nearest < MARGIN + 0.1
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize(
+    "seed", [*range(5), *(pytest.param(one, marks=pytest.mark.slow) for one in range(5, 12))]
+)
 @pytest.mark.parametrize("odometry", [True, False], ids=["odometry", "as told"])
 def test_whatever_it_is_told_it_touches_nothing_that_it_can_see(seed: int, odometry: bool) -> None:
     rng = random.Random(seed)

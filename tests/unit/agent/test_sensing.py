@@ -132,7 +132,7 @@ def test_a_fault_is_read() -> None:
     assert read("robot2:tremble=1e-3@20+10") == Fault("robot2", "tremble", 1e-3, 20.0, 10.0)
 
 
-@pytest.mark.parametrize("late", [0.4, pytest.param(0.6, marks=pytest.mark.slow), 1.0])
+@pytest.mark.parametrize("late", [*(pytest.param(one, marks=pytest.mark.slow) for one in (0.4, 0.6)), 1.0])
 def test_late_odometry_with_fresh_stamps_holds_the_robot(late: float) -> None:
     fleet = faulty(mission_of("six_robots", "odometry"), Fault("robot3", "restamped", late, 0.0))
     fleet.run(3.0)
