@@ -59,7 +59,7 @@ def test_error_on_a_circle_is_as_certified(seed: int, leader_orders: str) -> Non
 
 @pytest.mark.slow
 def test_error_on_a_circle_of_a_ring_is_near_the_certified() -> None:
-    """Velocities are cut to the leader's top speed, which a ring exceeds a little; the certificate is linear."""
+    """Velocities are cut to the leader's top speed, which a ring exceeds; the certificate is linear."""
     ring = scenarios.ring(4)
     mission = Mission.model_validate({**ring.model_dump(), "route": [CIRCLE]})
     assert edge_errors(mission, 120.0) == pytest.approx(curve_errors(mission), rel=0.1)
