@@ -335,7 +335,7 @@ class Agent:
             self._probe.interrupt()
             return self._at_rest(now)
         self._slots.follow(wanted, self.orders.state.rose, now.mono)
-        leader = self.orders.leader(now.mono)
+        leader = self.orders.leader(now.mono) if self.controller.mean else None
         what = self.neighbours.measured(self.here, self._slots, now, leader)
         dt = min(interval or 0.0, self.here.stream.limit)
         heading = self.here.heading

@@ -40,7 +40,7 @@ STALLED = "stalled"
 COMPILING = re.compile(
     r"^from formation\.(simulation\.simulate|stability\.analysis|deploy\.cli) import", re.MULTILINE
 )
-"""In files whose tests simulate: a law takes ten seconds to compile, once for all that one worker runs."""
+"""Imports of the files that simulate. One worker runs all of them: compiling a law takes it ten seconds."""
 ROOT = Path(__file__).parents[1]
 QUICK_EXAMPLES = 20
 """Examples of each hypothesis test without `--all`; hypothesis itself takes 100."""

@@ -207,7 +207,7 @@ class Order(_Json):
     place: Place | None = None
     """Its position."""
     motion: Motion | None = None
-    """Its velocity; None while it stands."""
+    """Its velocity; None while it stands, and where robots do not use it."""
     tuned: Tuned | None = None
     """Gains for all robots; None for the mission's."""
     driven: bool = False

@@ -18,7 +18,6 @@ delay by a period, and s the share of a low pass:
 from __future__ import annotations
 
 from collections.abc import Iterator
-from graphlib import TopologicalSorter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,6 +28,7 @@ from formation.control.tracker import learned
 from formation.mission.graph import cyclic_core
 from formation.mission.model import Mission
 from formation.mission.route import Route
+from formation.simulation.edges import Edges
 
 
 class Certificate(NamedTuple):
@@ -39,7 +39,7 @@ class Certificate(NamedTuple):
     broken: tuple[str, ...]
     """The assumptions of Theorem 1 that do not hold."""
     curve_errors: dict[str, float]
-    """Error of each follower's worst edge while the leader drives its sharpest arc [m]; empty without one."""
+    """Error of each follower's worst edge on the worst of the leader's arcs [m]; empty without one."""
 
     def as_json(self) -> dict[str, Any]:
         """The same for JSON."""
@@ -79,7 +79,7 @@ def broken_assumptions(mission: Mission) -> Iterator[str]:
 
 
 def curve_errors(mission: Mission) -> dict[str, float]:
-    """Error of each follower's worst edge on the leader's sharpest arc [m], by name.
+    """Error of each follower's worst edge on the worst of the leader's arcs [m], by name.
 
     Empty where the route has no arc, where the shape turns with the leader, and for laws that do not feed
     velocities forward. Ideal bodies, no noise, and all robots at the slowest one's rate.
@@ -108,23 +108,13 @@ def on_arc(mission: Mission, turn_rate: float, period: float) -> ComplexArray:
     share = learned(period, mission.law.velocity_filter)
     estimate = share * (1.0 - 1.0 / z) / period / (1.0 - (1.0 - share) / z)
     step = z - 1.0 + gain * way
-    ordered = mission.law.leader_orders in {"velocity", "place"}
+    ordered = mission.law.uses_orders(signed=False)
     mean = way * (gain if ordered else gain + estimate) / step
     leader = 1j * turn_rate * way / step if ordered else 0j
-    points = np.zeros(graph.size, dtype=np.complex128)
-    points[0] = 1.0
-    if cyclic_core(graph):
-        among = np.zeros((graph.size, graph.size))
-        for i, js in enumerate(graph.neighbours):
-            among[i, list(js)] = 1.0 / max(1, len(js))
-        inner = np.eye(graph.size - 1) - mean * among[1:, 1:]
-        points[1:] = np.linalg.solve(inner, mean * among[1:, 0] + leader)
-        return points
-    measured = {i: list(js) for i, js in enumerate(graph.neighbours) if i}
-    for i in TopologicalSorter(measured).static_order():  # each after all that it measures
-        if i:
-            points[i] = mean * points[measured[i]].mean() + leader
-    return points
+    edges, unit = Edges(graph), np.eye(graph.size - 1)
+    averaged = unit - edges.follower_laplacian() / edges.degrees[:, None]
+    followers = np.linalg.solve(unit - mean * averaged, mean * (1.0 - averaged.sum(axis=1)) + leader)
+    return np.concatenate([[1.0 + 0.0j], followers])
 
 
 def worst_curve(found: Certificate) -> tuple[str, float] | None:

@@ -92,3 +92,8 @@ def test_leader_that_gives_a_wrong_velocity_misleads_by_little() -> None:
     fleet.run(8.0)
     assert fleet.within_limits
     assert fleet.error() < 4 * 0.15  # cut to the leader's top speed, which leaves 2 v/k on each edge
+
+
+def test_other_laws_do_not_use_the_orders() -> None:
+    fleets = [Fleet(mission(use, of=TEAM), law="paper").after(4.0) for use in ("none", "velocity")]
+    assert fleets[0].commands == fleets[1].commands
