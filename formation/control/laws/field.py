@@ -27,6 +27,9 @@ BACKWARD_SHARE = 0.8
 """Share of |c| by which a robot that cannot reverse in formation may fall back [–]."""
 BRAKING_SHARE = 0.5
 """Share of the ramp's acceleration that an approach uses [–]."""
+SIDEWAYS_BRAKING_SHARE = 0.25
+"""Share of L times the ramp's angular acceleration that an approach from the side uses [–]: less than ahead,
+because the heading that it leaves behind has to be turned back as well."""
 SIDEWAYS_SHARE = 0.5
 """Share of the sideways speed that the ramp can just end, which an approach uses [–]."""
 REVERSE_LEVERS, REVERSE_TURNS = 2.5, 0.5
@@ -47,7 +50,7 @@ def field(
     if distance <= MIN_LENGTH:
         return saturate(carried, limits.offset, limits.max_speed, limits.max_turn_rate), integral
     towards = away * (1.0 / distance)
-    closing = stoppable(distance, gains.k_p, limits)
+    closing = stoppable(distance, gains.k_p, towards, limits)
     if closing + speed > limits.max_speed:
         closing = intercepting(towards, carried, closing, limits)
     if speed > CONE_SHARE * limits.offset * limits.max_turn_rate:
@@ -59,9 +62,16 @@ def field(
     return saturate(wanted, limits.offset, limits.max_speed, limits.max_turn_rate), integral
 
 
-def stoppable(distance: float, gain: float, limits: Limits) -> float:
-    """Speed s [m/s] at which a slot `distance` [m] away is approached: k |q|, or what the ramp can stop."""
-    closing, braking = gain * distance, BRAKING_SHARE * limits.acceleration
+def stoppable(distance: float, gain: float, towards: complex, limits: Limits) -> float:
+    """Speed s [m/s] at which a slot `distance` [m] away is approached: k |q|, or what the ramp can stop.
+
+    Ahead the ramp changes s by its acceleration; to the side, where s is L ω, by L times its angular one.
+    """
+    share, across = BRAKING_SHARE, abs(towards.imag)
+    sideways = SIDEWAYS_BRAKING_SHARE * limits.offset * limits.max_turn_rate / limits.max_speed
+    if across * share > sideways:
+        share = sideways / across
+    closing, braking = gain * distance, share * limits.acceleration
     if gain * closing <= braking:
         return closing
     linear = braking / (gain * gain)

@@ -15,6 +15,7 @@ from formation.simulation.ensemble import Options
 from formation.simulation.simulate import simulate
 from formation.stability.analysis import analyse
 from formation.stability.certificate import certificate, curve_errors
+from tests.support.missions import with_robots
 from tests.unit.formation import scenarios
 
 IDEAL = Options(body=Body(), avoid=False)
@@ -116,4 +117,11 @@ def test_robots_do_not_weave_behind_a_fast_leader(share: float) -> None:
     changed = {"route": route, "collisions": {"mode": "off", "lag": 0.0}}
     mission = Mission.model_validate({**SIX.model_dump(), **changed})
     result = simulate(mission, runs=60, seed=1, horizon=200.0, options=Options(avoid=False))
+    assert result.converged.all()
+
+
+@pytest.mark.parametrize("ramp", [0.5, 1.0])
+@pytest.mark.parametrize("name", ["six_robots", "patrol"])
+def test_robots_with_a_slow_ramp_do_not_weave(name: str, ramp: float) -> None:
+    result = simulate(with_robots(name, ramp=ramp), runs=40, horizon=40.0, step=0.05)
     assert result.converged.all()

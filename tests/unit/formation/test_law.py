@@ -138,7 +138,7 @@ def test_slot_slower_than_sideways_speed_comes_nearer(
 def test_wanted_velocity_is_within_top_speed(
     away: complex, velocity: complex, gain: float, body: Limits
 ) -> None:
-    towards, closing = away / abs(away), stoppable(abs(away), gain, body)
+    towards, closing = away / abs(away), stoppable(abs(away), gain, away / abs(away), body)
     closing = intercepting(towards, velocity, closing, body)
     assert closing >= 0.0
     assert abs(velocity + closing * towards) <= body.max_speed + 1e-9
@@ -156,13 +156,16 @@ def test_wanted_velocity_stays_in_the_cone(
     assert (wanted * velocity.conjugate()).real > 0.0
 
 
-@given(st.floats(1e-3, 30.0), st.floats(0.5, 12.0), st.floats(0.5, 20.0))
-def test_approach_can_be_stopped_by_the_ramp(distance: float, gain: float, acceleration: float) -> None:
-    body, step = Limits(0.1, 1e9, 1.0, acceleration), 1e-3
+@given(st.floats(1e-3, 30.0), headings, st.floats(0.5, 12.0), st.floats(0.5, 20.0))
+def test_approach_can_be_stopped_by_the_ramp(
+    distance: float, towards: complex, gain: float, acceleration: float
+) -> None:
+    body, step = Limits(0.1, 1.5, 1.0, acceleration), 1e-3
     while distance > 1e-3:
-        speed = stoppable(distance, gain, body)
-        after = stoppable(distance - step * speed, gain, body)
-        assert speed - after <= step * acceleration * (1.0 + 1e-6)
+        speed = stoppable(distance, gain, towards, body)
+        slowed = speed - stoppable(distance - step * speed, gain, towards, body)
+        assert slowed * abs(towards.real) <= step * acceleration * (1.0 + 1e-6)
+        assert slowed * abs(towards.imag) <= step * acceleration * 0.1 / 1.5 * (1.0 + 1e-6)
         distance -= step * speed
 
 
