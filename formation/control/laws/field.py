@@ -26,12 +26,10 @@ could be held at every heading, but slots that are hardly too fast would be appr
 BACKWARD_SHARE = 0.8
 """Share of |c| by which a robot that cannot reverse in formation may fall back [–]."""
 BRAKING_SHARE = 0.5
-"""Share of the ramp's acceleration that an approach uses [–]."""
+"""Share of the ramp's acceleration, of speed and of turn rate, that an approach uses [–]."""
 SIDEWAYS_BRAKING_SHARE = 0.25
 """Share of L times the ramp's angular acceleration that an approach from the side uses [–]: less than ahead,
 because the heading that it leaves behind has to be turned back as well."""
-SIDEWAYS_SHARE = 0.5
-"""Share of the sideways speed that the ramp can just end, which an approach uses [–]."""
 REVERSE_LEVERS, REVERSE_TURNS = 2.5, 0.5
 """A robot reverses to a slot further behind it than so many control-point offsets, and so many radii of its
 tightest turn at top speed [–]."""
@@ -48,18 +46,17 @@ def field(
     carried = to_body * measured.velocity
     distance, speed = abs(away), abs(carried)
     if distance <= MIN_LENGTH:
-        return saturate(carried, limits.offset, limits.max_speed, limits.max_turn_rate), integral
+        return driven(carried, 1.0, limits), integral
     towards = away * (1.0 / distance)
     closing = stoppable(distance, gains.k_p, towards, limits)
     if closing + speed > limits.max_speed:
         closing = intercepting(towards, carried, closing, limits)
     if speed > CONE_SHARE * limits.offset * limits.max_turn_rate:
         closing = turning(towards, carried, closing, limits)
-        closing = turnable(away, towards, carried, closing, limits)
-    wanted = carried + closing * towards
+    wanted, ahead = carried + closing * towards, 1.0
     if away.real < -REVERSE_LEVERS * limits.offset and better_backwards(away, speed, limits):
-        wanted = wanted.conjugate()
-    return saturate(wanted, limits.offset, limits.max_speed, limits.max_turn_rate), integral
+        wanted, ahead = wanted.conjugate(), -1.0
+    return driven(wanted, ahead, limits), integral
 
 
 def stoppable(distance: float, gain: float, towards: complex, limits: Limits) -> float:
@@ -104,17 +101,21 @@ def turning(towards: complex, carried: complex, closing: float, limits: Limits) 
     return closing
 
 
-def turnable(away: complex, towards: complex, carried: complex, closing: float, limits: Limits) -> float:
-    """`closing` [m/s], or less, so that the ramp can follow the turn that ends a sideways approach.
+def driven(wanted: complex, ahead: float, limits: Limits) -> Command:
+    """The command for `wanted` [m/s; body frame], driven forwards (`ahead` = 1) or backwards (-1)."""
+    turn_rate = limits.max_turn_rate
+    if limits.acceleration < math.inf:
+        turn_rate = stoppable_turn(math.atan2(abs(wanted.imag), ahead * wanted.real), limits)
+    return saturate(wanted, limits.offset, limits.max_speed, turn_rate)
 
-    At |c| a sideways speed v is a heading that is off by v/|c|. With the turn rate's greatest change α that
-    takes 2 √(v / (|c| α)) to undo, and a way of v √(v / (|c| α)).
+
+def stoppable_turn(angle: float, limits: Limits) -> float:
+    """Greatest turn rate [rad/s] `angle` [rad] away from the wanted heading: what the ramp can stop there.
+
+    Else a robot with a slow ramp and a short offset turns past the heading that it wants, and weaves.
     """
-    speed = abs(carried)
-    across = abs(carried.real * towards.imag - carried.imag * towards.real) / speed
-    aside, turning_up = abs(away) * across, limits.acceleration * limits.max_turn_rate / limits.max_speed
-    most = SIDEWAYS_SHARE * math.pow(aside * aside * speed * turning_up, 1.0 / 3.0)
-    return most / across if closing * across > most else closing
+    turning_up = limits.acceleration * limits.max_turn_rate / limits.max_speed
+    return min(limits.max_turn_rate, math.sqrt(2.0 * BRAKING_SHARE * turning_up * angle))
 
 
 def better_backwards(away: complex, speed: float, limits: Limits) -> bool:

@@ -36,20 +36,34 @@ def used(mission: Mission, use: str, **tables: Any) -> Mission:
     return varied(mission, law=law, collisions=ALONE, **tables)
 
 
-def settling(use: str) -> str:
-    """From random starts, with the ramp."""
-    mission, options = used(six_robots(), use), Options(avoid=False)
+def ramped(mission: Mission, ramp: float | None) -> Mission:
+    """The mission with this ramp [s] of all robots; None leaves it as it is."""
+    if ramp is None:
+        return mission
+    robots = mission.model_dump()["robots"]
+    return varied(mission, robots={name: {**one, "ramp": ramp} for name, one in robots.items()})
+
+
+def said(ramp: float | None) -> str:
+    """The same in words."""
+    return "" if ramp == 0.0 else ", with the ramp"
+
+
+def settling(use: str, ramp: float | None) -> str:
+    """From random starts."""
+    mission, options = ramped(used(six_robots(), use), ramp), Options(avoid=False)
     result = simulate(mission, runs=1000, seed=1, horizon=40.0, starts="random", options=options)
     ratio = result.settling_time / lower_bound.by_distance(mission, drawn(mission, 1000, 1))
-    return f"{np.nanmedian(ratio):.2f}x, 95 % {np.nanquantile(ratio, 0.95):.2f}x of the bound"
+    return f"{np.nanmedian(ratio):.2f}x, 95 % {np.nanquantile(ratio, 0.95):.2f}x of the bound{said(ramp)}"
 
 
-def fast_leader(use: str) -> str:
-    """Behind a leader at 95 % of the top speed, with the ramp."""
-    mission = used(six_robots(leader_speed=1.425), use)
+def fast_leader(use: str, ramp: float | None) -> str:
+    """Behind a leader at 95 % of the top speed."""
+    mission = ramped(used(six_robots(leader_speed=1.425), use), ramp)
     result = simulate(mission, runs=100, seed=1, horizon=200.0, starts="random", options=Options(avoid=False))
     share, times = result.converged.mean(), result.settling_time
-    return f"{100 * share:.0f} % settle, median {np.nanmedian(times):.1f} s, last {np.nanmax(times):.0f} s"
+    found = f"median {np.nanmedian(times):.1f} s, last {np.nanmax(times):.0f} s"
+    return f"{100 * share:.0f} % settle behind a leader at 95 %, {found}{said(ramp)}"
 
 
 def noise(use: str) -> str:
@@ -88,15 +102,10 @@ def chain(use: str, followers: int, body: str, delay: float) -> str:
 
 def corner(use: str, ramp: float | None) -> str:
     """Peak of the error of all edges on a square of 5 m."""
-    mission = used(six_robots("square of 5 m"), use)
-    if ramp is not None:
-        mission = varied(
-            mission,
-            robots={name: {**one, "ramp": ramp} for name, one in mission.model_dump()["robots"].items()},
-        )
+    mission = ramped(used(six_robots("square of 5 m"), use), ramp)
     result = simulate(mission, horizon=120.0, options=Options(avoid=False))
     peak = result.error[result.time > 15.0].max()
-    return f"{100 * peak:.2f} cm at a square's corners{'' if ramp is not None else ', with the ramp'}"
+    return f"{100 * peak:.2f} cm at a square's corners{said(ramp)}"
 
 
 def production(use: str) -> str:
@@ -111,11 +120,11 @@ def main() -> None:
     """Print them, use by use."""
     for use in USES:
         print(f"{use}:")
-        parts = [settling, fast_leader, noise, production]
-        for part in parts:
-            print(f"  {part(use)}", flush=True)
         for ramp in (0.0, None):
-            print(f"  {corner(use, ramp)}", flush=True)
+            for part in (settling, fast_leader, corner):
+                print(f"  {part(use, ramp)}", flush=True)
+        for other in (noise, production):
+            print(f"  {other(use)}", flush=True)
         for followers, body in ((12, "ideal"), (50, "TurtleBots")):
             for delay in (0.0, 0.1):
                 print(f"  {chain(use, followers, body, delay)}", flush=True)

@@ -63,12 +63,12 @@ def test_hold_and_run_probe_again_at_once() -> None:
     assert fleet.agents[robot].decision.state is AgentState.RUN
 
 
-@pytest.mark.parametrize(("size", "words"), [(0.0, "its speeds say "), (-1.0, "its speeds say -")])
-def test_reported_speeds_that_contradict_positions_hold_the_robot(size: float, words: str) -> None:
+@pytest.mark.parametrize("size", [0.0, -1.0])
+def test_reported_speeds_that_contradict_positions_hold_the_robot(size: float) -> None:
     fleet, robot = suffering("six_robots", "odometry", "speeds", size)
     decision = fleet.agents[robot].decision
     assert (decision.state, decision.reason.code) == (AgentState.HOLD, Code.MOTION_SPEEDS)
-    assert words in str(decision.reason)
+    assert "its speeds say " in str(decision.reason)
 
 
 @pytest.mark.slow

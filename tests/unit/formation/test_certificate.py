@@ -123,5 +123,16 @@ def test_robots_do_not_weave_behind_a_fast_leader(share: float) -> None:
 @pytest.mark.parametrize("ramp", [0.5, 1.0])
 @pytest.mark.parametrize("name", ["six_robots", "patrol"])
 def test_robots_with_a_slow_ramp_do_not_weave(name: str, ramp: float) -> None:
-    result = simulate(with_robots(name, ramp=ramp), runs=40, horizon=40.0, step=0.05)
+    result = simulate(
+        with_robots(name, ramp=ramp), runs=40, horizon=20.0, step=0.05, options=Options(avoid=False)
+    )
+    assert result.converged.all()
+
+
+def test_robots_with_a_short_offset_do_not_weave() -> None:
+    slow = {"control_point_offset": 0.05, "max_speed": 1.0, "max_turn_rate": 2.0, "ramp": 1.0}
+    mission = scenarios.build(
+        np.array([0.0, -0.8, -1.6]), [[], [0], [1]], {"speed": 0.7, "heading_deg": 0.0}, robot=slow
+    )
+    result = simulate(mission, runs=40, horizon=40.0, step=0.05, spread=1.0)
     assert result.converged.all()

@@ -1,14 +1,15 @@
 from __future__ import annotations
 
 import cmath
+import math
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from formation.control.controller import Controller, Gains, Limits, Measured, Step, error, nominal
 from formation.control.laws import LAWS
-from formation.control.laws.field import CONE_SHARE, field, intercepting, stoppable, turnable, turning
+from formation.control.laws.field import CONE_SHARE, field, intercepting, stoppable, stoppable_turn, turning
 from formation.control.laws.paper import paper
 from formation.control.laws.proportional import proportional
 from formation.control.trust import weight
@@ -169,19 +170,21 @@ def test_approach_can_be_stopped_by_the_ramp(
         distance -= step * speed
 
 
-@given(vectors.filter(lambda e: abs(e) > 1e-3), headings, st.floats(0.7, 1.4), st.floats(0.5, 20.0))
-def test_sideways_approach_can_be_ended_by_the_ramps_turn(
-    away: complex, direction: complex, speed: float, acceleration: float
-) -> None:
-    body, velocity = Limits(0.2, 1.5, 1.5, acceleration), speed * direction
-    towards, turn_acceleration = away / abs(away), acceleration * 1.5 / 1.5
-    closing = turnable(away, towards, velocity, 1e3, body)
-    sideways = closing * abs((towards * direction.conjugate()).imag)
-    aside = abs((away * direction.conjugate()).imag)
-    assume(aside > 1e-9)
-    assert 0.0 < closing <= 1e3
-    assert sideways * (sideways / (speed * turn_acceleration)) ** 0.5 <= aside + 1e-9
-    assert turnable(away, towards, velocity, 1e-4 * closing, body) == 1e-4 * closing
+@given(st.floats(1e-3, math.pi), st.floats(0.5, 20.0))
+def test_turn_can_be_stopped_by_the_ramp(angle: float, acceleration: float) -> None:
+    body, step = Limits(0.1, 1.5, 1.0, acceleration), 1e-3
+    while angle > 1e-2:
+        rate = stoppable_turn(angle, body)
+        assert rate - stoppable_turn(angle - step * rate, body) <= step * acceleration / 1.5 * (1.0 + 1e-6)
+        angle -= step * rate
+
+
+def test_turn_rate_is_kept_to_what_the_ramp_can_stop() -> None:
+    slow, aside = Limits(0.05, 1.0, 2.0, 1.0), Measured(0j, 0j, 1, 1.0 + 0.1j)
+    command, _ = field(0j, 1.0 + 0j, aside, Gains(2.0, 0.0), slow, 0.05)
+    assert command.turn_rate == stoppable_turn(math.atan2(0.1, 1.0), slow) < 2.0
+    quick, _ = field(0j, 1.0 + 0j, aside, Gains(2.0, 0.0), slow._replace(acceleration=math.inf), 0.05)
+    assert quick.turn_rate == 2.0
 
 
 def test_robot_reverses_to_a_slot_far_behind_only() -> None:
