@@ -85,8 +85,9 @@ def warnings(mission: Mission) -> Iterator[str]:
     legal = _floored(least.margin)
     yield (
         f"{_named(mission)}: the filter keeps {least.first} off its slot "
-        f"in {least.shape}, {least.distance:.3g} m from {least.second}'s; "
-        + (f"should be at most {legal:g} m" if legal > 0.0 else "slots should be further apart")
+        f"in {least.shape}, {least.distance:.3g} m from {least.second}'s, "
+        f"behind a leader at {max(leg.speed for leg in mission.route):.3g} m/s; "
+        + (f"should be at most {legal:g} m" if legal > 0.0 else "slots should be further apart, or the leader slower")
     )
 
 

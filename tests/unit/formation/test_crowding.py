@@ -112,13 +112,14 @@ def test_formation_forms_exactly_when_filter_gives_no_warning(margin: float, *, 
 def test_warning_names_robot_slot_and_greatest_margin() -> None:
     (result,) = warnings(scenarios.clearing(SIX, margin=0.6, lag=0.05, delay=0.0))
     assert result == (
-        "collisions.margin = 0.6 m: the filter keeps robot5 off its slot in wedge, 0.943 m from robot6's; "
+        "collisions.margin = 0.6 m: the filter keeps robot5 off its slot in wedge, 0.943 m from robot6's, "
+        "behind a leader at 0.2 m/s; "
         "should be at most 0.5184 m"
     )
     assert result in analyse(scenarios.clearing(SIX, margin=0.6, lag=0.05, delay=0.0)).warnings
     tight = scenarios.build(np.array([0, -0.3, -0.6, -0.9 + 0j]), ((), (0,), (1,), (2,)))
     (result,) = warnings(scenarios.clearing(tight))
-    assert result.endswith("slots should be further apart")
+    assert result.endswith("slots should be further apart, or the leader slower")
 
 
 def test_warning_counts_stated_delay_and_noise() -> None:
