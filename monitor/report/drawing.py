@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from formation.control.arrays import ComplexArray, FloatArray
 from formation.control.plane import unit
@@ -61,9 +62,9 @@ SNAPSHOTS = 5
 """Number of formations side by side."""
 SNAPSHOT_GAP = 0.25
 """Between the two widest [share of their width]."""
-CHATTER_TIME, MIN_CHATTER_SAMPLES = 0.4, 9
-"""Window in which a line is examined for chatter [s], and its least length [samples]."""
-CHATTER_TURNS, CHATTER_SHARE = 3.0, 0.06
+CHATTER_TIME, MIN_CHATTER_SAMPLES, MAX_CHATTER_SAMPLES = 0.4, 9, 200
+"""Window in which a line is examined for chatter [s], its least and its greatest length [samples]."""
+CHATTER_TURNS, CHATTER_SHARE = 3.0, 0.04
 """A line chatters where it goes up and down by so many times its range within the window [–], a range that is
 more than this share of that of all lines [–]."""
 LABEL_DIRECTIONS = 24
@@ -245,9 +246,24 @@ def things(axes: Axes, world: SimulationSpec) -> None:
         axes.plot(*zip(wall.begin, wall.end, strict=True), color=FAINT, linewidth=1.6)
 
 
+def apart(points: ComplexArray) -> NDArray[np.intp]:
+    """Return which formations to draw in one panel, of `points` [m] at M moments, shape (M, N).
+
+    The first and the last; another one if its bounding box meets none that is drawn.
+    """
+    low = points.real.min(axis=1) + 1j * points.imag.min(axis=1)
+    high = points.real.max(axis=1) + 1j * points.imag.max(axis=1)
+    chosen = [0, len(points) - 1]
+    for one in range(len(points) - 2, 0, -1):
+        below, above = low[one] - high[chosen], low[chosen] - high[one]
+        if (np.maximum(np.maximum(below.real, below.imag), np.maximum(above.real, above.imag)) > 0.0).all():
+            chosen.append(one)
+    return np.unique(np.array(chosen, dtype=np.intp))
+
+
 def moments(times: Iterable[float]) -> str:
     """Return a few moments [s] as words for a title."""
-    return ", ".join(f"{time:.0f}" if time >= 99.95 else f"{round(time, 1):g}" for time in times) + " s"
+    return ", ".join(f"{time:.0f}" if time >= 99.95 else f"{round(time, 1) + 0.0:g}" for time in times) + " s"
 
 
 def limits(axes: Axes, values: FloatArray) -> None:
@@ -397,38 +413,50 @@ def _formation(tracks: Axes, side_by_side: Axes, history: History, shown: Any) -
 
 
 def over_time(axes: Axes, time: FloatArray, values: FloatArray, robots: Sequence[Look]) -> bool:
-    """Draw one line for each robot, of `values` at each `time` [s], shape (T, F).
+    """Draw a `calm_line` for each robot, of `values` at each `time` [s], shape (T, F).
 
-    Where a line chatters, its running mean is drawn, and from its least to its greatest value a light band.
-    Returns whether one does.
+    Returns whether one chatters.
     """
-    chatter = False
     finite = values[np.isfinite(values)]
-    least = CHATTER_SHARE * float(np.ptp(finite)) if finite.size else 0.0
-    for column, look in zip(values.T, robots, strict=True):
-        line, low, high = calmed(time, column, least)
+    most = float(np.ptp(finite)) if finite.size else 0.0
+    chatter = [
+        calm_line(axes, time, column, most, look) for column, look in zip(values.T, robots, strict=True)
+    ]
+    return any(chatter)
+
+
+def calm_line(
+    axes: Axes, time: FloatArray, values: FloatArray, most: float, look: Look, **style: Any
+) -> bool:
+    """Draw one line of `values` at each `time` [s], in a panel that shows values of a range of `most`.
+
+    Where it chatters, its running mean is drawn, and from its least to its greatest value a light band.
+    Returns whether it does.
+    """
+    line, low, high = calmed(time, values, CHATTER_SHARE * most)
+    axes.plot(time, line, color=look.colour, linestyle=look.dashes, **style)
+    chatter = bool(np.isfinite(low).any())
+    if chatter:
         axes.fill_between(time, low, high, color=look.colour, alpha=0.2, linewidth=0.0, zorder=1.5)
-        axes.plot(time, line, color=look.colour, linestyle=look.dashes)
-        chatter = chatter or bool(np.isfinite(low).any())
     return chatter
 
 
 def calmed(time: FloatArray, values: FloatArray, least: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return a line with its running mean where it chatters by more than `least`; there its band, else NaN.
 
-    All have the shape (T,).
+    All have the shape (T,). The mean is weighted: equal weights would let alternating values through.
     """
     gone = np.full(len(values), np.nan)
     if len(values) <= MIN_CHATTER_SAMPLES:
         return values, gone, gone
-    half = max(round(0.5 * CHATTER_TIME / float(np.median(np.diff(time)) or 1.0)), MIN_CHATTER_SAMPLES // 2)
+    apart = max(float(np.median(np.diff(time))), CHATTER_TIME / MAX_CHATTER_SAMPLES)  # a NaN stays NaN
+    samples = max(CHATTER_TIME / apart, MIN_CHATTER_SAMPLES) if apart > 0.0 else MIN_CHATTER_SAMPLES
+    half = round(0.5 * samples)
     padded = np.pad(values, half, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
     low, high = windows.min(axis=1), windows.max(axis=1)
     steps = np.lib.stride_tricks.sliding_window_view(np.abs(np.diff(padded)), 2 * half)
     chatters = (high - low > least) & (steps.sum(axis=1) > CHATTER_TURNS * (high - low))
-    weights = np.hanning(2 * half + 3)[
-        1:-1
-    ]  # equal ones would let a line through that changes in each sample
+    weights = np.hanning(2 * half + 3)[1:-1]
     line = np.where(chatters, windows @ (weights / weights.sum()), values)
     return line, np.where(chatters, low, np.nan), np.where(chatters, high, np.nan)

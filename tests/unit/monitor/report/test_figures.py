@@ -218,3 +218,11 @@ def test_snapshots_do_not_overlap(history: History) -> None:
     spans: list[Any] = [np.asarray(one.get_offsets())[:, 0] for one in axes.collections]
     assert len(spans) == 4
     assert all(left.max() < right.min() for left, right in pairwise(spans))
+
+
+def test_formations_in_one_panel_are_apart_but_for_first_and_last() -> None:
+    square: ComplexArray = np.array([0j, 1.0 + 0j, 1.0 + 1.0j, 1j])
+    passing: ComplexArray = square + np.array([0.0, 0.5, 3.0, 4.5])[:, None]
+    assert drawing.apart(passing).tolist() == [0, 2, 3]
+    assert drawing.apart(passing[:2]).tolist() == [0, 1]
+    assert drawing.apart(passing[:1]).tolist() == [0]
