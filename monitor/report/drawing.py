@@ -229,7 +229,6 @@ def snapshots(
             ha="center", va="top", fontsize=7,
         )  # fmt: skip
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_axis_off()
     left = -0.5 * apart
     axes.plot([left, left + 1.0], [top, top], color=INK, linewidth=1.0, solid_capstyle="butt")
     axes.annotate("1 m", (left + 0.5, top), xytext=(0, -3), textcoords="offset points", ha="center", va="top",
@@ -409,6 +408,7 @@ def _formation(tracks: Axes, side_by_side: Axes, history: History, shown: Any) -
     chosen = np.linspace(0, min(last, len(time) - 1), SNAPSHOTS).astype(int)
     if np.isfinite(points[chosen]).all():
         snapshots(side_by_side, time[chosen], points[chosen], history.edges, robots)
+    side_by_side.set_axis_off()
     side_by_side.set_title("The formation while it forms, side by side; leader black")
 
 
