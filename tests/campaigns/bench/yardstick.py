@@ -2,7 +2,7 @@
 
 python -m tests.campaigns.bench.yardstick [--quick | --page]
 
-Prints one table, and writes docs/yardstick.md with its figure and docs/yardstick.json. It takes seven to
+Prints one table, and writes docs/yardstick.md with its figure and docs/yardstick.json. It takes five to
 eleven minutes, most of them for the predictive law.
 """
 

@@ -103,6 +103,11 @@ def length(metres: float) -> str:
     return "> 1000" if value > 1000.0 else f"{value:.{2 if value < 9.995 else 0}f}"
 
 
+def microseconds(time: float) -> str:
+    """A time with two digits, without an exponent."""
+    return f"{time:.0f}" if time >= 10.0 else f"{time:.2g}"
+
+
 def words(cell: Cell) -> str:
     """One cell of the table."""
     times = f"{cell['median']:.1f} / {cell['p95']:.1f}" if cell["share"] >= 0.5 else "–"
@@ -114,7 +119,7 @@ def table(laws: Mapping[str, Any]) -> str:
     """Scenarios × laws, and the CPU time of a step in the last lines."""
     rows = [[name, *(words(one["cells"][name]) for one in laws.values())] for name in SCENARIOS]
     for key, name in (("compiled", "CPU time of a step, compiled [µs]"), ("python", "– in Python [µs]")):
-        rows.append([name, *(f"{one['step'][key]:.2g}" for one in laws.values())])
+        rows.append([name, *(microseconds(one["step"][key]) for one in laws.values())])
     return markdown(["", *laws], rows)
 
 
