@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from formation.control.arrays import ComplexArray, FloatArray
 from formation.control.plane import unit
@@ -55,8 +56,19 @@ STYLE: dict[Any, Any] = {
 }
 
 
-WIDTH, HEIGHT = 7.1, 7.4
+WIDTH, HEIGHT = 7.1, 8.8
 """Size of a page with two columns [inches]; letters are 8 pt on it."""
+SNAPSHOTS = 5
+"""Number of formations side by side."""
+SNAPSHOT_GAP = 0.25
+"""Between the two widest [share of their width]."""
+CHATTER_TIME, MIN_CHATTER_SAMPLES, MAX_CHATTER_SAMPLES = 0.4, 9, 200
+"""Window in which a line is examined for chatter [s], its least and its greatest length [samples]."""
+CHATTER_TURNS, CHATTER_SHARE = 3.0, 0.04
+"""A line chatters where it goes up and down by so many times its range within the window [–], a range that is
+more than this share of that of all lines [–]."""
+LABEL_DIRECTIONS = 24
+"""Number of directions in which there may be room for a label."""
 
 
 class Look(NamedTuple):
@@ -117,26 +129,62 @@ def graph(
     equal(axes, 0.2)
 
 
-def draw_paths(axes: Axes, centres: ComplexArray, names: Sequence[str], robots: Sequence[Look]) -> None:
-    """Draw the centres' paths [m; world frame], shape (T, N), the leader's dotted; a number at each start."""
+def draw_paths(
+    axes: Axes,
+    centres: ComplexArray,
+    names: Sequence[str],
+    robots: Sequence[Look],
+    lines: ComplexArray | None = None,
+) -> None:
+    """Draw the centres' paths [m; world frame], shape (T, N), the leader's dotted; a number at each start.
+
+    Numbers are where there is most room between the paths and the points of other `lines` [m; world frame].
+    """
     many = len(names) > MANY_ROBOTS
     axes.plot(centres[:, 0].real, centres[:, 0].imag, color=INK, linewidth=0.9, linestyle=":")
     for path, look in zip(centres.T[1:], robots, strict=True):
         axes.plot(
             path.real, path.imag, color=look.colour, linestyle=look.dashes, linewidth=0.8, rasterized=many
         )
-    for path, name, colour in zip(
-        centres.T, short(names), [INK, *(look.colour for look in robots)], strict=True
-    ):
-        known = path[np.isfinite(path)]
-        if known.size and not many:
-            axes.plot(known[0].real, known[0].imag, "o", color=colour, markersize=2.2)
-            axes.annotate(
-                name, xy(known[0]), xytext=(-3, 3), textcoords="offset points", ha="right", fontsize=7,
-                color=colour,
-            )  # fmt: skip
+    if not many:
+        drawn = centres[:: max(1, len(centres) // 500)].ravel()
+        drawn = drawn if lines is None else np.concatenate([drawn, lines])
+        _label_starts(axes, centres, names, [INK, *(look.colour for look in robots)], drawn)
     axes.set(xlabel="$x$ [m]", ylabel="$y$ [m]")
     equal(axes)
+
+
+def _label_starts(
+    axes: Axes, centres: ComplexArray, names: Sequence[str], colours: Sequence[Any], drawn: ComplexArray
+) -> None:
+    drawn = drawn[np.isfinite(drawn)]
+    for path, name, colour in zip(centres.T, short(names), colours, strict=True):
+        known = path[np.isfinite(path)]
+        if known.size:
+            out = roomiest(complex(known[0]), drawn)
+            axes.plot(known[0].real, known[0].imag, "o", color=colour, markersize=2.2)
+            axes.annotate(
+                name, xy(known[0]), xytext=(6.5 * out.real, 6.5 * out.imag), textcoords="offset points",
+                ha="center", va="center", fontsize=7, color=colour, zorder=4,
+            )  # fmt: skip
+
+
+def roomiest(point: complex, drawn: ComplexArray) -> complex:
+    """Return the direction from `point`, of unit length, in which the `drawn` points are furthest away."""
+    size = max(float(np.ptp(drawn.real)), float(np.ptp(drawn.imag)), 1e-9)
+    near = drawn[np.abs(drawn - point) < 0.2 * size]
+    directions = np.exp(2j * np.pi * (np.arange(LABEL_DIRECTIONS) / LABEL_DIRECTIONS + 3 / 8))
+    if not near.size:
+        return complex(directions[0])
+    room = np.abs(point + 0.05 * size * directions[:, None] - near).min(axis=1)
+    return complex(directions[room.argmax()])
+
+
+def along_edges(points: ComplexArray, edges: Iterable[tuple[int, int]]) -> ComplexArray:
+    """Return points along the edges of one formation [m], shape (N,)."""
+    shares = np.linspace(0.0, 1.0, 30)
+    parts = [points[i] + shares * (points[j] - points[i]) for i, j in edges]
+    return np.concatenate([np.empty(0, dtype=np.complex128), *parts])
 
 
 def formations(axes: Axes, points: ComplexArray, edges: Iterable[tuple[int, int]]) -> None:
@@ -154,6 +202,39 @@ def formations(axes: Axes, points: ComplexArray, edges: Iterable[tuple[int, int]
         axes.plot(marks.real, marks.imag, "o", markersize=2.0, **line)
 
 
+def snapshots(
+    axes: Axes,
+    time: FloatArray,
+    points: ComplexArray,
+    edges: Iterable[tuple[int, int]],
+    robots: Sequence[Look],
+) -> None:
+    """Draw the formation of control points [m; world frame] at M moments [s], side by side at one scale.
+
+    `points` has the shape (M, N), the leader first.
+    """
+    edges, size = list(edges), 3.0 if points.shape[1] > MANY_ROBOTS else 4.5
+    low = points.real.min(axis=1) + 1j * points.imag.min(axis=1)
+    high = points.real.max(axis=1) + 1j * points.imag.max(axis=1)
+    apart = (1.0 + SNAPSHOT_GAP) * float((high - low).real.max())
+    top = 0.5 * float((high - low).imag.max())
+    for number, words in enumerate(time):
+        marks = number * apart + points[number] - 0.5 * (low[number] + high[number])
+        for i, j in edges:
+            axes.plot(marks[[i, j]].real, marks[[i, j]].imag, color=FAINT, linewidth=0.7, zorder=1.5)
+        colours = [INK, *(look.colour for look in robots)]
+        axes.scatter(marks.real, marks.imag, s=size**2, c=colours, linewidths=0.0, zorder=3)
+        axes.annotate(
+            moments([words]), (number * apart, -top), xytext=(0.0, -6.0), textcoords="offset points",
+            ha="center", va="top", fontsize=7,
+        )  # fmt: skip
+    axes.set_aspect("equal", adjustable="datalim")
+    left = -0.5 * apart
+    axes.plot([left, left + 1.0], [top, top], color=INK, linewidth=1.0, solid_capstyle="butt")
+    axes.annotate("1 m", (left + 0.5, top), xytext=(0, -3), textcoords="offset points", ha="center", va="top",
+                  fontsize=7)  # fmt: skip
+
+
 def things(axes: Axes, world: SimulationSpec) -> None:
     """Draw posts and walls of a simulated world."""
     from matplotlib.patches import Circle  # noqa: PLC0415
@@ -164,9 +245,24 @@ def things(axes: Axes, world: SimulationSpec) -> None:
         axes.plot(*zip(wall.begin, wall.end, strict=True), color=FAINT, linewidth=1.6)
 
 
+def apart(points: ComplexArray) -> NDArray[np.intp]:
+    """Return which formations to draw in one panel, of `points` [m] at M moments, shape (M, N).
+
+    The first and the last; another one if its bounding box meets none that is drawn.
+    """
+    low = points.real.min(axis=1) + 1j * points.imag.min(axis=1)
+    high = points.real.max(axis=1) + 1j * points.imag.max(axis=1)
+    chosen = [0, len(points) - 1]
+    for one in range(len(points) - 2, 0, -1):
+        below, above = low[one] - high[chosen], low[chosen] - high[one]
+        if (np.maximum(np.maximum(below.real, below.imag), np.maximum(above.real, above.imag)) > 0.0).all():
+            chosen.append(one)
+    return np.unique(np.array(chosen, dtype=np.intp))
+
+
 def moments(times: Iterable[float]) -> str:
     """Return a few moments [s] as words for a title."""
-    return ", ".join(f"{time:.0f}" if time >= 99.95 else f"{round(time, 1):g}" for time in times) + " s"
+    return ", ".join(f"{time:.0f}" if time >= 99.95 else f"{round(time, 1) + 0.0:g}" for time in times) + " s"
 
 
 def limits(axes: Axes, values: FloatArray) -> None:
@@ -192,10 +288,18 @@ def span(time: FloatArray, error: FloatArray) -> float:
     known = np.flatnonzero(np.isfinite(error))
     if not known.size:
         return float(time[-1]) if time.size else 0.0
+    end = time[known[-1]]
+    return float(np.clip(np.ceil(2.0 * formed_at(time, error)), min(5.0, end), end))
+
+
+def formed_at(time: FloatArray, error: FloatArray) -> float:
+    """Return when the error last left 1 % of its peak [s]; the start if it is never known."""
+    known = np.flatnonzero(np.isfinite(error))
+    if not known.size:
+        return 0.0
     time, error = time[: known[-1] + 1], error[: known[-1] + 1]
     big = np.flatnonzero(np.nan_to_num(error, nan=np.inf) > 0.01 * np.nanmax(error[np.isfinite(error)]))
-    last = time[big[-1]] if big.size else time[0]
-    return float(np.clip(np.ceil(2.0 * last), min(5.0, time[-1]), time[-1]))
+    return float(time[big[-1]] if big.size else time[0])
 
 
 def equal(axes: Axes, margin: float = 0.08) -> None:
@@ -215,16 +319,20 @@ def unjoined(angles: FloatArray) -> FloatArray:
     return apart
 
 
-def legend(names: Sequence[str], robots: Sequence[Look]) -> list[Any]:
-    """Return legend handles of the leader and the followers; of many, a few."""
+def legend(names: Sequence[str], robots: Sequence[Look], *, chatter: bool = False) -> list[Any]:
+    """Return legend handles of the leader and the followers; of many, a few. And of the band of `chatter`."""
     from matplotlib.lines import Line2D  # noqa: PLC0415
+    from matplotlib.patches import Patch  # noqa: PLC0415
 
     chosen = range(len(robots)) if len(robots) <= 14 else (0, len(robots) // 2, len(robots) - 1)
     handles: list[Any] = [Line2D([], [], color=INK, linestyle=":", label=names[0])]
     handles += [
         Line2D([], [], color=robots[i].colour, linestyle=robots[i].dashes, label=names[i + 1]) for i in chosen
     ]
-    return [*handles, Line2D([], [], color="#606060", linestyle="--", linewidth=0.8, label="limits")]
+    handles.append(Line2D([], [], color="#606060", linestyle="--", linewidth=0.8, label="limits"))
+    if chatter:
+        handles.append(Patch(color=FAINT, alpha=0.25, linewidth=0.0, label="chatter"))
+    return handles
 
 
 def xy(point: complex) -> tuple[float, float]:
@@ -252,16 +360,17 @@ def draw(history: History, path: Path | str, until: float | None = None) -> None
 
 
 def _panels(figure: Figure, history: History, shown: Any) -> None:
-    grid: Any = figure.subplots(3, 2, height_ratios=(1.35, 1.0, 1.0))
-    layout, tracks, angles, errors, speeds, turn_rates = grid.flat
-    robots, time, points = looks(len(history.names) - 1), history.time[shown], history.points[shown]
+    grid = figure.add_gridspec(4, 2, height_ratios=(1.35, 0.85, 1.0, 1.0))
+    layout, tracks = (figure.add_subplot(grid[0, column]) for column in (0, 1))
+    side_by_side = figure.add_subplot(grid[1, :])
+    angles, errors, speeds, turn_rates = (
+        figure.add_subplot(grid[row, column]) for row in (2, 3) for column in (0, 1)
+    )
+    robots, time = looks(len(history.names) - 1), history.time[shown]
     graph(layout, history.names, history.edges, history.points[-1] - history.points[-1, 0], robots)
     layout.set(title="(a) Measurement graph")
-    four = np.linspace(0, len(points) - 1, 4).astype(int)
-    draw_paths(tracks, history.position[shown], history.names, robots)
-    formations(tracks, points[four], history.edges)
-    tracks.set(title=f"(b) Trajectories; formation at {moments(time[four])}")
-    _over_time(angles, time, np.rad2deg(unjoined(history.heading_error[shown])), robots)
+    _formation(tracks, side_by_side, history, shown)
+    chatter = over_time(angles, time, np.rad2deg(unjoined(history.heading_error[shown])), robots)
     angles.set(title="(c) Heading errors", ylabel="estimate less truth [°]", ylim=(-190.0, 190.0))
     angles.set_yticks([-180, -90, 0, 90, 180])
     positive = np.where(history.error[shown] > 0.0, history.error[shown], np.nan)
@@ -269,21 +378,85 @@ def _panels(figure: Figure, history: History, shown: Any) -> None:
     if (finite := positive[np.isfinite(positive)]).size:
         falling(errors, float(finite.min()), float(finite.max()))
     errors.set(title="(d) Formation error", ylabel="$\\Sigma\\,|z_{ij}-z_{ij}^*|$ [m]")
-    _over_time(speeds, time, history.speed[shown], robots)
+    chatter |= over_time(speeds, time, history.speed[shown], robots)
     limits(speeds, history.max_speed)
     leader = np.abs(np.gradient(history.position[:, 0], history.time))[shown]
     speeds.plot(time, leader, color="black", linewidth=0.8, linestyle=":")
     speeds.set(title="(e) Forward speeds (leader dotted)", ylabel="$u$ [m/s]")
-    _over_time(turn_rates, time, history.turn_rate[shown], robots)
+    chatter |= over_time(turn_rates, time, history.turn_rate[shown], robots)
     limits(turn_rates, history.max_turn_rate)
     turn_rates.set(title="(f) Turn rates", ylabel="$\\omega$ [rad/s]")
     for axes in (angles, errors, speeds, turn_rates):
         axes.set(xlabel="time [s]", xlim=(time[0], time[-1]))
-    handles = legend(history.names, robots)
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 7), handlelength=2.2)
+    handles = legend(history.names, robots, chatter=chatter)
+    figure.legend(
+        handles=handles, loc="outside lower center", ncols=min(len(handles), 8), handlelength=2.2,
+        columnspacing=1.4,
+    )  # fmt: skip
     figure.suptitle(history.title, fontsize=9)
 
 
-def _over_time(axes: Axes, time: FloatArray, values: FloatArray, robots: Sequence[Look]) -> None:
-    for column, look in zip(values.T, robots, strict=True):
-        axes.plot(time, column, color=look.colour, linestyle=look.dashes)
+def _formation(tracks: Axes, side_by_side: Axes, history: History, shown: Any) -> None:
+    """Draw paths with the first and the last formation; and the formation while it forms, side by side."""
+    time, points, robots = history.time[shown], history.points[shown], looks(len(history.names) - 1)
+    ends = points[[0, -1]]
+    lines = np.concatenate([along_edges(end, history.edges) for end in ends])
+    draw_paths(tracks, history.position[shown], history.names, robots, lines)
+    formations(tracks, ends, history.edges)
+    tracks.set(title=f"(b) Trajectories; formation at {moments(time[[0, -1]])}")
+    last = int(np.searchsorted(time, formed_at(time, history.error[shown]))) or len(time) - 1
+    chosen = np.linspace(0, min(last, len(time) - 1), SNAPSHOTS).astype(int)
+    if np.isfinite(points[chosen]).all():
+        snapshots(side_by_side, time[chosen], points[chosen], history.edges, robots)
+    side_by_side.set_axis_off()
+    side_by_side.set_title("The formation while it forms, side by side; leader black")
+
+
+def over_time(axes: Axes, time: FloatArray, values: FloatArray, robots: Sequence[Look]) -> bool:
+    """Draw a `calm_line` for each robot, of `values` at each `time` [s], shape (T, F).
+
+    Returns whether one chatters.
+    """
+    finite = values[np.isfinite(values)]
+    most = float(np.ptp(finite)) if finite.size else 0.0
+    chatter = [
+        calm_line(axes, time, column, most, look) for column, look in zip(values.T, robots, strict=True)
+    ]
+    return any(chatter)
+
+
+def calm_line(
+    axes: Axes, time: FloatArray, values: FloatArray, most: float, look: Look, **style: Any
+) -> bool:
+    """Draw one line of `values` at each `time` [s], in a panel that shows values of a range of `most`.
+
+    Where it chatters, its running mean is drawn, and from its least to its greatest value a light band.
+    Returns whether it does.
+    """
+    line, low, high = calmed(time, values, CHATTER_SHARE * most)
+    axes.plot(time, line, color=look.colour, linestyle=look.dashes, **style)
+    chatter = bool(np.isfinite(low).any())
+    if chatter:
+        axes.fill_between(time, low, high, color=look.colour, alpha=0.2, linewidth=0.0, zorder=1.5)
+    return chatter
+
+
+def calmed(time: FloatArray, values: FloatArray, least: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return a line with its running mean where it chatters by more than `least`; there its band, else NaN.
+
+    All have the shape (T,). The mean is weighted: equal weights would let alternating values through.
+    """
+    gone = np.full(len(values), np.nan)
+    if len(values) <= MIN_CHATTER_SAMPLES:
+        return values, gone, gone
+    apart = max(float(np.median(np.diff(time))), CHATTER_TIME / MAX_CHATTER_SAMPLES)  # a NaN stays NaN
+    samples = max(CHATTER_TIME / apart, MIN_CHATTER_SAMPLES) if apart > 0.0 else MIN_CHATTER_SAMPLES
+    half = round(0.5 * samples)
+    padded = np.pad(values, half, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
+    low, high = windows.min(axis=1), windows.max(axis=1)
+    steps = np.lib.stride_tricks.sliding_window_view(np.abs(np.diff(padded)), 2 * half)
+    chatters = (high - low > least) & (steps.sum(axis=1) > CHATTER_TURNS * (high - low))
+    weights = np.hanning(2 * half + 3)[1:-1]
+    line = np.where(chatters, windows @ (weights / weights.sum()), values)
+    return line, np.where(chatters, low, np.nan), np.where(chatters, high, np.nan)

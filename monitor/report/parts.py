@@ -108,15 +108,19 @@ def graph(axes: Axes, run: Run, _view: View) -> None:
 
 
 def trajectories(axes: Axes, run: Run, view: View) -> None:
-    """(b) Draw the centres' paths, and the formation at four moments."""
+    """(b) Draw the centres' paths, and formations: the first, the last, and others that lie apart."""
     paths, mission = run.paths, run.mission
     shown = (paths.time >= -1e-9) & (paths.time <= view.until + 1e-9) & np.isfinite(paths.points).any(axis=1)
     if not shown.any():
         _unknown(axes, "no positions were recorded")
         return
-    drawing.draw_paths(axes, paths.centres[shown], mission.names, drawing.looks(len(mission.followers)))
     time, points = paths.time[shown], paths.points[shown]
     moments = np.unique(np.searchsorted(time, np.linspace(time[0], time[-1], 4)).clip(0, len(time) - 1))
+    moments = moments[drawing.apart(points[moments])]
+    lines = np.concatenate([drawing.along_edges(points[moment], edges(run)) for moment in moments])
+    drawing.draw_paths(
+        axes, paths.centres[shown], mission.names, drawing.looks(len(mission.followers)), lines
+    )
     drawing.formations(axes, points[moments], edges(run))
     if run.truth:  # in the field [simulation] is about another world
         drawing.things(axes, mission.simulation)
@@ -231,23 +235,31 @@ def _commands(axes: Axes, run: Run, view: View, column: int) -> None:
         _unknown(axes, "no commands were recorded")
         return
     curves = list(run.commands.values())
-    _lines(axes, run, lambda i: curves[i].line(column), view)
+    _lines(axes, run, lambda i: curves[i].line(column), view, 2.0 * view.inputs[column])
     specs = [run.mission.robots[name] for name in run.mission.followers]
     values = [spec.max_turn_rate if column else spec.max_speed for spec in specs]
     drawing.limits(axes, np.array(values))
     axes.set_ylim(-1.12 * view.inputs[column], 1.12 * view.inputs[column])
 
 
-def _lines(axes: Axes, run: Run, line: Callable[[int], tuple[FloatArray, FloatArray]], view: View) -> None:
-    """Draw one line for each follower, up to the end of the view."""
+def _lines(
+    axes: Axes,
+    run: Run,
+    line: Callable[[int], tuple[FloatArray, FloatArray]],
+    view: View,
+    most: float = np.inf,
+) -> None:
+    """Draw one line for each follower, up to the end of the view.
+
+    With `most`, the range of the panel's values, lines that chatter are calmed.
+    """
     count = len(run.mission.followers)
     for i, look in enumerate(drawing.looks(count)):
         time, values = line(i)
         shown = (time >= -1.0) & (time <= view.until + 1.0)
-        axes.plot(
-            time[shown], values[shown], color=look.colour, linestyle=look.dashes, linewidth=0.9,
-            rasterized=count > MANY_ROBOTS,
-        )  # fmt: skip
+        drawing.calm_line(
+            axes, time[shown], values[shown], most, look, linewidth=0.9, rasterized=count > MANY_ROBOTS
+        )
 
 
 def _unknown(axes: Axes, why: str) -> None:

@@ -23,7 +23,7 @@ COMMAND = "python3 deploy/env.py python -m tests.campaigns"
 
 def head(title: str, name: str, words: str) -> str:
     """The beginning of docs/NAME.md, a blank line at its end; `name` is not always that of the campaign."""
-    campaign = {"benchmarks": "bench"}.get(name, name)
+    campaign = {"benchmarks": "bench", "yardstick": "bench.yardstick"}.get(name, name)
     about = f"Written, with [the same figures for programs]({name}.json), by"
     return f"# {title}\n\n{about}\n\n```sh\n{COMMAND}.{campaign}\n```\n\n{words}"
 

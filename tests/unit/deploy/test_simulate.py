@@ -8,7 +8,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from matplotlib.image import imread
 
 from formation.deploy import simulate
 from formation.deploy.cli import main
@@ -18,6 +20,7 @@ from formation.simulation.body import PROFILES
 from tests.unit.deploy.commands import Capsys, output_of, refused
 
 SHORT = ("--horizon", "15")
+FIGURES = Path(__file__).parents[3] / "docs" / "figures"
 
 
 def simulated(capsys: Capsys, *arguments: str) -> tuple[str, dict[str, Any]]:
@@ -182,6 +185,19 @@ def test_a_plot_is_written(tmp_path: Path, capsys: Capsys) -> None:
     assert figure.read_bytes().startswith(b"\x89PNG")
     assert result["plot"] == str(figure)
     assert str(figure) in text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["field", "paper"])
+def test_committed_figures_are_what_the_command_draws(law: str, tmp_path: Path, capsys: Capsys) -> None:
+    """Compare pixels: the fonts are matplotlib's own, and the tolerance covers other rounding of edges."""
+    fresh = tmp_path / "figure.png"
+    output_of(capsys, ["simulate", "six_robots", "--law", law, "--plot", str(fresh)])
+    committed, drawn = (
+        np.asarray(imread(path))[..., :3] for path in (FIGURES / f"six_robots_{law}.png", fresh)
+    )
+    assert committed.shape == drawn.shape
+    assert (np.abs(committed - drawn).max(axis=2) > 0.2).mean() < 0.002
 
 
 def test_terminal_shows_progress_while_law_is_compiled(

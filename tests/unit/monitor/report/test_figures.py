@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import pytest
 from matplotlib.figure import Figure as Figure2D
 from matplotlib.patches import Circle
 
+from formation.control.arrays import ComplexArray, FloatArray
 from formation.mission.file import load, read
 from formation.monitor.report import drawing, figures, parts
 from formation.monitor.report.gather import Run
@@ -180,3 +182,47 @@ def test_the_figure_ends_well_after_the_formation_has_formed(history: History) -
     span = drawing.span(history.time, history.error)
     assert 5.0 <= span <= 10.0
     assert history.error[np.searchsorted(history.time, span) - 1] < 0.01 * history.error.max()
+
+
+def test_chatter_becomes_a_mean_and_a_band() -> None:
+    time: FloatArray = 0.02 * np.arange(200.0)
+    chattering = np.where(np.arange(200) % 2, 1.5, -1.5)
+    values = np.where((time > 1.0) & (time < 3.0), chattering, 0.0)
+    line, low, high = drawing.calmed(time, values, 0.1)
+    inside = (time > 1.4) & (time < 2.6)
+    assert np.abs(line[inside]).max() < 0.05
+    assert (low[inside] == -1.5).all()
+    assert (high[inside] == 1.5).all()
+    assert np.isnan(low[time < 0.7]).all()
+
+
+@pytest.mark.parametrize("swing", [np.linspace(-1.5, 1.5, 200), np.sin(np.linspace(0.0, 9.0, 200)) ** 3])
+def test_smooth_lines_are_drawn_as_they_are(swing: Any) -> None:
+    line, low, high = drawing.calmed(np.arange(0.0, 4.0, 0.02), swing, 0.1)
+    assert (line == swing).all()
+    assert np.isnan(low).all()
+    assert np.isnan(high).all()
+
+
+def test_label_goes_where_no_line_is() -> None:
+    line: ComplexArray = np.linspace(0.0, 3.0 + 1.0j, 50).astype(np.complex128)
+    assert abs(drawing.roomiest(0j, line) + (3.0 + 1.0j) / abs(3.0 + 1.0j)) < 0.3
+    across = drawing.roomiest(1.5 + 0.5j, line).conjugate() * (3.0 + 1.0j) / abs(3.0 + 1.0j)
+    assert abs(across.imag) > 0.9
+
+
+def test_snapshots_do_not_overlap(history: History) -> None:
+    axes = Figure2D().subplots()
+    points = history.points[[0, 50, 100, 400]]
+    drawing.snapshots(axes, history.time[[0, 50, 100, 400]], points, history.edges, drawing.looks(5))
+    spans: list[Any] = [np.asarray(one.get_offsets())[:, 0] for one in axes.collections]
+    assert len(spans) == 4
+    assert all(left.max() < right.min() for left, right in pairwise(spans))
+
+
+def test_formations_in_one_panel_are_apart_but_for_first_and_last() -> None:
+    square: ComplexArray = np.array([0j, 1.0 + 0j, 1.0 + 1.0j, 1j])
+    passing: ComplexArray = square + np.array([0.0, 0.5, 3.0, 4.5])[:, None]
+    assert drawing.apart(passing).tolist() == [0, 2, 3]
+    assert drawing.apart(passing[:2]).tolist() == [0, 1]
+    assert drawing.apart(passing[:1]).tolist() == [0]
