@@ -7,10 +7,13 @@ and the LDS-02, and behind for the RPLIDAR A1, in the frames of their drivers.
 
 from __future__ import annotations
 
+import cmath
 import math
-from collections.abc import Callable, Mapping, Sequence
+import random
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from formation.ros2.messages import LaserScan
+from formation.ros2.messages import LaserScan, decode, encode
+from formation.sensing.models import MODELS
 
 PACKET_SAMPLES = 12
 """Samples in a packet of the LDS-02, which has the angles of the first and the last."""
@@ -18,6 +21,12 @@ LDS_02_SAMPLE_RATE = 2300
 """[Hz]"""
 COMPENSATED_MULTIPLE = 2
 """Beams of a degree that the driver of the A1 makes of 4000 samples in a second."""
+
+
+TOWER = 0.035
+"""Radius of what is seen of a robot [m]."""
+BACKGROUND = 3.0
+"""Distance of a round wall around the scanner [m]."""
 
 
 def hls_lfcd(samples: Sequence[float], stamp: float, turn_time: float, _: float = 1.0) -> LaserScan:
@@ -92,3 +101,38 @@ def _packets(samples: Sequence[float], phase: float) -> list[tuple[float, float]
         step = (end - begin) // max(1, len(packet) - 1)
         found += [((begin + step * number) / 100.0 % 360.0, one) for number, one in enumerate(packet)]
     return found
+
+
+def distance_along(direction: float, discs: Iterable[tuple[complex, float]], wall: float) -> float:
+    """Range of one exact beam from the origin [m]."""
+    nearest = wall
+    for centre, radius in discs:
+        turned = centre * cmath.rect(1.0, -direction)
+        if turned.real > 0.0 and abs(turned.imag) < radius:
+            nearest = min(nearest, turned.real - math.sqrt(radius**2 - turned.imag**2))
+    return nearest
+
+
+def directions(model: str, count: int, phase: float = 1.0) -> list[float]:
+    """Direction of each sample of a turn, in the order of time [rad; scanner's frame]."""
+    zero = math.pi if model == "rplidar_a1" else 0.0
+    return [zero - math.tau * (number + phase) / count for number in range(count)]
+
+
+def sent(
+    model: str, discs: Iterable[tuple[complex, float]], seed: int, *, wall: float = BACKGROUND, count: int = 0
+) -> LaserScan:
+    """The scan that the driver sends, as an agent uses it: 10 % of samples are lost.
+
+    Only an LDS-01 measures at the same angles in each turn; `count` is the number of samples, about.
+    """
+    chance, noise, readings = random.Random(seed), MODELS[model].noise, []
+    count, phase = count or SAMPLES[model], 1.0
+    if model != "lds_01":
+        count, phase = count + chance.randint(-3, 3), chance.random()
+    for direction in directions(model, count, phase):
+        true = distance_along(direction, discs, wall)
+        reading = true + chance.gauss(0.0, noise.deviation(true)) if math.isfinite(true) else true
+        readings.append(math.inf if chance.random() < 0.1 else reading)
+    scan = DRIVERS[model](readings, 100.0, MODELS[model].turn_time, phase)
+    return MODELS[model].corrected(decode(LaserScan, encode(scan)))

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
-import random
 import statistics
-from collections.abc import Iterable
 
 import pytest
 
@@ -16,50 +14,11 @@ from formation.protocol.status import Sight
 from formation.ros2.messages import LaserScan, decode, encode
 from formation.sensing.detection import Detection, beams, detection
 from formation.sensing.models import MODELS
-from tests.support.drivers import DRIVERS, SAMPLES
+from tests.campaigns.perception.towers import errors as errors_of_towers
+from tests.support.drivers import BACKGROUND, DRIVERS, SAMPLES, TOWER, directions, distance_along, sent
 from tests.support.fleet import at
 from tests.support.seeing import TRIANGLE, hexagon
 from tests.unit.agent.test_perception import PERIOD, Turning, errors
-
-TOWER = 0.035
-"""Radius of what is seen of a robot [m]."""
-BACKGROUND = 3.0
-"""Distance of a round wall around the scanner [m]."""
-
-
-def distance_along(direction: float, discs: Iterable[tuple[complex, float]], wall: float) -> float:
-    """Range of one exact beam from the origin [m]."""
-    nearest = wall
-    for centre, radius in discs:
-        turned = centre * cmath.rect(1.0, -direction)
-        if turned.real > 0.0 and abs(turned.imag) < radius:
-            nearest = min(nearest, turned.real - math.sqrt(radius**2 - turned.imag**2))
-    return nearest
-
-
-def directions(model: str, count: int, phase: float = 1.0) -> list[float]:
-    """Direction of each sample of a turn, in the order of time [rad; scanner's frame]."""
-    zero = math.pi if model == "rplidar_a1" else 0.0
-    return [zero - math.tau * (number + phase) / count for number in range(count)]
-
-
-def sent(
-    model: str, discs: Iterable[tuple[complex, float]], seed: int, *, wall: float = BACKGROUND, count: int = 0
-) -> LaserScan:
-    """The scan that the driver sends, as an agent uses it: 10 % of samples are lost.
-
-    Only an LDS-01 measures at the same angles in each turn; `count` is the number of samples, about.
-    """
-    chance, noise, readings = random.Random(seed), MODELS[model].noise, []
-    count, phase = count or SAMPLES[model], 1.0
-    if model != "lds_01":
-        count, phase = count + chance.randint(-3, 3), chance.random()
-    for direction in directions(model, count, phase):
-        true = distance_along(direction, discs, wall)
-        reading = true + chance.gauss(0.0, noise.deviation(true)) if math.isfinite(true) else true
-        readings.append(math.inf if chance.random() < 0.1 else reading)
-    scan = DRIVERS[model](readings, 100.0, MODELS[model].turn_time, phase)
-    return MODELS[model].corrected(decode(LaserScan, encode(scan)))
 
 
 def found(scan: LaserScan, model: str) -> list[Detection]:
@@ -72,20 +31,11 @@ def found(scan: LaserScan, model: str) -> list[Detection]:
 @pytest.mark.parametrize("wall", [BACKGROUND, math.inf])
 @pytest.mark.parametrize("model", MODELS)
 def test_tower_is_found_in_scans_of_every_driver(model: str, wall: float) -> None:
-    ranges, angles, squares = [], [], []
-    for seed in range(200):
-        angle, distance = 0.37 * seed, 0.7 + 0.002 * seed
-        discs = [(cmath.rect(distance, angle), TOWER), (cmath.rect(distance, angle + 2.0), TOWER)]
-        for one in found(sent(model, discs, seed, wall=wall), model):
-            off = math.remainder(one.angle - angle, math.tau)
-            if abs(off) < 0.1:
-                ranges.append(one.distance - distance)
-                angles.append(off)
-                squares.append(off**2 / one.angle_variance)
-    assert len(ranges) > 0.9 * 200
-    assert abs(statistics.mean(ranges)) < 5e-3
-    assert abs(statistics.mean(angles)) < math.radians(0.3)
-    assert 0.3 < statistics.mean(squares) < 1.6
+    off = errors_of_towers(model, wall=wall, scans=200)
+    assert len(off.distances) > 0.9 * 200
+    assert abs(statistics.mean(off.distances)) < 5e-3
+    assert abs(statistics.mean(off.directions)) < math.radians(0.3)
+    assert 0.3 < statistics.mean(off.squares) < 1.6
 
 
 @pytest.mark.parametrize("model", MODELS)
