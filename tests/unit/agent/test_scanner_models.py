@@ -17,7 +17,7 @@ from formation.sensing.models import MODELS
 from tests.campaigns.perception.towers import errors as errors_of_towers
 from tests.support.drivers import BACKGROUND, DRIVERS, SAMPLES, TOWER, directions, distance_along, sent
 from tests.support.fleet import at
-from tests.support.seeing import TRIANGLE, hexagon
+from tests.support.seeing import TRIANGLE, fleet_of, hexagon, shape_error
 from tests.unit.agent.test_perception import PERIOD, Turning, errors
 
 
@@ -119,3 +119,10 @@ def test_sweep_follows_from_model_or_scan() -> None:
     assert sweeps["lds_01"] == -0.2
     assert sweeps["lds_02"] == sweeps["rplidar_a1"] == pytest.approx(-0.1, abs=0.002)
     assert Scanner(hexagon(robots=TRIANGLE), "robot7").sweep(scan) > 0.0
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_rehearsed_robots_with_known_scanners_keep_their_shape(model: str) -> None:
+    fleet = fleet_of(with_model(model)).after(12.0)
+    assert {fleet.status(robot).sight for robot in ("robot3", "robot7")} == {Sight.LOCKED}
+    assert max(shape_error(one) for one in fleet.every(1.0, 5.0)) < 0.03
