@@ -230,7 +230,7 @@ def _take_displacement(neighbour: Neighbour, sample: Sample, now: Now) -> None:
 
 
 def _take_scan(scanner: Scanner, perception: Perception | None, sample: Sample, now: Now) -> None:
-    scan = decode(LaserScan, sample.payload)
+    scan = scanner.corrected(decode(LaserScan, sample.payload))
     scanner.process_scan(scan, sample.arrived, now)
     if perception is not None:
         perception.take_scan(scan, scanner)

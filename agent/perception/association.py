@@ -22,7 +22,6 @@ from formation.sensing.detection import (
     covered,
     detection,
     expected_beams,
-    range_deviation,
 )
 
 MAX_SQUARED_DISTANCE = 11.8
@@ -79,16 +78,16 @@ class Found(NamedTuple):
     """Only if it is seen."""
 
 
-def search_distance(candidate: Candidate) -> float:
-    """Distance from the expected place within which a robot is searched [m]."""
+def search_distance(candidate: Candidate, scan: Beams) -> float:
+    """Distance from the expected place within which a robot is searched in a scan [m]."""
     spread = SEARCH_DEVIATIONS * candidate.deviation
-    noise = SEARCH_RANGE_DEVIATIONS * range_deviation(candidate.distance)
+    noise = SEARCH_RANGE_DEVIATIONS * scan.noise.deviation(candidate.distance)
     return min(MAX_SEARCH_DISTANCE, SEARCH_DISTANCE + spread + noise)
 
 
 def associate(scan: Beams, candidates: Sequence[Candidate], fit: Fit) -> dict[str, Found]:
     """Say of each candidate what the scan shows of it."""
-    near = {one.name: _near(scan, one, search_distance(one)) for one in candidates}
+    near = {one.name: _near(scan, one, search_distance(one, scan)) for one in candidates}
     fits: dict[str, list[tuple[float, Segment, Detection]]] = {
         one.name: sorted([(fit(one.name, found), segment, found) for segment, found in near[one.name]])
         for one in candidates
@@ -153,7 +152,7 @@ def _is_absent(scan: Beams, one: Candidate, taken: Collection[Segment]) -> bool:
     Beams end behind all places where it can be, or a cylinder of its size stands beside them that is no
     other robot, none of the segments `taken`.
     """
-    reach = search_distance(one)
+    reach = search_distance(one, scan)
     expected = expected_beams(one.radius, one.distance, scan.increment)
     if expected < MIN_EXPECTED_BEAMS or one.distance + reach > scan.range_max:
         return False

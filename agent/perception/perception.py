@@ -147,7 +147,8 @@ class Perception:
         self.mates = mission.landmarks_of(robot)
         """The neighbours by which it corrects its pose."""
         self.state = PerceptionState(mates={name: MateState() for name in self.mates})
-        self._mount = mission.robots[robot].scan.mount
+        scan = mission.robots[robot].scan
+        self._mount, self._noise = scan.mount, scan.noise
         self._specs = {name: mission.robots[name] for name in mission.followers}
 
     def moved(self, arrived: float, here: Localisation) -> None:
@@ -175,7 +176,7 @@ class Perception:
         times, doubt = scanner.state, scanner.doubt
         if doubt is None or doubt.code is Code.SCAN_BLIND:
             against = scanner.sweep(scan) < 0.0
-            self.state.scanned = Scanned(beams(scan), times.began, times.ended, against)
+            self.state.scanned = Scanned(beams(scan, self._noise), times.began, times.ended, against)
 
     def doubt_all(self) -> None:
         """Forget the newest scan: this process was frozen."""

@@ -100,13 +100,14 @@ class Scanner:
         self.stream = Stream(spec.scan.rate)
         self.state = ScannerState(stream=self.stream.state)
         self._scan, self._radius, self._limits = spec.scan, spec.radius, spec.limits
+        self._margin = spec.margin
         # distance from the scanner to what is outside of body and margin [m]
-        self._sees_from = spec.radius + spec.scan.margin - abs(spec.scan.mount.at)
-        self._body = Body(spec.radius, spec.scan.margin, spec.scan.lag)
+        self._sees_from = spec.radius + spec.margin - abs(spec.scan.mount.at)
+        self._body = Body(spec.radius, spec.margin, spec.scan.lag)
         self._lasts = FRESH_PERIODS / spec.rate  # a command at most, then the watchdog stops the robot [s]
         longest = self.stream.limit + self.stream.longest_delay  # age of a scan
         self._keeps = longest + LONGEST_SWEEP  # speeds [s]
-        zone = spec.radius + spec.scan.margin + spec.max_speed * (longest + self._lasts + spec.scan.lag)
+        zone = spec.radius + spec.margin + spec.max_speed * (longest + self._lasts + spec.scan.lag)
         # what is further away than this cannot matter before the next scan
         self._reach = max(MAX_OBSTACLE_DISTANCE, zone) + spec.max_speed * longest
 
@@ -114,7 +115,7 @@ class Scanner:
     def margin(self) -> float:
         """Width of the free space around the robot that keeps obstacles in sight [m]."""
         seen_from = self.state.range_min + abs(self._scan.mount.at) - self._radius
-        return max(self._scan.margin, seen_from + RANGE_NOISE)
+        return max(self._margin, seen_from + RANGE_NOISE)
 
     def moved(self, moment: float, moving: Command) -> None:
         """Store the speeds that the robot reports at `moment` [s, monotonic].
@@ -139,6 +140,10 @@ class Scanner:
             self.moved(moment, AT_REST)
         self.state.commanded = command
 
+    def corrected(self, scan: LaserScan) -> LaserScan:
+        """The scan without the faults of its driver, if the mission names the scanner's model."""
+        return scan if self._scan.scanner is None else self._scan.scanner.corrected(scan)
+
     def process_scan(self, scan: LaserScan, arrived: float, now: Now) -> None:
         """Process a scan. Raises BadMessage if its stamp does not follow from the last."""
         state = self.state
@@ -158,13 +163,12 @@ class Scanner:
         hits = scans.points(scan, self._scan.mount, self._radius, motion, against=signed < 0.0)
         self._compare(scan, len(hits), before)
         found = scans.circles(hits, scan.angle_increment)
-        reach = self._reach + self.margin - self._scan.margin
+        reach = self._reach + self.margin - self._margin
         state.circles = [circle for circle in found if abs(circle.at) - circle.radius < reach]
 
     def sweep(self, scan: LaserScan) -> float:
         """Time from a scan's first beam to its last [s]; negative if the first beam is the newest."""
-        stated = scan.time_increment * (len(scan.ranges) - 1)
-        return stated if self._scan.sweep is None else self._scan.sweep
+        return self._scan.signed_sweep(scan.time_increment * (len(scan.ranges) - 1))
 
     def fresh(self, now: Now) -> bool:
         """Whether there is a scan of the present."""

@@ -48,6 +48,8 @@ _log = logging.getLogger(__name__)
 Measurement = TypeVar("Measurement")
 VISIBILITY_TIME = 0.5
 """Silence after which a leader is invisible to every sensor [s]."""
+SECTORS = 10
+"""Steps in which a scanner of a known model measures the beams of a turn."""
 VELOCITY_FILTER_TIME = 0.01
 """Time constant of the leader's velocity between its positions [s]; they have no noise."""
 
@@ -195,8 +197,11 @@ class World:
         for one in self._hosted.values():
             one.go_to(now.mono)
         others = [one.disc for one in self._hosted.values() if one is not robot]
-        scan = robot.measured("scan", robot.name, ranging.scan(now.wall, robot.plant, others))
-        out = Outgoing(SCAN.key(robot.name), encode(replace(scan, stamp=now.wall)))
+        if not ranging.measure(robot.plant, others):
+            return []
+        stamp = now.wall - ranging.stamp_age
+        scan = robot.measured("scan", robot.name, ranging.scan(stamp))
+        out = Outgoing(SCAN.key(robot.name), encode(replace(scan, stamp=stamp)))
         return robot.reported([out], now.mono, robot.plant.disturbed.surroundings_late.get("scan", 0.0))
 
     def _displacement(self, robot: _Robot, other: str, now: Now) -> complex | None:
@@ -213,43 +218,73 @@ class World:
 
 
 class Ranging:
-    """One robot's scanner. A scan is of one moment: all its beams are measured at once.
+    """One robot's scanner. Without a model a scan is of one moment: all its beams are measured at once.
 
+    One of a known model turns: beams are measured in `SECTORS` steps, in the order of that model.
     Its systematic errors have the mission's size, and a sign that the noise's seed decides.
     """
 
     def __init__(self, mission: Mission, robot: str, noise: np.random.Generator, phase: float) -> None:
         """It publishes at the mission's rate, `phase` [periods] after others."""
-        self.rate = Rate(mission.robots[robot].scan.rate, phase)
-        self._mount, self._scanner = mission.robots[robot].scan.mount, mission.simulated_scanner.scanner
+        spec, errors = mission.robots[robot].scan, mission.simulated_scanner
+        self._model, self._sectors = spec.scanner, 1 if spec.scanner is None else SECTORS
+        self.rate = Rate(spec.rate * self._sectors, phase)
+        """Of its steps."""
+        self._turn_time = 1.0 / spec.rate
+        self._angle_min = 0.0 if spec.scanner is None else spec.scanner.angle_min
+        late = spec.scanner is None or spec.scanner.stamped_late
+        self.stamp_age = 0.0 if late else self._turn_time
+        """Age of a scan's stamp when its turn ends [s]."""
+        self._mount, self._scanner = spec.mount, errors.scanner(spec)
         self._posts = tuple(post.disc for post in mission.simulation.posts)
         self._walls = tuple(wall.line for wall in mission.simulation.walls)
         self._noise = noise
-        errors = mission.simulated_scanner
+        self._true = [math.inf] * self._scanner.beams  # newest distance of each beam [m]
+        self._steps = 0
         self._scale, self._turned = 1.0, 1.0 + 0.0j
         if errors.scale > 0.0 or errors.mounting_error_deg > 0.0:
             longer, left = noise.choice((-1.0, 1.0), size=2)
             self._scale += float(longer) * errors.scale
             self._turned = rotation(float(left) * math.radians(errors.mounting_error_deg))
 
-    def scan(self, stamp: float, plant: Moving, others: Iterable[tuple[complex, float]]) -> LaserScan:
-        """Return the scan at `stamp` [s]; `others` are other robots' bodies: centre, radius [m; world]."""
+    def measure(self, plant: Moving, others: Iterable[tuple[complex, float]]) -> bool:
+        """Measure the beams of one step, and of those that were missed; return whether a turn is complete.
+
+        `others` are other robots' bodies: centre, radius [m; world].
+        """
         scanner, mount = self._scanner, self._mount
-        axis = mount.heading * self._turned
+        axis = mount.heading * self._turned * rotation(self._angle_min)
         true = plant.cast(mount.at, axis, scanner.beams, scanner.range_max)
         if true is None:
             at, heading = plant.position + plant.heading * mount.at, plant.heading * axis
             true = raycast.cast(at, heading, (*others, *self._posts), self._walls, scanner.beams)
+        before, self._steps = self._steps, self.rate.ticks + self.rate.missed
+        for step in range(max(before, self._steps - self._sectors), self._steps):
+            sector = self._sector(step % self._sectors)
+            self._true[sector] = true[sector]
+        return self._steps // self._sectors > before // self._sectors
+
+    def scan(self, stamp: float) -> LaserScan:
+        """Return the scan of the newest complete turn, with this stamp [s]."""
+        scanner, turn_time = self._scanner, self._turn_time
         normal, uniform = self._noise.normal(size=scanner.beams), self._noise.random(scanner.beams)
         return LaserScan(
             stamp,
-            angle_min=0.0,
+            angle_min=self._angle_min,
             angle_increment=math.tau / scanner.beams,
             range_min=scanner.range_min,
             range_max=scanner.range_max,
-            ranges=raycast.measured(true, scanner, normal.tolist(), uniform.tolist(), self._scale),
-            scan_time=self.rate.period,
+            ranges=raycast.measured(self._true, scanner, normal.tolist(), uniform.tolist(), self._scale),
+            time_increment=0.0 if self._model is None else turn_time / scanner.beams,
+            scan_time=turn_time,
         )
+
+    def _sector(self, step: int) -> slice:
+        """The beams of one step of a turn."""
+        backwards = self._model is not None and self._model.newest_first
+        place = self._sectors - 1 - step if backwards else step
+        first, end = (number * self._scanner.beams // self._sectors for number in (place, place + 1))
+        return slice(first, end)
 
 
 class _Robot:

@@ -16,6 +16,7 @@ from formation.deploy.doctor import gather, tls
 from formation.deploy.doctor.agent import AGENT, LEADING, MISSION, NEIGHBOURS, REFUSALS
 from formation.deploy.doctor.facts import Checked, examine
 from formation.deploy.doctor.robot import CERTIFICATES, CLOCKS, ODOMETRY, ROBOT_LINK, WATCHDOG
+from formation.deploy.doctor.sight import SCANNER, SIGHT
 from formation.deploy.fleet.fleet import PREFIX
 from formation.deploy.refusal import Refusal
 from formation.deploy.terminal.bar import waiting
@@ -34,7 +35,8 @@ what agents say of themselves, and whether they can be dialled. Nothing is publi
 Exit code 0: healthy; 1: something is wrong, as named.
 """
 EXAMINATIONS = (
-    AGENT, MISSION, ROBOT_LINK, WATCHDOG, ODOMETRY, CLOCKS, NEIGHBOURS, CERTIFICATES, REFUSALS,
+    AGENT, MISSION, ROBOT_LINK, WATCHDOG, ODOMETRY, SCANNER, SIGHT, CLOCKS, NEIGHBOURS, CERTIFICATES,
+    REFUSALS,
 )  # fmt: skip
 """All examinations, in the order of the report."""
 

@@ -56,6 +56,19 @@ class Stream:
         return tuple(later - earlier for earlier, later in pairwise(arrivals))
 
 
+class ScanMessage(NamedTuple):
+    """What a range scan says of itself, without the faults that its model's driver is known for."""
+
+    beams: int
+    """In it."""
+    hits: int
+    """Beams with a range."""
+    sweep: float
+    """Time from its first beam to its last that it states [s]; 0 for none."""
+    turn: float
+    """Angle from its first beam to its last, as a share of a full turn."""
+
+
 class Party(NamedTuple):
     """A publisher or subscriber of cmd_vel in ROS."""
 
@@ -117,6 +130,10 @@ class Facts:
     """Duration of listening [s]."""
     odometry: Stream | None = None
     pose: Stream | None = None
+    scan: Stream | None = None
+    """None without a range scanner, and at the desk."""
+    scans: tuple[ScanMessage, ...] = ()
+    """What its range scans say."""
     position: Stream | None = None
     status: Stream | None = None
     newest_status: AgentStatus | LeaderStatus | None = None
@@ -147,6 +164,8 @@ class Facts:
     """Candidates that claim to lead; None without standbys, or if not examined."""
     doubled: tuple[str, ...] = ()
     """Robots that report two publishers for this one."""
+    seen_by: tuple[str, ...] = ()
+    """Robots that see this one and correct their poses by it, as far as known."""
 
     @property
     def agent(self) -> AgentStatus | None:

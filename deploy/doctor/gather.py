@@ -7,6 +7,7 @@ have other subscribers.
 
 from __future__ import annotations
 
+import math
 import subprocess
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -16,17 +17,26 @@ from pathlib import Path
 from typing import Protocol
 
 from formation.deploy.doctor import tls
-from formation.deploy.doctor.facts import Certificate, Chrony, Facts, Party, ReceivedMessage, Stream
+from formation.deploy.doctor.facts import (
+    Certificate,
+    Chrony,
+    Facts,
+    Party,
+    ReceivedMessage,
+    ScanMessage,
+    Stream,
+)
 from formation.deploy.doctor.tls import Papers, reach
 from formation.deploy.refusal import refusing
 from formation.mission.file import MissionError, load
 from formation.mission.model import Mission
+from formation.mission.robot import ScanSpec
 from formation.protocol import status_codec
 from formation.protocol.status import AgentStatus, LeaderStatus, WatchdogStatus
 from formation.ros2 import tokens
-from formation.ros2.messages import Diagnostics, Number, Odometry, Pose, decode
+from formation.ros2.messages import Diagnostics, LaserScan, Number, Odometry, Pose, decode
 from formation.ros2.naming import Naming
-from formation.topics import ALIVE, CMD_VEL, ODOM, POSE, POSITION, STATUS, WATCHDOG
+from formation.topics import ALIVE, CMD_VEL, ODOM, POSE, POSITION, SCAN, STATUS, WATCHDOG
 from formation.transport.asking import OPERATOR
 from formation.transport.bus import Bus
 from formation.transport.bus_config import BusConfig, BusError
@@ -53,6 +63,8 @@ def robot_facts(
     listeners: tuple[Party, ...] = ()
     speakers: tuple[Party, ...] = ()
     keys = {topic: topic.key(robot) for topic in (ODOM, POSE, POSITION, STATUS, ALIVE)}
+    if mission.robots[robot].scanner != "none":
+        keys[SCAN] = SCAN.key(robot)
     naming = Naming.of(mission.robots, [robot])
     with refusing(BusError):
         config = BusConfig(connect=(router,), mode="client", adminspace=False, name=NODE)
@@ -73,6 +85,7 @@ def robot_facts(
     pose = partial(decode, Pose)
     external = mission.robots[robot].localisation == "external"
     status, newest = _statuses(AgentStatus, received.get(keys[STATUS], []))
+    scan, scans = _scans(mission.robots[robot].scan, received.get(keys.get(SCAN, ""), []))
     return Facts(
         mission=mission,
         robot=robot,
@@ -80,6 +93,8 @@ def robot_facts(
         seconds=seconds,
         odometry=None if external else _stream(partial(decode, Odometry), received.get(keys[ODOM], [])),
         pose=_stream(pose, received.get(keys[POSE], [])) if external else None,
+        scan=scan if SCAN in keys else None,
+        scans=scans,
         position=_stream(pose, received.get(keys[POSITION], [])),
         status=status,
         newest_status=newest,
@@ -152,10 +167,25 @@ def fleet_facts(
                 for other, status in known.items()
                 if isinstance(status, AgentStatus) and name in status.contested
             ),
+            seen_by=tuple(
+                other
+                for other, status in known.items()
+                if isinstance(status, AgentStatus) and _sees(mission, status, other, name)
+            ),
             wall=time.time(),
         )
         for name, (stream, newest) in statuses.items()
     ]
+
+
+def _sees(mission: Mission, status: AgentStatus, robot: str, other: str) -> bool:
+    """Return whether `robot` sees `other`, by its status, and corrects its pose by it."""
+    return (
+        status.sight is not None
+        and other in mission.landmarks_of(robot)
+        and other not in status.sight_lost
+        and other in status.sight_age
+    )
 
 
 def desk_facts(mission: Mission, papers: Papers | None, others: Sequence[Facts]) -> Facts:
@@ -274,6 +304,23 @@ def _statuses(
 
     stream = _stream(read, samples)
     return stream, newest[0] if newest else None
+
+
+def _scans(spec: ScanSpec, samples: Sequence[tuple[Sample, float]]) -> tuple[Stream, tuple[ScanMessage, ...]]:
+    """Return the stream of range scans, and what each says."""
+    found: list[ScanMessage] = []
+
+    def read(payload: bytes) -> LaserScan:
+        raw = decode(LaserScan, payload)
+        scan = raw if spec.scanner is None else spec.scanner.corrected(raw)
+        beams = len(scan.ranges)
+        hits = sum(scan.range_min <= one <= scan.range_max and one > 0.0 for one in scan.ranges)
+        steps = beams - 1
+        turn = steps * abs(scan.angle_increment) / math.tau
+        found.append(ScanMessage(beams, hits, steps * scan.time_increment, turn))
+        return raw
+
+    return _stream(read, samples), tuple(found)
 
 
 def _signs(samples: Sequence[tuple[Sample, float]]) -> tuple[tuple[float, float], ...]:

@@ -119,11 +119,13 @@ def _short(ros_type: str) -> str:
 def _odometry(facts: Facts) -> Iterator[Finding]:
     if facts.router_trouble:
         return  # one explains the other
+    wanted = 1.0 / facts.period
+    rates = wanted, MIN_RATE_SHARE * wanted, MAX_RATE_SHARE * wanted
     if facts.odometry is not None:
-        yield from _stream(facts, "odometry", "odometry", facts.odometry)
+        yield from stream_findings(facts, "odometry", "odometry", facts.odometry, rates)
         yield from _frame(facts, facts.odometry)
     if facts.pose is not None:
-        yield from _stream(facts, "pose", "the external pose", facts.pose)
+        yield from stream_findings(facts, "pose", "the external pose", facts.pose, rates)
 
 
 def _odometry_seen(facts: Facts) -> str:
@@ -133,10 +135,16 @@ def _odometry_seen(facts: Facts) -> str:
     return f"{stream.rate:.3g} Hz, frame {', '.join(sorted(stream.frames)) or 'without a name'}"
 
 
-def _stream(facts: Facts, name: str, what: str, stream: Stream) -> Iterator[Finding]:
-    wanted, rate = 1.0 / facts.period, stream.rate
-    limit = FRESH_PERIODS * facts.period
-    pauses = [gap for gap in stream.gaps if gap > limit]
+def stream_findings(
+    facts: Facts, name: str, what: str, stream: Stream, rates: tuple[float, float, float]
+) -> Iterator[Finding]:
+    """Yield what is wrong with a stream of messages.
+
+    `rates` are the rate by the mission, the least and the greatest that are normal [Hz].
+    """
+    wanted, least, most = rates
+    limit = FRESH_PERIODS / wanted
+    rate, pauses = stream.rate, [gap for gap in stream.gaps if gap > limit]
     if stream.bad:
         yield Finding(
             f"{name}-unreadable",
@@ -150,13 +158,13 @@ def _stream(facts: Facts, name: str, what: str, stream: Stream) -> Iterator[Find
                 f"no {what.removeprefix('the ')} in {facts.seconds:g} s",
                 "is the bring-up up, in the namespace and domain that the mission says?",
             )
-    elif rate < MIN_RATE_SHARE * wanted:
+    elif rate < least:
         yield Finding(
             f"{name}-slow",
             f"{what} comes at {rate:.3g} Hz instead of {wanted:.3g} Hz",
             "is the computer overloaded or hot (vcgencmd get_throttled)? else correct the mission's rate",
         )
-    elif rate > MAX_RATE_SHARE * wanted:
+    elif rate > most:
         yield Finding(
             f"{name}-fast",
             f"{what} comes at {rate:.3g} Hz instead of {wanted:.3g} Hz",

@@ -9,7 +9,7 @@ import cmath
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from formation.control.controller import Limits
@@ -27,15 +27,19 @@ from formation.mission.tables import (
     as_tuple,
 )
 from formation.ros2.ros_names import Ros
+from formation.sensing.models import LDS_01, MODELS, BeamNoise, ModelName, ScannerModel
 from formation.sensing.raycast import Scanner
 from formation.sensing.scan import Mount
 
 
 class ScanSpec(Table):
-    """[robot.scan]: where the scanner is mounted, and parameters of the protective zone."""
+    """[robot.scan]: the scanner, where it is mounted, and parameters of the protective zone."""
 
+    model: ModelName | None = None
+    """Model of the scanner; `rate`, `sweep`, the limits and the noise of ranges, and the simulated scanner
+    follow from it. Without it: limits and sweep as each scan states, noise and simulation as of an LDS-01."""
     rate: Annotated[float, Field(ge=0.5, le=100.0)] = 5.0
-    """Scans per second [Hz]."""
+    """Scans per second; by default the model's, 5 without one [Hz]."""
     x: Metres = 0.0
     """Position of the scanner, ahead of the robot's centre [m]."""
     y: Metres = 0.0
@@ -43,14 +47,44 @@ class ScanSpec(Table):
     yaw_deg: float = 0.0
     """Angle of the scanner's x axis from the robot's, counter-clockwise [°]."""
     sweep: Annotated[float, Field(ge=-1.0, le=1.0)] | None = None
-    """Time from a scan's first beam to its last; by default as each scan states [s].
+    """Time from a scan's first beam to its last; by default the model's, or as each scan states [s].
 
-    Negative if the first beam is the newest. The driver of the LDS-01 states 0.01 s; correct is -0.2 s.
+    Negative if the first beam is the newest. Older drivers of the LDS-01 state 0.01 s; correct is -0.2 s.
     """
-    margin: NotNegative = 0.05
-    """Free distance that the robot keeps around its radius [m]."""
+    margin: NotNegative | None = None
+    """Free distance that the robot keeps around its radius; by default 0.05, more if its model needs more
+    [m]."""
     lag: NotNegative = 0.1
     """Time constant with which the robot follows commands; its stopping distance follows from it [s]."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_model(cls, data: Any) -> Any:
+        """Give keys that are missing the values of the model; an unknown model is refused later."""
+        name = data.get("model") if isinstance(data, dict) else None
+        model = MODELS.get(name) if isinstance(name, str) else None
+        if model is None:
+            return data
+        return {"rate": model.rate, "sweep": model.sweep, **data}
+
+    @property
+    def scanner(self) -> ScannerModel | None:
+        """The scanner's model, if the mission names it."""
+        return None if self.model is None else MODELS[self.model]
+
+    @property
+    def noise(self) -> BeamNoise:
+        """Noise of beams that the robot expects."""
+        return (self.scanner or LDS_01).noise
+
+    def signed_sweep(self, stated: float) -> float:
+        """Time from a scan's first beam to its last; negative if the first beam is the newest [s].
+
+        `stated` is what the scan says of it [s].
+        """
+        if self.sweep is not None:
+            return self.sweep
+        return -stated if self.scanner is not None and self.scanner.newest_first else stated
 
     @property
     def mount(self) -> Mount:
@@ -103,6 +137,10 @@ def _avoided(value: Any) -> Any:
     raise PydanticCustomError("avoided", 'Input should be "all" or a list of robots')
 
 
+MIN_MARGIN = 0.05
+"""Free distance around a robot's radius by default, at least [m]."""
+
+
 class RobotDefaults(Table):
     """[robot]: values of all robots; a key in [robots.NAME] replaces the one here."""
 
@@ -151,6 +189,17 @@ class RobotDefaults(Table):
     seen: SeenSpec = SeenSpec()
     """What other robots' scanners see of this robot."""
 
+    @property
+    def unseen_margin(self) -> float:
+        """Width of the ring around its radius that a scanner of its model does not see; at least 0 [m]."""
+        model = self.scan.scanner
+        return 0.0 if model is None else max(0.0, model.range_min + abs(self.scan.mount.at) - self.radius)
+
+    @property
+    def margin(self) -> float:
+        """Free distance that it keeps around its radius [m]."""
+        return max(MIN_MARGIN, self.unseen_margin) if self.scan.margin is None else self.scan.margin
+
 
 class RobotSpec(RobotDefaults):
     """[robots.NAME]: one robot."""
@@ -189,18 +238,18 @@ class RobotSpec(RobotDefaults):
 
 
 class SimulatedScanner(Table):
-    """[simulated_scanner]: range scanner of simulated robots; by default a TurtleBot3 Burger's LDS-01."""
+    """[simulated_scanner]: range scanners of simulated robots: values that replace those of their models."""
 
-    beams: Annotated[int, Field(ge=4, le=4096)] = 360
+    beams: Annotated[int, Field(ge=4, le=4096)] | None = None
     """Beams in a full turn."""
-    range_min: NotNegative = 0.12
-    """Shortest distance that the scanner measures [m]."""
-    range_max: Annotated[float, Field(gt=0.0, le=1e3)] = 3.5
-    """Longest distance that the scanner measures [m]."""
-    noise: NotNegative = 0.005
+    range_min: NotNegative | None = None
+    """Shortest distance that scanners measure [m]."""
+    range_max: Annotated[float, Field(gt=0.0, le=1e3)] | None = None
+    """Longest distance that scanners measure [m]."""
+    noise: NotNegative | None = None
     """Least standard deviation of a distance [m]; 1 µm if it is less."""
-    relative_noise: NotNegative = 0.0175
-    """Standard deviation as a share of the distance, beyond half a metre."""
+    relative_noise: NotNegative | None = None
+    """Standard deviation as a share of the distance, beyond half a metre (LDS-02: 0.3 m)."""
     lost: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
     """Share of beams that return no distance."""
     scale: Annotated[float, Field(ge=0.0, le=0.2)] = 0.0
@@ -208,10 +257,15 @@ class SimulatedScanner(Table):
     mounting_error_deg: Annotated[float, Field(ge=0.0, le=45.0)] = 0.0
     """Systematic error of directions: each scanner is turned so much to the left or to the right [°]."""
 
-    @property
-    def scanner(self) -> Scanner:
-        """The scanner as `formation.sensing.raycast` takes it."""
-        return Scanner(**self.model_dump(exclude={"scale", "mounting_error_deg"}))
+    def scanner(self, scan: ScanSpec) -> Scanner:
+        """A robot's scanner as `formation.sensing.raycast` takes it."""
+        model = scan.scanner or LDS_01
+        usual = Scanner(
+            model.beams, model.range_min, model.range_max, *model.noise[:2],
+            growth_distance=model.noise.growth_distance, lost=self.lost,
+        )  # fmt: skip
+        changes = self.model_dump(exclude={"lost", "scale", "mounting_error_deg"}, exclude_none=True)
+        return usual._replace(**changes)
 
 
 class Post(Table):

@@ -219,11 +219,21 @@ def steps_leave_room(mission: Mission) -> Iterator[Violation]:
 
 
 def a_scanner_sees_something(mission: Mission) -> Iterator[Violation]:
-    """`range_min` of the simulated scanner is below its `range_max`."""
-    scanner = mission.simulated_scanner
-    if scanner.range_min >= scanner.range_max:
-        legal = f"must be less than its range_max of {scanner.range_max:g} m"
-        yield Violation("simulated_scanner.range_min", scanner.range_min, legal)
+    """`range_min` of every simulated scanner is below its `range_max`."""
+    for name in mission.followers:
+        scanner = mission.simulated_scanner.scanner(mission.robots[name].scan)
+        if scanner.range_min >= scanner.range_max:
+            legal = f"must be less than its range_max of {scanner.range_max:g} m"
+            yield Violation("simulated_scanner.range_min", scanner.range_min, legal)
+
+
+def required_scanners_see_near_enough(mission: Mission) -> Iterator[Violation]:
+    """A required scanner of a named model sees all that is more than `radius` and `margin` away."""
+    for name in mission.followers:
+        robot = mission.robots[name]
+        if robot.scanner == "required" and robot.margin < robot.unseen_margin:
+            legal = f"must be at least {robot.unseen_margin:.3g} m: nearer than that its scanner sees nothing"
+            yield Violation(f"robots.{name}.scan.margin", robot.margin, legal)
 
 
 def robots_that_see_have_scanners(mission: Mission) -> Iterator[Violation]:
@@ -295,6 +305,7 @@ RULES = (
     ros_names_are_a_robots_own,
     steps_leave_room,
     a_scanner_sees_something,
+    required_scanners_see_near_enough,
     robots_that_see_have_scanners,
     maps_place_odometry,
     leader_waits_for_followers,

@@ -13,25 +13,20 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 from formation.ros2.laser_scan import LaserScan
+from formation.sensing.models import BeamNoise
 
 BREAK_DISTANCE, BREAK_DEVIATIONS = 0.06, 4.0
 """Difference of two neighbouring ranges that separates segments [m], and in addition so many deviations."""
+MIN_RANGE = 1e-3
+"""Least range that is a distance [m]."""
 MAX_LOST_BEAMS = 2
 """Most lost beams between two hits of a segment."""
-MIN_RANGE_DEVIATION = 0.005
-"""Standard deviation of a range, at least [m]: LDS-01, half of its data sheet's bound."""
-RANGE_DEVIATION_SHARE = 0.0175
-"""The same as a share of ranges beyond `GROWTH_DISTANCE`."""
-GROWTH_DISTANCE = 0.5
-"""[m]"""
 MEAN_DEPTH_SHARE = math.pi / 4.0
 """Mean depth of a half circle, as a share of its radius."""
 DEPTH_DEVIATION_SHARE = 0.22
 """Standard deviation of the depth at which one beam meets a half circle, as a share of its radius."""
 SHAPE_DEVIATION = 0.003
 """Deviation of a real body from the cylinder [m]."""
-MIDDLE_DEVIATION_BEAMS = 0.3
-"""Standard deviation of the middle beam's direction [beams]."""
 BEARING_DEVIATION = 0.002
 """Standard deviation of a beam's direction [rad]."""
 WIDTH_TOLERANCE_BEAMS = 2.0
@@ -72,6 +67,8 @@ class Beams(NamedTuple):
     """Number of beams."""
     range_max: float
     """Longest distance that the scanner measures [m]."""
+    noise: BeamNoise = BeamNoise()
+    """Of its beams."""
 
     @property
     def whole_turn(self) -> bool:
@@ -103,27 +100,21 @@ class Detection(NamedTuple):
     """Whether the segment is as wide as the cylinder, with nothing nearer beside it."""
 
 
-def range_deviation(distance: float) -> float:
-    """Standard deviation of one range [m]."""
-    share = RANGE_DEVIATION_SHARE if distance > GROWTH_DISTANCE else 0.0
-    return max(MIN_RANGE_DEVIATION, share * distance)
-
-
-def beams(scan: LaserScan) -> Beams:
-    """Divide a scan into segments."""
+def beams(scan: LaserScan, noise: BeamNoise = BeamNoise()) -> Beams:  # noqa: B008 - a constant
+    """Divide a scan into segments; they have this `noise`."""
     ranges, count = scan.ranges, len(scan.ranges)
-    nearest, furthest = scan.range_min, scan.range_max
+    nearest, furthest = _nearest(scan), scan.range_max
     found: list[list[int]] = []  # numbers of the hits of each segment
     before, last = -math.inf, -math.inf
     for number, distance in enumerate(ranges):
         if not nearest <= distance <= furthest:
             continue
-        if number - last > MAX_LOST_BEAMS + 1 or abs(distance - before) > _break(distance):
+        if number - last > MAX_LOST_BEAMS + 1 or abs(distance - before) > _break(distance, noise):
             found.append([])
         found[-1].append(number)
         before, last = distance, number
-    empty = Beams((), scan.angle_min, scan.angle_increment, count, furthest)
-    if empty.whole_turn and len(found) > 1 and _continues(found[-1][-1], found[0][0], ranges):
+    empty = Beams((), scan.angle_min, scan.angle_increment, count, furthest, noise)
+    if empty.whole_turn and len(found) > 1 and _continues(found[-1][-1], found[0][0], ranges, noise):
         found[-1] += [number + count for number in found.pop(0)]
     segments = tuple(_segment(numbers, scan, whole_turn=empty.whole_turn) for numbers in found)
     return empty._replace(segments=segments)
@@ -144,9 +135,9 @@ def detection(segment: Segment, scan: Beams, radius: float) -> Detection | None:
     expected = expected_beams(radius, distance, scan.increment)
     if width > MAX_WIDTH_RATIO * expected + WIDTH_TOLERANCE_BEAMS:
         return None
-    noise, hits = range_deviation(segment.distance), segment.hits
+    noise, hits = scan.noise.deviation(segment.distance), segment.hits
     depth = DEPTH_DEVIATION_SHARE * radius
-    middle = MIDDLE_DEVIATION_BEAMS * scan.increment
+    middle = scan.noise.middle_beams * scan.increment
     return Detection(
         distance,
         scan.angle(segment.middle),
@@ -180,14 +171,19 @@ def _off(scan: Beams, one: Segment, middle: float) -> float:
     return (one.middle - middle + 0.5 * turn) % turn - 0.5 * turn
 
 
-def _break(distance: float) -> float:
-    return BREAK_DISTANCE + BREAK_DEVIATIONS * range_deviation(distance)
+def _nearest(scan: LaserScan) -> float:
+    """Shortest range that is a distance [m]: a range of 0 is a lost beam, also where `range_min` is 0."""
+    return max(scan.range_min, MIN_RANGE)
 
 
-def _continues(last: int, first: int, ranges: Sequence[float]) -> bool:
+def _break(distance: float, noise: BeamNoise) -> float:
+    return BREAK_DISTANCE + BREAK_DEVIATIONS * noise.deviation(distance)
+
+
+def _continues(last: int, first: int, ranges: Sequence[float], noise: BeamNoise) -> bool:
     """Whether the last hit of a whole turn is beside the first, at a similar distance."""
     beside = first + len(ranges) - last <= MAX_LOST_BEAMS + 1
-    return beside and abs(ranges[last] - ranges[first]) <= _break(ranges[first])
+    return beside and abs(ranges[last] - ranges[first]) <= _break(ranges[first], noise)
 
 
 def _segment(numbers: Sequence[int], scan: LaserScan, *, whole_turn: bool) -> Segment:
@@ -201,6 +197,6 @@ def _segment(numbers: Sequence[int], scan: LaserScan, *, whole_turn: bool) -> Se
             if not whole_turn and not 0 <= number < count:
                 continue
             beside = ranges[number % count]
-            if scan.range_min <= beside < edge - BREAK_DISTANCE or beside == -math.inf:
+            if _nearest(scan) <= beside < edge - BREAK_DISTANCE or beside == -math.inf:
                 free = False
     return Segment(first, last, len(numbers), mean, free)

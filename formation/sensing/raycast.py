@@ -29,15 +29,15 @@ class Scanner(NamedTuple):
     noise: float = 0.005
     """Standard deviation of a distance [m], at least."""
     relative_noise: float = 0.0175
-    """The same as a share of the distance, where that is more than half a metre."""
+    """The same as a share of the distance, where that is more than `growth_distance`."""
+    growth_distance: float = 0.5
+    """[m]"""
     lost: float = 0.0
     """Share of beams that do not come back, at random."""
 
 
 MIN_NOISE = 1e-6
 """Least standard deviation of a distance [m]: no real scanner measures twice the same to the last bit."""
-NOISE_GROWTH_DISTANCE = 0.5
-"""Distance from which noise grows with the distance [m]."""
 LOST_RANGE = 0.0
 """Range that an LDS-01 reports for a lost beam [m]."""
 
@@ -76,7 +76,7 @@ def measured(
     """
     readings = []
     for distance, deviation, chance in zip(distances, normal, uniform, strict=True):
-        share = scanner.relative_noise if distance > NOISE_GROWTH_DISTANCE else 0.0
+        share = scanner.relative_noise if distance > scanner.growth_distance else 0.0
         reading = scale * distance + max(scanner.noise, share * distance, MIN_NOISE) * deviation
         lost = chance < scanner.lost or distance == math.inf
         in_range = scanner.range_min <= reading <= scanner.range_max

@@ -18,12 +18,13 @@ def warnings(mission: Mission) -> Iterator[str]:
         )
     for name in seeing:
         landmarks = mission.landmarks_of(name)
+        furthest = mission.simulated_scanner.scanner(mission.robots[name].scan).range_max
         for shape in mission.shapes:
             near = min(
                 (abs(mission.slot(one, shape) - mission.slot(name, shape)) for one in landmarks), default=0.0
             )
-            if near > mission.simulated_scanner.range_max:
+            if near > furthest:
                 yield (
                     f"{name}: in shape {shape} its nearest neighbour to be seen is {near:.2f} m away; the"
-                    f" simulated scanner measures {mission.simulated_scanner.range_max:g} m"
+                    f" simulated scanner measures {furthest:g} m"
                 )

@@ -8,9 +8,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from formation.agent.simulated.plant import Moving
-from formation.agent.simulated.simulated import kinematic
+from formation.agent.simulated.simulated import Ranging, kinematic
 from formation.mission.file import parse
 from formation.mission.model import Mission
+from formation.ros2.messages import LaserScan
+from tests.support.drivers import DRIVERS, SAMPLES
 from tests.support.fleet import Fleet
 
 STRAIGHT = "[[route]]\nspeed = 0.15\nheading_deg = 0"
@@ -53,6 +55,8 @@ class Errors(NamedTuple):
     """Systematic error of distances, as a share."""
     mounting_deg: float = 0.0
     """Systematic error of directions [°]."""
+    beams: int | None = None
+    """Beams in a turn, if not those of the scanner's model."""
     start: float = 0.02
     """Standard deviation of start positions, per axis [m]."""
     start_deg: float = 1.0
@@ -68,11 +72,12 @@ def hexagon(
     robots: Sequence[str] = (),
     team: Team = HEXAGON_TEAM,
     simulated: str = "",
+    scan: str = "rate = 5",
     tables: str = "",
 ) -> Mission:
-    """TurtleBot3 Burgers of a `team` with an LDS-01 behind a virtual leader; some `robots`, by default all.
+    """TurtleBot3 Burgers of a `team` with scanners behind a virtual leader; some `robots`, by default all.
 
-    `simulated` are more keys of [simulated_robot], `tables` more tables.
+    `simulated` are more keys of [simulated_robot], `scan` of `scan`, `tables` more tables.
     """
     robots = robots or tuple(team)
     lines = [
@@ -80,11 +85,12 @@ def hexagon(
         "control_point_offset = 0.1", "max_speed = 0.21", "max_turn_rate = 2.6", "radius = 0.105",
         "rate = 20", f'measurement = "{measurement}"', 'odometry_frame = "start"', f'scanner = "{scanner}"',
         "speed_step = 0.01", "turn_rate_step = 0.01", 'cmd_vel = "twist_stamped"',
-        "scan = { rate = 5, x = -0.032 }", "seen = { radius = 0.035, x = -0.032 }",
+        f"scan = {{ {scan}, x = -0.032 }}", "seen = { radius = 0.035, x = -0.032 }",
         "[collisions]", "lag = 0.1", "[cohesion]", "error = 0.3",
         "[simulated_robot]", 'profile = "turtlebot3_burger"', simulated,
         "[simulated_scanner]", f"lost = {errors.lost}", f"scale = {errors.scale}",
         f"mounting_error_deg = {errors.mounting_deg}",
+        *([] if errors.beams is None else [f"beams = {errors.beams}"]),
         "[shapes.hexagon]", *(f"{name} = {list(team[name][0])}" for name in robots),
         "[robots.led]", "start = { x = 0.0, y = 0.0 }",
     ]  # fmt: skip
@@ -117,6 +123,26 @@ def fleet_of(mission: Mission, errors: Errors = Errors(), seed: int = 0) -> Flee
         return kinematic(displaced(of, errors, number), robots, number)
 
     return Fleet(mission, seed=seed, plants=plants)
+
+
+def send_as_driver(ranging: Ranging, model: str, seed: int) -> None:
+    """From now on a simulated scanner sends scans as the driver of its model does.
+
+    It needs several times the beams of the real one: those nearest to the samples of a turn are used, which
+    have other directions in each turn unless it is an LDS-01.
+    """
+    measured, turn_time, chance = ranging.scan, ranging._turn_time, random.Random(seed)
+
+    def sent(stamp: float) -> LaserScan:
+        fine = measured(stamp).ranges[::-1]  # in the order of time
+        count, phase = SAMPLES[model], 1.0
+        if model != "lds_01":
+            count, phase = count + chance.randint(-3, 3), chance.random()
+        places = [round((number + phase) / count * len(fine)) - 1 for number in range(count)]
+        samples = [fine[place] if fine[place] > 0.0 else math.inf for place in places]
+        return DRIVERS[model](samples, stamp + ranging.stamp_age, turn_time, phase)
+
+    ranging.scan = sent  # type: ignore[method-assign]
 
 
 def edges(of: Mission) -> list[tuple[str, str]]:

@@ -6,7 +6,8 @@ import argparse
 from collections import Counter
 
 from formation.deploy.rehearsal.air import Weather
-from tests.campaigns.perception.drift import ROUTES, Case, run, window
+from formation.sensing.models import MODELS
+from tests.campaigns.perception.drift import ROUTES, Case, locked_after, run, window
 from tests.support.seeing import HEXAGON_TEAM, SQUARE_TEAM, Errors
 
 MINUTES = (1, 2, 5, 10)
@@ -24,6 +25,8 @@ def main() -> None:
     parser.add_argument("--start", type=float, default=0.02, help="deviation of start positions [m]")
     parser.add_argument("--start-deg", type=float, default=1.0, help="deviation of start headings [°]")
     parser.add_argument("--square", action="store_true", help="four robots in a square of 0.8 m")
+    parser.add_argument("--scanner", choices=MODELS, default="", help="model of the scanners")
+    parser.add_argument("--drivers", action="store_true", help="scans as the model's driver sends them")
     parser.add_argument("--loss", type=float, default=0.0, help="share of messages that is lost")
     parser.add_argument("--delay", type=float, default=0.0, help="delay of messages [s]")
     parser.add_argument("--seconds", type=int, default=600)
@@ -33,7 +36,10 @@ def main() -> None:
         scale=flags.scale, mounting_deg=flags.mounting, start=flags.start, start_deg=flags.start_deg
     )
     team, weather = SQUARE_TEAM if flags.square else HEXAGON_TEAM, Weather(flags.loss, flags.delay)
-    case = Case(flags.route, flags.measurement, flags.world, errors, team, weather)
+    case = Case(
+        flags.route, flags.measurement, flags.world, errors, team, weather,
+        scanner=flags.scanner, drivers=flags.drivers,
+    )  # fmt: skip
     for seed in flags.seeds:
         samples, witness = run(case, seed, flags.seconds)
         parts = [f"{flags.route} seed {seed}"]
@@ -48,6 +54,7 @@ def main() -> None:
         settled = window(samples, 20.0, flags.seconds)
         states = Counter(state for one in samples[20:] for state in one.states.values())
         parts.append(f"from 20 s on: {100 * settled.shape:.2f}")
+        parts.append(f"locked after {locked_after(samples)} s")
         parts.append(f"wrong {witness.wrong} of {witness.right + witness.wrong}")
         print("; ".join(parts), dict(states), flush=True)
 

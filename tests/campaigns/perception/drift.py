@@ -14,7 +14,18 @@ from formation.deploy.rehearsal.engine import UPTIME
 from formation.deploy.rehearsal.fleet import Fleet, Plants, WorldName
 from formation.mission.model import Mission
 from formation.sensing.detection import Detection
-from tests.support.seeing import HEXAGON_TEAM, STRAIGHT, Errors, Team, displaced, edges, hexagon, misfit, rms
+from tests.support.seeing import (
+    HEXAGON_TEAM,
+    STRAIGHT,
+    Errors,
+    Team,
+    displaced,
+    edges,
+    hexagon,
+    misfit,
+    rms,
+    send_as_driver,
+)
 
 ROUTES = {
     "straight": STRAIGHT,
@@ -31,6 +42,8 @@ ROUTES = {
     ),
 }
 """Routes of the leader, as the mission file has them."""
+FINE_BEAMS = 1440
+"""Beams of a simulated scanner from which those of a driver are chosen."""
 MAX_OFF, MAX_OFF_SHARE = 0.06, 0.07
 """Distance of a detection from the true robot [m], and as a share of the range, from which it is another."""
 
@@ -46,12 +59,23 @@ class Case(NamedTuple):
     weather: Weather = Weather()
     tables: str = ""
     """More tables of the mission."""
+    scanner: str = ""
+    """Model of the scanners; without one scans are of one moment."""
+    drivers: bool = False
+    """Whether scans are as the model's driver sends them."""
 
     @property
     def mission(self) -> Mission:
         """The mission that agents have."""
+        errors = self.errors._replace(beams=FINE_BEAMS) if self.drivers else self.errors
+        scan = f'model = "{self.scanner}"' if self.scanner else "rate = 5"
         return hexagon(
-            ROUTES[self.route], self.errors, measurement=self.measurement, team=self.team, tables=self.tables
+            ROUTES[self.route],
+            errors,
+            measurement=self.measurement,
+            team=self.team,
+            scan=scan,
+            tables=self.tables,
         )
 
 
@@ -66,6 +90,10 @@ class Displaced(Fleet):
         real = displaced(self.mission, self._case.errors, self._seed)
         made = rehearsed._in_physics(real, seed) if self.slips else plants
         super()._start_world(names, seed, lambda _, robots, number: made(real, robots, number))
+        for name in names if self._case.drivers else ():
+            ranging = self.robots[name][0]._hosted[name].ranging
+            if ranging is not None:
+                send_as_driver(ranging, self._case.scanner, seed)
 
 
 class Witness:
@@ -145,6 +173,8 @@ class Sample(NamedTuple):
     error: Error
     states: dict[str, str]
     outcomes: dict[str, dict[str, Outcome]]
+    locked: dict[str, bool]
+    """Whether each robot with landmarks is locked."""
 
 
 def run(case: Case, seed: int, seconds: float) -> tuple[list[Sample], Witness]:
@@ -161,8 +191,18 @@ def run(case: Case, seed: int, seconds: float) -> tuple[list[Sample], Witness]:
             for name, (agent, _) in fleet.agents.items()
             if agent.perception is not None
         }
-        samples.append(Sample(float(second), error(fleet), states, seen))
+        locked = {
+            name: agent.perception.state.locked
+            for name, (agent, _) in fleet.agents.items()
+            if agent.perception is not None and agent.perception.mates
+        }
+        samples.append(Sample(float(second), error(fleet), states, seen, locked))
     return samples, witness
+
+
+def locked_after(samples: Sequence[Sample]) -> float | None:
+    """When all robots with landmarks were locked for the first time [s]; None for never."""
+    return next((one.time for one in samples if all(one.locked.values())), None)
 
 
 def window(samples: Sequence[Sample], begin: float, end: float) -> Error:

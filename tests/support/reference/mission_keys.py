@@ -14,6 +14,7 @@ from formation.mission import model, robot, route, rules
 from formation.mission.file import MAX_MISSION_BYTES, MAX_ROBOTS, SPELLINGS
 from formation.mission.model import MAX_SHAPES, Mission
 from formation.mission.tables import NAME, TITLE
+from formation.sensing.models import MODELS
 from formation.simulation.body import PROFILES
 from tests.support.reference.markdown import docstrings, document, paragraph, table
 
@@ -68,6 +69,8 @@ def page() -> str:
         parts.append(table(("key", "type and legal values", "default", "unit", "meaning"), rows(cls)))
         if cls is model.SimulatedRobot:
             parts += [paragraph("The values of each profile:"), _profiles()]
+        if cls is robot.ScanSpec:
+            parts += [paragraph("What follows from each model:"), _scanners()]
     parts += [
         "## Rules between keys",
         paragraph("A mission that breaks one of these rules is refused as well."),
@@ -155,3 +158,25 @@ def _profiles() -> str:
     keys = PROFILES[names[0]]._fields
     rows = ((f"`{key}`", *(f"{getattr(PROFILES[name], key):g}" for name in names)) for key in keys)
     return table(("key", *(f"`{name}`" for name in names)), rows)
+
+
+def _scanners() -> str:
+    simulated = robot.SimulatedScanner()
+    rows: dict[str, list[str]] = {}
+    for name in MODELS:
+        spec = robot.ScanSpec.model_validate({"model": name})
+        scanner = simulated.scanner(spec)
+        own = {
+            "rate": f"{spec.rate:g} Hz",
+            "sweep": "as stated, negative" if spec.sweep is None else f"{spec.sweep:g} s",
+            "beams": f"{scanner.beams}",
+            "range_min": f"{scanner.range_min:g} m",
+            "range_max": f"{scanner.range_max:g} m",
+            "noise": f"{scanner.noise:g} m",
+            "relative_noise": f"{scanner.relative_noise:g} beyond {scanner.growth_distance:g} m",
+        }
+        for key, value in own.items():
+            rows.setdefault(key, []).append(value)
+    return table(
+        ("key", *(f"`{name}`" for name in MODELS)), ((f"`{key}`", *values) for key, values in rows.items())
+    )

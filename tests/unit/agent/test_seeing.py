@@ -118,8 +118,7 @@ def test_frozen_scan_shows_no_neighbour() -> None:
     fleet = driving_triangle("optional")
     ranging = fleet.world._hosted["robot7"].ranging
     assert ranging is not None
-    others = [fleet.world._hosted[name].disc for name in ("robot2", "robot3")]
-    newest = ranging.scan(0.0, fleet.world.plant("robot7"), others)
+    newest = ranging.scan(0.0)
     ranging.scan = lambda *_: newest  # type: ignore[method-assign]
     fleet.run(5.0)
     assert fleet.status("robot7").scan_fault is not None

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from formation.mission.robot import ScanSpec
 from tests.campaigns.safety import posts
 from tests.campaigns.safety.posts import (
     ASIDE,
@@ -62,7 +63,9 @@ def test_no_robot_starts_in_a_post() -> None:
 
 
 def test_only_the_worse_scanner_has_noise_and_losses() -> None:
-    worse, clean = (mission(layout(0), worse=one).simulated_scanner for one in (True, False))
+    worse, clean = (
+        mission(layout(0), worse=one).simulated_scanner.scanner(ScanSpec()) for one in (True, False)
+    )
     assert (worse.lost, worse.noise, worse.relative_noise) == (0.1, 0.005, 0.0175)
     assert (clean.lost, clean.noise, clean.relative_noise) == (0.0, 0.0, 0.0)
 

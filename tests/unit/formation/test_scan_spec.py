@@ -23,10 +23,44 @@ def test_default_mission_has_no_scanners_and_empty_world() -> None:
     assert mission.simulation.walls == ()
 
 
+def simulated(text: str = "", scan: str = "") -> Scanner:
+    """The simulated scanner of a mission's robot2."""
+    mission = six(text, f"scan = {{ {scan} }}" if scan else "")
+    return mission.simulated_scanner.scanner(mission.robots["robot2"].scan)
+
+
 def test_simulated_scanner_defaults_to_lds_01() -> None:
-    assert six().simulated_scanner.scanner == Scanner()
-    other = six("[simulated_scanner]\nbeams = 720\nlost = 0.1").simulated_scanner.scanner
-    assert other == Scanner()._replace(beams=720, lost=0.1)
+    assert simulated() == Scanner() == simulated(scan='model = "lds_01"')
+    assert simulated("[simulated_scanner]\nbeams = 720\nlost = 0.1") == Scanner(beams=720, lost=0.1)
+
+
+def test_model_sets_what_mission_leaves_open() -> None:
+    assert simulated(scan='model = "lds_02"') == Scanner(360, 0.16, 8.0, 0.005, 0.015, growth_distance=0.3)
+    assert simulated("[simulated_scanner]\nbeams = 230", 'model = "lds_02"').beams == 230
+    scan = six(robot='scan = { model = "lds_01", x = -0.032 }').robots["robot2"].scan
+    assert (scan.rate, scan.sweep, scan.x) == (5.0, -0.2, -0.032)
+    scan = six(robot='scan = { model = "lds_02", rate = 10 }').robots["robot2"].scan
+    assert (scan.rate, scan.sweep, scan.signed_sweep(0.1)) == (10.0, None, -0.1)
+    assert six(robot='scan = { model = "rplidar_a1", sweep = 0.1 }').robots["robot2"].scan.sweep == 0.1
+
+
+def test_margin_contains_what_the_model_does_not_see() -> None:
+    def margin(scan: str) -> float:
+        keys = f'scanner = "required"\nradius = 0.105\nscan = {{ x = -0.032, {scan} }}'
+        return six(robot=keys).robots["robot2"].margin
+
+    assert margin("rate = 5") == margin('model = "lds_01"') == 0.05
+    assert margin('model = "lds_02"') == pytest.approx(0.087)
+    assert margin('model = "lds_02", margin = 0.2') == 0.2
+    with pytest.raises(MissionError, match=r"margin = 0.06: must be at least 0.087 m"):
+        margin('model = "lds_02", margin = 0.06')
+
+
+def test_each_robot_may_have_its_own_model() -> None:
+    mission = six('[robots.robot2.scan]\nmodel = "rplidar_a1"', 'scan = { model = "lds_02" }')
+    assert (mission.robots["robot2"].scan.rate, mission.robots["robot3"].scan.rate) == (5.5, 6.4)
+    assert mission.robots["robot3"].scan.noise != mission.robots["robot2"].scan.noise
+    assert Mission.model_validate(mission.model_dump()) == mission
 
 
 def test_scanner_mount_is_configurable_globally_and_per_robot() -> None:
@@ -53,7 +87,13 @@ def test_posts_and_walls_stand_where_the_mission_says() -> None:
     ("text", "robot", "reason"),
     [
         ("", 'scanner = "must"', "scanner = 'must': should be 'none', 'optional' or 'required'"),
-        ("", "scan = { z = 1.0 }", "robot.scan.z; legal here: rate, x, y, yaw_deg, sweep, margin, lag"),
+        (
+            "",
+            "scan = { z = 1.0 }",
+            "robot.scan.z; legal here: model, rate, x, y, yaw_deg, sweep, margin, lag",
+        ),
+        ("", 'scan = { model = "lds_03" }', "scan.model = 'lds_03': should be 'lds_01', 'lds_02' or"),
+        ("", "scan = { model = 2 }", "scan.model = 2: should be 'lds_01', 'lds_02' or 'rplidar_a1'"),
         ("", "scan = { rate = 0.0 }", "scan.rate = 0.0"),
         ("", "scan = { margin = -0.1 }", "scan.margin = -0.1"),
         ("", "scan = { sweep = -1.5 }", "scan.sweep = -1.5"),

@@ -103,6 +103,32 @@ def test_a_robot_that_moves_sees_things_come_nearer() -> None:
     assert steps == pytest.approx([0.1] * len(steps), abs=RANGE_NOISE)
 
 
+def test_scanner_of_known_model_turns() -> None:
+    """Its first beam is the newest: robot2 drives towards a wall, which it sees on both sides of ahead."""
+    wall = EXACT + "[[simulation.walls]]\nbegin = [-9.0, 4.0]\nend = [9.0, 4.0]"
+    ahead = Sample("robot2/cmd_vel", encode(Twist(0.5, 0.0)), None, 0.0)
+    scan = scans(World(mission(wall, 'model = "lds_01"')), "robot2", 1.0, ahead)[-1]
+    newest, oldest = (scan.ranges[number] * math.cos(scan.angle_increment * number) for number in (20, 340))
+    assert oldest - newest == pytest.approx(0.5 * 0.18, abs=0.02)
+    assert scan.time_increment * len(scan.ranges) == pytest.approx(0.2)
+    still = scans(World(mission(wall)), "robot2", 1.0, ahead)[-1]
+    assert beam(still, 1 + 0.3j) == pytest.approx(beam(still, 1 - 0.3j), abs=RANGE_NOISE)
+
+
+@pytest.mark.parametrize(("model", "age", "first"), [("lds_02", 0.0, 0.0), ("rplidar_a1", 0.182, -math.pi)])
+def test_stamp_and_first_beam_are_those_of_the_model(model: str, age: float, first: float) -> None:
+    world, found = World(mission("", f'model = "{model}"')), 0
+    for tick in range(60):
+        now = at(0.01 * tick)
+        for out in world.step(now, []):
+            if out.key != "robot2/scan":
+                continue
+            scan, found = decode(LaserScan, out.payload), found + 1
+            assert now.wall - scan.stamp == pytest.approx(age, abs=0.001)
+            assert scan.angle_min == pytest.approx(first)
+    assert found > 1
+
+
 def test_noise_and_losses_are_a_robots_own_and_the_seeds() -> None:
     noisy = mission("[simulated_scanner]\nlost = 0.1\n")
     first, again, other = (scans(World(noisy, seed=seed), "robot2")[0] for seed in (1, 1, 2))
