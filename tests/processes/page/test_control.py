@@ -94,7 +94,6 @@ def pages() -> Iterator[ThreadPoolExecutor]:
 def begun(
     pages: ThreadPoolExecutor, operator: Operator, team: Team, do: str, **how: Any
 ) -> Future[dict[str, Any]]:
-    """An order that is being asked, on a page of its own."""
     before = len(team.received)
     given = pages.submit(operator.order, do, **how)
     team.wait_for(lambda: len(team.received) > before)

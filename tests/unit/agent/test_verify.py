@@ -45,7 +45,6 @@ def recording() -> Recording:
 
 
 def until(seconds: float) -> Recording:
-    """Its beginning."""
     record = recording()
     return [(sample, wall) for sample, wall in record if wall < record[0][1] + seconds]
 

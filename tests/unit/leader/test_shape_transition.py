@@ -65,7 +65,6 @@ def want(shape_transition: ShapeTransition, wish: Wish, speed: float = 0.0) -> f
 
 
 def still(shape_transition: ShapeTransition, seconds: float, speed: float = 0.0) -> list[PlacedShape]:
-    """Its shapes while the leader goes straight on."""
     placed_shapes = []
     for _ in range(round(seconds / PERIOD)):
         shape_transition.advance(PERIOD, 1.0, speed, 1.0 + 0j, 0.0)
